@@ -1,0 +1,116 @@
+"""The free bodies that ship with the project, and the one way to load any body model.
+
+`assets/embedded_{female,male}.npz` are made by `tools/build_embedded_body.py`; both share faces.
+Layout of an asset (plain arrays, no pickles):
+
+===================== ================ ==========================================================
+`v_template`          float32 (V, 3)   metres
+`faces`               uint16 (F, 3)
+`shapedirs`           int16 (10, V, 3) in steps of `shapedirs_step_m`
+`posedirs`            int16 (27, N)    (x, y, z) by the 9 entries of R - I, in `posedirs_step_m`
+`posedirs_vertex`     uint16 (N,)      vertex of each column, joint 1's vertices first
+`posedirs_count`      uint16 (23,)     number of columns that belong to joints 1..23
+`weight_joint`        uint8 (V, K)     joints that move each vertex
+`weight_value`        uint16 (V, K)    their weights, up to a factor
+`regressor_vertex`    uint16 (24, R)   vertices around each joint
+`regressor_value`     float32 (24, R)  their signed weights, up to a factor
+`makehuman_index`     uint16 (V,)      index of each vertex in MakeHuman's base mesh
+===================== ================ ==========================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from bridge.body.model_data import (
+    JOINT_COUNT,
+    POSE_FEATURE_COUNT,
+    SMPL_PARENTS,
+    BodyModelData,
+)
+from bridge.body.smpl_files import load_smpl_file
+from bridge.errors import DsnetError
+
+EMBEDDED_PREFIX = "embedded:"
+EMBEDDED_GENDERS = ("female", "male")
+
+
+def load_body_model(name_or_path: str | Path) -> BodyModelData:
+    """Load `embedded:female`, `embedded:male`, or a licensed SMPL `.npz` or `.pkl`.
+
+    Raises
+    ------
+    DsnetError
+        If there is no such embedded body, or the file is missing, damaged or unsafe.
+    """
+    name = str(name_or_path)
+    if not name.startswith(EMBEDDED_PREFIX):
+        return load_smpl_file(name_or_path)
+    gender = name.removeprefix(EMBEDDED_PREFIX)
+    if gender not in EMBEDDED_GENDERS:
+        raise DsnetError(
+            f"body model {name}",
+            " or ".join(EMBEDDED_PREFIX + known for known in EMBEDDED_GENDERS),
+            "Choose one of these or give the path of an SMPL model file",
+        )
+    with _open_asset(gender) as arrays:
+        return unpack(gender, arrays)
+
+
+def embedded_makehuman_index(gender: str = "female") -> np.ndarray:
+    """(V,) int64 index of each embedded vertex in MakeHuman's base mesh (CC0)."""
+    with _open_asset(gender) as arrays:
+        return arrays["makehuman_index"].astype(np.int64)
+
+
+def unpack(gender: str, arrays: Mapping[str, np.ndarray]) -> BodyModelData:
+    """Rebuild the model from an asset's arrays; see the module's table."""
+    shapedirs = arrays["shapedirs"] * float(arrays["shapedirs_step_m"])
+    return BodyModelData(
+        name=EMBEDDED_PREFIX + gender,
+        source="synthetic",
+        gender=gender,
+        v_template=arrays["v_template"],
+        shapedirs=np.ascontiguousarray(np.moveaxis(shapedirs, 0, -1)),
+        posedirs=_unpack_posedirs(arrays),
+        J_regressor=_unpack_regressor(arrays),
+        weights=_unpack_weights(arrays),
+        faces=arrays["faces"],
+        parents=np.array(SMPL_PARENTS),
+    )
+
+
+def _open_asset(gender: str) -> np.lib.npyio.NpzFile:
+    asset = resources.files("bridge.body") / "assets" / f"embedded_{gender}.npz"
+    return np.load(str(asset), allow_pickle=False)
+
+
+def _unpack_posedirs(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+    vertex_count = len(arrays["v_template"])
+    values = (arrays["posedirs"] * float(arrays["posedirs_step_m"])).T.reshape(-1, 3, 9)
+    vertex = arrays["posedirs_vertex"]
+    joint = np.repeat(np.arange(JOINT_COUNT - 1), arrays["posedirs_count"])
+    posedirs = np.zeros((vertex_count, JOINT_COUNT - 1, 3, 9))
+    posedirs[vertex, joint] = values
+    return posedirs.transpose(0, 2, 1, 3).reshape(vertex_count, 3, POSE_FEATURE_COUNT)
+
+
+def _unpack_weights(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+    value = arrays["weight_value"].astype(np.float64)
+    weights = np.zeros((len(value), JOINT_COUNT))
+    np.put_along_axis(weights, arrays["weight_joint"].astype(np.int64), value, axis=1)
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def _unpack_regressor(arrays: Mapping[str, np.ndarray]) -> sp.csr_matrix:
+    value = arrays["regressor_value"].astype(np.float64)
+    value /= value.sum(axis=1, keepdims=True)
+    row = np.repeat(np.arange(JOINT_COUNT), value.shape[1])
+    column = arrays["regressor_vertex"].astype(np.int64).ravel()
+    shape = (JOINT_COUNT, len(arrays["v_template"]))
+    return sp.csr_matrix((value.ravel(), (row, column)), shape=shape)

@@ -1,0 +1,90 @@
+"""The `dsnet` command: one subcommand a stage, each in a process of its own.
+
+A subcommand's options are the fields of the configuration that its module
+holds, so this file knows names and modules only, and imports a framework only
+when its stage is asked for.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+import tyro
+
+from bridge.errors import DsnetError
+
+COMMANDS = {
+    "corpus": ("torch_align_ae.corpus.stage", "Make the synthetic corpus in the real formats."),
+    "align": ("torch_align_ae.alignment.stage", "Fit SMPL to the meshes; unpose the offsets."),
+    "train-ae": ("torch_align_ae.autoencoder.stage_train", "Train the mesh autoencoder."),
+    "encode": ("torch_align_ae.autoencoder.stage_encode", "Encode the offsets as latents."),
+    "train": ("tf_dsnet.train", "Train DSNet on latents and motions."),
+    "predict": ("bridge.predict", "Predict latents; with --motion, a moving body."),
+    "decode": ("torch_align_ae.autoencoder.stage_decode", "Decode latents to offsets."),
+    "evaluate": ("bridge.results.evaluate", "Measure errors against meshes and references."),
+    "report": ("bridge.results.report", "Draw the figures and write the report."),
+    "bench": ("bridge.bench", "Time the networks against their limits and peers."),
+}
+PROFILES = ("smoke", "demo", "paper")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point: run one subcommand; a DsnetError becomes one line and exit status 2."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        _dispatch(arguments)
+    except DsnetError as error:
+        print(f"dsnet: {error}", file=sys.stderr)  # noqa: T201
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("dsnet: interrupted; run the same command to go on", file=sys.stderr)  # noqa: T201
+        sys.exit(130)
+    except BrokenPipeError:
+        os._exit(1)
+
+
+def _dispatch(arguments: list[str]) -> None:
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print(_overview())  # noqa: T201
+        return
+    command, *options = arguments
+    if command not in COMMANDS:
+        raise DsnetError(
+            f"command {command!r}", f"one of {', '.join(COMMANDS)}", "See dsnet --help."
+        )
+    profile = _take_profile(options)
+    module = importlib.import_module(COMMANDS[command][0])
+    default = module.PROFILES[profile]
+    if "run" in {field.name for field in dataclasses.fields(default)}:
+        default = dataclasses.replace(default, run=profile)
+    config = tyro.cli(
+        type(default), args=options, default=default, prog=f"dsnet {command} [--profile P]"
+    )
+    module.main(config)
+
+
+def _take_profile(options: list[str]) -> str:
+    """Remove `--profile NAME` from `options`: it chooses the defaults that --help shows."""
+    for index, option in enumerate(options):
+        name, equals, value = option.partition("=")
+        if name == "--profile":
+            value = value if equals else "".join(options[index + 1 : index + 2])
+            if value not in PROFILES:
+                raise DsnetError(
+                    f"profile {value!r}", f"one of {', '.join(PROFILES)}", "Pass --profile demo."
+                )
+            del options[index : index + (1 if equals else 2)]
+            return value
+    return "demo"
+
+
+def _overview() -> str:
+    rows = "\n".join(f"  {name:<10}{summary}" for name, (_, summary) in COMMANDS.items())
+    return (
+        "usage: dsnet COMMAND [--profile smoke|demo|paper] [--run NAME] [--seed N] ...\n\n"
+        f"{rows}\n\nEvery command has its own --help; ./reproduce.sh runs them in this order."
+    )

@@ -1,0 +1,16 @@
+"""The one exception that a user of this project ever has to read."""
+
+from __future__ import annotations
+
+
+class DsnetError(Exception):
+    """A mistake that a user can mend.
+
+    The message is one line and says three things: what was received, what was
+    expected, and how to mend it. The `dsnet` command prints it without a
+    traceback and exits with status 2.
+    """
+
+    def __init__(self, received: str, expected: str, remedy: str) -> None:
+        self.received, self.expected, self.remedy = received, expected, remedy
+        super().__init__(" ".join(f"{received}; expected {expected}. {remedy}".split()))

@@ -1,0 +1,112 @@
+"""A run: the folder `runs/<run>/`, one artifact a stage, each made at most once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from bridge.errors import DsnetError
+from bridge.exchange.artifact import (
+    MANIFEST,
+    SCHEMA_VERSION,
+    Artifact,
+    ArtifactWriter,
+    DataOrigin,
+    file_sha256,
+    json_sha256,
+    read_artifact,
+)
+
+
+def runs_root() -> Path:
+    """`runs/` below the working directory, or what `DSNET_RUNS` names."""
+    return Path(os.environ.get("DSNET_RUNS", "runs"))
+
+
+class Run:
+    """One run's folder and the artifacts in it."""
+
+    def __init__(self, name: str) -> None:
+        if not name or name != Path(name).name or name.startswith("."):
+            raise DsnetError(
+                f"run name {name!r}", "a plain folder name such as 'demo'", "Pass --run NAME."
+            )
+        self.name = name
+        self.path = runs_root() / name
+
+    def artifact(self, stage: str) -> Artifact:
+        """The finished artifact of `stage`; DsnetError with the remedy when there is none."""
+        if not (self.path / stage / MANIFEST).is_file():
+            having = f"run {self.name!r} without {stage!r}"
+            if not self.path.is_dir():
+                names = sorted({p.parent.parent.name for p in runs_root().glob("*/*/" + MANIFEST)})
+                having = f"unknown run {self.name!r} (known: {', '.join(names) or 'none'})"
+            raise DsnetError(
+                having,
+                f"a finished stage {stage!r} in {self.path}",
+                f"Run `dsnet {stage} --run {self.name}` or `./reproduce.sh` first.",
+            )
+        return read_artifact(self.path / stage)
+
+    def build(
+        self,
+        stage: str,
+        config: Any,
+        make: Callable[[ArtifactWriter], None],
+        *,
+        data: DataOrigin,
+        upstream: Mapping[str, Artifact | Path],
+    ) -> Artifact:
+        """Make the artifact of `stage` unless one of the same inputs and configuration exists.
+
+        Parameters
+        ----------
+        config : dataclass instance
+            Saved in the manifest; `run` is left out, so a renamed run stays current.
+        make : callable
+            Fills the writer. When it is interrupted, its partial folder stays,
+            and the next call with the same inputs finds its checkpoints there.
+        upstream : mapping of name to Artifact or path of an input file
+            Their content digests enter the manifest and decide whether the stage is current.
+        """
+        settings = {key: _plain(value) for key, value in asdict(config).items() if key != "run"}
+        digests = {name: _digest(source) for name, source in upstream.items()}
+        target = self.path / stage
+        if (target / MANIFEST).is_file():
+            finished = read_artifact(target)
+            if (finished.manifest["config"], finished.manifest["upstream"]) == (settings, digests):
+                return finished
+        fingerprint = json_sha256([SCHEMA_VERSION, stage, settings, digests])
+        writer = ArtifactWriter(target, stage, data=data, fingerprint=fingerprint)
+        try:
+            make(writer)
+        except DsnetError:
+            writer.discard()
+            raise
+        return writer.finish(config=settings, upstream=digests)
+
+
+def _digest(source: Artifact | Path) -> str:
+    return source.content_sha256 if isinstance(source, Artifact) else file_sha256(source)
+
+
+def _plain(value: Any) -> Any:
+    """The JSON form of a configuration value, so that it compares equal after reading it back."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def body_model_path(run: Run) -> Path:
+    """The SMPL model file that the run was aligned with: the licensed one, or the corpus's."""
+    licensed = run.artifact("align").manifest["config"].get("smpl")
+    if licensed:
+        return Path(licensed)
+    corpus = run.artifact("corpus")
+    models = [name for name in corpus.manifest["files"] if name.startswith("SMPL_")]
+    return corpus.file(models[0])

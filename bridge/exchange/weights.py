@@ -1,0 +1,41 @@
+"""Weights as named arrays in safetensors files: no code in them, readable by either framework."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+
+from bridge.errors import DsnetError
+
+
+def save_weights(path: Path | str, weights: Mapping[str, NDArray], **metadata: str) -> None:
+    """Write named arrays atomically; `metadata` holds strings only."""
+    path = Path(path)
+    partial = path.with_name(f".{path.name}.partial")
+    arrays = {name: np.ascontiguousarray(array) for name, array in weights.items()}
+    save_file(arrays, partial, metadata=metadata)
+    os.replace(partial, path)
+
+
+def load_weights(path: Path | str) -> dict[str, NDArray]:
+    """Read named arrays.
+
+    Raises
+    ------
+    DsnetError
+        If the file is missing, truncated or of another format.
+    """
+    try:
+        return load_file(path)
+    except (OSError, SafetensorError) as error:
+        raise DsnetError(
+            f"{path}, which does not load ({error})",
+            "a safetensors file written by dsnet",
+            "Train again, or copy the file again.",
+        ) from error

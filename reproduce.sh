@@ -1,0 +1,77 @@
+#!/usr/bin/env bash
+# One command from body model to report; see README.md.
+#   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--smpl FILE --dyna FILE.h5 ... --amass DIR]
+#   ./reproduce.sh setup      only the environment
+#   ./reproduce.sh test       the environment and the test-suite
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")"
+
+find_python() {
+    for candidate in "${PYTHON:-}" python3 python3.12 python3.11 python3.13 python3.10; do
+        if [[ -n $candidate ]] && "$candidate" -c \
+            'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null; then
+            echo "$candidate"
+            return
+        fi
+    done
+    echo "reproduce.sh: no Python found; expected 3.10 to 3.13. Install one or set PYTHON=/path/to/python3." >&2
+    exit 2
+}
+
+setup() {
+    # The stamp is written last, so that an interrupted installation is done again.
+    local stamp=.venv/installed
+    if [[ -f $stamp ]] && cmp -s "$stamp" <(cat pyproject.toml constraints.txt); then
+        return
+    fi
+    echo "setting up .venv (once; about two minutes)" >&2
+    [[ -x .venv/bin/python ]] || "$(find_python)" -m venv .venv
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check \
+        --constraint constraints.txt --editable '.[dev]'
+    cat pyproject.toml constraints.txt >"$stamp"
+}
+
+run_tests() {
+    .venv/bin/ruff check .
+    .venv/bin/ruff format --check .
+    .venv/bin/pyright
+    .venv/bin/python -m pytest "$@"
+}
+
+run_stages() {
+    local profile=demo run="" seed=0 smpl="" amass="" dyna=()
+    while (($#)); do
+        case $1 in
+            --profile) profile=${2:?} && shift 2 ;;
+            --run) run=${2:?} && shift 2 ;;
+            --seed) seed=${2:?} && shift 2 ;;
+            --smpl) smpl=${2:?} && shift 2 ;;
+            --amass) amass=${2:?} && shift 2 ;;
+            --dyna)
+                shift
+                while (($#)) && [[ $1 != --* ]]; do dyna+=("$1") && shift; done
+                ;;
+            *) echo "reproduce.sh: unknown option $1; see the head of this file" >&2 && exit 2 ;;
+        esac
+    done
+    local common=(--profile "$profile" --run "${run:-$profile}" --seed "$seed")
+    local align=() predict=()
+    [[ -n $smpl ]] && align+=(--smpl "$smpl" --dyna "${dyna[@]}")
+    [[ -n $amass ]] && predict+=(--amass "$amass")
+    for stage in corpus align train-ae encode train predict decode evaluate report; do
+        [[ $stage == corpus && -n $smpl ]] && continue
+        echo "== dsnet $stage" >&2
+        case $stage in
+            align) .venv/bin/dsnet align "${common[@]}" "${align[@]}" ;;
+            predict) .venv/bin/dsnet predict "${common[@]}" "${predict[@]}" ;;
+            *) .venv/bin/dsnet "$stage" "${common[@]}" ;;
+        esac
+    done
+    echo "report: runs/${run:-$profile}/report/report.html" >&2
+}
+
+case ${1:-} in
+    setup) setup ;;
+    test) shift && setup && run_tests "$@" ;;
+    *) setup && run_stages "$@" ;;
+esac

@@ -1,0 +1,48 @@
+"""The command: one line and status 2 for a mistake, help for every subcommand."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from bridge.cli import COMMANDS, main
+
+
+def test_every_command_has_help(capsys):
+    main(["--help"])
+    overview = capsys.readouterr().out
+    assert all(f"  {command} " in overview for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_run_and_seed(command):
+    code = f"from bridge.cli import main; main(['{command}', '--help'])"
+    shown = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    assert "--run" in shown
+    assert "--seed" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["fly"], "expected one of corpus"),
+        (["report", "--profile", "huge"], "expected one of smoke"),
+        (["report", "--run", "no-such-run"], "unknown run 'no-such-run'"),
+        (["report", "--run", "../up"], "plain folder name"),
+        (["predict", "--motion", "x.npz"], "--out"),
+    ],
+)
+def test_a_mistake_is_one_line_and_status_2(arguments, words, capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    printed = capsys.readouterr().err
+    assert stopped.value.code == 2
+    assert words in printed
+    assert printed.count("\n") == 1
+    assert "Traceback" not in printed
+    assert not list(tmp_path.iterdir())
