@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
@@ -64,7 +65,7 @@ def predict_motion(config: PredictConfig, motion_path: Path, out: Path) -> None:
     """Write `latents`, `offsets`, `vertices`, `manifest.json` and `strip.png` to `out`."""
     run = Run(config.run)
     trained = run.artifact("train")
-    motion = _with_betas(_load(run, motion_path), config.betas)
+    motion = _load(run, motion_path, config.betas)
     with tempfile.TemporaryDirectory(prefix="dsnet-") as scratch:
         given, predicted = Path(scratch, "motion"), Path(scratch, "prediction")
         write_artifact(
@@ -87,17 +88,17 @@ def predict_motion(config: PredictConfig, motion_path: Path, out: Path) -> None:
         )
 
 
-def _load(run: Run, path: Path) -> Motion:
+def _load(run: Run, path: Path, betas: str | None) -> Motion:
     """Read the motion, turned to y up about the root joint of the body that will be posed."""
-    shape_only = load_amass_motion(path)
+    motion = load_amass_motion(path)
+    if betas is not None:
+        motion = replace(motion, betas=_parse_betas(betas))
     body = load_body_model(str(body_model_path(run)))
-    rest = body.v_template + body.shapedirs @ shape_only.betas
-    return load_amass_motion(path, root_joint_m=(body.J_regressor @ rest)[0])
+    rest = body.v_template + body.shapedirs @ motion.betas
+    return motion.about_root_joint((body.J_regressor @ rest)[0])
 
 
-def _with_betas(motion: Motion, text: str | None) -> Motion:
-    if text is None:
-        return motion
+def _parse_betas(text: str) -> NDArray[np.float64]:
     try:
         betas = np.array([float(part) for part in text.split(",")])
     except ValueError:
@@ -106,7 +107,7 @@ def _with_betas(motion: Motion, text: str | None) -> Motion:
         raise DsnetError(
             f"--betas {text}", f"{N_BETAS} finite numbers", "Separate them by commas, no spaces."
         )
-    return replace(motion, betas=betas)
+    return betas
 
 
 def _refuse_foreign_folder(out: Path) -> None:

@@ -20,7 +20,8 @@ import numpy as np
 import trimesh
 
 from bridge.body.embedded import unpack
-from bridge.body.model_data import VERTEX_COUNT
+from bridge.body.model_data import VERTEX_COUNT, BodyModelData
+from bridge.body.posing import pose_vertices
 from tools.embedded_body import correctives, packing, shape_space
 from tools.embedded_body.decimate import decimate
 from tools.embedded_body.makehuman import FEMALE, MALE, BaseMesh, MakeHuman, Population, SampledBodies
@@ -73,9 +74,9 @@ def build(
         fit = correctives.fit_pose_correctives(
             shapes.template, faces, joints.mean(axis=0), weights
         )
-        print(fit.summary())
+        print(f"{gender}: {fit.summary()}")
         arrays = packing.pack(shapes, regressor, fit.posedirs, weights, faces, index)
-        unpack(gender, arrays)
+        report_bends(unpack(gender, arrays))
         packing.write_asset(out / f"embedded_{gender}.npz", arrays)
     _write_checksums(out)
 
@@ -127,6 +128,27 @@ def report_unseen(
           f"{vertex_mm.max():.1f} at most; joints {joint_mm.mean():.2f} in the mean, "
           f"{joint_mm.mean(axis=0).max():.2f} in the worst joint's mean, {joint_mm.max():.1f} at most; "
           f"regressor weights {regressor.value.min():.2f} to {regressor.value.max():.2f}")  # fmt: skip
+
+
+def report_bends(body: BodyModelData) -> None:
+    """Print what bends do to the volume, with and without the pose blend shapes, after packing."""
+    uncorrected = replace(body, posedirs=np.zeros_like(body.posedirs))
+    for name, joint, axis_angle in (
+        ("knee", 4, (2.0, 0.0, 0.0)),
+        ("elbow", 18, (0.0, -2.0, 0.0)),
+        ("hip", 1, (-1.8, 0.0, 0.0)),
+        ("raised arm", 16, (0.0, 0.0, 1.2)),
+    ):
+        pose = np.zeros((1, 24, 3))
+        pose[0, joint] = axis_angle
+        change_ml = [_volume_ml(b, pose) - _volume_ml(b, 0 * pose) for b in (uncorrected, body)]
+        print(f"{body.gender}: {name} bent by {np.rad2deg(np.abs(pose).max()):.0f} degrees: volume "
+              f"{change_ml[0]:+.0f} ml by linear blending, {change_ml[1]:+.0f} ml corrected")  # fmt: skip
+
+
+def _volume_ml(body: BodyModelData, pose: np.ndarray) -> float:
+    vertices = pose_vertices(body, np.zeros((1, 10)), pose, np.zeros((1, 3)))[0]
+    return float(trimesh.Trimesh(vertices, body.faces, process=False).volume * 1e6)
 
 
 def _priority(base: BaseMesh) -> np.ndarray:

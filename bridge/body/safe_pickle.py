@@ -13,7 +13,6 @@ from typing import IO, Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy._core import multiarray
 
 
 class _Record:
@@ -107,14 +106,19 @@ def _reconstruct_object(cls: type, base: type, state: Any) -> Any:
     return cls()
 
 
+# NumPy's own constructors, taken from its pickles, because their module has moved over time.
+_NUMPY_CONSTRUCTORS = {
+    "_reconstruct": np.zeros(0).__reduce__()[0],
+    "scalar": np.float64(0).__reduce__()[0],
+}
 _ALLOWED: dict[tuple[str, str], Any] = {
     ("numpy", "ndarray"): np.ndarray,
     ("numpy", "dtype"): np.dtype,
     ("_codecs", "encode"): _encode_latin1,
     **{
-        (f"numpy.{core}.multiarray", name): getattr(multiarray, name)
+        (f"numpy.{core}.multiarray", name): constructor
         for core in ("core", "_core")
-        for name in ("_reconstruct", "scalar")
+        for name, constructor in _NUMPY_CONSTRUCTORS.items()
     },
     **{(module, "_reconstructor"): _reconstruct_object for module in ("copy_reg", "copyreg")},
     **{(module, "object"): object for module in ("__builtin__", "builtins")},

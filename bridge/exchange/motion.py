@@ -33,7 +33,7 @@ _FRAME_TOLERANCE = 1e-3
 class Motion:
     """A motion that a 22-joint body can follow."""
 
-    theta: NDArray[np.float64]
+    theta: NDArray[np.floating]
     """(T, 69) pose vector of the paper: 22 x 3 axis-angle, radians, and translation, metres."""
     betas: NDArray[np.float64]
     """(10,) first shape coefficients. Those of an SMPL-X file live in SMPL-X's shape space."""
@@ -129,7 +129,7 @@ def _read_archive(path: Path) -> dict[str, NDArray]:
     """The arrays that matter; a file has others (markers), which may be large or pickled."""
     wanted = {"poses", "trans", "betas", "gender", "dmpls", *_RATE_KEYS}
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
             return {key: archive[key] for key in wanted & set(archive.files)}
     except FileNotFoundError as error:
         raise _unusable(path, "which does not exist", "Check the path.") from error
@@ -204,9 +204,11 @@ def _read_betas(path: Path, arrays: Mapping[str, NDArray]) -> NDArray[np.float64
 
 
 def _read_gender(arrays: Mapping[str, NDArray]) -> str:
-    value = arrays["gender"].item() if np.size(arrays.get("gender")) == 1 else "unknown"
+    stored = arrays.get("gender", np.array("unknown"))
+    value = stored.item() if stored.size == 1 else "unknown"
     text = value.decode(errors="replace") if isinstance(value, bytes) else str(value)
-    return text.strip().lower() if text in ("female", "male", "neutral") else "unknown"
+    gender = text.strip().lower()
+    return gender if gender in ("female", "male", "neutral") else "unknown"
 
 
 def _sample_times_s(frame_count: int, source_fps: float, fps: float) -> NDArray[np.float64]:

@@ -1,4 +1,8 @@
-"""Pose blend shapes: what direct delta mush adds to linear blending, made linear in R - I."""
+"""Pose blend shapes: what better skinning adds to linear blending, made linear in R - I.
+
+The better skinning is a mean of two. Dual quaternions keep the volume of a bend but push elbows,
+knees and buttocks outwards; direct delta mush smooths creases but shrinks the bend.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +16,16 @@ from tqdm import tqdm
 from bridge.body.model_data import JOINT_COUNT, POSE_FEATURE_COUNT, SMPL_PARENTS
 from bridge.body.posing import joint_transforms, pose_features
 from tools.embedded_body.pose_samples import sample_poses
-from tools.embedded_body.skinning import DirectDeltaMush, apply_transforms
+from tools.embedded_body.skinning import (
+    DirectDeltaMush,
+    apply_transforms,
+    dual_quaternion_transforms,
+)
 
-FIT_POSE_COUNT = 500
+FIT_POSE_COUNT = 400
 UNSEEN_POSE_COUNT = 100
-SMOOTHING_STEPS = 16
+SMOOTHING_STEPS = 4
+DUAL_QUATERNION_SHARE = 0.4
 # Joints with a smaller share of a vertex's smoothed weight do not correct it.
 _MIN_WEIGHT = 0.02
 _RIDGE = 1e-3
@@ -33,7 +42,7 @@ class CorrectiveFit:
     r2_unseen: float
     """The same on poses that the fit has not seen."""
     lbs_error_m: float
-    """Root mean square distance of linear blending from direct delta mush, unseen poses."""
+    """Root mean square distance of linear blending from better skinning, unseen poses."""
     largest_m: float
     """Largest displacement in the rest frame over the unseen poses."""
 
@@ -67,8 +76,8 @@ def fit_pose_correctives(
     """Ridge regression of each vertex's correction on the rotations of the joints near it.
 
     The error is measured after skinning, where it is seen: minimise over each vertex's P
-    |M_n P (R_n - I) - d_n|^2, with M_n the vertex's blended matrix in pose n and d_n what direct
-    delta mush adds there. At rest R = I, so the T-pose is untouched.
+    |M_n P (R_n - I) - d_n|^2, with M_n the vertex's blended matrix in pose n and d_n what better
+    skinning adds there. At rest R = I, so the T-pose is untouched.
     """
     mush = DirectDeltaMush(template, faces, weights, SMOOTHING_STEPS)
     fitted = _pose_set(sample_poses(FIT_POSE_COUNT, 0), template, joints, weights, mush)
@@ -100,12 +109,20 @@ def _pose_set(
     bones = joint_transforms(rotations, rest_joints, np.array(SMPL_PARENTS), trans)
     blended = np.empty((len(poses), len(template), 3, 3), dtype=np.float32)
     correction_m = np.empty((len(poses), *template.shape), dtype=np.float32)
-    for index, pose_bones in enumerate(tqdm(bones, "delta mush", disable=None)):
+    for index, pose_bones in enumerate(tqdm(bones, "better skinning", disable=None)):
         linear = np.einsum("vj,jxy->vxy", weights, pose_bones, optimize=True)
-        wanted = apply_transforms(mush.transforms(pose_bones), template)
+        wanted = _better_skinning(pose_bones, template, weights, mush)
         blended[index] = linear[:, :3, :3]
         correction_m[index] = wanted - apply_transforms(linear, template)
     return _PosedSet(pose_features(rotations), blended, correction_m)
+
+
+def _better_skinning(
+    bones: np.ndarray, template: np.ndarray, weights: np.ndarray, mush: DirectDeltaMush
+) -> np.ndarray:
+    volumetric = apply_transforms(dual_quaternion_transforms(bones, weights), template)
+    smooth = apply_transforms(mush.transforms(bones), template)
+    return DUAL_QUATERNION_SHARE * volumetric + (1.0 - DUAL_QUATERNION_SHARE) * smooth
 
 
 def _neighbourhoods(weights: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:

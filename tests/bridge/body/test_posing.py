@@ -1,0 +1,139 @@
+"""Axioms of posing, and the slow model against the formulas written out for one vertex."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from bridge import DsnetError
+from bridge.body import BodyModelData, pose_vertices, unpose_vertices
+from bridge.body.posing import rest_vertices, shaped_joints, shaped_vertices
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def random_arguments(
+    seed: int, count: int = 3, joints: int = 24, angle: float = 0.5
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    pose = rng.normal(scale=angle, size=(count, joints, 3))
+    return rng.normal(size=(count, 10)), pose, rng.normal(size=(count, 3))
+
+
+def test_zero_pose_gives_template_plus_shape(female: BodyModelData) -> None:
+    betas, pose, trans = random_arguments(0)
+    expected = female.v_template + np.einsum("vxs,bs->bvx", female.shapedirs, betas)
+    posed = pose_vertices(female, betas, 0 * pose, trans)
+    np.testing.assert_allclose(posed, expected + trans[:, None], atol=1e-12)
+
+
+@given(seed=SEEDS, joints=st.sampled_from([22, 24]))
+def test_unpose_inverts_pose(small_body: BodyModelData, seed: int, joints: int) -> None:
+    betas, pose, trans = random_arguments(seed, joints=joints, angle=0.3)
+    offsets = np.random.default_rng(seed).normal(scale=0.05, size=(3, 60, 3))
+    posed = pose_vertices(small_body, betas, pose, trans, offsets)
+    unposed = unpose_vertices(small_body, posed, betas, pose, trans)
+    expected = rest_vertices(small_body, betas, pose) + offsets
+    np.testing.assert_allclose(unposed, expected, atol=1e-7)
+
+
+def test_unpose_inverts_pose_on_the_embedded_body(body: BodyModelData) -> None:
+    betas, pose, trans = random_arguments(1, count=2)
+    offsets = np.random.default_rng(1).normal(scale=0.01, size=(2, 6890, 3))
+    posed = pose_vertices(body, betas, pose, trans, offsets)
+    unposed = unpose_vertices(body, posed, betas, pose, trans)
+    recovered = unposed - rest_vertices(body, betas, pose)
+    np.testing.assert_allclose(recovered, offsets, atol=1e-9)
+
+
+@given(seed=SEEDS, angle=st.sampled_from([1e-7, 1.0, np.pi - 1e-6]))
+def test_turning_the_root_turns_the_body_about_the_pelvis(
+    small_body: BodyModelData, seed: int, angle: float
+) -> None:
+    betas, pose, trans = random_arguments(seed)
+    direction = np.random.default_rng(seed + 1).normal(size=3)
+    turn = Rotation.from_rotvec(angle * direction / np.linalg.norm(direction))
+    turned = pose.copy()
+    turned[:, 0] = (turn * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
+    pelvis = shaped_joints(small_body, betas)[:, :1] + trans[:, None]
+    before = pose_vertices(small_body, betas, pose, trans) - pelvis
+    after = pose_vertices(small_body, betas, turned, trans) - pelvis
+    np.testing.assert_allclose(after, before @ turn.as_matrix().T, atol=1e-9)
+
+
+@given(seed=SEEDS)
+def test_translation_moves_every_vertex_alike(small_body: BodyModelData, seed: int) -> None:
+    betas, pose, trans = random_arguments(seed)
+    step = np.array([0.3, -0.2, 5.0])
+    moved = pose_vertices(small_body, betas, pose, trans + step)
+    np.testing.assert_allclose(moved, pose_vertices(small_body, betas, pose, trans) + step)
+
+
+def test_batch_equals_singles(small_body: BodyModelData) -> None:
+    betas, pose, trans = random_arguments(2, count=4)
+    batch = pose_vertices(small_body, betas, pose, trans)
+    singles = [
+        pose_vertices(small_body, betas[i : i + 1], pose[i : i + 1], trans[i : i + 1])[0]
+        for i in range(4)
+    ]
+    np.testing.assert_allclose(batch, singles, atol=1e-12)
+
+
+def test_one_vertex_by_hand(small_body: BodyModelData) -> None:
+    """Eq. 1-2 for vertex 7, bone by bone, with every product written out."""
+    betas, pose, trans = random_arguments(3, count=1)
+    rotations = Rotation.from_rotvec(pose[0]).as_matrix()
+    joints = small_body.J_regressor.toarray() @ shaped_vertices(small_body, betas)[0]
+    features = np.concatenate([(rotation - np.eye(3)).ravel() for rotation in rotations[1:]])
+    rest = shaped_vertices(small_body, betas)[0, 7] + small_body.posedirs[7] @ features
+    expected = trans[0].copy()
+    for joint in range(24):
+        point, ancestor = rest, joint
+        while ancestor >= 0:
+            point = rotations[ancestor] @ (point - joints[ancestor]) + joints[ancestor]
+            ancestor = small_body.parents[ancestor]
+        expected += small_body.weights[7, joint] * point
+    np.testing.assert_allclose(pose_vertices(small_body, betas, pose, trans)[0, 7], expected)
+
+
+def test_22_joints_leave_the_hands_at_rest(female: BodyModelData) -> None:
+    betas, pose, trans = random_arguments(4, count=1, joints=24)
+    pose[:, 22:] = 0.0
+    np.testing.assert_array_equal(
+        pose_vertices(female, betas, pose[:, :22], trans),
+        pose_vertices(female, betas, pose, trans),
+    )
+
+
+def test_bending_the_left_elbow_moves_the_left_forearm_only(female: BodyModelData) -> None:
+    pose = np.zeros((1, 24, 3))
+    pose[0, 18, 1] = -np.pi / 2
+    bent = pose_vertices(female, np.zeros((1, 10)), pose, np.zeros((1, 3)))[0]
+    distance_m = np.linalg.norm(bent - female.v_template, axis=1)
+    hand = female.weights[:, [20, 22]].sum(axis=1) > 0.99
+    assert bent[hand, 2].min() > 0.15, "the hand comes forward"
+    assert distance_m[female.v_template[:, 0] < 0.2].max() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("betas", np.zeros((2, 9))),
+        ("pose", np.zeros((2, 21, 3))),
+        ("trans", np.zeros((1, 3))),
+        ("offsets", np.zeros((2, 59, 3))),
+    ],
+)
+def test_wrong_shapes_are_named(small_body: BodyModelData, name: str, value: np.ndarray) -> None:
+    arguments = {
+        "betas": np.zeros((2, 10)),
+        "pose": np.zeros((2, 24, 3)),
+        "trans": np.zeros((2, 3)),
+        "offsets": np.zeros((2, 60, 3)),
+        name: value,
+    }
+    with pytest.raises(DsnetError, match=name):
+        pose_vertices(small_body, **arguments)

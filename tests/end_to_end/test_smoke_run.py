@@ -1,0 +1,149 @@
+"""The whole road at the paper's sizes on a few seconds of synthetic motion."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge import paper
+from bridge.exchange import read_artifact
+
+ROOT = Path(__file__).parents[2]
+STAGES = [
+    "corpus",
+    "truth",
+    "align",
+    "train-ae",
+    "encode",
+    "train",
+    "predict",
+    "decode",
+    "evaluate",
+    "report",
+]
+SAMPLE = ROOT.parent / "shared" / "data" / "amass" / "dmpl_sample.npz"
+
+
+def test_every_stage_left_a_complete_synthetic_artifact(smoke_runs):
+    for stage in STAGES:
+        artifact = read_artifact(smoke_runs / "smoke" / stage)
+        artifact.verify()
+        assert artifact.origin == "synthetic"
+    assert not list((smoke_runs / "smoke").glob(".*"))
+
+
+def test_parameter_counts_are_the_papers(smoke_runs):
+    results = json.loads((smoke_runs / "smoke" / "report" / "results.json").read_text())
+    assert results["parameters"] == {
+        "autoencoder": 33_626_606,
+        "dsnet": 65_140,
+        "casas_otaduy": 284_678_770,
+    }
+
+
+def test_report_says_synthetic_and_shows_every_figure(smoke_runs):
+    report = smoke_runs / "smoke" / "report"
+    for page in ("report.md", "report.html"):
+        assert "synthetic" in (report / page).read_text().lower()
+    shown = re.findall(r"\(figures/([\w.-]+\.png)\)", (report / "report.md").read_text())
+    assert sorted(shown) == sorted(path.name for path in (report / "figures").glob("*.png"))
+    assert len(shown) >= 6
+
+
+def test_a_second_run_makes_nothing_again(smoke_runs, execute):
+    manifests = [smoke_runs / "smoke" / stage / "manifest.json" for stage in STAGES]
+    before = [path.stat().st_mtime_ns for path in manifests]
+    assert execute(["./reproduce.sh", "--profile", "smoke"], smoke_runs).returncode == 0
+    assert [path.stat().st_mtime_ns for path in manifests] == before
+
+
+def forged_motion(path: Path) -> Path:
+    """Two seconds of a swinging arm in AMASS's layout: 100 fps, z up."""
+    frames = 201
+    poses = np.zeros((frames, 156))
+    poses[:, 0] = np.pi / 2  # the root turns SMPL's y-up rest pose to z up
+    poses[:, 16 * 3 + 2] = -1.0 + 0.3 * np.sin(np.linspace(0, 12, frames))
+    trans = np.tile([0.0, 0.0, 0.95], (frames, 1))
+    np.savez(
+        path, poses=poses, trans=trans, betas=np.zeros(16), gender="female", mocap_framerate=100.0
+    )
+    return path
+
+
+def test_predict_motion_moves_a_body(smoke_runs, tmp_path, execute):
+    motion = forged_motion(tmp_path / "swing_poses.npz")
+    out = tmp_path / "new" / "out"
+    command = ["predict", "--run", "smoke", "--motion", str(motion), "--out", str(out)]
+    done = execute([".venv/bin/dsnet", *command], smoke_runs)
+    assert done.returncode == 0, done.stderr
+    assert_is_a_standing_body(out, frames=(120, 121), floor_m=0.3)
+
+
+@pytest.mark.skipif(not SAMPLE.exists(), reason="the licensed AMASS sample is not on this machine")
+def test_predict_reads_a_real_amass_file(smoke_runs, tmp_path, execute):
+    out = tmp_path / "out"
+    command = ["predict", "--run", "smoke", "--motion", str(SAMPLE), "--out", str(out)]
+    done = execute([".venv/bin/dsnet", *command], smoke_runs)
+    assert done.returncode == 0, done.stderr
+    assert_is_a_standing_body(out, frames=(117, 118), floor_m=0.1)
+
+
+def assert_is_a_standing_body(out: Path, frames: tuple[int, int], floor_m: float) -> None:
+    artifact = read_artifact(out, "prediction")
+    artifact.verify()
+    latents, offsets, vertices = (artifact.array(n) for n in ("latents", "offsets", "vertices"))
+    count = len(vertices)
+    assert count in frames
+    assert latents.shape == (count, paper.LATENT_SIZE)
+    assert offsets.shape == vertices.shape == (count, paper.N_VERTICES, 3)
+    assert all(np.isfinite(array).all() for array in (latents, offsets, vertices))
+    low, high = vertices.min(axis=1), vertices.max(axis=1)
+    assert ((high - low).argmax(axis=1) == 1).all() or np.ptp(vertices[..., 1], axis=1).min() > 1.2
+    assert np.abs(low[:, 1]).min() < floor_m
+    assert artifact.manifest["fps"] == 60.0
+    assert (out / "strip.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["align", "--run", "bad", "--smpl", "{tmp}/none.npz", "--dyna", "{tmp}/none.h5"], "none"),
+        (["align", "--run", "bad", "--smpl", "{tmp}", "--dyna", "{tmp}"], "directory"),
+        (["predict", "--run", "smoke", "--motion", "{tmp}", "--out", "{tmp}/o"], "directory"),
+        (
+            ["predict", "--run", "nope", "--motion", "{tmp}/x.npz", "--out", "{tmp}/o"],
+            "unknown run",
+        ),
+        (["encode", "--run", "nope"], "unknown run"),
+        (["train", "--run", "nope"], "unknown run"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(smoke_runs, tmp_path, execute, options, words):
+    arguments = [option.format(tmp=tmp_path) for option in options]
+    done = execute([".venv/bin/dsnet", *arguments], smoke_runs)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.iterdir())
+    assert [path.name for path in smoke_runs.iterdir()] == ["smoke"]
+
+
+def readme_commands() -> list[str]:
+    blocks = re.findall(r"```bash\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+    lines = [line.partition("  #")[0].strip() for block in blocks for line in block.splitlines()]
+    return [line for line in lines if "dsnet" in line and "git clone" not in line]
+
+
+@pytest.mark.parametrize("command", readme_commands())
+def test_the_readmes_own_commands_work(smoke_runs, tmp_path, execute, command):
+    motion = forged_motion(tmp_path / "motion_poses.npz")
+    line = command.replace("--run demo", "--run smoke")
+    line = line.replace("MOTION.npz", str(motion)).replace("OUT", str(tmp_path / "out"))
+    done = execute(shlex.split(line), smoke_runs)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+import tracemalloc
+
+import h5py
+import numpy as np
+import pytest
+
+from bridge.body import load_body_model
+from bridge.errors import DsnetError
+from torch_align_ae.corpus.dyna_files import DynaReader, write_dyna
+
+
+@pytest.fixture(scope="module")
+def body():
+    return load_body_model("embedded:female")
+
+
+@pytest.fixture
+def clip(body):
+    drift = np.arange(20)[:, None, None] * np.array([0.01, 0.0, -0.02])
+    return (body.v_template + drift).astype(np.float32)
+
+
+@pytest.fixture
+def file(tmp_path, body, clip):
+    path = tmp_path / "dyna.h5"
+    with write_dyna(path, body.faces) as writer:
+        writer.add("50020_hips", clip)
+        writer.add("50004_one_leg_jump", clip[5:8])
+    return path
+
+
+def write_raw(path, **datasets):
+    with h5py.File(path, "w") as file:
+        for name, values in datasets.items():
+            file[name] = values
+    return path
+
+
+def test_round_trip_keeps_every_value(file, body, clip):
+    with DynaReader([file]) as reader:
+        read = {entry.name: frames for entry, frames in reader}
+        np.testing.assert_array_equal(reader.faces, body.faces)
+    assert list(read) == ["50004_one_leg_jump", "50020_hips"]
+    np.testing.assert_array_equal(read["50020_hips"], clip)
+    np.testing.assert_array_equal(read["50004_one_leg_jump"], clip[5:8])
+    assert read["50020_hips"].dtype == np.float32
+
+
+def test_layout_on_disk_is_dynas(file, body, clip):
+    with h5py.File(file) as raw:
+        assert set(raw) == {"faces", "50020_hips", "50004_one_leg_jump"}
+        np.testing.assert_array_equal(raw["50020_hips"][:, :, 7], clip[7])
+        assert raw["faces"].shape == (13776, 3)
+
+
+def test_windows_are_slices(file, clip):
+    with DynaReader([file]) as reader:
+        np.testing.assert_array_equal(reader.frames("50020_hips", 15, 18), clip[15:18])
+        np.testing.assert_array_equal(reader.frames("50020_hips", 18, 99), clip[18:])
+
+
+def test_entries_split_subject_and_motion_at_the_first_underscore(file):
+    with DynaReader([file]) as reader:
+        first = reader.entries[0]
+    assert (first.subject, first.motion, first.length) == ("50004", "one_leg_jump", 3)
+
+
+def test_float64_contiguous_datasets_are_read(tmp_path, clip):
+    path = write_raw(tmp_path / "raw.h5", **{"50004_a": np.moveaxis(clip, 0, -1).astype("f8")})
+    with DynaReader([path]) as reader:
+        np.testing.assert_array_equal(reader.frames("50004_a"), clip)
+        assert reader.faces is None
+
+
+def test_equal_content_gives_equal_bytes(tmp_path, body, clip):
+    for name in "ab":
+        with write_dyna(tmp_path / name, body.faces) as writer:
+            writer.add("50004_hips", clip)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_failed_writing_leaves_nothing(tmp_path, body, clip):
+    path = tmp_path / "dyna.h5"
+
+    def fail():
+        with write_dyna(path, body.faces) as writer:
+            writer.add("50004_hips", clip)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fail()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_iterating_holds_one_sequence(tmp_path, body, clip):
+    path = tmp_path / "dyna.h5"
+    with write_dyna(path, body.faces) as writer:
+        for motion in range(12):
+            writer.add(f"50004_m{motion}", clip)
+    tracemalloc.start()
+    with DynaReader([path]) as reader:
+        for _ in reader:
+            pass
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 4 * clip.nbytes
+
+
+def _posed(clip, change):
+    stored = np.moveaxis(clip, 0, -1).copy()
+    return change(stored)
+
+
+def _with_nan(stored):
+    stored[17, 1, 4] = np.nan
+    return stored
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: s[:, :, :0], "zero frames"),
+        (lambda s: s[:-1], "6889"),
+        (lambda s: (s * 1000).astype(int), "int64"),
+        (lambda s: s * 1000, "millimetres"),
+        (lambda s: s * 100, "centimetres"),
+        (lambda s: s[:, [0, 2, 1]], "z up"),
+        (_with_nan, "50004_a has NaN or infinite vertices in frame 4"),
+    ],
+)
+def test_bad_sequences_are_named(tmp_path, clip, change, message):
+    path = write_raw(tmp_path / "bad.h5", **{"50004_a": _posed(clip, change)})
+    with pytest.raises(DsnetError, match=message) as caught, DynaReader([path]) as reader:
+        list(reader)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_folder_and_nothing(tmp_path):
+    with pytest.raises(DsnetError, match="no such file"):
+        DynaReader([tmp_path / "none.h5"])
+    with pytest.raises(DsnetError, match="a folder"):
+        DynaReader([tmp_path])
+    with pytest.raises(DsnetError, match="--dyna"):
+        DynaReader([])
+
+
+@pytest.mark.parametrize("keep", [0, 100, 5000, 500_000])
+def test_truncated_file(file, keep):
+    file.write_bytes(file.read_bytes()[:keep])
+    with pytest.raises(DsnetError, match="not readable as HDF5"), DynaReader([file]) as reader:
+        list(reader)
+
+
+def test_foreign_files(tmp_path, clip):
+    text = tmp_path / "text.h5"
+    text.write_text("not HDF5")
+    with pytest.raises(DsnetError, match="not readable"):
+        DynaReader([text])
+    with pytest.raises(DsnetError, match="no sequences"):
+        DynaReader([write_raw(tmp_path / "weights.h5", kernel=np.zeros((3, 3)))])
+    unnamed = {"walk": np.moveaxis(clip, 0, -1)}
+    with pytest.raises(DsnetError, match="<subject>_<motion>"):
+        DynaReader([write_raw(tmp_path / "unnamed.h5", **unnamed)])
+
+
+def test_sequence_names_must_be_unique(file, tmp_path):
+    with pytest.raises(DsnetError, match="twice"):
+        DynaReader([file, file])
+
+
+def test_unknown_sequence(file):
+    with DynaReader([file]) as reader, pytest.raises(DsnetError, match="50004_run"):
+        reader.frames("50004_run")

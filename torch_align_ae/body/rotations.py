@@ -1,0 +1,82 @@
+"""Axis-angle vectors and rotation matrices, with gradients that stay finite at zero and at pi."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+# Below this squared angle three terms of the series are exact to float64's rounding.
+_SERIES_BELOW = 1e-4
+
+
+def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
+    """Rotation matrices (..., 3, 3) of axis-angle vectors (..., 3) in radians: Rodrigues' formula.
+
+    The coefficients are smooth functions of the squared angle, so no gradient divides by an
+    angle of zero.
+    """
+    squared = axis_angle.square().sum(-1)[..., None, None]
+    cross = cross_matrix(axis_angle)
+    return (
+        torch.eye(3, dtype=axis_angle.dtype, device=axis_angle.device)
+        + _sin_over_angle(squared) * cross
+        + _versine_over_square(squared) * (cross @ cross)
+    )
+
+
+def left_jacobian(axis_angle: Tensor) -> Tensor:
+    """Jacobian (..., 3, 3) that maps a change of the axis-angle vector to a turn in the parent.
+
+    exp(v + dv) = exp(J dv) exp(v) to first order.
+    """
+    squared = axis_angle.square().sum(-1)[..., None, None]
+    cross = cross_matrix(axis_angle)
+    return (
+        torch.eye(3, dtype=axis_angle.dtype, device=axis_angle.device)
+        + _versine_over_square(squared) * cross
+        + _angle_minus_sin_over_cube(squared) * (cross @ cross)
+    )
+
+
+def cross_matrix(vector: Tensor) -> Tensor:
+    """Matrices (..., 3, 3) whose product with b is the cross product of `vector` (..., 3) and b."""
+    x, y, z = vector.unbind(-1)
+    zero = torch.zeros_like(x)
+    return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).unflatten(-1, (3, 3))
+
+
+def axial_vector(matrix: Tensor) -> Tensor:
+    """Axial vector (..., 3) of twice the antisymmetric part of `matrix` (..., 3, 3)."""
+    return torch.stack(
+        [
+            matrix[..., 2, 1] - matrix[..., 1, 2],
+            matrix[..., 0, 2] - matrix[..., 2, 0],
+            matrix[..., 1, 0] - matrix[..., 0, 1],
+        ],
+        -1,
+    )
+
+
+def _sin_over_angle(squared: Tensor) -> Tensor:
+    small, angle = _split(squared)
+    series = 1 - squared / 6 + squared**2 / 120
+    return torch.where(small, series, torch.sin(angle) / angle)
+
+
+def _versine_over_square(squared: Tensor) -> Tensor:
+    """(1 - cos a) / a^2, by the half angle because 1 - cos a cancels."""
+    small, angle = _split(squared)
+    series = 1 / 2 - squared / 24 + squared**2 / 720
+    return torch.where(small, series, 2 * (torch.sin(angle / 2) / angle) ** 2)
+
+
+def _angle_minus_sin_over_cube(squared: Tensor) -> Tensor:
+    small, angle = _split(squared)
+    series = 1 / 6 - squared / 120 + squared**2 / 5040
+    return torch.where(small, series, (angle - torch.sin(angle)) / angle**3)
+
+
+def _split(squared: Tensor) -> tuple[Tensor, Tensor]:
+    """Where to use the series, and an angle that is safe to divide by everywhere."""
+    small = squared < _SERIES_BELOW
+    return small, torch.sqrt(torch.where(small, torch.ones_like(squared), squared))

@@ -1,0 +1,242 @@
+"""Dyna and D-FAUST registrations in HDF5: a checking reader and an atomic writer.
+
+Layout: one dataset `{subject}_{motion}` of shape (6890, 3, T), metres, y up, 60 fps, for each
+sequence, and `faces` (13776, 3). Only one sequence, or one window of it, is in memory at a time.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bridge.body.model_data import VERTEX_COUNT
+from bridge.errors import DsnetError
+
+FPS = 60.0
+FACES_KEY = "faces"
+
+# Windows of an alignment are read in steps of this many frames: 1.3 MB a chunk.
+FRAMES_PER_CHUNK = 16
+_CHUNK_CACHE_BYTES = 8 << 20
+
+_LAYOUT = "Dyna or D-FAUST registrations: {subject}_{motion} (6890, 3, T) in metres, y up"
+_REMEDY = "Download the file again from dyna.is.tue.mpg.de, or write it with `dsnet corpus`."
+
+
+@dataclass(frozen=True)
+class DynaEntry:
+    """One sequence of a file."""
+
+    name: str
+    """The data set's key, `<subject>_<motion>`."""
+    subject: str
+    """Subject identifier, the part before the first underscore."""
+    motion: str
+    """Motion name, the rest."""
+    length: int
+    """Number of frames, at least 1."""
+    path: Path
+    """The file it lies in."""
+
+
+class DynaReader:
+    """Sequences of one or more files, in file order; a context manager.
+
+    Iterating yields `(entry, frames)` with frames (T, 6890, 3) float32 in metres.
+
+    Raises
+    ------
+    DsnetError
+        If a file is missing, damaged, of another layout, in other units, turned, or holds a
+        sequence name twice.
+    """
+
+    def __init__(self, paths: Iterable[Path | str]) -> None:
+        self._files: list[h5py.File] = []
+        self._datasets: dict[str, h5py.Dataset] = {}
+        self.entries: list[DynaEntry] = []
+        try:
+            for path in map(Path, paths):
+                self._add_file(path)
+            if not self.entries:
+                raise DsnetError("no mesh file", _LAYOUT, "Pass --dyna FILE.h5.")
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def faces(self) -> NDArray[np.int64] | None:
+        """(13776, 3) vertex indices of the first file, or None when it has none."""
+        faces = self._files[0].get(FACES_KEY)
+        return None if faces is None else np.asarray(faces[()], dtype=np.int64)
+
+    def frames(self, name: str, start: int = 0, stop: int | None = None) -> NDArray[np.float32]:
+        """Frames `start` to `stop` of one sequence, (n, 6890, 3) float32, metres.
+
+        Raises
+        ------
+        DsnetError
+            If there is no such sequence, or its values cannot be read or are not finite.
+        """
+        if name not in self._datasets:
+            raise DsnetError(
+                f"sequence {name!r}", f"one of {list(self._datasets)}", "Check the spelling."
+            )
+        dataset = self._datasets[name]
+        try:
+            stored = dataset[:, :, start:stop]
+        except OSError as error:
+            raise _unreadable(Path(dataset.file.filename), error) from error
+        frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
+        if not np.isfinite(frames).all():
+            bad = start + int(np.argmin(np.isfinite(frames).all((1, 2))))
+            raise DsnetError(
+                f"{dataset.file.filename}: {name} has NaN or infinite vertices in frame {bad}",
+                "finite vertices",
+                "Repair or leave out that sequence.",
+            )
+        return frames
+
+    def __iter__(self) -> Iterator[tuple[DynaEntry, NDArray[np.float32]]]:
+        for entry in self.entries:
+            yield entry, self.frames(entry.name)
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def __enter__(self) -> DynaReader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close every file."""
+        for file in self._files:
+            file.close()
+
+    def _add_file(self, path: Path) -> None:
+        file = _open(path)
+        self._files.append(file)
+        found = [(name, item) for name, item in file.items() if _is_sequence(name, item)]
+        if not found:
+            raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", _LAYOUT, _REMEDY)
+        for name, dataset in found:
+            entry = _entry(path, name, dataset)
+            if name in self._datasets:
+                first = self._datasets[name].file.filename
+                raise DsnetError(
+                    f"sequence {name} twice, in {first} and {path}",
+                    "every sequence once",
+                    "Pass each file once, or rename one of the sequences.",
+                )
+            self._datasets[name] = dataset
+            self.entries.append(entry)
+            _check_bounding_box(path, name, self.frames(name, 0, 1)[0])
+
+
+class DynaWriter:
+    """Appends sequences to a file that `write_dyna` opened."""
+
+    def __init__(self, file: h5py.File) -> None:
+        self._file = file
+
+    def add(self, name: str, frames: ArrayLike) -> None:
+        """Store (T, 6890, 3) vertices in metres under `<subject>_<motion>`."""
+        vertices = np.asarray(frames, dtype=np.float32)
+        if vertices.ndim != 3 or vertices.shape[1:] != (VERTEX_COUNT, 3) or not len(vertices):
+            raise DsnetError(
+                f"sequence {name} of shape {vertices.shape}",
+                f"(T, {VERTEX_COUNT}, 3) with at least one frame",
+                "Pass frames first.",
+            )
+        chunks = (VERTEX_COUNT, 3, min(FRAMES_PER_CHUNK, len(vertices)))
+        # Chunk by chunk, so that the transposed copy stays small.
+        dataset = self._file.create_dataset(
+            name, (VERTEX_COUNT, 3, len(vertices)), np.float32, chunks=chunks
+        )
+        for start in range(0, len(vertices), FRAMES_PER_CHUNK):
+            window = slice(start, start + FRAMES_PER_CHUNK)
+            dataset[:, :, window] = np.moveaxis(vertices[window], 0, -1)
+
+
+@contextmanager
+def write_dyna(path: Path | str, faces: ArrayLike) -> Iterator[DynaWriter]:
+    """Write a Dyna-format file sequence by sequence; it appears at `path` only when complete.
+
+    Examples
+    --------
+    >>> with write_dyna("dyna_female.h5", faces) as writer:  # doctest: +SKIP
+    ...     writer.add("50004_hips", vertices_m)
+    """
+    path = Path(path)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    os.close(handle)
+    partial = Path(temporary)
+    try:
+        with h5py.File(partial, "w") as file:
+            file.create_dataset(FACES_KEY, data=np.asarray(faces, dtype=np.uint32))
+            yield DynaWriter(file)
+        partial.chmod(0o644)
+        os.replace(partial, path)
+    except BaseException:
+        partial.unlink()
+        raise
+
+
+def _open(path: Path) -> h5py.File:
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "no such file"
+        raise DsnetError(f"mesh file {path}: {kind}", _LAYOUT, "Check the path.")
+    try:
+        return h5py.File(path, "r", rdcc_nbytes=_CHUNK_CACHE_BYTES)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+
+
+def _is_sequence(name: str, item: object) -> bool:
+    return name != FACES_KEY and isinstance(item, h5py.Dataset) and item.ndim == 3
+
+
+def _entry(path: Path, name: str, dataset: h5py.Dataset) -> DynaEntry:
+    subject, _, motion = name.partition("_")
+    if not (subject and motion):
+        raise DsnetError(f"{path}: sequence {name!r}", "a name <subject>_<motion>", _REMEDY)
+    vertex_count, axes, length = dataset.shape
+    if (vertex_count, axes) != (VERTEX_COUNT, 3) or dataset.dtype.kind != "f":
+        raise DsnetError(
+            f"{path}: {name} has shape {dataset.shape} of {dataset.dtype}",
+            f"({VERTEX_COUNT}, 3, T) of float32",
+            "Use meshes registered to SMPL's template.",
+        )
+    if not length:
+        raise DsnetError(
+            f"{path}: {name} has zero frames", "at least one", "Leave out that sequence."
+        )
+    return DynaEntry(name, subject, motion, length, path)
+
+
+def _check_bounding_box(path: Path, name: str, vertices: NDArray[np.float32]) -> None:
+    """A person is 1-3 m across; standing or dancing, never much deeper than tall."""
+    size = np.ptp(vertices, axis=0)
+    extent = float(size.max())
+    described = f"{path}: {name} measures {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} (x, y, z)"
+    if not 0.5 < extent < 5.0:
+        unit = "millimetres" if extent > 500 else "centimetres" if extent > 50 else "other units"
+        raise DsnetError(described, "a person in metres", f"It may be in {unit}: convert it.")
+    if size[2] > 1.3 * size[1]:
+        raise DsnetError(
+            described, "y up", "It may be z up: turn it by -90 degrees about x, (x, z, -y)."
+        )
+
+
+def _unreadable(path: Path, error: OSError) -> DsnetError:
+    return DsnetError(f"mesh file {path}: not readable as HDF5 ({error})", _LAYOUT, _REMEDY)
