@@ -142,15 +142,11 @@ def _write_atomically(path: str | Path, write: Callable[[IO[bytes]], None]) -> N
     """Write beside `path` and rename into place, so that no reader meets half a file."""
     path = Path(path)
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as folder:
+            temporary = Path(folder) / path.name
+            with temporary.open("wb") as file:
                 write(file)
-            os.chmod(temporary, 0o644)
             os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
     except OSError as error:
         raise DsnetError(
             f"cannot write {path} ({error.strerror})",

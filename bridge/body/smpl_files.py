@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from bridge.body.model_data import (
     FACE_COUNT,
@@ -65,7 +66,7 @@ def load_smpl_file(path: str | Path) -> BodyModelData:
         v_template=arrays["v_template"],
         shapedirs=arrays["shapedirs"][:, :, :SHAPE_COUNT],
         posedirs=arrays["posedirs"],
-        J_regressor=arrays["J_regressor"],
+        J_regressor=sp.csr_matrix(arrays["J_regressor"]),
         weights=arrays["weights"],
         faces=arrays["f"],
         parents=_parents(arrays["kintree_table"]),
@@ -80,8 +81,6 @@ def _read_fields(path: Path) -> Mapping[str, Any]:
         )
     try:
         return read(path)
-    except MemoryError:
-        raise
     # A damaged or hostile file can fail inside the readers in any way at all.
     except Exception as error:
         raise _unreadable(path, error) from error

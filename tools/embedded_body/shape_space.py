@@ -8,9 +8,9 @@ import numpy as np
 
 from bridge.body.model_data import JOINT_COUNT, SHAPE_COUNT, SMPL_PARENTS
 
-REGRESSOR_VERTEX_COUNT = 64
-_REGRESSOR_RIDGE = 1e-6
-_ACROSS_PREFERENCE = 2.0
+REGRESSOR_VERTEX_COUNT = 96
+_REGRESSOR_RIDGE = 1e-7
+_ACROSS_PREFERENCE = 1.0
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ def fit_joint_regressor(
 ) -> JointRegressor:
     """Fit each joint's ring to what the joints do over the shape space.
 
-    The joints are affine in betas to within 1 to 3 mm, so a ring must meet 33 conditions: the
-    mean joint and its change with each beta. The solution nearest to the plain mean of the ring
-    is taken. Its weights are signed: no convex sum follows a knee, which the calf's growth leaves
-    where it is. They sum to one, so that translation carries over.
+    The joints are nearly affine in betas (the worst, a hip, is 2 mm off in the mean), so a ring
+    must meet 33 conditions: the mean joint and its change with each beta. The solution nearest
+    to the plain mean of the ring is taken. Its weights are signed: no convex sum follows a knee,
+    which the calf's growth leaves where it is. They sum to one, so that translation carries over.
     """
     design = np.c_[np.ones(len(joints)), shapes.betas]
     affine = np.linalg.lstsq(design, joints.reshape(len(joints), -1), rcond=None)[0]
@@ -97,21 +97,16 @@ def fit_joint_regressor(
     return JointRegressor(np.array(rings), np.array(values))
 
 
-def project(shapes: ShapeSpace, bodies: np.ndarray) -> np.ndarray:
-    """(N, 10) betas of (N, V, 3) bodies, by least squares."""
-    directions = shapes.shapedirs.reshape(-1, SHAPE_COUNT)
-    deviations = (bodies - shapes.template).reshape(len(bodies), -1)
-    return np.linalg.lstsq(directions, deviations.T, rcond=None)[0].T
-
-
-def _ring(
-    template: np.ndarray, joints: np.ndarray, weights: np.ndarray, joint: int
-) -> np.ndarray:
+def _ring(template: np.ndarray, joints: np.ndarray, weights: np.ndarray, joint: int) -> np.ndarray:
     """Vertices that the joint or its parent moves, near the plane across the bone."""
     parent = max(SMPL_PARENTS[joint], 0)
     moved = np.flatnonzero((weights[:, joint] > 0.02) | (weights[:, parent] > 0.5))
     children = [child for child, of in enumerate(SMPL_PARENTS) if of == joint]
-    bone = joints[children].mean(axis=0) - joints[joint] if children else joints[joint] - joints[parent]
+    bone = (
+        joints[children].mean(axis=0) - joints[joint]
+        if children
+        else joints[joint] - joints[parent]
+    )
     offset = template[moved] - joints[joint]
     along = np.abs(offset @ bone) / np.linalg.norm(bone)
     score = np.linalg.norm(offset, axis=1) + _ACROSS_PREFERENCE * along
@@ -130,8 +125,8 @@ def _nearest_to_mean(basis: np.ndarray, target: np.ndarray) -> np.ndarray:
     mean = np.full(count, 1.0 / count)
     conditions = basis.reshape(count, -1).T
     residual = target.reshape(-1) - conditions @ mean
-    # The ridge bounds the weights where the conditions almost contradict each other.
     # Centred conditions make corrections that sum to zero.
     centred = conditions - conditions.mean(axis=1, keepdims=True)
+    # The ridge bounds the weights where the conditions almost contradict each other.
     system = conditions @ centred.T + _REGRESSOR_RIDGE * np.eye(len(conditions))
     return mean + centred.T @ np.linalg.solve(system, residual)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -19,9 +21,7 @@ def to_tpose(
 
     Dual quaternion skinning is used, because linear blending dents the raised shoulders.
     """
-    straightened = [
-        _straighten_arms(*body, weights) for body in zip(vertices, joints, strict=True)
-    ]
+    straightened = [_straighten_arms(*body, weights) for body in zip(vertices, joints, strict=True)]
     posed, posed_joints = map(np.array, zip(*straightened, strict=True))
     pelvis = posed_joints[:, :1].copy()
     return posed - pelvis, posed_joints - pelvis
@@ -47,7 +47,7 @@ def _arm_rotations(joints: np.ndarray) -> np.ndarray:
     """(24, 3, 3) world rotation of each joint."""
     rotations = np.tile(np.eye(3), (len(joints), 1, 1))
     for side, chain in _ARMS.items():
-        for joint, child in zip(chain, chain[1:], strict=False):
+        for joint, child in pairwise(chain):
             rotations[joint] = _shortest_rotation(
                 joints[child] - joints[joint], np.array([side, 0.0, 0.0])
             )

@@ -24,6 +24,31 @@ def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
     )
 
 
+def matrix_to_axis_angle(matrix: Tensor) -> Tensor:
+    """Axis-angle vectors (..., 3), angle at most pi, of rotation matrices (..., 3, 3).
+
+    Through the largest of the quaternion's components, so it is exact at every angle; not meant
+    for gradients.
+    """
+    m00, m11, m22 = matrix[..., 0, 0], matrix[..., 1, 1], matrix[..., 2, 2]
+    x, y, z = axial_vector(matrix).unbind(-1)
+    xy, xz, yz = (matrix[..., i, j] + matrix[..., j, i] for i, j in ((0, 1), (0, 2), (1, 2)))
+    # Four parallel quaternions, (4, ..., 4) with w first, each scaled by one of its components.
+    rows = [
+        [1 + m00 + m11 + m22, x, y, z],
+        [x, 1 + m00 - m11 - m22, xy, xz],
+        [y, xy, 1 - m00 + m11 - m22, yz],
+        [z, xz, yz, 1 - m00 - m11 + m22],
+    ]
+    candidates = torch.stack([torch.stack(row, -1) for row in rows], -2)
+    best = candidates.norm(dim=-1).argmax(-1)[..., None, None].expand(*matrix.shape[:-2], 1, 4)
+    quaternion = torch.gather(candidates, -2, best)[..., 0, :]
+    quaternion = quaternion * torch.where(quaternion[..., :1] < 0, -1.0, 1.0)
+    sine = quaternion[..., 1:].norm(dim=-1, keepdim=True)
+    angle = 2 * torch.atan2(sine, quaternion[..., :1])
+    return quaternion[..., 1:] * angle / sine.clamp_min(torch.finfo(matrix.dtype).tiny)
+
+
 def left_jacobian(axis_angle: Tensor) -> Tensor:
     """Jacobian (..., 3, 3) that maps a change of the axis-angle vector to a turn in the parent.
 

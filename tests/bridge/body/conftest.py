@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.model_data import SMPL_PARENTS
@@ -27,7 +28,7 @@ def small_body() -> BodyModelData:
     """60 random vertices: every term of the model is there, at a hundredth of the cost."""
     rng = np.random.default_rng(0)
     weights = rng.dirichlet(np.full(24, 0.1), 60)
-    regressor = rng.dirichlet(np.ones(60), 24)
+    regressor = sp.csr_matrix(rng.dirichlet(np.ones(60), 24))
     return BodyModelData(
         name="small",
         source="synthetic",

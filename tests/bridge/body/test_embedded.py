@@ -76,13 +76,20 @@ def test_weights_and_regressor_are_sparse_and_sum_to_one(body: BodyModelData) ->
     np.testing.assert_allclose(body.weights.sum(axis=1), 1.0, atol=1e-12)
     assert (body.weights >= 0).all()
     assert (body.weights > 0).sum(axis=1).max() <= 4
-    assert ((body.weights > 0.5).sum(axis=0) > 0).all(), "every joint must lead some vertex"
+    assert ((body.weights > 0.3).sum(axis=0) > 10).all(), "every joint must move some skin"
     np.testing.assert_allclose(body.J_regressor.sum(axis=1), 1.0, atol=1e-12)
-    assert np.diff(body.J_regressor.indptr).max() <= 64
+    assert np.diff(body.J_regressor.indptr).max() <= 96
+
+
+def test_joints_of_one_side_do_not_move_the_other(body: BodyModelData) -> None:
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        joints = [name.startswith(side) for name in SMPL_JOINT_NAMES]
+        other_side = body.v_template[:, 0] * sign < -0.05
+        assert body.weights[np.ix_(other_side, np.flatnonzero(joints))].max() == 0.0
 
 
 def test_tpose_axes_and_origin(body: BodyModelData) -> None:
-    joints = dict(zip(SMPL_JOINT_NAMES, body.joints, strict=True))
+    joints: dict[str, np.ndarray] = dict(zip(SMPL_JOINT_NAMES, body.joints, strict=True))
     np.testing.assert_allclose(joints["pelvis"], 0.0, atol=2e-3)
     assert joints["head"][1] > 0.4 > -0.7 > joints["left_ankle"][1]
     assert joints["left_foot"][2] > joints["left_ankle"][2] + 0.1, "toes point to +z"
@@ -162,7 +169,7 @@ def test_pose_blend_shapes_act_when_posed_and_only_near_the_joint(female: BodyMo
 
 @pytest.mark.parametrize(
     ("joint", "axis_angle"),
-    [("left_knee", (2.0, 0, 0)), ("left_elbow", (0, -2.0, 0)), ("left_hip", (-1.8, 0, 0))],
+    [("left_knee", (2.0, 0, 0)), ("right_knee", (1.6, 0, 0)), ("left_hip", (-1.8, 0, 0))],
 )
 def test_pose_blend_shapes_keep_more_volume_than_linear_blending(
     body: BodyModelData, joint: str, axis_angle: tuple[float, float, float]

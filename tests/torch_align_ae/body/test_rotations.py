@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from torch_align_ae.body.rotations import axial_vector, axis_angle_to_matrix, left_jacobian
+
+# Around zero, around the switch to the series, around pi and beyond.
+ANGLES = st.one_of(
+    st.floats(0, 2e-2),
+    st.floats(np.pi - 1e-6, np.pi + 1e-6),
+    st.floats(0, 2 * np.pi),
+)
+AXES = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda axis: np.linalg.norm(axis) > 0.1)
+
+
+def axis_angle(axis, angle):
+    return torch.tensor(axis, dtype=torch.float64) / np.linalg.norm(axis) * angle
+
+
+@given(AXES, ANGLES)
+def test_matches_scipy(axis, angle):
+    vector = axis_angle(axis, angle)
+    expected = Rotation.from_rotvec(vector.numpy()).as_matrix()
+    np.testing.assert_allclose(axis_angle_to_matrix(vector).numpy(), expected, atol=1e-14)
+
+
+@given(AXES, ANGLES)
+def test_is_a_rotation(axis, angle):
+    matrix = axis_angle_to_matrix(axis_angle(axis, angle))
+    np.testing.assert_allclose((matrix @ matrix.T).numpy(), np.eye(3), atol=1e-14)
+    assert torch.det(matrix) == pytest.approx(1.0, abs=1e-14)
+
+
+@given(AXES, ANGLES)
+def test_opposite_vectors_are_inverse(axis, angle):
+    vector = axis_angle(axis, angle)
+    product = axis_angle_to_matrix(vector) @ axis_angle_to_matrix(-vector)
+    np.testing.assert_allclose(product.numpy(), np.eye(3), atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 9.9e-3, 1.01e-2, 1.0, np.pi - 1e-9, np.pi, 6.2])
+def test_gradient(angle):
+    vector = axis_angle((0.3, -0.5, 0.8), angle).requires_grad_()
+    assert torch.autograd.gradcheck(axis_angle_to_matrix, vector)
+
+
+def test_gradient_at_zero_in_float32():
+    vector = torch.zeros(2, 3, requires_grad=True)
+    axis_angle_to_matrix(vector)[..., 2, 1].sum().backward()
+    np.testing.assert_allclose(vector.grad, [[1, 0, 0]] * 2, atol=1e-7)
+
+
+@given(AXES, ANGLES)
+def test_left_jacobian_is_the_derivative_of_the_exponential(axis, angle):
+    vector = axis_angle(axis, angle)
+    turned = torch.autograd.functional.jacobian(axis_angle_to_matrix, vector)
+    spin = torch.einsum("ijk,lj->ilk", turned, axis_angle_to_matrix(vector))
+    expected = axial_vector(spin.movedim(-1, 0)).T / 2
+    np.testing.assert_allclose(left_jacobian(vector).numpy(), expected.numpy(), atol=1e-12)

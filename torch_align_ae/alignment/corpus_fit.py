@@ -1,0 +1,200 @@
+"""Aligning a whole corpus: first frames, then window by window, with a checkpoint after each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from tqdm import tqdm
+
+from bridge.errors import DsnetError
+from bridge.exchange import (
+    THETA_SIZE,
+    ArtifactWriter,
+    Sequence,
+    load_weights,
+    pack_theta,
+    save_weights,
+    subject_rows,
+    to_manifest,
+    unpack_theta,
+)
+from torch_align_ae.alignment.objective import MeshDistance
+from torch_align_ae.alignment.sgd import Descent, fit_shape_and_pose, rigid_start
+from torch_align_ae.alignment.tracking import (
+    FRAMES_PER_WINDOW,
+    Fitted,
+    Track,
+    fit_in_groups,
+    follow,
+)
+from torch_align_ae.body import SMPL
+from torch_align_ae.corpus.dyna_files import DynaReader
+
+# A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
+_WORST_FIRST_FRAME_M = 0.2
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Numbers of descent steps."""
+
+    frame: int
+    """For each frame after a sequence's first."""
+    first_frame: int
+    """For the pose of a sequence's first frame."""
+    shape: int
+    """For a subject's shape together with the pose of its very first frame."""
+
+
+@dataclass
+class _State:
+    """Where the work has got to: what a checkpoint holds."""
+
+    betas: NDArray[np.float32]
+    """(S, 10) shapes of the subjects."""
+    theta: NDArray[np.float32]
+    """(N, 69) latest pose of each sequence."""
+    next_frame: int
+    """First frame, within each sequence, that is not yet written."""
+
+
+class CorpusFit:
+    """One corpus to align; `write` fills the artifact.
+
+    Shapes come from the first frame of each subject's first sequence and then stay (Section 3.3).
+    """
+
+    def __init__(
+        self,
+        smpl: SMPL,
+        reader: DynaReader,
+        sequences: list[Sequence],
+        effort: Effort,
+        descent: Descent,
+    ) -> None:
+        self._objective = MeshDistance(smpl)
+        self._reader, self._sequences = reader, sequences
+        self._effort, self._descent = effort, descent
+        self._row_of_subject = subject_rows(sequences)
+        self._subject_of = [self._row_of_subject[sequence.subject] for sequence in sequences]
+
+    def write(self, writer: ArtifactWriter) -> None:
+        """Write `betas`, `theta`, `offsets` and `frame_error`, or the part that is missing."""
+        state = _load(writer)
+        if state is None:
+            state = self._first_frames()
+            _save(writer, state)
+        tracks = [self._track(index, state.betas) for index in range(len(self._sequences))]
+        longest = max(track.length for track in tracks)
+        with self._progress(state.next_frame) as progress:
+            while state.next_frame < longest:
+                self._write_window(writer, tracks, state, progress)
+                _save(writer, state)
+        self._open_arrays(writer)
+        writer.put("betas", state.betas, "1")
+        writer.record(sequences=to_manifest(self._sequences))
+
+    def _first_frames(self) -> _State:
+        """Shape of every subject, and pose of every sequence's first frame."""
+        first = [self._reader.frames(sequence.name, 0, 1)[0] for sequence in self._sequences]
+        meshes = torch.from_numpy(np.stack(first)).transpose(1, 2).contiguous()
+        leading = [self._subject_of.index(row) for row in self._row_of_subject.values()]
+        with tqdm(total=self._effort.shape, desc="shapes", unit="step", disable=None) as progress:
+            betas, *lead = fit_shape_and_pose(
+                self._objective, meshes[leading], self._effort.shape, self._descent, progress.update
+            )
+        shapes = self._objective.shapes(betas[self._subject_of])
+        start = rigid_start(self._objective, shapes, meshes)
+        pose, trans = fit_in_groups(
+            self._objective, shapes, start, meshes, self._effort.first_frame, self._descent
+        )
+        pose[leading], trans[leading] = lead
+        self._check_first_frames(betas[self._subject_of], pose, trans, meshes)
+        return _State(betas.numpy(), pack_theta(pose.numpy(), trans.numpy()), 0)
+
+    def _check_first_frames(
+        self, betas: Tensor, pose: Tensor, trans: Tensor, meshes: Tensor
+    ) -> None:
+        for row, sequence in enumerate(self._sequences):
+            one = slice(row, row + 1)
+            posed = self._objective.smpl(betas[one], pose[one], trans[one])[0]
+            error_m = (posed - meshes[row].T).norm(dim=1).mean().item()
+            if error_m > _WORST_FIRST_FRAME_M:
+                raise DsnetError(
+                    f"{sequence.name}, whose first frame stays {100 * error_m:.0f} cm from SMPL",
+                    "meshes with SMPL's vertex order",
+                    "Register the meshes to SMPL's template, or raise the first frame's steps.",
+                )
+
+    def _track(self, index: int, betas: NDArray[np.float32]) -> Track:
+        sequence = self._sequences[index]
+        shape = torch.from_numpy(betas[self._subject_of[index]])
+
+        def read(start: int, stop: int) -> NDArray[np.float32]:
+            return self._reader.frames(sequence.name, start, stop)
+
+        return Track(read, sequence.length, shape)
+
+    def _write_window(
+        self, writer: ArtifactWriter, tracks: list[Track], state: _State, progress: tqdm
+    ) -> None:
+        # Opened anew for each window: pages of a map count as memory until it is closed.
+        arrays = self._open_arrays(writer)
+        pose, trans = (torch.from_numpy(part.copy()) for part in unpack_theta(state.theta))
+        for fitted in follow(
+            self._objective,
+            tracks,
+            state.next_frame,
+            (pose, trans),
+            self._effort.frame,
+            self._descent,
+        ):
+            state.theta[fitted.track] = self._write(arrays, fitted)
+            progress.update(len(fitted.pose))
+        for array in arrays.values():
+            array.flush()
+        state.next_frame += FRAMES_PER_WINDOW
+
+    def _write(self, arrays: dict[str, np.memmap], fitted: Fitted) -> NDArray[np.float32]:
+        """Store some frames of one sequence; returns the last one's theta."""
+        begin = self._sequences[fitted.track].start + fitted.start
+        rows = slice(begin, begin + len(fitted.pose))
+        arrays["theta"][rows] = pack_theta(fitted.pose.numpy(), fitted.trans.numpy())
+        arrays["offsets"][rows] = fitted.offsets.numpy()
+        arrays["frame_error"][rows] = fitted.frame_error.numpy()
+        return arrays["theta"][rows.stop - 1]
+
+    def _open_arrays(self, writer: ArtifactWriter) -> dict[str, np.memmap]:
+        frames = self._sequences[-1].frames.stop
+        vertices = (frames, self._objective.smpl.vertex_count, 3)
+        return {
+            "theta": writer.open_array("theta", (frames, THETA_SIZE), np.float32, "rad and m"),
+            "offsets": writer.open_array("offsets", vertices, np.float32, "m"),
+            "frame_error": writer.open_array("frame_error", (frames,), np.float32, "m"),
+        }
+
+    def _progress(self, done: int) -> tqdm:
+        total = sum(sequence.length for sequence in self._sequences)
+        initial = sum(min(sequence.length, done) for sequence in self._sequences)
+        return tqdm(total=total, initial=initial, desc="align", unit="frame", disable=None)
+
+
+def _load(writer: ArtifactWriter) -> _State | None:
+    path = writer.checkpoints / "state.safetensors"
+    if not path.is_file():
+        return None
+    stored = load_weights(path)
+    return _State(stored["betas"], stored["theta"], int(stored["next_frame"][0]))
+
+
+def _save(writer: ArtifactWriter, state: _State) -> None:
+    arrays = {
+        "betas": state.betas,
+        "theta": state.theta,
+        "next_frame": np.array([state.next_frame]),
+    }
+    save_weights(writer.checkpoints / "state.safetensors", arrays)

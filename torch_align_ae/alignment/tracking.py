@@ -1,0 +1,183 @@
+"""Following many sequences at once: each frame is started from the pose of the one before.
+
+Sequences are cut into windows of frames, so that only a window of each is in memory; within a
+window they are shared out in groups that advance frame by frame as one batch. Groups run in
+threads of their own, each with one arithmetic thread: that keeps two cores busier than one batch
+on both, and its results do not depend on the number of cores.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torch_align_ae.alignment.objective import MeshDistance, Shapes
+from torch_align_ae.alignment.sgd import Descent, fit_pose
+from torch_align_ae.body import SMPL, rest_pose_offsets
+
+# Read, fitted and written between two checkpoints: two chunks of the corpus's files.
+FRAMES_PER_WINDOW = 32
+
+# Fewer bodies waste time between operations, more fall out of the cache (measured: 16).
+_BODIES_PER_GROUP = 16
+
+
+@dataclass(frozen=True)
+class Track:
+    """One sequence to follow."""
+
+    read: Callable[[int, int], NDArray[np.float32]]
+    """Frames [start, stop) as (n, V, 3) metres."""
+    length: int
+    """Number of frames."""
+    betas: Tensor
+    """(10,) shape of its subject."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Consecutive frames of one sequence, fitted."""
+
+    track: int
+    """Index of the sequence."""
+    start: int
+    """First frame, counted within the sequence."""
+    pose: Tensor
+    """(n, 22, 3) axis-angle, radians."""
+    trans: Tensor
+    """(n, 3) metres."""
+    offsets: Tensor
+    """(n, V, 3) metres in the rest pose, Eq. 5."""
+    frame_error: Tensor
+    """(n,) mean distance of the posed body's vertices to the mesh, metres."""
+
+
+def follow(
+    objective: MeshDistance,
+    tracks: list[Track],
+    start: int,
+    before: tuple[Tensor, Tensor],
+    steps: int,
+    descent: Descent,
+) -> Iterator[Fitted]:
+    """Fit one window of every sequence that is long enough, group by group.
+
+    Parameters
+    ----------
+    tracks : all sequences.
+    start : first frame of the window. Frame 0 is taken as fitted already.
+    before : pose (N, 22, 3) and translation (N, 3) of frame `start - 1` of each sequence, or of
+        frame 0 when `start` is 0.
+    steps, descent : how to fit each frame.
+
+    Yields
+    ------
+    The window of each sequence, longest sequence first.
+    """
+    active = [index for index, track in enumerate(tracks) if track.length > start]
+    # Longest first, so that those that end together share a group.
+    active.sort(key=lambda index: -tracks[index].length)
+    work = partial(_follow_group, objective, tracks, start, before, steps, descent)
+    with _pool() as pool:
+        for results in pool.map(work, _groups(active)):
+            yield from results
+
+
+def fit_in_groups(
+    objective: MeshDistance,
+    shapes: Shapes,
+    start: tuple[Tensor, Tensor],
+    target: Tensor,
+    steps: int,
+    descent: Descent,
+) -> tuple[Tensor, Tensor]:
+    """`fit_pose` for many bodies, in groups on all cores."""
+
+    def fit(rows: list[int]) -> tuple[Tensor, Tensor]:
+        planes = objective.workspace(len(rows))
+        begin = start[0][rows], start[1][rows]
+        return fit_pose(objective, shapes.rows(rows), begin, target[rows], steps, descent, planes)
+
+    with _pool() as pool:
+        poses, translations = zip(*pool.map(fit, _groups(list(range(len(target))))), strict=True)
+    return torch.cat(poses), torch.cat(translations)
+
+
+@contextmanager
+def _pool() -> Iterator[ThreadPoolExecutor]:
+    threads = torch.get_num_threads()
+    with ThreadPoolExecutor(
+        max(1, os.cpu_count() or 1), initializer=torch.set_num_threads, initargs=(1,)
+    ) as pool:
+        try:
+            yield pool
+        finally:
+            torch.set_num_threads(threads)
+
+
+def _groups(rows: list[int]) -> list[list[int]]:
+    """Groups of nearly equal size, an even number of them so that two cores end together."""
+    count = min(len(rows), 2 * math.ceil(len(rows) / (2 * _BODIES_PER_GROUP)))
+    return [group.tolist() for group in np.array_split(np.array(rows, dtype=int), max(count, 1))]
+
+
+def _follow_group(
+    objective: MeshDistance,
+    tracks: list[Track],
+    start: int,
+    before: tuple[Tensor, Tensor],
+    steps: int,
+    descent: Descent,
+    group: list[int],
+) -> list[Fitted]:
+    lengths = [min(FRAMES_PER_WINDOW, tracks[index].length - start) for index in group]
+    meshes = [
+        torch.from_numpy(tracks[index].read(start, start + length))
+        for index, length in zip(group, lengths, strict=True)
+    ]
+    betas = torch.stack([tracks[index].betas for index in group])
+    poses = before[0].new_zeros(len(group), max(lengths), *before[0].shape[1:])
+    translations = before[1].new_zeros(len(group), max(lengths), 3)
+    pose, trans = before[0][group], before[1][group]
+    shapes, planes = objective.shapes(betas), objective.workspace(len(group))
+    for frame in range(max(lengths)):
+        # Sorted by length, so the sequences that go on are the first ones.
+        going = sum(length > frame for length in lengths)
+        pose, trans = pose[:going], trans[:going]
+        if start + frame > 0:
+            target = torch.stack([mesh[frame].T for mesh in meshes[:going]])
+            pose, trans = fit_pose(
+                objective,
+                shapes.rows(slice(going)),
+                (pose, trans),
+                target,
+                steps,
+                descent,
+                planes[:going],
+            )
+        poses[:going, frame], translations[:going, frame] = pose, trans
+    return [
+        _measure(objective.smpl, index, start, betas[row], poses[row], translations[row], mesh)
+        for row, (index, mesh) in enumerate(zip(group, meshes, strict=True))
+    ]
+
+
+def _measure(
+    smpl: SMPL, index: int, start: int, betas: Tensor, pose: Tensor, trans: Tensor, mesh: Tensor
+) -> Fitted:
+    """Offsets and errors of one sequence's window; rows after its end are cut off."""
+    pose, trans = pose[: len(mesh)], trans[: len(mesh)]
+    betas = betas.expand(len(mesh), -1)
+    error = (smpl(betas, pose, trans) - mesh).norm(dim=-1).mean(-1)
+    offsets = rest_pose_offsets(smpl, mesh, betas, pose, trans)
+    return Fitted(index, start, pose, trans, offsets, error)

@@ -1,0 +1,44 @@
+"""The autoencoder that the paper compares itself with (Casas and Otaduy 2018; Section 5)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from torch import Tensor, nn
+
+CASAS_OTADUY_WIDTHS = (20670, 6000, 3000, 100)
+"""Three fully connected layers of 6000, 3000 and 100 outputs; the decoder mirrors them."""
+
+
+class CasasOtaduyAutoencoder(nn.Module):
+    """Fully connected autoencoder of flattened offsets: 284,678,770 parameters.
+
+    Parameters
+    ----------
+    widths : tuple of int
+        Input size, then the outputs of the encoder's layers.
+    """
+
+    def __init__(self, widths: tuple[int, ...] = CASAS_OTADUY_WIDTHS) -> None:
+        super().__init__()
+        self.encoder = _fully_connected(widths)
+        self.decoder = _fully_connected(widths[::-1])
+
+    def encode(self, offsets: Tensor) -> Tensor:
+        """Normalised offsets (B, V, 3) to latents (B, 100)."""
+        return self.encoder(offsets.flatten(1))
+
+    def decode(self, latents: Tensor) -> Tensor:
+        """Latents (B, 100) to normalised offsets (B, V, 3)."""
+        return self.decoder(latents).unflatten(1, (-1, 3))
+
+    def forward(self, offsets: Tensor) -> Tensor:
+        """Reconstruct normalised offsets (B, V, 3)."""
+        return self.decode(self.encode(offsets))
+
+
+def _fully_connected(widths: tuple[int, ...]) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for width_in, width_out in pairwise(widths):
+        layers += [nn.Linear(width_in, width_out), nn.LeakyReLU(0.1, inplace=True)]
+    return nn.Sequential(*layers[:-1])
