@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,13 +24,13 @@ from bridge.exchange import (
     unpack_theta,
 )
 from torch_align_ae.alignment.objective import MeshDistance
-from torch_align_ae.alignment.sgd import Descent, fit_shape_and_pose, rigid_start
+from torch_align_ae.alignment.sgd import Descent, fit_pose, fit_shape_and_pose, rigid_start
 from torch_align_ae.alignment.tracking import (
     FRAMES_PER_WINDOW,
     Fitted,
     Track,
-    fit_in_groups,
     follow,
+    in_groups,
 )
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import DynaReader
@@ -103,18 +104,45 @@ class CorpusFit:
         first = [self._reader.frames(sequence.name, 0, 1)[0] for sequence in self._sequences]
         meshes = torch.from_numpy(np.stack(first)).transpose(1, 2).contiguous()
         leading = [self._subject_of.index(row) for row in self._row_of_subject.values()]
-        with tqdm(total=self._effort.shape, desc="shapes", unit="step", disable=None) as progress:
-            betas, *lead = fit_shape_and_pose(
-                self._objective, meshes[leading], self._effort.shape, self._descent, progress.update
-            )
-        shapes = self._objective.shapes(betas[self._subject_of])
-        start = rigid_start(self._objective, shapes, meshes)
-        pose, trans = fit_in_groups(
-            self._objective, shapes, start, meshes, self._effort.first_frame, self._descent
-        )
+        betas, *lead = self._fit_shapes(meshes[leading])
+        pose, trans = self._fit_first_poses(betas[self._subject_of], meshes)
         pose[leading], trans[leading] = lead
         self._check_first_frames(betas[self._subject_of], pose, trans, meshes)
         return _State(betas.numpy(), pack_theta(pose.numpy(), trans.numpy()), 0)
+
+    def _fit_shapes(self, meshes: Tensor) -> list[Tensor]:
+        steps = self._effort.shape * len(meshes)
+        with tqdm(total=steps, desc="shapes", unit="step", disable=None) as progress:
+
+            def fit(rows: list[int]) -> tuple[Tensor, Tensor, Tensor]:
+                return fit_shape_and_pose(
+                    self._objective,
+                    meshes[rows],
+                    self._effort.shape,
+                    self._descent,
+                    lambda: progress.update(len(rows)),
+                )
+
+            return _concatenate(in_groups(len(meshes), fit))
+
+    def _fit_first_poses(self, betas: Tensor, meshes: Tensor) -> list[Tensor]:
+        def fit(rows: list[int]) -> tuple[Tensor, Tensor]:
+            shapes, planes = (
+                self._objective.shapes(betas[rows]),
+                self._objective.workspace(len(rows)),
+            )
+            start = rigid_start(self._objective, shapes, meshes[rows])
+            return fit_pose(
+                self._objective,
+                shapes,
+                start,
+                meshes[rows],
+                self._effort.first_frame,
+                self._descent,
+                planes,
+            )
+
+        return _concatenate(in_groups(len(meshes), fit))
 
     def _check_first_frames(
         self, betas: Tensor, pose: Tensor, trans: Tensor, meshes: Tensor
@@ -181,6 +209,10 @@ class CorpusFit:
         total = sum(sequence.length for sequence in self._sequences)
         initial = sum(min(sequence.length, done) for sequence in self._sequences)
         return tqdm(total=total, initial=initial, desc="align", unit="frame", disable=None)
+
+
+def _concatenate(parts: Iterable[tuple[Tensor, ...]]) -> list[Tensor]:
+    return [torch.cat(tensors) for tensors in zip(*parts, strict=True)]
 
 
 def _load(writer: ArtifactWriter) -> _State | None:

@@ -12,16 +12,15 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from typing import TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torch_align_ae.alignment.objective import MeshDistance, Shapes
+from torch_align_ae.alignment.objective import MeshDistance
 from torch_align_ae.alignment.sgd import Descent, fit_pose
 from torch_align_ae.body import SMPL, rest_pose_offsets
 
@@ -30,6 +29,8 @@ FRAMES_PER_WINDOW = 32
 
 # Fewer bodies waste time between operations, more fall out of the cache (measured: 16).
 _BODIES_PER_GROUP = 16
+
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -87,48 +88,34 @@ def follow(
     active = [index for index, track in enumerate(tracks) if track.length > start]
     # Longest first, so that those that end together share a group.
     active.sort(key=lambda index: -tracks[index].length)
-    work = partial(_follow_group, objective, tracks, start, before, steps, descent)
-    with _pool() as pool:
-        for results in pool.map(work, _groups(active)):
-            yield from results
+
+    def work(rows: list[int]) -> list[Fitted]:
+        group = [active[row] for row in rows]
+        return _follow_group(objective, tracks, start, before, steps, descent, group)
+
+    for results in in_groups(len(active), work):
+        yield from results
 
 
-def fit_in_groups(
-    objective: MeshDistance,
-    shapes: Shapes,
-    start: tuple[Tensor, Tensor],
-    target: Tensor,
-    steps: int,
-    descent: Descent,
-) -> tuple[Tensor, Tensor]:
-    """`fit_pose` for many bodies, in groups on all cores."""
-
-    def fit(rows: list[int]) -> tuple[Tensor, Tensor]:
-        planes = objective.workspace(len(rows))
-        begin = start[0][rows], start[1][rows]
-        return fit_pose(objective, shapes.rows(rows), begin, target[rows], steps, descent, planes)
-
-    with _pool() as pool:
-        poses, translations = zip(*pool.map(fit, _groups(list(range(len(target))))), strict=True)
-    return torch.cat(poses), torch.cat(translations)
-
-
-@contextmanager
-def _pool() -> Iterator[ThreadPoolExecutor]:
+def in_groups(count: int, work: Callable[[list[int]], _Result]) -> Iterator[_Result]:
+    """Results of `work` on groups of the rows 0 to `count`, in order, computed in threads."""
     threads = torch.get_num_threads()
-    with ThreadPoolExecutor(
-        max(1, os.cpu_count() or 1), initializer=torch.set_num_threads, initargs=(1,)
-    ) as pool:
-        try:
-            yield pool
-        finally:
-            torch.set_num_threads(threads)
+    torch.set_num_threads(1)
+    try:
+        with ThreadPoolExecutor(os.cpu_count(), initializer=_one_arithmetic_thread) as pool:
+            yield from pool.map(work, _groups(count))
+    finally:
+        torch.set_num_threads(threads)
 
 
-def _groups(rows: list[int]) -> list[list[int]]:
+def _one_arithmetic_thread() -> None:
+    torch.set_num_threads(1)
+
+
+def _groups(count: int) -> list[list[int]]:
     """Groups of nearly equal size, an even number of them so that two cores end together."""
-    count = min(len(rows), 2 * math.ceil(len(rows) / (2 * _BODIES_PER_GROUP)))
-    return [group.tolist() for group in np.array_split(np.array(rows, dtype=int), max(count, 1))]
+    number = min(count, 2 * math.ceil(count / (2 * _BODIES_PER_GROUP)))
+    return [group.tolist() for group in np.array_split(np.arange(count), max(number, 1))]
 
 
 def _follow_group(
