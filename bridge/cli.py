@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import tyro
 
@@ -33,18 +33,22 @@ PROFILES = ("smoke", "demo", "paper")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point: run one subcommand; a DsnetError becomes one line and exit status 2."""
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    """Entry point: run one subcommand."""
+    with exit_with_one_line():
+        _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+
+
+@contextmanager
+def exit_with_one_line() -> Iterator[None]:
+    """Turn a DsnetError into one line and exit status 2, an interrupt into one line and 130."""
     try:
-        _dispatch(arguments)
+        yield
     except DsnetError as error:
         print(f"dsnet: {error}", file=sys.stderr)  # noqa: T201
         sys.exit(2)
     except KeyboardInterrupt:
         print("dsnet: interrupted; run the same command to go on", file=sys.stderr)  # noqa: T201
         sys.exit(130)
-    except BrokenPipeError:
-        os._exit(1)
 
 
 def _dispatch(arguments: list[str]) -> None:
