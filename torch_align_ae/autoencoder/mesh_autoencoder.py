@@ -51,7 +51,7 @@ class VertexConv(nn.Conv1d):
         """Mix (in, B, C) into (out, B, C)."""
         assert self.bias is not None
         vertices, *rest = input.shape
-        mixed = torch.addmm(self.bias[:, None], self.weight[:, :, 0], input.view(vertices, -1))
+        mixed = torch.addmm(self.bias[:, None], self.weight.squeeze(2), input.view(vertices, -1))
         return mixed.view(-1, *rest)
 
 

@@ -85,6 +85,11 @@ class Contact:
     z_m: float = 0.0
     """Displacement to the front."""
 
+    @property
+    def middle_s(self) -> float:
+        """Halfway between landing and take-off."""
+        return (self.start_s + self.stop_s) / 2
+
 
 @dataclass(frozen=True)
 class Swing:
@@ -121,13 +126,16 @@ def stepping_foot(
         x += (after.x_m - before.x_m) * travel
         z += (after.z_m - before.z_m) * travel - swing.back_m * arch
         y += swing.lift_m * arch
-        middle_s = (before.stop_s + after.start_s) / 2
+        flat_s = before.middle_s + 0.01
+        if before is contacts[0]:
+            pitch_knots.append((before.stop_s - 0.45, 0.0))
+            flat_s = before.stop_s - 0.3
         pitch_knots += [
-            (max(before.stop_s - 0.16, (before.start_s + before.stop_s) / 2), swing.standing_pitch),
+            (max(before.stop_s - 0.16, flat_s), swing.standing_pitch),
             (before.stop_s, swing.take_off_pitch),
-            (middle_s, swing.pitch),
+            ((before.stop_s + after.start_s) / 2, swing.pitch),
             (after.start_s, swing.landing_pitch),
-            (min(after.start_s + 0.12, (after.start_s + after.stop_s) / 2), swing.standing_pitch),
+            (min(after.start_s + 0.12, after.middle_s), swing.standing_pitch),
         ]
     pitch = keyframes(times_s, *zip(*pitch_knots, strict=True))
     return FootPath(axis(times_s, x, y, z), pitch, np.zeros(times_s.shape) + yaw)

@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from torch_align_ae.alignment.objective import MeshDistance
+from torch_align_ae.alignment.sgd import Descent, fit_pose, fit_shape_and_pose, rigid_start
+
+
+@pytest.fixture(scope="module")
+def objective(smpl):
+    return MeshDistance(smpl)
+
+
+def planar(vertices):
+    return vertices.transpose(1, 2).contiguous()
+
+
+def root_mean_square_m(smpl, target, *variables):
+    return (smpl(*variables).transpose(1, 2) - target).square().sum(1).mean().sqrt().item()
+
+
+def test_recovers_pose_within_the_methods_floor(objective, smpl, motion):
+    pose, trans = (part[:2] for part in motion(2))
+    betas = torch.zeros(2, 10)
+    target = planar(smpl(betas, pose, trans))
+    begin = pose + 0.03, trans + 0.02
+    found = fit_pose(
+        objective, objective.shapes(betas), begin, target, 300, Descent(), objective.workspace(2)
+    )
+    assert root_mean_square_m(smpl, target, betas, *found) < 0.003
+    assert root_mean_square_m(smpl, target, betas, *begin) > 0.03
+    np.testing.assert_allclose(found[0], pose, atol=0.03)
+
+
+def test_recovers_shape_within_the_methods_floor(objective, smpl, motion):
+    pose, trans = (part[:1] for part in motion(1))
+    betas = torch.tensor([[0.6, -0.3, 0, 0, 0, 0, 0, 0, 0, 0]])
+    target = planar(smpl(betas, 0.3 * pose, trans))
+    found = fit_shape_and_pose(objective, target, 800, Descent())
+    assert root_mean_square_m(smpl, target, *found) < 0.006
+    assert abs(found[0][0, 0] - 0.6) < 0.1
+
+
+def test_descent_is_torchs_sgd_on_the_unsquared_norm(objective, smpl, motion):
+    pose, trans = (part[:1] for part in motion(1))
+    betas = torch.zeros(1, 10)
+    target = smpl(betas, pose, trans)
+    variables = [(pose + 0.05).requires_grad_(), (trans + 0.05).requires_grad_()]
+    optimizer = torch.optim.SGD(variables, lr=1e-4, momentum=0.9)
+    # `fit_pose` returns the best of the iterates it has seen, so one step less is compared.
+    for _ in range(5):
+        optimizer.zero_grad()
+        (smpl(betas, *variables) - target).norm().backward()
+        optimizer.step()
+    found = fit_pose(
+        objective,
+        objective.shapes(betas),
+        (pose + 0.05, trans + 0.05),
+        planar(target),
+        6,
+        Descent(),
+        objective.workspace(1),
+    )
+    np.testing.assert_allclose(found[0], variables[0].detach(), atol=1e-5)
+    np.testing.assert_allclose(found[1], variables[1].detach(), atol=1e-5)
+
+
+def test_batch_equals_singles(objective, smpl, motion):
+    pose, trans = motion(3)
+    betas = torch.zeros(3, 10)
+    betas[:, 0] = torch.tensor([-1.0, 0.0, 1.0])
+    target = planar(smpl(betas, pose, trans))
+    shapes = objective.shapes(betas)
+
+    def fit(rows):
+        start = pose[rows] + 0.02, trans[rows]
+        planes = objective.workspace(len(start[0]))
+        return fit_pose(objective, shapes.rows(rows), start, target[rows], 20, Descent(), planes)
+
+    together = fit(slice(0, 3))
+    for row in range(3):
+        alone = fit(slice(row, row + 1))
+        np.testing.assert_allclose(together[0][row], alone[0][0], atol=1e-4)
+        np.testing.assert_allclose(together[1][row], alone[1][0], atol=1e-4)
+
+
+def test_rigid_start_finds_a_person_who_looks_the_other_way(objective, smpl):
+    pose, trans = torch.zeros(2, 22, 3), torch.tensor([[0.3, 1.0, -2.0], [0.0, 0.0, 0.0]])
+    pose[0, 0] = torch.tensor([0.1, 3.1, 0.0])
+    pose[1, 0] = torch.tensor([0.0, -1.5, 0.4])
+    betas = torch.zeros(2, 10)
+    found = rigid_start(objective, objective.shapes(betas), planar(smpl(betas, pose, trans)))
+    np.testing.assert_allclose(found[0], pose, atol=0.01)
+    np.testing.assert_allclose(found[1], trans, atol=0.01)

@@ -1,0 +1,104 @@
+"""How the mesh autoencoder's weights begin: in a few hundred steps this decides what is learned.
+
+`torch` is PyTorch's own default, which the paper presumably used. Each of its
+layers shrinks the signal (gain 1/sqrt(3) or less), so that fourteen of them
+begin by answering zero, and most of a short run is spent on growing them.
+
+`modes` begins as an exactly linear code that already reconstructs most of the
+motion. Two facts make it. First, for f = LeakyReLU of slope a,
+
+    f(-f(x)) = -a x        for every x,
+
+so that a *pair* of layers, joined by minus the identity, is linear although
+both nonlinearities are in place; the encoder has six activations and the
+decoder six, hence three pairs each. Second, a linear code that mixes vertices
+alike for all features is best made of the leading left singular vectors of
+the vertices x (frames, coordinates) matrix. The latents begin as a random
+rotation of those modes' coefficients: distances between latents then are
+distances between offsets, and no latent outweighs another.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from torch_align_ae.autoencoder.mesh_autoencoder import FEATURES, LATENT_SIZE, MeshAutoencoder
+
+InitialisationName = Literal["torch", "modes"]
+SAMPLE_FRAMES = 512
+"""Training frames from which the modes are computed: singular vectors of 6890 x 1536."""
+
+
+@torch.no_grad()
+def initialise_with_modes(model: MeshAutoencoder, sample: Tensor, seed: int) -> None:
+    """Make `model` the best linear code of `sample` that mixes vertices alike for all features.
+
+    Parameters
+    ----------
+    model : MeshAutoencoder
+        With `leaky_relu`, whose pairs can be linear, and four convolutions.
+    sample : Tensor
+        (frames, V, 3) normalised offsets of training frames.
+    seed : int
+        Of the random directions that complete the modes, and of the latent rotation.
+    """
+    if model.activation != "leaky_relu" or len(model.widths) != 5:
+        raise ValueError("'modes' needs leaky_relu, whose pairs are linear, and four convolutions")
+    generator = torch.Generator().manual_seed(seed)
+    _vertices, fine, middle, coarse, coarsest = model.widths
+    basis = vertex_basis(sample, count=coarsest, size=fine, generator=generator)
+    gain = 1 / model.negative_slope
+    encoder, decoder = model.encoder, model.decoder
+
+    _set(encoder.linear_1, _features(generator))
+    _set(encoder.linear_2, -_selection(FEATURES[2], FEATURES[1]))
+    _set(encoder.conv_1, gain * basis.T)
+    _set(encoder.conv_2, -_selection(middle, fine))
+    _set(encoder.conv_3, gain * _selection(coarse, middle))
+    _set(encoder.conv_4, -_selection(coarsest, coarse))
+    rotation = _latent_rotation(coarsest, generator)
+    _set(model.to_latent, gain * rotation)
+
+    _set(model.from_latent, rotation.T)
+    _set(decoder.conv_1, -_selection(coarse, coarsest))
+    _set(decoder.conv_2, gain * _selection(middle, coarse))
+    _set(decoder.conv_3, -_selection(fine, middle))
+    _set(decoder.conv_4, gain * basis)
+    _set(decoder.linear_1, -_selection(FEATURES[1], FEATURES[2]))
+    _set(model.to_coordinates, gain * torch.linalg.pinv(encoder.linear_1.weight))
+
+
+def vertex_basis(sample: Tensor, *, count: int, size: int, generator: torch.Generator) -> Tensor:
+    """Orthonormal columns (V, size): the `count` leading vertex modes, then random directions."""
+    snapshots = sample.transpose(0, 1).flatten(1)  # (V, frames * 3)
+    gram = snapshots.T.double() @ snapshots.double()
+    _, vectors = torch.linalg.eigh(gram)
+    modes = snapshots.double() @ vectors.flip(1)[:, :count]
+    others = torch.randn(len(snapshots), size - modes.shape[1], generator=generator)
+    return torch.linalg.qr(torch.cat([modes.float(), others], dim=1)).Q
+
+
+def _set(layer: nn.Module, weight: Tensor) -> None:
+    layer.weight.copy_(weight.reshape(layer.weight.shape))
+    layer.bias.zero_()
+
+
+def _selection(rows: int, columns: int) -> Tensor:
+    return torch.eye(rows, columns)
+
+
+def _features(generator: torch.Generator) -> Tensor:
+    """Orthonormal 4 x 3: coordinates spread over the features without a preferred axis."""
+    shape = (FEATURES[1], FEATURES[0])
+    return torch.linalg.qr(torch.randn(shape, generator=generator)).Q
+
+
+def _latent_rotation(vertices: int, generator: torch.Generator) -> Tensor:
+    """(100, vertices * 9): orthonormal columns for the features that carry the linear code.
+
+    Four features carry the linear code, three of them independent.
+    """
+    raise NotImplementedError

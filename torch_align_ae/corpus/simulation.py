@@ -1,0 +1,99 @@
+"""From a pose sequence to the offsets of the tissue, and to the mesh that a scanner would see."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.posing import shaped_vertices
+from bridge.exchange import unpack_theta
+from torch_align_ae.body import SMPL
+from torch_align_ae.corpus.soft_tissue import RATE_HZ, Array, SoftTissue
+from torch_align_ae.corpus.tissue_parameters import tissue_parameters
+
+_FRAMES_PER_BATCH = 32
+
+
+class TissueSimulator:
+    """The soft tissue of one subject.
+
+    Parameters
+    ----------
+    smpl : float64 body model.
+    betas : (10,) shape of the subject.
+    """
+
+    def __init__(self, smpl: SMPL, betas: Array) -> None:
+        self.smpl, self.betas = smpl, betas
+        vertices = shaped_vertices(smpl.data, betas[None])[0]
+        self.tissue = SoftTissue(vertices, smpl.data.faces, tissue_parameters(smpl.data, betas))
+
+    def offsets(self, theta: Array, fps: float) -> NDArray[np.float32]:
+        """Offsets (T, V, 3) in the rest pose, metres, of a motion (T, 69) that begins at rest."""
+        drive = rest_frame_drive(self.smpl, self.betas, theta, fps)
+        substeps = round(RATE_HZ / fps)
+        if not np.isclose(substeps * fps, RATE_HZ):
+            raise ValueError(f"{RATE_HZ} Hz is not a multiple of {fps} fps")
+        result = np.zeros(drive.shape, np.float32)
+        state = self.tissue.at_rest()
+        for frame in range(1, len(theta)):
+            before, after = drive[frame - 1], drive[frame]
+            for substep in range(substeps):
+                share = (substep + 0.5) / substeps
+                state = self.tissue.step(state, (1 - share) * before + share * after)
+            result[frame] = state.offsets_m
+        return result
+
+
+def rest_frame_drive(smpl: SMPL, betas: Array, theta: Array, fps: float) -> Array:
+    """-R^T x'' (T, V, 3), m/s^2: what the moving skeleton does to tissue, in the rest frame.
+
+    A [1 2 1] / 4 filter in time blunts impacts, as shoes, pads and joints do.
+    """
+    vertices, turns = _skin(smpl, betas, theta)
+    acceleration = np.zeros_like(vertices)
+    acceleration[1:-1] = (vertices[2:] - 2 * vertices[1:-1] + vertices[:-2]) * fps**2
+    drive = -np.einsum("txyv,txv->tvy", turns, acceleration.transpose(0, 2, 1))
+    blunted = drive.copy()
+    blunted[1:-1] = (drive[:-2] + 2 * drive[1:-1] + drive[2:]) / 4
+    return blunted
+
+
+def _skin(smpl: SMPL, betas: Array, theta: Array) -> tuple[Array, Array]:
+    """Vertices (T, V, 3) and each vertex's blended rotation (T, 3, 3, V)."""
+    vertices, turns = [], []
+    with torch.inference_mode():
+        for start in range(0, len(theta), _FRAMES_PER_BATCH):
+            shape, pose, trans = _tensors(smpl, betas, theta[start : start + _FRAMES_PER_BATCH])
+            vertices.append(smpl(shape, pose, trans).numpy())
+            blended = smpl.blended_transforms(shape, smpl.rotations(pose), trans)
+            turns.append(blended[:, :, :3].numpy().astype(np.float32))
+    return np.concatenate(vertices), np.concatenate(turns)
+
+
+def posed_meshes(
+    smpl: SMPL, betas: Array, theta: Array, offsets_m: NDArray[np.floating]
+) -> NDArray[np.float32]:
+    """S_t = M(beta, theta_t) with the offsets posed alike (Eq. 1-2): (T, V, 3), metres."""
+    meshes = np.zeros(offsets_m.shape, np.float32)
+    with torch.inference_mode():
+        for start in range(0, len(theta), _FRAMES_PER_BATCH):
+            window = slice(start, start + _FRAMES_PER_BATCH)
+            offsets = torch.from_numpy(np.asarray(offsets_m[window], np.float64))
+            meshes[window] = smpl(*_tensors(smpl, betas, theta[window]), offsets).numpy()
+    return meshes
+
+
+def _tensors(
+    smpl: SMPL, betas: Array, theta: Array
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    pose, trans = unpack_theta(theta)
+    parts = (np.broadcast_to(betas, (len(theta), len(betas))), pose, trans)
+    return tuple(torch.tensor(part, dtype=smpl.template.dtype) for part in parts)  # type: ignore
+
+
+def body_in_double(data: BodyModelData) -> SMPL:
+    """The body model that the corpus is made with."""
+    return SMPL(data, dtype=torch.float64)
