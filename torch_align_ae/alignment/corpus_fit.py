@@ -102,47 +102,48 @@ class CorpusFit:
     def _first_frames(self) -> _State:
         """Shape of every subject, and pose of every sequence's first frame."""
         first = [self._reader.frames(sequence.name, 0, 1)[0] for sequence in self._sequences]
-        meshes = torch.from_numpy(np.stack(first)).transpose(1, 2).contiguous()
+        meshes = torch.from_numpy(np.stack(first))
+        targets = self._objective.arrange(meshes)
         leading = [self._subject_of.index(row) for row in self._row_of_subject.values()]
-        betas, *lead = self._fit_shapes(meshes[leading])
-        pose, trans = self._fit_first_poses(betas[self._subject_of], meshes)
+        betas, *lead = self._fit_shapes(targets[leading])
+        pose, trans = self._fit_first_poses(betas[self._subject_of], targets)
         pose[leading], trans[leading] = lead
         self._check_first_frames(betas[self._subject_of], pose, trans, meshes)
         return _State(betas.numpy(), pack_theta(pose.numpy(), trans.numpy()), 0)
 
-    def _fit_shapes(self, meshes: Tensor) -> list[Tensor]:
-        steps = self._effort.shape * len(meshes)
+    def _fit_shapes(self, targets: Tensor) -> list[Tensor]:
+        steps = self._effort.shape * len(targets)
         with tqdm(total=steps, desc="shapes", unit="step", disable=None) as progress:
 
             def fit(rows: list[int]) -> tuple[Tensor, Tensor, Tensor]:
                 return fit_shape_and_pose(
                     self._objective,
-                    meshes[rows],
+                    targets[rows],
                     self._effort.shape,
                     self._descent,
                     lambda: progress.update(len(rows)),
                 )
 
-            return _concatenate(in_groups(len(meshes), fit))
+            return _concatenate(in_groups(len(targets), fit))
 
-    def _fit_first_poses(self, betas: Tensor, meshes: Tensor) -> list[Tensor]:
+    def _fit_first_poses(self, betas: Tensor, targets: Tensor) -> list[Tensor]:
         def fit(rows: list[int]) -> tuple[Tensor, Tensor]:
-            shapes, planes = (
+            shapes, workspace = (
                 self._objective.shapes(betas[rows]),
                 self._objective.workspace(len(rows)),
             )
-            start = rigid_start(self._objective, shapes, meshes[rows])
+            start = rigid_start(self._objective, shapes, targets[rows])
             return fit_pose(
                 self._objective,
                 shapes,
                 start,
-                meshes[rows],
+                targets[rows],
                 self._effort.first_frame,
                 self._descent,
-                planes,
+                workspace,
             )
 
-        return _concatenate(in_groups(len(meshes), fit))
+        return _concatenate(in_groups(len(targets), fit))
 
     def _check_first_frames(
         self, betas: Tensor, pose: Tensor, trans: Tensor, meshes: Tensor
@@ -150,7 +151,7 @@ class CorpusFit:
         for row, sequence in enumerate(self._sequences):
             one = slice(row, row + 1)
             posed = self._objective.smpl(betas[one], pose[one], trans[one])[0]
-            error_m = (posed - meshes[row].T).norm(dim=1).mean().item()
+            error_m = (posed - meshes[row]).norm(dim=1).mean().item()
             if error_m > _WORST_FIRST_FRAME_M:
                 raise DsnetError(
                     f"{sequence.name}, whose first frame stays {100 * error_m:.0f} cm from SMPL",
@@ -184,10 +185,11 @@ class CorpusFit:
             state.theta[fitted.track] = self._write(arrays, fitted)
             progress.update(len(fitted.pose))
         for array in arrays.values():
-            array.flush()
+            if isinstance(array, np.memmap):
+                array.flush()
         state.next_frame += FRAMES_PER_WINDOW
 
-    def _write(self, arrays: dict[str, np.memmap], fitted: Fitted) -> NDArray[np.float32]:
+    def _write(self, arrays: dict[str, NDArray[np.float32]], fitted: Fitted) -> NDArray[np.float32]:
         """Store some frames of one sequence; returns the last one's theta."""
         begin = self._sequences[fitted.track].start + fitted.start
         rows = slice(begin, begin + len(fitted.pose))
@@ -196,7 +198,7 @@ class CorpusFit:
         arrays["frame_error"][rows] = fitted.frame_error.numpy()
         return arrays["theta"][rows.stop - 1]
 
-    def _open_arrays(self, writer: ArtifactWriter) -> dict[str, np.memmap]:
+    def _open_arrays(self, writer: ArtifactWriter) -> dict[str, NDArray[np.float32]]:
         frames = self._sequences[-1].frames.stop
         vertices = (frames, self._objective.smpl.vertex_count, 3)
         return {

@@ -39,17 +39,17 @@ def fit_pose(
     target: Tensor,
     steps: int,
     descent: Descent,
-    planes: Tensor,
+    workspace: Tensor,
 ) -> tuple[Tensor, Tensor]:
-    """Pose (B, 22, 3) and translation (B, 3) that bring fixed shapes near meshes (B, 3, V).
+    """Pose (B, 22, 3) and translation (B, 3) that bring fixed shapes near meshes from `arrange`.
 
-    `start` is the pose and translation to begin with; `planes` is `objective.workspace(B)`.
+    `start` is the pose and translation to begin with; `workspace` is `objective.workspace(B)`.
     """
     pose, trans = (tensor.clone() for tensor in start)
     optimizer = descent.optimizer(pose, trans)
     best = _Best(pose, trans)
     for _ in range(steps):
-        gradient = objective.gradient(shapes, pose, trans, target, planes)
+        gradient = objective.gradient(shapes, pose, trans, target, workspace)
         best.keep(gradient.distance, pose, trans)
         pose.grad, trans.grad = gradient.pose, gradient.trans
         optimizer.step()
@@ -79,15 +79,16 @@ def fit_shape_and_pose(
     descent: Descent,
     after_step: Callable[[], object] = lambda: None,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """betas (B, 10), pose (B, 22, 3) and translation (B, 3) of first frames (B, 3, V)."""
+    """betas (B, 10), pose (B, 22, 3) and translation (B, 3) of first frames from
+    `MeshDistance.arrange`."""
     betas = target.new_zeros(len(target), len(objective.smpl.shapedirs))
     pose, trans = rigid_start(objective, objective.shapes(betas), target)
-    planes = objective.workspace(len(target))
+    workspace = objective.workspace(len(target))
     optimizer = descent.optimizer(betas, pose, trans)
     best = _Best(betas, pose, trans)
     for _ in range(steps):
         shapes = objective.shapes(betas)
-        gradient = objective.gradient(shapes, pose, trans, target, planes)
+        gradient = objective.gradient(shapes, pose, trans, target, workspace)
         best.keep(gradient.distance, betas, pose, trans)
         betas.grad = objective.betas_gradient(gradient)
         pose.grad, trans.grad = gradient.pose, gradient.trans

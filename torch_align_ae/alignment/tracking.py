@@ -27,8 +27,8 @@ from torch_align_ae.body import SMPL, rest_pose_offsets
 # Read, fitted and written between two checkpoints: two chunks of the corpus's files.
 FRAMES_PER_WINDOW = 32
 
-# Fewer bodies waste time between operations, more fall out of the cache (measured: 16).
-_BODIES_PER_GROUP = 16
+# Fewer bodies waste time between operations, many more fall out of the cache (measured: 20-60).
+_BODIES_PER_GROUP = 40
 
 _Result = TypeVar("_Result")
 
@@ -136,13 +136,13 @@ def _follow_group(
     poses = before[0].new_zeros(len(group), max(lengths), *before[0].shape[1:])
     translations = before[1].new_zeros(len(group), max(lengths), 3)
     pose, trans = before[0][group], before[1][group]
-    shapes, planes = objective.shapes(betas), objective.workspace(len(group))
+    shapes, workspace = objective.shapes(betas), objective.workspace(len(group))
     for frame in range(max(lengths)):
         # Sorted by length, so the sequences that go on are the first ones.
         going = sum(length > frame for length in lengths)
         pose, trans = pose[:going], trans[:going]
         if start + frame > 0:
-            target = torch.stack([mesh[frame].T for mesh in meshes[:going]])
+            target = objective.arrange(torch.stack([mesh[frame] for mesh in meshes[:going]]))
             pose, trans = fit_pose(
                 objective,
                 shapes.rows(slice(going)),
@@ -150,7 +150,7 @@ def _follow_group(
                 target,
                 steps,
                 descent,
-                planes[:going],
+                workspace,
             )
         poses[:going, frame], translations[:going, frame] = pose, trans
     return [

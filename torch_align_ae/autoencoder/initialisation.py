@@ -14,8 +14,8 @@ both nonlinearities are in place; the encoder has six activations and the
 decoder six, hence three pairs each. Second, a linear code that mixes vertices
 alike for all features is best made of the leading left singular vectors of
 the vertices x (frames, coordinates) matrix. The latents begin as a random
-rotation of those modes' coefficients: distances between latents then are
-distances between offsets, and no latent outweighs another.
+rotation of those modes' coefficients, scaled to order one: distances between
+latents then are distances between offsets, and no latent outweighs another.
 """
 
 from __future__ import annotations
@@ -50,25 +50,34 @@ def initialise_with_modes(model: MeshAutoencoder, sample: Tensor, seed: int) -> 
     generator = torch.Generator().manual_seed(seed)
     _vertices, fine, middle, coarse, coarsest = model.widths
     basis = vertex_basis(sample, count=coarsest, size=fine, generator=generator)
-    gain = 1 / model.negative_slope
+    code = _latent_code(coarsest, generator)
+    gain = model.negative_slope**-0.5
     encoder, decoder = model.encoder, model.decoder
 
-    _set(encoder.linear_1, _features(generator))
-    _set(encoder.linear_2, -_selection(FEATURES[2], FEATURES[1]))
+    _set(encoder.linear_1, gain * _features(generator, FEATURES[1], FEATURES[0]))
+    _set(encoder.linear_2, -gain * _features(generator, FEATURES[2], FEATURES[1]))
     _set(encoder.conv_1, gain * basis.T)
-    _set(encoder.conv_2, -_selection(middle, fine))
-    _set(encoder.conv_3, gain * _selection(coarse, middle))
-    _set(encoder.conv_4, -_selection(coarsest, coarse))
-    rotation = _latent_rotation(coarsest, generator)
-    _set(model.to_latent, gain * rotation)
+    _set(encoder.conv_2, -gain * torch.eye(middle, fine))
+    _set(encoder.conv_3, gain * torch.eye(coarse, middle))
+    _set(encoder.conv_4, -gain * torch.eye(coarsest, coarse))
+    _set(model.to_latent, code)
 
-    _set(model.from_latent, rotation.T)
-    _set(decoder.conv_1, -_selection(coarse, coarsest))
-    _set(decoder.conv_2, gain * _selection(middle, coarse))
-    _set(decoder.conv_3, -_selection(fine, middle))
+    _set(model.from_latent, gain * code.T)
+    _set(decoder.conv_1, -gain * torch.eye(coarse, coarsest))
+    _set(decoder.conv_2, gain * torch.eye(middle, coarse))
+    _set(decoder.conv_3, -gain * torch.eye(fine, middle))
     _set(decoder.conv_4, gain * basis)
-    _set(decoder.linear_1, -_selection(FEATURES[1], FEATURES[2]))
-    _set(model.to_coordinates, gain * torch.linalg.pinv(encoder.linear_1.weight))
+    _set(decoder.linear_1, -gain * torch.eye(FEATURES[1], FEATURES[2]))
+    _set(model.to_coordinates, torch.eye(FEATURES[0], FEATURES[1]))
+    _scale_latents(model, sample)
+
+
+def _scale_latents(model: MeshAutoencoder, sample: Tensor) -> None:
+    """Give the latents a root mean square of one, the scale that a predictor learns best."""
+    latents = torch.cat([model.encode(part) for part in sample.split(64)])
+    scale = latents.square().mean().sqrt().clamp(min=1e-6)
+    model.to_latent.weight /= scale
+    model.from_latent.weight *= scale
 
 
 def vertex_basis(sample: Tensor, *, count: int, size: int, generator: torch.Generator) -> Tensor:
@@ -86,19 +95,24 @@ def _set(layer: nn.Module, weight: Tensor) -> None:
     layer.bias.zero_()
 
 
-def _selection(rows: int, columns: int) -> Tensor:
-    return torch.eye(rows, columns)
+def _features(generator: torch.Generator, rows: int, columns: int) -> Tensor:
+    """Identity, and below it random features, which nothing reads at first but training may."""
+    extra = torch.randn(rows - columns, columns, generator=generator) / columns**0.5
+    return torch.cat([torch.eye(columns), extra])
 
 
-def _features(generator: torch.Generator) -> Tensor:
-    """Orthonormal 4 x 3: coordinates spread over the features without a preferred axis."""
-    shape = (FEATURES[1], FEATURES[0])
-    return torch.linalg.qr(torch.randn(shape, generator=generator)).Q
+def _latent_code(vertices: int, generator: torch.Generator) -> Tensor:
+    """(100, vertices * 9): rotated latents of the linear features; the rest see the random ones.
 
-
-def _latent_rotation(vertices: int, generator: torch.Generator) -> Tensor:
-    """(100, vertices * 9): orthonormal columns for the features that carry the linear code.
-
-    Four features carry the linear code, three of them independent.
+    Were the spare latents and the spare features zero on both sides, no
+    gradient would ever reach them; hence their small random weights.
     """
-    raise NotImplementedError
+    coordinates = FEATURES[0]
+    linear = min(vertices * coordinates, LATENT_SIZE)
+    code = torch.zeros(LATENT_SIZE, vertices, FEATURES[-1])
+    picked = torch.eye(linear, vertices * coordinates)
+    code[:linear, :, :coordinates] = picked.view(linear, vertices, coordinates)
+    spare = code[linear:, :, coordinates:]
+    spare.copy_(torch.randn(spare.shape, generator=generator) / spare[0:1].numel() ** 0.5)
+    square = torch.randn(LATENT_SIZE, LATENT_SIZE, generator=generator)
+    return torch.linalg.qr(square).Q @ code.flatten(1)

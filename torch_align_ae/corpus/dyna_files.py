@@ -76,7 +76,7 @@ class DynaReader:
     def faces(self) -> NDArray[np.int64] | None:
         """(13776, 3) vertex indices of the first file, or None when it has none."""
         faces = self._files[0].get(FACES_KEY)
-        return None if faces is None else np.asarray(faces[()], dtype=np.int64)
+        return None if faces is None else np.asarray(faces, dtype=np.int64)
 
     def frames(self, name: str, start: int = 0, stop: int | None = None) -> NDArray[np.float32]:
         """Frames `start` to `stop` of one sequence, (n, 6890, 3) float32, metres.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,8 +54,7 @@ def dyna_takes(
     DsnetError
         If there is no such motion or not as many subjects.
     """
-    if unknown := sorted(set(motions) - set(DYNA_MOTIONS)):
-        raise DsnetError(f"motions {unknown}", f"among {', '.join(DYNA_MOTIONS)}", "Check names.")
+    _check_names(motions, DYNA_MOTIONS)
     if not 1 <= subjects <= len(SUBJECTS[gender]):
         raise DsnetError(
             f"{subjects} subjects", f"1 to {len(SUBJECTS[gender])}", "Pass --subjects 5."
@@ -69,11 +69,25 @@ def dyna_takes(
     ]
 
 
-def mosh_takes(gender: Gender, seconds: float) -> list[Take]:
-    """Held-out motions of two known subjects and of one that no stage has seen."""
+def mosh_takes(gender: Gender, motions: tuple[str, ...], seconds: float) -> list[Take]:
+    """Held-out motions of two known subjects and of one that no stage has seen.
+
+    Raises
+    ------
+    DsnetError
+        If there is no such motion.
+    """
+    _check_names(motions, MOSH_MOTIONS)
     people = (*SUBJECTS[gender][:2], UNSEEN[gender])
     count = round(seconds * MOSH_FPS) + 1
-    return [Take(subject, motion, count) for subject in people for motion in MOSH_MOTIONS]
+    return [Take(subject, motion, count) for subject in people for motion in motions]
+
+
+def _check_names(motions: tuple[str, ...], known: Iterable[str]) -> None:
+    if unknown := sorted(set(motions) - set(known)):
+        raise DsnetError(
+            f"motions {', '.join(unknown)}", f"among {', '.join(known)}", "Check their names."
+        )
 
 
 def _full_corpus(gender: Gender, seed: int) -> list[Take]:

@@ -32,44 +32,54 @@ class TissueSimulator:
 
     def offsets(self, theta: Array, fps: float) -> NDArray[np.float32]:
         """Offsets (T, V, 3) in the rest pose, metres, of a motion (T, 69) that begins at rest."""
-        drive = rest_frame_drive(self.smpl, self.betas, theta, fps)
         substeps = round(RATE_HZ / fps)
         if not np.isclose(substeps * fps, RATE_HZ):
             raise ValueError(f"{RATE_HZ} Hz is not a multiple of {fps} fps")
-        result = np.zeros(drive.shape, np.float32)
+        drive = rest_frame_drive(self.smpl, self.betas, theta, fps, self.tissue.free)
+        result = np.zeros((len(theta), self.smpl.vertex_count, 3), np.float32)
         state = self.tissue.at_rest()
         for frame in range(1, len(theta)):
             before, after = drive[frame - 1], drive[frame]
             for substep in range(substeps):
                 share = (substep + 0.5) / substeps
-                state = self.tissue.step(state, (1 - share) * before + share * after)
-            result[frame] = state.offsets_m
+                state = self.tissue.step(state, before + share * (after - before))
+            result[frame, self.tissue.free] = state.offsets_m
         return result
 
 
-def rest_frame_drive(smpl: SMPL, betas: Array, theta: Array, fps: float) -> Array:
-    """-R^T x'' (T, V, 3), m/s^2: what the moving skeleton does to tissue, in the rest frame.
+def rest_frame_drive(
+    smpl: SMPL, betas: Array, theta: Array, fps: float, selected: NDArray[np.integer]
+) -> Array:
+    """-R^T x'' (T, N, 3), m/s^2: what the moving skeleton does to tissue, in the rest frame.
 
     A [1 2 1] / 4 filter in time blunts impacts, as shoes, pads and joints do.
+
+    Parameters
+    ----------
+    selected : (N,) vertices to compute it for.
     """
-    vertices, turns = _skin(smpl, betas, theta)
+    vertices, turns = _skin(smpl, betas, theta, selected)
     acceleration = np.zeros_like(vertices)
     acceleration[1:-1] = (vertices[2:] - 2 * vertices[1:-1] + vertices[:-2]) * fps**2
-    drive = -np.einsum("txyv,txv->tvy", turns, acceleration.transpose(0, 2, 1))
+    drive = -(turns * acceleration[:, :, None]).sum(1)
     blunted = drive.copy()
     blunted[1:-1] = (drive[:-2] + 2 * drive[1:-1] + drive[2:]) / 4
-    return blunted
+    return blunted.transpose(0, 2, 1)
 
 
-def _skin(smpl: SMPL, betas: Array, theta: Array) -> tuple[Array, Array]:
-    """Vertices (T, V, 3) and each vertex's blended rotation (T, 3, 3, V)."""
+def _skin(
+    smpl: SMPL, betas: Array, theta: Array, selected: NDArray[np.integer]
+) -> tuple[Array, Array]:
+    """Vertices (T, 3, N) and each vertex's blended rotation (T, 3, 3, N)."""
     vertices, turns = [], []
     with torch.inference_mode():
         for start in range(0, len(theta), _FRAMES_PER_BATCH):
             shape, pose, trans = _tensors(smpl, betas, theta[start : start + _FRAMES_PER_BATCH])
-            vertices.append(smpl(shape, pose, trans).numpy())
-            blended = smpl.blended_transforms(shape, smpl.rotations(pose), trans)
-            turns.append(blended[:, :, :3].numpy().astype(np.float32))
+            rotations = smpl.rotations(pose)
+            rest = smpl.planar_rest(shape, rotations)[..., selected]
+            blended = smpl.blended_transforms(shape, rotations, trans)[..., selected]
+            vertices.append(((blended[:, :, :3] * rest[:, None]).sum(2) + blended[:, :, 3]).numpy())
+            turns.append(blended[:, :, :3].numpy())
     return np.concatenate(vertices), np.concatenate(turns)
 
 

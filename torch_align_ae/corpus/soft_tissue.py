@@ -15,17 +15,20 @@ It adds no damping of its own, and without drive the energy cannot grow, whateve
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.linalg import splu
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 RATE_HZ = 240.0
-_MAX_ITERATIONS = 30
-# Relative change of a step's velocity at which its fixed-point iteration ends.
+_STIFF_ITERATIONS = 100
+_SYMMETRIC: dict[str, Any] = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
+# Relative change of a step's velocity at which its fixed-point iteration ends; each iteration
+# shrinks the change fifty-fold or more, so what is left is far smaller.
 _TOLERANCE = 1e-4
 
 
@@ -41,14 +44,18 @@ class TissueParameters:
     """(V,) a: at an offset u the spring is 1 + a |u|^2 times as stiff as at rest."""
     wave_speed_m_s: float
     """c: speed at which the skin would carry a wave, which couples neighbours."""
+    free: NDArray[np.bool_]
+    """(V,) False where skin lies on bone and does not move."""
 
 
 @dataclass(frozen=True, eq=False)
 class TissueState:
-    """Offsets and their velocities, (V, K): K columns are moved alike and independently."""
+    """Offsets and their velocities, (N, 3), of the N vertices that are free to move."""
 
     offsets_m: Array
     velocities_m_s: Array
+    last_change_m_s: Array
+    """Change of velocity over the second half of the step before: where iteration starts."""
 
 
 class SoftTissue:
@@ -69,68 +76,94 @@ class SoftTissue:
         parameters: TissueParameters,
         rate_hz: float = RATE_HZ,
     ) -> None:
-        self.dt_s = 1.0 / rate_hz
-        self.mass = vertex_areas_m2(vertices, faces)
-        omega = 2 * np.pi * parameters.frequency_hz
-        self._damping = self.mass * 2 * parameters.damping_ratio * omega
-        coupling = parameters.wave_speed_m_s**2 * cotangent_laplacian(vertices, faces)
-        self._stiffness = sp.csr_matrix(sp.diags(self.mass * omega**2) + coupling)
-        self._hardening = (self.mass * omega**2 * parameters.stiffening_per_m2)[:, None]
-        dt_s = self.dt_s
-        system = sp.diags(2 / dt_s * self.mass + self._damping) + dt_s / 2 * self._stiffness
-        self._solver = splu(
-            system.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-        )
+        self.dt_s = dt_s = 1.0 / rate_hz
+        self.free = np.flatnonzero(parameters.free)
+        self._mass = vertex_areas_m2(vertices, faces)[self.free, None]
+        omega = 2 * np.pi * parameters.frequency_hz[self.free, None]
+        spring = self._mass * omega**2
+        damping = self._mass * 2 * parameters.damping_ratio[self.free, None] * omega
+        laplacian = cotangent_laplacian(vertices, faces)[self.free][:, self.free]
+        coupling = parameters.wave_speed_m_s**2 * laplacian
+        self._stiffness = sp.csr_matrix(sp.diags(spring[:, 0]) + coupling)
+        self._hardening = spring * parameters.stiffening_per_m2[self.free, None]
+        diagonal = (2 / dt_s * self._mass + damping)[:, 0]
+        self._system = sp.csc_matrix(sp.diags(diagonal) + dt_s / 2 * self._stiffness)
+        self._solver = splu(self._system, **_SYMMETRIC)
 
-    def at_rest(self, clip_count: int = 1) -> TissueState:
-        """No offsets, no velocities, for `clip_count` clips that are stepped together."""
-        zeros = np.zeros((len(self.mass), 3 * clip_count))
-        return TissueState(zeros, zeros)
+    def at_rest(self) -> TissueState:
+        """No offsets, no velocities."""
+        zeros = np.zeros((len(self.free), 3))
+        return TissueState(zeros, zeros, zeros)
 
     def step(self, state: TissueState, drive_m_s2: Array) -> TissueState:
-        """Advance by `dt_s` under an acceleration (V, K), the mean over the step.
+        """Advance by `dt_s` under an acceleration (N, 3) of the free vertices, the step's mean.
 
         With v the mean velocity and u0, u1 the offsets before and after, the nonlinear force is
         w^2 a (|u0|^2 + |u1|^2) / 2 (u0 + u1) / 2: its work is exactly the change of the quartic
-        potential. It is found by fixed-point iteration on v.
+        potential.
         """
         dt_s, start_m, speed = self.dt_s, state.offsets_m, state.velocities_m_s
-        known = self.mass[:, None] * (2 / dt_s * speed + drive_m_s2) - self._stiffness @ start_m
-        if not (np.any(known)):
+        known = self._mass * (2 / dt_s * speed + drive_m_s2) - self._stiffness @ start_m
+        if not known.any():
             return state
-        squared = _squared_lengths(start_m)
-        middle_speed = speed
-        for _ in range(_MAX_ITERATIONS):
-            stop_m = start_m + dt_s * middle_speed
-            strain = (squared + _squared_lengths(stop_m)) / 2
-            force = self._hardening * strain * (start_m + stop_m) / 2
+        guess = speed + state.last_change_m_s
+        middle_speed = self._contract(known, start_m, guess)
+        if middle_speed is None:
+            middle_speed = self._solve_stiff(known, start_m, guess)
+        return TissueState(
+            start_m + dt_s * middle_speed, 2 * middle_speed - speed, middle_speed - speed
+        )
+
+    def _contract(self, known: Array, start_m: Array, middle_speed: Array) -> Array | None:
+        """Fixed-point iteration with the factored system; None when it does not contract."""
+        squared, last_change = _squared_lengths(start_m), np.inf
+        while True:
+            stop_m = start_m + self.dt_s * middle_speed
+            strain = (squared + _squared_lengths(stop_m)) / 4
+            force = self._hardening * strain * (start_m + stop_m)
             before, middle_speed = middle_speed, self._solver.solve(known - force)
             change = np.abs(middle_speed - before).max()
             if change <= _TOLERANCE * np.abs(middle_speed).max():
+                return middle_speed
+            if change > last_change / 2:
+                return None
+            last_change = change
+
+    def _solve_stiff(self, known: Array, start_m: Array, middle_speed: Array) -> Array:
+        """The same equation with the spring's stiffening in the matrix: slow, for violent drive."""
+        squared = _squared_lengths(start_m)
+        strain = (squared + _squared_lengths(start_m + self.dt_s * middle_speed)) / 2
+        for _ in range(_STIFF_ITERATIONS):
+            spring = self._hardening * strain
+            system = self._system + sp.diags(self.dt_s / 2 * spring[:, 0])
+            solver = splu(system.tocsc(), **_SYMMETRIC)
+            before, middle_speed = middle_speed, solver.solve(known - spring * start_m)
+            if np.abs(middle_speed - before).max() <= _TOLERANCE**2 * np.abs(middle_speed).max():
                 break
-        return TissueState(start_m + dt_s * middle_speed, 2 * middle_speed - speed)
+            stop = _squared_lengths(start_m + self.dt_s * middle_speed)
+            strain = (strain + (squared + stop) / 2) / 2
+        return middle_speed
 
     def energy(self, state: TissueState) -> float:
         """Kinetic and elastic energy, per unit of surface density."""
         offsets_m, speed = state.offsets_m, state.velocities_m_s
-        kinetic = (self.mass[:, None] * speed**2).sum() / 2
+        kinetic = (self._mass * speed**2).sum() / 2
         linear = (offsets_m * (self._stiffness @ offsets_m)).sum() / 2
-        fourth = _squared_lengths(offsets_m)[:, ::3] ** 2
-        return float(kinetic + linear + (self._hardening * fourth).sum() / 4)
+        quartic = (self._hardening * _squared_lengths(offsets_m) ** 2).sum() / 4
+        return float(kinetic + linear + quartic)
 
 
-def _squared_lengths(columns: Array) -> Array:
-    """Squared length of each vertex's vector, repeated for its three columns."""
-    vectors = columns.reshape(len(columns), -1, 3)
-    return np.repeat((vectors**2).sum(-1), 3, axis=1)
+def _squared_lengths(vectors: Array) -> Array:
+    return np.einsum("vx,vx->v", vectors, vectors)[:, None]
 
 
 def vertex_areas_m2(vertices: ArrayLike, faces: NDArray[np.integer]) -> Array:
     """(V,) a third of the area of the triangles around each vertex."""
     corners = np.asarray(vertices)[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(normals, axis=1) / 6
-    return np.bincount(faces.ravel(), np.repeat(areas, 3), minlength=len(np.asarray(vertices)))
+    areas = np.zeros(len(np.asarray(vertices)))
+    np.add.at(areas, faces, np.linalg.norm(normals, axis=1)[:, None] / 6)
+    return areas
 
 
 def cotangent_laplacian(vertices: ArrayLike, faces: NDArray[np.integer]) -> sp.csr_matrix:

@@ -9,6 +9,15 @@ from torch_align_ae import SMPL
 from torch_align_ae.corpus.dyna_files import write_dyna
 
 
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Small products on many threads wait for one another when the machine is shared."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
 @pytest.fixture(scope="session")
 def body():
     return load_body_model("embedded:female")

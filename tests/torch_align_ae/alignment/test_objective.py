@@ -23,9 +23,9 @@ def random_problem(smpl, dtype, seed=0):
 
 def by_hand(smpl, betas, pose, trans, target):
     objective = MeshDistance(smpl)
-    planar = target.transpose(1, 2).contiguous()
+    arranged = objective.arrange(target)
     gradient = objective.gradient(
-        objective.shapes(betas), pose, trans, planar, objective.workspace(len(pose))
+        objective.shapes(betas), pose, trans, arranged, objective.workspace(len(pose))
     )
     by_betas = objective.betas_gradient(gradient)
     return [gradient.distance, by_betas, gradient.pose, gradient.trans]

@@ -13,33 +13,30 @@ def objective(smpl):
     return MeshDistance(smpl)
 
 
-def planar(vertices):
-    return vertices.transpose(1, 2).contiguous()
-
-
-def root_mean_square_m(smpl, target, *variables):
-    return (smpl(*variables).transpose(1, 2) - target).square().sum(1).mean().sqrt().item()
+def root_mean_square_m(objective, target, *variables):
+    posed = objective.arrange(objective.smpl(*variables))
+    return (posed - target).square().sum(1).mean().sqrt().item()
 
 
 def test_recovers_pose_within_the_methods_floor(objective, smpl, motion):
     pose, trans = (part[:2] for part in motion(2))
     betas = torch.zeros(2, 10)
-    target = planar(smpl(betas, pose, trans))
+    target = objective.arrange(smpl(betas, pose, trans))
     begin = pose + 0.03, trans + 0.02
     found = fit_pose(
         objective, objective.shapes(betas), begin, target, 300, Descent(), objective.workspace(2)
     )
-    assert root_mean_square_m(smpl, target, betas, *found) < 0.003
-    assert root_mean_square_m(smpl, target, betas, *begin) > 0.03
+    assert root_mean_square_m(objective, target, betas, *found) < 0.003
+    assert root_mean_square_m(objective, target, betas, *begin) > 0.03
     np.testing.assert_allclose(found[0], pose, atol=0.03)
 
 
 def test_recovers_shape_within_the_methods_floor(objective, smpl, motion):
     pose, trans = (part[:1] for part in motion(1))
     betas = torch.tensor([[0.6, -0.3, 0, 0, 0, 0, 0, 0, 0, 0]])
-    target = planar(smpl(betas, 0.3 * pose, trans))
+    target = objective.arrange(smpl(betas, 0.3 * pose, trans))
     found = fit_shape_and_pose(objective, target, 800, Descent())
-    assert root_mean_square_m(smpl, target, *found) < 0.006
+    assert root_mean_square_m(objective, target, *found) < 0.006
     assert abs(found[0][0, 0] - 0.6) < 0.1
 
 
@@ -58,7 +55,7 @@ def test_descent_is_torchs_sgd_on_the_unsquared_norm(objective, smpl, motion):
         objective,
         objective.shapes(betas),
         (pose + 0.05, trans + 0.05),
-        planar(target),
+        objective.arrange(target),
         6,
         Descent(),
         objective.workspace(1),
@@ -71,13 +68,13 @@ def test_batch_equals_singles(objective, smpl, motion):
     pose, trans = motion(3)
     betas = torch.zeros(3, 10)
     betas[:, 0] = torch.tensor([-1.0, 0.0, 1.0])
-    target = planar(smpl(betas, pose, trans))
+    target = objective.arrange(smpl(betas, pose, trans))
     shapes = objective.shapes(betas)
 
     def fit(rows):
         start = pose[rows] + 0.02, trans[rows]
-        planes = objective.workspace(len(start[0]))
-        return fit_pose(objective, shapes.rows(rows), start, target[rows], 20, Descent(), planes)
+        workspace = objective.workspace(len(start[0]))
+        return fit_pose(objective, shapes.rows(rows), start, target[rows], 20, Descent(), workspace)
 
     together = fit(slice(0, 3))
     for row in range(3):
@@ -91,6 +88,8 @@ def test_rigid_start_finds_a_person_who_looks_the_other_way(objective, smpl):
     pose[0, 0] = torch.tensor([0.1, 3.1, 0.0])
     pose[1, 0] = torch.tensor([0.0, -1.5, 0.4])
     betas = torch.zeros(2, 10)
-    found = rigid_start(objective, objective.shapes(betas), planar(smpl(betas, pose, trans)))
+    found = rigid_start(
+        objective, objective.shapes(betas), objective.arrange(smpl(betas, pose, trans))
+    )
     np.testing.assert_allclose(found[0], pose, atol=0.01)
     np.testing.assert_allclose(found[1], trans, atol=0.01)

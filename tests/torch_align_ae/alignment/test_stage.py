@@ -68,7 +68,7 @@ def test_rows_describe_their_frames(runs, config, corpus, smpl):
             pose, trans = map(torch.tensor, unpack_theta(arrays["theta"][rows]))
             row = {"50004": 0, "50020": 1}[sequence.subject]
             betas = torch.tensor(arrays["betas"][row]).expand(sequence.length, -1)
-            mesh = np.moveaxis(file[sequence.name][()], -1, 0)
+            mesh = np.moveaxis(np.asarray(file[sequence.name]), -1, 0)
             offsets = torch.tensor(arrays["offsets"][rows])
             np.testing.assert_allclose(smpl(betas, pose, trans, offsets), mesh, atol=2e-5)
             error = np.linalg.norm(smpl(betas, pose, trans).numpy() - mesh, axis=-1).mean(-1)

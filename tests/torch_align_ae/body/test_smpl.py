@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -10,7 +12,7 @@ from bridge.errors import DsnetError
 from torch_align_ae import SMPL
 
 
-def tensors(*arrays, dtype=torch.float64):
+def tensors(*arrays, dtype=torch.float64) -> Any:
     return [torch.as_tensor(array, dtype=dtype) for array in arrays]
 
 
@@ -64,7 +66,7 @@ def test_gradient_along_a_direction_on_the_full_body(body, random_bodies):
     smpl = SMPL(body, torch.float64)
     arguments = tensors(*random_bodies(1, joints=22))
     direction = tensors(*random_bodies(1, joints=22, seed=1))
-    weight = torch.randn(1, 6890, 3, dtype=torch.float64)
+    weight = torch.as_tensor(np.random.default_rng(2).normal(size=(1, 6890, 3)))
 
     def value(step):
         moved = [a + step * d for a, d in zip(arguments, direction, strict=True)]
@@ -78,11 +80,10 @@ def test_gradient_along_a_direction_on_the_full_body(body, random_bodies):
 
 def test_gradient_at_zero_rotation_is_finite(body):
     pose = torch.zeros(1, 22, 3, requires_grad=True)
-    smpl = SMPL(body)
-    smpl(torch.zeros(1, 10), pose, torch.zeros(1, 3)).square().sum().backward()
-    assert pose.grad is not None
-    assert torch.isfinite(pose.grad).all()
-    assert pose.grad.abs().sum() > 0
+    posed = SMPL(body)(torch.zeros(1, 10), pose, torch.zeros(1, 3))
+    (gradient,) = torch.autograd.grad(posed.square().sum(), pose)
+    assert torch.isfinite(gradient).all()
+    assert gradient.abs().sum() > 0
 
 
 def test_matches_smplfitter(body, random_bodies, tmp_path):

@@ -96,7 +96,7 @@ def jumping_jacks(times_s: Array, style: Style) -> BodyPlan:
     hops = _hops(times_s, style, 0.27, 0.27, 0.07, BEGIN_S)
     wide = np.arange(len(hops.take_offs_s) + 1) % 2
     spread_m = 0.2 * style.size * style.amplitude
-    feet = tuple(
+    left, right = (
         stepping_foot(times_s, hops.contacts(x_m=side * spread_m * wide), hops.swings(0.015))
         for side in (1, -1)
     )
@@ -107,7 +107,7 @@ def jumping_jacks(times_s: Array, style: Style) -> BodyPlan:
         times_s,
         style,
         hops.height_m - drop_m,
-        feet=feet,
+        feet=(left, right),
         joints=arms(
             times_s,
             lower=RELAXED_LOWER - opened * style.amplitude * 2.0,
@@ -169,7 +169,9 @@ def side_to_side_hopping(times_s: Array, style: Style) -> BodyPlan:
     """Hops with both feet from one side to the other."""
     hops = _hops(times_s, style, 0.25, 0.29, 0.08, BEGIN_S)
     reach_m = 0.16 * style.size * style.amplitude
-    places = style.leading_side * reach_m * np.where(np.arange(len(hops.take_offs_s) + 1) % 2, 1, -1)
+    places = (
+        style.leading_side * reach_m * np.where(np.arange(len(hops.take_offs_s) + 1) % 2, 1, -1)
+    )
     places[0] = 0.0
     foot = stepping_foot(times_s, hops.contacts(x_m=places), hops.swings(0.02))
     # The body starts before its feet and goes on after them, but not as far.

@@ -33,7 +33,7 @@ def track(times_s: Array, knots: Sequence[tuple[float, float, float, float]]) ->
     """
     table = np.asarray(knots, np.float64)
     curve = BPoly.from_derivatives(table[:, 0], table[:, 1:])
-    return curve(np.clip(times_s, table[0, 0], table[-1, 0]))
+    return np.asarray(curve(np.clip(times_s, table[0, 0], table[-1, 0])), np.float64)
 
 
 def bump(times_s: Array, start_s: float, stop_s: float) -> Array:

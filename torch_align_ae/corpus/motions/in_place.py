@@ -60,15 +60,22 @@ def knees(times_s: Array, style: Style) -> BodyPlan:
     step_s = 0.52 / style.tempo
     starts_s = np.arange(BEGIN_S + 0.25, times_s[-1], step_s)
     sides = style.leading_side * (-1) ** np.arange(len(starts_s))
-    lifts_m = 0.34 * style.size * style.amplitude * (1 + 0.06 * style.rng().standard_normal(len(sides)))
+    lifts_m = (
+        0.42 * style.size * style.amplitude * (1 + 0.06 * style.rng().standard_normal(len(sides)))
+    )
     raised = {side: np.zeros(times_s.shape) for side in (1, -1)}
-    for start_s, side in zip(starts_s, sides, strict=True):
+    for start_s, side in zip(starts_s.tolist(), sides.tolist(), strict=True):
         raised[side] += bump(times_s, start_s, start_s + 1.05 * step_s)
     feet = {}
     for side in (1, -1):
         own = sides == side
         contacts = _contacts_between(starts_s[own], starts_s[own] + 0.95 * step_s)
-        swings = [Swing(lift, back_m=0.10 * style.size, take_off_pitch=0.35, pitch=0.55, landing_pitch=0.15) for lift in lifts_m[own]]
+        swings = [
+            Swing(
+                lift, back_m=0.05 * style.size, take_off_pitch=0.35, pitch=0.55, landing_pitch=0.15
+            )
+            for lift in lifts_m[own]
+        ]
         feet[side] = stepping_foot(times_s, contacts, swings)
     lean = keyframes(
         times_s,
@@ -130,13 +137,20 @@ def one_leg_loose(times_s: Array, style: Style) -> BodyPlan:
     )
     planted = standing_foot(times_s)
     return BodyPlan(
-        pelvis_m=axis(times_s, support * 0.1 * raised, -0.01 * raised + 0.004 * shake, -0.01 * raised)
+        pelvis_m=axis(
+            times_s, support * 0.1 * raised, -0.01 * raised + 0.004 * shake, -0.01 * raised
+        )
         * style.size,
         pelvis_turn=axis(times_s, 0.0, support * 0.04 * shake, -support * 0.04 * raised),
         left_foot=planted if support == 1 else loose,
         right_foot=loose if support == 1 else planted,
         joints={
-            **trunk(times_s, bend=0.05 * raised, turn=-support * 0.06 * shake, roll=support * 0.06 * raised),
+            **trunk(
+                times_s,
+                bend=0.05 * raised,
+                turn=-support * 0.06 * shake,
+                roll=support * 0.06 * raised,
+            ),
             **arms(times_s, lower=1.12 - 0.4 * raised + 0.04 * shake, elbow=0.35),
         },
     )
@@ -217,7 +231,9 @@ def punching(times_s: Array, style: Style) -> BodyPlan:
     sides = style.leading_side * (-1) ** np.arange(len(starts_s))
     strength = style.amplitude * (1 + 0.05 * style.rng().standard_normal(len(sides)))
     out = {side: np.zeros(times_s.shape) for side in (1, -1)}
-    for start_s, side, share in zip(starts_s, sides, strength, strict=True):
+    for start_s, side, share in zip(
+        starts_s.tolist(), sides.tolist(), strength.tolist(), strict=True
+    ):
         reach = keyframes(times_s, start_s + punch_s * np.array([0.0, 0.55, 1.25]), [0.0, 1.0, 0.0])
         out[side] += min(share, 1.05) * reach
     turn = 0.30 * (out[-1] - out[1])

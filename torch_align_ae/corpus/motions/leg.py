@@ -47,7 +47,9 @@ class LegPose:
     toes: Array
 
 
-def pose_leg(leg: Leg, pelvis_turn: Rotation, hip_m: Array, foot: FootPath, ball_m: Array) -> LegPose:
+def pose_leg(
+    leg: Leg, pelvis_turn: Rotation, hip_m: Array, foot: FootPath, ball_m: Array
+) -> LegPose:
     """Rotations that bring the ball of the foot to `ball_m` (T, 3).
 
     Parameters

@@ -66,7 +66,9 @@ def trunk(
     return {**spine, "neck": -whole / 4, "head": -whole / 4}
 
 
-def standing_foot(times_s: Array, *, pitch: ArrayLike = 0.0, yaw: ArrayLike = 0.0) -> FootPath:
+def standing_foot(
+    times_s: Array, *, pitch: Array | float = 0.0, yaw: Array | float = 0.0
+) -> FootPath:
     """A foot that stays in its place."""
     zeros = np.zeros(times_s.shape)
     return FootPath(axis(times_s), zeros + pitch, zeros + yaw)
@@ -114,7 +116,7 @@ def stepping_foot(
     contacts: Sequence[Contact],
     swings: Sequence[Swing],
     *,
-    yaw: ArrayLike = 0.0,
+    yaw: Array | float = 0.0,
 ) -> FootPath:
     """A foot that stands during `contacts`, first from the beginning, and swings between them."""
     x, z, y = (np.zeros(times_s.shape) for _ in range(3))

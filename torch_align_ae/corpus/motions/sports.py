@@ -25,20 +25,22 @@ def basketball_dribble_and_shoot(times_s: Array, style: Style) -> BodyPlan:
     """Dribbles a ball with bent knees and shoots it from a jump, again and again."""
     bounce_s, size = 0.5 / style.tempo, style.size
     shots_s = np.arange(BEGIN_S + 0.6 + 3 * bounce_s, times_s[-1] + 2.0, 1.7 + 3 * bounce_s)
-    flights_s = _FLIGHT_S * np.sqrt(style.amplitude) * (1 + 0.04 * style.rng().uniform(-1, 1, len(shots_s)))
+    flights_s = (
+        _FLIGHT_S * np.sqrt(style.amplitude) * (1 + 0.04 * style.rng().uniform(-1, 1, len(shots_s)))
+    )
     foot = stepping_foot(
         times_s,
         [
             Contact(start, stop)
             for start, stop in zip(
-                [-1.0, *(shots_s + flights_s)], [*shots_s, shots_s[-1] + 10.0], strict=True
+                [-1.0, *(shots_s + flights_s)], [*shots_s, float(shots_s[-1]) + 10.0], strict=True
             )
         ],
         [Swing(GRAVITY_M_S2 * flight_s**2 / 8 + 0.01) for flight_s in flights_s],
     )
     ready = ease(times_s, BEGIN_S, BEGIN_S + 0.6)
     dribble, raised, flick = (np.zeros(times_s.shape) for _ in range(3))
-    for shot_s in shots_s:
+    for shot_s in shots_s.tolist():
         raised += keyframes(times_s, shot_s + np.array([-0.5, 0.02, 0.55, 1.1]), [0, 1, 1, 0])
         flick += keyframes(times_s, shot_s + np.array([0.0, 0.2, 0.6, 1.0]), [0, 1, 1, 0])
         for bounce in range(3):
@@ -51,15 +53,15 @@ def basketball_dribble_and_shoot(times_s: Array, style: Style) -> BodyPlan:
         times_s,
         "left" if side == 1 else "right",
         lower=RELAXED_LOWER + 0.1 * raised,
-        swing=0.1 * ready + 0.15 * dribble + 2.2 * raised + 0.3 * flick,
-        elbow=0.25 + 1.15 * ready - 0.75 * dribble + 0.55 * raised - 1.7 * flick,
+        swing=0.1 * ready + 0.25 * dribble + 1.35 * raised + 1.0 * flick,
+        elbow=0.25 + 1.15 * ready - 0.95 * dribble + 0.4 * raised - 1.6 * flick,
     )
     joints |= arm(
         times_s,
         "right" if side == 1 else "left",
         lower=RELAXED_LOWER - 0.25 * ready + 0.35 * raised,
-        swing=0.2 * ready + 2.1 * raised - 0.2 * flick,
-        elbow=0.25 + 0.75 * ready + 0.9 * raised - 0.7 * flick,
+        swing=0.2 * ready + 1.35 * raised + 0.6 * flick,
+        elbow=0.25 + 0.75 * ready + 0.8 * raised - 0.9 * flick,
     )
     crouch = np.tanh(-4 * height_m) / 4
     return BodyPlan(
@@ -97,14 +99,14 @@ def kicking(times_s: Array, style: Style) -> BodyPlan:
     starts_s = np.arange(BEGIN_S + 0.35, times_s[-1], kick_s)
     strength = style.amplitude * (1 + 0.06 * style.rng().standard_normal(len(starts_s)))
     back, front, lift, cocked = (np.zeros(times_s.shape) for _ in range(4))
-    for start_s, share in zip(starts_s, strength, strict=True):
+    for start_s, share in zip(starts_s.tolist(), strength.tolist(), strict=True):
         moments_s = start_s + np.array([0.0, 0.38, 0.54, 0.72, 1.25]) / style.tempo
         back += keyframes(times_s, moments_s[[0, 1, 3]], [0.0, 1.0, 0.0])
         front += share * keyframes(times_s, moments_s[[1, 3, 4]], [0.0, 1.0, 0.0])
-        lift += keyframes(times_s, moments_s, [0.0, 0.22, 0.12, 0.42 * share, 0.0])
+        lift += keyframes(times_s, moments_s, [0.0, 0.22, 0.12, 0.40 * share, 0.0])
         cocked += keyframes(times_s, moments_s[[0, 1, 3, 4]], [0.0, 0.9, 0.45, 0.0])
     kicker = FootPath(
-        axis(times_s, -support * 0.03 * front, lift, -0.38 * back + 0.52 * front) * size,
+        axis(times_s, -support * 0.03 * front, lift, -0.38 * back + 0.68 * front) * size,
         pitch=cocked,
         yaw=np.zeros(times_s.shape),
     )
@@ -113,9 +115,7 @@ def kicking(times_s: Array, style: Style) -> BodyPlan:
     planted = standing_foot(times_s)
     swing = support * 0.6 * (front - 0.7 * back)
     return BodyPlan(
-        pelvis_m=axis(
-            times_s, support * 0.1 * raised, -0.025 * raised, 0.03 * back + 0.02 * front
-        )
+        pelvis_m=axis(times_s, support * 0.1 * raised, -0.025 * raised, 0.03 * back + 0.02 * front)
         * size,
         pelvis_turn=axis(times_s, 0.12 * back - 0.14 * front, 0.6 * turn, -support * 0.05 * raised),
         left_foot=planted if support == 1 else kicker,

@@ -1,0 +1,1 @@
+"""Metrics, evaluation, figures and the report."""

@@ -1,0 +1,145 @@
+"""The physics against closed forms: frequency, decay, energy, stiffening."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from torch_align_ae.corpus.soft_tissue import (
+    SoftTissue,
+    TissueParameters,
+    TissueState,
+    cotangent_laplacian,
+    vertex_areas_m2,
+)
+
+
+def patch(side=8, size_m=0.1):
+    """A square sheet of side x side vertices."""
+    grid = np.linspace(0, size_m, side)
+    x, y = np.meshgrid(grid, grid, indexing="ij")
+    index = np.arange(side * side).reshape(side, side)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    faces = np.concatenate(
+        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    )
+    return np.stack([x, y, 0 * x], -1).reshape(-1, 3), faces
+
+
+def tissue(frequency_hz=4.0, damping=0.1, stiffening=0.0, wave_speed=0.7, rate_hz=240.0):
+    vertices, faces = patch()
+    count = len(vertices)
+    parameters = TissueParameters(
+        frequency_hz=np.full(count, frequency_hz),
+        damping_ratio=np.full(count, damping),
+        stiffening_per_m2=np.full(count, stiffening),
+        wave_speed_m_s=wave_speed,
+        free=np.ones(count, bool),
+    )
+    return SoftTissue(vertices, faces, parameters, rate_hz)
+
+
+def displaced(body, offsets_m):
+    offsets_m = np.broadcast_to(offsets_m, (len(body.free), 3)).astype(float)
+    return TissueState(offsets_m, np.zeros_like(offsets_m), np.zeros_like(offsets_m))
+
+
+def vibrate(body, state, steps):
+    """x of the first vertex, and the energy, at every step."""
+    silence = np.zeros_like(state.offsets_m)
+    x, energy = [state.offsets_m[0, 0]], [body.energy(state)]
+    for _ in range(steps):
+        state = body.step(state, silence)
+        x.append(state.offsets_m[0, 0])
+        energy.append(body.energy(state))
+    return np.array(x), np.array(energy)
+
+
+def period_s(x, dt_s):
+    """Mean time between downward zero crossings, interpolated."""
+    before = np.flatnonzero((x[:-1] > 0) & (x[1:] <= 0))
+    crossings = before + x[before] / (x[before] - x[before + 1])
+    return np.diff(crossings).mean() * dt_s
+
+
+@pytest.mark.parametrize("frequency_hz", [3.5, 8.0])
+def test_free_vibration_has_the_frequency_and_decay_of_a_damped_oscillator(frequency_hz):
+    body = tissue(frequency_hz, damping=0.1)
+    x, _ = vibrate(body, displaced(body, [0.01, 0, 0]), 480)
+    omega = 2 * np.pi * frequency_hz
+    damped = omega * np.sqrt(1 - 0.1**2)
+    times_s = np.arange(481) * body.dt_s
+    expected = 0.01 * np.exp(-0.1 * omega * times_s) * (
+        np.cos(damped * times_s) + 0.1 * omega / damped * np.sin(damped * times_s)
+    )
+    np.testing.assert_allclose(period_s(x, body.dt_s), 2 * np.pi / damped, rtol=0.005)
+    np.testing.assert_allclose(x, expected, atol=0.01 * 0.03)
+
+
+def test_the_rule_itself_does_not_damp():
+    body = tissue(damping=0.0, stiffening=1500.0)
+    _, energy = vibrate(body, displaced(body, [0.04, 0.0, 0.01]), 2400)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-3)
+
+
+@pytest.mark.parametrize("amplitude_m", [0.001, 0.05, 0.3])
+def test_energy_never_grows_without_drive(amplitude_m):
+    body = tissue(frequency_hz=10.0, damping=0.05, stiffening=1500.0)
+    rough = np.random.default_rng(0).normal(size=(len(body.free), 3)) * amplitude_m
+    _, energy = vibrate(body, displaced(body, rough), 240)
+    assert np.diff(energy).max() <= 0
+    assert energy[-1] < 0.3 * energy[0]
+
+
+@pytest.mark.parametrize("amplitude_m", [0.005, 0.015, 0.03])
+def test_stiffening_shortens_the_period_as_duffing_predicts(amplitude_m):
+    body = tissue(frequency_hz=3.5, damping=0.0, stiffening=1500.0, rate_hz=960.0)
+    x, _ = vibrate(body, displaced(body, [amplitude_m, 0, 0]), 2400)
+    # Exact quarter period of x'' = -w^2 (1 + a x^2) x, by its first integral.
+    angle = np.linspace(0, np.pi / 2, 2001)
+    a = 1500.0 * amplitude_m**2
+    quarter = np.trapezoid(1 / np.sqrt(1 + a * (1 + np.sin(angle) ** 2) / 2), angle)
+    exact = 4 * quarter / (2 * np.pi * 3.5)
+    np.testing.assert_allclose(period_s(x, body.dt_s), exact, rtol=0.003)
+
+
+def test_no_drive_gives_exactly_no_offset():
+    body = tissue(stiffening=1500.0)
+    x, _ = vibrate(body, body.at_rest(), 20)
+    np.testing.assert_array_equal(x, 0.0)
+
+
+def test_a_constant_drive_settles_where_spring_and_drive_balance():
+    body = tissue(frequency_hz=5.0, damping=0.5, stiffening=1500.0)
+    state, drive = body.at_rest(), np.tile([20.0, 0.0, 0.0], (len(body.free), 1))
+    for _ in range(1200):
+        state = body.step(state, drive)
+    x = state.offsets_m[:, 0]
+    np.testing.assert_allclose((2 * np.pi * 5) ** 2 * (1 + 1500 * x**2) * x, 20.0, rtol=1e-3)
+
+
+def test_vertices_that_are_held_do_not_move_and_hold_their_neighbours():
+    vertices, faces = patch()
+    count = len(vertices)
+    free = vertices[:, 0] > 0.03
+    parameters = TissueParameters(
+        np.full(count, 4.0), np.full(count, 0.1), np.zeros(count), 0.7, free
+    )
+    body = SoftTissue(vertices, faces, parameters)
+    state, drive = body.at_rest(), np.tile([10.0, 0.0, 0.0], (free.sum(), 1))
+    for _ in range(30):
+        state = body.step(state, drive)
+    reach = state.offsets_m[:, 0]
+    near, far = vertices[free, 0] < 0.05, vertices[free, 0] > 0.09
+    assert reach[near].max() < 0.6 * reach[far].min()
+
+
+def test_laplacian_is_exact_on_linear_functions_and_not_negative():
+    vertices, faces = patch()
+    laplacian = cotangent_laplacian(vertices, faces).toarray()
+    np.testing.assert_allclose(laplacian, laplacian.T)
+    np.testing.assert_allclose(laplacian.sum(1), 0, atol=1e-12)
+    x = vertices[:, 0]
+    np.testing.assert_allclose(x @ laplacian @ x, 0.1 * 0.1, rtol=1e-9)
+    assert np.linalg.eigvalsh(laplacian).min() > -1e-9
+    np.testing.assert_allclose(vertex_areas_m2(vertices, faces).sum(), 0.01)

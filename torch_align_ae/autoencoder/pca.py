@@ -1,0 +1,79 @@
+"""Principal components as a codec: the linear code that the autoencoder is measured against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torch_align_ae.autoencoder.splits import chunks
+
+_SPARE_DIRECTIONS = 20
+
+
+@dataclass(frozen=True)
+class PcaCodec:
+    """Mean and principal directions of offsets; encodes to coefficients in metres."""
+
+    mean_m: NDArray[np.float32]
+    """(V, 3)."""
+    components: NDArray[np.float32]
+    """(K, V * 3), orthonormal rows, in order of falling variance."""
+
+    @classmethod
+    def fit(
+        cls,
+        offsets_m: NDArray[np.float32],
+        frames: NDArray[np.int64],
+        size: int = 100,
+        *,
+        passes: int = 3,
+        seed: int = 0,
+    ) -> PcaCodec:
+        """Fit `size` components to the named frames of (F, V, 3) without holding them in memory.
+
+        Randomised subspace iteration (Halko, Martinsson, Tropp 2011): each pass
+        streams the frames once and multiplies the subspace by their covariance.
+        """
+        total = np.zeros(offsets_m.shape[1:])
+        for part in chunks(offsets_m, frames):
+            total += part.sum(axis=0, dtype=np.float64)
+        mean = np.float32(total / len(frames))
+        width = min(size + _SPARE_DIRECTIONS, mean.size)
+        subspace = np.random.default_rng(seed).standard_normal((mean.size, width), np.float32)
+        for _ in range(passes - 1):
+            subspace, _inner = _covariance_times(_basis(subspace), offsets_m, frames, mean)
+        basis = _basis(subspace)
+        _subspace, inner = _covariance_times(basis, offsets_m, frames, mean)
+        rotation = np.linalg.eigh(inner)[1][:, ::-1][:, :size]
+        return cls(mean, np.ascontiguousarray((basis @ rotation.astype(np.float32)).T))
+
+    def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Offsets (B, V, 3) in metres to coefficients (B, K) in metres."""
+        return (offsets_m - self.mean_m).reshape(len(offsets_m), -1) @ self.components.T
+
+    def decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Coefficients (B, K) to offsets (B, V, 3) in metres."""
+        return (latents @ self.components).reshape(-1, *self.mean_m.shape) + self.mean_m
+
+
+def _basis(subspace: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.linalg.qr(subspace)[0]
+
+
+def _covariance_times(
+    basis: NDArray[np.float32],
+    offsets_m: NDArray[np.float32],
+    frames: NDArray[np.int64],
+    mean: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """(X'X) basis, and basis' (X'X) basis, of the centred frames X."""
+    product = np.zeros_like(basis)
+    inner = np.zeros((basis.shape[1],) * 2)
+    for part in chunks(offsets_m, frames):
+        centred = (part - mean).reshape(len(part), -1)
+        coefficients = centred @ basis
+        product += centred.T @ coefficients
+        inner += np.float64(coefficients.T @ coefficients)
+    return product, inner
