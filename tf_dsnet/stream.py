@@ -32,9 +32,7 @@ class _Affine:
         return _Affine(self.kernel @ other.kernel, self.bias @ other.kernel + other.bias)
 
     def as_float32(self) -> _Affine:
-        return _Affine(
-            np.ascontiguousarray(self.kernel, np.float32), self.bias.astype(np.float32)
-        )
+        return _Affine(np.ascontiguousarray(self.kernel, np.float32), self.bias.astype(np.float32))
 
     def __call__(self, x: NDArray) -> NDArray:
         y = x @ self.kernel
@@ -65,7 +63,7 @@ class StreamingPredictor:
 
     def reset(self) -> None:
         """Forget the past; the next step may have another number of characters."""
-        self._memory = self._encoded_and_hidden = np.empty((0, 0), np.float32)
+        self._memory = self._features_and_hidden = np.empty((0, 0), np.float32)
 
     def step(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
         """Advance every character by one frame (1/60 s).
@@ -86,20 +84,27 @@ class StreamingPredictor:
             If the shapes are others, or B has changed since the last `reset`.
         """
         self._check(np.shape(theta), np.shape(betas))
+        if not len(self._memory):
+            self._start(len(theta))
         inputs = np.concatenate((betas, theta), axis=1, dtype=np.float32)
-        features, units = self._encoded_and_hidden, self._units
-        np.tanh(self._encode(inputs), out=features[:, :-units])
-        gates = self._gates(features)
+        both, units = self._features_and_hidden, self._units
+        np.tanh(self._encode(inputs), out=both[:, :-units])
+        gates = self._gates(both)
         np.tanh(gates, out=gates)
-        half = gates * np.float32(0.5)
-        half += np.float32(0.5)
-        keep, let_in, put_out = half[:, units : 2 * units], half[:, :units], half[:, 3 * units :]
-        self._memory *= keep
-        self._memory += let_in * gates[:, 2 * units : 3 * units]
+        candidate = gates[:, 2 * units : 3 * units].copy()
+        gates *= np.float32(0.5)
+        gates += np.float32(0.5)  # now sigmoids, but for the candidate's columns
+        self._memory *= gates[:, units : 2 * units]
+        self._memory += gates[:, :units] * candidate
         hidden = np.tanh(self._memory)
-        hidden *= put_out
-        features[:, -units:] = hidden
+        hidden *= gates[:, 3 * units :]
+        both[:, -units:] = hidden
         return self._decode(hidden)
+
+    def _start(self, characters: int) -> None:
+        self._memory = np.zeros((characters, self._units), np.float32)
+        # The arguments of the gates stand side by side, so that nothing is copied at a step.
+        self._features_and_hidden = np.zeros((characters, len(self._gates.kernel)), np.float32)
 
     def _check(self, theta: tuple[int, ...], betas: tuple[int, ...]) -> None:
         if len(theta) != 2 or theta[1] != THETA_SIZE or betas != (theta[0], N_BETAS):
@@ -108,11 +113,7 @@ class StreamingPredictor:
                 f"theta (B, {THETA_SIZE}) and betas (B, {N_BETAS})",
                 "Pass one row for each character, also for a single one.",
             )
-        if not self._memory.size:
-            self._memory = np.zeros((theta[0], self._units), np.float32)
-            width = len(self._gates.kernel)
-            self._encoded_and_hidden = np.zeros((theta[0], width), np.float32)
-        if len(self._memory) != theta[0]:
+        if len(self._memory) not in (0, theta[0]):
             raise DsnetError(
                 f"{theta[0]} characters after {len(self._memory)}",
                 "the same characters at every step",

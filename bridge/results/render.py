@@ -9,8 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bridge.results.denoise import denoise_light
+
 CLAY_SRGB = (0.86, 0.79, 0.73)
-_SKY, _KEY, _KEY_WIDTH_RAD = 0.55, 9.0, 0.35
+_SKY, _KEY, _KEY_WIDTH_RAD = 0.55, 5.0, 0.3
+_FLOOR_ALBEDO = 0.9
+# The floor reflects light onto the bodies; without this, bright colours would burn out.
+_BODY_EXPOSURE = 0.72
 _KEY_DIRECTION = np.array([-0.5, 1.0, 0.75]) / np.linalg.norm([-0.5, 1.0, 0.75])
 
 
@@ -80,7 +85,7 @@ def render_bodies(
     *,
     camera: Camera,
     colours: Sequence[ArrayLike | None] | None = None,
-    samples: int = 64,
+    samples: int = 16,
     seed: int = 0,
 ) -> NDArray[np.uint8]:
     """Picture of bodies on a floor in soft light.
@@ -99,20 +104,35 @@ def render_bodies(
     """
     mi = _mitsuba()
     painted = colours if colours is not None else [None] * len(bodies)
-    environment = _environment()
     scene = {
         "type": "scene",
-        "integrator": {"type": "path", "max_depth": 4, "hide_emitters": True},
-        "light": {"type": "envmap", "bitmap": mi.Bitmap(environment), "scale": 1.0},
-        "floor": _floor(mi, camera, environment),
+        "integrator": _integrator(),
+        "light": {"type": "envmap", "bitmap": mi.Bitmap(_environment()), "scale": 1.0},
+        "floor": _floor(mi, camera),
         "camera": _sensor(mi, camera, samples),
     }
     for index, (body, colour) in enumerate(zip(bodies, painted, strict=True)):
         scene[f"body_{index}"] = _mesh(mi, np.asarray(body), np.asarray(faces), colour)
-    pixels = np.array(mi.render(mi.load_dict(scene), seed=seed), dtype=np.float64)
-    # Where no surface was hit there is white paper, like the lit floor's.
-    linear = pixels[..., :3] + (1.0 - pixels[..., 3:4])
-    return np.round(255 * linear_to_srgb(linear)).astype(np.uint8)
+    layers = np.array(mi.render(mi.load_dict(scene), seed=seed), dtype=np.float64)
+    return np.round(255 * linear_to_srgb(_develop(layers))).astype(np.uint8)
+
+
+def _integrator() -> dict[str, Any]:
+    """Colour and coverage, then what guides the denoiser: albedo, normal, depth."""
+    return {
+        "type": "aov",
+        "aovs": "albedo:albedo,normal:sh_normal,depth:depth",
+        "light": {"type": "path", "max_depth": 3, "hide_emitters": True},
+    }
+
+
+def _develop(layers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Linear picture from the integrator's layers, its noise smoothed, on white paper."""
+    colour, coverage = layers[..., :3], layers[..., 3:4]
+    albedo, normals, depth_m = layers[..., 4:7], layers[..., 7:10], layers[..., 10]
+    light = np.divide(colour, albedo, out=np.zeros_like(colour), where=albedo > 1e-4)
+    # Where no surface was hit there is white paper, like the unshaded floor.
+    return denoise_light(light, normals, depth_m) * albedo + (1.0 - coverage)
 
 
 def srgb_to_linear(colour: ArrayLike) -> NDArray[np.float64]:
@@ -168,14 +188,13 @@ def _environment(height: int = 64) -> NDArray[np.float32]:
     )
     angle = np.arccos(np.clip(direction @ _KEY_DIRECTION, -1, 1))
     light = _SKY + _KEY * np.exp(-0.5 * (angle / _KEY_WIDTH_RAD) ** 2)
+    on_floor = np.clip(direction[..., 1], 0, None) * sine * (np.pi / height) ** 2
+    # An unshaded floor is to be exactly as white as the paper around the picture.
+    light *= np.pi / (_FLOOR_ALBEDO * (light * on_floor).sum())
     return np.repeat(light[..., None], 3, axis=-1).astype(np.float32)
 
 
-def _floor(mi: Any, camera: Camera, environment: NDArray[np.float32]) -> dict[str, Any]:
-    """A floor that reflects exactly white where nothing shades it."""
-    polar = (np.arange(len(environment)) + 0.5) / len(environment) * np.pi
-    weight = np.clip(np.cos(polar), 0, None) * np.sin(polar) * (np.pi / len(environment)) ** 2
-    irradiance = float((environment[..., 0] * weight[:, None]).sum())
+def _floor(mi: Any, camera: Camera) -> dict[str, Any]:
     transform = mi.ScalarTransform4f
     placed = transform().translate([camera.target_m[0], camera.floor_m, camera.target_m[2]])
     return {
@@ -183,7 +202,7 @@ def _floor(mi: Any, camera: Camera, environment: NDArray[np.float32]) -> dict[st
         "to_world": placed @ transform().rotate([1, 0, 0], -90) @ transform().scale(60.0),
         "bsdf": {
             "type": "diffuse",
-            "reflectance": {"type": "rgb", "value": min(0.99, np.pi / irradiance)},
+            "reflectance": {"type": "rgb", "value": _FLOOR_ALBEDO},
         },
     }
 
@@ -211,15 +230,10 @@ def _mesh(mi: Any, vertices: NDArray, faces: NDArray, colour: ArrayLike | None) 
     painted = np.broadcast_to(
         np.asarray(CLAY_SRGB if colour is None else colour, dtype=np.float64), vertices.shape
     )
+    painted_linear = _BODY_EXPOSURE * srgb_to_linear(painted)
     properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(
-        {
-            "type": "principled",
-            "base_color": {"type": "mesh_attribute", "name": "vertex_color"},
-            "roughness": 0.55,
-            "specular": 0.25,
-        }
-    )
+    reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
+    properties["bsdf"] = mi.load_dict({"type": "diffuse", "reflectance": reflectance})
     mesh = mi.Mesh(
         "body", len(vertices), len(faces), props=properties, has_vertex_normals=True
     )
@@ -227,5 +241,5 @@ def _mesh(mi: Any, vertices: NDArray, faces: NDArray, colour: ArrayLike | None) 
     parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
     parameters["faces"] = faces.astype(np.uint32).ravel()
     parameters.update()
-    mesh.add_attribute("vertex_color", 3, srgb_to_linear(painted).astype(np.float32).ravel())
+    mesh.add_attribute("vertex_color", 3, painted_linear.astype(np.float32).ravel())
     return mesh

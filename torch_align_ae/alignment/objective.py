@@ -81,7 +81,7 @@ class MeshDistance:
             weights[smpl.parents[hand]] += smpl.weights[hand]
         posedirs = smpl.posedirs[: 9 * (N_JOINTS - 1)]
         self._levels = tree_levels(parents)
-        self._parents = list(parents[1:])
+        self._parents = torch.tensor(parents[1:])
         self._subtree = _subtree_matrix(parents).to(weights.dtype)
         self._order, self._patches = cut_into_patches(weights, posedirs, parents)
         self._template = smpl.template[:, self._order]

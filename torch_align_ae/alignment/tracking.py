@@ -165,6 +165,5 @@ def _measure(
     """Offsets and errors of one sequence's window; rows after its end are cut off."""
     pose, trans = pose[: len(mesh)], trans[: len(mesh)]
     betas = betas.expand(len(mesh), -1)
-    error = (smpl(betas, pose, trans) - mesh).norm(dim=-1).mean(-1)
-    offsets = rest_pose_offsets(smpl, mesh, betas, pose, trans)
-    return Fitted(index, start, pose, trans, offsets, error)
+    offsets, distances = rest_pose_offsets(smpl, mesh, betas, pose, trans)
+    return Fitted(index, start, pose, trans, offsets, distances.mean(1))

@@ -27,12 +27,14 @@ def save_checkpoint(
     No random state is kept: each epoch's order follows from the seed and the
     epoch's number, and nothing else is drawn.
     """
-    arrays = {f"best.{name}": _numpy(value) for name, value in best.items()}
+    arrays: dict[str, NDArray] = {f"best.{k}": _numpy(value) for k, value in best.items()}
     for name, parameter in model.named_parameters():
         arrays[f"model.{name}"] = _numpy(parameter)
         for moment in _MOMENTS:
             arrays[f"{moment}.{name}"] = _numpy(optimizer.state[parameter][moment])
-    save_weights(path, {**arrays, "history": history, "steps_done": np.int64([steps_done])})
+    save_weights(
+        path, {**arrays, "history": history, "steps_done": np.array([steps_done], np.int64)}
+    )
 
 
 def load_checkpoint(

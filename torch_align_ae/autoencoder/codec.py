@@ -34,9 +34,7 @@ class Codec:
 
     def decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
         """Latents (B, 100) to offsets (B, V, 3) in metres."""
-        return _in_batches(
-            lambda z: self.normaliser.denormalise(self.model.decode(z)), latents
-        )
+        return _in_batches(lambda z: self.normaliser.denormalise(self.model.decode(z)), latents)
 
     def architecture(self) -> dict[str, Any]:
         """What a manifest must say so that `load_codec` can build the network again."""
@@ -81,9 +79,7 @@ def read_codec(path: Path, architecture: Mapping[str, Any]) -> Codec:
             "Delete the folder and run `dsnet train-ae` again.",
         )
     tensors = {name: torch.from_numpy(value) for name, value in weights.items()}
-    normaliser = Normaliser(
-        tensors.pop("normaliser.mean_m"), tensors.pop("normaliser.scale_m")
-    )
+    normaliser = Normaliser(tensors.pop("normaliser.mean_m"), tensors.pop("normaliser.scale_m"))
     state = {name.removeprefix("model."): value for name, value in tensors.items()}
     model.load_state_dict(state, assign=True)
     return Codec(model.eval(), normaliser)

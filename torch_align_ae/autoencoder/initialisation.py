@@ -20,10 +20,10 @@ latents then are distances between offsets, and no latent outweighs another.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from torch_align_ae.autoencoder.mesh_autoencoder import FEATURES, LATENT_SIZE, MeshAutoencoder
 
@@ -90,7 +90,7 @@ def vertex_basis(sample: Tensor, *, count: int, size: int, generator: torch.Gene
     return torch.linalg.qr(torch.cat([modes.float(), others], dim=1)).Q
 
 
-def _set(layer: nn.Module, weight: Tensor) -> None:
+def _set(layer: Any, weight: Tensor) -> None:
     layer.weight.copy_(weight.reshape(layer.weight.shape))
     layer.bias.zero_()
 

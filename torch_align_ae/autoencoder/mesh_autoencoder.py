@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Literal
 
 import torch
@@ -50,9 +51,8 @@ class VertexConv(nn.Conv1d):
     def forward(self, input: Tensor) -> Tensor:  # noqa: A002
         """Mix (in, B, C) into (out, B, C)."""
         assert self.bias is not None
-        vertices, *rest = input.shape
-        mixed = torch.addmm(self.bias[:, None], self.weight.squeeze(2), input.view(vertices, -1))
-        return mixed.view(-1, *rest)
+        mixed = torch.addmm(self.bias[:, None], self.weight.squeeze(2), input.flatten(1))
+        return mixed.view(self.out_channels, *input.shape[1:])
 
 
 class MeshAutoencoder(nn.Module):
@@ -132,8 +132,7 @@ class MeshAutoencoder(nn.Module):
 
 
 def _convolutions(widths: tuple[int, ...]) -> list[tuple[str, nn.Module]]:
-    pairs = zip(widths[:-1], widths[1:], strict=True)
-    return [(f"conv_{k}", VertexConv(*pair)) for k, pair in enumerate(pairs, start=1)]
+    return [(f"conv_{k}", VertexConv(*pair)) for k, pair in enumerate(pairwise(widths), start=1)]
 
 
 def parameter_count(model: nn.Module) -> int:

@@ -39,7 +39,7 @@ class PcaCodec:
         total = np.zeros(offsets_m.shape[1:])
         for part in chunks(offsets_m, frames):
             total += part.sum(axis=0, dtype=np.float64)
-        mean = np.float32(total / len(frames))
+        mean = (total / len(frames)).astype(np.float32)
         width = min(size + _SPARE_DIRECTIONS, mean.size)
         subspace = np.random.default_rng(seed).standard_normal((mean.size, width), np.float32)
         for _ in range(passes - 1):
@@ -51,7 +51,8 @@ class PcaCodec:
 
     def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """Offsets (B, V, 3) in metres to coefficients (B, K) in metres."""
-        return (offsets_m - self.mean_m).reshape(len(offsets_m), -1) @ self.components.T
+        centred = np.asarray(offsets_m - self.mean_m, dtype=np.float32)
+        return centred.reshape(len(offsets_m), -1) @ self.components.T
 
     def decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
         """Coefficients (B, K) to offsets (B, V, 3) in metres."""

@@ -91,9 +91,7 @@ class Training:
         best, history, done = self._start()
         steps_per_epoch = math.ceil(len(self.split.train) / self.plan.batch_size)
         epochs = math.ceil(self.plan.steps / steps_per_epoch)
-        bar = tqdm(
-            total=self.plan.steps, initial=done, desc=self.label, unit="step", disable=None
-        )
+        bar = tqdm(total=self.plan.steps, initial=done, desc=self.label, unit="step", disable=None)
         with bar:
             for epoch in range(len(history), epochs + 1):
                 if self._stale(history):

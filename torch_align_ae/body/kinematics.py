@@ -9,30 +9,36 @@ import torch
 from torch import Tensor
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TreeLevels:
     """A joint tree cut into levels: all joints of a level are posed by one batched product."""
 
-    joints: tuple[tuple[int, ...], ...]
-    """Joints of each level, the root's level first."""
-    parent_slots: tuple[tuple[int, ...], ...]
-    """For each joint of a level, the place of its parent within the level above."""
-    parents: tuple[int, ...]
-    """Parent of each joint; the root's is -1."""
-    order: tuple[int, ...]
-    """For each joint, its place in the levels laid end to end."""
+    parents: Tensor
+    """(J,) parent of each joint; the root is its own."""
+    sorted_joints: Tensor
+    """(J,) joints by level, the root first."""
+    place_of_joint: Tensor
+    """(J,) inverse of `sorted_joints`."""
+    sizes: tuple[int, ...]
+    """Number of joints of each level."""
+    parent_slots: tuple[Tensor, ...]
+    """For each level below the root's, the places of its joints' parents in the level above."""
 
 
 def tree_levels(parents: Sequence[int]) -> TreeLevels:
     """Cut a tree with `parents[0] == -1` and parents before children into levels."""
-    joints: list[tuple[int, ...]] = [(0,)]
-    parent_slots: list[tuple[int, ...]] = [()]
-    while level := tuple(j for j, parent in enumerate(parents) if parent in joints[-1]):
-        parent_slots.append(tuple(joints[-1].index(parents[j]) for j in level))
-        joints.append(level)
-    laid_out = [joint for level in joints for joint in level]
-    order = tuple(laid_out.index(joint) for joint in range(len(parents)))
-    return TreeLevels(tuple(joints), tuple(parent_slots), tuple(parents), order)
+    levels, slots = [[0]], []
+    while level := [joint for joint, parent in enumerate(parents) if parent in levels[-1]]:
+        slots.append(torch.tensor([levels[-1].index(parents[joint]) for joint in level]))
+        levels.append(level)
+    sorted_joints = torch.tensor([joint for level in levels for joint in level])
+    return TreeLevels(
+        parents=torch.tensor(parents).clamp_min(0),
+        sorted_joints=sorted_joints,
+        place_of_joint=torch.argsort(sorted_joints),
+        sizes=tuple(len(level) for level in levels),
+        parent_slots=tuple(slots),
+    )
 
 
 def world_frames(
@@ -47,14 +53,18 @@ def world_frames(
     levels : the joint tree.
     trans : (B, 3) translation of the root, metres.
     """
-    turn, place = [rotations[:, :1]], [joints[:, :1] + trans[:, None]]
-    for level, slots in zip(levels.joints[1:], levels.parent_slots[1:], strict=True):
-        parents = [levels.parents[joint] for joint in level]
-        above, origin = turn[-1][:, slots], place[-1][:, slots]
-        bone = joints[:, level] - joints[:, parents]
-        turn.append(above @ rotations[:, level])
-        place.append((above @ bone[..., None])[..., 0] + origin)
-    return torch.cat(turn, 1)[:, levels.order], torch.cat(place, 1)[:, levels.order]
+    bones = joints - joints[:, levels.parents]
+    local = torch.cat([rotations, bones[..., None]], -1)[:, levels.sorted_joints]
+    root, *below = local.split(levels.sizes, 1)
+    start = (joints[:, 0] + trans)[:, None, :, None]
+    T_world_joint = [torch.cat([root[..., :3], start], -1)]
+    for T_parent_joint, slots in zip(below, levels.parent_slots, strict=True):
+        above = T_world_joint[-1][:, slots]
+        turned = above[..., :3] @ T_parent_joint
+        turned[..., 3].add_(above[..., 3])
+        T_world_joint.append(turned)
+    frames = torch.cat(T_world_joint, 1)[:, levels.place_of_joint]
+    return frames[..., :3], frames[..., 3]
 
 
 def bone_transforms(rotations: Tensor, joints: Tensor, levels: TreeLevels, trans: Tensor) -> Tensor:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
@@ -35,36 +37,54 @@ def unpose(smpl: SMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans: Ten
     DsnetError
         If an argument has the wrong shape.
     """
-    rotations = smpl.rotations(pose)
-    blended, centred = _centred(smpl, vertices, betas, rotations, trans)
-    result, singular = _solve(blended, centred)
-    if singular.any():
-        rest = smpl.planar_rest(betas, rotations)
-        return _keep_collapsed(result, singular, blended, centred, rest).transpose(1, 2)
-    return result.transpose(1, 2).contiguous()
+    return _unpose(smpl, vertices, betas, pose, trans).vertices.transpose(1, 2).contiguous()
 
 
 def rest_pose_offsets(
     smpl: SMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans: Tensor
-) -> Tensor:
-    """Eq. 5: Delta = W^-1(S) - (T + M_S(beta) + M_P(theta)), (B, V, 3) metres in the rest pose.
+) -> tuple[Tensor, Tensor]:
+    """Eq. 5: Delta = W^-1(S) - (T + M_S(beta) + M_P(theta)), and how far SMPL is from the mesh.
 
     Arguments and errors as in `unpose`.
+
+    Returns
+    -------
+    (B, V, 3) offsets in the rest pose, metres, and (B, V) distances of the posed body's vertices
+    from the mesh's, metres.
     """
-    return unpose(smpl, vertices, betas, pose, trans) - smpl.rest_vertices(betas, pose)
+    unposed = _unpose(smpl, vertices, betas, pose, trans)
+    offsets = (unposed.vertices - unposed.rest).transpose(1, 2).contiguous()
+    posed = (unposed.blended[:, :, :3] * unposed.rest[:, None]).sum(2)
+    return offsets, (posed - unposed.centred).norm(dim=1)
 
 
-def _centred(
-    smpl: SMPL, vertices: Tensor, betas: Tensor, rotations: Tensor, trans: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Blended transforms (B, 3, 4, V), and vertices (B, 3, V) less their translation."""
+class _Unposed(NamedTuple):
+    """An unposed mesh, and what it was found from."""
+
+    vertices: Tensor
+    """(B, 3, V) rest-pose vertices."""
+    rest: Tensor
+    """(B, 3, V) SMPL's rest-pose vertices, Eq. 2."""
+    blended: Tensor
+    """(B, 3, 4, V) blended transforms, rest to world."""
+    centred: Tensor
+    """(B, 3, V) mesh less the blended translation."""
+
+
+def _unpose(smpl: SMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans: Tensor) -> _Unposed:
     expected = (len(betas), smpl.vertex_count, 3)
     if tuple(vertices.shape) != expected:
         raise DsnetError(
             f"vertices of shape {tuple(vertices.shape)}", f"shape {expected}", "Check the mesh."
         )
+    rotations = smpl.rotations(pose)
+    rest = smpl.planar_rest(betas, rotations)
     blended = smpl.blended_transforms(betas, rotations, trans)
-    return blended, vertices.transpose(1, 2) - blended[:, :, 3]
+    centred = vertices.transpose(1, 2) - blended[:, :, 3]
+    solved, singular = _solve(blended, centred)
+    if singular.any():
+        solved = _keep_collapsed(solved, singular, blended, centred, rest)
+    return _Unposed(solved, rest, blended, centred)
 
 
 def _solve(blended: Tensor, centred: Tensor) -> tuple[Tensor, Tensor]:

@@ -69,8 +69,10 @@ def dyna_takes(
     ]
 
 
-def mosh_takes(gender: Gender, motions: tuple[str, ...], seconds: float) -> list[Take]:
-    """Held-out motions of two known subjects and of one that no stage has seen.
+def mosh_takes(
+    gender: Gender, subjects: int, motions: tuple[str, ...], seconds: float
+) -> list[Take]:
+    """Held-out motions of two of the known subjects and of one that no stage has seen.
 
     Raises
     ------
@@ -78,7 +80,7 @@ def mosh_takes(gender: Gender, motions: tuple[str, ...], seconds: float) -> list
         If there is no such motion.
     """
     _check_names(motions, MOSH_MOTIONS)
-    people = (*SUBJECTS[gender][:2], UNSEEN[gender])
+    people = (*SUBJECTS[gender][: min(2, subjects)], UNSEEN[gender])
     count = round(seconds * MOSH_FPS) + 1
     return [Take(subject, motion, count) for subject in people for motion in motions]
 

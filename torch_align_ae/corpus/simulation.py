@@ -61,10 +61,18 @@ def rest_frame_drive(
     vertices, turns = _skin(smpl, betas, theta, selected)
     acceleration = np.zeros_like(vertices)
     acceleration[1:-1] = (vertices[2:] - 2 * vertices[1:-1] + vertices[:-2]) * fps**2
+    # Equal rows of a matrix product may differ in the last bit; stillness must not.
+    acceleration[_still(theta)] = 0.0
     drive = -(turns * acceleration[:, :, None]).sum(1)
     blunted = drive.copy()
     blunted[1:-1] = (drive[:-2] + 2 * drive[1:-1] + drive[2:]) / 4
     return blunted.transpose(0, 2, 1)
+
+
+def _still(theta: Array) -> NDArray[np.bool_]:
+    """(T,) frames that are the same as those before and after."""
+    same = (theta[1:] == theta[:-1]).all(axis=1)
+    return np.concatenate([[False], same[1:] & same[:-1], [False]])
 
 
 def _skin(

@@ -118,7 +118,9 @@ def _takes(config: CorpusConfig) -> tuple[list[Take], list[Take]]:
     dyna = dyna_takes(
         config.gender, config.subjects, config.motions, config.mean_frames, config.seed
     )
-    return dyna, mosh_takes(config.gender, config.mosh_motions, config.mosh_seconds)
+    return dyna, mosh_takes(
+        config.gender, config.subjects, config.mosh_motions, config.mosh_seconds
+    )
 
 
 def _make_truth(writer: ArtifactWriter, config: CorpusConfig) -> None:

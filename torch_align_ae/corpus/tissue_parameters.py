@@ -21,7 +21,7 @@ SOFT_HZ = 3.6
 _DAMPING_RATIO = 0.11
 # At an offset of 1/sqrt(a) = 2.6 cm the springs are twice as stiff as at rest.
 _STIFFENING_PER_M2 = 1500.0
-_WAVE_SPEED_M_S = 0.7
+_WAVE_SPEED_M_S = 1.3
 # Tissue moves freely from this depth on, metres.
 _LOOSE_DEPTH_M = 0.075
 _SMOOTHING_M = 0.03

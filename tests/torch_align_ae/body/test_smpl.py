@@ -19,10 +19,10 @@ def tensors(*arrays, dtype=torch.float64) -> Any:
 @pytest.mark.parametrize("joints", [22, 24])
 @pytest.mark.parametrize(("dtype", "tolerance_m"), [(torch.float64, 1e-10), (torch.float32, 1e-5)])
 def test_matches_the_reference(body, random_bodies, joints, dtype, tolerance_m):
-    arguments = random_bodies(3, joints)
+    betas, pose, trans = random_bodies(3, joints)
     offsets = np.random.default_rng(1).normal(0, 0.02, (3, body.vertex_count, 3))
-    expected = pose_vertices(body, *arguments, offsets)
-    posed = SMPL(body, dtype)(*tensors(*arguments, offsets, dtype=dtype))
+    expected = pose_vertices(body, betas, pose, trans, offsets)
+    posed = SMPL(body, dtype)(*tensors(betas, pose, trans, offsets, dtype=dtype))
     assert posed.dtype == dtype
     np.testing.assert_allclose(posed.numpy(), expected, atol=tolerance_m)
 

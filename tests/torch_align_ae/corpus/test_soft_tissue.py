@@ -69,8 +69,10 @@ def test_free_vibration_has_the_frequency_and_decay_of_a_damped_oscillator(frequ
     omega = 2 * np.pi * frequency_hz
     damped = omega * np.sqrt(1 - 0.1**2)
     times_s = np.arange(481) * body.dt_s
-    expected = 0.01 * np.exp(-0.1 * omega * times_s) * (
-        np.cos(damped * times_s) + 0.1 * omega / damped * np.sin(damped * times_s)
+    expected = (
+        0.01
+        * np.exp(-0.1 * omega * times_s)
+        * (np.cos(damped * times_s) + 0.1 * omega / damped * np.sin(damped * times_s))
     )
     np.testing.assert_allclose(period_s(x, body.dt_s), 2 * np.pi / damped, rtol=0.005)
     np.testing.assert_allclose(x, expected, atol=0.01 * 0.03)

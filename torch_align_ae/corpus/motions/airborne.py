@@ -93,20 +93,19 @@ def one_leg_jump(times_s: Array, style: Style) -> BodyPlan:
 
 def jumping_jacks(times_s: Array, style: Style) -> BodyPlan:
     """Jumps between closed and spread, arms swinging overhead."""
-    hops = _hops(times_s, style, 0.27, 0.27, 0.07, BEGIN_S)
+    hops = _hops(times_s, style, 0.27, 0.27, 0.07, BEGIN_S, spread_sink_m=0.03 * style.size)
     wide = np.arange(len(hops.take_offs_s) + 1) % 2
     spread_m = 0.2 * style.size * style.amplitude
     left, right = (
-        stepping_foot(times_s, hops.contacts(x_m=side * spread_m * wide), hops.swings(0.015))
+        stepping_foot(times_s, hops.contacts(x_m=side * spread_m * wide), hops.swings(0.02))
         for side in (1, -1)
     )
     knots_s = np.stack([hops.take_offs_s - 0.08, hops.landings_s + 0.08], axis=1).ravel()
     opened = keyframes(times_s, knots_s, np.repeat(wide, 2)[1:-1].astype(float))
-    drop_m = 0.028 * style.size * opened
     return _upright(
         times_s,
         style,
-        hops.height_m - drop_m,
+        hops.height_m,
         feet=(left, right),
         joints=arms(
             times_s,
@@ -193,7 +192,13 @@ def side_to_side_hopping(times_s: Array, style: Style) -> BodyPlan:
 
 
 def _hops(
-    times_s: Array, style: Style, flight_s: float, contact_s: float, crouch_m: float, begin_s: float
+    times_s: Array,
+    style: Style,
+    flight_s: float,
+    contact_s: float,
+    crouch_m: float,
+    begin_s: float,
+    spread_sink_m: float = 0.0,
 ) -> Hops:
     hop = HopTimes(
         begin_s=begin_s,
@@ -201,6 +206,7 @@ def _hops(
         contact_s=contact_s / style.tempo,
         take_off_m=0.05 * style.size,
         crouch_m=crouch_m * style.size,
+        spread_sink_m=spread_sink_m,
     )
     return plan_hops(times_s, hop, style.rng())
 

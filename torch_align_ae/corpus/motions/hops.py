@@ -30,6 +30,8 @@ class HopTimes:
     """Height of the pelvis above standing when the feet leave and meet the floor."""
     crouch_m: float
     """Depth of the countermovement below standing."""
+    spread_sink_m: float = 0.0
+    """How much lower the pelvis is in every second contact, when the legs stand apart."""
     variation: float = 0.06
     """Relative standard deviation of each duration."""
 
@@ -61,7 +63,9 @@ def plan_hops(times_s: Array, hop: HopTimes, rng: np.random.Generator) -> Hops:
     """Hop from `hop.begin_s` until after the last of `times_s`."""
     end_s = times_s[-1] + 0.01
     flights_s, contacts_s = _durations(hop, end_s - hop.begin_s, rng)
-    speeds = GRAVITY_M_S2 * flights_s / 2
+    sinks_m = hop.spread_sink_m * (np.arange(len(flights_s) + 1) % 2)
+    heights_m = hop.take_off_m - sinks_m
+    speeds = GRAVITY_M_S2 * flights_s / 2 + np.diff(heights_m) / flights_s
     crouch_s = hop.begin_s + _CROUCH_S
     push_s = (hop.crouch_m + hop.take_off_m) / (_PUSH_SPEED_SHARE * speeds[0])
     knots = [
@@ -70,12 +74,13 @@ def plan_hops(times_s: Array, hop: HopTimes, rng: np.random.Generator) -> Hops:
     ]
     take_offs_s, landings_s = [], []
     now_s = crouch_s + push_s
-    for flight_s, contact_s, speed in zip(flights_s, contacts_s, speeds, strict=True):
+    for hop_index, (flight_s, contact_s) in enumerate(zip(flights_s, contacts_s, strict=True)):
         take_offs_s.append(now_s)
         landings_s.append(now_s + flight_s)
+        rising, falling = speeds[hop_index], speeds[hop_index] - GRAVITY_M_S2 * flight_s
         knots += [
-            (now_s, hop.take_off_m, speed, -GRAVITY_M_S2),
-            (now_s + flight_s, hop.take_off_m, -speed, -GRAVITY_M_S2),
+            (now_s, heights_m[hop_index], rising, -GRAVITY_M_S2),
+            (now_s + flight_s, heights_m[hop_index + 1], falling, -GRAVITY_M_S2),
         ]
         now_s += flight_s + contact_s
     return Hops(np.array(take_offs_s), np.array(landings_s), track(times_s, knots))

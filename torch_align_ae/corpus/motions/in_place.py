@@ -58,10 +58,10 @@ def shake_hips(times_s: Array, style: Style) -> BodyPlan:
 def knees(times_s: Array, style: Style) -> BodyPlan:
     """Knees raised high in turn, as in marching on the spot."""
     step_s = 0.52 / style.tempo
-    starts_s = np.arange(BEGIN_S + 0.25, times_s[-1], step_s)
+    starts_s = np.arange(BEGIN_S + 0.25, times_s[-1] + 1.0, step_s)
     sides = style.leading_side * (-1) ** np.arange(len(starts_s))
     lifts_m = (
-        0.42 * style.size * style.amplitude * (1 + 0.06 * style.rng().standard_normal(len(sides)))
+        0.38 * style.size * style.amplitude * (1 + 0.06 * style.rng().standard_normal(len(sides)))
     )
     raised = {side: np.zeros(times_s.shape) for side in (1, -1)}
     for start_s, side in zip(starts_s.tolist(), sides.tolist(), strict=True):
@@ -227,7 +227,7 @@ def punching(times_s: Array, style: Style) -> BodyPlan:
     """Straight punches in turn from a guard."""
     guard = ease(times_s, BEGIN_S, BEGIN_S + 0.5)
     punch_s = 0.42 / style.tempo
-    starts_s = np.arange(BEGIN_S + 0.5, times_s[-1], punch_s)
+    starts_s = np.arange(BEGIN_S + 0.5, times_s[-1] + 1.0, punch_s)
     sides = style.leading_side * (-1) ** np.arange(len(starts_s))
     strength = style.amplitude * (1 + 0.05 * style.rng().standard_normal(len(sides)))
     out = {side: np.zeros(times_s.shape) for side in (1, -1)}

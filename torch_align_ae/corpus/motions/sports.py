@@ -28,15 +28,12 @@ def basketball_dribble_and_shoot(times_s: Array, style: Style) -> BodyPlan:
     flights_s = (
         _FLIGHT_S * np.sqrt(style.amplitude) * (1 + 0.04 * style.rng().uniform(-1, 1, len(shots_s)))
     )
+    landings_s = shots_s + flights_s
+    starts, stops = [-1.0, *landings_s.tolist()], [*shots_s.tolist(), np.inf]
     foot = stepping_foot(
         times_s,
-        [
-            Contact(start, stop)
-            for start, stop in zip(
-                [-1.0, *(shots_s + flights_s)], [*shots_s, float(shots_s[-1]) + 10.0], strict=True
-            )
-        ],
-        [Swing(GRAVITY_M_S2 * flight_s**2 / 8 + 0.01) for flight_s in flights_s],
+        [Contact(start, stop) for start, stop in zip(starts, stops, strict=True)],
+        [Swing(GRAVITY_M_S2 * flight_s**2 / 8 + 0.01) for flight_s in flights_s.tolist()],
     )
     ready = ease(times_s, BEGIN_S, BEGIN_S + 0.6)
     dribble, raised, flick = (np.zeros(times_s.shape) for _ in range(3))
@@ -45,7 +42,7 @@ def basketball_dribble_and_shoot(times_s: Array, style: Style) -> BodyPlan:
         flick += keyframes(times_s, shot_s + np.array([0.0, 0.2, 0.6, 1.0]), [0, 1, 1, 0])
         for bounce in range(3):
             start_s = shot_s - 0.55 - (3 - bounce) * bounce_s
-            dribble += bump(times_s, start_s, start_s + bounce_s)
+            dribble += ready * bump(times_s, start_s, start_s + bounce_s)
     height_m = track(times_s, _shot_knots(shots_s, flights_s, size))
     side = style.leading_side
     joints = trunk(times_s, bend=0.25 * ready * (1 - raised), turn=-side * 0.1 * ready)
@@ -96,8 +93,9 @@ def kicking(times_s: Array, style: Style) -> BodyPlan:
     """Kicks to the front with one leg, the other stands."""
     support, size = -style.leading_side, style.size
     kick_s = 1.55 / style.tempo
-    starts_s = np.arange(BEGIN_S + 0.35, times_s[-1], kick_s)
-    strength = style.amplitude * (1 + 0.06 * style.rng().standard_normal(len(starts_s)))
+    starts_s = np.arange(BEGIN_S + 0.35, times_s[-1] + 1.0, kick_s)
+    variation = 1 + 0.05 * style.rng().standard_normal(len(starts_s))
+    strength = np.minimum(style.amplitude * variation, 1.08)
     back, front, lift, cocked = (np.zeros(times_s.shape) for _ in range(4))
     for start_s, share in zip(starts_s.tolist(), strength.tolist(), strict=True):
         moments_s = start_s + np.array([0.0, 0.38, 0.54, 0.72, 1.25]) / style.tempo
@@ -106,7 +104,7 @@ def kicking(times_s: Array, style: Style) -> BodyPlan:
         lift += keyframes(times_s, moments_s, [0.0, 0.22, 0.12, 0.40 * share, 0.0])
         cocked += keyframes(times_s, moments_s[[0, 1, 3, 4]], [0.0, 0.9, 0.45, 0.0])
     kicker = FootPath(
-        axis(times_s, -support * 0.03 * front, lift, -0.38 * back + 0.68 * front) * size,
+        axis(times_s, -support * 0.03 * front, lift, -0.38 * back + 0.62 * front) * size,
         pitch=cocked,
         yaw=np.zeros(times_s.shape),
     )

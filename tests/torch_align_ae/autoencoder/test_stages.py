@@ -1,0 +1,121 @@
+"""train-ae, encode and decode on a small aligned corpus of full-sized meshes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.exchange import ArtifactWriter, Run, Sequence, sequences_of, to_manifest
+from torch_align_ae.autoencoder import load_codec, stage_decode, stage_encode, stage_train
+from torch_align_ae.autoencoder.stage_encode import EncodeConfig
+from torch_align_ae.autoencoder.stage_train import TrainAutoencoderConfig
+
+NAMES = [("s1", "hop"), ("s1", "run"), ("s1", "jump"), ("s2", "hop"), ("s2", "run")]
+SPLITS = ["train", "train", "validation", "train", "train"]
+LENGTH = 8
+CONFIG = TrainAutoencoderConfig(run="r", steps=2, batch_size=16, patience=0)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSNET_RUNS", str(tmp_path_factory.mktemp("runs")))
+        _write_align(Run("r"))
+        stage_train.main(CONFIG)
+        stage_encode.main(EncodeConfig(run="r"))
+        _write_prediction(Run("r"))
+        stage_decode.main(stage_decode.DecodeConfig(run="r"))
+        yield Run("r")
+
+
+def _index() -> list[Sequence]:
+    return [
+        Sequence(f"{subject}_{motion}", subject, motion, k * LENGTH, LENGTH, 60.0, split)  # type: ignore[arg-type]
+        for k, ((subject, motion), split) in enumerate(zip(NAMES, SPLITS, strict=True))
+    ]
+
+
+def _write_align(run: Run) -> None:
+    frames = len(NAMES) * LENGTH
+    rng = np.random.default_rng(0)
+    waves = rng.standard_normal((frames, 4)) @ rng.standard_normal((4, 6890 * 3)) * 1e-3
+    writer = ArtifactWriter(run.path / "align", "align", data="synthetic")
+    writer.put("offsets", waves.reshape(frames, 6890, 3).astype(np.float32), "m")
+    writer.put("theta", rng.standard_normal((frames, 69)).astype(np.float32), "rad, then m")
+    writer.put("betas", rng.standard_normal((2, 10)).astype(np.float32), "1")
+    writer.record(sequences=to_manifest(_index()))
+    writer.finish()
+
+
+def _write_prediction(run: Run) -> None:
+    latents = np.asarray(run.artifact("encode").array("latents"))
+    unseen = Sequence("s9_kick", "s9", "kick", len(latents), LENGTH, 60.0, "test")
+    writer = ArtifactWriter(run.path / "predict", "predict", data="synthetic")
+    writer.put("latents", np.concatenate([latents, latents[:LENGTH]]) + 0.1, "1")
+    writer.put("latents_faithful", np.concatenate([latents, latents[:LENGTH]]) * 0.5, "1")
+    writer.record(sequences=to_manifest([*_index(), unseen]))
+    writer.finish()
+
+
+def test_training_records_what_it_did(run):
+    manifest = run.artifact("train-ae").manifest
+    summary = manifest["autoencoder"]
+    assert (summary["train_frames"], summary["validation_frames"]) == (28, 12)
+    assert summary["normalisation"] == "standard"
+    assert summary["departures"]
+    assert manifest["parameters"]["mesh_autoencoder"] == 33_626_606
+    assert run.artifact("train-ae").array("loss").shape == (summary["epochs"] + 1, 2)
+
+
+def test_modes_already_hold_most_and_pca_bounds_nothing_from_below(run):
+    manifest = run.artifact("train-ae").manifest
+    assert manifest["autoencoder"]["r2_validation"] > 0.5
+    np.testing.assert_allclose(manifest["pca"]["r2_validation"], 1, atol=1e-4)
+
+
+def test_latents_are_the_codecs_and_scale_is_of_training_sequences(run):
+    encode, align = run.artifact("encode"), run.artifact("align")
+    latents = encode.array("latents")
+    codec = load_codec(run.artifact("train-ae"))
+    np.testing.assert_allclose(latents, codec.encode(align.array("offsets")), atol=1e-5)
+    training = np.concatenate([latents[:16], latents[24:]])
+    np.testing.assert_allclose(encode.array("latent_mean"), training.mean(axis=0), atol=1e-6)
+    np.testing.assert_allclose(encode.array("latent_std"), training.std(axis=0), rtol=1e-5)
+    np.testing.assert_array_equal(encode.array("theta"), align.array("theta"))
+    assert sequences_of(encode) == sequences_of(align)
+
+
+def test_decoded_sequences_lie_where_the_index_says(run):
+    decode, predict = run.artifact("decode"), run.artifact("predict")
+    index = sequences_of(decode)
+    assert [s.name for s in index] == ["s1_hop", "s1_jump", "s2_hop", "s9_kick"]
+    assert [s.start for s in index] == [0, 8, 16, 24]
+    codec = load_codec(run.artifact("train-ae"))
+    jump = index[1]
+    for name, latents in (("offsets", "latents"), ("offsets_faithful", "latents_faithful")):
+        expected = codec.decode(predict.array(latents)[16:24])
+        np.testing.assert_allclose(decode.array(name)[jump.frames], expected, atol=1e-7)
+    kept = codec.decode(run.artifact("encode").array("latents")[16:24])
+    np.testing.assert_allclose(decode.array("offsets_autoencoder")[jump.frames], kept, atol=1e-7)
+
+
+def test_unaligned_sequences_have_zero_rows(run):
+    rows = run.artifact("decode").array("offsets_autoencoder")
+    assert not rows[24:].any()
+    assert rows[:24].any(axis=(1, 2)).all()
+
+
+def test_a_current_stage_is_kept(run):
+    before = run.artifact("train-ae").manifest["provenance"]["finished_utc"]
+    stamp = (run.path / "train-ae" / "autoencoder.safetensors").stat().st_mtime_ns
+    stage_train.main(CONFIG)
+    assert (run.path / "train-ae" / "autoencoder.safetensors").stat().st_mtime_ns == stamp
+    assert run.artifact("train-ae").manifest["provenance"]["finished_utc"] == before
+
+
+def test_an_unknown_run_is_one_line(run):
+    with pytest.raises(DsnetError, match="unknown run"):
+        stage_encode.main(replace(EncodeConfig(), run="nowhere"))

@@ -1,0 +1,154 @@
+"""Every motion, on a lean and on a heavy body: floor, contact, flight, stillness, smoothness."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+
+from bridge.body import load_body_model
+from bridge.errors import DsnetError
+from bridge.exchange import unpack_theta
+from torch_align_ae.body import SMPL
+from torch_align_ae.body.kinematics import world_frames
+from torch_align_ae.corpus.motions import DYNA_MOTIONS, MOTIONS, Skeleton, perform
+from torch_align_ae.corpus.motions.plan import draw_style
+from torch_align_ae.corpus.subjects import SUBJECTS
+
+FPS, FRAMES, BALLS = 60.0, 200, (10, 11)
+AIRBORNE = {
+    "light_hopping_stiff",
+    "light_hopping_loose",
+    "one_leg_jump",
+    "jumping_jacks",
+    "running_on_spot",
+    "side_to_side_hopping",
+    "basketball_dribble_and_shoot",
+}
+every_motion = pytest.mark.parametrize("motion", MOTIONS)
+lean_and_heavy = pytest.mark.parametrize("row", [0, 4])
+
+
+@dataclass(frozen=True, eq=False)
+class Performance:
+    theta: np.ndarray
+    pose: np.ndarray
+    trans: np.ndarray
+    lowest_m: np.ndarray
+    """Of every fourth frame."""
+    joints_m: np.ndarray
+    contact: np.ndarray
+    """(T, 2) whether each ball is on the floor, by plan."""
+
+
+@cache
+def body():
+    return SMPL(load_body_model("embedded:female"))
+
+
+@cache
+def performance(motion, row):
+    subject = SUBJECTS["female"][row]
+    skeleton = Skeleton.of(body().data, subject.betas)
+    theta = perform(motion, subject.name, skeleton, frame_count=FRAMES, fps=FPS)
+    style = draw_style(subject.name, motion, skeleton.size, 0)
+    plan = MOTIONS[motion](np.arange(FRAMES) / FPS, style)
+    feet = (plan.left_foot, plan.right_foot)
+    contact = np.stack([foot.ball_m[:, 1] < 1e-9 for foot in feet], axis=1)
+    pose, trans = unpack_theta(theta)
+    betas = torch.tensor(subject.betas).float().expand(FRAMES, -1)
+    tensors = torch.tensor(pose).float(), torch.tensor(trans).float()
+    with torch.no_grad():
+        lowest = body()(*(part[::4] for part in (betas, *tensors)))[..., 1].amin(1).numpy()
+        rotations, joints = body().rotations(tensors[0]), body().joints(betas)
+        places = world_frames(rotations, joints, body().levels, tensors[1])[1].numpy()
+    return Performance(theta, pose, trans, lowest, places, contact)
+
+
+@every_motion
+@lean_and_heavy
+def test_nothing_goes_through_the_floor_and_contact_is_on_it(motion, row):
+    found = performance(motion, row)
+    assert found.lowest_m.min() > -0.01
+    standing = found.contact[::4].any(1)
+    assert standing.mean() > 0.4
+    assert found.lowest_m[standing].max() < 0.02
+
+
+@every_motion
+@lean_and_heavy
+def test_a_foot_in_contact_does_not_slide(motion, row):
+    found = performance(motion, row)
+    for side, ball in enumerate(BALLS):
+        stays = found.contact[1:, side] & found.contact[:-1, side]
+        moved_m = np.linalg.norm(np.diff(found.joints_m[:, ball], axis=0), axis=1)
+        assert moved_m[stays].max() < 1e-4
+
+
+@every_motion
+@lean_and_heavy
+def test_flight_is_ballistic_and_only_jumps_have_one(motion, row):
+    found = performance(motion, row)
+    air = np.logical_not(found.contact.any(1))
+    assert air.any() == (motion in AIRBORNE)
+    inside = air[:-2] & air[1:-1] & air[2:]
+    fall_m_s2 = np.diff(found.trans[:, 1], 2)[inside] * FPS**2
+    np.testing.assert_allclose(fall_m_s2, -9.81, rtol=1e-6)
+
+
+@every_motion
+@lean_and_heavy
+def test_it_starts_still_and_moves_without_jumps(motion, row):
+    found = performance(motion, row)
+    np.testing.assert_array_equal(found.theta[:5], found.theta[[0] * 5])
+    assert np.abs(found.pose[-60:] - found.pose[0]).max() > 0.1
+    speed = np.linalg.norm(np.diff(found.pose, axis=0), axis=-1) * FPS
+    assert speed.max() < 20
+    acceleration = np.linalg.norm(np.diff(found.pose, 2, axis=0), axis=-1) * FPS**2
+    assert acceleration.max() < 1000
+    assert np.abs(np.diff(found.trans, 2, axis=0)).max() * FPS**2 < 60
+
+
+@every_motion
+@lean_and_heavy
+def test_knees_and_elbows_bend_the_human_way(motion, row):
+    found = performance(motion, row)
+    knees, elbows = found.pose[:, [4, 5]], found.pose[:, [18, 19]]
+    assert knees[..., 0].min() > -0.15
+    assert knees[..., 0].max() < 2.4
+    assert (elbows[:, 0, 1] <= 0).all()
+    assert (elbows[:, 1, 1] >= 0).all()
+    assert np.abs(elbows[..., 1]).max() < 2.6
+
+
+@every_motion
+def test_frame_rate_and_length_only_sample_the_same_motion(motion):
+    skeleton = Skeleton.of(body().data, SUBJECTS["female"][1].betas)
+    at_60 = perform(motion, "50020", skeleton, frame_count=120, fps=60.0)
+    at_120 = perform(motion, "50020", skeleton, frame_count=301, fps=120.0)
+    np.testing.assert_allclose(at_120[:240:2], at_60, atol=1e-9)
+
+
+def test_subjects_and_seeds_have_their_own_style():
+    skeleton = Skeleton.of(body().data, SUBJECTS["female"][1].betas)
+
+    def hop(subject, seed):
+        options = {"frame_count": 120, "fps": 60.0, "seed": seed}
+        return perform("light_hopping_loose", subject, skeleton, **options)
+
+    np.testing.assert_array_equal(hop("50020", 0), hop("50020", 0))
+    assert np.abs(hop("50020", 0) - hop("50021", 0)).max() > 0.05
+    assert np.abs(hop("50020", 0) - hop("50020", 1)).max() > 0.05
+
+
+def test_dynas_fourteen_names():
+    assert len(DYNA_MOTIONS) == 14
+
+
+def test_an_unknown_motion_is_refused():
+    skeleton = Skeleton.of(body().data, SUBJECTS["female"][1].betas)
+    with pytest.raises(DsnetError, match="'moonwalk'; expected one of hips"):
+        perform("moonwalk", "50020", skeleton, frame_count=10, fps=60.0)

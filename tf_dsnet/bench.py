@@ -1,0 +1,96 @@
+"""Timings of DSNet at the paper's sizes: an epoch of training, a step of streaming."""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.exchange import INPUT_SIZE, N_BETAS, THETA_SIZE, Run
+from bridge.exchange.artifact import write_text_atomically
+from tf_dsnet.dataset import Clips
+from tf_dsnet.fit import Trainer
+from tf_dsnet.framework import keras, tf
+from tf_dsnet.model import LATENT_SIZE, build_dsnet, named_weights
+from tf_dsnet.process import run_as_process
+from tf_dsnet.readings import Reading, Scaling
+from tf_dsnet.stream import StreamingPredictor
+
+SEQUENCES, FRAMES = 67, 300
+"""Size of the paper's female training data (Table 1, Section 5)."""
+
+
+@dataclass(frozen=True)
+class BenchConfig:
+    """Time DSNet on random data; costs half a minute."""
+
+    run: str = "demo"
+    """Folder under runs/ that receives bench/tensorflow.json."""
+    seed: int = 0
+    """Seed of the random data and weights."""
+    epochs: int = 10
+    """Epochs to time, after two that are not."""
+    steps: int = 2000
+    """Streaming steps to time, after two that are not."""
+
+
+PROFILES: dict[str, BenchConfig] = {name: BenchConfig() for name in ("smoke", "demo", "paper")}
+
+
+def main(config: BenchConfig) -> None:
+    """Measure and write the results."""
+    rng = np.random.default_rng(config.seed)
+    path = Run(config.run).path / "bench" / "tensorflow.json"
+    results = {
+        "epoch_s": time_epoch(rng, config.epochs),
+        "epoch_sequences": SEQUENCES,
+        "epoch_frames": FRAMES,
+        "step_us": {str(b): time_step(rng, b, config.steps) for b in (1, 16)},
+        "cores": os.cpu_count(),
+        "gpus": len(tf.config.list_physical_devices("GPU")),
+        "versions": {"tensorflow": tf.__version__, "keras": keras.__version__},
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text_atomically(path, json.dumps(results, indent=1) + "\n")
+
+
+def time_epoch(rng: np.random.Generator, epochs: int) -> float:
+    """Median seconds of a training epoch on 67 x 300 random frames, batch 16."""
+    clips = Clips(
+        _normal(rng, SEQUENCES, FRAMES, INPUT_SIZE),
+        _normal(rng, SEQUENCES, FRAMES, LATENT_SIZE),
+        np.ones((SEQUENCES, FRAMES), bool),
+    )
+    trainer = Trainer(clips, lr=1e-4)
+    return _median_s(lambda: trainer.epoch(0), epochs)
+
+
+def time_step(rng: np.random.Generator, characters: int, steps: int) -> float:
+    """Median microseconds of one streaming step of several characters."""
+    reading = Reading("faithful", named_weights(build_dsnet()), Scaling.identity())
+    predictor = StreamingPredictor(reading)
+    theta, betas = _normal(rng, characters, THETA_SIZE), _normal(rng, characters, N_BETAS)
+    return 1e6 * _median_s(lambda: predictor.step(theta, betas), steps)
+
+
+def _normal(rng: np.random.Generator, *shape: int) -> NDArray[np.float32]:
+    return rng.standard_normal(shape, dtype=np.float32)
+
+
+def _median_s(function: Callable[[], object], repeats: int, warm_ups: int = 2) -> float:
+    times_s = []
+    for _ in range(warm_ups + repeats):
+        started = time.perf_counter()
+        function()
+        times_s.append(time.perf_counter() - started)
+    return statistics.median(times_s[warm_ups:])
+
+
+if __name__ == "__main__":
+    run_as_process(BenchConfig, main)

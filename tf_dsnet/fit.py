@@ -1,0 +1,98 @@
+"""Training of DSNet epoch by epoch, in a way that can be stopped and goes on bit-identically."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tf_dsnet.dataset import Clips
+from tf_dsnet.framework import keras, tf
+from tf_dsnet.losses import sum_of_distances
+from tf_dsnet.model import assign_weights, build_dsnet, named_weights
+
+_OPTIMIZER = "adam"
+
+
+class Trainer:
+    """DSNet and its Adam optimizer.
+
+    Everything that an epoch depends on is in `state` or follows from the seed
+    and the epoch's number, so a restored trainer repeats an uninterrupted one.
+
+    Parameters
+    ----------
+    clips : what to train on.
+    lr : Adam's learning rate.
+    batch_size : clips in a step; the last step of an epoch takes what is left.
+    masked : leave padded frames out of the loss and of the batch normalisation's statistics.
+    seed : of the initial weights and of the order of the clips.
+    """
+
+    def __init__(
+        self, clips: Clips, *, lr: float, batch_size: int = 16, masked: bool = False, seed: int = 0
+    ) -> None:
+        keras.utils.set_random_seed(seed)
+        tf.config.experimental.enable_op_determinism()
+        self._clips, self._batch_size, self._seed = clips, batch_size, seed
+        self._masked = masked
+        self.model = build_dsnet(masked=masked)
+        self._optimizer = keras.optimizers.Adam(lr, name=_OPTIMIZER)
+        self._optimizer.build(self.model.trainable_variables)
+        self._step = tf.function(self._train_on, input_signature=[_batch_signature()])
+        self._evaluate = tf.function(self._loss_at_rest, input_signature=[_batch_signature()])
+
+    def epoch(self, number: int) -> float:
+        """Train on every clip once, in an order drawn for this epoch; the mean loss of a clip."""
+        count = len(self._clips)
+        order = np.random.default_rng([self._seed, number]).permutation(count)
+        batches = np.split(order, range(self._batch_size, count, self._batch_size))
+        losses = [self._step(_batch(self._clips, batch)) for batch in batches]
+        return float(np.average([loss.numpy() for loss in losses], weights=[*map(len, batches)]))
+
+    def loss(self, clips: Clips) -> float:
+        """Mean loss of a clip with the batch normalisation's running statistics."""
+        return float(self._evaluate(_batch(clips, np.arange(len(clips)))).numpy())
+
+    def state(self) -> dict[str, NDArray]:
+        """Copies of weights, running statistics and the optimizer's moments."""
+        optimizer = {variable.path: variable.numpy() for variable in self._optimizer.variables}
+        return {**named_weights(self.model), **optimizer}
+
+    def restore(self, state: Mapping[str, NDArray]) -> None:
+        """Go back to what `state` returned, in this process or in an earlier one."""
+        own = self._optimizer.variables
+        for variable in own:
+            variable.assign(state[variable.path])
+        paths = {variable.path for variable in own}
+        assign_weights(self.model, {k: array for k, array in state.items() if k not in paths})
+
+    def _train_on(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
+        variables = self.model.trainable_variables
+        with tf.GradientTape() as tape:
+            loss = self._loss_of(batch, training=True)
+        self._optimizer.apply(tape.gradient(loss, variables), variables)
+        return loss
+
+    def _loss_at_rest(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
+        return self._loss_of(batch, training=False)
+
+    def _loss_of(self, batch: dict[str, tf.Tensor], *, training: bool) -> tf.Tensor:
+        motion, real = batch["motion"], batch["real"]
+        predicted = self.model([motion, real] if self._masked else motion, training=training)
+        return sum_of_distances(batch["latents"], predicted, real if self._masked else None)
+
+
+def _batch(clips: Clips, rows: NDArray) -> dict[str, tf.Tensor]:
+    arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
+    return {name: tf.constant(array[rows]) for name, array in arrays.items()}
+
+
+def _batch_signature() -> dict[str, tf.TensorSpec]:
+    # Unknown sizes, so that the last, smaller batch does not build a second graph.
+    return {
+        "motion": tf.TensorSpec((None, None, 79), tf.float32),
+        "latents": tf.TensorSpec((None, None, 100), tf.float32),
+        "real": tf.TensorSpec((None, None), tf.bool),
+    }

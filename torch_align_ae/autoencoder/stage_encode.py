@@ -1,0 +1,64 @@
+"""`dsnet encode`: every frame's offsets as latents, with their scale (Section 4.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from tqdm import tqdm
+
+from bridge.errors import DsnetError
+from bridge.exchange import Artifact, ArtifactWriter, Run, sequences_of, to_manifest
+from torch_align_ae.autoencoder.codec import Codec, load_codec
+from torch_align_ae.autoencoder.mesh_autoencoder import LATENT_SIZE
+
+
+@dataclass(frozen=True)
+class EncodeConfig:
+    """Encode all aligned offsets: about 2 ms a frame on two cores, 1 GB of memory.
+
+    Gives the latents that DSNet learns to predict, and their mean and standard deviation.
+    """
+
+    run: str = "demo"
+    """Folder under runs/ that holds the aligned offsets and the autoencoder."""
+    seed: int = 0
+    """Recorded; encoding draws no random numbers."""
+
+
+PROFILES = {name: EncodeConfig(run=name) for name in ("smoke", "demo", "paper")}
+
+
+def main(config: EncodeConfig) -> None:
+    """Run the stage; a result that is current is kept."""
+    run = Run(config.run)
+    align, trained = run.artifact("align"), run.artifact("train-ae")
+    run.build(
+        "encode",
+        config,
+        lambda writer: _make(align, load_codec(trained), writer),
+        data=align.origin,
+        upstream={"align": align, "train-ae": trained},
+    )
+
+
+def _make(align: Artifact, codec: Codec, writer: ArtifactWriter) -> None:
+    sequences = sequences_of(align)
+    offsets_m = align.array("offsets")
+    latents = np.zeros((len(offsets_m), LATENT_SIZE), np.float32)
+    for sequence in tqdm(sequences, desc="encode", unit="sequence", disable=None):
+        latents[sequence.frames] = codec.encode(offsets_m[sequence.frames])
+    training = [latents[s.frames] for s in sequences if s.split == "train"]
+    if not training:
+        raise DsnetError(
+            "aligned sequences of which none is for training",
+            "at least one sequence besides the validation sequence",
+            "Align more sequences, or name another validation sequence: dsnet align --help.",
+        )
+    known = np.concatenate(training).astype(np.float64)
+    writer.put("latents", latents, "1")
+    writer.put("latent_mean", known.mean(axis=0).astype(np.float32), "1")
+    writer.put("latent_std", known.std(axis=0).astype(np.float32), "1")
+    writer.put("theta", align.array("theta"), "rad, then m")
+    writer.put("betas", align.array("betas"), "1")
+    writer.record(sequences=to_manifest(sequences))
