@@ -64,7 +64,8 @@ class Trainer:
         """Go back to what `state` returned, in this process or in an earlier one."""
         own = self._optimizer.variables
         for variable in own:
-            variable.assign(state[variable.path])
+            # A file may give scalars (the step counter) back with one axis.
+            variable.assign(state[variable.path].reshape(variable.shape))
         paths = {variable.path for variable in own}
         assign_weights(self.model, {k: array for k, array in state.items() if k not in paths})
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.results.denoise import denoise_light
+from bridge.results.denoise import denoise
 
 CLAY_SRGB = (0.86, 0.79, 0.73)
-_SKY, _KEY, _KEY_WIDTH_RAD = 0.55, 5.0, 0.3
+_SKY, _KEY, _KEY_WIDTH_RAD = 0.4, 5.0, 0.3
 _FLOOR_ALBEDO = 0.9
 # The floor reflects light onto the bodies; without this, bright colours would burn out.
-_BODY_EXPOSURE = 0.72
+_BODY_EXPOSURE = 0.75
 _KEY_DIRECTION = np.array([-0.5, 1.0, 0.75]) / np.linalg.norm([-0.5, 1.0, 0.75])
 
 
@@ -106,33 +106,22 @@ def render_bodies(
     painted = colours if colours is not None else [None] * len(bodies)
     scene = {
         "type": "scene",
-        "integrator": _integrator(),
+        "integrator": {"type": "path", "max_depth": 3, "hide_emitters": True},
         "light": {"type": "envmap", "bitmap": mi.Bitmap(_environment()), "scale": 1.0},
         "floor": _floor(mi, camera),
         "camera": _sensor(mi, camera, samples),
     }
     for index, (body, colour) in enumerate(zip(bodies, painted, strict=True)):
         scene[f"body_{index}"] = _mesh(mi, np.asarray(body), np.asarray(faces), colour)
-    layers = np.array(mi.render(mi.load_dict(scene), seed=seed), dtype=np.float64)
-    return np.round(255 * linear_to_srgb(_develop(layers))).astype(np.uint8)
-
-
-def _integrator() -> dict[str, Any]:
-    """Colour and coverage, then what guides the denoiser: albedo, normal, depth."""
-    return {
-        "type": "aov",
-        "aovs": "albedo:albedo,normal:sh_normal,depth:depth",
-        "light": {"type": "path", "max_depth": 3, "hide_emitters": True},
-    }
-
-
-def _develop(layers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Linear picture from the integrator's layers, its noise smoothed, on white paper."""
-    colour, coverage = layers[..., :3], layers[..., 3:4]
-    albedo, normals, depth_m = layers[..., 4:7], layers[..., 7:10], layers[..., 10]
-    light = np.divide(colour, albedo, out=np.zeros_like(colour), where=albedo > 1e-4)
+    loaded = mi.load_dict(scene)
+    pixels = np.array(mi.render(loaded, spp=samples, seed=seed), dtype=np.float64)
+    # Layers cost thrice what light does; one path a pixel guides the denoiser well enough.
+    layers = {"type": "aov", "aovs": "normal:sh_normal,depth:depth"}
+    guide = np.array(mi.render(loaded, spp=1, seed=seed, integrator=mi.load_dict(layers)))
     # Where no surface was hit there is white paper, like the unshaded floor.
-    return denoise_light(light, normals, depth_m) * albedo + (1.0 - coverage)
+    picture = linear_to_srgb(pixels[..., :3] + (1.0 - pixels[..., 3:4]))
+    smooth = denoise(picture, normals=guide[..., -4:-1], depth_m=guide[..., -1])
+    return np.round(255 * smooth).astype(np.uint8)
 
 
 def srgb_to_linear(colour: ArrayLike) -> NDArray[np.float64]:

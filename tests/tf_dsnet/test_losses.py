@@ -10,12 +10,13 @@ from tf_dsnet.losses import sum_of_distances
 RNG = np.random.default_rng(0)
 TARGET, PREDICTED = RNG.normal(size=(2, 3, 7, 100))
 REAL = np.arange(7) < np.array([7, 4, 1])[:, None]
+REAL_FRAMES = tf.constant(REAL)
 
 
 def gradient(target, predicted, real=None):
     variable = tf.Variable(predicted)
     with tf.GradientTape() as tape:
-        loss = sum_of_distances(tf.constant(target), variable, real)
+        loss = sum_of_distances(target, variable, real)
     return np.asarray(tape.gradient(loss, variable))
 
 
@@ -27,8 +28,10 @@ def test_loss_is_the_sum_over_time_of_unsquared_distances():
 def test_masked_loss_counts_real_frames_only():
     distances = np.linalg.norm(PREDICTED - TARGET, axis=-1)
     expected = sum(distances[clip, :length].sum() for clip, length in enumerate((7, 4, 1))) / 3
-    np.testing.assert_allclose(sum_of_distances(TARGET, PREDICTED, REAL), expected, rtol=1e-12)
-    assert not gradient(TARGET, PREDICTED, REAL)[~REAL].any()
+    np.testing.assert_allclose(
+        sum_of_distances(TARGET, PREDICTED, REAL_FRAMES), expected, rtol=1e-12
+    )
+    assert not gradient(TARGET, PREDICTED, REAL_FRAMES)[~REAL].any()
 
 
 def test_gradient_is_a_unit_vector_a_clip():

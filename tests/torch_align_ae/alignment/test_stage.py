@@ -9,7 +9,7 @@ import torch
 
 from bridge.errors import DsnetError
 from bridge.exchange import Run, sequences_of, unpack_theta
-from torch_align_ae.alignment import corpus_fit
+from torch_align_ae.alignment import corpus_fit, tracking
 from torch_align_ae.alignment.stage import PROFILES, AlignConfig, main
 from torch_align_ae.corpus.dyna_files import write_dyna
 
@@ -107,6 +107,16 @@ def test_interrupted_run_ends_bit_identical(runs, config, monkeypatch):
     _, found = aligned(again)
     for name, array in expected.items():
         np.testing.assert_array_equal(found[name], array)
+
+
+def test_windows_leave_no_trace(runs, config, monkeypatch):
+    """Each window goes on from the pose that the one before ended with."""
+    _, expected = aligned(config)
+    for module in (corpus_fit, tracking):
+        monkeypatch.setattr(module, "FRAMES_PER_WINDOW", 5)
+    _, found = aligned(dataclasses.replace(config, run="short"))
+    for name, array in expected.items():
+        np.testing.assert_allclose(found[name], array, atol=1e-3)
 
 
 def test_current_result_is_kept(runs, config, monkeypatch):

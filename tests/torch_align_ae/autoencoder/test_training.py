@@ -40,13 +40,25 @@ def weights(job: Training) -> dict[str, np.ndarray]:
     return {name: value.numpy().copy() for name, value in job.model.state_dict().items()}
 
 
-def test_a_few_steps_at_full_size_beat_zero(tmp_path):
-    plan = TrainingPlan(steps=8, batch_size=16, learning_rate=1e-3)
-    job = training(tmp_path, plan, widths=INFERRED_WIDTHS, frames=48)
+def test_pytorchs_beginning_learns_in_a_few_hundred_steps(tmp_path):
+    job = training(tmp_path, TrainingPlan(steps=300, batch_size=16, learning_rate=1e-3))
     result = job.run()
     codec = Codec(job.model.eval(), job.normaliser)
-    assert result.history[-1, 1] < 0.9 * result.history[0, 1]
-    assert reconstruction_r2(codec, job.offsets_m, job.split.validation) > 0.1
+    assert result.history[-1, 1] < 0.5 * result.history[0, 1]
+    assert reconstruction_r2(codec, job.offsets_m, job.split.validation) > 0.5
+
+
+def test_a_few_steps_at_full_size_improve_on_the_modes(tmp_path):
+    plan = TrainingPlan(steps=6, batch_size=8)
+    job = training(tmp_path, plan, widths=INFERRED_WIDTHS, frames=24)
+    offsets_m = rough_offsets(24)
+    job.offsets_m[:] = offsets_m
+    sample = job.normaliser.normalise(torch.from_numpy(offsets_m[job.split.train]))
+    initialise_with_modes(job.model, sample, seed=0)
+    result = job.run()
+    codec = Codec(job.model.eval(), job.normaliser)
+    assert result.history[-1, 1] < result.history[0, 1]
+    assert reconstruction_r2(codec, job.offsets_m, job.split.validation) > 0
 
 
 class _KilledError(Exception):

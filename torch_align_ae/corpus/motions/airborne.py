@@ -151,7 +151,7 @@ def _running_foot(times_s: Array, hops: Hops, style: Style, order: int) -> FootP
         take_offs_s = np.concatenate([hops.take_offs_s[:1] - 0.2, take_offs_s])
     count = min(len(take_offs_s), len(landings_s))
     starts = [-1.0, *landings_s[:count]]
-    stops = [*take_offs_s[:count], landings_s[count - 1] + 10.0]
+    stops = [*take_offs_s[:count], np.inf]
     lift = Swing(
         lift_m=0.26 * style.size * style.amplitude,
         back_m=0.17 * style.size,

@@ -48,7 +48,7 @@ class Hops:
     def contacts(self, x_m: Array | float = 0.0, z_m: float = 0.0) -> list[Contact]:
         """Contacts of a foot that takes part in every hop; `x_m` may hold one place a contact."""
         starts = np.concatenate([[-1.0], self.landings_s])
-        stops = np.concatenate([self.take_offs_s, [self.landings_s[-1] + 10.0]])
+        stops = np.concatenate([self.take_offs_s, [np.inf]])
         places = np.broadcast_to(x_m, starts.shape)
         return [Contact(*row, z_m) for row in zip(starts, stops, places, strict=True)]
 

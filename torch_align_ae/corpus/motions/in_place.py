@@ -269,5 +269,5 @@ def _planted(
 
 def _contacts_between(take_offs_s: Array, landings_s: Array) -> list[Contact]:
     starts = np.concatenate([[-1.0], landings_s])
-    stops = np.concatenate([take_offs_s, [landings_s[-1] + 10.0 if len(landings_s) else 1e3]])
+    stops = np.concatenate([take_offs_s, [np.inf]])
     return [Contact(start, stop) for start, stop in zip(starts, stops, strict=True)]

@@ -1,0 +1,17 @@
+"""The benchmark runs and writes what it says."""
+
+from __future__ import annotations
+
+import json
+
+from tf_dsnet import bench
+
+
+def test_results_are_written(runs, monkeypatch):
+    monkeypatch.setattr(bench, "SEQUENCES", 3)
+    monkeypatch.setattr(bench, "FRAMES", 5)
+    bench.main(bench.BenchConfig(run="tiny", epochs=1, steps=2))
+    results = json.loads((runs / "tiny" / "bench" / "tensorflow.json").read_text())
+    assert results["epoch_s"] > 0
+    assert results["step_us"].keys() == {"1", "16"}
+    assert [path.name for path in (runs / "tiny" / "bench").iterdir()] == ["tensorflow.json"]
