@@ -18,8 +18,8 @@ from bridge.exchange.artifact import DataOrigin
 # Perceptually uniform, and light where nothing happens, so that a body still looks like one.
 MAGNITUDE_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.03, 0.85, 256)))
 FOOTERS = {
-    "synthetic": "synthetic data: body, motion and soft tissue are computed; no person was measured",
-    "licensed": "licensed data",
+    "synthetic": "synthetic: body model and soft tissue are computed, no person was measured",
+    "licensed": "made from licensed body model and meshes",
 }
 _DPI = 150
 
@@ -33,9 +33,9 @@ def scale_top_m(magnitude_m: ArrayLike, quantile: float = 0.998) -> float:
     """A round number of millimetres that all but the largest magnitudes stay below."""
     value = max(float(np.quantile(np.asarray(magnitude_m), quantile)), 1e-4)
     decade = 10.0 ** np.floor(np.log10(value))
-    return float(next(step for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if step * decade >= value)) * (
-        decade
-    )
+    return float(
+        next(step for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if step * decade >= value)
+    ) * (decade)
 
 
 def new_figure(width_in: float, height_in: float, *, title: str, origin: DataOrigin) -> Figure:

@@ -40,9 +40,9 @@ class AlignConfig:
     """Dyna or D-FAUST HDF5 files, given together with `smpl`."""
     aligner: Literal["sgd"] = "sgd"
     """Method: `sgd` is the paper's."""
-    steps: int = 100
+    steps: int = 140
     """Steps for each frame after a sequence's first (the paper does not say how many). A step
-    moves a joint by a milliradian or so: below 80, fast arms and legs are left behind."""
+    moves a joint by a milliradian or so: below 150, jumps and fast limbs are left behind."""
     first_frame_steps: int = 2000
     """Steps for the pose of a sequence's first frame, its subject's shape being known."""
     shape_steps: int = 8000
@@ -58,7 +58,7 @@ class AlignConfig:
 PROFILES: dict[str, AlignConfig] = {
     "smoke": AlignConfig(run="smoke", steps=30, first_frame_steps=300, shape_steps=1000),
     "demo": AlignConfig(run="demo"),
-    "paper": AlignConfig(run="paper", steps=300, first_frame_steps=5000, shape_steps=20_000),
+    "paper": AlignConfig(run="paper", steps=400, first_frame_steps=5000, shape_steps=20_000),
 }
 
 

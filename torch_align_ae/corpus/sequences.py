@@ -12,7 +12,7 @@ from bridge.errors import DsnetError
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, MOSH_MOTIONS
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
 
-# Table 1: 67 sequences and 21,502 meshes of five women; 66 sequences of five men.
+# Table 1: 67 sequences of five women, 66 of five men. The paper counts the women's meshes only.
 FULL_FRAMES = {"female": 21_502, "male": 21_000}
 _MISSING = {
     "female": {("50021", "chicken_wings"), ("50022", "shake_arms"), ("50025", "one_leg_loose")},

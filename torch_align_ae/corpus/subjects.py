@@ -30,7 +30,7 @@ class Subject:
         return betas.astype(np.float64)
 
 
-# From lean to heavy, as the numbers of litres in the tests show.
+# From the heaviest to the leanest, but for the second and third women and men.
 SUBJECTS: dict[Gender, tuple[Subject, ...]] = {
     "female": (
         Subject("50004", (0.4, 1.9, 1.7, 0.5, 0.6, -0.4)),

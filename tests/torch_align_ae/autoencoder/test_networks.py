@@ -53,7 +53,9 @@ def test_casas_otaduy_keeps_shapes():
     latents = model.encode(torch.ones(2, 60, 3))
     assert latents.shape == (2, 10)
     assert model.decode(latents).shape == (2, 60, 3)
-    assert parameter_count(model) == 180 * 40 * 2 + 40 * 20 * 2 + 20 * 10 * 2 + 40 * 2 + 20 * 2 + 190
+    assert (
+        parameter_count(model) == 180 * 40 * 2 + 40 * 20 * 2 + 20 * 10 * 2 + 40 * 2 + 20 * 2 + 190
+    )
 
 
 def test_a_foreign_topology_is_one_line():

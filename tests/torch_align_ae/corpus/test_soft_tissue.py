@@ -88,9 +88,9 @@ def test_the_rule_itself_does_not_damp():
 def test_energy_never_grows_without_drive(amplitude_m):
     body = tissue(frequency_hz=10.0, damping=0.05, stiffening=1500.0)
     rough = np.random.default_rng(0).normal(size=(len(body.free), 3)) * amplitude_m
-    _, energy = vibrate(body, displaced(body, rough), 240)
+    _, energy = vibrate(body, displaced(body, rough), 60)
     assert np.diff(energy).max() <= 0
-    assert energy[-1] < 0.3 * energy[0]
+    assert energy[-1] < 0.8 * energy[0]
 
 
 @pytest.mark.parametrize("amplitude_m", [0.005, 0.015, 0.03])

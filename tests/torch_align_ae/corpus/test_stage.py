@@ -13,14 +13,14 @@ from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.exchange import read_artifact, sequences_of, subject_rows, unpack_theta
 from bridge.exchange.motion import load_amass_motion
-from torch_align_ae.body import SMPL, rest_pose_offsets
+from torch_align_ae.body import SMPL, unpose
 from torch_align_ae.corpus import stage
 from torch_align_ae.corpus.dyna_files import DynaReader
 from torch_align_ae.corpus.simulation import TissueSimulator
 
 TINY = stage.CorpusConfig(
     run="tiny",
-    subjects=2,
+    subjects=1,
     motions=("one_leg_jump",),
     mean_frames=66,
     mosh_motions=("side_to_side_hopping",),
@@ -52,14 +52,15 @@ def test_unposing_the_meshes_by_the_truth_gives_the_true_offsets(corpus, truth):
     rows = subject_rows(sequences_of(truth))
     theta, offsets, betas = (truth.array(name) for name in ("theta", "offsets", "betas"))
     with DynaReader([corpus.file("dyna_female.h5")]) as reader:
-        assert len(reader) == 2
+        assert len(reader) == 1
         for sequence in sequences_of(corpus):
             meshes = torch.from_numpy(reader.frames(sequence.name)).double()
             pose, trans = (
                 torch.tensor(part).double() for part in unpack_theta(theta[sequence.frames])
             )
             shape = torch.tensor(betas[rows[sequence.subject]]).double().expand(len(pose), -1)
-            found = rest_pose_offsets(smpl, meshes, shape, pose, trans)
+            rest = smpl.rest_vertices(shape, pose)
+            found = (unpose(smpl, meshes, shape, pose, trans) - rest).numpy()
             np.testing.assert_allclose(found, offsets[sequence.frames], atol=2e-6)
             assert np.abs(offsets[sequence.frames]).max() > 5e-3
 
@@ -67,7 +68,7 @@ def test_unposing_the_meshes_by_the_truth_gives_the_true_offsets(corpus, truth):
 def test_mosh_files_read_back_as_the_true_motion(corpus, truth):
     rows = subject_rows(sequences_of(truth))
     tests = [sequence for sequence in sequences_of(truth) if sequence.split == "test"]
-    assert [sequence.subject for sequence in tests] == ["50004", "50020", "99001"]
+    assert [sequence.subject for sequence in tests] == ["50004", "99001"]
     data = load_body_model(corpus.file("SMPL_FEMALE.npz"))
     for sequence in tests:
         path = corpus.file(f"mosh/{sequence.name}_poses.npz")
@@ -101,7 +102,7 @@ def test_the_truth_stays_out_of_the_corpus(corpus):
     assert set(corpus.manifest["arrays"]) == set()
     assert {sequence.split for sequence in sequences_of(corpus)} == {"train"}
     with h5py.File(corpus.file("dyna_female.h5")) as file:
-        assert set(file) == {"faces", "50004_one_leg_jump", "50020_one_leg_jump"}
+        assert set(file) == {"faces", "50004_one_leg_jump"}
 
 
 def test_a_killed_run_goes_on_and_ends_bit_identical(finished, tmp_path, monkeypatch):

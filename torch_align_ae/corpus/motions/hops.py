@@ -12,8 +12,6 @@ from torch_align_ae.corpus.motions.postures import Contact, Swing
 
 _CROUCH_S = 0.36
 _CROUCH_ACCELERATION_M_S2 = 5.0
-# Mean speed of a push from the crouch as a share of its final speed.
-_PUSH_SPEED_SHARE = 0.45
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ def plan_hops(times_s: Array, hop: HopTimes, rng: np.random.Generator) -> Hops:
     heights_m = hop.take_off_m - sinks_m
     speeds = GRAVITY_M_S2 * flights_s / 2 + np.diff(heights_m) / flights_s
     crouch_s = hop.begin_s + _CROUCH_S
-    push_s = (hop.crouch_m + hop.take_off_m) / (_PUSH_SPEED_SHARE * speeds[0])
+    push_s = _push_s(hop.crouch_m + hop.take_off_m, speeds[0])
     knots = [
         (hop.begin_s, 0.0, 0.0, 0.0),
         (crouch_s, -hop.crouch_m, 0.0, _CROUCH_ACCELERATION_M_S2),
@@ -84,6 +82,16 @@ def plan_hops(times_s: Array, hop: HopTimes, rng: np.random.Generator) -> Hops:
         ]
         now_s += flight_s + contact_s
     return Hops(np.array(take_offs_s), np.array(landings_s), track(times_s, knots))
+
+
+def _push_s(rise_m: float, speed_m_s: float) -> float:
+    """Duration of the push from the crouch whose velocity is a cubic, so that none overshoots.
+
+    Such a push rises by T v / 2 + T^2 (a0 - a1) / 12, with accelerations a0 and a1 at its ends.
+    """
+    curvature = (_CROUCH_ACCELERATION_M_S2 + GRAVITY_M_S2) / 12
+    half = speed_m_s / 4
+    return float((np.sqrt(half**2 + curvature * rise_m) - half) / curvature)
 
 
 def _durations(hop: HopTimes, span_s: float, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -130,8 +130,8 @@ def stepping_foot(
         y += swing.lift_m * arch
         flat_s = before.middle_s + 0.01
         if before is contacts[0]:
-            pitch_knots.append((before.stop_s - 0.45, 0.0))
-            flat_s = before.stop_s - 0.3
+            pitch_knots.append((before.stop_s - 0.4, 0.0))
+            flat_s = before.stop_s - 0.28
         pitch_knots += [
             (max(before.stop_s - 0.16, flat_s), swing.standing_pitch),
             (before.stop_s, swing.take_off_pitch),

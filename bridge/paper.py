@@ -1,0 +1,97 @@
+"""Every number that the paper prints about its own method, data and results, with its section."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+N_VERTICES = 6890
+N_JOINTS = 22
+THETA_SIZE = 69
+N_BETAS = 10
+LATENT_SIZE = 100
+CLIP_FRAMES = 300
+VALIDATION_SEQUENCE = "50004_one_leg_jump"
+
+Value = int | float | str | tuple[int | float, ...]
+
+
+@dataclass(frozen=True)
+class PaperNumber:
+    """One number, or one silence, of the paper."""
+
+    key: str
+    """Name by which a measurement of ours is set beside it."""
+    section: str
+    """Where the paper prints it."""
+    quantity: str
+    """What it is."""
+    value: Value | None
+    """The number; None where the paper says nothing and a reproduction has to choose."""
+    unit: str = ""
+    """Its unit; `unit not stated` where the paper leaves it open."""
+
+
+_UNSTATED = "unit not stated"
+
+NUMBERS: tuple[PaperNumber, ...] = (
+    PaperNumber("subjects", "3.2, Table 1", "Dyna subjects of one gender", 5),
+    PaperNumber("subjects_total", "1", "Dyna subjects in all", 10),
+    PaperNumber("motions_per_subject", "3.2, Table 1", "motions of a subject", (10, 14)),
+    PaperNumber("sequences_women", "3.3, Table 1", "Dyna sequences, women", 67),
+    PaperNumber("sequences_men", "3.2, Table 1", "Dyna sequences, men", 66),
+    PaperNumber("mosh_sequences_women", "3.2, Table 1", "Mosh sequences, women", 30),
+    PaperNumber("mosh_sequences_men", "3.2, Table 1", "Mosh sequences, men", 24),
+    PaperNumber("dyna_fps", "3.2, Table 1", "frame rate of Dyna", 60, "1/s"),
+    PaperNumber("mosh_fps", "3.2, Table 1", "frame rate of Mosh before resampling", 100, "1/s"),
+    PaperNumber("duration_s", "3.2", "shortest and longest motion", (2, 15), "s"),
+    PaperNumber("usual_frames", "5, Figure 6", "frames of most motions", (200, 400)),
+    PaperNumber("vertices", "3.2", "vertices of the template, N", N_VERTICES),
+    PaperNumber("joints", "3.2", "joints without hands, K", N_JOINTS),
+    PaperNumber("theta", "3.2", "pose vector theta, 22 x 3 + 3", THETA_SIZE),
+    PaperNumber("betas", "4.3", "shape vector beta", N_BETAS),
+    PaperNumber("amass_betas", "3.2", "shape coefficients in AMASS", 16),
+    PaperNumber("amass_dmpls", "3.2", "DMPL coefficients in AMASS", 8),
+    PaperNumber("amass_pose", "3.2", "pose parameters in AMASS", 159),
+    PaperNumber("align_lr", "3.3", "learning rate of the alignment's SGD", 0.0001),
+    PaperNumber("align_momentum", "3.3", "momentum of the alignment's SGD", 0.9),
+    PaperNumber("align_steps", "3.3", "SGD steps for a frame", None),
+    PaperNumber("align_error_mm", "3.3", "remaining error of the alignment", None, "mm"),
+    PaperNumber("mesh_size", "4.1, Figure 3", "mesh coordinates, 3N", 20_670),
+    PaperNumber("latent_size", "4.1, Figure 3", "latent vector", LATENT_SIZE),
+    PaperNumber("ae_layers", "Figure 3", "encoder: linear, Conv1d, linear layers", (2, 4, 1)),
+    PaperNumber("ae_widths", "Figure 3", "widths of the encoder", None),
+    PaperNumber("ae_activation", "4.1", "activation of the autoencoder", None),
+    PaperNumber("ae_parameters", "5", "parameters of the autoencoder", 33_626_606),
+    PaperNumber("casas_otaduy_parameters", "5", "parameters of Casas-Otaduy", 284_678_770),
+    PaperNumber("parameter_share", "5", "autoencoder / Casas-Otaduy", 11.8, "%"),
+    PaperNumber("casas_otaduy_widths", "5", "widths of Casas-Otaduy's encoder", (6000, 3000, 100)),
+    PaperNumber("ae_train_frames", "5", "training meshes of the autoencoder", 15_051),
+    PaperNumber("ae_validation_frames", "5", "validation meshes of the autoencoder", 6_451),
+    PaperNumber("ae_train_share", "5", "training meshes of the autoencoder", 70, "%"),
+    PaperNumber("ae_input_range", "5", "range of the autoencoder's input", (-1, 1)),
+    PaperNumber("ae_batch", "5", "batch size of the autoencoder", 64),
+    PaperNumber("ae_lr", "5", "learning rate of the autoencoder's Adam", 0.0001),
+    PaperNumber("ae_r2", "4.1", "R2 of the autoencoder on validation meshes", None),
+    PaperNumber("clip_frames", "5, Figure 6", "frames to which motions are padded or clipped", 300),
+    PaperNumber("dsnet_input", "5", "input of DSNet, 10 + 69", 79),
+    PaperNumber("fc_enc_1", "5", "width of fc_enc_1 (linear)", 64),
+    PaperNumber("fc_enc_2", "5", "width of fc_enc_2 (tanh)", 128),
+    PaperNumber("lstm", "5", "hidden units of the LSTM, H", 60),
+    PaperNumber("fc_enc_3", "5", "width of fc_enc_3", 100),
+    PaperNumber("dsnet_parameters", "5", "parameters of DSNet", None),
+    PaperNumber("dsnet_batch", "5", "batch size of DSNet", 16),
+    PaperNumber("input_block", "5", "block of DSNet's training input", (16, 300, 69)),
+    PaperNumber("output_block", "5", "block of DSNet's training output", (16, 300, 100)),
+    PaperNumber("dsnet_lr", "5", "learning rate of DSNet's Adam", 0.0001),
+    PaperNumber("epoch_s", "5", "training time of an epoch", 0.05, "s"),
+    PaperNumber("dsnet_epochs", "5", "epochs of DSNet's training", None),
+    PaperNumber("latent_scale", "5", "scale of the latents that DSNet learns", None),
+    PaperNumber("validation_sequence", "6, Figure 7", "validation sequence", VALIDATION_SEQUENCE),
+    PaperNumber("figure8_error", "6, Figure 8", "error over time", (0.004, 0.023), _UNSTATED),
+    PaperNumber("dsnet_r2", "6", "R2 of DSNet's offsets on that sequence", None),
+)
+
+
+def number(key: str) -> PaperNumber:
+    """The record of one key."""
+    return next(record for record in NUMBERS if record.key == key)
