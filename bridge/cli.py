@@ -10,12 +10,12 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import tyro
 
 from bridge.errors import DsnetError
+from bridge.processes import exit_with_one_line
 
 COMMANDS = {
     "corpus": ("torch_align_ae.corpus.stage", "Make the synthetic corpus in the real formats."),
@@ -36,19 +36,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: run one subcommand."""
     with exit_with_one_line():
         _dispatch(list(sys.argv[1:] if arguments is None else arguments))
-
-
-@contextmanager
-def exit_with_one_line() -> Iterator[None]:
-    """Turn a DsnetError into one line and exit status 2, an interrupt into one line and 130."""
-    try:
-        yield
-    except DsnetError as error:
-        print(f"dsnet: {error}", file=sys.stderr)  # noqa: T201
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("dsnet: interrupted; run the same command to go on", file=sys.stderr)  # noqa: T201
-        sys.exit(130)
 
 
 def _dispatch(arguments: list[str]) -> None:

@@ -1,9 +1,21 @@
-"""Stages of the other frameworks run as child processes: arrays pass on disk, never in memory."""
+"""Stages run as processes: how one is started, and how one ends when a user made a mistake.
+
+Each framework has a process of its own; arrays pass on disk, never in memory.
+"""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+import tyro
+
+from bridge.errors import DsnetError
+
+Config = TypeVar("Config")
 
 
 def run_module(module: str, *arguments: str) -> None:
@@ -17,3 +29,22 @@ def run_module(module: str, *arguments: str) -> None:
     status = subprocess.run([sys.executable, "-m", module, *arguments], check=False).returncode
     if status:
         sys.exit(status)
+
+
+def run_as_process(config_type: type[Config], main: Callable[[Config], Any]) -> None:
+    """The other end of `run_module`: a `main` whose configuration's fields are the options."""
+    with exit_with_one_line():
+        main(tyro.cli(config_type))
+
+
+@contextmanager
+def exit_with_one_line() -> Iterator[None]:
+    """Turn a DsnetError into one line and exit status 2, an interrupt into one line and 130."""
+    try:
+        yield
+    except DsnetError as error:
+        print(f"dsnet: {error}", file=sys.stderr)  # noqa: T201
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("dsnet: interrupted; run the same command to go on", file=sys.stderr)  # noqa: T201
+        sys.exit(130)

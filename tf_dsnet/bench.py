@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from bridge.exchange import INPUT_SIZE, N_BETAS, THETA_SIZE, Run
 from bridge.exchange.artifact import write_text_atomically
+from bridge.processes import run_as_process
 from tf_dsnet.dataset import Clips
 from tf_dsnet.fit import Trainer
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.model import LATENT_SIZE, build_dsnet, named_weights
-from tf_dsnet.process import run_as_process
 from tf_dsnet.readings import Reading, Scaling
 from tf_dsnet.stream import StreamingPredictor
 

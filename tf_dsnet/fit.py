@@ -65,7 +65,7 @@ class Trainer:
         own = self._optimizer.variables
         for variable in own:
             # A file may give scalars (the step counter) back with one axis.
-            variable.assign(state[variable.path].reshape(variable.shape))
+            variable.assign(state[variable.path])
         paths = {variable.path for variable in own}
         assign_weights(self.model, {k: array for k, array in state.items() if k not in paths})
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bridge.exchange import Artifact, Run, read_artifact, write_artifact
+from bridge.processes import run_as_process
 from tf_dsnet.predict import ClipPredictor
-from tf_dsnet.process import run_as_process
 from tf_dsnet.readings import ReadingName, load_reading
 
 

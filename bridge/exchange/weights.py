@@ -18,7 +18,7 @@ def save_weights(path: Path | str, weights: Mapping[str, NDArray], **metadata: s
     """Write named arrays atomically; `metadata` holds strings only."""
     path = Path(path)
     partial = path.with_name(f".{path.name}.partial")
-    arrays = {name: np.ascontiguousarray(array) for name, array in weights.items()}
+    arrays = {name: np.require(array, requirements="C") for name, array in weights.items()}
     save_file(arrays, partial, metadata=metadata)
     os.replace(partial, path)
 

@@ -56,7 +56,7 @@ def format_value(value: Value | None, unit: str = "") -> str:
     if value is None:
         return "-"
     if isinstance(value, tuple):
-        text = " x ".join(map(_format_one, value)) if len(value) > 2 else _format_range(value)
+        text = ", ".join(map(_format_one, value)) if len(value) > 2 else _format_range(value)
     else:
         text = value if isinstance(value, str) else _format_one(value)
     return f"{text} {unit}".strip() if unit in ("", "%", "s", "1/s", "mm") else f"{text} ({unit})"

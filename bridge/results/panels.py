@@ -68,7 +68,7 @@ def draw_panels(
     """Write a grid of pictures, with a colour bar in centimetres when `colour_top_m` is given."""
     rows, columns = len(pictures), len(pictures[0])
     height, width = pictures[0][0].shape[:2]
-    panel_in = (width_in - 0.9) / columns
+    panel_in = (width_in - 1.5) / columns
     figure = new_figure(
         width_in, rows * panel_in * height / width + 0.95, title=title, origin=origin
     )

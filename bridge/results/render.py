@@ -179,7 +179,7 @@ def _environment(height: int = 64) -> NDArray[np.float32]:
     light = _SKY + _KEY * np.exp(-0.5 * (angle / _KEY_WIDTH_RAD) ** 2)
     on_floor = np.clip(direction[..., 1], 0, None) * sine * (np.pi / height) ** 2
     # An unshaded floor is a shade brighter than the paper around the picture: both clip to white.
-    light *= 1.04 * np.pi / (_FLOOR_ALBEDO * (light * on_floor).sum())
+    light *= 1.08 * np.pi / (_FLOOR_ALBEDO * (light * on_floor).sum())
     return np.repeat(light[..., None], 3, axis=-1).astype(np.float32)
 
 

@@ -43,7 +43,7 @@ class ReportConfig:
     """Recorded; the renderer's noise has a seed of its own."""
     samples: int = 16
     """Light paths a pixel of the rendered bodies."""
-    panel_px: int = 340
+    panel_px: int = 300
     """Height of one rendered body in pixels."""
 
 
@@ -75,8 +75,8 @@ def main(config: ReportConfig) -> None:
         If the run lacks one of the stages before this one.
     """
     run = Run(config.run)
-    stages = {stage: run.artifact(stage) for stage in _REQUIRED}
-    stages |= {s: run.artifact(s) for s in _OPTIONAL if (run.path / s / MANIFEST).is_file()}
+    optional = [stage for stage in _OPTIONAL if (run.path / stage / MANIFEST).is_file()]
+    stages = {stage: run.artifact(stage) for stage in (*optional, *_REQUIRED)}
     body = load_body_model(str(body_model_path(run)))
     scene = Scene(stages, body, config.samples, config.panel_px)
     run.build(

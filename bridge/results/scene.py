@@ -24,7 +24,7 @@ class Scene:
     """The body that the run was aligned with."""
     samples: int = 16
     """Light paths a pixel."""
-    panel_px: int = 340
+    panel_px: int = 300
     """Height of one rendered body."""
 
     @property

@@ -15,8 +15,6 @@ from bridge.exchange import read_artifact
 
 ROOT = Path(__file__).parents[2]
 STAGES = [
-    "corpus", "truth", "align", "train-ae", "encode", "train", "predict", "decode", "evaluate", "report",
-]
     "corpus",
     "truth",
     "align",

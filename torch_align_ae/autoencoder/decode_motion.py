@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import tyro
 
 from bridge.body import load_body_model
 from bridge.exchange import Artifact, ArtifactWriter, Run, read_artifact, unpack_theta
 from bridge.exchange.run import body_model_path
+from bridge.processes import run_as_process
 from bridge.results.motion_strip import draw_motion_strip
 from torch_align_ae.autoencoder.codec import load_codec
 from torch_align_ae.body import SMPL
@@ -81,7 +81,4 @@ def _pick(artifact: Artifact, keys: tuple[str, ...]) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    from bridge.cli import exit_with_one_line
-
-    with exit_with_one_line():
-        main(tyro.cli(DecodeMotionConfig))
+    run_as_process(DecodeMotionConfig, main)

