@@ -105,8 +105,9 @@ def _plain(value: Any) -> Any:
 def body_model_path(run: Run) -> Path:
     """The SMPL model file that the run was aligned with: the licensed one, or the corpus's."""
     licensed = run.artifact("align").manifest["config"].get("smpl")
-    if licensed:
-        return Path(licensed)
-    corpus = run.artifact("corpus")
-    models = [name for name in corpus.manifest["files"] if name.startswith("SMPL_")]
-    return corpus.file(models[0])
+    return Path(licensed) if licensed else corpus_body_path(run.artifact("corpus"))
+
+
+def corpus_body_path(corpus: Artifact) -> Path:
+    """The SMPL model file in a `corpus` artifact."""
+    return corpus.file(next(n for n in corpus.manifest["files"] if n.startswith("SMPL_")))

@@ -100,13 +100,14 @@ def draw_dsnet_loss(path: Path, train: Artifact) -> None:
         axes.plot(validated, validation, "--", color="#D55E00", label="validation")
         axes.set_title(f"{reading}, Adam {train.manifest['readings'][reading]['lr']:g}", fontsize=9)
         _logarithmic(axes, np.concatenate([loss, validation]))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         _finish(axes, "epoch", "loss of a sequence")
     save_figure(figure, path)
 
 
 def _logarithmic(axes: Axes, values: np.ndarray) -> None:
     positive = np.isfinite(values).all() and (values > 0).all()
-    if positive and values.max() > 3 * values.min():
+    if positive and values.max() > 10 * values.min():
         axes.set_yscale("log")
 
 

@@ -34,8 +34,9 @@ class ErrorSums:
     def add(self, predicted: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
         """Take in frames (T, V, 3), metres; return the distance of each vertex (T, V)."""
         reference = np.asarray(reference, dtype=np.float64)
-        distance = np.linalg.norm(np.asarray(predicted, dtype=np.float64) - reference, axis=-1)
-        self.squared_error += float(np.square(distance).sum())
+        error = np.asarray(predicted, dtype=np.float64) - reference
+        distance = np.linalg.norm(error, axis=-1)
+        self.squared_error += float(np.square(error).sum())
         self.squared_reference += float(np.square(reference).sum())
         self.distance += float(distance.sum())
         self.largest = max(self.largest, float(distance.max(initial=0.0)))

@@ -23,7 +23,8 @@ _ENVIRONMENT = Environment(
 
 
 def _decimals(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+    # Adding 0 turns the negative zero of rounding into zero.
+    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 _ENVIRONMENT.filters["decimals"] = _decimals

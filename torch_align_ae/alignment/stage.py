@@ -10,6 +10,7 @@ from typing import Literal
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.exchange import Artifact, Run, Sequence
+from bridge.exchange.run import corpus_body_path
 from torch_align_ae.alignment.corpus_fit import CorpusFit, Effort
 from torch_align_ae.alignment.sgd import Descent
 from torch_align_ae.body import SMPL
@@ -87,8 +88,9 @@ def _inputs(
     """Body model, mesh files, and what the artifact is made from."""
     if config.smpl is None and not config.dyna:
         corpus = run.artifact("corpus")
-        files = corpus.file("SMPL_FEMALE.npz"), (corpus.file("dyna_female.h5"),)
-        return *files, {"corpus": corpus}
+        meshes = [name for name in corpus.manifest["files"] if name.endswith(".h5")]
+        dyna_files = tuple(corpus.file(name) for name in sorted(meshes))
+        return corpus_body_path(corpus), dyna_files, {"corpus": corpus}
     if config.smpl is None or not config.dyna:
         given, missing = ("--dyna", "--smpl") if config.smpl is None else ("--smpl", "--dyna")
         raise DsnetError(
