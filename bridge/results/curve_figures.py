@@ -40,6 +40,7 @@ def draw_figure6(path: Path, align: Artifact) -> None:
         color="#D55E00",
         fontsize=9,
     )
+    axes.set_xlim(left=0)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     _finish(axes, "frames", "sequences", legend=False)
     save_figure(figure, path)

@@ -30,7 +30,7 @@ def draw_motion_strip(
     fps: float = 60.0,
     title: str = "Predicted skin offsets along the motion",
     bodies: int = 8,
-    width_px: int = 1600,
+    width_px: int = 1300,
     samples: int = 16,
 ) -> None:
     """Write a PNG of evenly spaced frames side by side; colour is the offset's magnitude.

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from bridge.exchange import Artifact, ArtifactWriter, Run, sequences_of
+from torch_align_ae.autoencoder.allocation import keep_freed_memory
 from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder.codec import WEIGHTS_FILE, Codec
 from torch_align_ae.autoencoder.initialisation import SAMPLE_FRAMES, initialise_with_modes
@@ -85,6 +86,7 @@ class Trial:
 def main(config: TrainAutoencoderConfig) -> None:
     """Run the stage: a result that is current is kept, one that was interrupted is continued."""
     align = Run(config.run).artifact("align")
+    keep_freed_memory()
     Run(config.run).build(
         "train-ae",
         config,
