@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -140,9 +142,22 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig) -> None:
     offsets = writer.open_array("offsets", shape, np.float32, "m")
     writer.record(sequences=to_manifest(sequences), source="synthetic", gender=config.gender)
     with tqdm(total=frames, desc="soft tissue", unit="frame", disable=None) as progress:
-        for subject in subjects:
+
+        def simulate(subject: Subject) -> None:
             own = [sequence for sequence in sequences if sequence.subject == subject.name]
             _simulate_subject(smpl, subject, own, thetas, offsets, writer.checkpoints, progress)
+
+        _in_threads(simulate, subjects)
+
+
+def _in_threads(work: Callable[[Subject], None], subjects: list[Subject]) -> None:
+    """One subject a core: the sparse solves release Python's lock, and no subject needs another."""
+    pool = ThreadPoolExecutor(os.cpu_count())
+    try:
+        for job in [pool.submit(work, subject) for subject in subjects]:
+            job.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _simulate_subject(

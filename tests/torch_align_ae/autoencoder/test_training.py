@@ -58,11 +58,11 @@ def test_a_few_steps_at_full_size_learn_a_swing_that_the_modes_have_not_seen(tmp
     )
     plan = TrainingPlan(steps=12, batch_size=8, learning_rate=3e-4)
     job = training(tmp_path, plan, (seen_m + unseen_m).astype(np.float32), INFERRED_WIDTHS)
-    sample = job.normaliser.normalise(torch.from_numpy(seen_m[:20].astype(np.float32)))
+    sample = torch.from_numpy(seen_m[:20].astype(np.float32)) / job.normaliser.scale_m
     initialise_with_modes(job.model, sample, seed=0)
     result = job.run()
     codec = Codec(job.model.eval(), job.normaliser)
-    assert result.history[-1, 1] < result.history[0, 1]
+    assert result.history[-1, 1] < 0.9 * result.history[0, 1]
     assert reconstruction_r2(codec, job.offsets_m, job.split.validation) > 0.5
 
 
