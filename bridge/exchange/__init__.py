@@ -1,6 +1,7 @@
 """What the stages exchange: artifacts, runs, poses, sequences, motions, weights."""
 
 from bridge.exchange.artifact import Artifact, ArtifactWriter, read_artifact, write_artifact
+from bridge.exchange.motion import Motion, load_amass_motion
 from bridge.exchange.poses import (
     INPUT_SIZE,
     N_BETAS,
@@ -20,8 +21,10 @@ __all__ = [
     "THETA_SIZE",
     "Artifact",
     "ArtifactWriter",
+    "Motion",
     "Run",
     "Sequence",
+    "load_amass_motion",
     "load_weights",
     "pack_theta",
     "read_artifact",

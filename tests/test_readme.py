@@ -1,0 +1,29 @@
+"""README's numbers are those of the committed results, and its links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tools.update_readme import load_results, with_results
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted(
+    path.relative_to(ROOT).as_posix()
+    for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))
+)
+
+
+def test_generated_blocks_are_up_to_date():
+    readme = (ROOT / "README.md").read_text()
+    assert with_results(readme, load_results("demo")) == readme
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_to_files(page):
+    path = ROOT / page
+    links = re.findall(r"\]\((?!https?://)([^)#]+)", path.read_text())
+    missing = [link for link in links if not (path.parent / link).exists()]
+    assert not missing
