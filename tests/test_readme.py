@@ -24,6 +24,6 @@ def test_generated_blocks_are_up_to_date():
 @pytest.mark.parametrize("page", PAGES)
 def test_links_lead_to_files(page):
     path = ROOT / page
-    links = re.findall(r"\]\((?!https?://)([^)#]+)", path.read_text())
+    links = re.findall(r"(?:\]\(|src=\")(?!https?://)([^)#\"]+)", path.read_text())
     missing = [link for link in links if not (path.parent / link).exists()]
     assert not missing

@@ -62,7 +62,7 @@ def draw_figure8(path: Path, evaluate: Artifact, sequence: Sequence) -> None:
             label, colour, line = STYLES[name]
             label = f"{label}, mean {error_mm.mean():.2f} mm"
             axes.plot(times_s, error_mm, line, color=colour, label=label, linewidth=1.5)
-    axes.set_ylim(bottom=0.0)
+    axes.set_ylim(bottom=0.0, top=1.35 * axes.get_ylim()[1])  # room for the legend
     axes.set_xlim(times_s[0], times_s[-1] or 1.0)
     _finish(axes, "time [s]", "mean vertex error [mm]")
     save_figure(figure, path)

@@ -113,8 +113,8 @@ def assert_is_a_standing_body(out: Path, frames: tuple[int, int], floor_m: float
     ("options", "words"),
     [
         (["align", "--run", "bad", "--smpl", "{tmp}/none.npz", "--dyna", "{tmp}/none.h5"], "none"),
-        (["align", "--run", "bad", "--smpl", "{tmp}", "--dyna", "{tmp}"], "directory"),
-        (["predict", "--run", "smoke", "--motion", "{tmp}", "--out", "{tmp}/o"], "directory"),
+        (["align", "--run", "bad", "--smpl", "{tmp}", "--dyna", "{tmp}"], "a folder"),
+        (["predict", "--run", "smoke", "--motion", "{tmp}", "--out", "{tmp}/o"], "a folder"),
         (
             ["predict", "--run", "nope", "--motion", "{tmp}/x.npz", "--out", "{tmp}/o"],
             "unknown run",
