@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from dataclasses import dataclass
+from typing import Any
 
+from bridge.exchange import Run
 from bridge.processes import run_module
 
 
@@ -24,3 +28,17 @@ def main(config: BenchConfig) -> None:
     """Run both benchmarks one after the other, so that neither disturbs the other."""
     for module in ("torch_align_ae.bench", "tf_dsnet.bench"):
         run_module(module, "--run", config.run, "--seed", str(config.seed))
+    for path in sorted((Run(config.run).path / "bench").glob("*.json")):
+        sys.stdout.write(f"{path}\n{_summary(json.loads(path.read_text()))}\n")
+
+
+def _summary(results: dict[str, Any], indent: str = "  ") -> str:
+    """The numbers of a results file, one a line; lists of single timings are left out."""
+    lines = []
+    for name, value in results.items():
+        if isinstance(value, dict):
+            inner = _summary(value, indent + "  ")
+            lines += [f"{indent}{name}", inner] if inner else []
+        elif isinstance(value, (int, float)):
+            lines.append(f"{indent}{name:<36}{value:.4g}")
+    return "\n".join(lines)

@@ -35,18 +35,26 @@ def main() -> None:
     for name in KEPT:
         copy = shutil.copytree if (source / name).is_dir() else shutil.copy2
         copy(source / name, target / name)
+    shutil.copytree(ROOT / "runs" / run / "bench", target / "bench")
     readme = ROOT / "README.md"
     readme.write_text(with_results(readme.read_text(), load_results(run)))
 
 
 def load_results(run: str) -> dict[str, Any]:
     """The committed results of a run."""
-    return json.loads((ROOT / "docs" / "results" / run / "results.json").read_text())
+    folder = ROOT / "docs" / "results" / run
+    bench = {path.stem: json.loads(path.read_text()) for path in (folder / "bench").glob("*.json")}
+    return {**json.loads((folder / "results.json").read_text()), "bench": bench}
 
 
 def with_results(readme: str, results: dict[str, Any]) -> str:
     """README's text with every generated block written anew."""
-    for name, block in (("times", times_block(results)), ("results", results_block(results))):
+    blocks = {
+        "times": times_block(results),
+        "results": results_block(results),
+        "speed": speed_block(results["bench"]),
+    }
+    for name, block in blocks.items():
         head, rest = re.split(rf"(?<=<!-- {name}: written by tools/update_readme.py -->\n)", readme)
         readme = head + block + rest[rest.index("<!-- end -->") :]
     return readme
@@ -90,6 +98,33 @@ def results_block(results: dict[str, Any]) -> str:
             "what it puts into pose and shape no network can learn, as the paper's Section 6 says.",
             "",
         ]
+    )
+
+
+def speed_block(bench: dict[str, Any]) -> str:
+    """Training steps beside a peer and the machine's limit; DSNet's epoch and streaming step."""
+    torch, tensorflow = bench["torch"], bench["tensorflow"]
+    median, gflops = torch["median_s"], torch["gflops"]
+    rows = [
+        ("autoencoder, one training step of 64 meshes", f"{median['mesh_autoencoder']:.2f} s"),
+        ("the same of Casas-Otaduy's network", f"{median['casas_otaduy']:.2f} s"),
+        ("ratio of the two, Adam fused on both sides", f"{torch['mesh_to_casas_otaduy']:.2f}"),
+        (
+            "ratio of the two, PyTorch's default Adam on both sides",
+            f"{torch['mesh_to_casas_otaduy_plain_adam']:.2f}",
+        ),
+        (
+            "arithmetic rate of the autoencoder's step, of a plain matrix product",
+            f"{gflops['mesh_autoencoder']:.0f}, {gflops['gemm']:.0f} GFLOP/s",
+        ),
+        ("DSNet, one epoch of 67 x 300 frames", f"{tensorflow['epoch_s']:.2f} s"),
+        ("DSNet, one streamed frame of 1 character", f"{tensorflow['step_us']['1']:.0f} µs"),
+        ("DSNet, one streamed frame of 16 characters", f"{tensorflow['step_us']['16']:.0f} µs"),
+    ]
+    table = "\n".join(f"| {name} | {value} |" for name, value in rows)
+    return (
+        f"Medians on {torch['machine']}, {torch['threads']} threads; written by `dsnet bench`.\n\n"
+        f"| what | measured |\n|---|---:|\n{table}\n"
     )
 
 
