@@ -1,0 +1,29 @@
+"""The simulated truth is made by the corpus stage and read by evaluation, by no other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+MAKES_IT = "torch_align_ae/corpus/stage.py"
+READS_IT = "bridge/results/evaluate.py"
+LISTS_ITS_WALL_TIME = "bridge/results/report.py"
+
+
+def test_no_other_module_names_the_truth_artifact():
+    sources = [
+        path
+        for package in ("bridge", "torch_align_ae", "tf_dsnet")
+        for path in (ROOT / package).rglob("*.py")
+    ]
+    naming = {
+        path.relative_to(ROOT).as_posix() for path in sources if '"truth"' in path.read_text()
+    }
+    assert naming == {MAKES_IT, READS_IT, LISTS_ITS_WALL_TIME}
+
+
+def test_the_report_asks_the_truth_for_no_array():
+    results = (ROOT / "bridge" / "results").glob("*.py")
+    others = [path for path in results if path.name != "evaluate.py"]
+    assert others
+    assert not any('["truth"].array' in path.read_text() for path in others)
