@@ -36,7 +36,7 @@ class TrainConfig:
     readings: tuple[ReadingName, ...] = READINGS
     """Which readings to train; the first is the one that `predict` uses. `faithful`: raw inputs
     and latents. `standardised`: both scaled, a departure from the paper, which is silent."""
-    epochs: int = 600
+    epochs: int = 500
     """Epochs of each reading (the paper does not say how many)."""
     frames: int = 300
     """Length to which sequences are padded or clipped (paper: 300)."""
