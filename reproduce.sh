@@ -24,7 +24,7 @@ setup() {
     if [[ -f $stamp ]] && cmp -s "$stamp" <(cat pyproject.toml constraints.txt); then
         return
     fi
-    echo "setting up .venv (once; about two minutes)" >&2
+    echo "setting up .venv (once)" >&2
     [[ -x .venv/bin/python ]] || "$(find_python)" -m venv .venv
     .venv/bin/python -m pip install --quiet --disable-pip-version-check \
         --constraint constraints.txt --editable '.[dev]'

@@ -66,8 +66,8 @@ def times_block(results: dict[str, Any]) -> str:
     minutes = sum(stage["wall_time_s"] for stage in stages.values()) / 60
     machine = next(iter(stages.values()))["machine"]
     return (
-        f"The stages of this run took {minutes:.0f} minutes ({machine}, no accelerator), after an\n"
-        "environment of about two minutes; the test-suite takes up to ten.\n"
+        f"The stages of the run below, without the report, took {minutes:.0f} minutes\n"
+        f"({machine}, no accelerator).\n"
     )
 
 
