@@ -67,7 +67,7 @@ def times_block(results: dict[str, Any]) -> str:
     machine = next(iter(stages.values()))["machine"]
     return (
         f"The stages of the run below, without the report, took {minutes:.0f} minutes\n"
-        f"({machine}, no accelerator).\n"
+        f"({machine}, no accelerator). The test-suite is kept below ten.\n"
     )
 
 
