@@ -1,9 +1,11 @@
 #!/usr/bin/env bash
 # One command from body model to report; see README.md.
-#   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--smpl FILE --dyna FILE.h5 ... --amass DIR]
+#   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--aligner sgd|robust]
+#                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR]]      (licensed files: docs/data.md)
 #   ./reproduce.sh setup      only the environment
 #   ./reproduce.sh test       the environment and the test-suite
 set -euo pipefail
+caller=$PWD
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
 find_python() {
@@ -44,32 +46,60 @@ run_tests() {
     .venv/bin/python -m pytest tests/tf_dsnet
 }
 
+refuse() {
+    echo "reproduce.sh: $*" >&2
+    exit 2
+}
+
+# Paths are the caller's, whose folder need not be this one; a slip is told before hours of work.
+existing() {
+    local path=$1
+    [[ $path == /* ]] || path=$caller/$path
+    [[ -e $path ]] || refuse "$path does not exist. Check the path."
+    echo "$path"
+}
+
 run_stages() {
-    local profile=demo run="" seed=0 smpl="" amass="" dyna=()
+    local profile=demo run="" seed=0 align=() dyna=() predict=() licensed="" path
     while (($#)); do
         case $1 in
-            --profile) profile=${2:?} && shift 2 ;;
-            --run) run=${2:?} && shift 2 ;;
-            --seed) seed=${2:?} && shift 2 ;;
-            --smpl) smpl=${2:?} && shift 2 ;;
-            --amass) amass=${2:?} && shift 2 ;;
-            --dyna)
-                shift
-                while (($#)) && [[ $1 != --* ]]; do dyna+=("$1") && shift; done
-                ;;
-            *) echo "reproduce.sh: unknown option $1; see the head of this file" >&2 && exit 2 ;;
+            --profile | --run | --seed | --aligner | --smpl | --dyna | --amass) ;;
+            *) refuse "unknown option $1; see the head of this file." ;;
         esac
+        [[ -n ${2-} ]] || refuse "$1 needs a value."
+        case $1 in
+            --profile) profile=$2 ;;
+            --run) run=$2 ;;
+            --seed) seed=$2 ;;
+            --aligner) align+=(--aligner "$2") ;;
+            --smpl)
+                path=$(existing "$2")
+                align+=(--smpl "$path") licensed=yes
+                ;;
+            --dyna)
+                licensed=yes
+                while [[ -n ${2-} && $2 != --* ]]; do
+                    path=$(existing "$2")
+                    dyna+=("$path")
+                    shift
+                done
+                shift && continue
+                ;;
+            --amass)
+                path=$(existing "$2")
+                predict+=(--amass "$path")
+                ;;
+        esac
+        shift 2
     done
+    ((${#dyna[@]})) && align+=(--dyna "${dyna[@]}")
     local common=(--profile "$profile" --run "${run:-$profile}" --seed "$seed")
-    local align=() predict=()
-    [[ -n $smpl ]] && align+=(--smpl "$smpl" --dyna "${dyna[@]}")
-    [[ -n $amass ]] && predict+=(--amass "$amass")
     for stage in corpus align train-ae encode train predict decode evaluate report; do
-        [[ $stage == corpus && -n $smpl ]] && continue
+        [[ $stage == corpus && -n $licensed ]] && continue
         echo "== dsnet $stage" >&2
         case $stage in
-            align) .venv/bin/dsnet align "${common[@]}" "${align[@]}" ;;
-            predict) .venv/bin/dsnet predict "${common[@]}" "${predict[@]}" ;;
+            align) .venv/bin/dsnet align "${common[@]}" ${align[@]+"${align[@]}"} ;;
+            predict) .venv/bin/dsnet predict "${common[@]}" ${predict[@]+"${predict[@]}"} ;;
             *) .venv/bin/dsnet "$stage" "${common[@]}" ;;
         esac
     done
@@ -80,4 +110,4 @@ case ${1:-} in
     setup) setup ;;
     test) shift && setup && run_tests "$@" ;;
     *) setup && run_stages "$@" ;;
-esac
+esac; exit # on one line: bash reads on in the file, which may be another one after hours

@@ -27,6 +27,7 @@ COMMANDS = {
     "decode": ("torch_align_ae.autoencoder.stage_decode", "Decode latents to offsets."),
     "evaluate": ("bridge.results.evaluate", "Measure errors against meshes and references."),
     "report": ("bridge.results.report", "Draw the figures and write the report."),
+    "verify": ("bridge.verify.stage", "Compare NumPy, PyTorch, Keras and ONNX layer by layer."),
     "bench": ("bridge.bench", "Time the networks against their limits and peers."),
 }
 PROFILES = ("smoke", "demo", "paper")

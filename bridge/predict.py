@@ -21,7 +21,7 @@ from bridge.errors import DsnetError
 from bridge.exchange import N_BETAS, Run, write_artifact
 from bridge.exchange.motion import Motion, load_amass_motion
 from bridge.exchange.run import body_model_path
-from bridge.processes import run_module
+from bridge.processes import notify, run_module
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class PredictConfig:
     reading: Literal["standardised", "faithful"] | None = None
     """Which trained DSNet predicts; the run's own choice when left out."""
     amass: Path | None = None
-    """Folder of AMASS files to predict beside the run's sequences (the corpus's when left out)."""
+    """Folder of AMASS files to predict beside the run's sequences (those of the run's own corpus
+    when left out). What is no motion, or of the other gender, is left out and counted."""
     motion: Path | None = None
     """One AMASS `.npz`; with it, vertices are written to --out."""
     betas: str | None = None
@@ -94,6 +95,8 @@ def _load(run: Run, path: Path, betas: str | None) -> Motion:
     if betas is not None:
         motion = replace(motion, betas=_parse_betas(betas))
     body = load_body_model(str(body_model_path(run)))
+    if betas is None and {motion.gender, body.gender} == {"female", "male"}:
+        notify(f"the betas of {path} are a {motion.gender}'s, the body {body.gender}: see --betas")
     rest = body.v_template + body.shapedirs @ motion.betas
     return motion.about_root_joint((body.J_regressor @ rest)[0])
 

@@ -37,6 +37,11 @@ def run_as_process(config_type: type[Config], main: Callable[[Config], Any]) -> 
         main(tyro.cli(config_type))
 
 
+def notify(text: str) -> None:
+    """One line on stderr about something that a user would want to know but need not mend."""
+    print(f"dsnet: {text}", file=sys.stderr)  # noqa: T201
+
+
 @contextmanager
 def exit_with_one_line() -> Iterator[None]:
     """Turn a DsnetError into one line and exit status 2, an interrupt into one line and 130."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tools.include_results import with_included
 from tools.update_readme import load_results, with_results
 
 ROOT = Path(__file__).parents[1]
@@ -19,6 +20,12 @@ PAGES = sorted(
 def test_generated_blocks_are_up_to_date():
     readme = (ROOT / "README.md").read_text()
     assert with_results(readme, load_results("demo")) == readme
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_quoted_tables_are_up_to_date(page):
+    text = (ROOT / page).read_text()
+    assert with_included(text) == text
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -1,19 +1,29 @@
-"""The TensorFlow half of dsnet: from latents and motions to predictions."""
+"""The TensorFlow half of dsnet: from latents and motions to predictions, and to vertices."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from tf_dsnet.stream import StreamingPredictor
 
 if TYPE_CHECKING:
+    from tf_dsnet.codec import load_codec
+    from tf_dsnet.mesh_autoencoder import MeshAutoencoder
     from tf_dsnet.model import build_dsnet
+    from tf_dsnet.smpl import SMPL
+    from tf_dsnet.unposing import unpose
 
-__all__ = ["StreamingPredictor", "build_dsnet"]
+__all__ = ["SMPL", "MeshAutoencoder", "StreamingPredictor", "build_dsnet", "load_codec", "unpose"]
+_NEED_TENSORFLOW = {
+    "SMPL": "smpl",
+    "MeshAutoencoder": "mesh_autoencoder",
+    "build_dsnet": "model",
+    "load_codec": "codec",
+    "unpose": "unposing",
+}
 
 
 def __getattr__(name: str) -> Any:
-    # Streaming needs NumPy alone, so TensorFlow is loaded only for the network itself.
-    if name == "build_dsnet":
-        from tf_dsnet.model import build_dsnet
-
-        return build_dsnet
+    # Streaming needs NumPy alone, so TensorFlow is loaded only for what computes with it.
+    if name in _NEED_TENSORFLOW:
+        return getattr(import_module(f"tf_dsnet.{_NEED_TENSORFLOW[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tf_dsnet.dataset import Clips
-from tf_dsnet.framework import keras, tf
+from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.losses import sum_of_distances
-from tf_dsnet.model import assign_weights, build_dsnet, named_weights
+from tf_dsnet.model import assign_weights, build_dsnet, named_variables, named_weights
 
 _OPTIMIZER = "adam"
 
@@ -33,13 +33,12 @@ class Trainer:
     def __init__(
         self, clips: Clips, *, lr: float, batch_size: int = 16, masked: bool = False, seed: int = 0
     ) -> None:
-        keras.utils.set_random_seed(seed)
-        tf.config.experimental.enable_op_determinism()
+        be_reproducible(seed)
         self._clips, self._batch_size, self._seed = clips, batch_size, seed
         self._masked = masked
         self.model = build_dsnet(masked=masked)
-        self._optimizer = keras.optimizers.Adam(lr, name=_OPTIMIZER)
-        self._optimizer.build(self.model.trainable_variables)
+        self.optimizer = keras.optimizers.Adam(lr, name=_OPTIMIZER)
+        self.optimizer.build(self.model.trainable_variables)
         self._step = tf.function(self._train_on, input_signature=[_batch_signature()])
         self._evaluate = tf.function(self._loss_at_rest, input_signature=[_batch_signature()])
 
@@ -55,14 +54,24 @@ class Trainer:
         """Mean loss of a clip with the batch normalisation's running statistics."""
         return float(self._evaluate(_batch(clips, np.arange(len(clips)))).numpy())
 
+    def gradients(self) -> tuple[float, dict[str, NDArray]]:
+        """Loss of all clips in one batch, and its gradient by every weight that is trained.
+
+        The running statistics move on, as in a step of training.
+        """
+        loss, gradients = self._loss_and_gradients(_batch(self._clips, np.arange(len(self._clips))))
+        trainable = {id(variable) for variable in self.model.trainable_variables}
+        names = [n for n, v in named_variables(self.model).items() if id(v) in trainable]
+        return float(loss), {n: g.numpy() for n, g in zip(names, gradients, strict=True)}
+
     def state(self) -> dict[str, NDArray]:
         """Copies of weights, running statistics and the optimizer's moments."""
-        optimizer = {variable.path: variable.numpy() for variable in self._optimizer.variables}
+        optimizer = {variable.path: variable.numpy() for variable in self.optimizer.variables}
         return {**named_weights(self.model), **optimizer}
 
     def restore(self, state: Mapping[str, NDArray]) -> None:
         """Go back to what `state` returned, in this process or in an earlier one."""
-        own = self._optimizer.variables
+        own = self.optimizer.variables
         for variable in own:
             # A file may give scalars (the step counter) back with one axis.
             variable.assign(state[variable.path])
@@ -70,11 +79,14 @@ class Trainer:
         assign_weights(self.model, {k: array for k, array in state.items() if k not in paths})
 
     def _train_on(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
-        variables = self.model.trainable_variables
+        loss, gradients = self._loss_and_gradients(batch)
+        self.optimizer.apply(gradients, self.model.trainable_variables)
+        return loss
+
+    def _loss_and_gradients(self, batch: dict[str, tf.Tensor]) -> tuple[tf.Tensor, list[Tensor]]:
         with tf.GradientTape() as tape:
             loss = self._loss_of(batch, training=True)
-        self._optimizer.apply(tape.gradient(loss, variables), variables)
-        return loss
+        return loss, tape.gradient(loss, self.model.trainable_variables)
 
     def _loss_at_rest(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
         return self._loss_of(batch, training=False)
@@ -93,7 +105,7 @@ def _batch(clips: Clips, rows: NDArray) -> dict[str, tf.Tensor]:
 def _batch_signature() -> dict[str, tf.TensorSpec]:
     # Unknown sizes, so that the last, smaller batch does not build a second graph.
     return {
-        "motion": tf.TensorSpec((None, None, 79), tf.float32),
-        "latents": tf.TensorSpec((None, None, 100), tf.float32),
+        "motion": tf.TensorSpec((None, None, 79), keras.config.floatx()),
+        "latents": tf.TensorSpec((None, None, 100), keras.config.floatx()),
         "real": tf.TensorSpec((None, None), tf.bool),
     }

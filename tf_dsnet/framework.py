@@ -8,6 +8,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any, TypeAlias
 
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 os.environ.setdefault("TF_FORCE_GPU_ALLOW_GROWTH", "true")
@@ -41,4 +42,17 @@ with _stderr_held_back():
     import keras
     import tensorflow as tf
 
-__all__ = ["keras", "tf"]
+Tensor: TypeAlias = Any
+"""A tensor or an array: TensorFlow's own annotations refuse arrays, and `...` in an index."""
+
+__all__ = ["Tensor", "be_reproducible", "keras", "tf"]
+
+
+def be_reproducible(seed: int) -> None:
+    """The one place that says what TensorFlow needs so that two runs give the same bits.
+
+    For the rest of the process: a seed for initial weights, and operations that add in a fixed
+    order, also on a GPU. The number of threads has to be the same, for sums are split by it.
+    """
+    keras.utils.set_random_seed(seed)
+    tf.config.experimental.enable_op_determinism()

@@ -40,7 +40,7 @@ def build_dsnet(*, masked: bool = False) -> keras.Model:
 
 def named_weights(model: keras.Model) -> dict[str, NDArray]:
     """Copies of all weights, named `<layer>/<variable>`, such as `fc_enc_1/kernel`."""
-    return {name: variable.numpy() for name, variable in _named_variables(model).items()}
+    return {name: variable.numpy() for name, variable in named_variables(model).items()}
 
 
 def assign_weights(model: keras.Model, weights: Mapping[str, NDArray]) -> None:
@@ -51,7 +51,7 @@ def assign_weights(model: keras.Model, weights: Mapping[str, NDArray]) -> None:
     DsnetError
         If a name or a shape is not the network's.
     """
-    variables = _named_variables(model)
+    variables = named_variables(model)
     wanted = {name: tuple(variable.shape) for name, variable in variables.items()}
     given = {name: array.shape for name, array in weights.items()}
     if odd := sorted(set(wanted.items()) ^ set(given.items())):
@@ -70,7 +70,8 @@ def parameter_counts(model: keras.Model) -> dict[str, int]:
     return {"dsnet": int(model.count_params()), "dsnet_trainable": trainable}
 
 
-def _named_variables(model: keras.Model) -> dict[str, keras.Variable]:
+def named_variables(model: keras.Model) -> dict[str, keras.Variable]:
+    """The model's own variables, named as by `named_weights`."""
     return {
         f"{layer.name}/{variable.name}": variable
         for layer in model.layers

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.errors import DsnetError
 from bridge.exchange import (
     Artifact,
     ArtifactWriter,
@@ -20,6 +19,7 @@ from bridge.exchange import (
     subject_rows,
     to_manifest,
 )
+from bridge.exchange.amass_folder import find_amass_motions, subject_and_motion
 from bridge.exchange.motion import Motion, load_amass_motion
 from bridge.exchange.run import body_model_path
 from tf_dsnet.dataset import join_inputs
@@ -45,7 +45,7 @@ class PredictStageConfig:
     reading: ReadingName | None = None
     """Which trained DSNet predicts; the run's own choice when left out."""
     amass: Path | None = None
-    """Folder of AMASS files in place of the corpus's MoSh-like motions."""
+    """Folder of AMASS files in place of the corpus's MoSh-like motions; see docs/data.md."""
 
 
 PROFILES: dict[str, PredictStageConfig] = {
@@ -97,7 +97,7 @@ def main(config: PredictStageConfig) -> None:
     run = Run(config.run)
     trained, encoded = run.artifact("train"), run.artifact("encode")
     chosen = load_reading(trained, config.reading)
-    files = find_motions(run, config.amass)
+    files = find_motions(run, config.amass, encoded)
 
     def make(writer: ArtifactWriter) -> None:
         motions = gather(encoded, run, files)
@@ -114,23 +114,17 @@ def main(config: PredictStageConfig) -> None:
     run.build(STAGE, config, make, data=trained.origin, upstream=upstream)
 
 
-def find_motions(run: Run, amass: Path | None) -> list[Path]:
-    """AMASS files to predict: those below `amass`, or the corpus's, or none."""
-    if amass is None:
-        if not (run.path / "corpus").is_dir():
-            return []
-        corpus = run.artifact("corpus")
-        names = [name for name in corpus.manifest["files"] if name.startswith("mosh/")]
-        return [corpus.file(name) for name in sorted(names)]
-    # AMASS keeps a subject's shape in a file beside its motions.
-    files = [path for path in sorted(amass.rglob("*.npz")) if path.stem not in ("shape", "stageii")]
-    if not files:
-        raise DsnetError(
-            f"--amass {amass}, in which there is no .npz file",
-            "a folder of AMASS motions",
-            "Check the path, or leave --amass out.",
-        )
-    return files
+def find_motions(run: Run, amass: Path | None, encoded: Artifact) -> list[Path]:
+    """AMASS files to predict: those below `amass`, or those of the run's own corpus, or none."""
+    if amass is not None:
+        gender = load_body_model(str(body_model_path(run))).gender
+        return find_amass_motions(amass, gender, [s.name for s in sequences_of(encoded)])
+    # A corpus in the run's folder is not its own if licensed meshes were aligned beside it.
+    if encoded.origin != "synthetic" or not (run.path / "corpus").is_dir():
+        return []
+    corpus = run.artifact("corpus")
+    names = [name for name in corpus.manifest["files"] if name.startswith("mosh/")]
+    return [corpus.file(name) for name in sorted(names)]
 
 
 def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
@@ -154,13 +148,6 @@ def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
     return MotionSet(
         sequences, np.concatenate(theta).astype(np.float32), np.stack(rows).astype(np.float32)
     )
-
-
-def subject_and_motion(path: Path) -> tuple[str, str]:
-    """Who does what: `50004_kicking_poses.npz`, or AMASS's own `50004/kicking_poses.npz`."""
-    stem = path.stem.removesuffix("_poses").removesuffix("_stageii")
-    subject, _, motion = stem.partition("_")
-    return (subject, motion) if subject.isdecimal() and motion else (path.parent.name, stem)
 
 
 def predict_all(reading: Reading, motions: MotionSet) -> NDArray[np.float32]:

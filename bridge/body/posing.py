@@ -115,7 +115,7 @@ def unpose_vertices(
 
 def rest_vertices(data: BodyModelData, betas: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """(B, V, 3) shaped body with pose blend shapes, before skinning (Eq. 2), metres."""
-    features = pose_features(_rotations(data, pose))
+    features = pose_features(joint_rotations(data, pose))
     return shaped_vertices(data, betas) + np.einsum("vxp,bp->bvx", data.posedirs, features)
 
 
@@ -139,12 +139,12 @@ def _rest_and_skinning(
     _check_shape("trans", trans, (len(np.asarray(betas)), 3))
     rest = rest_vertices(data, betas, pose)
     bones = joint_transforms(
-        _rotations(data, pose), shaped_joints(data, betas), data.parents, trans
+        joint_rotations(data, pose), shaped_joints(data, betas), data.parents, trans
     )
     return rest, np.einsum("vj,bjxy->bvxy", data.weights, bones)
 
 
-def _rotations(data: BodyModelData, pose: np.ndarray) -> np.ndarray:
+def joint_rotations(data: BodyModelData, pose: np.ndarray) -> np.ndarray:
     """(B, 24, 3, 3) rotation matrices; the hand joints of a 22-joint pose are the identity."""
     pose = np.asarray(pose, dtype=np.float64)
     if pose.ndim != 3 or pose.shape[1:] not in ((JOINT_COUNT - 2, 3), (JOINT_COUNT, 3)):

@@ -43,7 +43,7 @@ class ChumpyRecord(_Record):
             shape = self.state.get("preferred_shape")
             return selected if shape is None else selected.reshape(shape)
         if "x" in self.state:
-            return np.asarray(self.state["x"])
+            return as_array(self.state["x"])
         raise pickle.UnpicklingError(f"a chumpy object with only {sorted(self.state)}")
 
 

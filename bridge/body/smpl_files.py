@@ -25,6 +25,8 @@ from bridge.body.model_data import (
 from bridge.body.safe_pickle import as_array, load_restricted
 from bridge.errors import DsnetError
 
+# Column counts of `weights` tell SMPL's relatives, which AMASS's readers also download.
+_RELATIVES = {16: "MANO", 52: "SMPL-H", 55: "SMPL-X"}
 _REMEDY = "Download the SMPL model (.npz or .pkl, 24 joints) again from smpl.is.tue.mpg.de"
 _EXPECTED_SHAPES: dict[str, tuple[int | None, ...]] = {
     "v_template": (VERTEX_COUNT, 3),
@@ -57,12 +59,13 @@ def load_smpl_file(path: str | Path) -> BodyModelData:
         )
     fields = _read_fields(path)
     arrays = {name: _numeric_array(path, fields, name) for name in _EXPECTED_SHAPES}
+    _check_is_smpl(path, arrays["weights"])
     for name, shape in _EXPECTED_SHAPES.items():
         _check_shape(path, name, arrays[name], shape)
     return BodyModelData(
         name=path.name,
         source="synthetic" if _text(fields, SOURCE_FIELD) == "synthetic" else "licensed",
-        gender=_text(fields, GENDER_FIELD) or _gender_of_file_name(path.stem),
+        gender=_text(fields, GENDER_FIELD) or _gender_of_path(path),
         v_template=arrays["v_template"],
         shapedirs=arrays["shapedirs"][:, :, :SHAPE_COUNT],
         posedirs=arrays["posedirs"],
@@ -128,6 +131,11 @@ def _numeric_array(path: Path, fields: Mapping[str, Any], name: str) -> np.ndarr
         raise _unreadable(path, error) from error
 
 
+def _check_is_smpl(path: Path, weights: np.ndarray) -> None:
+    if relative := _RELATIVES.get(weights.shape[-1] if weights.ndim else 0):
+        raise DsnetError(f"body model {path}: {relative}'s", "SMPL's own", _REMEDY)
+
+
 def _check_shape(path: Path, name: str, array: np.ndarray, shape: tuple[int | None, ...]) -> None:
     matches = array.ndim == len(shape) and all(
         wanted in (None, size) for size, wanted in zip(array.shape, shape, strict=True)
@@ -145,16 +153,13 @@ def _parents(kintree_table: np.ndarray) -> np.ndarray:
     return np.where((parents == ROOT_PARENT_IN_FILE) | (parents < 0), -1, parents)
 
 
-def _gender_of_file_name(stem: str) -> str:
-    words = stem.lower().replace("-", "_").split("_")
-    for gender, marks in (
-        ("female", ("female", "f")),
-        ("male", ("male", "m")),
-        ("neutral", ("neutral", "n")),
-    ):
-        if any(mark in words for mark in marks):
-            return gender
-    return "unknown"
+def _gender_of_path(path: Path) -> str:
+    """SMPL's files do not say it: `SMPL_FEMALE`, `basicmodel_m_lbs_10_207_0`, `male/model`."""
+    words = path.stem.lower().replace("-", "_").split("_")
+    folder = path.absolute().parent.name.lower()
+    genders = ("female", "male", "neutral")
+    marked = (gender for gender in genders if gender in words or gender[0] in words)
+    return next(marked, folder if folder in genders else "unknown")
 
 
 def _text(fields: Mapping[str, Any], name: str) -> str:

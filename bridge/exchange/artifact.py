@@ -13,6 +13,7 @@ import hashlib
 import json
 import os
 import platform
+import resource
 import shutil
 import sys
 import time
@@ -245,7 +246,7 @@ class ArtifactWriter:
             "upstream": dict(upstream or {}),
             "config": dict(config or {}),
             "provenance": {
-                **_provenance(time.perf_counter() - self._started),
+                **provenance(time.perf_counter() - self._started),
                 **self._measured,
             },
         }
@@ -290,7 +291,8 @@ def _replace_folder(source: Path, target: Path) -> None:
     shutil.rmtree(retired, ignore_errors=True)
 
 
-def _provenance(wall_time_s: float) -> dict[str, Any]:
+def provenance(wall_time_s: float) -> dict[str, Any]:
+    """When, where, by which command and with which versions something was made."""
     versions = {"python": platform.python_version()}
     for package in _RECORDED_PACKAGES:
         try:
@@ -301,9 +303,17 @@ def _provenance(wall_time_s: float) -> dict[str, Any]:
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
         "finished_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "wall_time_s": round(wall_time_s, 3),
+        "peak_memory_mb": _peak_memory_mb(),
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         "versions": versions,
     }
+
+
+def _peak_memory_mb() -> int:
+    """Largest resident memory so far of this process, or of one that it has started."""
+    whose = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    largest = max(resource.getrusage(one).ru_maxrss for one in whose)
+    return round(largest / (2**20 if sys.platform == "darwin" else 2**10))
 
 
 def write_artifact(

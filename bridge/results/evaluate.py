@@ -126,7 +126,9 @@ class Evaluation:
             sequences=self._decode.manifest["sequences"],
             per_sequence=results,
             splits=_summaries(splits),
-            alignment=alignment_errors(self._upstream["align"], self._upstream.get("truth")),
+            alignment=alignment_errors(
+                self._upstream["align"], self._upstream.get("truth"), self._body
+            ),
             reading=self._predict.manifest.get("reading"),
         )
 

@@ -27,7 +27,11 @@ def _decimals(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 
-_ENVIRONMENT.filters["decimals"] = _decimals
+def _exponent(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0e}" if value else "0"
+
+
+_ENVIRONMENT.filters |= {"decimals": _decimals, "exponent": _exponent}
 
 
 def render_markdown(context: Mapping[str, Any]) -> str:

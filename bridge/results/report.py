@@ -23,11 +23,13 @@ from bridge.results.curve_figures import (
 )
 from bridge.results.page import render_html, render_markdown
 from bridge.results.panels import FOOTERS
+from bridge.results.parity_figure import draw_parity
 from bridge.results.scene import Scene
 from bridge.results.summary import PREDICTOR_NAMES, departures, summarise
+from bridge.results.verification import read_parity
 
 _REQUIRED = ("align", "train-ae", "encode", "train", "predict", "decode", "evaluate")
-_OPTIONAL = ("corpus", "truth")
+_OPTIONAL = ("corpus", "truth", "verify")
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,20 @@ def plan_figures(scene: Scene) -> list[FigurePlan]:
             "Loss of DSNet in each reading. The latents' scales differ, so the values do too.",
             partial(draw_dsnet_loss, train=stages["train"]),
         ),
+        *_verification_figures(scene),
     ]
+
+
+def _verification_figures(scene: Scene) -> list[FigurePlan]:
+    if "verify" not in scene.stages:
+        return []
+    caption = (
+        "What `dsnet verify` found: each engine's largest difference from a float64 NumPy "
+        "reference, as the exponent of its size relative to the tensor's scale."
+    )
+    parity = read_parity(scene.stages["verify"])
+    draw = partial(draw_parity, parity=parity, origin=scene.origin)
+    return [FigurePlan("parity", caption, draw)]
 
 
 def _validation_figures(scene: Scene, sequence: Sequence) -> list[FigurePlan]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from bridge.results.comparison import compare
 from bridge.results.measured import Stages, measure, parameter_counts, validation_result
+from bridge.results.verification import verification
 
 PREDICTOR_NAMES = {
     "dsnet": "DSNet",
@@ -41,6 +42,7 @@ def summarise(stages: Stages, run_name: str) -> dict[str, Any]:
             "epochs": train["config"]["epochs"],
             "parameters_trainable": train["parameters"].get("dsnet_trainable"),
         },
+        "verification": verification(stages),
         "paper": [asdict(row) for row in compare(measure(stages))],
         "stages": {name: _stage(artifact.manifest) for name, artifact in stages.items()},
     }
@@ -60,6 +62,16 @@ def departures(stages: Stages) -> list[str]:
     return found
 
 
+_OF_EVERY_STAGE = {
+    "command",
+    "finished_utc",
+    "machine",
+    "peak_memory_mb",
+    "versions",
+    "wall_time_s",
+}
+
+
 def _trained(stages: Stages) -> dict[str, Any]:
     return stages["train-ae"].manifest["autoencoder"]
 
@@ -69,10 +81,11 @@ def _stage(manifest: dict[str, Any]) -> dict[str, Any]:
     measured = {
         key: value
         for key, value in provenance.items()
-        if key not in ("command", "finished_utc", "machine", "versions", "wall_time_s")
+        if key not in _OF_EVERY_STAGE
     }
     return {
         "wall_time_s": provenance["wall_time_s"],
+        "peak_memory_mb": provenance["peak_memory_mb"],
         "machine": provenance["machine"],
         "seed": manifest["config"].get("seed"),
         "versions": provenance["versions"],

@@ -20,8 +20,9 @@ from bridge.exchange import (
     write_artifact,
 )
 from bridge.exchange.artifact import ArtifactWriter
+from tests.forged.amass import save, shape, smplh, smplx
 from tf_dsnet import StreamingPredictor, predict
-from tf_dsnet.predict import PredictStageConfig, subject_and_motion
+from tf_dsnet.predict import PredictStageConfig
 from tf_dsnet.readings import Reading
 
 
@@ -103,19 +104,33 @@ def test_motions_enter_the_decision_whether_the_stage_is_current(trained, encode
     assert counts == [7, 8]
 
 
-@pytest.mark.parametrize(
-    ("path", "expected"),
-    [
-        ("mosh/50004_kicking_poses.npz", ("50004", "kicking")),
-        ("MPI_mosh/50020/side_to_side_hopping_poses.npz", ("50020", "side_to_side_hopping")),
-        ("MPI_mosh/50020/misc_stageii.npz", ("50020", "misc")),
-    ],
-)
-def test_names_of_corpus_and_of_amass(path, expected):
-    assert subject_and_motion(Path(path)) == expected
+def test_a_corpus_beside_licensed_meshes_is_not_predicted(trained, encoded_run):
+    """A run's name may be used again, for licensed files after the synthetic ones."""
+    forge_mosh(encoded_run, ("50004_kicking",))
+    manifest = encoded_run / "encode" / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"synthetic"', '"licensed"'))
+    predict.main(PredictStageConfig("tiny"))
+    made = read_artifact(encoded_run / "predict")
+    assert {sequence.split for sequence in sequences_of(made)} == {"train", "validation"}
 
 
-def test_empty_folder_and_unknown_run_are_refused(trained, encoded_run, tmp_path):
+def test_a_folder_of_amass_is_predicted(trained, encoded_run, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(predict, "body_model_path", lambda run: "embedded:female")
+    save(tmp_path / "MPI_mosh/50004/kicking_poses.npz", smplh(51, 100.0))
+    save(tmp_path / "MPI_mosh/50004/shape.npz", shape())
+    save(tmp_path / "MPI_mosh/50002/kicking_poses.npz", smplh(), gender="male")
+    save(tmp_path / "MoSh/00008/misc_stageii.npz", smplx(61, 120.0))
+    save(tmp_path / "DFaust_67/50004/50004_hips_poses.npz", smplh())
+    predict.main(PredictStageConfig("tiny", amass=tmp_path))
+    made = sequences_of(read_artifact(encoded_run / "predict"))
+    tests = [(s.name, s.length) for s in made if s.split == "test"]
+    assert tests == [("50004_kicking", 31), ("00008_misc", 31)]
+    counts = "2 motions; left out: 1 of motions already there, 1 of male bodies, 1 without poses"
+    assert counts in capsys.readouterr().err
+
+
+def test_empty_folder_and_unknown_run_are_refused(trained, encoded_run, tmp_path, monkeypatch):
+    monkeypatch.setattr(predict, "body_model_path", lambda run: "embedded:female")
     (tmp_path / "empty").mkdir()
     with pytest.raises(DsnetError, match=r"no \.npz"):
         predict.main(PredictStageConfig("tiny", amass=tmp_path / "empty"))

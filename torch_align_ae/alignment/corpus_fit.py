@@ -13,7 +13,6 @@ from tqdm import tqdm
 
 from bridge.errors import DsnetError
 from bridge.exchange import (
-    THETA_SIZE,
     ArtifactWriter,
     Sequence,
     load_weights,
@@ -23,15 +22,10 @@ from bridge.exchange import (
     to_manifest,
     unpack_theta,
 )
+from torch_align_ae.alignment.fitted import AlignedArrays
 from torch_align_ae.alignment.objective import MeshDistance
 from torch_align_ae.alignment.sgd import Descent, fit_pose, fit_shape_and_pose, rigid_start
-from torch_align_ae.alignment.tracking import (
-    FRAMES_PER_WINDOW,
-    Fitted,
-    Track,
-    follow,
-    in_groups,
-)
+from torch_align_ae.alignment.tracking import FRAMES_PER_WINDOW, Track, follow, in_groups
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import DynaReader
 
@@ -128,10 +122,7 @@ class CorpusFit:
 
     def _fit_first_poses(self, betas: Tensor, targets: Tensor) -> list[Tensor]:
         def fit(rows: list[int]) -> tuple[Tensor, Tensor]:
-            shapes, workspace = (
-                self._objective.shapes(betas[rows]),
-                self._objective.workspace(len(rows)),
-            )
+            shapes = self._objective.shapes(betas[rows])
             start = rigid_start(self._objective, shapes, targets[rows])
             return fit_pose(
                 self._objective,
@@ -140,7 +131,6 @@ class CorpusFit:
                 targets[rows],
                 self._effort.first_frame,
                 self._descent,
-                workspace,
             )
 
         return _concatenate(in_groups(len(targets), fit))
@@ -171,7 +161,6 @@ class CorpusFit:
     def _write_window(
         self, writer: ArtifactWriter, tracks: list[Track], state: _State, progress: tqdm
     ) -> None:
-        # Opened anew for each window: pages of a map count as memory until it is closed.
         arrays = self._open_arrays(writer)
         pose, trans = (torch.from_numpy(part.copy()) for part in unpack_theta(state.theta))
         for fitted in follow(
@@ -182,30 +171,13 @@ class CorpusFit:
             self._effort.frame,
             self._descent,
         ):
-            state.theta[fitted.track] = self._write(arrays, fitted)
+            state.theta[fitted.track] = arrays.write(fitted)
             progress.update(len(fitted.pose))
-        for array in arrays.values():
-            if isinstance(array, np.memmap):
-                array.flush()
+        arrays.flush()
         state.next_frame += FRAMES_PER_WINDOW
 
-    def _write(self, arrays: dict[str, NDArray[np.float32]], fitted: Fitted) -> NDArray[np.float32]:
-        """Store some frames of one sequence; returns the last one's theta."""
-        begin = self._sequences[fitted.track].start + fitted.start
-        rows = slice(begin, begin + len(fitted.pose))
-        arrays["theta"][rows] = pack_theta(fitted.pose.numpy(), fitted.trans.numpy())
-        arrays["offsets"][rows] = fitted.offsets.numpy()
-        arrays["frame_error"][rows] = fitted.frame_error.numpy()
-        return arrays["theta"][rows.stop - 1]
-
-    def _open_arrays(self, writer: ArtifactWriter) -> dict[str, NDArray[np.float32]]:
-        frames = self._sequences[-1].frames.stop
-        vertices = (frames, self._objective.smpl.vertex_count, 3)
-        return {
-            "theta": writer.open_array("theta", (frames, THETA_SIZE), np.float32, "rad and m"),
-            "offsets": writer.open_array("offsets", vertices, np.float32, "m"),
-            "frame_error": writer.open_array("frame_error", (frames,), np.float32, "m"),
-        }
+    def _open_arrays(self, writer: ArtifactWriter) -> AlignedArrays:
+        return AlignedArrays(writer, self._sequences, self._objective.smpl.vertex_count)
 
     def _progress(self, done: int) -> tqdm:
         total = sum(sequence.length for sequence in self._sequences)

@@ -1,24 +1,22 @@
 """The mesh distance of Section 3.3 and its gradient, written out by hand.
 
 An alignment evaluates it hundreds of thousands of times, so it goes through the skin patch by
-patch, each while it is in the cache, and keeps only sums over vertices: a joint feels a force and
-a torque, as in rigid-body mechanics. Automatic differentiation of `SMPL.forward` gives the same
-numbers in four times the time.
+patch, each while it is in the cache, and keeps only sums over vertices for the bones. Automatic
+differentiation of `SMPL.forward` gives the same numbers more slowly.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from bridge.exchange import N_JOINTS
+from torch_align_ae.alignment.bones import Bones, JointTree
+from torch_align_ae.alignment.patch_work import PatchWork
 from torch_align_ae.alignment.patches import cut_into_patches
 from torch_align_ae.body import SMPL
-from torch_align_ae.body.kinematics import tree_levels, world_frames
-from torch_align_ae.body.rotations import axial_vector, axis_angle_to_matrix, left_jacobian
 
 # A mesh that is met exactly has no direction of steepest descent; it then stays where it is.
 _SMALLEST_DISTANCE_M = 1e-12
@@ -29,7 +27,7 @@ class Shapes:
     """Bodies of a batch at rest, without pose blend shapes."""
 
     vertices: Tensor
-    """(B, 3, V) metres, in the order of the patches."""
+    """(B, 3 V) metres, in the order of `MeshDistance.arrange`."""
     joints: Tensor
     """(B, 22, 3) metres."""
 
@@ -48,23 +46,8 @@ class Gradient:
     """(B, 22, 3) per radian."""
     trans: Tensor
     """(B, 3)."""
-    rest_vertices: tuple[Tensor, ...]
-    """(B, 3, N) of each patch, times the distance: scaled only where it is needed."""
     joints: Tensor
-    """(B, 22, 3), through the bones only: not through vertices that follow the same betas."""
-
-
-class _Frames(NamedTuple):
-    """Joints in motion."""
-
-    rotations: Tensor
-    """(B, 22, 3, 3) relative to the parent."""
-    turn: Tensor
-    """(B, 22, 3, 3) orientation in the world."""
-    place: Tensor
-    """(B, 22, 3) position in the world, metres."""
-    shift: Tensor
-    """(B, 22, 3) where the bone's transform takes the origin of the rest pose, metres."""
+    """(B, 22, 3) by the joints at rest, while the skin keeps its shape."""
 
 
 class MeshDistance:
@@ -80,133 +63,100 @@ class MeshDistance:
         for hand in range(N_JOINTS, len(smpl.parents)):
             weights[smpl.parents[hand]] += smpl.weights[hand]
         posedirs = smpl.posedirs[: 9 * (N_JOINTS - 1)]
-        self._levels = tree_levels(parents)
-        self._parents = torch.tensor(parents[1:])
-        self._subtree = _subtree_matrix(parents).to(weights.dtype)
-        self._order, self._patches = cut_into_patches(weights, posedirs, parents)
-        self._template = smpl.template[:, self._order]
-        self._shapedirs = smpl.shapedirs[:, :, self._order].flatten(1)
+        self.tree = JointTree(parents, weights.dtype)
+        self.patches = cut_into_patches(weights, posedirs, parents)
+        axes = torch.arange(3)[:, None]
+        self._order = torch.cat([(3 * p.vertices + axes).flatten() for p in self.patches])
+        self._place = torch.argsort(self._order)
+        self._template = self.arrange(smpl.template.T[None])
+        self._shapedirs = self.arrange(smpl.shapedirs.mT)
+        self._joint_shapedirs = smpl.joint_shapedirs[:, :N_JOINTS].flatten(1)
 
     def arrange(self, vertices: Tensor) -> Tensor:
-        """Meshes (B, V, 3) as (B, 3, V) in the order of the patches."""
-        return vertices[:, self._order].transpose(1, 2).contiguous()
+        """Meshes (B, V, 3) as (B, 3 V): patch by patch, and of each all x, all y, all z."""
+        return vertices.flatten(1)[:, self._order]
+
+    def restore(self, arranged: Tensor) -> Tensor:
+        """The meshes (B, V, 3) that `arrange` was given."""
+        return arranged[:, self._place].unflatten(1, (-1, 3))
 
     def shapes(self, betas: Tensor) -> Shapes:
         """Bodies of shape betas (B, 10)."""
-        vertices = self._template + (betas @ self._shapedirs).unflatten(1, (3, -1))
+        vertices = torch.addmm(self._template, betas, self._shapedirs)
         return Shapes(vertices, self.smpl.joints(betas)[:, :N_JOINTS])
 
+    def by_betas(self, by_vertices: Tensor, by_joints: Tensor) -> Tensor:
+        """(B, 10) derivatives by betas from those by `Shapes`' vertices and joints."""
+        return by_vertices @ self._shapedirs.T + by_joints.flatten(1) @ self._joint_shapedirs.T
+
+    def to(self, target: Tensor) -> DistanceTo:
+        """The distance to meshes (B, 3 V) from `arrange`, metres."""
+        return DistanceTo(self, target)
+
+
+class DistanceTo:
+    """`MeshDistance` of a batch of bodies to a mesh each, with the memory that it works in."""
+
+    def __init__(self, objective: MeshDistance, target: Tensor) -> None:
+        self._objective, patches = objective, objective.patches
+        self._bones = torch.cat([patch.bones for patch in patches])
+        self._features = torch.cat([patch.features for patch in patches])
+        # Split like the patches: vertices' coordinates, bones, features.
+        self._sizes = [3 * len(patch.vertices) for patch in patches]
+        self._bone_counts = [len(patch.bones) for patch in patches]
+        self._feature_counts = [len(patch.features) for patch in patches]
+        rest = target.new_zeros(len(target) * max(self._sizes))
+        planes = target.new_zeros(4 * len(rest))
+        self._work = [
+            PatchWork(patch, part, planes, rest)
+            for patch, part in zip(patches, target.split(self._sizes, 1), strict=True)
+        ]
+
+    def gradient(self, shapes: Shapes, pose: Tensor, trans: Tensor) -> Gradient:
+        """Distance and its gradient at pose (B, 22, 3), radians, and trans (B, 3), metres."""
+        tree = self._objective.tree
+        bones = tree.move(shapes.joints, pose, trans)
+        distance = self._skin_and_pull(shapes, bones)
+        scale = _inverse(distance)[:, None, None, None]
+        by_carrying, by_bend = self._sums(len(pose))
+        joints = tree.gradient(bones, by_carrying * scale, by_bend * scale)
+        return Gradient(distance, *joints)
+
     def betas_gradient(self, gradient: Gradient) -> Tensor:
-        """(B, 10) derivative of the distances by the shape."""
-        pull = torch.cat(gradient.rest_vertices, 2).flatten(1)
-        scale = gradient.distance.clamp_min(_SMALLEST_DISTANCE_M)[:, None]
-        by_vertices = pull @ self._shapedirs.T / scale
-        joint_shapedirs = self.smpl.joint_shapedirs[:, :N_JOINTS].flatten(1)
-        return by_vertices + gradient.joints.flatten(1) @ joint_shapedirs.T
+        """(B, 10) derivative of the distances by the shape, `gradient` being the latest."""
+        by_vertices = torch.cat([work.by_shaped for work in self._work], 1)
+        by_vertices *= _inverse(gradient.distance)[:, None]
+        return self._objective.by_betas(by_vertices, gradient.joints)
 
-    def workspace(self, count: int) -> Tensor:
-        """Memory that `gradient` overwrites: fresh pages at each step would cost more."""
-        largest = max(patch.weights.shape[1] for patch in self._patches)
-        return self._template.new_zeros(count * 12 * largest)
+    def _skin_and_pull(self, shapes: Shapes, bones: Bones) -> Tensor:
+        """Distances (B,), metres; the derivatives of half their squares are left in the work."""
+        carrying = bones.T_world_rest.permute(0, 3, 2, 1).flatten(0, 2)
+        features = bones.bend[:, 1:].flatten(1)
+        distances = []
+        for work, *parts in zip(
+            self._work,
+            shapes.vertices.split(self._sizes, 1),
+            carrying.index_select(1, self._bones).split(self._bone_counts, 1),
+            features.index_select(1, self._features).split(self._feature_counts, 1),
+            strict=True,
+        ):
+            distances.append(work.skin(*parts))
+            work.pull()
+        return torch.linalg.vector_norm(torch.stack(distances), dim=0)
 
-    def gradient(
-        self, shapes: Shapes, pose: Tensor, trans: Tensor, target: Tensor, workspace: Tensor
-    ) -> Gradient:
-        """Distance of posed bodies to meshes, and its gradient.
-
-        Parameters
-        ----------
-        shapes : B bodies.
-        pose : (B, 22, 3) axis-angle, radians.
-        trans : (B, 3) metres.
-        target : (B, 3, V) meshes, metres, from `arrange`.
-        workspace : `self.workspace(B)`.
-        """
-        frames = self._frames(shapes, pose, trans)
-        columns = torch.cat([frames.turn, frames.shift[..., None]], -1).permute(1, 0, 3, 2)
-        features = _features(frames.rotations)
-        by_bones = columns.new_zeros(N_JOINTS, len(pose) * 12)
-        by_features, rest_pulls = torch.zeros_like(features), []
-        squared = pose.new_zeros(len(pose))
-        for patch in self._patches:
-            planes = patch.blend(columns, workspace)
-            rest = patch.rest(shapes.vertices, features)
-            residual = _skin(planes, rest).sub_(target[:, :, patch.vertices])
-            squared += residual.square().sum((1, 2))
-            rest_pulls.append(_unskin(planes, residual))
-            torch.mul(rest[:, :, None], residual[:, None], out=planes[:, :3])
-            planes[:, 3] = residual
-            patch.add_by_bones(planes, by_bones)
-            patch.add_by_features(rest_pulls[-1], by_features)
-        return self._at_joints(pose, frames, squared.sqrt(), by_bones, by_features, rest_pulls)
-
-    def _frames(self, shapes: Shapes, pose: Tensor, trans: Tensor) -> _Frames:
-        rotations = axis_angle_to_matrix(pose)
-        turn, place = world_frames(rotations, shapes.joints, self._levels, trans)
-        shift = place - (turn @ shapes.joints[..., None])[..., 0]
-        return _Frames(rotations, turn, place, shift)
-
-    def _at_joints(
-        self,
-        pose: Tensor,
-        frames: _Frames,
-        distance: Tensor,
-        by_bones: Tensor,
-        by_features: Tensor,
-        rest_pulls: list[Tensor],
-    ) -> Gradient:
-        """From sums over vertices, of residuals that are not yet divided by their norm."""
-        scale = 1 / distance.clamp_min(_SMALLEST_DISTANCE_M)[:, None, None]
-        sums = by_bones.view(N_JOINTS, len(pose), 4, 3).transpose(0, 1)
-        force, spin, above = self._forces(frames, sums, by_features.unflatten(1, (-1, 3, 3)))
-        force, spin = scale * force, scale * spin
-        return Gradient(
-            distance=distance,
-            pose=(left_jacobian(pose).mT @ spin[..., None])[..., 0],
-            trans=force[:, 0],
-            rest_vertices=tuple(rest_pulls),
-            joints=((above - frames.turn).mT @ force[..., None])[..., 0],
+    def _sums(self, count: int) -> tuple[Tensor, Tensor]:
+        """The patches' derivatives by bones (B, 22, 3, 4) and by R - I (B, 21, 3, 3), summed."""
+        by_bones = torch.cat([work.by_bones for work in self._work])
+        by_features = torch.cat([work.by_features for work in self._work], 1)
+        by_carrying = by_bones.new_zeros(N_JOINTS, count * 12)
+        by_carrying.index_add_(0, self._bones, by_bones)
+        by_bend = by_features.new_zeros(count, 9 * (N_JOINTS - 1))
+        by_bend.index_add_(1, self._features, by_features)
+        return (
+            by_carrying.view(N_JOINTS, count, 4, 3).permute(1, 0, 3, 2),
+            by_bend.view(count, N_JOINTS - 1, 3, 3),
         )
 
-    def _forces(
-        self, frames: _Frames, sums: Tensor, corrective: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """Force on each joint's subtree (B, 22, 3), derivative by a turn in the parent's frame
-        (B, 22, 3), and the parents' orientations (B, 22, 3, 3).
-        """
-        turn, place, shift = frames.turn, frames.place, frames.shift
-        moment, force = sums[:, :, :3].mT, sums[:, :, 3]
-        torque = axial_vector(moment @ turn.mT + force[..., None] * shift[..., None, :])
-        force, torque = self._subtree @ force, self._subtree @ torque
-        torque = torque - torch.linalg.cross(place, force)
-        root = torch.eye(3, dtype=turn.dtype).expand(len(turn), 1, 3, 3)
-        above = torch.cat([root, turn[:, self._parents]], 1)
-        spin = (above.mT @ torque[..., None])[..., 0]
-        spin[:, 1:] += axial_vector(corrective @ frames.rotations[:, 1:].mT)
-        return force, spin, above
 
-
-def _features(rotations: Tensor) -> Tensor:
-    """(B, 189) entries of R - I of every joint but the root."""
-    return (rotations[:, 1:] - torch.eye(3, dtype=rotations.dtype)).flatten(1)
-
-
-def _skin(planes: Tensor, rest: Tensor) -> Tensor:
-    """Posed vertices (B, 3, V) of rest vertices (B, 3, V)."""
-    posed = torch.addcmul(planes[:, 3], planes[:, 0], rest[:, 0:1])
-    return posed.addcmul_(planes[:, 1], rest[:, 1:2]).addcmul_(planes[:, 2], rest[:, 2:3])
-
-
-def _unskin(planes: Tensor, pull: Tensor) -> Tensor:
-    """Transposed rotation part of `_skin`: (B, 3, N)."""
-    turns = planes[:, :3]
-    rest_pull = turns[:, :, 0] * pull[:, 0:1]
-    return rest_pull.addcmul_(turns[:, :, 1], pull[:, 1:2]).addcmul_(turns[:, :, 2], pull[:, 2:3])
-
-
-def _subtree_matrix(parents: tuple[int, ...]) -> Tensor:
-    """(J, J) ones where the column's joint is the row's joint or hangs below it."""
-    below = torch.eye(len(parents))
-    for joint in range(len(parents) - 1, 0, -1):
-        below[parents[joint]] += below[joint]
-    return below
+def _inverse(distance: Tensor) -> Tensor:
+    return 1 / distance.clamp_min(_SMALLEST_DISTANCE_M)

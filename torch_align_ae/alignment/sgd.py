@@ -27,10 +27,6 @@ class Descent:
     momentum: float = 0.9
     """Momentum (paper: 0.9)."""
 
-    def optimizer(self, *variables: Tensor) -> torch.optim.SGD:
-        """A fresh optimizer: each frame is a minimisation of its own."""
-        return torch.optim.SGD(variables, lr=self.lr, momentum=self.momentum)
-
 
 def fit_pose(
     objective: MeshDistance,
@@ -39,37 +35,19 @@ def fit_pose(
     target: Tensor,
     steps: int,
     descent: Descent,
-    workspace: Tensor,
 ) -> tuple[Tensor, Tensor]:
     """Pose (B, 22, 3) and translation (B, 3) that bring fixed shapes near meshes from `arrange`.
 
-    `start` is the pose and translation to begin with; `workspace` is `objective.workspace(B)`.
+    `start` is the pose and translation to begin with.
     """
-    pose, trans = (tensor.clone() for tensor in start)
-    optimizer = descent.optimizer(pose, trans)
-    best = _Best(pose, trans)
-    for _ in range(steps):
-        gradient = objective.gradient(shapes, pose, trans, target, workspace)
-        best.keep(gradient.distance, pose, trans)
-        pose.grad, trans.grad = gradient.pose, gradient.trans
-        optimizer.step()
-    return best.variables[0], best.variables[1]
-
-
-class _Best:
-    """The variables of each body at its smallest distance so far: the paper's theta*."""
-
-    def __init__(self, *variables: Tensor) -> None:
-        self.variables = [variable.clone() for variable in variables]
-        self.distance = variables[0].new_full((len(variables[0]),), torch.inf)
-
-    def keep(self, distance: Tensor, *variables: Tensor) -> None:
-        """Take over the bodies that have come closer."""
-        closer = distance < self.distance
-        self.distance = torch.where(closer, distance, self.distance)
-        for kept, now in zip(self.variables, variables, strict=True):
-            mask = closer.view(-1, *[1] * (now.ndim - 1))
-            torch.where(mask, now, kept, out=kept)
+    with torch.inference_mode():
+        distance = objective.to(target)
+        descending = Descending(descent, *start)
+        for _ in range(steps):
+            gradient = distance.gradient(shapes, *descending.variables)
+            descending.step(gradient.distance, gradient.pose, gradient.trans)
+    pose, trans = descending.best()
+    return pose, trans
 
 
 def fit_shape_and_pose(
@@ -81,20 +59,58 @@ def fit_shape_and_pose(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """betas (B, 10), pose (B, 22, 3) and translation (B, 3) of first frames from
     `MeshDistance.arrange`."""
-    betas = target.new_zeros(len(target), len(objective.smpl.shapedirs))
-    pose, trans = rigid_start(objective, objective.shapes(betas), target)
-    workspace = objective.workspace(len(target))
-    optimizer = descent.optimizer(betas, pose, trans)
-    best = _Best(betas, pose, trans)
-    for _ in range(steps):
-        shapes = objective.shapes(betas)
-        gradient = objective.gradient(shapes, pose, trans, target, workspace)
-        best.keep(gradient.distance, betas, pose, trans)
-        betas.grad = objective.betas_gradient(gradient)
-        pose.grad, trans.grad = gradient.pose, gradient.trans
-        optimizer.step()
-        after_step()
-    return best.variables[0], best.variables[1], best.variables[2]
+    with torch.inference_mode():
+        distance = objective.to(target)
+        betas = target.new_zeros(len(target), len(objective.smpl.shapedirs))
+        start = rigid_start(objective, objective.shapes(betas), target)
+        descending = Descending(descent, betas, *start)
+        for _ in range(steps):
+            betas, pose, trans = descending.variables
+            gradient = distance.gradient(objective.shapes(betas), pose, trans)
+            by_betas = distance.betas_gradient(gradient)
+            descending.step(gradient.distance, by_betas, gradient.pose, gradient.trans)
+            after_step()
+    betas, pose, trans = descending.best()
+    return betas, pose, trans
+
+
+class Descending:
+    """Gradient descent with momentum on a batch of variables: `torch.optim.SGD`, made lighter.
+
+    Of each body's iterates the one with the smallest distance is kept, the paper's theta*.
+    """
+
+    def __init__(self, descent: Descent, *start: Tensor) -> None:
+        self.rate = descent.lr
+        """Learning rate: the paper's is the same at every step."""
+        self._momentum = descent.momentum
+        self._shapes = [variable.shape[1:] for variable in start]
+        self._state = torch.cat([variable.flatten(1) for variable in start], 1)
+        self._velocity = torch.zeros_like(self._state)
+        self._best = self._state.clone()
+        self._smallest = self._state.new_full((len(self._state),), torch.inf)
+        self.variables = self._parts(self._state)
+
+    def step(self, distance: Tensor, *gradients: Tensor) -> Tensor:
+        """Go on from where the distance (B,) and its gradients were taken.
+
+        Returns whether each body was closer there than ever before, (B,).
+        """
+        closer = distance < self._smallest
+        self._best = torch.where(closer[:, None], self._state, self._best)
+        self._smallest = torch.fmin(distance, self._smallest)
+        gradient = torch.cat([gradient.flatten(1) for gradient in gradients], 1)
+        self._velocity.mul_(self._momentum).add_(gradient)
+        self._state.sub_(self._velocity, alpha=self.rate)
+        return closer
+
+    def best(self) -> list[Tensor]:
+        """The variables of each body where its distance was smallest."""
+        return self._parts(self._best.clone())
+
+    def _parts(self, state: Tensor) -> list[Tensor]:
+        parts = state.split([shape.numel() for shape in self._shapes], 1)
+        return [part.unflatten(1, shape) for part, shape in zip(parts, self._shapes, strict=True)]
 
 
 def rigid_start(objective: MeshDistance, shapes: Shapes, target: Tensor) -> tuple[Tensor, Tensor]:
@@ -103,9 +119,9 @@ def rigid_start(objective: MeshDistance, shapes: Shapes, target: Tensor) -> tupl
     The paper does not say where its descent begins; from an unturned body it would not find a
     person who looks the other way.
     """
-    centre, target_centre = shapes.vertices.mean(2), target.mean(2)
-    source = shapes.vertices - centre[..., None]
-    covariance = (target - target_centre[..., None]) @ source.mT
+    source, target = objective.restore(shapes.vertices), objective.restore(target)
+    centre, target_centre = source.mean(1), target.mean(1)
+    covariance = (target - target_centre[:, None]).mT @ (source - centre[:, None])
     left, _, right = torch.linalg.svd(covariance.double())
     handedness = torch.ones_like(left[:, 0])
     handedness[:, 2] = torch.det(left @ right)

@@ -20,9 +20,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torch_align_ae.alignment.fitted import Fitted, measure
 from torch_align_ae.alignment.objective import MeshDistance
 from torch_align_ae.alignment.sgd import Descent, fit_pose
-from torch_align_ae.body import SMPL, rest_pose_offsets
 
 # Read, fitted and written between two checkpoints: two chunks of the corpus's files.
 FRAMES_PER_WINDOW = 32
@@ -43,24 +43,6 @@ class Track:
     """Number of frames."""
     betas: Tensor
     """(10,) shape of its subject."""
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """Consecutive frames of one sequence, fitted."""
-
-    track: int
-    """Index of the sequence."""
-    start: int
-    """First frame, counted within the sequence."""
-    pose: Tensor
-    """(n, 22, 3) axis-angle, radians."""
-    trans: Tensor
-    """(n, 3) metres."""
-    offsets: Tensor
-    """(n, V, 3) metres in the rest pose, Eq. 5."""
-    frame_error: Tensor
-    """(n,) mean distance of the posed body's vertices to the mesh, metres."""
 
 
 def follow(
@@ -136,7 +118,7 @@ def _follow_group(
     poses = before[0].new_zeros(len(group), max(lengths), *before[0].shape[1:])
     translations = before[1].new_zeros(len(group), max(lengths), 3)
     pose, trans = before[0][group], before[1][group]
-    shapes, workspace = objective.shapes(betas), objective.workspace(len(group))
+    shapes = objective.shapes(betas)
     for frame in range(max(lengths)):
         # Sorted by length, so the sequences that go on are the first ones.
         going = sum(length > frame for length in lengths)
@@ -150,20 +132,9 @@ def _follow_group(
                 target,
                 steps,
                 descent,
-                workspace,
             )
         poses[:going, frame], translations[:going, frame] = pose, trans
     return [
-        _measure(objective.smpl, index, start, betas[row], poses[row], translations[row], mesh)
+        measure(objective.smpl, index, start, betas[row], poses[row], translations[row], mesh)
         for row, (index, mesh) in enumerate(zip(group, meshes, strict=True))
     ]
-
-
-def _measure(
-    smpl: SMPL, index: int, start: int, betas: Tensor, pose: Tensor, trans: Tensor, mesh: Tensor
-) -> Fitted:
-    """Offsets and errors of one sequence's window; rows after its end are cut off."""
-    pose, trans = pose[: len(mesh)], trans[: len(mesh)]
-    betas = betas.expand(len(mesh), -1)
-    offsets, distances = rest_pose_offsets(smpl, mesh, betas, pose, trans)
-    return Fitted(index, start, pose, trans, offsets, distances.mean(1))

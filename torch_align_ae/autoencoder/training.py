@@ -21,6 +21,7 @@ from torch_align_ae.autoencoder.checkpoint import load_checkpoint, save_checkpoi
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import Normaliser
 from torch_align_ae.autoencoder.splits import FrameSplit, chunks
+from torch_align_ae.determinism import reproducible
 
 _VALIDATION_BATCH = 64
 
@@ -93,7 +94,7 @@ class Training:
         steps_per_epoch = math.ceil(len(self.split.train) / self.plan.batch_size)
         epochs = math.ceil(self.plan.steps / steps_per_epoch)
         bar = tqdm(total=self.plan.steps, initial=done, desc=self.label, unit="step", disable=None)
-        with bar:
+        with bar, reproducible():
             for epoch in range(len(history), epochs + 1):
                 if self._stale(history):
                     break

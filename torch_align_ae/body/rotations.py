@@ -49,6 +49,29 @@ def matrix_to_axis_angle(matrix: Tensor) -> Tensor:
     return quaternion[..., 1:] * angle / sine.clamp_min(torch.finfo(matrix.dtype).tiny)
 
 
+def nearest_turns(axis_angle: Tensor, before: Tensor | None = None) -> Tensor:
+    """The same rotations, axis-angle (T, J, 3), as a motion without jumps of a full turn.
+
+    Parameters
+    ----------
+    axis_angle : (T, J, 3) consecutive frames, radians, each angle at most pi.
+    before : (J, 3) the frame before the first, or None.
+
+    Returns
+    -------
+    (T, J, 3) radians: each frame plus the whole turns that bring it nearest to the one before.
+    """
+    angle = axis_angle.norm(dim=-1, keepdim=True)
+    # A rotation by nothing has no axis along which a turn could be added.
+    turn = 2 * torch.pi * axis_angle / angle.clamp_min(1e-6)
+    frames, last = [], axis_angle[0] if before is None else before
+    for frame, whole in zip(axis_angle, turn, strict=True):
+        missing = ((last - frame) * whole).sum(-1, keepdim=True) / (2 * torch.pi) ** 2
+        last = frame + missing.round() * whole
+        frames.append(last)
+    return torch.stack(frames)
+
+
 def left_jacobian(axis_angle: Tensor) -> Tensor:
     """Jacobian (..., 3, 3) that maps a change of the axis-angle vector to a turn in the parent.
 

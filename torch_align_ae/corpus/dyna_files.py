@@ -1,7 +1,7 @@
 """Dyna and D-FAUST registrations in HDF5: a checking reader and an atomic writer.
 
-Layout: one dataset `{subject}_{motion}` of shape (6890, 3, T), metres, y up, 60 fps, for each
-sequence, and `faces` (13776, 3). Only one sequence, or one window of it, is in memory at a time.
+`dyna_layout` says what the files hold. Only one sequence, or one window of it, is in memory at a
+time, whatever the file's chunks and float type are.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
@@ -19,32 +18,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.body.model_data import VERTEX_COUNT
 from bridge.errors import DsnetError
+from torch_align_ae.corpus.dyna_layout import (
+    FACES_KEY,
+    FPS,
+    LAYOUT,
+    REMEDY,
+    DynaEntry,
+    check_bounding_box,
+    entry_of,
+    is_sequence,
+)
 
-FPS = 60.0
-FACES_KEY = "faces"
+__all__ = ["FPS", "DynaEntry", "DynaReader", "DynaWriter", "write_dyna"]
 
 # Windows of an alignment are read in steps of this many frames: 1.3 MB a chunk.
 FRAMES_PER_CHUNK = 16
 _CHUNK_CACHE_BYTES = 8 << 20
-
-_LAYOUT = "Dyna or D-FAUST registrations: {subject}_{motion} (6890, 3, T) in metres, y up"
-_REMEDY = "Download the file again from dyna.is.tue.mpg.de, or write it with `dsnet corpus`."
-
-
-@dataclass(frozen=True)
-class DynaEntry:
-    """One sequence of a file."""
-
-    name: str
-    """The data set's key, `<subject>_<motion>`."""
-    subject: str
-    """Subject identifier, the part before the first underscore."""
-    motion: str
-    """Motion name, the rest."""
-    length: int
-    """Number of frames, at least 1."""
-    path: Path
-    """The file it lies in."""
 
 
 class DynaReader:
@@ -67,7 +56,7 @@ class DynaReader:
             for path in map(Path, paths):
                 self._add_file(path)
             if not self.entries:
-                raise DsnetError("no mesh file", _LAYOUT, "Pass --dyna FILE.h5.")
+                raise DsnetError("no mesh file", LAYOUT, "Pass --dyna FILE.h5.")
         except BaseException:
             self.close()
             raise
@@ -91,10 +80,8 @@ class DynaReader:
                 f"sequence {name!r}", f"one of {list(self._datasets)}", "Check the spelling."
             )
         dataset = self._datasets[name]
-        try:
+        with _damage_named(Path(dataset.file.filename)):
             stored = dataset[:, :, start:stop]
-        except OSError as error:
-            raise _unreadable(Path(dataset.file.filename), error) from error
         frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
         if not np.isfinite(frames).all():
             bad = start + int(np.argmin(np.isfinite(frames).all((1, 2))))
@@ -124,23 +111,29 @@ class DynaReader:
             file.close()
 
     def _add_file(self, path: Path) -> None:
-        file = _open(path)
-        self._files.append(file)
-        found = [(name, item) for name, item in file.items() if _is_sequence(name, item)]
-        if not found:
-            raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", _LAYOUT, _REMEDY)
-        for name, dataset in found:
-            entry = _entry(path, name, dataset)
-            if name in self._datasets:
-                first = self._datasets[name].file.filename
-                raise DsnetError(
-                    f"sequence {name} twice, in {first} and {path}",
-                    "every sequence once",
-                    "Pass each file once, or rename one of the sequences.",
-                )
-            self._datasets[name] = dataset
-            self.entries.append(entry)
-            _check_bounding_box(path, name, self.frames(name, 0, 1)[0])
+        if not path.is_file():
+            kind = "a folder" if path.is_dir() else "no such file"
+            raise DsnetError(f"mesh file {path}: {kind}", LAYOUT, "Check the path.")
+        with _damage_named(path):
+            file = h5py.File(path, "r", rdcc_nbytes=_CHUNK_CACHE_BYTES)
+            self._files.append(file)
+            found = [(name, item) for name, item in file.items() if is_sequence(name, item)]
+            if not found:
+                raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", LAYOUT, REMEDY)
+            for name, dataset in found:
+                self._add_sequence(entry_of(path, name, dataset), dataset)
+
+    def _add_sequence(self, entry: DynaEntry, dataset: h5py.Dataset) -> None:
+        if entry.name in self._datasets:
+            first = self._datasets[entry.name].file.filename
+            raise DsnetError(
+                f"sequence {entry.name} twice, in {first} and {entry.path}",
+                "every sequence once",
+                "Pass each file once, and not Dyna's and D-FAUST's of the same people.",
+            )
+        self._datasets[entry.name] = dataset
+        self.entries.append(entry)
+        check_bounding_box(entry.path, entry.name, self.frames(entry.name, 0, 1)[0])
 
 
 class DynaWriter:
@@ -192,51 +185,14 @@ def write_dyna(path: Path | str, faces: ArrayLike) -> Iterator[DynaWriter]:
         raise
 
 
-def _open(path: Path) -> h5py.File:
-    if not path.is_file():
-        kind = "a folder" if path.is_dir() else "no such file"
-        raise DsnetError(f"mesh file {path}: {kind}", _LAYOUT, "Check the path.")
+@contextmanager
+def _damage_named(path: Path) -> Iterator[None]:
+    """Name the file when HDF5's library fails in it, which it does with many kinds of errors."""
     try:
-        return h5py.File(path, "r", rdcc_nbytes=_CHUNK_CACHE_BYTES)
-    except OSError as error:
-        raise _unreadable(path, error) from error
-
-
-def _is_sequence(name: str, item: object) -> bool:
-    return name != FACES_KEY and isinstance(item, h5py.Dataset) and item.ndim == 3
-
-
-def _entry(path: Path, name: str, dataset: h5py.Dataset) -> DynaEntry:
-    subject, _, motion = name.partition("_")
-    if not (subject and motion):
-        raise DsnetError(f"{path}: sequence {name!r}", "a name <subject>_<motion>", _REMEDY)
-    vertex_count, axes, length = dataset.shape
-    if (vertex_count, axes) != (VERTEX_COUNT, 3) or dataset.dtype.kind != "f":
+        yield
+    except DsnetError:
+        raise
+    except Exception as error:
         raise DsnetError(
-            f"{path}: {name} has shape {dataset.shape} of {dataset.dtype}",
-            f"({VERTEX_COUNT}, 3, T) of float32",
-            "Use meshes registered to SMPL's template.",
-        )
-    if not length:
-        raise DsnetError(
-            f"{path}: {name} has zero frames", "at least one", "Leave out that sequence."
-        )
-    return DynaEntry(name, subject, motion, length, path)
-
-
-def _check_bounding_box(path: Path, name: str, vertices: NDArray[np.float32]) -> None:
-    """A person is 1-3 m across; standing or dancing, never much deeper than tall."""
-    size = np.ptp(vertices, axis=0)
-    extent = float(size.max())
-    described = f"{path}: {name} measures {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} (x, y, z)"
-    if not 0.5 < extent < 5.0:
-        unit = "millimetres" if extent > 500 else "centimetres" if extent > 50 else "other units"
-        raise DsnetError(described, "a person in metres", f"It may be in {unit}: convert it.")
-    if size[2] > 1.3 * size[1]:
-        raise DsnetError(
-            described, "y up", "It may be z up: turn it by -90 degrees about x, (x, z, -y)."
-        )
-
-
-def _unreadable(path: Path, error: OSError) -> DsnetError:
-    return DsnetError(f"mesh file {path}: not readable as HDF5 ({error})", _LAYOUT, _REMEDY)
+            f"mesh file {path}: not readable as HDF5 ({error})", LAYOUT, REMEDY
+        ) from error

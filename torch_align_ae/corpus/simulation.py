@@ -10,7 +10,7 @@ from bridge.body import BodyModelData
 from bridge.body.posing import shaped_vertices
 from bridge.exchange import unpack_theta
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.soft_tissue import RATE_HZ, Array, SoftTissue
+from torch_align_ae.corpus.soft_tissue import RATE_HZ, Array, SoftTissue, TissueParameters
 from torch_align_ae.corpus.tissue_parameters import tissue_parameters
 
 _FRAMES_PER_BATCH = 32
@@ -23,12 +23,16 @@ class TissueSimulator:
     ----------
     smpl : float64 body model.
     betas : (10,) shape of the subject.
+    parameters : mechanics of the tissue; by default what follows from the shape.
     """
 
-    def __init__(self, smpl: SMPL, betas: Array) -> None:
+    def __init__(
+        self, smpl: SMPL, betas: Array, parameters: TissueParameters | None = None
+    ) -> None:
         self.smpl, self.betas = smpl, betas
         vertices = shaped_vertices(smpl.data, betas[None])[0]
-        self.tissue = SoftTissue(vertices, smpl.data.faces, tissue_parameters(smpl.data, betas))
+        parameters = parameters or tissue_parameters(smpl.data, betas)
+        self.tissue = SoftTissue(vertices, smpl.data.faces, parameters)
 
     def offsets(self, theta: Array, fps: float) -> NDArray[np.float32]:
         """Offsets (T, V, 3) in the rest pose, metres, of a motion (T, 69) that begins at rest."""

@@ -75,6 +75,12 @@ def test_alignment_is_judged_by_the_truth(evaluated):
     np.testing.assert_allclose(errors["trans_mm"]["mean"], 10 * np.sqrt(3), rtol=1e-3)
     assert 0.5 < errors["pose_deg"]["mean"] < 1.0
     assert errors["frame_error_mm"]["mean"] == pytest.approx(2.0)
+    whole = errors["absorption"]["whole"]
+    absorbed = ((truth - aligned) * truth).sum() / (truth**2).sum()
+    np.testing.assert_allclose(whole["absorbed"], absorbed, rtol=1e-9)
+    shape = load_body_model("embedded:female").shapedirs.sum(axis=-1) * 0.1
+    by_shape = (shape * truth).sum() / (truth**2).sum()
+    np.testing.assert_allclose(whole["absorbed_by_pose"], absorbed - by_shape, rtol=1e-5)
 
 
 def test_licensed_runs_have_no_truth(forged_runs, tmp_path, monkeypatch):

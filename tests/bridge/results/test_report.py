@@ -85,6 +85,29 @@ def test_tables_are_the_results(folder):
     assert f"| DSNet | {r2:.3f} |" in markdown
 
 
+def test_the_worst_body_parts_are_listed_first(folder):
+    parts = json.loads((folder / "results.json").read_text())["alignment"]["absorption"]["parts"]
+    worst = sorted(parts, key=lambda name: -parts[name]["error_mm"])[:6]
+    table = (folder / "report.md").read_text().partition("| body part |")[2].partition("\n\n")[0]
+    assert [row.split(" | ")[0].strip("| ") for row in table.splitlines()[2:]] == worst
+    absorbed = 100 * parts[worst[0]]["absorbed"]
+    assert f"| {worst[0]} | {parts[worst[0]]['true_mm']:.2f} | {absorbed:.1f} |" in table
+
+
+def test_a_licensed_run_has_a_report_without_truth(forged_runs, tmp_path, monkeypatch):
+    runs = tmp_path / "runs"
+    stages = shutil.ignore_patterns("truth", "evaluate", "report")
+    shutil.copytree(forged_runs / "forged", runs / "bare", ignore=stages)
+    monkeypatch.setenv("DSNET_RUNS", str(runs))
+    monkeypatch.setattr(report, "plan_figures", lambda scene: [])
+    evaluate.main(evaluate.EvaluateConfig(run="bare"))
+    report.main(report.ReportConfig(run="bare"))
+    page = (runs / "bare" / "report" / "report.md").read_text()
+    assert "distance of SMPL from the mesh" in page
+    assert "the truth" not in page
+    assert "body part" not in page
+
+
 def test_a_second_report_makes_nothing(folder, forged, monkeypatch):
     monkeypatch.setattr(report, "plan_figures", lambda scene: pytest.fail("drawn again"))
     report.main(TINY)

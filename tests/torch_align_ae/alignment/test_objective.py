@@ -23,11 +23,9 @@ def random_problem(smpl, dtype, seed=0):
 
 def by_hand(smpl, betas, pose, trans, target):
     objective = MeshDistance(smpl)
-    arranged = objective.arrange(target)
-    gradient = objective.gradient(
-        objective.shapes(betas), pose, trans, arranged, objective.workspace(len(pose))
-    )
-    by_betas = objective.betas_gradient(gradient)
+    distance = objective.to(objective.arrange(target))
+    gradient = distance.gradient(objective.shapes(betas), pose, trans)
+    by_betas = distance.betas_gradient(gradient)
     return [gradient.distance, by_betas, gradient.pose, gradient.trans]
 
 
@@ -69,6 +67,6 @@ def test_exact_fit_has_a_finite_gradient(smpl):
     zeros = torch.zeros(1, 10), torch.zeros(1, 22, 3), torch.zeros(1, 3)
     objective = MeshDistance(smpl)
     shapes = objective.shapes(zeros[0])
-    gradient = objective.gradient(shapes, *zeros[1:], shapes.vertices, objective.workspace(1))
+    gradient = objective.to(shapes.vertices).gradient(shapes, *zeros[1:])
     assert gradient.distance.item() < 1e-4
     assert torch.isfinite(gradient.pose).all()

@@ -5,7 +5,13 @@ import pytest
 import torch
 
 from torch_align_ae.alignment.objective import MeshDistance
-from torch_align_ae.alignment.sgd import Descent, fit_pose, fit_shape_and_pose, rigid_start
+from torch_align_ae.alignment.sgd import (
+    Descending,
+    Descent,
+    fit_pose,
+    fit_shape_and_pose,
+    rigid_start,
+)
 
 
 @pytest.fixture(scope="module")
@@ -14,8 +20,8 @@ def objective(smpl):
 
 
 def root_mean_square_m(objective, target, *variables):
-    posed = objective.arrange(objective.smpl(*variables))
-    return (posed - target).square().sum(1).mean().sqrt().item()
+    posed = objective.smpl(*variables)
+    return (posed - objective.restore(target)).square().sum(2).mean().sqrt().item()
 
 
 def test_recovers_pose_within_the_methods_floor(objective, smpl, motion):
@@ -23,9 +29,7 @@ def test_recovers_pose_within_the_methods_floor(objective, smpl, motion):
     betas = torch.zeros(2, 10)
     target = objective.arrange(smpl(betas, pose, trans))
     begin = pose + 0.03, trans + 0.02
-    found = fit_pose(
-        objective, objective.shapes(betas), begin, target, 300, Descent(), objective.workspace(2)
-    )
+    found = fit_pose(objective, objective.shapes(betas), begin, target, 300, Descent())
     assert root_mean_square_m(objective, target, betas, *found) < 0.003
     assert root_mean_square_m(objective, target, betas, *begin) > 0.03
     np.testing.assert_allclose(found[0], pose, atol=0.03)
@@ -58,10 +62,37 @@ def test_descent_is_torchs_sgd_on_the_unsquared_norm(objective, smpl, motion):
         objective.arrange(target),
         6,
         Descent(),
-        objective.workspace(1),
     )
     np.testing.assert_allclose(found[0], variables[0].detach(), atol=1e-5)
     np.testing.assert_allclose(found[1], variables[1].detach(), atol=1e-5)
+
+
+def test_steps_are_torchs_to_the_last_bit():
+    generator = torch.Generator().manual_seed(0)
+    start = torch.randn(2, 3, 3, generator=generator), torch.randn(2, 4, generator=generator)
+    variables = [variable.clone() for variable in start]
+    optimizer = torch.optim.SGD(variables, lr=1e-4, momentum=0.9)
+    descending = Descending(Descent(), *start)
+    for _ in range(7):
+        gradients = [torch.randn(variable.shape, generator=generator) for variable in variables]
+        for variable, gradient in zip(variables, gradients, strict=True):
+            variable.grad = gradient
+        descending.step(torch.zeros(2), *gradients)
+        optimizer.step()
+    for found, expected in zip(descending.variables, variables, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_each_body_keeps_its_closest_iterate():
+    descending = Descending(Descent(lr=1.0, momentum=0.0), torch.zeros(2, 1))
+    distances = [[3.0, 1.0], [2.0, 5.0], [4.0, torch.nan]]
+    closer = [
+        descending.step(torch.tensor(distance), -torch.ones(2, 1)).tolist()
+        for distance in distances
+    ]
+    assert closer == [[True, True], [True, False], [False, False]]
+    assert descending.variables[0].tolist() == [[3.0], [3.0]]
+    assert descending.best()[0].tolist() == [[1.0], [0.0]]
 
 
 def test_batch_equals_singles(objective, smpl, motion):
@@ -73,8 +104,7 @@ def test_batch_equals_singles(objective, smpl, motion):
 
     def fit(rows):
         start = pose[rows] + 0.02, trans[rows]
-        workspace = objective.workspace(len(start[0]))
-        return fit_pose(objective, shapes.rows(rows), start, target[rows], 20, Descent(), workspace)
+        return fit_pose(objective, shapes.rows(rows), start, target[rows], 20, Descent())
 
     together = fit(slice(0, 3))
     for row in range(3):

@@ -1,0 +1,1 @@
+"""Measurements that are too long for the test-suite; each states its command and its cost."""

@@ -1,0 +1,1 @@
+"""What aligners give back of a motion whose truth is known."""

@@ -1,0 +1,167 @@
+"""Layouts of weights: the only module that knows how Keras, PyTorch and ONNX store one layer.
+
+Files, and every comparison, hold weights in the layout of the framework that trains the network:
+DSNet's in Keras's (`fc_enc_1/kernel`, (in, out)), the autoencoder's in PyTorch's
+(`encoder.linear_1.weight`, (out, in)). Whoever is on the other side of the bridge converts here.
+
+==================== ================================= =======================================
+layer                Keras                             PyTorch
+==================== ================================= =======================================
+linear               `kernel` (in, out)                `weight` (out, in)
+convolution          `kernel` (in, out), a linear      `weight` (out, in, 1)
+                     layer over vertices
+LSTM                 `kernel`, `recurrent_kernel`      `weight_ih_l0`, `weight_hh_l0`
+                     (in, 4 units), one `bias`;        (4 units, in), two biases that are
+                     gates i, f, c, o                  added; gates i, f, g, o: the same order
+batch normalisation  `gamma`, `beta`, `moving_mean`,   `weight`, `bias`, `running_mean`,
+                     `moving_variance`                 `running_var`
+==================== ================================= =======================================
+
+ONNX graphs hold linear layers and convolutions as Keras does, and the LSTM with its gates in the
+order i, o, f, c. Nothing is computed but moved, so a round trip gives every bit back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.errors import DsnetError
+
+DSNET_TORCH_NAMES = {
+    "fc_enc_1/kernel": "fc_enc_1.weight",
+    "fc_enc_1/bias": "fc_enc_1.bias",
+    "fc_enc_2/kernel": "fc_enc_2.weight",
+    "fc_enc_2/bias": "fc_enc_2.bias",
+    "lstm/kernel": "lstm.weight_ih_l0",
+    "lstm/recurrent_kernel": "lstm.weight_hh_l0",
+    "lstm/bias": "lstm.bias_ih_l0",
+    "batch_norm/gamma": "batch_norm.weight",
+    "batch_norm/beta": "batch_norm.bias",
+    "batch_norm/moving_mean": "batch_norm.running_mean",
+    "batch_norm/moving_variance": "batch_norm.running_var",
+    "fc_enc_3/kernel": "fc_enc_3.weight",
+    "fc_enc_3/bias": "fc_enc_3.bias",
+}
+"""PyTorch's name of each of DSNet's arrays, by Keras's."""
+TORCH_SECOND_BIAS = "lstm.bias_hh_l0"
+"""PyTorch's LSTM adds a second bias, which Keras has no counterpart of: the twin keeps it at 0."""
+_ONNX_GATES = (0, 3, 1, 2)
+"""ONNX stores the gates in the order i, o, f, c."""
+
+
+def dsnet_to_torch(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """DSNet's weights, or some of them, as its PyTorch twin's, with a second LSTM bias of 0.
+
+    Raises
+    ------
+    DsnetError
+        If a name is none of DSNet's.
+    """
+    state = {_named(name, DSNET_TORCH_NAMES): _reversed(array) for name, array in weights.items()}
+    if "lstm/bias" in weights:
+        state[TORCH_SECOND_BIAS] = np.zeros_like(weights["lstm/bias"])
+    return state
+
+
+def dsnet_from_torch(state: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """The inverse of `dsnet_to_torch`; a second LSTM bias that is not 0 is added to the first.
+
+    Raises
+    ------
+    DsnetError
+        If a name is none of the twin's.
+    """
+    ours = {theirs: ours for ours, theirs in DSNET_TORCH_NAMES.items()}
+    second = state.get(TORCH_SECOND_BIAS, np.zeros(1))
+    weights = {
+        _named(name, ours): _reversed(array)
+        for name, array in state.items()
+        if name != TORCH_SECOND_BIAS
+    }
+    if np.any(second):  # adding 0 would turn -0.0 into 0.0
+        weights["lstm/bias"] += second
+    return weights
+
+
+def mesh_autoencoder_to_keras(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """The autoencoder's weights, named and laid out as by PyTorch, as its Keras twin's."""
+    return {
+        mesh_autoencoder_keras_name(name): _reversed(
+            array[..., 0] if _is_convolution(name) and array.ndim == 3 else array
+        )
+        for name, array in weights.items()
+    }
+
+
+def mesh_autoencoder_from_keras(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """The inverse of `mesh_autoencoder_to_keras`."""
+    return {
+        mesh_autoencoder_torch_name(name): _reversed(array)[
+            (..., np.newaxis) if _is_convolution(name) and array.ndim == 2 else ...
+        ]
+        for name, array in weights.items()
+    }
+
+
+def mesh_autoencoder_keras_name(name: str) -> str:
+    """`encoder.conv_1.weight` to `encoder.conv_1/kernel`."""
+    layer, _, variable = name.rpartition(".")
+    return f"{layer}/{_named(variable, {'weight': 'kernel', 'bias': 'bias'})}"
+
+
+def mesh_autoencoder_torch_name(name: str) -> str:
+    """`encoder.conv_1/kernel` to `encoder.conv_1.weight`."""
+    layer, _, variable = name.rpartition("/")
+    return f"{layer}.{_named(variable, {'kernel': 'weight', 'bias': 'bias'})}"
+
+
+def lstm_to_onnx(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Keras's `lstm/...` arrays as the inputs W, R (1, 4 units, in) and B (1, 8 units) of ONNX."""
+    bias = _onnx_gates(weights["lstm/bias"])
+    return {
+        "W": _onnx_gates(weights["lstm/kernel"])[np.newaxis],
+        "R": _onnx_gates(weights["lstm/recurrent_kernel"])[np.newaxis],
+        "B": np.concatenate([bias, np.zeros_like(bias)])[np.newaxis],
+    }
+
+
+def lstm_from_onnx(inputs: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """The inverse of `lstm_to_onnx`; the second half of B, which is 0, is left out."""
+    arrays = {
+        "lstm/kernel": inputs["W"][0],
+        "lstm/recurrent_kernel": inputs["R"][0],
+        "lstm/bias": inputs["B"][0, : inputs["W"].shape[1]],
+    }
+    order = np.argsort(_ONNX_GATES)
+    return {
+        name: _reversed(np.concatenate([np.split(array, 4)[gate] for gate in order]))
+        for name, array in arrays.items()
+    }
+
+
+def _onnx_gates(array: NDArray) -> NDArray:
+    """(in, 4 units) or (4 units,), gates i, f, c, o, to (4 units, in), gates i, o, f, c."""
+    gates = np.split(array.T, 4)
+    return np.concatenate([gates[gate] for gate in _ONNX_GATES])
+
+
+def _reversed(array: NDArray) -> NDArray:
+    """A copy with the axes in reverse order: (in, out) to (out, in) and back."""
+    return np.array(array.T, order="C")
+
+
+def _is_convolution(name: str) -> bool:
+    return ".conv_" in name
+
+
+def _named(name: str, names: Mapping[str, str]) -> str:
+    if name not in names:
+        raise DsnetError(
+            f"weights named {name!r}",
+            f"one of {', '.join(names)}",
+            "Pass the weights of the network that is built, and nothing else.",
+        )
+    return names[name]

@@ -1,0 +1,102 @@
+"""What the ONNX graphs of both networks have in common: tensors, layers, the finished model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+from numpy.typing import DTypeLike, NDArray
+from onnx import helper, numpy_helper
+
+from bridge.errors import DsnetError
+
+OPSET, IR_VERSION = 17, 8
+"""Old enough for the runtimes of the last years; nothing newer is used."""
+Shape = Sequence[int | str]
+
+
+class GraphBuilder:
+    """An ONNX graph under construction.
+
+    A tensor has the name of the layer whose output it is; tensors inside a layer have a `/` in
+    their names, `fc_enc_2/product`, as its weights have.
+    """
+
+    def __init__(self, dtype: DTypeLike) -> None:
+        self._type = helper.np_dtype_to_tensor_dtype(np.dtype(dtype))
+        self._inputs: list[onnx.ValueInfoProto] = []
+        self._nodes: list[onnx.NodeProto] = []
+        self._initialisers: list[onnx.TensorProto] = []
+
+    def input(self, name: str, shape: Shape) -> str:
+        """Declare an input; axes named by a string may have any size."""
+        self._inputs.append(helper.make_tensor_value_info(name, self._type, shape))
+        return name
+
+    def hold(self, arrays: Mapping[str, NDArray]) -> None:
+        """Store arrays in the graph."""
+        for name, array in arrays.items():
+            self._initialisers.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
+
+    def node(self, op: str, inputs: Sequence[str], *outputs: str, **attributes: Any) -> str:
+        """Apply one operation; the name of its first output."""
+        self._nodes.append(helper.make_node(op, inputs, outputs, **attributes))
+        return next(output for output in outputs if output)
+
+    def linear(self, features: str, layer: str, output: str = "") -> str:
+        """A linear layer on the last axis with the arrays `<layer>/kernel` and `<layer>/bias`."""
+        product = self.node("MatMul", [features, f"{layer}/kernel"], f"{layer}/product")
+        return self.node("Add", [product, f"{layer}/bias"], output or layer)
+
+    def model(self, name: str, outputs: Mapping[str, str], *, trace: bool) -> onnx.ModelProto:
+        """The checked model.
+
+        Parameters
+        ----------
+        name : the graph's name.
+        outputs : the tensor of each output.
+        trace : give every layer's output too, by the layer's name.
+        """
+        layers = [name for node in self._nodes for name in node.output if name and "/" not in name]
+        for output, tensor in outputs.items():
+            self.node("Identity", [tensor], output)
+        named = [*outputs, *(layer for layer in layers if trace)]
+        infos = [helper.make_tensor_value_info(output, self._type, None) for output in named]
+        graph = helper.make_graph(self._nodes, name, self._inputs, infos, self._initialisers)
+        model = helper.make_model(
+            graph,
+            ir_version=IR_VERSION,
+            opset_imports=[helper.make_opsetid("", OPSET)],
+            producer_name="dsnet",
+        )
+        model = onnx.shape_inference.infer_shapes(model)
+        onnx.checker.check_model(model)
+        return model
+
+
+def save_graph(path: Path, model: onnx.ModelProto) -> None:
+    """Write a model as `.onnx`."""
+    onnx.save_model(model, path)
+
+
+def held_arrays(path: Path) -> dict[str, NDArray]:
+    """The arrays that a graph in a file holds, by name.
+
+    Raises
+    ------
+    DsnetError
+        If the file is not an ONNX model.
+    """
+    try:
+        model = onnx.load_model(path)
+        onnx.checker.check_model(model)
+    except Exception as error:  # protobuf's and onnx's own have no common base
+        raise DsnetError(
+            f"{path}, which does not load ({type(error).__name__})",
+            "an ONNX model written by dsnet",
+            "Export it again.",
+        ) from error
+    return {tensor.name: numpy_helper.to_array(tensor) for tensor in model.graph.initializer}

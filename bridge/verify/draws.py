@@ -1,0 +1,88 @@
+"""Random weights and inputs: nothing is zero or one that a mistake could hide behind."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData, pose_vertices
+from bridge.exchange import INPUT_SIZE, N_BETAS
+from bridge.paper import LATENT_SIZE
+from bridge.verify.shapes import Shapes, autoencoder_shapes, dsnet_shapes
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def dsnet_weights(seed: int) -> Arrays:
+    """Weights that keep every layer's output of order one; statistics far from 0 and 1."""
+    rng = np.random.default_rng([seed, 1])
+    drawn = {name: _draw(rng, shape, shape[0]) for name, shape in dsnet_shapes().items()}
+    for name in ("gamma", "moving_variance"):
+        drawn[f"batch_norm/{name}"] = rng.uniform(0.1, 2.0, 60).astype(np.float32)
+    return drawn
+
+
+def autoencoder_weights(seed: int, widths: tuple[int, ...]) -> Arrays:
+    """Weights through which a signal keeps its size for all the network's fourteen layers."""
+    rng = np.random.default_rng([seed, 2])
+    shapes: Shapes = autoencoder_shapes(widths)
+    return {name: _draw(rng, shape, math.prod(shape[1:]) / 2) for name, shape in shapes.items()}
+
+
+def motion(seed: int, clips: int, frames: int, size: float = 0.5) -> Arrays:
+    """Inputs of DSNet, (B, T, 79)."""
+    rng = np.random.default_rng([seed, 3, clips, frames])
+    return {"motion": _normal(rng, (clips, frames, INPUT_SIZE), size)}
+
+
+def clips(seed: int, count: int, frames: int) -> Arrays:
+    """Clips to learn from, each shorter than the one before and padded with zeros."""
+    rng = np.random.default_rng([seed, 4])
+    lengths = np.linspace(frames, frames / 3, count).astype(int)
+    real = np.arange(frames) < lengths[:, None]
+    given = {"motion": INPUT_SIZE, "latents": LATENT_SIZE}
+    padded = {
+        name: _normal(rng, (count, frames, width), 0.5) * real[..., None]
+        for name, width in given.items()
+    }
+    return {**padded, "real": real}
+
+
+def values(seed: int, count: int, vertices: int, size: float = 1.0) -> Arrays:
+    """Normalised offsets (B, V, 3)."""
+    return {"values": _normal(np.random.default_rng([seed, 5]), (count, vertices, 3), size)}
+
+
+def bodies(seed: int, body: BodyModelData, pose: NDArray) -> Arrays:
+    """Bodies in given poses (B, 22 or 24, 3): shapes, offsets, a mesh to unpose, a direction."""
+    rng = np.random.default_rng([seed, 6])
+    count, surface = len(pose), (len(pose), *body.v_template.shape)
+    given = {
+        "betas": _normal(rng, (count, N_BETAS), 1.0),
+        "pose": pose.astype(np.float32),
+        "trans": _normal(rng, (count, 3), 1.0),
+        "offsets": _normal(rng, surface, 0.01),
+    }
+    noise = _normal(rng, surface, 0.005)
+    mesh = (pose_vertices(body, **given) + noise).astype(np.float32)
+    return {**given, "mesh": mesh, "probe": _normal(rng, surface, 1.0)}
+
+
+def poses(seed: int, count: int, joints: int, angle: float) -> NDArray[np.float64]:
+    """Axis-angle vectors (B, joints, 3) of one angle about random axes; the first along axes."""
+    axes = np.random.default_rng([seed, 7]).normal(size=(count, joints, 3))
+    axes[0] = np.eye(3)[np.arange(joints) % 3]
+    return angle * axes / np.linalg.norm(axes, axis=-1, keepdims=True)
+
+
+def _draw(rng: np.random.Generator, shape: tuple[int, ...], fan_in: float) -> NDArray[np.float32]:
+    return _normal(rng, shape, 0.2 if len(shape) == 1 else 1 / math.sqrt(fan_in))
+
+
+def _normal(rng: np.random.Generator, shape: tuple[int, ...], size: float) -> NDArray[np.float32]:
+    drawn = rng.standard_normal(shape, dtype=np.float32)
+    drawn *= np.float32(size)
+    return drawn

@@ -1,0 +1,103 @@
+"""`python -m bridge.verify.onnx_engine`: what onnxruntime answers to `dsnet verify`.
+
+Forward passes in float32 only: onnxruntime has no float64 LSTM or ELU, and ONNX keeps the slope of
+LeakyReLU in float32.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+from numpy.typing import NDArray
+
+from bridge.exchange import onnx_graphs
+from bridge.exchange.onnx_builder import held_arrays, save_graph
+from bridge.verify.answers import joined, layers, prefixed
+from bridge.verify.protocol import Case, Tensors, serve
+
+
+def dsnet_forward(case: Case) -> Tensors:
+    """Every layer: the whole batch, row by row, or frame by frame."""
+    run = _Session(onnx_graphs.dsnet_graph(case.weights(), trace=True))
+    motion = case.inputs()["motion"]
+
+    def at_rest(batch: NDArray) -> dict[str, NDArray]:
+        return {name: np.zeros((1, len(batch), 60), np.float32) for name in ("hidden", "cell")}
+
+    def whole(batch: NDArray) -> Tensors:
+        return _layers(run(motion=batch, **at_rest(batch)))
+
+    def frames() -> Iterator[Tensors]:
+        state = at_rest(motion)
+        for frame in np.split(motion, motion.shape[1], axis=1):
+            outputs = run(motion=frame, **state)
+            state = {name: outputs[f"next_{name}"] for name in state}
+            yield _layers(outputs)
+
+    steps = case.options["run"] == "steps"
+    return joined(frames(), axis=1) if steps else layers(case, whole, motion)
+
+
+def ae_forward(case: Case) -> Tensors:
+    """Every layer, and the normaliser's where the weights hold one."""
+    weights, architecture = case.weights(), case.options["architecture"]
+    encode = _Session(onnx_graphs.encoder_graph(weights, architecture, trace=True))
+    decode = _Session(onnx_graphs.decoder_graph(weights, architecture, trace=True))
+
+    def run(offsets: NDArray) -> Tensors:
+        encoded = encode(offsets=offsets)
+        return _layers(encoded) | _layers(decode(latents=encoded["latents"]))
+
+    return layers(case, run, next(iter(case.inputs().values())))
+
+
+def formats(case: Case) -> Tensors:
+    """Weights as the saved graphs hold them."""
+    weights, path = case.weights(), case.scratch / "network.onnx"
+    if case.options["network"] == "dsnet":
+        held = _through_file(onnx_graphs.dsnet_graph(weights), path)
+        return prefixed("weight/onnx", onnx_graphs.dsnet_weights(held))
+    held = {}
+    for build in (onnx_graphs.encoder_graph, onnx_graphs.decoder_graph):
+        held |= _through_file(build(weights, case.options["architecture"]), path)
+    return prefixed("weight/onnx", onnx_graphs.mesh_autoencoder_weights(held))
+
+
+class _Session:
+    """A graph, run on the CPU with arrays by name."""
+
+    def __init__(self, model: onnx.ModelProto) -> None:
+        self._session = onnxruntime.InferenceSession(
+            model.SerializeToString(), providers=["CPUExecutionProvider"]
+        )
+        self._names = [output.name for output in self._session.get_outputs()]
+
+    def __call__(self, **inputs: NDArray) -> Tensors:
+        outputs = map(np.asarray, self._session.run(self._names, inputs))
+        return dict(zip(self._names, outputs, strict=True))
+
+
+def _layers(outputs: Tensors) -> Tensors:
+    """Layers alone, features last as everywhere but inside the convolutions."""
+    results = ("latents", "offsets", "next_hidden", "next_cell")
+    return {
+        name: array.swapaxes(1, 2) if ".conv_" in name else array
+        for name, array in outputs.items()
+        if name not in results
+    }
+
+
+def _through_file(model: onnx.ModelProto, path: Path) -> dict[str, NDArray]:
+    save_graph(path, model)
+    return held_arrays(path)
+
+
+if __name__ == "__main__":
+    serve(
+        {"dsnet_forward": dsnet_forward, "ae_forward": ae_forward, "formats": formats},
+        packages=("onnx", "onnxruntime"),
+    )

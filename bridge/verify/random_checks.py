@@ -1,0 +1,131 @@
+"""The checks that need no run: random weights, and inputs at the edge of what may come."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from bridge.body import load_body_model
+from bridge.exchange.conventions import TORCH_ADAM
+from bridge.verify import draws
+from bridge.verify.checks import (
+    FILES,
+    FRAMEWORKS,
+    IN_FLOAT64,
+    STREAM,
+    WITH_ONNX,
+    Check,
+    Plan,
+    autoencoder_checks,
+    autoencoder_options,
+    dsnet_training,
+)
+from bridge.verify.shapes import FULL_WIDTHS, SMALL_WIDTHS
+
+
+def random_plan(seed: int, body: str) -> Plan:
+    """Everything that needs no run: random weights in small, and the extremes."""
+    return _dsnet(seed) + _autoencoder(seed) + _smpl(seed, body) + _files()
+
+
+def full_size_plan(seed: int) -> Plan:
+    """The autoencoder's 33,626,606 parameters: every layer and every gradient, two meshes."""
+    arrays = {
+        "ae-full": draws.autoencoder_weights(seed, FULL_WIDTHS),
+        "values-full": draws.values(seed, 2, FULL_WIDTHS[0]),
+    }
+    return Plan(autoencoder_checks("ae-full", "ae-full", "values-full", FULL_WIDTHS), arrays)
+
+
+def _dsnet(seed: int) -> Plan:
+    arrays = {
+        "dsnet": draws.dsnet_weights(seed),
+        "motion": draws.motion(seed, 3, 40),
+        "motion-T1": draws.motion(seed, 3, 1),
+        "motion-T1000": draws.motion(seed, 1, 1000),
+        "motion-large": draws.motion(seed, 2, 20, size=5.0),
+        "motion-saturating": draws.motion(seed, 2, 20, size=50.0),
+        "motion-zeros": {"motion": np.zeros((2, 20, 79), np.float32)},
+        "clips": draws.clips(seed, 4, 30),
+    }
+
+    def forward(name: str, inputs: str, run: str = "whole") -> Check:
+        return Check(f"dsnet-{name}", "dsnet_forward", WITH_ONNX, "dsnet", inputs, {"run": run})
+
+    whole = forward("whole-clip", "motion")
+    checks = [
+        whole,
+        forward("frame-by-frame", "motion", "steps"),
+        forward("singles", "motion", "singles"),
+        forward("T1", "motion-T1"),
+        forward("T1000", "motion-T1000"),
+        forward("zeros", "motion-zeros"),
+        forward("large", "motion-large"),
+        # tanh of +-500: what float32 loses there is in the argument, before any engine's tanh.
+        replace(forward("saturating", "motion-saturating"), engines=IN_FLOAT64),
+        replace(whole, name="dsnet-stream", op="dsnet_stream", engines=STREAM),
+        *(dsnet_training(f"dsnet-training{m}", "dsnet", "clips", bool(m)) for m in ("", "-masked")),
+    ]
+    return Plan(checks, arrays)
+
+
+def _autoencoder(seed: int) -> Plan:
+    vertices = SMALL_WIDTHS[0]
+    arrays = {
+        "ae": draws.autoencoder_weights(seed, SMALL_WIDTHS),
+        "values": draws.values(seed, 3, vertices),
+        "values-large": draws.values(seed, 3, vertices, size=1e3),
+        "values-zeros": {"values": np.zeros((2, vertices, 3), np.float32)},
+    }
+
+    def forward(
+        name: str, inputs: str, run: str = "whole", activation: str = "leaky_relu"
+    ) -> Check:
+        options = {**autoencoder_options(SMALL_WIDTHS, activation), "run": run}
+        return Check(f"ae-{name}", "ae_forward", WITH_ONNX, "ae", inputs, options)
+
+    options = {**autoencoder_options(SMALL_WIDTHS), "adam": asdict(TORCH_ADAM), "steps": (1, 10)}
+    checks = [
+        forward("batch", "values"),
+        forward("singles", "values", "singles"),
+        forward("zeros", "values-zeros"),
+        forward("large", "values-large"),
+        *(forward(name, "values", activation=name) for name in ("elu", "tanh", "relu")),
+        Check("ae-training", "ae_train", FRAMEWORKS, "ae", "values", options),
+    ]
+    return Plan(checks, arrays)
+
+
+def _smpl(seed: int, body: str) -> Plan:
+    data = load_body_model(body)
+    poses = {
+        "moderate": draws.poses(seed, 3, 24, 0.5),
+        "rest": draws.poses(seed, 1, 24, 0.0),
+        "half-turns": draws.poses(seed, 2, 24, np.pi),
+        "large": draws.poses(seed, 2, 22, 11.0),
+    }
+    arrays = {f"bodies-{name}": draws.bodies(seed, data, pose) for name, pose in poses.items()}
+    # Bones turned far against each other collapse vertices between them: no inverse is defined.
+    collapsing = ("half-turns", "large")
+    checks = [
+        Check(
+            f"smpl-{name}",
+            "smpl",
+            FRAMEWORKS,
+            inputs=f"bodies-{name}",
+            options={"body": body},
+            leave_out=("layer/unposed",) if name in collapsing else (),
+        )
+        for name in poses
+    ]
+    return Plan(checks, arrays)
+
+
+def _files() -> Plan:
+    small = {"network": "mesh_autoencoder", **autoencoder_options(SMALL_WIDTHS)}
+    checks = [
+        Check("dsnet-files", "formats", FILES, "dsnet", options={"network": "dsnet"}),
+        Check("ae-files", "formats", FILES, "ae", options=small),
+    ]
+    return Plan(checks, {})

@@ -1,0 +1,104 @@
+"""The checks on a run's own weights and motions; a stage that is not there has none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.exchange import Artifact, Run, load_weights
+from bridge.exchange.artifact import MANIFEST
+from bridge.verify.checks import (
+    FRAMEWORKS,
+    STREAM,
+    WITH_ONNX,
+    Check,
+    Plan,
+    autoencoder_checks,
+    dsnet_training,
+)
+
+CLIPS, FRAMES, MESHES = 2, 120, 2
+_NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
+
+
+def trained_plan(run: Run) -> Plan:
+    """Checks of every reading of DSNet and of the autoencoder that the run has trained."""
+    plan = Plan([], {})
+    if _finished(run, "train"):
+        train, encoded = run.artifact("train"), run.artifact("encode")
+        for reading in train.manifest["readings"]:
+            plan = plan + _dsnet(train, encoded, reading)
+    if _finished(run, "train-ae"):
+        plan = plan + _autoencoder(run.artifact("train-ae"), run.artifact("align"))
+    return plan
+
+
+def _finished(run: Run, stage: str) -> bool:
+    return (run.path / stage / MANIFEST).is_file()
+
+
+def _dsnet(train: Artifact, encoded: Artifact, name: Any) -> Plan:
+    # NumPy only, but that side of the bridge knows how a reading scales and pads.
+    from tf_dsnet.dataset import load_recordings, make_clips
+    from tf_dsnet.readings import load_reading
+
+    reading = load_reading(train, name)
+    recordings = [*load_recordings(encoded, "validation"), *load_recordings(encoded, "train")]
+    recordings = recordings[:CLIPS]
+    clips = make_clips(recordings, reading.scaling, FRAMES)
+    raw = [recording.inputs[: min(FRAMES, len(recordings[0].inputs))] for recording in recordings]
+    scaling = {f"scaling/{key}": array for key, array in vars(reading.scaling).items()}
+    key = f"dsnet-{name}"
+    arrays = {
+        key: dict(reading.weights),
+        f"{key}-scaled": {**reading.weights, **scaling},
+        f"{key}-clips": {"motion": clips.inputs, "latents": clips.latents, "real": clips.real},
+        f"{key}-motion": {"motion": raw[0][None].astype(np.float32)},
+    }
+    whole = Check(key, "dsnet_forward", WITH_ONNX, key, f"{key}-clips", {"run": "whole"})
+    checks = [
+        whole,
+        replace(whole, name=f"{key}-frame-by-frame", options={"run": "steps"}),
+        Check(f"{key}-stream", "dsnet_stream", STREAM, f"{key}-scaled", f"{key}-motion"),
+        dsnet_training(f"{key}-training", key, f"{key}-clips", masked=False, steps=(1,)),
+    ]
+    return Plan(checks, arrays)
+
+
+def _autoencoder(train_ae: Artifact, align: Artifact) -> Plan:
+    stored = load_weights(train_ae.file("autoencoder.safetensors"))
+    weights = {name.removeprefix("model."): array for name, array in stored.items()}
+    mean_m, scale_m = (weights[name] for name in _NORMALISER)
+    offsets_m = _spread_frames(align.array("offsets"), MESHES)
+    rng = np.random.default_rng(0)
+    arrays = {
+        "ae-metres": weights,
+        "ae-trained": {n: array for n, array in weights.items() if n not in _NORMALISER},
+        "offsets": {"offsets_m": offsets_m},
+        "values-trained": {
+            "values": ((offsets_m - mean_m) / scale_m).astype(np.float32),
+            # Training begins with the least-squares solution and ends near another: there each
+            # gradient is the difference of equal sums, of which any engine keeps the rounding.
+            "target": rng.normal(size=offsets_m.shape).astype(np.float32),
+        },
+    }
+    architecture = dict(train_ae.manifest["architecture"])
+    architecture["widths"] = tuple(architecture["widths"])
+    forward, gradients = autoencoder_checks(
+        "ae-trained", "ae-trained", "values-trained", **architecture
+    )
+    in_metres = replace(
+        forward,
+        weights="ae-metres",
+        inputs="offsets",
+        options={**forward.options, "metres": True},
+    )
+    return Plan([in_metres, replace(gradients, engines=FRAMEWORKS)], arrays)
+
+
+def _spread_frames(frames: NDArray, count: int) -> NDArray[np.float32]:
+    rows = np.linspace(0, len(frames) - 1, count + 2).astype(int)[1:-1]
+    return np.asarray(frames[rows], dtype=np.float32)

@@ -1,0 +1,102 @@
+"""Pickles that would run something, or exhaust the machine, are refused before they do."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.body import BodyModelData, load_body_model
+from tests.forged.python2_pickle import Ch, python2_pickle
+from tests.forged.smpl import npz, smpl_fields
+
+
+class Intruder:
+    """Creates a folder when it is unpickled."""
+
+    def __init__(self, trace: Path) -> None:
+        self.trace = trace
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[str, int]]:
+        return os.mkdir, (str(self.trace), 0o700)
+
+
+def test_the_intruder_works_in_a_plain_unpickler(tmp_path: Path) -> None:
+    pickle.loads(pickle.dumps(Intruder(tmp_path / "trace")))
+    assert (tmp_path / "trace").exists()
+
+
+@pytest.mark.parametrize("nested", [lambda intruder: intruder, Ch], ids=["bare", "in a Ch"])
+@pytest.mark.parametrize("suffix", [".pkl", ".npz"])
+def test_malicious_pickle_is_refused_and_not_run(
+    female: BodyModelData, tmp_path: Path, suffix: str, nested: Callable[[Any], Any]
+) -> None:
+    trace, path = tmp_path / "trace", tmp_path / f"model{suffix}"
+    hostile = smpl_fields(female) | {"J_regressor": nested(Intruder(trace))}
+    path.write_bytes(npz(hostile) if suffix == ".npz" else python2_pickle(hostile))
+    with pytest.raises(DsnetError, match=r"cannot be read safely .*it asks to run ") as caught:
+        load_body_model(path)
+    assert "\n" not in str(caught.value)
+    assert not trace.exists()
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"cbuiltins\neval\n(S'1'\ntR.",
+        b"cnumpy\nload\n(S'x'\ntR.",
+        b"cnumpy.core.multiarray\nfromfile\n(S'x'\ntR.",
+        b"ccopy_reg\n_reconstructor\n(cnumpy\nndarray\nc__builtin__\nobject\nNtR.",
+        b"c_codecs\nencode\n(S'x'\nS'rot13'\ntR.",
+        b"cscipy.sparse.csc\nos\n.",
+    ],
+)
+def test_other_gadgets_are_refused(tmp_path: Path, payload: bytes) -> None:
+    path = tmp_path / "model.pkl"
+    path.write_bytes(payload)
+    with pytest.raises(DsnetError, match="it asks"):
+        load_body_model(path)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        pytest.param(b"cnumpy\nndarray\n((L1000000000000000L\nttR.", id="petabytes"),
+        pytest.param(b"(" * 5000, id="nested"),
+        pytest.param(
+            b"}S'v_template'\ncchumpy.ch\nCh\n)\x81p0\n}S'a'\ng0\nsS'idxs'\nI0\nsbs.", id="loop"
+        ),
+        pytest.param(b"}S'v_template'\ncchumpy.ch\nCh\n)\x81s.", id="stateless"),
+    ],
+)
+def test_exhausting_pickles_are_refused(tmp_path: Path, payload: bytes) -> None:
+    path = tmp_path / "model.pkl"
+    path.write_bytes(payload)
+    with pytest.raises(DsnetError, match="cannot be read safely"):
+        load_body_model(path)
+
+
+def test_sparse_indices_out_of_range_are_refused(female: BodyModelData, tmp_path: Path) -> None:
+    fields = smpl_fields(female)
+    matrix = fields["J_regressor"].copy()
+    matrix.indices[0] = 10**6
+    path = tmp_path / "model.pkl"
+    path.write_bytes(pickle.dumps(fields | {"J_regressor": matrix}, protocol=2))
+    with pytest.raises(DsnetError, match="cannot be read safely"):
+        load_body_model(path)
+
+
+def test_chumpy_indices_out_of_range_are_refused(female: BodyModelData, tmp_path: Path) -> None:
+    fields = smpl_fields(female)
+    path = tmp_path / "model.pkl"
+    select = Ch(np.zeros(3))
+    select.__dict__.update(a=Ch(np.zeros(3)), idxs=np.array([3]))
+    path.write_bytes(python2_pickle(fields | {"v_template": select}))
+    with pytest.raises(DsnetError, match="cannot be read safely"):
+        load_body_model(path)

@@ -1,0 +1,63 @@
+"""The chain of layers, its names and its gradients."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bridge.verify.reference import mesh_autoencoder
+from bridge.verify.reference.mesh_autoencoder import Architecture
+from bridge.verify.shapes import autoencoder_shapes
+
+WIDTHS = (11, 7, 7, 4, 2)
+
+
+def small(seed: int = 0) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    rng = np.random.default_rng(seed)
+    shapes = autoencoder_shapes(WIDTHS)
+    weights = {name: rng.normal(scale=0.4, size=shape) for name, shape in shapes.items()}
+    return weights, rng.normal(size=(3, 11, 3))
+
+
+def test_layers_come_in_the_order_of_figure_3():
+    weights, values = small()
+    outputs = mesh_autoencoder.run(weights, values, Architecture(4, "elu", 0.1))
+    plain = [name for name in outputs if not name.endswith("_activation")]
+    assert plain == [name.removesuffix(".weight") for name in weights if name.endswith("weight")]
+    assert outputs["to_latent"].shape == (3, 100)
+    assert outputs["from_latent"].shape == (3, 18)
+    assert outputs["to_coordinates"].shape == (3, 11, 3)
+    assert set(outputs) - set(plain) == {
+        f"{name}_activation" for name in plain if name not in ("to_latent", "to_coordinates")
+    }
+
+
+@pytest.mark.parametrize("activation", ["leaky_relu", "elu", "tanh", "relu"])
+def test_gradients_of_every_parameter(activation):
+    architecture = Architecture(4, activation, 0.1)
+    weights, values = small()
+    target = 0.5 * values
+    gradients = mesh_autoencoder.learn(weights, values, target, architecture).gradients
+    assert set(gradients) == set(weights)
+    rng = np.random.default_rng(1)
+    for name, gradient in gradients.items():
+        direction = rng.normal(size=gradient.shape)
+
+        def loss(step: float, name: str = name, direction: np.ndarray = direction) -> float:
+            moved = {**weights, name: weights[name] + step * direction}
+            return mesh_autoencoder.learn(moved, values, target, architecture).loss
+
+        found = (loss(1e-6) - loss(-1e-6)) / 2e-6
+        assert_allclose((gradient * direction).sum(), found, rtol=1e-5, atol=1e-8, err_msg=name)
+
+
+def test_batch_is_its_singles():
+    weights, values = small()
+    architecture = Architecture(4, "leaky_relu", 0.1)
+    together = mesh_autoencoder.run(weights, values, architecture)["to_coordinates"]
+    alone = [
+        mesh_autoencoder.run(weights, values[k : k + 1], architecture)["to_coordinates"][0]
+        for k in range(3)
+    ]
+    assert_allclose(together, alone, rtol=1e-12, atol=1e-14)

@@ -1,0 +1,138 @@
+"""The list of checks: complete, at the paper's sizes, and on a run's own weights."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.exchange import (
+    ArtifactWriter,
+    Run,
+    Sequence,
+    save_weights,
+    to_manifest,
+    write_artifact,
+)
+from bridge.verify import draws
+from bridge.verify.checks import cases_of
+from bridge.verify.random_checks import full_size_plan, random_plan
+from bridge.verify.runner import verify
+from bridge.verify.shapes import SMALL_WIDTHS, autoencoder_shapes, dsnet_shapes
+from bridge.verify.trained_checks import trained_plan
+
+
+def count(shapes: dict[str, tuple[int, ...]]) -> int:
+    return sum(math.prod(shape) for shape in shapes.values())
+
+
+def test_shapes_have_the_papers_numbers_of_parameters():
+    assert count(dsnet_shapes()) == 65_140
+    assert count(autoencoder_shapes()) == 33_626_606
+
+
+def test_one_kernel_of_the_small_autoencoder_is_square():
+    squares = [n for n, s in autoencoder_shapes(SMALL_WIDTHS).items() if s[0] == math.prod(s[1:])]
+    assert "encoder.conv_2.weight" in squares
+
+
+def test_every_check_names_arrays_that_are_there_and_names_are_unique():
+    plan = random_plan(0, "embedded:female")
+    assert max(Counter(check.name for check in plan.checks).values()) == 1
+    named = {n for check in plan.checks for n in (check.weights, check.inputs) if n}
+    assert named == set(plan.arrays)
+    assert all(a.dtype in (np.float32, bool) for s in plan.arrays.values() for a in s.values())
+
+
+def test_the_reference_answers_each_check_once_and_in_float64():
+    plan = random_plan(0, "embedded:female")
+    asked = Counter(case.name for case in cases_of(plan.checks) if "numpy" in case.engines)
+    computed = {f"{check.name}.float64" for check in plan.checks if check.op != "formats"}
+    assert asked == dict.fromkeys(computed, 1)
+
+
+def test_clips_are_padded_and_have_a_mask_that_knows():
+    clips = draws.clips(0, 4, 30)
+    assert not clips["real"].all()
+    assert clips["real"][0].all()
+    for name in ("motion", "latents"):
+        assert not clips[name][~clips["real"]].any()
+        assert clips[name][clips["real"]].all()
+
+
+@pytest.mark.slow
+def test_full_size_plan_is_the_whole_network():
+    plan = full_size_plan(0)
+    weights = plan.arrays["ae-full"]
+    assert sum(array.size for array in weights.values()) == 33_626_606
+    assert [check.op for check in plan.checks] == ["ae_forward", "ae_train"]
+
+
+@pytest.fixture
+def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """A run that has trained both networks, on a mesh of 40 vertices."""
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    rng, frames = np.random.default_rng(0), 30
+    sequences = [
+        Sequence("a_hop", "a", "hop", 0, 20, 60.0, "train"),
+        Sequence("a_run", "a", "run", 20, 10, 60.0, "validation"),
+    ]
+    arrays = {
+        "theta": rng.normal(size=(frames, 69)).astype(np.float32),
+        "betas": rng.normal(size=(1, 10)).astype(np.float32),
+        "latents": rng.normal(size=(frames, 100)).astype(np.float32),
+        "offsets": rng.normal(scale=1e-3, size=(frames, 40, 3)).astype(np.float32),
+    }
+    for stage in ("align", "encode"):
+        write_artifact(
+            tmp_path / "r" / stage,
+            stage,
+            arrays,
+            units=dict.fromkeys(arrays, "1"),
+            data="synthetic",
+            sequences=to_manifest(sequences),
+        )
+    train = ArtifactWriter(tmp_path / "r" / "train", "train", data="synthetic")
+    readings = ("standardised", "faithful")
+    for name in readings:
+        save_weights(train.file_path(f"{name}.safetensors"), draws.dsnet_weights(1))
+    for name, size in {"input": 79, "latent": 100}.items():
+        train.put(f"{name}_mean", rng.normal(size=size).astype(np.float32), "1")
+        train.put(f"{name}_std", rng.uniform(0.5, 2, size).astype(np.float32), "1")
+    train.record(reading="standardised", readings={name: {} for name in readings})
+    train.finish()
+    codec = ArtifactWriter(tmp_path / "r" / "train-ae", "train-ae", data="synthetic")
+    weights = {f"model.{n}": a for n, a in draws.autoencoder_weights(1, SMALL_WIDTHS).items()}
+    weights["normaliser.mean_m"] = rng.normal(scale=1e-3, size=(40, 3)).astype(np.float32)
+    weights["normaliser.scale_m"] = np.full((40, 3), 2e-3, np.float32)
+    save_weights(codec.file_path("autoencoder.safetensors"), weights)
+    architecture = {"widths": SMALL_WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1}
+    codec.record(architecture=architecture)
+    codec.finish()
+    return Run("r")
+
+
+def test_a_runs_own_weights_are_checked(trained_run, tmp_path, ask_reference):
+    plan = trained_plan(trained_run)
+    assert {check.op for check in plan.checks} == {
+        "dsnet_forward",
+        "dsnet_stream",
+        "dsnet_train",
+        "ae_forward",
+        "ae_train",
+    }
+    rows, answers = verify(plan, tmp_path / "work", run_engine=ask_reference)
+    assert all(row.passed for row in rows)
+    assert {row.engine for row in rows} == {"torch", "keras", "onnx", "stream"}
+    order = answers["numpy"].order
+    assert order["ae-trained.float64"][0] == "layer/normaliser.normalise"
+    assert order["ae-trained.float64"][-1] == "layer/normaliser.denormalise"
+    np.testing.assert_array_equal(plan.arrays["dsnet-faithful-clips"]["real"].sum(axis=1), [10, 20])
+
+
+def test_a_run_without_networks_has_no_checks_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    assert trained_plan(Run("none")).checks == []

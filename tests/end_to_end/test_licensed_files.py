@@ -1,0 +1,132 @@
+"""Forged licensed files through the command that a licensed user runs."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge.body import load_body_model
+from bridge.cli import main
+from bridge.exchange import read_artifact, sequences_of
+from tests.forged.amass import save, shape, smplh, smplx
+from tests.forged.python2_pickle import python2_pickle
+from tests.forged.registrations import save_registrations
+from tests.forged.smpl import forge_smpl, smpl_fields
+from torch_align_ae.corpus.dyna_files import DynaReader
+
+RENAMED = {"50004_hips": "50004_running_on_spot_bugfix", "50020_hips": "50020_personal_move"}
+
+
+def forge_meshes(folder: Path, corpus: Path) -> list[Path]:
+    """The corpus's meshes as D-FAUST's women, and some of them as a man's."""
+    with DynaReader([corpus / "dyna_female.h5"]) as reader:
+        women = {RENAMED.get(entry.name, entry.name): frames for entry, frames in reader}
+        faces = reader.faces
+    men = {"50009_hips": women["50004_one_leg_jump"][:3]}
+    return [
+        save_registrations(folder / "registrations_f.hdf5", women, faces),
+        save_registrations(folder / "registrations_m.hdf5", men, faces, "f4", compression="gzip"),
+    ]
+
+
+def forge_amass(folder: Path, corpus: Path) -> Path:
+    """The corpus's motions in both releases, beside what else a download holds."""
+    for path in sorted((corpus / "mosh").glob("*.npz")):
+        subject, motion = path.stem.removesuffix("_poses").split("_", 1)
+        with np.load(path) as stored:
+            common: dict[str, Any] = {key: stored[key] for key in ("poses", "trans", "betas")}
+        if subject == "50020":
+            face_and_hands = np.zeros((len(common["poses"]), 99))
+            common["poses"] = np.concatenate([common["poses"][:, :66], face_and_hands], axis=1)
+            file, layout = f"MoSh/{subject}/{motion}_stageii.npz", smplx
+        else:
+            file, layout = f"MPI_mosh/{subject}/{motion}_poses.npz", smplh
+        save(folder / file, layout(len(common["poses"]), 100.0), **common)
+    save(folder / "MPI_mosh/50004/shape.npz", shape())
+    save(folder / "MPI_mosh/50009/misc_poses.npz", smplh(), gender="male")
+    save(folder / "DFaust_67/50004/50004_one_leg_jump_poses.npz", smplh())
+    return folder
+
+
+@pytest.mark.slow
+def test_reproduce_does_it_all(smoke_runs, tmp_path, execute):
+    corpus = smoke_runs / "smoke" / "corpus"
+    body = load_body_model("embedded:female")
+    smpl = forge_smpl(tmp_path, "v1.0.0, protocol 2", body)
+    meshes = map(str, forge_meshes(tmp_path, corpus))
+    amass = forge_amass(tmp_path / "amass", corpus)
+    options = ["--run", "l", "--smpl", str(smpl), "--dyna", *meshes, "--amass", str(amass)]
+    command = ["./reproduce.sh", "--profile", "smoke", *options]
+    done = execute(command, tmp_path / "runs")
+    assert done.returncode == 0, done.stderr
+    assert "1 of 5 sequences left out: male subjects, female body model" in done.stderr
+    counts = "3 motions; left out: 1 of motions already there, 1 without poses, 1 of male bodies"
+    assert counts in done.stderr
+    run = tmp_path / "runs" / "l"
+    assert not (run / "corpus").exists()
+    predicted = read_artifact(run / "predict")
+    names = {(s.name, s.split) for s in sequences_of(predicted)}
+    assert names == {
+        ("50004_one_leg_jump", "validation"),
+        ("50004_running_on_spot_bugfix", "train"),
+        ("50020_one_leg_jump", "train"),
+        ("50020_personal_move", "train"),
+        ("50004_side_to_side_hopping", "test"),
+        ("50020_side_to_side_hopping", "test"),
+        ("99001_side_to_side_hopping", "test"),
+    }
+    assert predicted.origin == "licensed"
+    report = (run / "report" / "report.md").read_text()
+    assert "Made from licensed files" in report
+    assert "Synthetic data" not in report
+
+
+class Intruder:
+    """Writes a file when a plain unpickler reads it."""
+
+    def __init__(self, trace: Path) -> None:
+        self.trace = trace
+
+    def __reduce__(self) -> tuple[Any, tuple[Path]]:
+        return Path.touch, (self.trace,)
+
+
+@pytest.mark.parametrize(
+    ("smpl", "meshes", "words"),
+    [
+        ("intruder", "good", "cannot be read safely"),
+        ("half", "good", "cannot be read safely"),
+        ("good", "z up", "is z up, or it lies"),
+        ("good", "millimetres", "in millimetres"),
+        ("good", "half", "not readable as HDF5"),
+        ("good", "men", "who are male, with a female body model"),
+    ],
+)
+def test_bad_files_are_one_line_and_leave_nothing(
+    tmp_path, monkeypatch, capsys, smpl, meshes, words
+):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
+    body = load_body_model("embedded:female")
+    trace = tmp_path / "trace"
+    fields = smpl_fields(dataclasses.replace(body, posedirs=np.zeros_like(body.posedirs)))
+    pickled = python2_pickle(fields | ({"J": Intruder(trace)} if smpl == "intruder" else {}))
+    model = tmp_path / "basicModel_f_lbs_10_207_0_v1.0.0.pkl"
+    model.write_bytes(pickled[: len(pickled) // (2 if smpl == "half" else 1)])
+    frames = np.repeat(body.v_template[None], 2, axis=0)
+    frames = {"z up": frames[..., [0, 2, 1]], "millimetres": 1000 * frames}.get(meshes, frames)
+    subject = "50009" if meshes == "men" else "50004"
+    file = save_registrations(tmp_path / "dyna.h5", {f"{subject}_hips": frames})
+    if meshes == "half":
+        file.write_bytes(file.read_bytes()[:100_000])
+    with pytest.raises(SystemExit) as stopped:
+        main(["align", "--run", "bad", "--smpl", str(model), "--dyna", str(file)])
+    printed = capsys.readouterr().err
+    assert stopped.value.code == 2
+    assert words in printed
+    assert printed.count("\n") == 1
+    assert not trace.exists()
+    assert not (tmp_path / "runs").exists()

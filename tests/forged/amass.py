@@ -1,0 +1,69 @@
+"""AMASS files: SMPL-H's and SMPL-X's releases, and what lies beside the motions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def smplh(frames: int = 5, fps: float = 120.0) -> dict[str, Any]:
+    """The keys of an SMPL-H file, at rest; gender is stored as bytes."""
+    return {
+        "poses": np.zeros((frames, 156)),
+        "trans": np.zeros((frames, 3)),
+        "betas": np.linspace(-1, 1, 16),
+        "dmpls": np.zeros((frames, 8)),
+        "gender": np.bytes_(b"female"),
+        "mocap_framerate": fps,
+        "marker_data": np.zeros((frames, 67, 3)),
+        "marker_labels": np.array([b"ARIEL", b"C7"]),
+    }
+
+
+def smplx(frames: int = 5, fps: float = 120.0) -> dict[str, Any]:
+    """The keys of a `stageii` file, at rest; the markers are a pickled dictionary."""
+    return {
+        "gender": "female",
+        "surface_model_type": "smplx",
+        "mocap_frame_rate": fps,
+        "mocap_time_length": frames / fps,
+        "markers_latent": np.zeros((2, 3)),
+        "latent_labels": np.array(["ARIEL", "C7"]),
+        "markers_latent_vids": np.array({"ARIEL": 8969, "C7": 3832}, dtype=object),
+        "trans": np.zeros((frames, 3)),
+        "poses": np.zeros((frames, 165)),
+        "betas": np.linspace(-1, 1, 16),
+        "num_betas": 16,
+        "root_orient": np.zeros((frames, 3)),
+        "pose_body": np.zeros((frames, 63)),
+        "pose_hand": np.zeros((frames, 90)),
+        "pose_jaw": np.zeros((frames, 3)),
+        "pose_eye": np.zeros((frames, 6)),
+    }
+
+
+def smpl(frames: int = 5, fps: float = 120.0) -> dict[str, Any]:
+    """An SMPL file of 72 numbers a frame and ten shape coefficients."""
+    return {
+        "poses": np.zeros((frames, 72)),
+        "trans": np.zeros((frames, 3)),
+        "betas": np.linspace(-1, 1, 10),
+        "gender": np.array("female"),
+        "mocap_framerate": fps,
+    }
+
+
+def shape() -> dict[str, Any]:
+    """`shape.npz` or `female_stagei.npz`: a subject's shape, without poses."""
+    return {"betas": np.linspace(-1, 1, 16), "gender": "female"}
+
+
+def save(path: Path, arrays: dict[str, Any], **changes: Any) -> Path:
+    """Write the arrays with some exchanged; a change to None leaves that key out."""
+    arrays = arrays | changes
+    path.parent.mkdir(parents=True, exist_ok=True)
+    kept = {key: value for key, value in arrays.items() if value is not None}
+    np.savez(path, **kept)
+    return path

@@ -1,0 +1,76 @@
+"""The robust aligner on tissue that is simulated, where the truth is known."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+import torch
+
+from bridge.exchange import unpack_theta
+from torch_align_ae.alignment.robust import RobustSettings, align_sequences
+from torch_align_ae.body import rest_pose_offsets
+from torch_align_ae.body.rotations import axis_angle_to_matrix, matrix_to_axis_angle
+from torch_align_ae.corpus.motions import Skeleton, perform
+from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, posed_meshes
+from torch_align_ae.corpus.subjects import SUBJECTS
+
+FRAMES = 72
+SETTINGS = RobustSettings.fast()
+
+
+@pytest.fixture(scope="module")
+def jump(body):
+    """The heaviest woman jumps: meshes (T, V, 3), true offsets, theta and betas."""
+    subject, double = SUBJECTS["female"][0], body_in_double(body)
+    skeleton = Skeleton.of(double.data, subject.betas)
+    theta = perform(
+        "one_leg_jump", subject.name, skeleton, frame_count=FRAMES, fps=60.0, seed=3
+    ).astype(np.float32)
+    moving = theta.astype(np.float64)
+    offsets = TissueSimulator(double, subject.betas).offsets(moving, 60.0)
+    meshes = posed_meshes(double, subject.betas, moving, offsets).astype(np.float32)
+    return meshes, offsets, theta, subject.betas
+
+
+def recovered(smpl, jump, settings):
+    """R2 of the offsets and mean pose error in degrees."""
+    meshes, offsets, theta, true_betas = jump
+    betas, (found,) = align_sequences(smpl, [meshes], [0], settings)
+    np.testing.assert_allclose(betas[0], true_betas, atol=1e-3)
+    pose, trans = (torch.from_numpy(part.copy()) for part in unpack_theta(found))
+    shapes = torch.from_numpy(betas).expand(FRAMES, -1)
+    ours, _ = rest_pose_offsets(smpl, torch.from_numpy(meshes), shapes, pose, trans)
+    true_pose = torch.from_numpy(unpack_theta(theta)[0].copy())
+    between = axis_angle_to_matrix(pose).mT @ axis_angle_to_matrix(true_pose)
+    error_deg = matrix_to_axis_angle(between).norm(dim=-1).rad2deg().mean().item()
+    return 1 - np.square(ours.numpy() - offsets).sum() / np.square(offsets).sum(), error_deg
+
+
+def test_dynamics_are_given_back(smpl, jump):
+    r2, error_deg = recovered(smpl, jump, SETTINGS)
+    assert r2 > 0.97
+    assert error_deg < 0.3
+
+
+def test_inertia_is_what_does_it(smpl, jump):
+    by_weights_alone = RobustSettings(**{**vars(SETTINGS), "inertia": False})
+    assert recovered(smpl, jump, by_weights_alone)[0] < recovered(smpl, jump, SETTINGS)[0] - 0.02
+
+
+def test_results_do_not_depend_on_the_number_of_cores(smpl, jump, monkeypatch):
+    meshes = jump[0][:40]
+    few = RobustSettings(vertices=300, steps=2, calibration_frames=40, calibration_rounds=2)
+    betas, (theta,) = align_sequences(smpl, [meshes], [0], few)
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+    again_betas, (again,) = align_sequences(smpl, [meshes], [0], few)
+    np.testing.assert_array_equal(betas, again_betas)
+    np.testing.assert_array_equal(theta, again)
+
+
+def test_a_lone_frame_is_aligned(smpl, jump):
+    few = RobustSettings(vertices=300, steps=3, calibration_frames=8, calibration_rounds=1)
+    betas, (theta,) = align_sequences(smpl, [jump[0][:1]], [0], few)
+    np.testing.assert_allclose(betas[0], jump[3], atol=1e-3)
+    np.testing.assert_allclose(theta[0], jump[2][0], atol=1e-3)

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from torch_align_ae.alignment.robust.tissue import Evidence, Tissue
+
+
+def frames(count: int, seed: int = 0) -> torch.Tensor:
+    return torch.randn(count, 3, 5, generator=torch.Generator().manual_seed(seed))
+
+
+def converged(displacement, acceleration, rounds=30):
+    tissue = Tissue.unknown(torch.zeros(5))
+    for _ in range(rounds):
+        tissue = Evidence.of(displacement, acceleration).revise(tissue)
+    return tissue
+
+
+def test_newtons_law_is_found():
+    acceleration = 10 * frames(20)
+    compliance = torch.tensor([0.0, 1e-5, 1e-4, 1e-3, 2e-3])
+    tissue = converged(-compliance * acceleration, acceleration)
+    torch.testing.assert_close(tissue.compliance_s2, compliance, rtol=1e-4, atol=1e-9)
+    assert tissue.deviation_m.max() < 1e-5
+
+
+def test_target_undoes_it():
+    acceleration, still = 10 * frames(20), frames(20, seed=1)
+    tissue = Tissue(torch.linspace(0, 1e-3, 5), torch.zeros(5))
+    seen = still - tissue.compliance_s2 * acceleration
+    torch.testing.assert_close(tissue.target(seen, acceleration), still, rtol=0, atol=1e-6)
+
+
+def test_what_is_not_inertia_is_deviation():
+    acceleration, other = 10 * frames(4000), 0.003 * frames(4000, seed=1)
+    tissue = converged(other, acceleration)
+    assert tissue.compliance_s2.max() < 1e-4
+    root_mean_square = other.square().sum(1).mean(0).sqrt()
+    torch.testing.assert_close(tissue.deviation_m, root_mean_square, rtol=0.01, atol=0)
+
+
+def test_flesh_that_runs_ahead_of_its_acceleration_is_not_believed():
+    acceleration = frames(20)
+    assert converged(1e-3 * acceleration, acceleration).compliance_s2.max() == 0
+
+
+def test_no_motion_tells_nothing():
+    tissue = converged(0.001 * torch.ones(4, 3, 5), torch.zeros(4, 3, 5))
+    assert tissue.compliance_s2.max() == 0
+    torch.testing.assert_close(tissue.deviation_m, torch.full((5,), 0.001 * 3**0.5))
+
+
+@given(st.integers(1, 9))
+def test_evidence_may_come_in_portions(first):
+    displacement, acceleration = frames(10), frames(10, seed=2)
+    whole = Evidence.of(displacement, acceleration)
+    parts = Evidence.of(displacement[:first], acceleration[:first]) + Evidence.of(
+        displacement[first:], acceleration[first:]
+    )
+    assert parts.frames == whole.frames == 10
+    for name in ("displacement_drive", "drive", "displacement"):
+        torch.testing.assert_close(getattr(parts, name), getattr(whole, name))
+
+
+def test_weights_fall_with_deviation():
+    tissue = Tissue(torch.zeros(3), torch.tensor([0.0, 1e-4, 1e-3]))
+    torch.testing.assert_close(tissue.weights(1e-4), torch.tensor([1.0, 0.5, 1 / 101]))

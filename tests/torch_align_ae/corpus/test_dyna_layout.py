@@ -1,0 +1,101 @@
+"""Dyna's and D-FAUST's files in every form, and meshes that are not what they should be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bridge.body import load_body_model
+from bridge.errors import DsnetError
+from tests.forged.registrations import save_registrations
+from torch_align_ae.corpus.dyna_files import DynaReader
+
+
+@pytest.fixture(scope="module")
+def body():
+    return load_body_model("embedded:female")
+
+
+@pytest.fixture(scope="module")
+def clip(body):
+    drift = np.arange(20)[:, None, None] * np.array([0.01, 0.0, -0.02])
+    return (body.v_template + drift).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "layout"),
+    [
+        ("f4", {}),
+        ("f8", {}),
+        ("f8", {"chunks": True}),
+        ("f4", {"chunks": (6890, 3, 1)}),
+        ("f4", {"chunks": (689, 3, 20), "compression": "gzip", "shuffle": True}),
+        ("f8", {"chunks": (6890, 3, 20), "compression": "gzip"}),
+        ("f4", {"chunks": True, "fletcher32": True, "maxshape": (6890, 3, None)}),
+    ],
+)
+def test_any_chunks_and_float_type_are_read(tmp_path, body, clip, dtype, layout):
+    path = tmp_path / "registrations_f.hdf5"
+    save_registrations(path, {"50004_hips": clip}, body.faces, dtype, **layout)
+    with DynaReader([path]) as reader:
+        np.testing.assert_array_equal(reader.frames("50004_hips", 3, 8), clip[3:8])
+        np.testing.assert_array_equal(reader.frames("50004_hips"), clip)
+        np.testing.assert_array_equal(reader.faces, body.faces)
+
+
+def test_keys_are_found_not_assumed(tmp_path, clip):
+    names = ["50004_running_on_spot_bugfix", "50020_personal_move", "50025_hips"]
+    sequences = dict.fromkeys(names, np.asarray(clip[:2]))
+    path = save_registrations(tmp_path / "dyna_female.h5", sequences)
+    with DynaReader([path]) as reader:
+        found = [(entry.subject, entry.motion) for entry in reader.entries]
+        assert reader.faces is None
+    assert found == [tuple(name.split("_", 1)) for name in names]
+
+
+def _with_nan(frames):
+    frames = frames.copy()
+    frames[4, 17, 1] = np.nan
+    return frames
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f[:0], "zero frames"),
+        (lambda f: f[:, :-1], "6889"),
+        (lambda f: np.zeros((20, 10475, 3)), "10475"),
+        (lambda f: f[..., :2], r"\(6890, 2, 20\)"),
+        (lambda f: f * 1000, "seems to be in millimetres: divide it by 1000"),
+        (lambda f: f * 100, "seems to be in centimetres: divide it by 100"),
+        (lambda f: f / 0.0254, "seems to be in inches: divide it by 39.37"),
+        (lambda f: f * 10, "Convert it to metres"),
+        (lambda f: f * 0, "Convert it to metres"),
+        (lambda f: f[..., [0, 2, 1]], "z up, or it lies"),
+        (lambda f: (f * [0.3, 1, 1])[..., [1, 0, 2]], "x up, or it lies"),
+        (_with_nan, "50004_a has NaN or infinite vertices in frame 4"),
+    ],
+)
+def test_bad_sequences_are_named(tmp_path, clip, change, message):
+    path = save_registrations(tmp_path / "bad.h5", {"50004_a": change(clip)})
+    with pytest.raises(DsnetError, match=message) as caught, DynaReader([path]) as reader:
+        list(reader)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_whole_numbers_are_no_metres(tmp_path, clip):
+    path = save_registrations(tmp_path / "mm.h5", {"50004_a": clip * 1000}, dtype="i4")
+    with pytest.raises(DsnetError, match=r"of int32; expected .* of float32 or float64"):
+        DynaReader([path])
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, np.pi / 2, 2.5])
+def test_upright_people_pass_whichever_way_they_face(tmp_path, clip, turn):
+    """Also crouching to half of the height, with the arms spread."""
+    facing = Rotation.from_euler("y", turn).as_matrix()
+    crouching = clip[:2] @ np.diag([1.0, 0.55, 1.0])
+    sequences = {"50004_stand": clip[:2] @ facing, "50004_crouch": crouching @ facing}
+    with DynaReader([save_registrations(tmp_path / "a.h5", sequences)]) as reader:
+        assert len(reader) == 2

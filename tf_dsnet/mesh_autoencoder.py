@@ -1,0 +1,186 @@
+"""Figure 3's autoencoder in Keras: the twin of `torch_align_ae/autoencoder/mesh_autoencoder.py`.
+
+The product trains it in PyTorch. The twin lets a Keras-only user encode and decode, and lets
+`dsnet verify` compare the two. Layers have PyTorch's names, `encoder.conv_1` and so on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from numpy.typing import NDArray
+
+from bridge.errors import DsnetError
+from bridge.exchange.conventions import TORCH_ADAM, AdamRule
+from bridge.exchange.layouts import mesh_autoencoder_from_keras, mesh_autoencoder_to_keras
+from tf_dsnet.framework import Tensor, keras, tf
+
+LATENT_SIZE = 100
+INFERRED_WIDTHS = (6890, 2000, 1300, 300, 30)
+"""Vertices after each convolution of the default network."""
+FEATURES = (3, 4, 9)
+"""Coordinates, then the features of each vertex after the two linear layers."""
+
+
+@keras.saving.register_keras_serializable("dsnet")
+class LeakyReLU(keras.layers.LeakyReLU):
+    """Keras's layer, in which TensorFlow rounds the slope to float32 whatever the precision."""
+
+    def call(self, inputs: Tensor) -> Tensor:
+        """Scale what is not above zero, as PyTorch does: the slope at zero is the one below."""
+        return tf.where(inputs > 0, inputs, self.negative_slope * inputs)
+
+
+class MeshAutoencoder:
+    """The paper's mesh autoencoder (Section 4.1, Figure 3); works on normalised offsets.
+
+    Its weights come from PyTorch (`assign_weights`); fresh ones are Keras's own.
+
+    Parameters
+    ----------
+    widths : tuple of int
+        Vertices of the mesh, then after each convolution.
+    activation : str
+        `leaky_relu`, `elu`, `tanh` or `relu`, after every layer but the two that end encoder and
+        decoder.
+    negative_slope : float
+        Slope of `leaky_relu` below zero.
+
+    Attributes
+    ----------
+    encoder : keras.Model
+        Values (B, V, 3) to latents (B, 100).
+    decoder : keras.Model
+        Latents (B, 100) to values (B, V, 3).
+    model : keras.Model
+        One after the other; the one to save as `.keras`.
+    """
+
+    def __init__(
+        self,
+        widths: tuple[int, ...] = INFERRED_WIDTHS,
+        activation: str = "leaky_relu",
+        negative_slope: float = 0.1,
+    ) -> None:
+        self.widths, self.activation, self.negative_slope = (
+            tuple(widths),
+            activation,
+            negative_slope,
+        )
+        self.encoder, self.decoder = self._encoder(), self._decoder()
+        values = keras.Input((self.widths[0], FEATURES[0]), name="values")
+        self.model = keras.Model(
+            values, self.decoder(self.encoder(values)), name="mesh_autoencoder"
+        )
+
+    def encode(self, values: Tensor) -> Tensor:
+        """Normalised offsets (B, V, 3) to latents (B, 100).
+
+        Raises
+        ------
+        DsnetError
+            If the mesh has another number of vertices than the network.
+        """
+        expected = (self.widths[0], FEATURES[0])
+        if tuple(values.shape[1:]) != expected:
+            raise DsnetError(
+                f"offsets of shape {tuple(values.shape)}",
+                f"(frames, {expected[0]}, {expected[1]})",
+                "Use meshes with the topology that the autoencoder was trained on.",
+            )
+        return self.encoder(values)
+
+    def decode(self, latents: Tensor) -> Tensor:
+        """Latents (B, 100) to normalised offsets (B, V, 3)."""
+        return self.decoder(latents)
+
+    def _encoder(self) -> keras.Model:
+        values = keras.Input((self.widths[0], FEATURES[0]), name="values")
+        features = self._linear(values, "encoder.linear_1", FEATURES[1])
+        features = self._linear(features, "encoder.linear_2", FEATURES[2])
+        coarse = self._convolutions(features, "encoder", self.widths[1:])  # (B, 30, 9)
+        flat = keras.layers.Flatten(name="to_row")(coarse)
+        latents = keras.layers.Dense(LATENT_SIZE, name="to_latent")(flat)
+        return keras.Model(values, latents, name="encoder")
+
+    def _decoder(self) -> keras.Model:
+        latents = keras.Input((LATENT_SIZE,), name="latents")
+        coarsest = self.widths[-1]
+        flat = self._linear(latents, "from_latent", coarsest * FEATURES[2])
+        coarse = keras.layers.Reshape((coarsest, FEATURES[2]), name="from_row")(flat)
+        features = self._convolutions(coarse, "decoder", self.widths[-2::-1])  # (B, V, 9)
+        features = self._linear(features, "decoder.linear_1", FEATURES[1])
+        values = keras.layers.Dense(FEATURES[0], name="to_coordinates")(features)
+        return keras.Model(latents, values, name="decoder")
+
+    def _convolutions(self, features: Tensor, side: str, widths: tuple[int, ...]) -> Tensor:
+        """Mix vertices, (B, in, 9) to (B, out, 9).
+
+        A convolution of kernel 1 over vertices as channels is a matrix product, which TensorFlow
+        does twice as fast as a `Conv1D`.
+        """
+        features = keras.layers.Permute((2, 1), name=f"{side}.vertices_last")(features)
+        for number, width in enumerate(widths, start=1):
+            features = self._linear(features, f"{side}.conv_{number}", width)
+        return keras.layers.Permute((2, 1), name=f"{side}.vertices_first")(features)
+
+    def _linear(self, features: Tensor, name: str, width: int) -> Tensor:
+        """A linear layer on the last axis and the nonlinearity, a layer of its own."""
+        features = keras.layers.Dense(width, name=name)(features)
+        name = f"{name}_activation"
+        if self.activation == "leaky_relu":
+            return LeakyReLU(self.negative_slope, name=name)(features)
+        return keras.layers.Activation(self.activation, name=name)(features)
+
+
+def named_weights(model: keras.Model) -> dict[str, NDArray]:
+    """Copies of all weights of `MeshAutoencoder.model` in PyTorch's names and layout."""
+    return mesh_autoencoder_from_keras(
+        {name: variable.numpy() for name, variable in named_variables(model).items()}
+    )
+
+
+def assign_weights(model: keras.Model, weights: Mapping[str, NDArray]) -> None:
+    """Set all weights of `MeshAutoencoder.model` from arrays named as by PyTorch.
+
+    Raises
+    ------
+    DsnetError
+        If a name or a shape is not the network's.
+    """
+    variables, given = named_variables(model), mesh_autoencoder_to_keras(weights)
+    wanted = {name: tuple(variable.shape) for name, variable in variables.items()}
+    shapes = {name: array.shape for name, array in given.items()}
+    if odd := sorted(set(wanted.items()) ^ set(shapes.items())):
+        raise DsnetError(
+            f"weights that differ from the autoencoder's in {', '.join(dict(odd))}",
+            f"{len(wanted)} arrays of the same widths",
+            "Build the network with the architecture that stands beside the weights.",
+        )
+    for name, variable in variables.items():
+        variable.assign(given[name])
+
+
+def named_variables(model: keras.Model) -> dict[str, keras.Variable]:
+    """Variables by Keras's names, in the order of the layers, which is PyTorch's."""
+    layers = [layer for part in ("encoder", "decoder") for layer in model.get_layer(part).layers]
+    return {f"{layer.name}/{v.name}": v for layer in layers for v in layer.weights}
+
+
+class TorchAdam(keras.optimizers.Adam):
+    """Adam whose epsilon stands where PyTorch has it: beside the moment after its correction.
+
+    The autoencoder is trained so. For eager steps only, as each of them has another epsilon.
+    """
+
+    def __init__(self, rule: AdamRule = TORCH_ADAM) -> None:
+        super().__init__(rule.learning_rate, rule.beta_1, rule.beta_2, name="adam")
+        self._corrected_epsilon = rule.epsilon
+
+    def update_step(
+        self, gradient: Tensor, variable: keras.Variable, learning_rate: Tensor
+    ) -> None:
+        """One variable's step, with the epsilon that makes Keras's rule PyTorch's at this step."""
+        step = int(self.iterations) + 1
+        self.epsilon = self._corrected_epsilon * (1.0 - self.beta_2**step) ** 0.5
+        super().update_step(gradient, variable, learning_rate)

@@ -1,0 +1,130 @@
+"""SMPL in TensorFlow: Eq. 1-2, differentiable in every argument.
+
+With it a Keras-only user goes from theta to vertices; `torch_align_ae/body/smpl.py` is its twin.
+Inside, coordinates come before vertices, (B, 3, V), so that skinning streams over vertices.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bridge.body import BodyModelData
+from bridge.errors import DsnetError
+from tf_dsnet.framework import Tensor, tf
+from tf_dsnet.rotations import axis_angle_to_matrix
+
+
+class SMPL:
+    """A body model with constant parameters, V = 6890 vertices for SMPL.
+
+    Parameters
+    ----------
+    data : the body model.
+    dtype : of everything inside and of all results; arguments are converted to it.
+    """
+
+    def __init__(self, data: BodyModelData, dtype: tf.DType = tf.float32) -> None:
+        self.data, self.dtype = data, dtype
+        self.parents: tuple[int, ...] = tuple(data.parents.tolist())
+        joint_shapedirs = [data.J_regressor @ data.shapedirs[:, axis] for axis in range(3)]
+        self._template = tf.constant(data.v_template.T, dtype)  # (3, V)
+        self._shapedirs = _rows(data.shapedirs, dtype)  # (10, 3 V)
+        self._posedirs = _rows(data.posedirs, dtype)  # (207, 3 V)
+        self._weights = tf.constant(data.weights.T, dtype)  # (24, V)
+        self._joint_template = tf.constant(data.joints, dtype)  # (24, 3)
+        self._joint_shapedirs = tf.constant(np.stack(joint_shapedirs, 1).transpose(2, 0, 1), dtype)
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of vertices, V."""
+        return len(self.data.v_template)
+
+    def __call__(
+        self,
+        betas: Tensor,
+        pose: Tensor,
+        trans: Tensor,
+        offsets: Tensor | None = None,
+    ) -> Tensor:
+        """Posed vertices, Eq. 1-2.
+
+        Parameters
+        ----------
+        betas : (B, 10) shape.
+        pose : (B, 22, 3) or (B, 24, 3) axis-angle, radians; missing hand joints stay at rest.
+        trans : (B, 3) translation, metres.
+        offsets : (B, V, 3) displacement added in the rest pose, metres, or None.
+
+        Returns
+        -------
+        (B, V, 3) vertices, metres.
+
+        Raises
+        ------
+        DsnetError
+            If an argument has the wrong shape.
+        """
+        rotations = self.rotations(pose)
+        rest = self.planar_rest(betas, rotations)
+        if offsets is not None:
+            added = self.checked("offsets", offsets, (len(betas), self.vertex_count, 3))
+            rest += tf.transpose(added, (0, 2, 1))
+        blended = self.blended_transforms(betas, rotations, trans)
+        posed = tf.reduce_sum(blended[:, :, :3] * rest[:, None], 2) + blended[:, :, 3]
+        return tf.transpose(posed, (0, 2, 1))
+
+    def rest_vertices(self, betas: Tensor, pose: Tensor) -> Tensor:
+        """(B, V, 3) shaped body with pose blend shapes, before skinning (Eq. 2), metres."""
+        return tf.transpose(self.planar_rest(betas, self.rotations(pose)), (0, 2, 1))
+
+    def joints(self, betas: Tensor) -> Tensor:
+        """(B, 24, 3) joints of the shaped body in the rest pose, metres."""
+        betas = self.checked("betas", betas, (len(betas), len(self._shapedirs)))
+        return self._joint_template + tf.tensordot(betas, self._joint_shapedirs, 1)
+
+    def rotations(self, pose: Tensor) -> Tensor:
+        """(B, 24, 3, 3) rotation of each joint from (B, 22, 3) or (B, 24, 3) axis-angle."""
+        joint_count = 24 if np.shape(pose)[1:] == (24, 3) else 22
+        pose = self.checked("pose", pose, (len(pose), joint_count, 3))
+        missing = len(self.parents) - joint_count
+        return axis_angle_to_matrix(tf.pad(pose, ((0, 0), (0, missing), (0, 0))))
+
+    def planar_rest(self, betas: Tensor, rotations: Tensor) -> Tensor:
+        """Eq. 2 as (B, 3, V)."""
+        betas = self.checked("betas", betas, (len(betas), len(self._shapedirs)))
+        features = rotations[:, 1:] - tf.eye(3, dtype=self.dtype)
+        features = tf.reshape(features, (-1, len(self._posedirs)))
+        moved = betas @ self._shapedirs + features @ self._posedirs
+        return self._template + tf.reshape(moved, (-1, 3, self.vertex_count))
+
+    def blended_transforms(self, betas: Tensor, rotations: Tensor, trans: Tensor) -> Tensor:
+        """Each vertex's weighted mean of the bones' transforms, (B, 3, 4, V), rest to world."""
+        trans = self.checked("trans", trans, (len(betas), 3))
+        bones = self._bone_transforms(rotations, self.joints(betas), trans)  # (B, 24, 3, 4)
+        planar = tf.reshape(tf.transpose(bones, (0, 2, 3, 1)), (-1, len(self.parents)))
+        return tf.reshape(planar @ self._weights, (-1, 3, 4, self.vertex_count))
+
+    def checked(self, name: str, value: Tensor, shape: tuple[int, ...]) -> Tensor:
+        """`value` in the body's precision, or DsnetError if it has another shape."""
+        if tuple(np.shape(value)) != shape:
+            raise DsnetError(
+                f"{name} of shape {tuple(np.shape(value))}",
+                f"shape {shape}",
+                "Give one row per body; axis-angle vectors, not the flat theta of 69 numbers.",
+            )
+        return tf.cast(value, self.dtype)
+
+    def _bone_transforms(self, rotations: Tensor, joints: Tensor, trans: Tensor) -> Tensor:
+        """(B, 24, 3, 4) `T_world_rest` of each bone, down the tree from the root."""
+        turns, places = [rotations[:, 0]], [joints[:, 0] + trans]
+        for joint, parent in enumerate(self.parents[1:], start=1):
+            bone = joints[:, joint] - joints[:, parent]
+            turns.append(turns[parent] @ rotations[:, joint])
+            places.append(places[parent] + tf.linalg.matvec(turns[parent], bone))
+        turn, place = tf.stack(turns, 1), tf.stack(places, 1)
+        return tf.concat([turn, (place - tf.linalg.matvec(turn, joints))[..., None]], -1)
+
+
+def _rows(directions: np.ndarray, dtype: tf.DType) -> Tensor:
+    """(V, 3, N) blend shapes as (N, 3 V)."""
+    return tf.constant(directions.transpose(2, 1, 0).reshape(directions.shape[2], -1), dtype)

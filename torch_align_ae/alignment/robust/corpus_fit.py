@@ -1,0 +1,157 @@
+"""A whole corpus through the robust aligner: subjects first, then window by window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from bridge.errors import DsnetError
+from bridge.exchange import (
+    ArtifactWriter,
+    Sequence,
+    load_weights,
+    save_weights,
+    subject_rows,
+    to_manifest,
+    unpack_theta,
+)
+from torch_align_ae.alignment.fitted import AlignedArrays, Fitted, measure
+from torch_align_ae.alignment.robust.align import FRAMES_PER_WINDOW, continued_theta, fit_frames
+from torch_align_ae.alignment.robust.calibration import Subject, calibrate
+from torch_align_ae.alignment.robust.recording import Recording, Window, windows
+from torch_align_ae.alignment.robust.sample import SkinSample
+from torch_align_ae.alignment.robust.settings import RobustSettings
+from torch_align_ae.alignment.robust.tissue import Tissue
+from torch_align_ae.alignment.threads import Workers, workers
+from torch_align_ae.body import SMPL
+from torch_align_ae.corpus.dyna_files import DynaReader
+
+# A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
+_WORST_MEAN_M = 0.2
+_LEARNED = {"betas": "1", "compliance": "s^2", "deviation": "m"}
+
+
+class RobustCorpusFit:
+    """One corpus to align; `write` fills the artifact.
+
+    Besides what every aligner gives, the artifact holds what was learned of each subject's
+    tissue: `compliance` and `deviation` (S, N) at `sample_vertices` (N,) of the mesh.
+    """
+
+    def __init__(
+        self, smpl: SMPL, reader: DynaReader, sequences: list[Sequence], settings: RobustSettings
+    ) -> None:
+        self._smpl, self._settings, self._sequences = smpl, settings, sequences
+        self._sample = SkinSample(smpl, settings.vertices)
+        self._recordings = [_recording(reader, sequence) for sequence in sequences]
+        self._row_of_subject = subject_rows(sequences)
+
+    def write(self, writer: ArtifactWriter) -> None:
+        """Write all arrays, or the part that is missing; sequences are checkpoints."""
+        with workers() as pool:
+            learned = self._learned(writer, pool)
+            fitted = self._fit(writer, _subjects(learned), pool)
+            with self._progress(writer) as bar:
+                for row, windows_of_one in groupby(fitted, lambda window: window.track):
+                    self._store(writer, windows_of_one, bar)
+                    _done(writer, row).touch()
+        AlignedArrays(writer, self._sequences, self._smpl.vertex_count)
+        for name, unit in _LEARNED.items():
+            writer.put(name, learned[name], unit)
+        writer.put("sample_vertices", self._sample.vertices.numpy(), "index")
+        writer.record(sequences=to_manifest(self._sequences))
+
+    def _learned(self, writer: ArtifactWriter, pool: Workers) -> dict[str, NDArray]:
+        """`betas`, `compliance` and `deviation` of all subjects, learned unless they were."""
+        path = writer.checkpoints / "subjects.safetensors"
+        if not path.is_file():
+            names = tqdm(self._row_of_subject, desc="subjects", unit="subject", disable=None)
+            save_weights(path, _stacked([self._learn(name, pool) for name in names]))
+        stored = load_weights(path)
+        return {name: stored[name] for name in _LEARNED}
+
+    def _learn(self, name: str, pool: Workers) -> Subject:
+        pairs = zip(self._recordings, self._sequences, strict=True)
+        own = [recording for recording, sequence in pairs if sequence.subject == name]
+        return calibrate(self._sample, own, self._settings, pool)
+
+    def _fit(
+        self, writer: ArtifactWriter, subjects: list[Subject], pool: Workers
+    ) -> Iterator[Fitted]:
+        """All windows of the sequences that are not done, in order."""
+
+        def fit(window: Window) -> Fitted:
+            row = self._row_of_subject[self._sequences[window.row].subject]
+            meshes, acceleration = self._recordings[window.row].meshes(window.start, window.stop)
+            pose, trans = fit_frames(
+                self._sample, subjects[row], meshes, acceleration, self._settings
+            )
+            betas = subjects[row].betas
+            return measure(self._smpl, window.row, window.start, betas, pose, trans, meshes)
+
+        lengths = [recording.length for recording in self._recordings]
+        open_windows = [
+            window
+            for window in windows(lengths, FRAMES_PER_WINDOW)
+            if not _done(writer, window.row).exists()
+        ]
+        return pool.map(fit, open_windows)
+
+    def _store(self, writer: ArtifactWriter, sequence: Iterator[Fitted], bar: tqdm) -> None:
+        # Opened anew for each sequence: pages of a map count as memory until it is closed.
+        arrays, before = AlignedArrays(writer, self._sequences, self._smpl.vertex_count), None
+        for fitted in sequence:
+            self._check(fitted)
+            theta = continued_theta(fitted.pose, fitted.trans, before)
+            pose = torch.from_numpy(unpack_theta(theta)[0].copy())
+            before = arrays.write(replace(fitted, pose=pose))
+            bar.update(len(pose))
+        arrays.flush()
+
+    def _check(self, fitted: Fitted) -> None:
+        error_m = fitted.frame_error.max().item()
+        if not error_m < _WORST_MEAN_M:
+            raise DsnetError(
+                f"{self._sequences[fitted.track].name}, of which a frame stays"
+                f" {100 * error_m:.0f} cm from SMPL",
+                "meshes with SMPL's vertex order",
+                "Register the meshes to SMPL's template, or leave this sequence out.",
+            )
+
+    def _progress(self, writer: ArtifactWriter) -> tqdm:
+        lengths = [recording.length for recording in self._recordings]
+        done = sum(length for row, length in enumerate(lengths) if _done(writer, row).exists())
+        return tqdm(total=sum(lengths), initial=done, desc="align", unit="frame", disable=None)
+
+
+def _recording(reader: DynaReader, sequence: Sequence) -> Recording:
+    def read(start: int, stop: int) -> NDArray[np.float32]:
+        return reader.frames(sequence.name, start, stop)
+
+    return Recording(read, sequence.length, sequence.fps)
+
+
+def _stacked(subjects: list[Subject]) -> dict[str, NDArray[np.float32]]:
+    columns = zip(
+        *((s.betas, s.tissue.compliance_s2, s.tissue.deviation_m) for s in subjects), strict=True
+    )
+    return {
+        name: torch.stack(column).numpy() for name, column in zip(_LEARNED, columns, strict=True)
+    }
+
+
+def _subjects(learned: Mapping[str, NDArray[np.float32]]) -> list[Subject]:
+    rows = zip(*(torch.from_numpy(learned[name]) for name in _LEARNED), strict=True)
+    return [Subject(betas, Tissue(*tissue)) for betas, *tissue in rows]
+
+
+def _done(writer: ArtifactWriter, row: int) -> Path:
+    """The mark that a sequence is written."""
+    return writer.checkpoints / f"{row}.done"

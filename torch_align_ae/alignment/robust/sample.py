@@ -1,0 +1,214 @@
+"""The vertices that the robust aligner looks at, cut into patches that few joints move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from bridge.exchange import N_JOINTS
+from torch_align_ae.body import SMPL
+from torch_align_ae.body.kinematics import tree_levels, world_frames
+
+# A radian at a joint that corrects a vertex by less than this does not enter the Jacobian; it
+# always enters the residual.
+_NEGLIGIBLE_M = 1e-4
+
+
+class Pose(NamedTuple):
+    """Poses of B bodies."""
+
+    rotations: Tensor
+    """(B, 22, 3, 3) of each joint relative to its parent."""
+    trans: Tensor
+    """(B, 3) metres."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Joints of B bodies in the world."""
+
+    rotations: Tensor
+    """(B, 22, 3, 3) relative to the parent."""
+    turn: Tensor
+    """(B, 22, 3, 3) orientation."""
+    place: Tensor
+    """(B, 22, 3) position, metres."""
+    shift: Tensor
+    """(B, 22, 3) where the bone's transform takes the origin of the rest pose, metres."""
+
+    @property
+    def features(self) -> Tensor:
+        """(B, 189) entries of R - I of every joint but the root."""
+        return (self.rotations[:, 1:] - torch.eye(3, dtype=self.turn.dtype)).flatten(1)
+
+
+@dataclass(frozen=True)
+class Patch:
+    """n neighbouring vertices of the sample."""
+
+    vertices: slice
+    """Its rows of the sample."""
+    bones: Tensor
+    """(K,) bones that move it."""
+    weights: Tensor
+    """(K, n) their skinning weights."""
+    joints: Tensor
+    """(C,) joints whose rotation moves it: first those with pose blend shapes here, then the
+    bones and all above them."""
+    below: Tensor
+    """(C, K) ones where the bone is the joint or hangs below it."""
+    carried: Tensor
+    """(C, n) share of each vertex that hangs below the joint."""
+    jacobian_posedirs: Tensor
+    """(P, 9, 3 n) pose blend shapes of the first P of `joints`, metres."""
+    features: Tensor
+    """(Q,) entries of R - I that displace it at all."""
+    posedirs: Tensor
+    """(Q, 3 n) displacement per unit of each, metres."""
+
+
+@dataclass(frozen=True)
+class Shaped:
+    """One subject's body in the rest pose."""
+
+    vertices: Tensor
+    """(3, N) of the sample, metres, without pose blend shapes."""
+    joints: Tensor
+    """(22, 3) metres."""
+
+
+class SkinSample:
+    """N vertices spread over the skin, and what moves each of them.
+
+    Hands never move in theta, so their vertices are handed to the wrists.
+
+    Parameters
+    ----------
+    smpl : the body model.
+    size : about how many vertices; every bone keeps its share.
+    """
+
+    def __init__(self, smpl: SMPL, size: int) -> None:
+        self.smpl = smpl
+        self.parents = smpl.parents[:N_JOINTS]
+        self._levels = tree_levels(self.parents)
+        weights = smpl.weights[:N_JOINTS].clone()
+        for hand in range(N_JOINTS, len(smpl.parents)):
+            weights[smpl.parents[hand]] += smpl.weights[hand]
+        self.subtree = _subtree_matrix(self.parents).to(weights.dtype)
+        groups = _limb_by_limb(weights, self.parents, size)
+        self.vertices = torch.cat(groups)
+        """(N,) indices into the mesh, in the order of the patches."""
+        self.weights = weights[:, self.vertices]
+        """(22, N) skinning weights."""
+        ends = torch.tensor([len(group) for group in groups]).cumsum(0).tolist()
+        self.patches = [
+            self._patch(slice(start, end), weights)
+            for start, end in zip([0, *ends[:-1]], ends, strict=True)
+        ]
+
+    def __len__(self) -> int:
+        return len(self.vertices)
+
+    def take(self, meshes: Tensor) -> Tensor:
+        """The sample (B, 3, N) of meshes (B, V, 3)."""
+        return meshes[:, self.vertices].transpose(1, 2).contiguous()
+
+    def shaped(self, betas: Tensor) -> Shaped:
+        """The body of shape betas (10,)."""
+        shape = torch.tensordot(betas, self.smpl.shapedirs[:, :, self.vertices], 1)
+        joints = self.smpl.joints(betas[None])[0, :N_JOINTS]
+        return Shaped(self.smpl.template[:, self.vertices] + shape, joints)
+
+    def frames(self, shaped: Shaped, pose: Pose) -> Frames:
+        """Where the joints of a body are in B poses."""
+        joints = shaped.joints.expand(len(pose.trans), -1, -1)
+        turn, place = world_frames(pose.rotations, joints, self._levels, pose.trans)
+        shift = place - (turn @ joints[..., None])[..., 0]
+        return Frames(pose.rotations, turn, place, shift)
+
+    def places(self, rotations: Tensor, joints: Tensor) -> Tensor:
+        """(B, 22, 3) where the joints of a rest pose (22, 3) go without translation; linear."""
+        count = len(rotations)
+        nowhere = joints.new_zeros(count, 3)
+        return world_frames(rotations, joints.expand(count, -1, -1), self._levels, nowhere)[1]
+
+    def positions(self, shaped: Shaped, pose: Pose) -> Tensor:
+        """(B, 3, N) posed vertices of the sample, metres."""
+        frames = self.frames(shaped, pose)
+        features = frames.features
+        parts = []
+        for patch in self.patches:
+            rest = rest_vertices(patch, shaped, features)
+            parts.append(moved_by_bones(patch, frames, rest, patch.weights).sum(1))
+        return torch.cat(parts, 2)
+
+    def _patch(self, rows: slice, weights: Tensor) -> Patch:
+        chosen = self.vertices[rows]
+        weights = weights[:, chosen]
+        posedirs = self.smpl.posedirs[: 9 * (N_JOINTS - 1), :, chosen]
+        by_joint = posedirs.unflatten(0, (N_JOINTS - 1, 9))
+        bones = weights.any(1).nonzero()[:, 0]
+        corrects = by_joint.norm(dim=(1, 2)).amax(1) > _NEGLIGIBLE_M
+        correcting = corrects.nonzero()[:, 0] + 1
+        above = self.subtree[:, bones].any(1)
+        above[correcting] = False
+        joints = torch.cat([correcting, above.nonzero()[:, 0]])
+        features = posedirs.flatten(1).any(1).nonzero()[:, 0]
+        return Patch(
+            vertices=rows,
+            bones=bones,
+            weights=weights[bones].contiguous(),
+            joints=joints,
+            below=self.subtree[joints][:, bones].contiguous(),
+            carried=(self.subtree @ weights)[joints].contiguous(),
+            jacobian_posedirs=by_joint[correcting - 1].flatten(2).contiguous(),
+            features=features,
+            posedirs=posedirs[features].flatten(1).contiguous(),
+        )
+
+
+def rest_vertices(patch: Patch, shaped: Shaped, features: Tensor) -> Tensor:
+    """(B, 3, n) rest vertices of a patch with pose blend shapes, Eq. 2, metres."""
+    corrective = features.index_select(1, patch.features) @ patch.posedirs
+    return corrective.unflatten(1, (3, -1)).add_(shaped.vertices[:, patch.vertices])
+
+
+def moved_by_bones(patch: Patch, frames: Frames, rest: Tensor, weights: Tensor) -> Tensor:
+    """(B, K, 3, n) each bone's part of the posed vertices; their sum over K is the vertex."""
+    turn, shift = frames.turn[:, patch.bones], frames.shift[:, patch.bones]
+    moved = (turn.flatten(1, 2) @ rest).unflatten(1, (-1, 3))
+    return moved.add_(shift[..., None]).mul_(weights[:, None])
+
+
+def _limb_by_limb(weights: Tensor, parents: tuple[int, ...], size: int) -> list[Tensor]:
+    """Vertices of each limb, every so-many-th of each dominant bone's."""
+    dominant, count = weights.argmax(0), weights.shape[1]
+    stride = max(1.0, count / size)
+    groups: dict[int, list[Tensor]] = {}
+    for bone, limb in enumerate(_limbs(parents)):
+        own = (dominant == bone).nonzero()[:, 0]
+        if len(own):
+            keep = torch.arange(0, len(own), stride, dtype=torch.float64).long()
+            groups.setdefault(limb, []).append(own[keep])
+    return [torch.cat(bones) for bones in groups.values()]
+
+
+def _limbs(parents: tuple[int, ...]) -> list[int]:
+    """For each joint the first of its limb: limbs begin where the tree branches."""
+    first: list[int] = []
+    for joint, parent in enumerate(parents):
+        only_child = parents.count(parent) == 1 and parent >= 0
+        first.append(first[parent] if only_child else joint)
+    return first
+
+
+def _subtree_matrix(parents: tuple[int, ...]) -> Tensor:
+    """(J, J) ones where the column's joint is the row's joint or hangs below it."""
+    below = torch.eye(len(parents))
+    for joint in range(len(parents) - 1, 0, -1):
+        below[parents[joint]] += below[joint]
+    return below

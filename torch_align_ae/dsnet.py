@@ -1,0 +1,212 @@
+"""DSNet in PyTorch: the twin of `tf_dsnet/model.py`, to Keras's rules where PyTorch has others.
+
+The product trains DSNet in Keras. The twin is for whoever has PyTorch alone, and for
+`dsnet verify`, which compares the two layer by layer, gradient by gradient, step by step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from bridge.errors import DsnetError
+from bridge.exchange import INPUT_SIZE
+from bridge.exchange.conventions import (
+    BATCH_NORM_EPSILON,
+    BATCH_NORM_MOMENTUM,
+    KERAS_ADAM,
+    MASKED_COUNT_EPSILON,
+    AdamRule,
+)
+from bridge.exchange.layouts import dsnet_from_torch, dsnet_to_torch
+
+LATENT_SIZE = 100
+LSTM_UNITS = 60
+State = tuple[Tensor, Tensor]
+
+
+class TanhLinear(nn.Linear):
+    """A linear layer and its tanh, as one Keras layer is both."""
+
+    def forward(self, input: Tensor) -> Tensor:  # noqa: A002
+        """Map (..., in) to (..., out)."""
+        return torch.tanh(super().forward(input))
+
+
+class BatchNorm(nn.Module):
+    """Keras's batch normalisation over all axes but the last.
+
+    Unlike `nn.BatchNorm1d`'s, its running variance is the biased one, and it has a mask: frames
+    that it leaves out do not count in the statistics, but are normalised like the others.
+    """
+
+    running_mean: Tensor
+    running_var: Tensor
+
+    def __init__(self, features: int) -> None:
+        super().__init__()
+        self.epsilon, self.momentum = BATCH_NORM_EPSILON, BATCH_NORM_MOMENTUM
+        self.weight = nn.Parameter(torch.ones(features))
+        self.bias = nn.Parameter(torch.zeros(features))
+        self.register_buffer("running_mean", torch.zeros(features))
+        self.register_buffer("running_var", torch.ones(features))
+
+    def forward(self, x: Tensor, real: Tensor | None = None) -> Tensor:
+        """Normalise (B, T, features); `real` (B, T) is True for frames that count."""
+        mean, variance = self.running_mean, self.running_var
+        if self.training:
+            mean, variance = _moments(x, real)
+            self._remember(mean.detach(), variance.detach())
+        return (x - mean) * (self.weight * torch.rsqrt(variance + self.epsilon)) + self.bias
+
+    def _remember(self, mean: Tensor, variance: Tensor) -> None:
+        for running, batch in ((self.running_mean, mean), (self.running_var, variance)):
+            running.copy_(running * self.momentum + batch * (1.0 - self.momentum))
+
+
+class DSNet(nn.Module):
+    """DSNet (B, T, 79) -> (B, T, 100) (Figure 5, Section 5).
+
+    Keras counts 65,140 parameters, 65,020 of them trainable. PyTorch's LSTM has a second bias,
+    which stays 0 and untrained: two equal ones would learn at twice the speed.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fc_enc_1 = nn.Linear(INPUT_SIZE, 64)
+        self.fc_enc_2 = TanhLinear(64, 128)
+        self.lstm = nn.LSTM(128, LSTM_UNITS, batch_first=True)
+        self.batch_norm = BatchNorm(LSTM_UNITS)
+        self.fc_enc_3 = nn.Linear(LSTM_UNITS, LATENT_SIZE)
+        self.lstm.bias_hh_l0.requires_grad_(False)
+        self._initialise()
+
+    def forward(self, motion: Tensor, real: Tensor | None = None) -> Tensor:
+        """Latents of whole motions; `real` (B, T), see `BatchNorm`, matters in training only."""
+        return self._latents(motion, real, None)[0]
+
+    def step(self, motion: Tensor, state: State | None = None) -> tuple[Tensor, State]:
+        """Latents of the next frames of motions (B, T, 79), and the LSTM's state after them.
+
+        Without a `state` the motions begin here.
+        """
+        return self._latents(motion, None, state)
+
+    def _latents(
+        self, motion: Tensor, real: Tensor | None, state: State | None
+    ) -> tuple[Tensor, State]:
+        if motion.ndim != 3 or motion.shape[-1] != INPUT_SIZE:
+            raise DsnetError(
+                f"motion of shape {tuple(motion.shape)}",
+                f"(B, T, {INPUT_SIZE})",
+                "Join 10 betas and 69 numbers of theta at every frame.",
+            )
+        memory, after = self.lstm(self.fc_enc_2(self.fc_enc_1(motion)), state)
+        return self.fc_enc_3(self.batch_norm(memory, real)), after
+
+    @torch.no_grad()
+    def _initialise(self) -> None:
+        """Draw weights as Keras does: PyTorch's own have another spread and random biases."""
+        for name, parameter in self.named_parameters():
+            if name == "lstm.weight_hh_l0":
+                nn.init.orthogonal_(parameter)
+            elif parameter.ndim == 2:
+                nn.init.xavier_uniform_(parameter)
+            elif name != "batch_norm.weight":
+                parameter.zero_()
+            if name == "lstm.bias_ih_l0":
+                parameter[LSTM_UNITS : 2 * LSTM_UNITS] = 1.0  # begin by not forgetting
+
+
+class KerasAdam(torch.optim.Adam):
+    """Adam whose epsilon stands where Keras has it: beside the moment before its correction.
+
+    Parameters
+    ----------
+    parameters : what to train.
+    rule : learning rate, decays and epsilon.
+    """
+
+    def __init__(self, parameters: Iterable[nn.Parameter], rule: AdamRule = KERAS_ADAM) -> None:
+        super().__init__(parameters, rule.learning_rate, (rule.beta_1, rule.beta_2))
+        self.epsilon = rule.epsilon
+
+    def step(self, closure: Callable[[], Any] | None = None) -> Any:
+        """One step, with the epsilon that makes PyTorch's rule Keras's at this step."""
+        for group in self.param_groups:
+            states = [self.state[parameter] for parameter in group["params"]]
+            step = 1 + max((int(state["step"]) for state in states if state), default=0)
+            group["eps"] = self.epsilon / (1.0 - group["betas"][1] ** step) ** 0.5
+        return super().step(closure)
+
+
+def sum_of_distances(target: Tensor, predicted: Tensor, real: Tensor | None = None) -> Tensor:
+    """The paper's loss (Section 4.3), as in `tf_dsnet/losses.py`.
+
+    Parameters
+    ----------
+    target, predicted : (B, T, 100) latents.
+    real : (B, T), True for frames that count; all of them, padding too, when None.
+
+    Returns
+    -------
+    A scalar: sum over t of ||predicted_t - target_t||_2 (not squared), mean over the batch.
+    Its gradient is 0 where a distance is 0.
+    """
+    squared = (predicted - target).square().sum(-1)  # (B, T)
+    nonzero = squared > 0.0
+    # The inner choice keeps the square root's infinite slope at 0 out of the gradient.
+    distance = torch.where(nonzero, torch.where(nonzero, squared, 1.0).sqrt(), 0.0)
+    if real is not None:
+        distance = torch.where(real, distance, 0.0)
+    return distance.sum(-1).mean()
+
+
+def named_weights(model: DSNet) -> dict[str, NDArray]:
+    """Copies of all weights in Keras's names and layout, such as `fc_enc_1/kernel`."""
+    return dsnet_from_torch(
+        {name: v.detach().cpu().numpy() for name, v in model.state_dict().items()}
+    )
+
+
+def assign_weights(model: DSNet, weights: Mapping[str, NDArray]) -> None:
+    """Set all weights from arrays named and laid out as by `named_weights`.
+
+    Raises
+    ------
+    DsnetError
+        If a name or a shape is not the network's.
+    """
+    state = {name: torch.from_numpy(array) for name, array in dsnet_to_torch(weights).items()}
+    wanted = {name: tuple(value.shape) for name, value in model.state_dict().items()}
+    given = {name: tuple(value.shape) for name, value in state.items()}
+    if odd := sorted(dict(set(wanted.items()) ^ set(given.items()))):
+        raise DsnetError(
+            f"weights that differ from DSNet's in {', '.join(odd)}",
+            f"{len(wanted)} arrays of shapes such as {wanted['fc_enc_1.weight']}",
+            "Pass weights written by `dsnet train`.",
+        )
+    model.load_state_dict(state)
+
+
+def parameter_counts(model: DSNet) -> dict[str, int]:
+    """Parameters as Keras counts them: all, and those that training changes by gradients."""
+    trainable = sum(p.numel() for p in model.parameters() if p.requires_grad)
+    return {
+        "dsnet": trainable + sum(b.numel() for b in model.buffers()),
+        "dsnet_trainable": trainable,
+    }
+
+
+def _moments(x: Tensor, real: Tensor | None) -> tuple[Tensor, Tensor]:
+    """Mean and biased variance of each feature, (features,)."""
+    if real is None:
+        return x.mean((0, 1)), x.var((0, 1), correction=0)
+    counted = real[..., None]
+    count = counted.sum(dtype=x.dtype) + MASKED_COUNT_EPSILON
+    mean = torch.where(counted, x, 0.0).sum((0, 1)) / count
+    return mean, torch.where(counted, x - mean, 0.0).square().sum((0, 1)) / count
