@@ -1,17 +1,13 @@
 """Following many sequences at once: each frame is started from the pose of the one before.
 
 Sequences are cut into windows of frames, so that only a window of each is in memory; within a
-window they are shared out in groups that advance frame by frame as one batch. Groups run in
-threads of their own, each with one arithmetic thread: that keeps two cores busier than one batch
-on both, and its results do not depend on the number of cores.
+window they are shared out in groups that advance frame by frame as one batch.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -23,6 +19,7 @@ from torch import Tensor
 from torch_align_ae.alignment.fitted import Fitted, measure
 from torch_align_ae.alignment.objective import MeshDistance
 from torch_align_ae.alignment.sgd import Descent, fit_pose
+from torch_align_ae.alignment.threads import workers
 
 # Read, fitted and written between two checkpoints: two chunks of the corpus's files.
 FRAMES_PER_WINDOW = 32
@@ -81,17 +78,8 @@ def follow(
 
 def in_groups(count: int, work: Callable[[list[int]], _Result]) -> Iterator[_Result]:
     """Results of `work` on groups of the rows 0 to `count`, in order, computed in threads."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with ThreadPoolExecutor(os.cpu_count(), initializer=_one_arithmetic_thread) as pool:
-            yield from pool.map(work, _groups(count))
-    finally:
-        torch.set_num_threads(threads)
-
-
-def _one_arithmetic_thread() -> None:
-    torch.set_num_threads(1)
+    with workers() as pool:
+        yield from pool.map(work, _groups(count))
 
 
 def _groups(count: int) -> list[list[int]]:
