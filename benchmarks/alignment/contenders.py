@@ -71,8 +71,8 @@ TITLES = {
 
 
 class _PaperSgd:
-    """The project's own stage, from a Dyna file to an artifact: reading and writing these is in
-    its time, a hundredth of it."""
+    """The project's own stage, from a Dyna file to an artifact: reading and writing them is in its
+    time, and weighs little beside the steps of a frame."""
 
     def __init__(
         self,

@@ -5,8 +5,10 @@ embedded body's regressor was not made (its signed weights hold in the rest pose
 iterations diverge with them), so a regressor for posed meshes is fitted and passed by the option
 that smplfitter has for one. It never turns the toes against the feet, whatever the mesh does; the
 comparison therefore also scores every aligner without the toes. It has no order in time: a whole
-sequence is one batch, which was its fastest size. Shapes are not regularised: they are within the
-range that the default pulls towards, yet its pull costs more than it mends.
+sequence is one batch, which was its fastest size. On the embedded body no vertex follows a collar
+more than any other joint, and smplfitter reads a bone's twist from such vertices: part of its pose
+error at collars and shoulders is that body's, not its own. Shapes are not regularised: the
+default's pull towards the mean costs more here than it mends.
 """
 
 from __future__ import annotations

@@ -22,6 +22,14 @@ from bridge.results.panels import (
 from bridge.results.render import frame_camera, render_bodies
 
 _LEAST_SHARE_DRAWN = 0.02
+# Clear of curves and bars, wherever they end.
+_LEGEND_ABOVE: dict[str, Any] = {
+    "fontsize": 8,
+    "frameon": False,
+    "ncols": 4,
+    "loc": "lower left",
+    "bbox_to_anchor": (0, 1),
+}
 
 
 @dataclass(frozen=True)
@@ -66,7 +74,7 @@ def draw_figure10(
             axes.plot(times_s, found_deg, one.line, color=one.colour, lw=1.3, label=one.label)
         _tidy(axes, f"{'xyz'[component]} [deg]")
         if component == 0:
-            axes.legend(fontsize=8, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0, 1))
+            axes.legend(**_LEGEND_ABOVE)
     figure.get_axes()[-1].set_xlabel("time [s]", fontsize=9)
     save_figure(figure, path)
 
@@ -100,7 +108,7 @@ def draw_absorption(
     absorbed.set_xlabel("absorbed by pose and shape [%]", fontsize=9)
     _tidy(invented, "")
     invented.set_xlabel("invented, RMS [mm]", fontsize=9)
-    invented.legend(fontsize=8, frameon=False)
+    invented.legend(**_LEGEND_ABOVE)
     save_figure(figure, path)
 
 

@@ -78,11 +78,7 @@ def _trained(stages: Stages) -> dict[str, Any]:
 
 def _stage(manifest: dict[str, Any]) -> dict[str, Any]:
     provenance = manifest["provenance"]
-    measured = {
-        key: value
-        for key, value in provenance.items()
-        if key not in _OF_EVERY_STAGE
-    }
+    measured = {key: value for key, value in provenance.items() if key not in _OF_EVERY_STAGE}
     return {
         "wall_time_s": provenance["wall_time_s"],
         "peak_memory_mb": provenance["peak_memory_mb"],

@@ -74,7 +74,7 @@ def test_the_whole_comparison(folder, known, rough_regressor):
         assert np.isfinite(aligner["offsets"]["mean_mm"])
     table = (folder / "compare_tiny.md").read_text()
     assert "synthetic" in table.splitlines()[0]
-    assert table.count("\n| ") == 1 + len(names)
+    assert table.count("\n| ") == 2 + len(names)
     error_mm = results["aligners"]["sgd"]["offsets"]["mean_mm"]
     assert f"| {TITLES['sgd']} |" in table
     assert f"| {error_mm:.2f} |" in table
