@@ -42,8 +42,8 @@ run_tests() {
         return
     fi
     # TensorFlow and the renderer in one process abort at its end: each side has its own, as stages do.
-    .venv/bin/python -m pytest --ignore tests/tf_dsnet
-    .venv/bin/python -m pytest tests/tf_dsnet
+    .venv/bin/python -m pytest --durations=12 --ignore tests/tf_dsnet
+    .venv/bin/python -m pytest --durations=6 tests/tf_dsnet
 }
 
 refuse() {
