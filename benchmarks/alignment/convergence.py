@@ -18,7 +18,7 @@ from typing import Any
 import torch
 from tqdm import tqdm
 
-from benchmarks.alignment.convergence_figure import draw_convergence
+from benchmarks.alignment.convergence_page import draw_convergence, markdown
 from benchmarks.alignment.descent_rules import Clips, Rule, track
 from benchmarks.alignment.known_clips import KnownClips, load_clips
 from bridge.exchange import Run
@@ -34,7 +34,7 @@ class ConvergenceConfig:
     """Align clips with known truth by many stopping rules: about 12 minutes on two cores, 2 GB."""
 
     out: Path
-    """Folder that receives convergence.json and convergence.png."""
+    """Folder that receives convergence.json, .md and .png."""
     run: str = "demo"
     """Run whose synthetic corpus and truth are read."""
     seed: int = 0
@@ -43,9 +43,9 @@ class ConvergenceConfig:
     """Subjects; none of the held-out ones."""
     motions: tuple[str, ...] = ("one_leg_jump", "jiggle_on_toes", "shake_arms", "hips")
     """Motions; none of the held-out ones."""
-    start: int = 40
+    start: int = 48
     """First frame of each clip: the synthetic motions begin standing still."""
-    frames: int = 24
+    frames: int = 16
     """Frames of each clip."""
     steps: tuple[int, ...] = (10, 30, 50, 100, 140, 200, 400, 800, 1600)
     """Fixed numbers of steps for each frame."""
@@ -53,7 +53,7 @@ class ConvergenceConfig:
     """Numbers of steps over which the rate falls to zero."""
     patience: tuple[int, ...] = (3, 10, 30)
     """Steps without coming closer after which a frame is done."""
-    most_steps: int = 800
+    most_steps: int = 400
     """The most that a frame may take then."""
     first_frame_steps: int = 2000
     """Steps for the frame before each clip's first, from a rigidly placed template."""
@@ -96,7 +96,8 @@ def main(config: ConvergenceConfig) -> dict[str, Any]:
     config.out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(results, indent=1) + "\n"
     write_text_atomically(config.out / "convergence.json", text)
-    draw_convergence(config.out / "convergence.png", rows, len(names) * config.frames)
+    write_text_atomically(config.out / "convergence.md", markdown(results))
+    draw_convergence(config.out / "convergence.png", results)
     return results
 
 

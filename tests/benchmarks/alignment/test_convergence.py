@@ -167,4 +167,7 @@ def test_results_and_figure(run, tmp_path):
     stored = json.loads((tmp_path / "out" / "convergence.json").read_text())
     assert (stored["rules"], stored["data"]) == (rows, "synthetic")
     assert "torch" in stored["provenance"]["versions"]
+    page = (tmp_path / "out" / "convergence.md").read_text()
+    assert page.count("\n| after ") == 3
+    assert "synthetic" in page.lower()
     assert (tmp_path / "out" / "convergence.png").read_bytes().startswith(b"\x89PNG")
