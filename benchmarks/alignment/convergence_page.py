@@ -20,57 +20,37 @@ _KINDS = {
     "decayed": ("rate falling to zero (departure)", ":^"),
 }
 _ERRORS = {
-    "r2": "R² of the offsets",
-    "pose_deg": "pose error [deg]",
-    "mesh_mm": "distance to the mesh [mm]",
+    "r2": ("R²", "R² of the offsets"),
+    "pose_deg": ("pose [deg]", "pose error [deg]"),
+    "mesh_mm": ("mesh [mm]", "distance from the mesh [mm]"),
 }
-_DIGITS = {"r2": 2, "pose_deg": 2, "mesh_mm": 2}
+_PAGE = """\
+# The paper's aligner against its steps (synthetic data)
+
+{table}
+
+R² of the offsets against the simulated truth, mean error of the joints' rotations and mean distance
+of the posed body from the mesh, over {frames} frames. Each descent begins where that of the frame
+before ended. The first of two numbers is with the true shapes, the second with those that the same
+descent finds in frame 1: {betas_rms:.2f} from the true coefficients, root mean square.
+Sequences: {clips}. Made in {minutes:.0f} minutes on {machine} by `{command}`.
+
+![Errors against steps](convergence.png)
+"""
 
 
 def markdown(results: dict[str, Any]) -> str:
-    """A page with one table: a row for each rule."""
+    """A page with one table, a row for each rule."""
     provenance = results["provenance"]
-    return "\n".join(
-        [
-            "# The paper's aligner against its steps",
-            "",
-            f"Synthetic data: {_frames(results)} frames of {', '.join(results['clips'])}, whose truth",
-            f"is known. Made in {provenance['wall_time_s'] / 60:.0f} minutes on",
-            f"{provenance['machine']} by `{' '.join(provenance['command'])}`.",
-            "",
-            *_table(results["rules"]),
-            "",
-            "R² of the offsets against the truth, mean error of the joints' rotations, mean distance",
-            "of the posed body from the mesh; *frame 1* with the shapes that the same descent found in",
-            f"frame 1 ({results['betas_rms_frame_1']:.2f} from the true coefficients, root mean square).",
-            "",
-            "![Errors against steps](convergence.png)",
-            "",
-        ]
+    return _PAGE.format(
+        table="\n".join(_table(results["rules"])),
+        frames=_frame_count(results),
+        betas_rms=results["betas_rms_frame_1"],
+        clips=", ".join(results["clips"]),
+        minutes=provenance["wall_time_s"] / 60,
+        machine=provenance["machine"],
+        command=" ".join(provenance["command"]),
     )
-
-
-def _table(rows: Sequence[dict[str, Any]]) -> list[str]:
-    shapes = list(_SHAPES)
-    columns = [f"{title}, {_SHAPES[shape]}" for title in _ERRORS.values() for shape in shapes]
-    lines = [f"| a frame ends | steps | {' | '.join(columns)} |", "|---" * (2 + len(columns)) + "|"]
-    for true, found in zip(rows[::2], rows[1::2], strict=True):
-        steps = sorted({f"{row['mean_steps']:.0f}" for row in (true, found)}, key=float)
-        values = [f"{row[error]:.{_DIGITS[error]}f}" for error in _ERRORS for row in (true, found)]
-        lines.append(f"| {_ending(true)} | {' to '.join(steps)} | {' | '.join(values)} |")
-    return lines
-
-
-def _ending(row: dict[str, Any]) -> str:
-    return {
-        "fixed": f"after {row['steps']} steps",
-        "decayed": f"after {row['steps']} steps, the rate falling to zero (departure)",
-        "patience": f"{row['patience']} steps without coming closer, {row['steps']} at most",
-    }[row["kind"]]
-
-
-def _frames(results: dict[str, Any]) -> int:
-    return len(results["clips"]) * results["config"]["frames"]
 
 
 def draw_convergence(path: Path, results: dict[str, Any]) -> None:
@@ -78,7 +58,7 @@ def draw_convergence(path: Path, results: dict[str, Any]) -> None:
     figure = new_figure(
         11.0,
         4.4,
-        title=f"The paper's aligner against its steps, {_frames(results)} frames with known truth",
+        title=f"The paper's aligner against its steps, {_frame_count(results)} frames",
         origin="synthetic",
     )
     panels = figure.subplots(1, len(_ERRORS))
@@ -86,6 +66,29 @@ def draw_convergence(path: Path, results: dict[str, Any]) -> None:
         _draw(axes, results["rules"], error)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     save_figure(figure, path)
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> list[str]:
+    columns = ["steps", *(title for title, _ in _ERRORS.values())]
+    lines = [f"| a frame ends | {' | '.join(columns)} |", "|---" + "|---:" * len(columns) + "|"]
+    # Rows come in pairs: true shapes, shapes from frame 1.
+    for pair in zip(rows[::2], rows[1::2], strict=True):
+        steps = dict.fromkeys(f"{row['mean_steps']:.0f}" for row in pair)
+        values = [", ".join(f"{row[error]:.2f}" for row in pair) for error in _ERRORS]
+        lines.append(f"| {_ending(pair[0])} | {' | '.join([', '.join(steps), *values])} |")
+    return lines
+
+
+def _ending(row: dict[str, Any]) -> str:
+    return {
+        "fixed": "after {steps} steps",
+        "decayed": "after {steps} steps, the rate falling to zero (departure)",
+        "patience": "{patience} steps without coming closer, or {steps} in all",
+    }[row["kind"]].format(**row)
+
+
+def _frame_count(results: dict[str, Any]) -> int:
+    return len(results["clips"]) * results["config"]["frames"]
 
 
 def _draw(axes: Axes, rows: Sequence[dict[str, Any]], error: str) -> None:
@@ -104,7 +107,7 @@ def _draw(axes: Axes, rows: Sequence[dict[str, Any]], error: str) -> None:
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(ScalarFormatter())
     axes.set_xlabel("steps for each frame")
-    axes.set_ylabel(_ERRORS[error])
+    axes.set_ylabel(_ERRORS[error][1])
     if error == "r2":
         axes.set_ylim(-1.0, 1.0)
     else:
