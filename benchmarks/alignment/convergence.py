@@ -45,9 +45,9 @@ class ConvergenceConfig:
     """Motions; none of the held-out ones."""
     start: int = 48
     """First frame of each clip: the synthetic motions begin standing still."""
-    frames: int = 16
+    frames: int = 12
     """Frames of each clip."""
-    steps: tuple[int, ...] = (10, 30, 50, 100, 140, 200, 400, 800, 1600)
+    steps: tuple[int, ...] = (10, 30, 50, 100, 140, 200, 400, 800)
     """Fixed numbers of steps for each frame."""
     decayed_steps: tuple[int, ...] = (50, 140, 400)
     """Numbers of steps over which the rate falls to zero."""
