@@ -42,6 +42,11 @@ class Trainer:
         self._step = tf.function(self._train_on, input_signature=[_batch_signature()])
         self._evaluate = tf.function(self._loss_at_rest, input_signature=[_batch_signature()])
 
+    def trace(self) -> None:
+        """Build both graphs now: Keras does not in two threads at once, where epochs may run."""
+        self._step.get_concrete_function()
+        self._evaluate.get_concrete_function()
+
     def epoch(self, number: int) -> float:
         """Train on every clip once, in an order drawn for this epoch; the mean loss of a clip."""
         count = len(self._clips)

@@ -56,15 +56,15 @@ def markdown(results: dict[str, Any]) -> str:
 def draw_convergence(path: Path, results: dict[str, Any]) -> None:
     """One panel an error, against the steps that a frame took on average."""
     figure = new_figure(
-        11.0,
-        4.4,
+        13.0,
+        4.0,
         title=f"The paper's aligner against its steps, {_frame_count(results)} frames",
         origin="synthetic",
     )
     panels = figure.subplots(1, len(_ERRORS))
     for axes, error in zip(panels, _ERRORS, strict=True):
         _draw(axes, results["rules"], error)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
     save_figure(figure, path)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,16 +112,23 @@ class Evaluation:
         mesh_m = {name: np.full(frames, np.nan, np.float32) for name in PREDICTORS}
         splits: dict[str, Any] = {}
         results = []
-        for sequence in tqdm(sequences, desc="evaluate", unit="sequence", disable=None):
-            errors = {}
-            for index, reference in enumerate(self._applicable(sequence)):
-                into = mesh_m if index == 0 else None
-                sums = self._compare(sequence, reference, into)
-                errors[reference.name] = {name: one.summary() for name, one in sums.items()}
-                pooled = splits.setdefault(sequence.split, {}).setdefault(reference.name, {})
-                for name, one in sums.items():
-                    pooled.setdefault(name, ErrorSums()).merge(one)
-            results.append(_describe(sequence, errors, mesh_m))
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            compared = pool.map(lambda one: self._compare_all(one, mesh_m), sequences)
+            bar = tqdm(
+                zip(sequences, compared, strict=True),
+                desc="evaluate",
+                total=len(sequences),
+                unit="sequence",
+                disable=None,
+            )
+            for sequence, by_reference in bar:
+                errors = {}
+                for reference, sums in by_reference.items():
+                    errors[reference] = {name: one.summary() for name, one in sums.items()}
+                    pooled = splits.setdefault(sequence.split, {}).setdefault(reference, {})
+                    for name, one in sums.items():
+                        pooled.setdefault(name, ErrorSums()).merge(one)
+                results.append(_describe(sequence, errors, mesh_m))
         for name, errors_m in mesh_m.items():
             writer.put(f"mesh_error_{name}", errors_m, "m, mean over vertices")
         writer.record(
@@ -131,6 +140,15 @@ class Evaluation:
             ),
             reading=self._predict.manifest.get("reading"),
         )
+
+    def _compare_all(
+        self, sequence: Sequence, mesh_m: dict[str, NDArray[np.float32]]
+    ) -> dict[str, dict[str, ErrorSums]]:
+        """Errors of one sequence by reference; `mesh_m` receives those against the first."""
+        return {
+            reference.name: self._compare(sequence, reference, None if index else mesh_m)
+            for index, reference in enumerate(self._applicable(sequence))
+        }
 
     def _applicable(self, sequence: Sequence) -> Iterator[Reference]:
         return (r for r in self._references if sequence.name in r.places)

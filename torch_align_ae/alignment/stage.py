@@ -42,9 +42,9 @@ class AlignConfig:
     """Method: `sgd` is the paper's; `robust` keeps the pose from swallowing the dynamics."""
     robust: RobustSettings = field(default_factory=RobustSettings)
     """Settings of `robust`; those below are `sgd`'s."""
-    steps: int = 100
+    steps: int = 140
     """Steps for each frame after a sequence's first (the paper does not say how many). A step
-    moves a joint by a milliradian or so: with 50, jumps and fast limbs are left behind, and beyond
+    moves a joint by a milliradian or so: with 100, jumps and fast limbs are left behind, and beyond
     400 nothing is gained (docs/alignment.md)."""
     first_frame_steps: int = 2000
     """Steps for the pose of a sequence's first frame, its subject's shape being known."""
