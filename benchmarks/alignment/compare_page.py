@@ -58,8 +58,8 @@ the vertices that they move.
 
 {count} sequences of {frames} frames, seed {seed}: {sequences}.
 
-Frames/s: median of {rounds} rounds, turn by turn, from meshes to poses, shapes included; {threads}
-threads of {machine}. Made by `{command}`.
+Frames/s: median of {rounds} rounds (the paper's SGD: one), turn by turn, from meshes to poses,
+shapes included; {threads} threads of {machine}. Made by `{command}`.
 """
 
 
