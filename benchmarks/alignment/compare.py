@@ -1,8 +1,8 @@
 """`python -m benchmarks.alignment.compare --out DIR`: aligners and peers on the same sequences.
 
 Writes DIR/compare_<suite>.json, the same as a table in compare_<suite>.md, and figures. Simulated
-meshes are kept in DIR/sequences: 20 MB and a few seconds each. The results file holds the seconds of
-every round.
+meshes are kept in DIR/sequences: 20 MB and a few seconds each. The results file holds the seconds
+of every round.
 """
 
 from __future__ import annotations
