@@ -1,6 +1,6 @@
-"""Copy a finished report into docs/results and write its numbers into README.md.
+"""Copy finished reports into docs/results and write the numbers of `demo` into README.md.
 
-    python tools/update_readme.py [RUN]       after `./reproduce.sh --profile RUN` (default: demo)
+    python tools/update_readme.py RUN ...       after `./reproduce.sh --run RUN`
 
 The blocks between `<!-- NAME: ... -->` and `<!-- end -->` are generated, never typed;
 `tests/test_readme.py` compares them with docs/results/demo/results.json.
@@ -27,17 +27,22 @@ PREDICTORS = {
 
 
 def main() -> None:
-    """Refresh docs/results/<run> and README.md from runs/<run>/report."""
-    run = sys.argv[1] if len(sys.argv) > 1 else "demo"
-    source, target = ROOT / "runs" / run / "report", ROOT / "docs" / "results" / run
-    shutil.rmtree(target, ignore_errors=True)
-    target.mkdir(parents=True)
-    for name in KEPT:
-        copy = shutil.copytree if (source / name).is_dir() else shutil.copy2
-        copy(source / name, target / name)
-    shutil.copytree(ROOT / "runs" / run / "bench", target / "bench")
+    """Refresh docs/results from the runs that are named on the command line, and README.md."""
+    for run in sys.argv[1:]:
+        keep(ROOT / "runs" / run, ROOT / "docs" / "results" / run)
     readme = ROOT / "README.md"
-    readme.write_text(with_results(readme.read_text(), load_results(run)))
+    readme.write_text(with_results(readme.read_text(), load_results("demo")))
+
+
+def keep(run: Path, target: Path) -> None:
+    """Copy a run's report; and its bench, if it has a newer one than was kept."""
+    target.mkdir(parents=True, exist_ok=True)
+    for source in (*(run / "report" / name for name in KEPT), run / "bench"):
+        if source.is_dir():
+            shutil.rmtree(target / source.name, ignore_errors=True)
+            shutil.copytree(source, target / source.name)
+        elif source.exists():
+            shutil.copy2(source, target / source.name)
 
 
 def load_results(run: str) -> dict[str, Any]:
@@ -67,7 +72,7 @@ def times_block(results: dict[str, Any]) -> str:
     machine = next(iter(stages.values()))["machine"]
     return (
         f"The stages of the run below, without the report, took {minutes:.0f} minutes\n"
-        f"({machine}, no accelerator). The test-suite is kept below ten.\n"
+        f"({machine}, no accelerator), the test-suite about as long.\n"
     )
 
 
