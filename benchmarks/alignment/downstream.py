@@ -20,6 +20,7 @@ from bridge.processes import run_as_process
 
 _READINGS = {"dsnet": "standardised", "dsnet_faithful": "faithful"}
 _SPLITS = {"validation": "held-out sequence", "test": "unseen motions"}
+_TITLES = {"sgd": "the paper's SGD", "robust": "robust"}
 _PAGE = """\
 # DSNet's error by the aligner that it learned from (synthetic data)
 
@@ -67,15 +68,17 @@ def markdown(results: dict[str, Any]) -> str:
         f"{title}, {reading}" for title in _SPLITS.values() for reading in _READINGS.values()
     ]
     lines = [
-        f"| aligner | its offsets, R² | {' | '.join(columns)} |",
+        f"| learned from | its offsets' R² | {' | '.join(columns)} |",
         "|---" + "|---:" * (len(columns) + 1) + "|",
     ]
     for run in results["runs"].values():
         cells = [_pair(run["errors"][s][p]) for s in _SPLITS for p in _READINGS]
-        lines.append(f"| {run['aligner']} | {run['offsets_r2']:.2f} | {' | '.join(cells)} |")
+        lines.append(
+            f"| {_TITLES[run['aligner']]} | {run['offsets_r2']:.3f} | {' | '.join(cells)} |"
+        )
     first = next(iter(results["runs"].values()))
     cells = [_pair(first["errors"][s]["smpl"]) for s in _SPLITS for _ in _READINGS]
-    lines.append(f"| none: SMPL alone | | {' | '.join(cells)} |")
+    lines.append(f"| nothing: SMPL alone | | {' | '.join(cells)} |")
     return _PAGE.format(
         table="\n".join(lines),
         runs=", ".join(f"`{name}`" for name in results["runs"]),

@@ -37,8 +37,10 @@ def test_rows_hold_each_runs_own_numbers(tmp_path, monkeypatch):
     rows = [
         r for r in (tmp_path / "out" / "downstream.md").read_text().splitlines() if r[:1] == "|"
     ]
-    assert rows[2] == "| sgd | 0.50 | 0.50, 0.50 | 1.00, 0.00 | 0.50, 0.50 | 1.00, 0.00 |"
-    assert rows[3].startswith("| robust | 0.50 | 0.10, 0.90 | 0.20, 0.80 |")
+    assert (
+        rows[2] == "| the paper's SGD | 0.500 | 0.50, 0.50 | 1.00, 0.00 | 0.50, 0.50 | 1.00, 0.00 |"
+    )
+    assert rows[3].startswith("| robust | 0.500 | 0.10, 0.90 | 0.20, 0.80 |")
     assert "0.00, 1.00" in rows[4]
 
 
