@@ -43,7 +43,7 @@ class Trainer:
         self._evaluate = tf.function(self._loss_at_rest, input_signature=[_batch_signature()])
 
     def trace(self) -> None:
-        """Build both graphs now: Keras does not in two threads at once, where epochs may run."""
+        """Build both graphs now, so that threads which train side by side only run them."""
         self._step.get_concrete_function()
         self._evaluate.get_concrete_function()
 

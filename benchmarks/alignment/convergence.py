@@ -31,7 +31,7 @@ from torch_align_ae.body import SMPL
 
 @dataclass(frozen=True)
 class ConvergenceConfig:
-    """Align clips with known truth by many stopping rules: about 12 minutes on two cores, 2 GB."""
+    """Align clips with known truth by many stopping rules: about 8 minutes on two cores, 2 GB."""
 
     out: Path
     """Folder that receives convergence.json, .md and .png."""

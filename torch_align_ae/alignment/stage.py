@@ -26,7 +26,7 @@ STAGE = "align"
 class AlignConfig:
     """Align SMPL to every mesh and take the offsets off in the rest pose (Section 3.3, Eq. 5).
 
-    Costs about 0.4 ms of one core per frame and step, and about 1 GB of memory however large the
+    Costs 0.4 to 0.9 ms of one core per frame and step, and about 1 GB of memory however large the
     corpus is. Gives `betas`, `theta`, `offsets` and `frame_error`.
     """
 
@@ -43,9 +43,8 @@ class AlignConfig:
     robust: RobustSettings = field(default_factory=RobustSettings)
     """Settings of `robust`; those below are `sgd`'s."""
     steps: int = 140
-    """Steps for each frame after a sequence's first (the paper does not say how many). A step
-    moves a joint by a milliradian or so: with 100, jumps and fast limbs are left behind, and beyond
-    400 nothing is gained (docs/alignment.md)."""
+    """Steps for each frame after a sequence's first (the paper does not say how many). With
+    50, jumps and fast limbs are left behind, beyond 400 nothing is gained (docs/alignment.md)."""
     first_frame_steps: int = 2000
     """Steps for the pose of a sequence's first frame, its subject's shape being known."""
     shape_steps: int = 8000
