@@ -84,6 +84,26 @@ def test_killed_stage_resumes_bit_identically(encoded_run, monkeypatch, killed_a
             np.testing.assert_array_equal(again[key], array)
 
 
+def test_a_reading_whose_checkpoint_is_behind_catches_up(encoded_run, monkeypatch):
+    train.main(TINY)
+    whole = read_artifact(encoded_run / "train")
+    (encoded_run / "train").rename(encoded_run / "uninterrupted")
+    saves = iter([train.Course.save] * 3)  # killed when one reading is saved after 4 epochs
+
+    def dying_save(self):
+        next(saves, _interrupt)(self)
+
+    def _interrupt(_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(train.Course, "save", dying_save)
+        with pytest.raises(KeyboardInterrupt):
+            train.main(TINY)
+    train.main(TINY)
+    assert read_artifact(encoded_run / "train").content_sha256 == whole.content_sha256
+
+
 def test_unknown_run_is_one_line(runs):
     with pytest.raises(DsnetError, match="unknown run 'nope'") as caught:
         train.main(replace(TINY, run="nope"))
