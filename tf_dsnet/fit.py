@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tf_dsnet.dataset import Clips
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.losses import sum_of_distances
+from tf_dsnet.lstm import BlockLSTM
 from tf_dsnet.model import assign_weights, build_dsnet, named_variables, named_weights
 
 _OPTIMIZER = "adam"
@@ -36,7 +37,7 @@ class Trainer:
         be_reproducible(seed)
         self._clips, self._batch_size, self._seed = clips, batch_size, seed
         self._masked = masked
-        self.model = build_dsnet(masked=masked)
+        self.model = build_dsnet(masked=masked, lstm_layer=BlockLSTM)
         self.optimizer = keras.optimizers.Adam(lr, name=_OPTIMIZER)
         self.optimizer.build(self.model.trainable_variables)
         self._step = tf.function(self._train_on, input_signature=[_batch_signature()])

@@ -14,7 +14,9 @@ LATENT_SIZE = 100
 LSTM_UNITS = 60
 
 
-def build_dsnet(*, masked: bool = False) -> keras.Model:
+def build_dsnet(
+    *, masked: bool = False, lstm_layer: type[keras.layers.LSTM] = keras.layers.LSTM
+) -> keras.Model:
     """Build DSNet (B, T, 79) -> (B, T, 100): 65,140 parameters, 65,020 of them trainable.
 
     Parameters
@@ -23,10 +25,11 @@ def build_dsnet(*, masked: bool = False) -> keras.Model:
         statistics of the batch normalisation. The paper mentions no mask, so the default lets
         them in. The weights are the same in both forms, and so are predictions: the LSTM needs
         no mask, for padding stands at the end and time runs forwards.
+    lstm_layer : Keras's LSTM, or one that computes the same (`tf_dsnet.lstm.BlockLSTM`).
     """
     fc_enc_1 = keras.layers.Dense(64, name="fc_enc_1")
     fc_enc_2 = keras.layers.Dense(128, activation="tanh", name="fc_enc_2")
-    lstm = keras.layers.LSTM(LSTM_UNITS, return_sequences=True, name="lstm")
+    lstm = lstm_layer(LSTM_UNITS, return_sequences=True, name="lstm")
     batch_norm = keras.layers.BatchNormalization(name="batch_norm")
     fc_enc_3 = keras.layers.Dense(LATENT_SIZE, name="fc_enc_3")
 
