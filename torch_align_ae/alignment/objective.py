@@ -117,7 +117,7 @@ class DistanceTo:
         tree = self._objective.tree
         bones = tree.move(shapes.joints, pose, trans)
         distance = self._skin_and_pull(shapes, bones)
-        scale = _inverse(distance)[:, None, None, None]
+        scale = _inverse(distance)[:, None]
         by_carrying, by_bend = self._sums(len(pose))
         joints = tree.gradient(bones, by_carrying * scale, by_bend * scale)
         return Gradient(distance, *joints)
@@ -130,8 +130,8 @@ class DistanceTo:
 
     def _skin_and_pull(self, shapes: Shapes, bones: Bones) -> Tensor:
         """Distances (B,), metres; the derivatives of half their squares are left in the work."""
-        carrying = bones.T_world_rest.permute(0, 3, 2, 1).flatten(0, 2)
-        features = bones.bend[:, 1:].flatten(1)
+        carrying = bones.T_world_rest.permute(2, 1, 0, 3).flatten(0, 2)
+        features = bones.bend[..., 1:].permute(2, 3, 0, 1).flatten(1)
         distances = []
         for work, *parts in zip(
             self._work,
@@ -145,7 +145,7 @@ class DistanceTo:
         return torch.linalg.vector_norm(torch.stack(distances), dim=0)
 
     def _sums(self, count: int) -> tuple[Tensor, Tensor]:
-        """The patches' derivatives by bones (B, 22, 3, 4) and by R - I (B, 21, 3, 3), summed."""
+        """The patches' derivatives by bones (3, 4, B, 22) and by R - I (3, 3, B, 21), summed."""
         by_bones = torch.cat([work.by_bones for work in self._work])
         by_features = torch.cat([work.by_features for work in self._work], 1)
         by_carrying = by_bones.new_zeros(N_JOINTS, count * 12)
@@ -153,8 +153,8 @@ class DistanceTo:
         by_bend = by_features.new_zeros(count, 9 * (N_JOINTS - 1))
         by_bend.index_add_(1, self._features, by_features)
         return (
-            by_carrying.view(N_JOINTS, count, 4, 3).permute(1, 0, 3, 2),
-            by_bend.view(count, N_JOINTS - 1, 3, 3),
+            by_carrying.view(N_JOINTS, count, 4, 3).permute(3, 2, 1, 0),
+            by_bend.view(count, N_JOINTS - 1, 3, 3).permute(2, 3, 0, 1),
         )
 
 

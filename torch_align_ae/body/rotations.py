@@ -72,20 +72,6 @@ def nearest_turns(axis_angle: Tensor, before: Tensor | None = None) -> Tensor:
     return torch.stack(frames)
 
 
-def left_jacobian(axis_angle: Tensor) -> Tensor:
-    """Jacobian (..., 3, 3) that maps a change of the axis-angle vector to a turn in the parent.
-
-    exp(v + dv) = exp(J dv) exp(v) to first order.
-    """
-    squared = axis_angle.square().sum(-1)[..., None, None]
-    cross = cross_matrix(axis_angle)
-    return (
-        torch.eye(3, dtype=axis_angle.dtype, device=axis_angle.device)
-        + _versine_over_square(squared) * cross
-        + _angle_minus_sin_over_cube(squared) * (cross @ cross)
-    )
-
-
 def cross_matrix(vector: Tensor) -> Tensor:
     """Matrices (..., 3, 3) whose product with b is the cross product of `vector` (..., 3) and b."""
     x, y, z = vector.unbind(-1)
@@ -116,12 +102,6 @@ def _versine_over_square(squared: Tensor) -> Tensor:
     small, angle = _split(squared)
     series = 1 / 2 - squared / 24 + squared**2 / 720
     return torch.where(small, series, 2 * (torch.sin(angle / 2) / angle) ** 2)
-
-
-def _angle_minus_sin_over_cube(squared: Tensor) -> Tensor:
-    small, angle = _split(squared)
-    series = 1 / 6 - squared / 120 + squared**2 / 5040
-    return torch.where(small, series, (angle - torch.sin(angle)) / angle**3)
 
 
 def _split(squared: Tensor) -> tuple[Tensor, Tensor]:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from torch_align_ae.alignment.bones import JointTree
 from torch_align_ae.alignment.objective import MeshDistance
 from torch_align_ae.body.kinematics import bone_transforms, tree_levels
-from torch_align_ae.body.rotations import axis_angle_to_matrix
+from torch_align_ae.body.rotations import axial_vector, axis_angle_to_matrix
 
 
 def random_tree(seed):
@@ -23,10 +23,27 @@ def test_bones_are_those_of_the_level_by_level_walk(seed):
     parents, generator = random_tree(seed), torch.Generator().manual_seed(seed)
     joints, pose = torch.randn(2, 2, 9, 3, generator=generator, dtype=torch.float64)
     trans = torch.randn(2, 3, generator=generator, dtype=torch.float64)
-    found = JointTree(parents, torch.float64).move(joints, pose, trans).T_world_rest
+    bones = JointTree(parents, torch.float64).move(joints, pose, trans)
+    found = bones.T_world_rest.permute(2, 3, 0, 1)
     rotations = axis_angle_to_matrix(pose)
     expected = bone_transforms(rotations, joints, tree_levels(parents), trans)
     np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@given(
+    st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda axis: np.linalg.norm(axis) > 0.1),
+    # Around zero, around the least angle that is divided by, around pi and beyond.
+    st.one_of(st.floats(0, 2e-4), st.floats(3.14159, np.pi), st.floats(0, 2 * np.pi)),
+)
+def test_a_bones_jacobian_is_the_derivative_of_its_rotation(axis, angle):
+    pose = torch.from_numpy(np.array(axis) / np.linalg.norm(axis) * angle)
+    at_rest = torch.zeros(1, 1, 3, dtype=torch.float64)
+    bones = JointTree((-1,), torch.float64).move(at_rest, pose.view(1, 1, 3), at_rest[0])
+    rotation = axis_angle_to_matrix(pose)
+    by_pose = torch.autograd.functional.jacobian(axis_angle_to_matrix, pose)
+    spin = torch.einsum("ijk,lj->kil", by_pose, rotation)
+    np.testing.assert_allclose(bones.jacobian[..., 0, 0], axial_vector(spin).T / 2, atol=1e-12)
+    np.testing.assert_allclose(bones.bend[..., 0, 0], rotation - torch.eye(3), atol=1e-12)
 
 
 @pytest.fixture(scope="module")

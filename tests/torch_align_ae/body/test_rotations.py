@@ -8,9 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from torch_align_ae.body.rotations import (
-    axial_vector,
     axis_angle_to_matrix,
-    left_jacobian,
     matrix_to_axis_angle,
     nearest_turns,
 )
@@ -59,15 +57,6 @@ def test_gradient_at_zero_in_float32():
     vector = torch.zeros(2, 3, requires_grad=True)
     (gradient,) = torch.autograd.grad(axis_angle_to_matrix(vector)[..., 2, 1].sum(), vector)
     np.testing.assert_allclose(gradient, [[1, 0, 0]] * 2, atol=1e-7)
-
-
-@given(AXES, ANGLES)
-def test_left_jacobian_is_the_derivative_of_the_exponential(axis, angle):
-    vector = axis_angle(axis, angle)
-    turned = torch.autograd.functional.jacobian(axis_angle_to_matrix, vector)
-    spin = torch.einsum("ijk,lj->ilk", turned, axis_angle_to_matrix(vector))
-    expected = axial_vector(spin.movedim(-1, 0)).T / 2
-    np.testing.assert_allclose(left_jacobian(vector).numpy(), expected.numpy(), atol=1e-12)
 
 
 @given(AXES, st.one_of(st.floats(0, 1e-6), st.floats(0, np.pi), st.floats(3.14159, np.pi)))
