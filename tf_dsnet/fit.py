@@ -29,15 +29,23 @@ class Trainer:
     batch_size : clips in a step; the last step of an epoch takes what is left.
     masked : leave padded frames out of the loss and of the batch normalisation's statistics.
     seed : of the initial weights and of the order of the clips.
+    lstm_layer : what computes the LSTM; Keras's own, which gives the same, takes longer on a CPU.
     """
 
     def __init__(
-        self, clips: Clips, *, lr: float, batch_size: int = 16, masked: bool = False, seed: int = 0
+        self,
+        clips: Clips,
+        *,
+        lr: float,
+        batch_size: int = 16,
+        masked: bool = False,
+        seed: int = 0,
+        lstm_layer: type[keras.layers.LSTM] = BlockLSTM,
     ) -> None:
         be_reproducible(seed)
         self._clips, self._batch_size, self._seed = clips, batch_size, seed
         self._masked = masked
-        self.model = build_dsnet(masked=masked, lstm_layer=BlockLSTM)
+        self.model = build_dsnet(masked=masked, lstm_layer=lstm_layer)
         self.optimizer = keras.optimizers.Adam(lr, name=_OPTIMIZER)
         self.optimizer.build(self.model.trainable_variables)
         self._step = tf.function(self._train_on, input_signature=[_batch_signature()])

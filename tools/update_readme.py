@@ -123,6 +123,7 @@ def speed_block(bench: dict[str, Any]) -> str:
             f"{gflops['mesh_autoencoder']:.0f}, {gflops['gemm']:.0f} GFLOP/s",
         ),
         ("DSNet, one epoch of 67 x 300 frames", f"{tensorflow['epoch_s']:.2f} s"),
+        ("the same with Keras's own LSTM", f"{tensorflow['epoch_keras_lstm_s']:.2f} s"),
         ("DSNet, one streamed frame of 1 character", f"{tensorflow['step_us']['1']:.0f} µs"),
         ("DSNet, one streamed frame of 16 characters", f"{tensorflow['step_us']['16']:.0f} µs"),
     ]

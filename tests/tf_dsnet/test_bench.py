@@ -13,5 +13,6 @@ def test_results_are_written(runs, monkeypatch):
     bench.main(bench.BenchConfig(run="tiny", epochs=1, steps=2))
     results = json.loads((runs / "tiny" / "bench" / "tensorflow.json").read_text())
     assert results["epoch_s"] > 0
+    assert results["epoch_keras_lstm_s"] > 0
     assert results["step_us"].keys() == {"1", "16"}
     assert [path.name for path in (runs / "tiny" / "bench").iterdir()] == ["tensorflow.json"]
