@@ -43,13 +43,15 @@ class Trainer:
         lstm_layer: type[keras.layers.LSTM] = BlockLSTM,
     ) -> None:
         be_reproducible(seed)
-        self._clips, self._batch_size, self._seed = clips, batch_size, seed
-        self._masked = masked
+        # On the device once; a step takes its rows there.
+        self._clips, self._count = _tensors(clips), len(clips)
+        self._batch_size, self._seed, self._masked = batch_size, seed, masked
         self.model = build_dsnet(masked=masked, lstm_layer=lstm_layer)
         self.optimizer = keras.optimizers.Adam(lr, name=_OPTIMIZER)
         self.optimizer.build(self.model.trainable_variables)
-        self._step = tf.function(self._train_on, input_signature=[_batch_signature()])
-        self._evaluate = tf.function(self._loss_at_rest, input_signature=[_batch_signature()])
+        # Unknown sizes, so that the last, smaller batch does not build a second graph.
+        self._step = tf.function(self._train_on, input_signature=[tf.TensorSpec([None], tf.int32)])
+        self._evaluate = tf.function(self._loss_at_rest, input_signature=[_any_clips()])
 
     def trace(self) -> None:
         """Build both graphs now, so that threads which train side by side only run them."""
@@ -58,22 +60,21 @@ class Trainer:
 
     def epoch(self, number: int) -> float:
         """Train on every clip once, in an order drawn for this epoch; the mean loss of a clip."""
-        count = len(self._clips)
-        order = np.random.default_rng([self._seed, number]).permutation(count)
-        batches = np.split(order, range(self._batch_size, count, self._batch_size))
-        losses = [self._step(_batch(self._clips, batch)) for batch in batches]
+        order = np.random.default_rng([self._seed, number]).permutation(self._count)
+        batches = np.split(order, range(self._batch_size, self._count, self._batch_size))
+        losses = [self._step(tf.constant(batch, tf.int32)) for batch in batches]
         return float(np.average([loss.numpy() for loss in losses], weights=[*map(len, batches)]))
 
     def loss(self, clips: Clips) -> float:
         """Mean loss of a clip with the batch normalisation's running statistics."""
-        return float(self._evaluate(_batch(clips, np.arange(len(clips)))).numpy())
+        return float(self._evaluate(_tensors(clips)).numpy())
 
     def gradients(self) -> tuple[float, dict[str, NDArray]]:
         """Loss of all clips in one batch, and its gradient by every weight that is trained.
 
         The running statistics move on, as in a step of training.
         """
-        loss, gradients = self._loss_and_gradients(_batch(self._clips, np.arange(len(self._clips))))
+        loss, gradients = self._loss_and_gradients(self._clips)
         trainable = {id(variable) for variable in self.model.trainable_variables}
         names = [n for n, v in named_variables(self.model).items() if id(v) in trainable]
         return float(loss), {n: g.numpy() for n, g in zip(names, gradients, strict=True)}
@@ -92,7 +93,8 @@ class Trainer:
         paths = {variable.path for variable in own}
         assign_weights(self.model, {k: array for k, array in state.items() if k not in paths})
 
-    def _train_on(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
+    def _train_on(self, rows: tf.Tensor) -> tf.Tensor:
+        batch = {name: tf.gather(tensor, rows) for name, tensor in self._clips.items()}
         loss, gradients = self._loss_and_gradients(batch)
         self.optimizer.apply(gradients, self.model.trainable_variables)
         return loss
@@ -111,13 +113,12 @@ class Trainer:
         return sum_of_distances(batch["latents"], predicted, real if self._masked else None)
 
 
-def _batch(clips: Clips, rows: NDArray) -> dict[str, tf.Tensor]:
+def _tensors(clips: Clips) -> dict[str, tf.Tensor]:
     arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
-    return {name: tf.constant(array[rows]) for name, array in arrays.items()}
+    return {name: tf.constant(array) for name, array in arrays.items()}
 
 
-def _batch_signature() -> dict[str, tf.TensorSpec]:
-    # Unknown sizes, so that the last, smaller batch does not build a second graph.
+def _any_clips() -> dict[str, tf.TensorSpec]:
     return {
         "motion": tf.TensorSpec((None, None, 79), keras.config.floatx()),
         "latents": tf.TensorSpec((None, None, 100), keras.config.floatx()),

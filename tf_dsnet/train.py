@@ -25,7 +25,7 @@ STAGE = "train"
 class TrainConfig:
     """Train DSNet on the training sequences, once for each reading of the paper.
 
-    Costs half a second or less an epoch of both for 40 sequences of 300 frames on two cores, 1 GB.
+    Costs a quarter of a second an epoch of both for 40 sequences of 300 frames on two cores, 1 GB.
     Gives weights and losses of every reading. The weights of the last epoch are kept: choosing
     the epoch that suits the validation sequence best would make its error a training error.
     """

@@ -10,7 +10,8 @@ from torch import Tensor
 
 from torch_align_ae.alignment.objective import MeshDistance, Shapes
 from torch_align_ae.alignment.sgd import Descending, Descent
-from torch_align_ae.alignment.tracking import in_groups
+from torch_align_ae.alignment.threads import workers
+from torch_align_ae.alignment.tracking import groups
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,9 @@ def track(objective: MeshDistance, clips: Clips, rule: Rule, descent: Descent) -
             found.append((pose, trans, steps))
         return tuple(torch.stack(parts, 1) for parts in zip(*found, strict=True))
 
-    groups = in_groups(len(clips.pose), follow)
-    return Tracked(*(torch.cat(parts) for parts in zip(*groups, strict=True)))
+    with workers() as pool:
+        found = list(pool.map(follow, groups(len(clips.pose))))
+    return Tracked(*(torch.cat(parts) for parts in zip(*found, strict=True)))
 
 
 @torch.inference_mode()

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+from filelock import FileLock, Timeout
 
 from bridge.errors import DsnetError
 from bridge.exchange.artifact import (
@@ -71,22 +74,58 @@ class Run:
             and the next call with the same inputs finds its checkpoints there.
         upstream : mapping of name to Artifact or path of an input file
             Their content digests enter the manifest and decide whether the stage is current.
+
+        Raises
+        ------
+        DsnetError
+            If another process is making this stage of this run.
         """
         settings = {key: _plain(value) for key, value in asdict(config).items() if key != "run"}
         digests = {name: _digest(source) for name, source in upstream.items()}
-        target = self.path / stage
-        if (target / MANIFEST).is_file():
-            finished = read_artifact(target)
-            if (finished.manifest["config"], finished.manifest["upstream"]) == (settings, digests):
-                return finished
-        fingerprint = json_sha256([SCHEMA_VERSION, stage, settings, digests])
-        writer = ArtifactWriter(target, stage, data=data, fingerprint=fingerprint)
+        if current := self._current(stage, settings, digests):
+            return current
+        with self._alone(stage):
+            # Another process may have made it since.
+            if current := self._current(stage, settings, digests):
+                return current
+            fingerprint = json_sha256([SCHEMA_VERSION, stage, settings, digests])
+            writer = ArtifactWriter(self.path / stage, stage, data=data, fingerprint=fingerprint)
+            try:
+                make(writer)
+            except DsnetError:
+                writer.discard()
+                raise
+            return writer.finish(config=settings, upstream=digests)
+
+    def _current(
+        self, stage: str, settings: dict[str, Any], digests: dict[str, str]
+    ) -> Artifact | None:
+        """The finished artifact of `stage`, if it was made from the same."""
+        if not (self.path / stage / MANIFEST).is_file():
+            return None
+        finished = read_artifact(self.path / stage)
+        made_from = finished.manifest["config"], finished.manifest["upstream"]
+        return finished if made_from == (settings, digests) else None
+
+    @contextmanager
+    def _alone(self, stage: str) -> Iterator[None]:
+        """Keep other processes out of `stage`; the system lets go when a process is killed."""
+        # Not in the run's folder, which a refused input leaves as it was.
+        locks = runs_root() / ".locks"
+        locks.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(locks / f"{self.name}.{stage}")
         try:
-            make(writer)
-        except DsnetError:
-            writer.discard()
-            raise
-        return writer.finish(config=settings, upstream=digests)
+            lock.acquire(blocking=False)
+        except Timeout:
+            raise DsnetError(
+                f"stage {stage!r} of run {self.name!r}, which another process is making",
+                "one process at a time",
+                "Wait until it has ended, or pass another --run.",
+            ) from None
+        try:
+            yield
+        finally:
+            lock.release()
 
 
 def _digest(source: Artifact | Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -22,15 +23,19 @@ from bridge.exchange import (
     to_manifest,
     unpack_theta,
 )
+from torch_align_ae.alignment.crew import Crew, crew
 from torch_align_ae.alignment.fitted import AlignedArrays
 from torch_align_ae.alignment.objective import MeshDistance
 from torch_align_ae.alignment.sgd import Descent, fit_pose, fit_shape_and_pose, rigid_start
-from torch_align_ae.alignment.tracking import FRAMES_PER_WINDOW, Track, follow, in_groups
+from torch_align_ae.alignment.threads import one_arithmetic_thread
+from torch_align_ae.alignment.tracking import FRAMES_PER_WINDOW, Track, follow, groups
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import DynaReader
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
 _WORST_FIRST_FRAME_M = 0.2
+# Fewer steps of a body, about a minute of one core, are done before more processes have begun.
+_STEPS_WORTH_A_CREW = 100_000
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,24 @@ class _State:
     """First frame, within each sequence, that is not yet written."""
 
 
+@dataclass(frozen=True)
+class _FirstFrames:
+    """First frames of some sequences, their shapes being known."""
+
+    betas: Tensor
+    """(B, 10)."""
+    targets: Tensor
+    """(B, 3 V) from `MeshDistance.arrange`."""
+    steps: int
+    descent: Descent
+
+
+def _fit_first_frames(objective: MeshDistance, first: _FirstFrames) -> tuple[Tensor, Tensor]:
+    shapes = objective.shapes(first.betas)
+    start = rigid_start(objective, shapes, first.targets)
+    return fit_pose(objective, shapes, start, first.targets, first.steps, first.descent)
+
+
 class CorpusFit:
     """One corpus to align; `write` fills the artifact.
 
@@ -79,61 +102,58 @@ class CorpusFit:
 
     def write(self, writer: ArtifactWriter) -> None:
         """Write `betas`, `theta`, `offsets` and `frame_error`, or the part that is missing."""
-        state = _load(writer)
-        if state is None:
-            state = self._first_frames()
-            _save(writer, state)
-        tracks = [self._track(index, state.betas) for index in range(len(self._sequences))]
-        longest = max(track.length for track in tracks)
-        with self._progress(state.next_frame) as progress:
-            while state.next_frame < longest:
-                self._write_window(writer, tracks, state, progress)
+        with crew(self._objective, self._hands()) as workers:
+            state = _load(writer)
+            if state is None:
+                state = self._first_frames(workers)
                 _save(writer, state)
+            tracks = [self._track(index, state.betas) for index in range(len(self._sequences))]
+            longest = max(track.length for track in tracks)
+            with self._progress(state.next_frame) as progress:
+                while state.next_frame < longest:
+                    self._write_window(writer, workers, tracks, state, progress)
+                    _save(writer, state)
         self._open_arrays(writer)
         writer.put("betas", state.betas, "1")
         writer.record(sequences=to_manifest(self._sequences))
 
-    def _first_frames(self) -> _State:
+    def _hands(self) -> int:
+        steps = self._effort.frame * sum(sequence.length for sequence in self._sequences)
+        if steps < _STEPS_WORTH_A_CREW:
+            return 1
+        return min(os.cpu_count() or 1, len(groups(len(self._sequences))))
+
+    def _first_frames(self, workers: Crew[MeshDistance]) -> _State:
         """Shape of every subject, and pose of every sequence's first frame."""
         first = [self._reader.frames(sequence.name, 0, 1)[0] for sequence in self._sequences]
         meshes = torch.from_numpy(np.stack(first))
         targets = self._objective.arrange(meshes)
         leading = [self._subject_of.index(row) for row in self._row_of_subject.values()]
         betas, *lead = self._fit_shapes(targets[leading])
-        pose, trans = self._fit_first_poses(betas[self._subject_of], targets)
+        pose, trans = self._fit_first_poses(workers, betas[self._subject_of], targets)
         pose[leading], trans[leading] = lead
         self._check_first_frames(betas[self._subject_of], pose, trans, meshes)
         return _State(betas.numpy(), pack_theta(pose.numpy(), trans.numpy()), 0)
 
-    def _fit_shapes(self, targets: Tensor) -> list[Tensor]:
-        steps = self._effort.shape * len(targets)
-        with tqdm(total=steps, desc="shapes", unit="step", disable=None) as progress:
-
-            def fit(rows: list[int]) -> tuple[Tensor, Tensor, Tensor]:
-                return fit_shape_and_pose(
-                    self._objective,
-                    targets[rows],
-                    self._effort.shape,
-                    self._descent,
-                    lambda: progress.update(len(rows)),
-                )
-
-            return _concatenate(in_groups(len(targets), fit))
-
-    def _fit_first_poses(self, betas: Tensor, targets: Tensor) -> list[Tensor]:
-        def fit(rows: list[int]) -> tuple[Tensor, Tensor]:
-            shapes = self._objective.shapes(betas[rows])
-            start = rigid_start(self._objective, shapes, targets[rows])
-            return fit_pose(
-                self._objective,
-                shapes,
-                start,
-                targets[rows],
-                self._effort.first_frame,
-                self._descent,
+    def _fit_shapes(self, targets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        steps = self._effort.shape
+        # A step of few subjects takes its time between operations: one core does them all at once.
+        with (
+            one_arithmetic_thread(),
+            tqdm(total=steps, desc="shapes", unit="step", disable=None) as progress,
+        ):
+            return fit_shape_and_pose(
+                self._objective, targets, steps, self._descent, progress.update
             )
 
-        return _concatenate(in_groups(len(targets), fit))
+    def _fit_first_poses(
+        self, workers: Crew[MeshDistance], betas: Tensor, targets: Tensor
+    ) -> list[Tensor]:
+        firsts = [
+            _FirstFrames(betas[rows], targets[rows], self._effort.first_frame, self._descent)
+            for rows in groups(len(targets))
+        ]
+        return _concatenate(workers.map(_fit_first_frames, firsts))
 
     def _check_first_frames(
         self, betas: Tensor, pose: Tensor, trans: Tensor, meshes: Tensor
@@ -159,12 +179,17 @@ class CorpusFit:
         return Track(read, sequence.length, shape)
 
     def _write_window(
-        self, writer: ArtifactWriter, tracks: list[Track], state: _State, progress: tqdm
+        self,
+        writer: ArtifactWriter,
+        workers: Crew[MeshDistance],
+        tracks: list[Track],
+        state: _State,
+        progress: tqdm,
     ) -> None:
         arrays = self._open_arrays(writer)
         pose, trans = (torch.from_numpy(part.copy()) for part in unpack_theta(state.theta))
         for fitted in follow(
-            self._objective,
+            workers,
             tracks,
             state.next_frame,
             (pose, trans),

@@ -46,14 +46,21 @@ class Workers:
 @contextmanager
 def workers() -> Iterator[Workers]:
     """As many threads as cores for the time of a `with` block."""
+    with (
+        one_arithmetic_thread(),
+        ThreadPoolExecutor(
+            os.cpu_count(), initializer=torch.set_num_threads, initargs=(1,)
+        ) as pool,
+    ):
+        yield Workers(pool)
+
+
+@contextmanager
+def one_arithmetic_thread() -> Iterator[None]:
+    """For the time of a `with` block PyTorch computes on one core for each Python thread."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        with ThreadPoolExecutor(os.cpu_count(), initializer=_one_arithmetic_thread) as pool:
-            yield Workers(pool)
+        yield
     finally:
         torch.set_num_threads(threads)
-
-
-def _one_arithmetic_thread() -> None:
-    torch.set_num_threads(1)

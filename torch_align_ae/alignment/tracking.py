@@ -9,25 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from torch_align_ae.alignment.crew import Crew
 from torch_align_ae.alignment.fitted import Fitted, measure
 from torch_align_ae.alignment.objective import MeshDistance
 from torch_align_ae.alignment.sgd import Descent, fit_pose
-from torch_align_ae.alignment.threads import workers
 
 # Read, fitted and written between two checkpoints: two chunks of the corpus's files.
 FRAMES_PER_WINDOW = 32
 
 # Fewer bodies waste time between operations, many more fall out of the cache (measured: 20-60).
 _BODIES_PER_GROUP = 40
-
-_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -42,8 +39,30 @@ class Track:
     """(10,) shape of its subject."""
 
 
+@dataclass(frozen=True)
+class Window:
+    """Consecutive frames of a group of sequences, and what their fit begins with."""
+
+    tracks: list[int]
+    """Which sequences, longest first."""
+    start: int
+    """First frame, counted within each sequence."""
+    meshes: list[Tensor]
+    """(n, V, 3) of each sequence, metres; n may differ."""
+    betas: Tensor
+    """(B, 10) shapes."""
+    pose: Tensor
+    """(B, 22, 3) of the frame before the first, radians."""
+    trans: Tensor
+    """(B, 3) of the frame before the first, metres."""
+    steps: int
+    """For each frame."""
+    descent: Descent
+    """How to descend."""
+
+
 def follow(
-    objective: MeshDistance,
+    crew: Crew[MeshDistance],
     tracks: list[Track],
     start: int,
     before: tuple[Tensor, Tensor],
@@ -54,6 +73,7 @@ def follow(
 
     Parameters
     ----------
+    crew : who fits the groups.
     tracks : all sequences.
     start : first frame of the window. Frame 0 is taken as fitted already.
     before : pose (N, 22, 3) and translation (N, 3) of frame `start - 1` of each sequence, or of
@@ -68,61 +88,51 @@ def follow(
     # Longest first, so that those that end together share a group.
     active.sort(key=lambda index: -tracks[index].length)
 
-    def work(rows: list[int]) -> list[Fitted]:
+    def window(rows: list[int]) -> Window:
         group = [active[row] for row in rows]
-        return _follow_group(objective, tracks, start, before, steps, descent, group)
+        meshes = [_read(tracks[index], start) for index in group]
+        betas = torch.stack([tracks[index].betas for index in group])
+        pose, trans = before[0][group], before[1][group]
+        return Window(group, start, meshes, betas, pose, trans, steps, descent)
 
-    for results in in_groups(len(active), work):
-        yield from results
-
-
-def in_groups(count: int, work: Callable[[list[int]], _Result]) -> Iterator[_Result]:
-    """Results of `work` on groups of the rows 0 to `count`, in order, computed in threads."""
-    with workers() as pool:
-        yield from pool.map(work, _groups(count))
+    for fitted in crew.map(fit_window, map(window, groups(len(active)))):
+        yield from fitted
 
 
-def _groups(count: int) -> list[list[int]]:
-    """Groups of nearly equal size, an even number of them so that two cores end together."""
+def groups(count: int) -> list[list[int]]:
+    """The rows 0 to `count` in groups of nearly equal size.
+
+    An even number of them, so that two cores end together.
+    """
     number = min(count, 2 * math.ceil(count / (2 * _BODIES_PER_GROUP)))
     return [group.tolist() for group in np.array_split(np.arange(count), max(number, 1))]
 
 
-def _follow_group(
-    objective: MeshDistance,
-    tracks: list[Track],
-    start: int,
-    before: tuple[Tensor, Tensor],
-    steps: int,
-    descent: Descent,
-    group: list[int],
-) -> list[Fitted]:
-    lengths = [min(FRAMES_PER_WINDOW, tracks[index].length - start) for index in group]
-    meshes = [
-        torch.from_numpy(tracks[index].read(start, start + length))
-        for index, length in zip(group, lengths, strict=True)
-    ]
-    betas = torch.stack([tracks[index].betas for index in group])
-    poses = before[0].new_zeros(len(group), max(lengths), *before[0].shape[1:])
-    translations = before[1].new_zeros(len(group), max(lengths), 3)
-    pose, trans = before[0][group], before[1][group]
-    shapes = objective.shapes(betas)
+def _read(track: Track, start: int) -> Tensor:
+    return torch.from_numpy(track.read(start, min(start + FRAMES_PER_WINDOW, track.length)))
+
+
+def fit_window(objective: MeshDistance, window: Window) -> list[Fitted]:
+    """Fit frame after frame of all sequences of a window at once."""
+    lengths = [len(mesh) for mesh in window.meshes]
+    pose, trans = window.pose, window.trans
+    poses = pose.new_zeros(len(pose), max(lengths), *pose.shape[1:])
+    translations = trans.new_zeros(len(trans), max(lengths), 3)
+    shapes = objective.shapes(window.betas)
     for frame in range(max(lengths)):
         # Sorted by length, so the sequences that go on are the first ones.
         going = sum(length > frame for length in lengths)
         pose, trans = pose[:going], trans[:going]
-        if start + frame > 0:
-            target = objective.arrange(torch.stack([mesh[frame] for mesh in meshes[:going]]))
+        if window.start + frame > 0:
+            target = objective.arrange(torch.stack([m[frame] for m in window.meshes[:going]]))
             pose, trans = fit_pose(
                 objective,
                 shapes.rows(slice(going)),
                 (pose, trans),
                 target,
-                steps,
-                descent,
+                window.steps,
+                window.descent,
             )
         poses[:going, frame], translations[:going, frame] = pose, trans
-    return [
-        measure(objective.smpl, index, start, betas[row], poses[row], translations[row], mesh)
-        for row, (index, mesh) in enumerate(zip(group, meshes, strict=True))
-    ]
+    rows = zip(window.tracks, window.betas, poses, translations, window.meshes, strict=True)
+    return [measure(objective.smpl, track, window.start, *row) for track, *row in rows]

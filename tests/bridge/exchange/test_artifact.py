@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,6 +157,39 @@ def test_a_refused_input_leaves_nothing_behind(tmp_path, monkeypatch):
     with pytest.raises(DsnetError):
         Run("r").build("stage", Config(), refuse, data="synthetic", upstream={})
     assert not list((tmp_path / "r").iterdir())
+
+
+def test_a_stage_is_made_by_one_process_at_a_time(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    other = subprocess.Popen(
+        [sys.executable, "-c", MAKING_FOR_EVER], stdout=subprocess.PIPE, stdin=subprocess.DEVNULL
+    )
+    with other:
+        try:
+            assert other.stdout is not None
+            assert other.stdout.readline() == b"making\n"
+            with pytest.raises(DsnetError, match=r"'stage' of run 'r', which another process"):
+                build(Config(), [])
+            assert (tmp_path / "r" / ".stage.partial" / "checkpoints" / "frame").exists()
+        finally:
+            other.kill()
+    # What was killed holds nothing any more.
+    assert build(Config(), []).array("x")[0] == 1.0
+
+
+MAKING_FOR_EVER = """
+import time
+from dataclasses import make_dataclass
+from bridge.exchange import Run
+
+def make(writer):
+    (writer.checkpoints / "frame").write_text("7")
+    print("making", flush=True)
+    time.sleep(600)
+
+Config = make_dataclass("Config", [("run", str, "r"), ("seed", int, 0)])
+Run("r").build("stage", Config(), make, data="synthetic", upstream={})
+"""
 
 
 def test_unknown_run_names_the_known_ones(tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 
 import h5py
 import numpy as np
@@ -117,6 +118,15 @@ def test_windows_leave_no_trace(runs, config, monkeypatch):
     _, found = aligned(dataclasses.replace(config, run="short"))
     for name, array in expected.items():
         np.testing.assert_allclose(found[name], array, atol=1e-3)
+
+
+def test_processes_give_the_same_bits(runs, config, monkeypatch):
+    _, expected = aligned(config)
+    monkeypatch.setattr(corpus_fit, "_STEPS_WORTH_A_CREW", 0)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    _, found = aligned(dataclasses.replace(config, run="processes"))
+    for name, array in expected.items():
+        np.testing.assert_array_equal(found[name], array)
 
 
 def test_current_result_is_kept(runs, config, monkeypatch):
