@@ -1,8 +1,8 @@
-"""`python -m benchmarks.alignment.downstream --out DIR`: what DSNet learns from each aligner.
+"""`python -m benchmarks.alignment.downstream --out DIR`: what DSNet learns from what it is given.
 
-Compares finished runs on one synthetic corpus that differ in the aligner only. All errors are
-against the simulated truth: what is left between predicted and true mesh in the same pose, measured
-at rest.
+Compares finished runs on synthetic data that differ in the aligner only, or in the corpus only. All
+errors are against the simulated truth: what is left between predicted and true mesh in the same
+pose, measured at rest.
 """
 
 from __future__ import annotations
@@ -11,34 +11,36 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from bridge.errors import DsnetError
-from bridge.exchange import Run
+from bridge.exchange import Run, sequences_of
 from bridge.exchange.artifact import write_text_atomically
 from bridge.processes import run_as_process
 
-_READINGS = {"dsnet": "standardised", "dsnet_faithful": "faithful"}
+_PREDICTORS = {"dsnet": "standardised", "dsnet_faithful": "faithful", "smpl": "SMPL alone"}
 _SPLITS = {"validation": "held-out sequence", "test": "unseen motions"}
 _TITLES = {"sgd": "the paper's SGD", "robust": "robust"}
 _PAGE = """\
-# DSNet's error by the aligner that it learned from (synthetic data)
+# DSNet's error by the {varies} that it learned from (synthetic data)
 
 {table}
 
 Mean distance from the simulated truth in millimetres and, after the comma, R², whose 0 is SMPL
-alone. Same corpus, seeds and settings but for the aligner; runs: {runs}. Made by `{command}`.
+alone. Same seeds and settings but for the {varies}; runs: {runs}. Made by `{command}`.
 """
 
 
 @dataclass(frozen=True)
 class DownstreamConfig:
-    """Tabulate finished runs that differ in their aligner."""
+    """Tabulate finished runs that differ in one thing."""
 
     out: Path
-    """Folder that receives downstream.json and downstream.md."""
+    """Folder that receives by_aligner.json and by_aligner.md, or by_corpus.*."""
     runs: tuple[str, ...] = ("demo", "demo_robust")
     """Runs that went as far as `evaluate`."""
+    varies: Literal["aligner", "corpus"] = "aligner"
+    """In what they differ."""
 
 
 def main(config: DownstreamConfig) -> dict[str, Any]:
@@ -47,39 +49,36 @@ def main(config: DownstreamConfig) -> dict[str, Any]:
     Raises
     ------
     DsnetError
-        If a run is not evaluated, or they differ in more than the aligner.
+        If a run is not evaluated, or they differ in more than that.
     """
     runs = {name: _described(Run(name)) for name in config.runs}
-    _check_alike(runs)
+    _check_alike(runs, config.varies)
     results = {
         "data": "synthetic",
+        "varies": config.varies,
         "runs": runs,
         "command": ["python", "-m", "benchmarks.alignment.downstream", *sys.argv[1:]],
     }
     config.out.mkdir(parents=True, exist_ok=True)
-    write_text_atomically(config.out / "downstream.json", json.dumps(results, indent=1) + "\n")
-    write_text_atomically(config.out / "downstream.md", markdown(results))
+    path = config.out / f"by_{config.varies}"
+    write_text_atomically(path.with_suffix(".json"), json.dumps(results, indent=1) + "\n")
+    write_text_atomically(path.with_suffix(".md"), markdown(results))
     return results
 
 
 def markdown(results: dict[str, Any]) -> str:
-    """A page with one table: a row for each aligner, and SMPL alone."""
-    columns = [
-        f"{title}, {reading}" for title in _SPLITS.values() for reading in _READINGS.values()
-    ]
+    """A page with one table: a row for each run."""
+    columns = [f"{title}, {name}" for title in _SPLITS.values() for name in _PREDICTORS.values()]
     lines = [
         f"| learned from | its offsets' R² | {' | '.join(columns)} |",
         "|---" + "|---:" * (len(columns) + 1) + "|",
     ]
     for run in results["runs"].values():
-        cells = [_pair(run["errors"][s][p]) for s in _SPLITS for p in _READINGS]
-        lines.append(
-            f"| {_TITLES[run['aligner']]} | {run['offsets_r2']:.3f} | {' | '.join(cells)} |"
-        )
-    first = next(iter(results["runs"].values()))
-    cells = [_pair(first["errors"][s]["smpl"]) for s in _SPLITS for _ in _READINGS]
-    lines.append(f"| nothing: SMPL alone | | {' | '.join(cells)} |")
+        title = _TITLES[run["aligner"]] if results["varies"] == "aligner" else run["learned_from"]
+        cells = [_pair(run["errors"][s][p]) for s in _SPLITS for p in _PREDICTORS]
+        lines.append(f"| {title} | {run['offsets_r2']:.3f} | {' | '.join(cells)} |")
     return _PAGE.format(
+        varies=results["varies"],
         table="\n".join(lines),
         runs=", ".join(f"`{name}`" for name in results["runs"]),
         command=" ".join(results["command"]),
@@ -95,10 +94,15 @@ def _described(run: Run) -> dict[str, Any]:
             "a run on the synthetic corpus",
             "Make one with ./reproduce.sh --run NAME.",
         )
-    kept = (*_READINGS, "autoencoder", "smpl")
+    learned = [s for s in sequences_of(run.artifact("align")) if s.split == "train"]
+    kept = (*_PREDICTORS, "autoencoder")
     return {
         "aligner": aligned["config"]["aligner"],
         "corpus": aligned["upstream"]["corpus"],
+        "learned_from": (
+            f"{len({s.motion for s in learned})} motions, {len(learned)} sequences,"
+            f" {sum(s.length for s in learned)} frames"
+        ),
         "settings": {s: run.artifact(s).manifest["config"] for s in ("train-ae", "train")},
         "offsets_r2": evaluated["alignment"]["offsets"]["r2"],
         "errors": {
@@ -108,13 +112,13 @@ def _described(run: Run) -> dict[str, Any]:
     }
 
 
-def _check_alike(runs: dict[str, dict[str, Any]]) -> None:
-    for key in ("corpus", "settings"):
+def _check_alike(runs: dict[str, dict[str, Any]], varies: str) -> None:
+    for key in {"corpus", "aligner", "settings"} - {varies}:
         found = {json.dumps(run[key], sort_keys=True) for run in runs.values()}
         if len(found) > 1:
             raise DsnetError(
                 f"runs {', '.join(runs)} that differ in their {key}",
-                "runs that differ in the aligner only",
+                f"runs that differ in the {varies} only",
                 "Make them with the same profile and seed.",
             )
 

@@ -67,7 +67,7 @@ class TrainAutoencoderConfig:
 
 PROFILES: dict[str, TrainAutoencoderConfig] = {
     "smoke": TrainAutoencoderConfig(run="smoke", steps=10, patience=0, validation_frames=128),
-    "demo": TrainAutoencoderConfig(run="demo", steps=100, patience=0, validation_frames=512),
+    "demo": TrainAutoencoderConfig(run="demo", steps=70, patience=0, validation_frames=512),
     "paper": TrainAutoencoderConfig(
         run="paper", reading="measured", comparisons=("literal", "sequence_split")
     ),

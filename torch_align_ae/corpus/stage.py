@@ -87,7 +87,7 @@ PROFILES: dict[str, CorpusConfig] = {
             "jumping_jacks",
             "running_on_spot",
         ),
-        mean_frames=180,
+        mean_frames=160,
         mosh_seconds=4.0,
     ),
     "paper": CorpusConfig(),

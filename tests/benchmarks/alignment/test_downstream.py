@@ -1,4 +1,4 @@
-"""What DSNet learns from each aligner, read from finished runs."""
+"""What DSNet learns from each aligner or corpus, read from finished runs."""
 
 from __future__ import annotations
 
@@ -8,10 +8,18 @@ import pytest
 
 from benchmarks.alignment.downstream import DownstreamConfig, main
 from bridge.errors import DsnetError
-from bridge.exchange import Run, write_artifact
+from bridge.exchange import Run, Sequence, to_manifest, write_artifact
+
+SEQUENCES = [
+    Sequence("50004_hips", "50004", "hips", 0, 40, 60.0, "train"),
+    Sequence("50004_knees", "50004", "knees", 40, 30, 60.0, "train"),
+    Sequence("50020_hips", "50020", "hips", 70, 20, 60.0, "validation"),
+]
 
 
-def leave_run(name: str, aligner: str, error_mm: float, splits=("validation", "test"), seed=0):
+def leave_run(
+    name: str, aligner: str, error_mm: float, splits=("validation", "test"), seed=0, corpus="c0"
+):
     """A run with the manifests of a finished one."""
 
     def leave(stage: str, **contents):
@@ -23,7 +31,12 @@ def leave_run(name: str, aligner: str, error_mm: float, splits=("validation", "t
     }
     evaluated = {split: {"truth": errors} for split in splits}
     leave("evaluate", splits=evaluated, alignment={"offsets": {"r2": 0.5}})
-    leave("align", config={"aligner": aligner}, upstream={"corpus": "c0"})
+    leave(
+        "align",
+        config={"aligner": aligner},
+        upstream={"corpus": corpus},
+        sequences=to_manifest(SEQUENCES),
+    )
     leave("train-ae", config={"seed": 0})
     leave("train", config={"seed": seed})
 
@@ -33,20 +46,36 @@ def test_rows_hold_each_runs_own_numbers(tmp_path, monkeypatch):
     leave_run("a", "sgd", 0.5)
     leave_run("b", "robust", 0.1)
     results = main(DownstreamConfig(tmp_path / "out", ("a", "b")))
-    assert json.loads((tmp_path / "out" / "downstream.json").read_text()) == results
-    rows = [
-        r for r in (tmp_path / "out" / "downstream.md").read_text().splitlines() if r[:1] == "|"
+    assert json.loads((tmp_path / "out" / "by_aligner.json").read_text()) == results
+    assert rows(tmp_path / "out" / "by_aligner.md") == [
+        "| the paper's SGD | 0.500 | 0.50, 0.50 | 1.00, 0.00 | 0.00, 1.00 | 0.50, 0.50 | 1.00, 0.00"
+        " | 0.00, 1.00 |",
+        "| robust | 0.500 | 0.10, 0.90 | 0.20, 0.80 | 0.00, 1.00 | 0.10, 0.90 | 0.20, 0.80"
+        " | 0.00, 1.00 |",
     ]
-    assert (
-        rows[2] == "| the paper's SGD | 0.500 | 0.50, 0.50 | 1.00, 0.00 | 0.50, 0.50 | 1.00, 0.00 |"
-    )
-    assert rows[3].startswith("| robust | 0.500 | 0.10, 0.90 | 0.20, 0.80 |")
-    assert "0.00, 1.00" in rows[4]
+
+
+def test_corpora_are_named_by_what_is_learned_from_them(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
+    leave_run("a", "robust", 0.5)
+    leave_run("b", "robust", 0.1, corpus="c1")
+    main(DownstreamConfig(tmp_path / "out", ("a", "b"), varies="corpus"))
+    first, second = rows(tmp_path / "out" / "by_corpus.md")
+    assert first.startswith("| 2 motions, 2 sequences, 70 frames | 0.500 | 0.50, 0.50 |")
+    assert second.startswith("| 2 motions, 2 sequences, 70 frames | 0.500 | 0.10, 0.90 |")
+
+
+def rows(page) -> list[str]:
+    return [line for line in page.read_text().splitlines() if line[:1] == "|"][2:]
 
 
 @pytest.mark.parametrize(
     ("second", "words"),
-    [({"seed": 1}, "differ in their settings"), ({"splits": ("test",)}, "without errors against")],
+    [
+        ({"seed": 1}, "differ in their settings"),
+        ({"corpus": "c1"}, "differ in their corpus"),
+        ({"splits": ("test",)}, "without errors against"),
+    ],
 )
 def test_runs_that_cannot_be_compared_are_one_line(tmp_path, monkeypatch, second, words):
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
