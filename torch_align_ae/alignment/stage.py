@@ -26,7 +26,7 @@ STAGE = "align"
 class AlignConfig:
     """Align SMPL to every mesh and take the offsets off in the rest pose (Section 3.3, Eq. 5).
 
-    Costs 0.4 to 0.9 ms of one core per frame and step, and about 1 GB of memory however large the
+    Costs 0.4 to 0.9 ms of one core per frame and step, and about 1.5 GB of memory however large the
     corpus is. Gives `betas`, `theta`, `offsets` and `frame_error`.
     """
 
