@@ -77,10 +77,10 @@ def test_no_tensor_another_shape_type_or_no_number_is_as_far_as_can_be(found):
     ("dtype", "place", "error", "passed"),
     [
         # One number at a kink; one wrong number; rounding everywhere; too much of it everywhere.
-        ("float32", 877, 4e-4, True),
+        ("float32", 877, 4e-3, True),
         ("float32", 877, 1.0, False),
-        ("float32", slice(None), 5e-5, True),
-        ("float32", slice(None), 2e-4, False),
+        ("float32", slice(None), 5e-4, True),
+        ("float32", slice(None), 2e-3, False),
         ("float64", 877, 4e-4, False),
     ],
 )
@@ -105,8 +105,8 @@ def test_zeros_must_be_zeros():
         ("weights after 10", "float64", 1e-10),
         ("layers", "float32", 1e-5),
         ("loss", "float32", 1e-5),
-        ("gradients", "float32", 1e-4),
-        ("weights after 1", "float32", 1e-4),
+        ("gradients", "float32", 1e-3),
+        ("weights after 1", "float32", 1e-3),
         ("files", "float32", 0.0),
     ],
 )
