@@ -72,7 +72,7 @@ def times_block(results: dict[str, Any]) -> str:
     machine = next(iter(stages.values()))["machine"]
     return (
         f"The stages of the run below, without the report, took {minutes:.0f} minutes\n"
-        f"({machine}, no accelerator), the test-suite about ten.\n"
+        f"({machine}, no accelerator), the test-suite about as long.\n"
     )
 
 

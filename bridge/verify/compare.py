@@ -9,7 +9,6 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.verify.protocol import DTypeName
 from bridge.verify.tolerances import tolerance_of
@@ -32,11 +31,11 @@ class Row:
     max_abs: float
     """Largest difference of all the part's tensors."""
     max_rel: float
-    """Largest difference relative to the scale of its own tensor, both in the tolerance's norm."""
+    """Largest difference relative to the scale of its own tensor."""
     tensor: str
     """Where `max_rel` is."""
     index: tuple[int, ...]
-    """Place of the largest difference in that tensor."""
+    """Its place in that tensor."""
     tolerance: float
     passed: bool
     first: str = ""
@@ -138,16 +137,6 @@ def _difference(name: str, read_expected: Read, read_found: Read, dtype: DTypeNa
     # A NaN is as far away as can be, and may not hide behind a comparison that is false.
     apart[~np.isfinite(apart)] = np.inf
     place = np.unravel_index(np.argmax(apart), apart.shape)
-    largest = float(apart[place])
-    size = _largest if tolerance_of(part_of(name), dtype).norm == "max" else _root_mean_square
-    difference, scale = size(apart), size(expected)
-    relative = difference / scale if scale and np.isfinite(largest) else np.inf if largest else 0.0
+    largest, scale = float(apart[place]), float(np.abs(expected).max())
+    relative = largest / scale if scale and np.isfinite(largest) else np.inf if largest else 0.0
     return Difference(name, largest, relative, tuple(int(k) for k in place))
-
-
-def _largest(array: NDArray[np.float64]) -> float:
-    return float(np.abs(array).max())
-
-
-def _root_mean_square(array: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(np.square(array))))

@@ -4,7 +4,7 @@ A joint feels the force and the torque of everything that hangs on it, as in rig
 
 Vectors and matrices stand component first, (3, B, J) and (3, 3, B, J), so that each operation
 runs over all joints of the batch in one sweep: on matrices of 3 x 3 side by side PyTorch takes
-five times as long.
+far longer.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ from torch_align_ae.corpus.dyna_files import DynaReader
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
 _WORST_FIRST_FRAME_M = 0.2
-# Fewer steps of a body, about a minute of one core, are done before more processes have begun.
+# For fewer steps of a body, less than a minute of one core, processes are not worth their start.
 _STEPS_WORTH_A_CREW = 100_000
 
 

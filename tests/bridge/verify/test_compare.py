@@ -73,25 +73,6 @@ def test_no_tensor_another_shape_type_or_no_number_is_as_far_as_can_be(found):
     assert row.max_rel == np.inf
 
 
-@pytest.mark.parametrize(
-    ("dtype", "place", "error", "passed"),
-    [
-        # One number at a kink; one wrong number; rounding everywhere; too much of it everywhere.
-        ("float32", 877, 4e-3, True),
-        ("float32", 877, 1.0, False),
-        ("float32", slice(None), 5e-4, True),
-        ("float32", slice(None), 2e-3, False),
-        ("float64", 877, 4e-4, False),
-    ],
-)
-def test_single_numbers_count_by_their_share_in_float32_gradients(dtype, place, error, passed):
-    expected = {"grad/bias": np.random.default_rng(0).choice([-1.0, 1.0], 100_000)}
-    found = {"grad/bias": expected["grad/bias"].astype(dtype)}
-    found["grad/bias"][place] += np.array(error, dtype)
-    (row,) = compare("check", "torch", dtype, list(expected), expected.get, found.get)
-    assert row.passed == passed
-
-
 def test_zeros_must_be_zeros():
     zeros, tiny = {"grad/a": np.zeros(2)}, {"grad/a": np.array([0.0, 1e-300])}
     assert rows_of(zeros, zeros)[0].passed
@@ -105,8 +86,8 @@ def test_zeros_must_be_zeros():
         ("weights after 10", "float64", 1e-10),
         ("layers", "float32", 1e-5),
         ("loss", "float32", 1e-5),
-        ("gradients", "float32", 1e-3),
-        ("weights after 1", "float32", 1e-3),
+        ("gradients", "float32", 1e-4),
+        ("weights after 1", "float32", 1e-4),
         ("files", "float32", 0.0),
     ],
 )
