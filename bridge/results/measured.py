@@ -14,6 +14,9 @@ from bridge.results.comparison import Measured
 
 Stages = Mapping[str, Artifact]
 
+_PEOPLE = {"female": "women", "male": "men"}
+_ONE_GENDER = "one gender at a time, like the paper's own training"
+
 
 def parameter_counts(stages: Stages) -> dict[str, int]:
     """Parameters that the training stages counted on the built models."""
@@ -25,10 +28,13 @@ def parameter_counts(stages: Stages) -> dict[str, int]:
     }
 
 
-def measure(stages: Stages) -> dict[str, Measured]:
-    """Ours for each of `bridge.paper.NUMBERS`, with the reason where it departs."""
+def measure(stages: Stages, gender: str) -> dict[str, Measured]:
+    """Ours for each of `bridge.paper.NUMBERS`, with the reason where it departs.
+
+    `gender` is that of the run's body model.
+    """
     return {
-        **_data(stages),
+        **_data(stages, gender),
         **_sizes(stages),
         **_alignment(stages),
         **_autoencoder(stages),
@@ -37,7 +43,7 @@ def measure(stages: Stages) -> dict[str, Measured]:
     }
 
 
-def _data(stages: Stages) -> dict[str, Measured]:
+def _data(stages: Stages, gender: str) -> dict[str, Measured]:
     sequences = sequences_of(stages["align"])
     tests = [s for s in sequences_of(stages["predict"]) if s.split == "test"]
     subjects = subjects_of(sequences)
@@ -45,15 +51,12 @@ def _data(stages: Stages) -> dict[str, Measured]:
     lengths = [s.length for s in sequences]
     durations_s = [s.length / s.fps for s in sequences]
     smaller = f"this run's corpus has {len(sequences)} sequences"
-    gender = "one gender at a time, like the paper's own training"
     return {
         "subjects": Measured(len(subjects), smaller),
-        "subjects_total": Measured(len(subjects), gender),
+        "subjects_total": Measured(len(subjects), _ONE_GENDER),
         "motions_per_subject": Measured((min(per_subject), max(per_subject)), smaller),
-        "sequences_women": Measured(len(sequences), "this run's corpus is smaller"),
-        "sequences_men": Measured(None, gender),
-        "mosh_sequences_women": Measured(len(tests), "this run's held-out set is smaller"),
-        "mosh_sequences_men": Measured(None, gender),
+        **_of_gender(gender, "sequences", len(sequences), "this run's corpus is smaller"),
+        **_of_gender(gender, "mosh_sequences", len(tests), "this run's held-out set is smaller"),
         "dyna_fps": Measured(sequences[0].fps, "the files' rate"),
         "mosh_fps": _mosh_rate(stages),
         "duration_s": Measured(
@@ -69,6 +72,14 @@ def _data(stages: Stages) -> dict[str, Measured]:
             "set by the run, or not among its sequences",
         ),
     }
+
+
+def _of_gender(gender: str, quantity: str, count: int, why: str) -> dict[str, Measured]:
+    """The paper counts women's sequences and men's; a run has those of its body model."""
+    counts = {f"{quantity}_{people}": Measured(None, _ONE_GENDER) for people in _PEOPLE.values()}
+    if gender in _PEOPLE:
+        counts[f"{quantity}_{_PEOPLE[gender]}"] = Measured(count, why)
+    return counts
 
 
 def _mosh_rate(stages: Stages) -> Measured:

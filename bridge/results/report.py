@@ -94,7 +94,7 @@ def _make(writer: ArtifactWriter, scene: Scene, run_name: str) -> None:
     plans = plan_figures(scene)
     for plan in tqdm(plans, desc="figures", unit="figure", disable=None):
         plan.draw(writer.file_path(f"figures/{plan.name}.png"))
-    results = summarise(scene.stages, run_name)
+    results = summarise(scene.stages, run_name, scene.body.gender)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"
     writer.file_path("results.json").write_text(text, encoding="utf-8")
     markdown = render_markdown(

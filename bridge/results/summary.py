@@ -19,8 +19,11 @@ PREDICTOR_NAMES = {
 }
 
 
-def summarise(stages: Stages, run_name: str) -> dict[str, Any]:
-    """The contents of `results.json`; lengths in millimetres where the key says so."""
+def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
+    """The contents of `results.json`; lengths in millimetres where the key says so.
+
+    `gender` is that of the run's body model.
+    """
     evaluate = stages["evaluate"].manifest
     train_ae, train = stages["train-ae"].manifest, stages["train"].manifest
     summary = {
@@ -43,7 +46,7 @@ def summarise(stages: Stages, run_name: str) -> dict[str, Any]:
             "parameters_trainable": train["parameters"].get("dsnet_trainable"),
         },
         "verification": verification(stages),
-        "paper": [asdict(row) for row in compare(measure(stages))],
+        "paper": [asdict(row) for row in compare(measure(stages, gender))],
         "stages": {name: _stage(artifact.manifest) for name, artifact in stages.items()},
     }
     return _without_nan(summary)

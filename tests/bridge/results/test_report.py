@@ -10,7 +10,9 @@ import shutil
 import pytest
 
 from bridge import DsnetError
+from bridge.exchange import read_artifact
 from bridge.results import evaluate, report
+from bridge.results.measured import measure
 from bridge.results.panels import FOOTERS, new_figure
 
 TINY = report.ReportConfig(run="forged", samples=1, panel_px=48)
@@ -72,6 +74,17 @@ def test_results_hold_the_numbers(folder):
     assert verdicts["parameters of the autoencoder"] == "same"
     assert verdicts["Dyna sequences, women"].startswith("differs: ")
     assert verdicts["parameters of DSNet"] == "paper does not say"
+
+
+def test_sequences_are_counted_among_their_own_gender(folder):
+    finished = folder.parent
+    stages = {path.name: read_artifact(path) for path in finished.iterdir() if path != folder}
+    for gender, counted in [("female", "women"), ("male", "men"), ("neutral", "nobody")]:
+        ours = measure(stages, gender)
+        for people in ("women", "men"):
+            expected = (3, 1) if people == counted else (None, None)
+            keys = f"sequences_{people}", f"mosh_sequences_{people}"
+            assert tuple(ours[key].value for key in keys) == expected
 
 
 def test_tables_are_the_results(folder):
