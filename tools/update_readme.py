@@ -15,6 +15,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from bridge.exchange import Run
+
 ROOT = Path(__file__).parents[1]
 KEPT = ("report.md", "results.json", "figures")
 PREDICTORS = {
@@ -29,7 +31,7 @@ PREDICTORS = {
 def main() -> None:
     """Refresh docs/results from the runs that are named on the command line, and README.md."""
     for run in sys.argv[1:]:
-        keep(ROOT / "runs" / run, ROOT / "docs" / "results" / run)
+        keep(Run(run).path, ROOT / "docs" / "results" / run)
     readme = ROOT / "README.md"
     readme.write_text(with_results(readme.read_text(), load_results("demo")))
 
@@ -72,7 +74,7 @@ def times_block(results: dict[str, Any]) -> str:
     machine = next(iter(stages.values()))["machine"]
     return (
         f"The stages of the run below, without the report, took {minutes:.0f} minutes\n"
-        f"({machine}, no accelerator), the test-suite about as long.\n"
+        f"({machine}, no accelerator), the test-suite takes less.\n"
     )
 
 
