@@ -36,7 +36,7 @@ R² against the simulated truth, whose 0 is SMPL alone: of the offsets as they a
 more slowly than {split_hz:g} Hz, of what changes faster; and the slow part's share of the squared
 error. All sequences of a motion together. Runs: {runs}. Made by `{command}`.
 
-![Mean offset over time](unseen_motions.png)
+![Size of the offsets over time](unseen_motions.png)
 """
 
 
@@ -93,7 +93,7 @@ def main(config: UnseenConfig) -> dict[str, Any]:
     Raises
     ------
     DsnetError
-        If a run has no truth or no unseen motions.
+        If a run has no truth or no unseen motions, or the first none of `subject`.
     """
     runs = {name: _Unseen(Run(name)) for name in config.runs}
     drawn = next(iter(runs.values())).of_subject(config.subject)

@@ -11,16 +11,16 @@ from benchmarks.unseen_motions import UnseenConfig, main
 from bridge.errors import DsnetError
 from bridge.exchange import Run, Sequence, to_manifest, write_artifact
 
-LEARNED = Sequence("50004_hips", "50004", "hips", 0, 5, 60.0, "train")
-UNSEEN = Sequence("99001_kicking", "99001", "kicking", 5, 120, 60.0, "test")
 FRAMES, FPS = 120, 60.0
+LEARNED = Sequence("50004_hips", "50004", "hips", 0, 5, FPS, "train")
+UNSEEN = Sequence("99001_kicking", "99001", "kicking", 5, FRAMES, FPS, "test")
 _SECONDS = np.arange(FRAMES)[:, None, None] / FPS
 SWING_M = 1e-3 * np.sin(2 * np.pi * 5 * _SECONDS) * np.ones((1, 4, 3))
 
 
 def leave_run(name: str, predicted_m: np.ndarray, sequences=(LEARNED, UNSEEN)) -> None:
     """A run whose unseen motion swings by a millimetre, five times a second."""
-    before = np.zeros((5, 4, 3))
+    before = np.zeros((LEARNED.length, 4, 3))
     truth = np.concatenate([before, SWING_M]).astype(np.float32)
     predicted = np.concatenate([before, predicted_m]).astype(np.float32)
     arrays = {

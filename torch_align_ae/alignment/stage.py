@@ -26,8 +26,8 @@ STAGE = "align"
 class AlignConfig:
     """Align SMPL to every mesh and take the offsets off in the rest pose (Section 3.3, Eq. 5).
 
-    Costs 0.4 to 0.9 ms of one core per frame and step, and about 1.5 GB of memory however large the
-    corpus is. Gives `betas`, `theta`, `offsets` and `frame_error`.
+    Costs 0.4 to 0.9 ms of one core per frame and step; memory does not grow with the
+    corpus. Gives `betas`, `theta`, `offsets` and `frame_error`.
     """
 
     run: str = "demo"
