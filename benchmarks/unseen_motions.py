@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 
 from bridge.errors import DsnetError
-from bridge.exchange import Artifact, Run, Sequence, sequences_of
-from bridge.exchange.artifact import write_text_atomically
-from bridge.processes import run_as_process
-from bridge.results.metrics import ErrorSums
-from bridge.results.panels import new_figure, save_figure
+from bridge.measure.metrics import ErrorSums
+from bridge.motion import MotionSequence, sequences_of
+from bridge.report.panels import new_figure, save_figure
+from bridge.runs import Artifact, Run
+from bridge.runs.artifact import write_text_atomically
+from bridge.runs.processes import run_as_process
 
 _READINGS = {"offsets": "standardised", "offsets_faithful": "faithful"}
 _PAGE = """\
@@ -150,18 +151,18 @@ class _Unseen:
                 "Make one with ./reproduce.sh --run NAME.",
             )
 
-    def of_subject(self, subject: str) -> list[Sequence]:
+    def of_subject(self, subject: str) -> list[MotionSequence]:
         """One person's unseen motions; DsnetError if there are none."""
         if own := [sequence for sequence in self.sequences if sequence.subject == subject]:
             return own
         known = sorted({sequence.subject for sequence in self.sequences})
         raise DsnetError(f"--subject {subject}", f"one of {', '.join(known)}", "Check its name.")
 
-    def true_m(self, sequence: Sequence) -> NDArray:
+    def true_m(self, sequence: MotionSequence) -> NDArray:
         """Offsets (T, V, 3)."""
         return _frames(self._truth, "offsets", sequence)
 
-    def predicted_m(self, array: str, sequence: Sequence) -> NDArray:
+    def predicted_m(self, array: str, sequence: MotionSequence) -> NDArray:
         """Offsets (T, V, 3) of one reading."""
         return _frames(self._decode, array, self._places[sequence.name])
 
@@ -179,11 +180,11 @@ class _Unseen:
                 found[motion][reading] = parts.summary()
         return found
 
-    def _true_size_m(self, sequence: Sequence) -> float:
+    def _true_size_m(self, sequence: MotionSequence) -> float:
         return float(_size_m(self.true_m(sequence)).mean())
 
 
-def _frames(artifact: Artifact, array: str, sequence: Sequence) -> NDArray:
+def _frames(artifact: Artifact, array: str, sequence: MotionSequence) -> NDArray:
     return np.asarray(artifact.array(array)[sequence.frames])
 
 
@@ -192,7 +193,7 @@ def _size_m(offsets_m: NDArray) -> NDArray:
     return np.linalg.norm(offsets_m, axis=-1).mean(-1)
 
 
-def _draw(path: Path, runs: dict[str, _Unseen], drawn: list[Sequence]) -> None:
+def _draw(path: Path, runs: dict[str, _Unseen], drawn: list[MotionSequence]) -> None:
     title = f"Size of the offsets over time, subject {drawn[0].subject}"
     figure = new_figure(4.2 * len(drawn), 3.4, title=title, origin="synthetic")
     axes = figure.subplots(1, len(drawn), squeeze=False)[0]
@@ -210,7 +211,7 @@ def _draw(path: Path, runs: dict[str, _Unseen], drawn: list[Sequence]) -> None:
 
 
 def _plot(
-    axis: Axes, offsets_m: NDArray, sequence: Sequence, label: str, colour: str | None = None
+    axis: Axes, offsets_m: NDArray, sequence: MotionSequence, label: str, colour: str | None = None
 ) -> None:
     seconds = np.arange(len(offsets_m)) / sequence.fps
     axis.plot(seconds, 1e3 * _size_m(offsets_m), label=label, color=colour)

@@ -7,8 +7,8 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
-from bridge.exchange import Run
-from bridge.processes import run_module
+from bridge.runs import Run
+from bridge.runs.processes import run_module
 
 
 @dataclass(frozen=True)

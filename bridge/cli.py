@@ -15,19 +15,28 @@ from collections.abc import Sequence
 import tyro
 
 from bridge.errors import DsnetError
-from bridge.processes import exit_with_one_line
+from bridge.runs.processes import exit_with_one_line
 
 COMMANDS = {
-    "corpus": ("torch_align_ae.corpus.stage", "Make the synthetic corpus in the real formats."),
-    "align": ("torch_align_ae.alignment.stage", "Fit SMPL to the meshes; unpose the offsets."),
-    "train-ae": ("torch_align_ae.autoencoder.stage_train", "Train the mesh autoencoder."),
+    "corpus": (
+        "torch_align_ae.corpus.stage_corpus",
+        "Make the synthetic corpus in the real formats.",
+    ),
+    "align": (
+        "torch_align_ae.alignment.stage_align",
+        "Fit SMPL to meshes; unpose the offsets.",
+    ),
+    "train-ae": ("torch_align_ae.autoencoder.stage_train_ae", "Train the mesh autoencoder."),
     "encode": ("torch_align_ae.autoencoder.stage_encode", "Encode the offsets as latents."),
-    "train": ("tf_dsnet.train", "Train DSNet on latents and motions."),
-    "predict": ("bridge.predict", "Predict latents; with --motion, a moving body."),
+    "train": ("tf_dsnet.stage_train", "Train DSNet on latents and motions."),
+    "predict": ("bridge.runtime.stage_predict", "Predict latents; with --motion, a moving body."),
     "decode": ("torch_align_ae.autoencoder.stage_decode", "Decode latents to offsets."),
-    "evaluate": ("bridge.results.evaluate", "Measure errors against meshes and references."),
-    "report": ("bridge.results.report", "Draw the figures and write the report."),
-    "verify": ("bridge.verify.stage", "Compare NumPy, PyTorch, Keras and ONNX layer by layer."),
+    "evaluate": ("bridge.measure.stage_evaluate", "Measure errors against meshes and references."),
+    "report": ("bridge.report.stage_report", "Draw the figures and write the report."),
+    "verify": (
+        "bridge.verify.stage_verify",
+        "Compare NumPy, PyTorch, Keras, ONNX by layer.",
+    ),
     "bench": ("bridge.bench", "Time the networks against their limits and peers."),
 }
 PROFILES = ("smoke", "demo", "paper")

@@ -5,12 +5,31 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 N_VERTICES = 6890
+"""Vertices of SMPL's template, N (Section 3.2)."""
 N_JOINTS = 22
-THETA_SIZE = 69
+"""Joints of the pose vector, K: SMPL's without the hands (Section 3.2)."""
+THETA_SIZE = 3 * N_JOINTS + 3
+"""Width of theta: axis-angle of every joint, then the root's translation (Section 3.2)."""
 N_BETAS = 10
+"""Shape coefficients (Section 4.3)."""
+INPUT_SIZE = N_BETAS + THETA_SIZE
+"""Width of DSNet's input at each step: betas, then theta (Section 5)."""
 LATENT_SIZE = 100
+"""Numbers that the autoencoder keeps of a mesh (Section 4.1, Figure 3)."""
+DSNET_WIDTHS = {"fc_enc_1": 64, "fc_enc_2": 128, "lstm": 60, "fc_enc_3": LATENT_SIZE}
+"""Outputs of DSNet's layers (Section 5)."""
+CASAS_OTADUY_WIDTHS = (3 * N_VERTICES, 6000, 3000, LATENT_SIZE)
+"""Inputs, then outputs of the encoder's layers of Casas and Otaduy (Section 5)."""
+INFERRED_WIDTHS = (N_VERTICES, 2000, 1300, 300, 30)
+"""Vertices after each convolution of the mesh autoencoder; inferred from the paper's total."""
+ALTERNATIVE_WIDTHS = (N_VERTICES, 2000, 1250, 400, 20)
+"""The other natural choice with exactly the paper's number of parameters."""
+FEATURES = (3, 4, 9)
+"""Coordinates, then the features of each vertex after the autoencoder's two linear layers."""
 CLIP_FRAMES = 300
+"""Frames to which motions are padded or clipped (Section 5)."""
 VALIDATION_SEQUENCE = "50004_one_leg_jump"
+"""The sequence that the paper shows and never trains on (Section 6)."""
 
 Value = int | float | str | tuple[int | float, ...]
 

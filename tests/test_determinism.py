@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from bridge.exchange.artifact import file_sha256
+from bridge.runs.artifact import file_sha256
 
 AUTOENCODER = """
 import sys, numpy, torch
 from pathlib import Path
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import Normaliser
-from torch_align_ae.autoencoder.splits import split_frames
+from bridge.motion.splits import split_frames
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
 
 torch.manual_seed(0)
@@ -28,8 +28,8 @@ Training(network, normaliser, offsets, split_frames(100, 0), plan, Path(sys.argv
 DSNET = """
 import sys, numpy
 from bridge.exchange import save_weights
-from tf_dsnet.dataset import Clips
-from tf_dsnet.fit import Trainer
+from bridge.motion.clips import Clips
+from tf_dsnet.trainer import Trainer
 
 rng = numpy.random.default_rng(0)
 motion, latents = (rng.standard_normal((20, 300, size), numpy.float32) for size in (79, 100))

@@ -43,7 +43,7 @@ def test_no_source_file_imports_the_other_side(package):
     [
         ("bridge.cli", "torch tensorflow keras"),
         ("bridge.exchange", "torch tensorflow keras"),
-        ("bridge.predict", "torch tensorflow keras"),
+        ("bridge.runtime.stage_predict", "torch tensorflow keras"),
         ("torch_align_ae", "tensorflow keras"),
         ("tf_dsnet", "torch"),
     ],

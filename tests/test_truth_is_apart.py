@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-MAKES_IT = "torch_align_ae/corpus/stage.py"
-READS_IT = "bridge/results/evaluate.py"
-LISTS_ITS_WALL_TIME = "bridge/results/report.py"
+MAKES_IT = "torch_align_ae/corpus/stage_corpus.py"
+READS_IT = "bridge/measure/stage_evaluate.py"
+LISTS_ITS_WALL_TIME = "bridge/report/stage_report.py"
 
 
 def test_no_other_module_names_the_truth_artifact():
@@ -23,7 +23,6 @@ def test_no_other_module_names_the_truth_artifact():
 
 
 def test_the_report_asks_the_truth_for_no_array():
-    results = (ROOT / "bridge" / "results").glob("*.py")
-    others = [path for path in results if path.name != "evaluate.py"]
+    others = list((ROOT / "bridge" / "report").glob("*.py"))
     assert others
     assert not any('["truth"].array' in path.read_text() for path in others)

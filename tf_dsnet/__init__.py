@@ -3,19 +3,26 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from tf_dsnet.stream import StreamingPredictor
+from bridge.runtime.streaming import StreamingPredictor
 
 if TYPE_CHECKING:
     from tf_dsnet.codec import load_codec
-    from tf_dsnet.mesh_autoencoder import MeshAutoencoder
+    from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder
     from tf_dsnet.model import build_dsnet
-    from tf_dsnet.smpl import SMPL
+    from tf_dsnet.smpl import KerasSMPL
     from tf_dsnet.unposing import unpose
 
-__all__ = ["SMPL", "MeshAutoencoder", "StreamingPredictor", "build_dsnet", "load_codec", "unpose"]
+__all__ = [
+    "KerasMeshAutoencoder",
+    "KerasSMPL",
+    "StreamingPredictor",
+    "build_dsnet",
+    "load_codec",
+    "unpose",
+]
 _NEED_TENSORFLOW = {
-    "SMPL": "smpl",
-    "MeshAutoencoder": "mesh_autoencoder",
+    "KerasSMPL": "smpl",
+    "KerasMeshAutoencoder": "mesh_autoencoder",
     "build_dsnet": "model",
     "load_codec": "codec",
     "unpose": "unposing",

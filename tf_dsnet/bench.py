@@ -12,16 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange import INPUT_SIZE, N_BETAS, THETA_SIZE, Run
-from bridge.exchange.artifact import write_text_atomically
-from bridge.processes import run_as_process
-from tf_dsnet.dataset import Clips
-from tf_dsnet.fit import Trainer
+from bridge.exchange.dsnet_presets import Scaling, TrainedDsnet
+from bridge.motion.clips import Clips
+from bridge.paper import INPUT_SIZE, N_BETAS, THETA_SIZE
+from bridge.runs import Run
+from bridge.runs.artifact import write_text_atomically
+from bridge.runs.processes import run_as_process
+from bridge.runtime.streaming import StreamingPredictor
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.lstm import BlockLSTM
 from tf_dsnet.model import LATENT_SIZE, build_dsnet, named_weights
-from tf_dsnet.readings import Reading, Scaling
-from tf_dsnet.stream import StreamingPredictor
+from tf_dsnet.trainer import Trainer
 
 SEQUENCES, FRAMES = 67, 300
 """Size of the paper's female training data (Table 1, Section 5)."""
@@ -29,7 +30,7 @@ _WARM_UPS = 2
 
 
 @dataclass(frozen=True)
-class BenchConfig:
+class KerasBenchConfig:
     """Time DSNet on random data; costs half a minute."""
 
     run: str = "demo"
@@ -42,10 +43,12 @@ class BenchConfig:
     """Streaming steps to time, after two that are not."""
 
 
-PROFILES: dict[str, BenchConfig] = {name: BenchConfig() for name in ("smoke", "demo", "paper")}
+PROFILES: dict[str, KerasBenchConfig] = {
+    name: KerasBenchConfig() for name in ("smoke", "demo", "paper")
+}
 
 
-def main(config: BenchConfig) -> None:
+def main(config: KerasBenchConfig) -> None:
     """Measure and write the results."""
     rng = np.random.default_rng(config.seed)
     path = Run(config.run).path / "bench" / "tensorflow.json"
@@ -88,7 +91,7 @@ def time_epoch(rng: np.random.Generator, epochs: int) -> dict[str, float]:
 
 def time_step(rng: np.random.Generator, characters: int, steps: int) -> float:
     """Median microseconds of one streaming step of several characters."""
-    reading = Reading("faithful", named_weights(build_dsnet()), Scaling.identity())
+    reading = TrainedDsnet("faithful", named_weights(build_dsnet()), Scaling.identity())
     predictor = StreamingPredictor(reading)
     theta, betas = _normal(rng, characters, THETA_SIZE), _normal(rng, characters, N_BETAS)
     return 1e6 * _median_s(lambda: predictor.step(theta, betas), steps)
@@ -109,4 +112,4 @@ def _seconds(function: Callable[[], object]) -> float:
 
 
 if __name__ == "__main__":
-    run_as_process(BenchConfig, main)
+    run_as_process(KerasBenchConfig, main)

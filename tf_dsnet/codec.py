@@ -11,19 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange import Artifact, load_weights
+from bridge.exchange import load_weights
+from bridge.runs import Artifact
 from tf_dsnet.framework import Tensor, tf
-from tf_dsnet.mesh_autoencoder import MeshAutoencoder, assign_weights
+from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, assign_weights
 
 WEIGHTS_FILE = "autoencoder.safetensors"
 _BATCH = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Codec:
+class KerasCodec:
     """Encoder and decoder on NumPy arrays; any number of frames in bounded memory."""
 
-    network: MeshAutoencoder
+    network: KerasMeshAutoencoder
     mean_m: NDArray[np.floating]
     """(V, 3), metres, subtracted from offsets."""
     scale_m: NDArray[np.floating]
@@ -46,7 +47,7 @@ class Codec:
         return values * self.scale_m + self.mean_m
 
 
-def load_codec(artifact: Artifact, name: str = WEIGHTS_FILE) -> Codec:
+def load_codec(artifact: Artifact, name: str = WEIGHTS_FILE) -> KerasCodec:
     """Load the codec of a finished `train-ae` stage.
 
     Raises
@@ -57,10 +58,10 @@ def load_codec(artifact: Artifact, name: str = WEIGHTS_FILE) -> Codec:
     return read_codec(artifact.file(name), artifact.manifest["architecture"])
 
 
-def read_codec(path: Path, architecture: Mapping[str, Any]) -> Codec:
+def read_codec(path: Path, architecture: Mapping[str, Any]) -> KerasCodec:
     """Load a codec from its weights and the network's widths and activation."""
     arrays = load_weights(path)
-    network = MeshAutoencoder(**architecture)
+    network = KerasMeshAutoencoder(**architecture)
     shape = (network.widths[0], 3)
     normaliser = [arrays.pop(f"normaliser.{name}", np.empty(0)) for name in ("mean_m", "scale_m")]
     if odd := [array.shape for array in normaliser if array.shape != shape]:
@@ -71,7 +72,7 @@ def read_codec(path: Path, architecture: Mapping[str, Any]) -> Codec:
         )
     weights = {name.removeprefix("model."): array for name, array in arrays.items()}
     assign_weights(network.model, weights)
-    return Codec(network, *normaliser)
+    return KerasCodec(network, *normaliser)
 
 
 def _in_batches(function: Callable[[Tensor], Tensor], values: NDArray) -> NDArray:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from bridge.exchange import load_weights, save_weights
-from tf_dsnet.dataset import Clips
-from tf_dsnet.fit import Trainer
+from bridge.motion.clips import Clips
+from tf_dsnet.trainer import Trainer
 
 
 class Course:

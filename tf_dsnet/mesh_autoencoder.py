@@ -31,7 +31,7 @@ class LeakyReLU(keras.layers.LeakyReLU):
         return tf.where(inputs > 0, inputs, self.negative_slope * inputs)
 
 
-class MeshAutoencoder:
+class KerasMeshAutoencoder:
     """The paper's mesh autoencoder (Section 4.1, Figure 3); works on normalised offsets.
 
     Its weights come from PyTorch (`assign_weights`); fresh ones are Keras's own.
@@ -134,14 +134,14 @@ class MeshAutoencoder:
 
 
 def named_weights(model: keras.Model) -> dict[str, NDArray]:
-    """Copies of all weights of `MeshAutoencoder.model` in PyTorch's names and layout."""
+    """Copies of all weights of `KerasMeshAutoencoder.model` in PyTorch's names and layout."""
     return mesh_autoencoder_from_keras(
         {name: variable.numpy() for name, variable in named_variables(model).items()}
     )
 
 
 def assign_weights(model: keras.Model, weights: Mapping[str, NDArray]) -> None:
-    """Set all weights of `MeshAutoencoder.model` from arrays named as by PyTorch.
+    """Set all weights of `KerasMeshAutoencoder.model` from arrays named as by PyTorch.
 
     Raises
     ------

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange import INPUT_SIZE
+from bridge.paper import INPUT_SIZE
 from tf_dsnet.framework import keras
 
 LATENT_SIZE = 100

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from bridge.exchange import Artifact, Run, read_artifact, write_artifact
-from bridge.processes import run_as_process
-from tf_dsnet.predict import ClipPredictor
-from tf_dsnet.readings import ReadingName, load_reading
+from bridge.exchange.dsnet_presets import PresetName, load_trained_dsnet
+from bridge.runs import Artifact, Run, read_artifact, write_artifact
+from bridge.runs.processes import run_as_process
+from tf_dsnet.stage_predict import ClipPredictor
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class PredictMotionConfig:
     """Artifact of kind `motion`: `theta` (T, 69), `betas` (10,)."""
     out: Path
     """Artifact of kind `prediction` to write: `latents` (T, 100)."""
-    reading: ReadingName | None = None
+    reading: PresetName | None = None
     """Which trained DSNet predicts; the run's own choice when left out."""
 
 
@@ -35,7 +35,7 @@ def main(config: PredictMotionConfig) -> Artifact:
     """
     trained = Run(config.run).artifact("train")
     motion = read_artifact(config.motion, "motion")
-    reading = load_reading(trained, config.reading)
+    reading = load_trained_dsnet(trained, config.reading)
     latents = ClipPredictor(reading)(motion.array("theta"), motion.array("betas"))
     return write_artifact(
         config.out,

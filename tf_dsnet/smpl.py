@@ -14,8 +14,8 @@ from tf_dsnet.framework import Tensor, tf
 from tf_dsnet.rotations import axis_angle_to_matrix
 
 
-class SMPL:
-    """A body model with constant parameters, V = 6890 vertices for SMPL.
+class KerasSMPL:
+    """A body model with constant parameters, V = 6890 vertices for KerasSMPL.
 
     Parameters
     ----------

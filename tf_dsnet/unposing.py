@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from tf_dsnet.framework import Tensor, tf
-from tf_dsnet.smpl import SMPL
+from tf_dsnet.smpl import KerasSMPL
 
 # A half-and-half blend of two rotations phi apart has determinant cos^2(phi / 2): below this
 # one (phi above 176 degrees) the inverse would blow up a millimetre to three centimetres.
 _SINGULAR_BELOW = 1e-3
 
 
-def unpose(smpl: SMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans: Tensor) -> Tensor:
+def unpose(smpl: KerasSMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans: Tensor) -> Tensor:
     """Rest-pose vertices of a posed mesh: each vertex's blended transform is inverted.
 
     Where skinning has collapsed a vertex (bones turned half round against each other), the
-    collapsed directions cannot be seen in the posed mesh; there the result keeps SMPL's own
+    collapsed directions cannot be seen in the posed mesh; there the result keeps KerasSMPL's own
     rest-pose vertex, so its offset is zero in these directions.
 
     Parameters
     ----------
     smpl : the body model.
     vertices : (B, V, 3) posed mesh, metres.
-    betas, pose, trans : as in `SMPL`.
+    betas, pose, trans : as in `KerasSMPL`.
 
     Returns
     -------

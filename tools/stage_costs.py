@@ -11,8 +11,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from bridge.exchange import Artifact, Run, read_artifact
-from bridge.exchange.artifact import MANIFEST, write_text_atomically
+from bridge.runs import Artifact, Run, read_artifact
+from bridge.runs.artifact import MANIFEST, write_text_atomically
 
 ROOT = Path(__file__).parents[1]
 

@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bridge.exchange import Run
+from bridge.runs import Run
 
 ROOT = Path(__file__).parents[1]
 KEPT = ("report.md", "results.json", "figures")

@@ -14,9 +14,9 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from bridge.exchange import Run
-from bridge.results.parity_figure import draw_parity
-from bridge.results.verification import read_parity
+from bridge.report.parity_figure import draw_parity
+from bridge.report.verification import read_parity
+from bridge.runs import Run
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "verification.md"

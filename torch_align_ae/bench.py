@@ -23,9 +23,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from bridge.exchange import Run
-from bridge.exchange.artifact import write_text_atomically
-from bridge.processes import run_as_process
+from bridge.runs import Run
+from bridge.runs.artifact import write_text_atomically
+from bridge.runs.processes import run_as_process
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder, parameter_count
 from torch_align_ae.autoencoder.allocation import keep_freed_memory
 from torch_align_ae.autoencoder.mesh_autoencoder import FEATURES, conv1d_forward
@@ -34,7 +34,7 @@ _GEMM_SIZE = 2048
 
 
 @dataclass(frozen=True)
-class BenchConfig:
+class TorchBenchConfig:
     """Time training steps of both autoencoders: about a minute on two cores, 7 GB of memory."""
 
     run: str = "demo"
@@ -48,13 +48,13 @@ class BenchConfig:
 
 
 PROFILES = {
-    "smoke": BenchConfig(run="smoke", rounds=2),
-    "demo": BenchConfig(run="demo"),
-    "paper": BenchConfig(run="paper", rounds=15),
+    "smoke": TorchBenchConfig(run="smoke", rounds=2),
+    "demo": TorchBenchConfig(run="demo"),
+    "paper": TorchBenchConfig(run="paper", rounds=15),
 }
 
 
-def main(config: BenchConfig) -> None:
+def main(config: TorchBenchConfig) -> None:
     """Measure, and write runs/<run>/bench/torch.json."""
     folder = Run(config.run).path / "bench"
     folder.mkdir(parents=True, exist_ok=True)
@@ -62,7 +62,7 @@ def main(config: BenchConfig) -> None:
     write_text_atomically(folder / "torch.json", json.dumps(results, indent=1) + "\n")
 
 
-def measure(config: BenchConfig) -> dict[str, Any]:
+def measure(config: TorchBenchConfig) -> dict[str, Any]:
     """Median seconds of every contender, their ratio, and the share of the machine's limit."""
     keep_freed_memory()
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -158,4 +158,4 @@ def _gflops(
 
 
 if __name__ == "__main__":
-    run_as_process(BenchConfig, main)
+    run_as_process(TorchBenchConfig, main)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bridge.errors import DsnetError
-from bridge.exchange import INPUT_SIZE
 from bridge.exchange.conventions import (
     BATCH_NORM_EPSILON,
     BATCH_NORM_MOMENTUM,
@@ -23,6 +22,7 @@ from bridge.exchange.conventions import (
     AdamRule,
 )
 from bridge.exchange.layouts import dsnet_from_torch, dsnet_to_torch
+from bridge.paper import INPUT_SIZE
 
 LATENT_SIZE = 100
 LSTM_UNITS = 60

@@ -33,9 +33,9 @@ from benchmarks.alignment.known_sequences import (
 )
 from benchmarks.alignment.scores import Scores, body_of, loads_of
 from bridge.errors import DsnetError
-from bridge.exchange.artifact import write_text_atomically
-from bridge.processes import run_as_process
-from torch_align_ae.alignment.corpus_fit import Effort
+from bridge.runs.artifact import write_text_atomically
+from bridge.runs.processes import run_as_process
+from torch_align_ae.alignment.paper.corpus_fit import Effort
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from benchmarks.alignment.known_sequences import KnownSequence
 from benchmarks.alignment.scores import Scores, body_of
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import pose_vertices
-from bridge.exchange import unpack_theta
-from bridge.results.absorption_figures import (
+from bridge.motion import unpack_theta
+from bridge.report.absorption_figures import (
     Drawn,
     draw_absorption,
     draw_error_bodies,

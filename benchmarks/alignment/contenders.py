@@ -15,13 +15,13 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.alignment import peer_smplfitter
-from benchmarks.alignment.known_sequences import Recording
+from benchmarks.alignment.known_sequences import KnownRecording
 from bridge.body import BodyModelData
-from bridge.exchange import ArtifactWriter, pack_theta
-from bridge.exchange import Sequence as Indexed
-from torch_align_ae.alignment.corpus_fit import CorpusFit, Effort
+from bridge.motion import MotionSequence, pack_theta
+from bridge.runs import ArtifactWriter
+from torch_align_ae.alignment.paper.corpus_fit import CorpusFit, Effort
+from torch_align_ae.alignment.paper.sgd import Descent
 from torch_align_ae.alignment.robust import RobustSettings, align_sequences
-from torch_align_ae.alignment.sgd import Descent
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import FPS, DynaReader, write_dyna
 
@@ -37,13 +37,13 @@ class Estimate:
 
 
 Align = Callable[[], list[Estimate]]
-Make = Callable[[BodyModelData, Sequence[Recording]], Align]
+Make = Callable[[BodyModelData, Sequence[KnownRecording]], Align]
 
 
 def contenders(effort: Effort, folder: Path) -> dict[str, Make]:
     """All aligners by name; `effort` and `folder`, for its files, are those of the paper's."""
 
-    def sgd(data: BodyModelData, recordings: Sequence[Recording]) -> Align:
+    def sgd(data: BodyModelData, recordings: Sequence[KnownRecording]) -> Align:
         return _PaperSgd(data, recordings, effort, folder)
 
     return {
@@ -77,7 +77,7 @@ class _PaperSgd:
     def __init__(
         self,
         data: BodyModelData,
-        recordings: Sequence[Recording],
+        recordings: Sequence[KnownRecording],
         effort: Effort,
         folder: Path,
     ) -> None:
@@ -102,7 +102,7 @@ class _PaperSgd:
 
 
 def _robust(settings: RobustSettings) -> Make:
-    def make(data: BodyModelData, recordings: Sequence[Recording]) -> Align:
+    def make(data: BodyModelData, recordings: Sequence[KnownRecording]) -> Align:
         smpl = SMPL(data)
         subjects = _subject_rows([recording.subject for recording in recordings])
         meshes = [recording.meshes_m for recording in recordings]
@@ -121,7 +121,7 @@ def _robust(settings: RobustSettings) -> Make:
 def _smplfitter_known_shape(iterations: int) -> Make:
     """As the paper: a subject's shape from the first frame of its first sequence."""
 
-    def make(data: BodyModelData, recordings: Sequence[Recording]) -> Align:
+    def make(data: BodyModelData, recordings: Sequence[KnownRecording]) -> Align:
         fitter, meshes = peer_smplfitter.body_fitter(data), _tensors(recordings)
         subjects = _subject_rows([recording.subject for recording in recordings])
 
@@ -139,7 +139,7 @@ def _smplfitter_known_shape(iterations: int) -> Make:
 
 
 def _smplfitter_own_shape(iterations: int) -> Make:
-    def make(data: BodyModelData, recordings: Sequence[Recording]) -> Align:
+    def make(data: BodyModelData, recordings: Sequence[KnownRecording]) -> Align:
         fitter, meshes = peer_smplfitter.body_fitter(data), _tensors(recordings)
 
         def align() -> list[Estimate]:
@@ -158,7 +158,7 @@ def _estimate(betas: torch.Tensor, pose: torch.Tensor, trans: torch.Tensor) -> E
     return Estimate(betas.numpy(), pack_theta(pose.numpy(), trans.numpy()))
 
 
-def _tensors(recordings: Sequence[Recording]) -> list[torch.Tensor]:
+def _tensors(recordings: Sequence[KnownRecording]) -> list[torch.Tensor]:
     return [torch.from_numpy(recording.meshes_m) for recording in recordings]
 
 
@@ -168,11 +168,11 @@ def _subject_rows(subjects: Sequence[str]) -> list[int]:
     return [rows[subject] for subject in subjects]
 
 
-def _index(recordings: Sequence[Recording]) -> list[Indexed]:
+def _index(recordings: Sequence[KnownRecording]) -> list[MotionSequence]:
     sequences, start = [], 0
     for one in recordings:
         length = len(one.meshes_m)
         motion = one.name.partition("_")[2]
-        sequences.append(Indexed(one.name, one.subject, motion, start, length, FPS))
+        sequences.append(MotionSequence(one.name, one.subject, motion, start, length, FPS))
         start += length
     return sequences

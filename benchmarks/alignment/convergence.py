@@ -19,13 +19,13 @@ import torch
 from tqdm import tqdm
 
 from benchmarks.alignment.convergence_page import draw_convergence, markdown
-from benchmarks.alignment.descent_rules import Clips, Rule, track
+from benchmarks.alignment.descent_rules import ClipSet, Rule, track
 from benchmarks.alignment.known_clips import KnownClips, load_clips
-from bridge.exchange import Run
-from bridge.exchange.artifact import provenance, write_text_atomically
-from bridge.processes import run_as_process
-from torch_align_ae.alignment.objective import MeshDistance
-from torch_align_ae.alignment.sgd import Descent, fit_shape_and_pose, rigid_start
+from bridge.runs import Run
+from bridge.runs.artifact import provenance, write_text_atomically
+from bridge.runs.processes import run_as_process
+from torch_align_ae.alignment.paper.objective import MeshDistance
+from torch_align_ae.alignment.paper.sgd import Descent, fit_shape_and_pose, rigid_start
 from torch_align_ae.body import SMPL
 
 
@@ -127,15 +127,15 @@ def _measure(
 
 def _clips(
     objective: MeshDistance, known: KnownClips, betas: list[torch.Tensor], first_frame_steps: int
-) -> Clips:
+) -> ClipSet:
     """Every clip with every set of shapes, one set after another, at the frame before."""
     bodies = torch.cat([values[known.subjects] for values in betas])
     shapes = objective.shapes(bodies)
     before = objective.arrange(known.before).repeat(len(betas), 1)
     targets = [objective.arrange(meshes) for meshes in known.meshes.unbind(1)]
-    start = Clips(shapes, before[None], *rigid_start(objective, shapes, before))
+    start = ClipSet(shapes, before[None], *rigid_start(objective, shapes, before))
     found = track(objective, start, Rule(first_frame_steps), Descent())
-    return Clips(
+    return ClipSet(
         shapes,
         torch.stack(targets).repeat(1, len(betas), 1),
         found.pose[:, 0],

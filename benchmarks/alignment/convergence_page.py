@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.ticker import ScalarFormatter
 
-from bridge.results.panels import new_figure, save_figure
+from bridge.report.panels import new_figure, save_figure
 
 # Okabe and Ito's colours, told apart by every reader.
 _COLOURS = {"true": "#0072B2", "frame 1": "#D55E00"}

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torch_align_ae.alignment.objective import MeshDistance, Shapes
-from torch_align_ae.alignment.sgd import Descending, Descent
+from torch_align_ae.alignment.paper.objective import MeshDistance, Shapes
+from torch_align_ae.alignment.paper.sgd import Descending, Descent
+from torch_align_ae.alignment.paper.tracking import groups
 from torch_align_ae.alignment.threads import workers
-from torch_align_ae.alignment.tracking import groups
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Rule:
 
 
 @dataclass(frozen=True)
-class Clips:
+class ClipSet:
     """Frames of B clips of equal length, and what each of them starts from."""
 
     shapes: Shapes
@@ -56,7 +56,7 @@ class Tracked(NamedTuple):
     """(B, T) steps that were taken."""
 
 
-def track(objective: MeshDistance, clips: Clips, rule: Rule, descent: Descent) -> Tracked:
+def track(objective: MeshDistance, clips: ClipSet, rule: Rule, descent: Descent) -> Tracked:
     """Fit every frame by `rule`, each started from the one before; both cores are used."""
 
     def follow(rows: list[int]) -> tuple[Tensor, ...]:

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bridge.errors import DsnetError
-from bridge.exchange import Run, sequences_of
-from bridge.exchange.artifact import write_text_atomically
-from bridge.processes import run_as_process
+from bridge.motion import sequences_of
+from bridge.runs import Run
+from bridge.runs.artifact import write_text_atomically
+from bridge.runs.processes import run_as_process
 
 _PREDICTORS = {"dsnet": "standardised", "dsnet_faithful": "faithful", "smpl": "SMPL alone"}
 _SPLITS = {"validation": "held-out sequence", "test": "unseen motions"}

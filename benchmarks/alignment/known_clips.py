@@ -12,9 +12,10 @@ from torch import Tensor
 
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
-from bridge.exchange import Run, sequences_of, subject_rows, unpack_theta
-from bridge.exchange.run import corpus_body_path
-from bridge.results.metrics import ErrorSums, rotation_error_deg
+from bridge.measure.metrics import ErrorSums, rotation_error_deg
+from bridge.motion import sequences_of, subject_rows, unpack_theta
+from bridge.runs import Run
+from bridge.runs.run import corpus_body_path
 from torch_align_ae.alignment.fitted import measure
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import DynaReader

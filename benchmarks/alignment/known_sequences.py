@@ -65,7 +65,7 @@ HELD_OUT = Suite(
 
 
 @dataclass(frozen=True)
-class Recording:
+class KnownRecording:
     """What an aligner is given."""
 
     name: str
@@ -82,7 +82,7 @@ class Recording:
 class KnownSequence:
     """A recording, and what it was made from."""
 
-    recording: Recording
+    recording: KnownRecording
     betas: NDArray[np.float64]
     """(10,)."""
     theta: NDArray[np.float32]
@@ -108,7 +108,7 @@ def _known(suite: Suite, subject_name: str, motion: str, folder: Path) -> KnownS
     if not path.is_file():
         save_weights(path, _simulate(gender, subject, motion, suite))
     stored = load_weights(path)
-    recording = Recording(name, subject_name, gender, stored["meshes"])
+    recording = KnownRecording(name, subject_name, gender, stored["meshes"])
     return KnownSequence(recording, subject.betas, stored["theta"], stored["offsets"])
 
 

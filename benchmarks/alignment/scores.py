@@ -13,9 +13,10 @@ from benchmarks.alignment.contenders import Estimate
 from benchmarks.alignment.known_sequences import KnownSequence
 from bridge.body import BodyModelData, load_body_model, pose_vertices
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.exchange import N_JOINTS, unpack_theta
-from bridge.results.alignment_quality import Alignment, AlignmentErrors, spread
-from bridge.results.joint_absorption import CARRIERS, JointLoads, pose_error
+from bridge.measure.alignment_quality import Alignment, AlignmentErrors, spread
+from bridge.measure.joint_absorption import CARRIERS, JointLoads, pose_error
+from bridge.motion import unpack_theta
+from bridge.paper import N_JOINTS
 from torch_align_ae.body import SMPL, rest_pose_offsets
 
 _TOES = [SMPL_JOINT_NAMES.index(name) for name in ("left_foot", "right_foot")]

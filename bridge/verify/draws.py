@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, pose_vertices
-from bridge.exchange import INPUT_SIZE, N_BETAS
-from bridge.paper import LATENT_SIZE
+from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS
 from bridge.verify.shapes import Shapes, autoencoder_shapes, dsnet_shapes
 
 Arrays = dict[str, NDArray[Any]]

@@ -17,7 +17,7 @@ ENGINES = {
     "torch": "torch_align_ae.verify_engine",
     "keras": "tf_dsnet.verify_engine",
     "onnx": "bridge.verify.onnx_engine",
-    "stream": "tf_dsnet.verify_stream",
+    "stream": "bridge.verify.streaming_engine",
 }
 
 

@@ -14,8 +14,8 @@ import onnx
 import onnxruntime
 from numpy.typing import NDArray
 
-from bridge.exchange import onnx_graphs
-from bridge.exchange.onnx_builder import held_arrays, save_graph
+from bridge.runtime import onnx_graphs
+from bridge.runtime.onnx_builder import held_arrays, save_graph
 from bridge.verify.answers import joined, layers, prefixed
 from bridge.verify.protocol import Case, Tensors, serve
 

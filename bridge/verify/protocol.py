@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.exchange import load_weights, save_weights
-from bridge.exchange.artifact import write_text_atomically
-from bridge.processes import run_as_process
+from bridge.runs.artifact import write_text_atomically
+from bridge.runs.processes import run_as_process
 
 REQUEST = "request.json"
 ANSWER = "engine.json"

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from bridge.exchange import INPUT_SIZE
-from bridge.paper import LATENT_SIZE, N_VERTICES
+from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_VERTICES
 
 Shapes = dict[str, tuple[int, ...]]
 _FC_ENC_1, _FC_ENC_2, _LSTM = 64, 128, 60

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange import Artifact, Run, load_weights
-from bridge.exchange.artifact import MANIFEST
+from bridge.exchange import load_weights
+from bridge.runs import Artifact, Run
+from bridge.runs.artifact import MANIFEST
 from bridge.verify.checks import (
     IN_FLOAT64,
     STREAM,
@@ -42,11 +43,14 @@ def _finished(run: Run, stage: str) -> bool:
 
 def _dsnet(train: Artifact, encoded: Artifact, name: Any) -> Plan:
     # NumPy only, but that side of the bridge knows how a reading scales and pads.
-    from tf_dsnet.dataset import load_recordings, make_clips
-    from tf_dsnet.readings import load_reading
+    from bridge.exchange.dsnet_presets import load_trained_dsnet
+    from bridge.motion.clips import load_unpadded_clips, make_clips
 
-    reading = load_reading(train, name)
-    recordings = [*load_recordings(encoded, "validation"), *load_recordings(encoded, "train")]
+    reading = load_trained_dsnet(train, name)
+    recordings = [
+        *load_unpadded_clips(encoded, "validation"),
+        *load_unpadded_clips(encoded, "train"),
+    ]
     recordings = recordings[:CLIPS]
     clips = make_clips(recordings, reading.scaling, FRAMES)
     raw = [recording.inputs[: min(FRAMES, len(recordings[0].inputs))] for recording in recordings]

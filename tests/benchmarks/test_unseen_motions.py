@@ -9,11 +9,12 @@ import pytest
 
 from benchmarks.unseen_motions import UnseenConfig, main
 from bridge.errors import DsnetError
-from bridge.exchange import Run, Sequence, to_manifest, write_artifact
+from bridge.motion import MotionSequence, to_manifest
+from bridge.runs import Run, write_artifact
 
 FRAMES, FPS = 120, 60.0
-LEARNED = Sequence("50004_hips", "50004", "hips", 0, 5, FPS, "train")
-UNSEEN = Sequence("99001_kicking", "99001", "kicking", 5, FRAMES, FPS, "test")
+LEARNED = MotionSequence("50004_hips", "50004", "hips", 0, 5, FPS, "train")
+UNSEEN = MotionSequence("99001_kicking", "99001", "kicking", 5, FRAMES, FPS, "test")
 _SECONDS = np.arange(FRAMES)[:, None, None] / FPS
 SWING_M = 1e-3 * np.sin(2 * np.pi * 5 * _SECONDS) * np.ones((1, 4, 3))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.exchange import read_artifact
+from bridge.runs import read_artifact
 
 # The report is left out: it prints seconds, and the renderer's threads round a few pixels by one.
 STAGES = (

@@ -7,21 +7,22 @@ import sys
 import numpy as np
 
 from bridge.body import load_body_model, pose_vertices
-from bridge.exchange import Run, read_artifact, sequences_of, subject_rows, unpack_theta
-from bridge.exchange.run import body_model_path
+from bridge.motion import sequences_of, subject_rows, unpack_theta
+from bridge.runs import Run, read_artifact
+from bridge.runs.run import body_model_path
 
 ALONE = """
 import sys, numpy
 from bridge.body import load_body_model
 from bridge.exchange import Run, unpack_theta
-from bridge.exchange.run import body_model_path
+from bridge.runs.run import body_model_path
 from tf_dsnet import SMPL, load_codec
-from tf_dsnet.predict import ClipPredictor
-from tf_dsnet.readings import load_reading
+from tf_dsnet.stage_predict import ClipPredictor
+from bridge.exchange.dsnet_presets import load_trained_dsnet
 
 run, (motion, out) = Run("smoke"), sys.argv[1:]
 given = numpy.load(motion)
-latents = ClipPredictor(load_reading(run.artifact("train")))(given["theta"], given["betas"])
+latents = ClipPredictor(load_trained_dsnet(run.artifact("train")))(given["theta"], given["betas"])
 offsets = load_codec(run.artifact("train-ae")).decode(latents)
 pose, trans = unpack_theta(given["theta"])
 smpl = SMPL(load_body_model(str(body_model_path(run))))

@@ -11,7 +11,8 @@ import pytest
 
 from bridge.body import load_body_model
 from bridge.cli import main
-from bridge.exchange import read_artifact, sequences_of
+from bridge.motion import sequences_of
+from bridge.runs import read_artifact
 from tests.forged.amass import save, shape, smplh, smplx
 from tests.forged.python2_pickle import python2_pickle
 from tests.forged.registrations import save_registrations

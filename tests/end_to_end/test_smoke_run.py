@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bridge import paper
-from bridge.exchange import read_artifact
+from bridge.runs import read_artifact
 
 ROOT = Path(__file__).parents[2]
 STAGES = [

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bridge.exchange import Sequence, to_manifest, write_artifact
+from bridge.exchange.dsnet_presets import Scaling, TrainedDsnet
+from bridge.motion import MotionSequence, to_manifest
+from bridge.runs import write_artifact
 from tf_dsnet.model import build_dsnet, named_weights
-from tf_dsnet.readings import Reading, Scaling
 
 SUBJECTS = ("50004", "50020")
 MOTIONS = ("hips", "punching", "one_leg_jump")
@@ -30,12 +31,12 @@ def weights() -> dict[str, NDArray]:
 
 
 @pytest.fixture(scope="session")
-def reading(weights: dict[str, NDArray]) -> Reading:
+def reading(weights: dict[str, NDArray]) -> TrainedDsnet:
     """A standardised reading with a scaling that matters."""
     rng = np.random.default_rng(4)
     inputs = rng.normal(1.0, rng.uniform(0.01, 3.0, 79), (200, 79))
     latents = rng.normal(-2.0, rng.uniform(0.0, 3.0, 100), (200, 100))
-    return Reading("standardised", weights, Scaling.fitted(inputs, latents, 0.05))
+    return TrainedDsnet("standardised", weights, Scaling.fitted(inputs, latents, 0.05))
 
 
 @pytest.fixture
@@ -59,7 +60,7 @@ def write_encoded(path: Path) -> None:
     for (subject, motion), length in zip(names, LENGTHS, strict=True):
         split = "validation" if (subject, motion) == ("50004", "one_leg_jump") else "train"
         sequences.append(
-            Sequence(f"{subject}_{motion}", subject, motion, start, length, 60.0, split)
+            MotionSequence(f"{subject}_{motion}", subject, motion, start, length, 60.0, split)
         )
         start += length
     theta = np.concatenate([_smooth_walk(rng, length) for length in LENGTHS])

@@ -10,7 +10,7 @@ from tf_dsnet import bench
 def test_results_are_written(runs, monkeypatch):
     monkeypatch.setattr(bench, "SEQUENCES", 3)
     monkeypatch.setattr(bench, "FRAMES", 5)
-    bench.main(bench.BenchConfig(run="tiny", epochs=1, steps=2))
+    bench.main(bench.KerasBenchConfig(run="tiny", epochs=1, steps=2))
     results = json.loads((runs / "tiny" / "bench" / "tensorflow.json").read_text())
     assert results["epoch_s"] > 0
     assert results["epoch_keras_lstm_s"] > 0

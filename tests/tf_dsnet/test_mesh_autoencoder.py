@@ -14,13 +14,13 @@ from bridge.verify.reference import mesh_autoencoder as reference
 from bridge.verify.shapes import SMALL_WIDTHS as WIDTHS
 from tf_dsnet.codec import read_codec
 from tf_dsnet.framework import keras
-from tf_dsnet.mesh_autoencoder import MeshAutoencoder, assign_weights, named_weights
+from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, assign_weights, named_weights
 
 ACTIVATIONS = ("leaky_relu", "elu", "tanh", "relu")
 
 
-def small(activation: str = "leaky_relu") -> MeshAutoencoder:
-    network = MeshAutoencoder(WIDTHS, activation, 0.1)
+def small(activation: str = "leaky_relu") -> KerasMeshAutoencoder:
+    network = KerasMeshAutoencoder(WIDTHS, activation, 0.1)
     assign_weights(network.model, draws.autoencoder_weights(0, WIDTHS))
     return network
 
@@ -52,7 +52,7 @@ def test_batch_equals_singles(values):
 
 
 def test_full_network_has_the_papers_parameters():
-    assert MeshAutoencoder().model.count_params() == 33_626_606
+    assert KerasMeshAutoencoder().model.count_params() == 33_626_606
 
 
 def test_weights_have_pytorchs_names_order_and_shapes():

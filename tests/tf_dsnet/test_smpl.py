@@ -12,7 +12,7 @@ from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model, pose_vertices, unpose_vertices
 from bridge.body.posing import rest_vertices, shaped_joints
 from tf_dsnet.framework import tf
-from tf_dsnet.smpl import SMPL
+from tf_dsnet.smpl import KerasSMPL
 from tf_dsnet.unposing import unpose
 
 
@@ -22,8 +22,8 @@ def body() -> BodyModelData:
 
 
 @pytest.fixture(scope="module")
-def smpl(body) -> SMPL:
-    return SMPL(body, tf.float64)
+def smpl(body) -> KerasSMPL:
+    return KerasSMPL(body, tf.float64)
 
 
 def bodies(seed: int, angle: float | None, count: int = 2, joints: int = 22):
@@ -49,7 +49,7 @@ def test_vertices_are_the_references(smpl, body, joints, angle):
 
 def test_float32_is_close_and_stays_float32(body):
     arguments = bodies(1, None, count=3)
-    posed = SMPL(body)(*arguments)
+    posed = KerasSMPL(body)(*arguments)
     assert posed.dtype == tf.float32
     np.testing.assert_allclose(posed, pose_vertices(body, *arguments), atol=1e-5)
 
@@ -86,7 +86,7 @@ def test_gradient_along_a_direction(smpl, angle):
 
 
 def test_gradient_in_float32_is_finite_at_zero_and_pi(body):
-    smpl = SMPL(body)
+    smpl = KerasSMPL(body)
     for angle in (0.0, np.pi):
         pose = tf.constant(bodies(7, angle, count=1)[1], tf.float32)
         with tf.GradientTape() as tape:
@@ -111,7 +111,7 @@ def test_unposing_is_the_references_and_inverts_posing(smpl, body, angle):
 def test_turned_half_round_the_posed_mesh_is_still_explained(smpl):
     betas, pose, trans, _ = bodies(9, np.pi)
     rest = smpl.rest_vertices(betas, pose)
-    # A collapsed vertex is kept where SMPL has it, so without offsets nothing may move.
+    # A collapsed vertex is kept where KerasSMPL has it, so without offsets nothing may move.
     found = unpose(smpl, smpl(betas, pose, trans), betas, pose, trans)
     np.testing.assert_allclose(found, rest, atol=1e-9)
 
@@ -120,7 +120,7 @@ def test_collapsed_vertices_keep_what_cannot_be_seen(body):
     # Every vertex hangs half on the pelvis, half on a hip that is turned half round.
     weights = np.zeros_like(body.weights)
     weights[:, :2] = 0.5
-    smpl = SMPL(dataclasses.replace(body, weights=weights), tf.float64)
+    smpl = KerasSMPL(dataclasses.replace(body, weights=weights), tf.float64)
     betas, pose, trans = np.zeros((1, 10)), np.zeros((1, 22, 3)), np.zeros((1, 3))
     pose[0, 1, 1] = np.pi
     found = unpose(smpl, smpl(betas, pose, trans) + 0.001, betas, pose, trans)

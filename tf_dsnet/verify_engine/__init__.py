@@ -1,5 +1,5 @@
 """`python -m tf_dsnet.verify_engine`: what Keras and TensorFlow answer to `dsnet verify`.
 
 Operations and names are those of `bridge.verify.protocol`; the product's own networks, trainer,
-SMPL and files compute.
+KerasSMPL and files compute.
 """

@@ -6,14 +6,14 @@ from bridge.body import load_body_model
 from bridge.verify.answers import prefixed
 from bridge.verify.protocol import Case, Tensors
 from tf_dsnet.framework import tf
-from tf_dsnet.smpl import SMPL
+from tf_dsnet.smpl import KerasSMPL
 from tf_dsnet.unposing import unpose
 
 
 def smpl(case: Case) -> Tensors:
     """Parts of the forward pass, the unposed mesh, and the gradient of sum(probe * vertices)."""
     given = {name: tf.constant(array) for name, array in case.inputs().items()}
-    body = SMPL(load_body_model(case.options["body"]), tf.as_dtype(case.dtype))
+    body = KerasSMPL(load_body_model(case.options["body"]), tf.as_dtype(case.dtype))
     motion = {name: given[name] for name in ("betas", "pose", "trans")}
     arguments = {**motion, "offsets": given["offsets"]}
     with tf.GradientTape() as tape:

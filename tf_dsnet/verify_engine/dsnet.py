@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from bridge.motion.clips import Clips
 from bridge.verify.answers import joined, layers, learn, prefixed
 from bridge.verify.protocol import Case, Tensors
-from tf_dsnet.dataset import Clips
-from tf_dsnet.fit import Trainer
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.model import assign_weights, build_dsnet, named_weights
+from tf_dsnet.trainer import Trainer
 from tf_dsnet.verify_engine.precision import compute_in, exact
 
 LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
@@ -29,7 +29,7 @@ def forward(case: Case) -> Tensors:
 
 def train(case: Case) -> Tensors:
     """Layers, loss and gradients of the first pass in training, and the steps after it."""
-    learner = _Learner(case)
+    learner = _DsnetLearner(case)
     return prefixed("layer", learner.layers()) | learn(case, learner)
 
 
@@ -41,7 +41,7 @@ def build(case: Case) -> keras.Model:
     return model
 
 
-class _Learner:
+class _DsnetLearner:
     def __init__(self, case: Case) -> None:
         compute_in(case.dtype)
         given, masked = case.inputs(), case.options["masked"]

@@ -17,7 +17,7 @@ def formats(case: Case) -> Tensors:
         module, first, second = model, dsnet.build(case), model.build_dsnet()
     else:
         module, first = mesh_autoencoder, autoencoder.build(case, case.weights()).model
-        second = mesh_autoencoder.MeshAutoencoder(**case.options["architecture"]).model
+        second = mesh_autoencoder.KerasMeshAutoencoder(**case.options["architecture"]).model
     save_weights(case.scratch / "weights.safetensors", module.named_weights(first))
     module.assign_weights(second, load_weights(case.scratch / "weights.safetensors"))
     first.save(case.scratch / "network.keras")

@@ -10,10 +10,10 @@ from bridge.exchange.conventions import TORCH_ADAM
 from bridge.exchange.layouts import mesh_autoencoder_from_keras
 from bridge.verify.answers import layers, learn
 from bridge.verify.protocol import Case, Tensors
-from tf_dsnet.codec import Codec
+from tf_dsnet.codec import KerasCodec
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.mesh_autoencoder import (
-    MeshAutoencoder,
+    KerasMeshAutoencoder,
     TorchAdam,
     assign_weights,
     named_variables,
@@ -35,7 +35,7 @@ def forward(case: Case) -> Tensors:
 
     if not case.options.get("metres"):
         return layers(case, run, case.inputs()["values"])
-    codec = Codec(network, *scaling)
+    codec = KerasCodec(network, *scaling)
 
     def run_in_metres(offsets_m: Tensor) -> dict[str, Tensor]:
         values = codec.normalise(offsets_m)
@@ -47,18 +47,18 @@ def forward(case: Case) -> Tensors:
 
 def train(case: Case) -> Tensors:
     """Loss and gradients of the reconstruction of one batch, and steps on it."""
-    return learn(case, _Learner(case))
+    return learn(case, _AutoencoderLearner(case))
 
 
-def build(case: Case, weights: Tensors) -> MeshAutoencoder:
+def build(case: Case, weights: Tensors) -> KerasMeshAutoencoder:
     """The twin in the case's precision, with these weights."""
     compute_in(case.dtype)
-    network = MeshAutoencoder(**case.options["architecture"])
+    network = KerasMeshAutoencoder(**case.options["architecture"])
     assign_weights(network.model, weights)
     return network
 
 
-class _Learner:
+class _AutoencoderLearner:
     def __init__(self, case: Case) -> None:
         self._model = build(case, case.weights()).model
         given = {name: tf.constant(array) for name, array in case.inputs().items()}

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from bridge.exchange import THETA_SIZE, ArtifactWriter, Sequence, pack_theta
+from bridge.motion import MotionSequence, pack_theta
+from bridge.paper import THETA_SIZE
+from bridge.runs import ArtifactWriter
 from torch_align_ae.body import SMPL, rest_pose_offsets
 
 
@@ -57,7 +59,7 @@ class AlignedArrays:
     """
 
     def __init__(
-        self, writer: ArtifactWriter, sequences: list[Sequence], vertex_count: int
+        self, writer: ArtifactWriter, sequences: list[MotionSequence], vertex_count: int
     ) -> None:
         self._sequences = sequences
         frames = sequences[-1].frames.stop

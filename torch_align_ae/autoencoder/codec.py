@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from bridge.errors import DsnetError
-from bridge.exchange import Artifact, load_weights, save_weights
+from bridge.exchange import load_weights, save_weights
+from bridge.runs import Artifact
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import Normaliser
 

@@ -13,10 +13,11 @@ import numpy as np
 import torch
 
 from bridge.body import load_body_model
-from bridge.exchange import Artifact, ArtifactWriter, Run, read_artifact, unpack_theta
-from bridge.exchange.run import body_model_path
-from bridge.processes import run_as_process
-from bridge.results.motion_strip import draw_motion_strip
+from bridge.motion import unpack_theta
+from bridge.report.motion_strip import draw_motion_strip
+from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
+from bridge.runs.processes import run_as_process
+from bridge.runs.run import body_model_path
 from torch_align_ae.autoencoder.codec import load_codec
 from torch_align_ae.body import SMPL
 

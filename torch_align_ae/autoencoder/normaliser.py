@@ -22,7 +22,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torch_align_ae.autoencoder.splits import chunks
+from bridge.motion.splits import chunks
 
 NormalisationName = Literal["global_maximum", "vertex_maximum", "standard"]
 _SMALLEST_SCALE_M = 1e-4

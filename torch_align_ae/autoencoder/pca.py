@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from torch_align_ae.autoencoder.splits import chunks
+from bridge.motion.splits import chunks
 
 _SPARE_DIRECTIONS = 20
 

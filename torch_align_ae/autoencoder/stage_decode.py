@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from tqdm import tqdm
 
-from bridge.exchange import Artifact, ArtifactWriter, Run, sequences, sequences_of, to_manifest
+from bridge.motion import MotionSequence, sequences_of, to_manifest
+from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.codec import Codec, load_codec
 
 
@@ -44,7 +45,7 @@ def main(config: DecodeConfig) -> None:
     )
 
 
-def decoded_sequences(index: Iterable[sequences.Sequence]) -> list[sequences.Sequence]:
+def decoded_sequences(index: Iterable[MotionSequence]) -> list[MotionSequence]:
     """Validation and test sequences, and the first training sequence of each subject."""
     chosen, represented = [], set()
     for sequence in index:
@@ -79,7 +80,7 @@ def _make(predict: Artifact, encode: Artifact, codec: Codec, writer: ArtifactWri
     writer.record(sequences=to_manifest(placed))
 
 
-def _end_to_end(chosen: Sequence[sequences.Sequence]) -> list[sequences.Sequence]:
+def _end_to_end(chosen: Sequence[MotionSequence]) -> list[MotionSequence]:
     """The same sequences with their places in the stage's own arrays."""
     starts = np.cumsum([0, *(sequence.length for sequence in chosen)])
     return [replace(s, start=int(start)) for s, start in zip(chosen, starts, strict=False)]

@@ -8,7 +8,8 @@ import numpy as np
 from tqdm import tqdm
 
 from bridge.errors import DsnetError
-from bridge.exchange import Artifact, ArtifactWriter, Run, sequences_of, to_manifest
+from bridge.motion import sequences_of, to_manifest
+from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.codec import Codec, load_codec
 from torch_align_ae.autoencoder.mesh_autoencoder import LATENT_SIZE
 

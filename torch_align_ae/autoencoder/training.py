@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from bridge.motion.splits import FrameSplit, chunks
 from torch_align_ae.autoencoder.checkpoint import load_checkpoint, save_checkpoint
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import Normaliser
-from torch_align_ae.autoencoder.splits import FrameSplit, chunks
 from torch_align_ae.determinism import reproducible
 
 _VALIDATION_BATCH = 64

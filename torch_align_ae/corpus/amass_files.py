@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.exchange import N_JOINTS, unpack_theta
+from bridge.motion import unpack_theta
+from bridge.paper import N_JOINTS
 
 _AMASS_POSE_WIDTH = 156
 _AMASS_BETA_COUNT = 16

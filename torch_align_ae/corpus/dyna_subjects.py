@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bridge.errors import DsnetError
-from bridge.processes import notify
+from bridge.runs.processes import notify
 from torch_align_ae.corpus.dyna_files import DynaEntry
 
 DYNA_SUBJECTS = {

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.posing import shaped_vertices
-from bridge.exchange import unpack_theta
+from bridge.motion import unpack_theta
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.soft_tissue import RATE_HZ, Array, SoftTissue, TissueParameters
 from torch_align_ae.corpus.tissue_parameters import tissue_parameters

@@ -15,7 +15,7 @@ from benchmarks.alignment.known_sequences import HELD_OUT, TUNING, Suite, known_
 from benchmarks.alignment.peer_smplfitter import body_fitter, first_frame_shape
 from benchmarks.alignment.scores import Scores, body_of, loads_of, moved_by_toes
 from bridge import DsnetError
-from torch_align_ae.alignment.corpus_fit import Effort
+from torch_align_ae.alignment.paper.corpus_fit import Effort
 
 # Motions begin at rest; a woman, a man, a woman again, since genders are aligned apart.
 PAIRS = (("50004", "jiggle_on_toes"), ("50002", "one_leg_jump"), ("50020", "one_leg_jump"))

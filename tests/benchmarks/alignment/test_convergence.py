@@ -7,14 +7,15 @@ import pytest
 import torch
 
 from benchmarks.alignment.convergence import ConvergenceConfig, main
-from benchmarks.alignment.descent_rules import Clips, Rule, track
+from benchmarks.alignment.descent_rules import ClipSet, Rule, track
 from benchmarks.alignment.known_clips import load_clips
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
-from bridge.exchange import ArtifactWriter, Run, Sequence, pack_theta, to_manifest, write_artifact
+from bridge.motion import MotionSequence, pack_theta, to_manifest
+from bridge.runs import ArtifactWriter, Run, write_artifact
 from torch_align_ae import SMPL
-from torch_align_ae.alignment.objective import MeshDistance
-from torch_align_ae.alignment.sgd import Descent, fit_pose
+from torch_align_ae.alignment.paper.objective import MeshDistance
+from torch_align_ae.alignment.paper.sgd import Descent, fit_pose
 from torch_align_ae.corpus.dyna_files import write_dyna
 
 LENGTH = 4
@@ -57,7 +58,7 @@ def run(tmp_path, monkeypatch, body, smpl, truth):
     betas, pose, trans, offsets = truth
     meshes = smpl(betas.repeat_interleave(LENGTH, 0), pose, trans, offsets).numpy()
     index = [
-        Sequence(f"{subject}_hips", subject, "hips", LENGTH * row, LENGTH, 60.0)
+        MotionSequence(f"{subject}_hips", subject, "hips", LENGTH * row, LENGTH, 60.0)
         for row, subject in enumerate(("50004", "50020"))
     ]
     found = Run("t")
@@ -103,7 +104,7 @@ def clips(smpl, truth):
     meshes = objective.arrange(smpl(betas.repeat_interleave(LENGTH, 0), pose, trans))
     targets = meshes.view(2, LENGTH, -1).transpose(0, 1)
     start = pose.view(2, LENGTH, 22, 3)[:, 0] + 0.02, trans.view(2, LENGTH, 3)[:, 0]
-    return objective, Clips(objective.shapes(betas), targets[1:3], *start)
+    return objective, ClipSet(objective.shapes(betas), targets[1:3], *start)
 
 
 def test_a_fixed_number_of_steps_is_the_stages_own_descent(clips):

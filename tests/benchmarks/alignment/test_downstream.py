@@ -8,12 +8,13 @@ import pytest
 
 from benchmarks.alignment.downstream import DownstreamConfig, main
 from bridge.errors import DsnetError
-from bridge.exchange import Run, Sequence, to_manifest, write_artifact
+from bridge.motion import MotionSequence, to_manifest
+from bridge.runs import Run, write_artifact
 
 SEQUENCES = [
-    Sequence("50004_hips", "50004", "hips", 0, 40, 60.0, "train"),
-    Sequence("50004_knees", "50004", "knees", 40, 30, 60.0, "train"),
-    Sequence("50020_hips", "50020", "hips", 70, 20, 60.0, "validation"),
+    MotionSequence("50004_hips", "50004", "hips", 0, 40, 60.0, "train"),
+    MotionSequence("50004_knees", "50004", "knees", 40, 30, 60.0, "train"),
+    MotionSequence("50020_hips", "50020", "hips", 70, 20, 60.0, "validation"),
 ]
 
 

@@ -9,14 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.exchange import (
-    ArtifactWriter,
-    Run,
-    Sequence,
-    save_weights,
-    to_manifest,
-    write_artifact,
-)
+from bridge.exchange import save_weights
+from bridge.motion import MotionSequence, to_manifest
+from bridge.runs import ArtifactWriter, Run, write_artifact
 from bridge.verify import draws
 from bridge.verify.checks import cases_of
 from bridge.verify.random_checks import full_size_plan, random_plan
@@ -77,8 +72,8 @@ def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
     rng, frames = np.random.default_rng(0), 30
     sequences = [
-        Sequence("a_hop", "a", "hop", 0, 20, 60.0, "train"),
-        Sequence("a_run", "a", "run", 20, 10, 60.0, "validation"),
+        MotionSequence("a_hop", "a", "hop", 0, 20, 60.0, "train"),
+        MotionSequence("a_run", "a", "run", 20, 10, 60.0, "validation"),
     ]
     arrays = {
         "theta": rng.normal(size=(frames, 69)).astype(np.float32),

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from bridge.exchange import read_artifact
+from bridge.runs import read_artifact
 from bridge.verify.checks import cases_of
 from bridge.verify.random_checks import random_plan
 

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from bridge.exchange import ArtifactWriter, Sequence, unpack_theta
+from bridge.motion import MotionSequence, unpack_theta
+from bridge.runs import ArtifactWriter
 from torch_align_ae.alignment.fitted import AlignedArrays, Fitted, measure
 
 SEQUENCES = [
-    Sequence("50004_hips", "50004", "hips", 0, 4, 60.0),
-    Sequence("50020_knees", "50020", "knees", 4, 3, 60.0),
+    MotionSequence("50004_hips", "50004", "hips", 0, 4, 60.0),
+    MotionSequence("50020_knees", "50020", "knees", 4, 3, 60.0),
 ]
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from bridge.motion.splits import chunks
 from torch_align_ae.autoencoder.normaliser import fit_normaliser, offset_statistics
-from torch_align_ae.autoencoder.splits import chunks
 
-READINGS = ("global_maximum", "vertex_maximum", "standard")
+PRESETS = ("global_maximum", "vertex_maximum", "standard")
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def offsets_m():
     return (rng.standard_normal((300, 40, 3)) * scale + 5e-3).astype(np.float32)
 
 
-@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("reading", PRESETS)
 def test_denormalise_inverts_normalise(offsets_m, reading):
     normaliser = fit_normaliser(reading, offsets_m, np.arange(200))
     values = torch.from_numpy(offsets_m)
@@ -46,7 +46,7 @@ def test_standard_values_have_mean_zero_and_deviation_one(offsets_m):
     np.testing.assert_allclose(values.square().mean().sqrt(), 1, rtol=1e-5)
 
 
-@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("reading", PRESETS)
 def test_other_frames_do_not_enter(offsets_m, reading):
     changed = offsets_m.copy()
     changed[200:] = 9.0
@@ -64,7 +64,7 @@ def test_streamed_statistics_are_numpys(offsets_m):
     np.testing.assert_allclose(found.deviation_m, (part - part.mean(axis=0)).std(), rtol=1e-9)
 
 
-@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("reading", PRESETS)
 def test_still_vertices_stay_finite(reading):
     normaliser = fit_normaliser(reading, np.zeros((4, 5, 3), np.float32), np.arange(4))
     assert torch.isfinite(normaliser.normalise(torch.zeros(1, 5, 3))).all()

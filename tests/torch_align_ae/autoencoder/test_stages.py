@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.exchange import ArtifactWriter, Run, Sequence, sequences_of, to_manifest
-from torch_align_ae.autoencoder import load_codec, stage_decode, stage_encode, stage_train
+from bridge.motion import MotionSequence, sequences_of, to_manifest
+from bridge.runs import ArtifactWriter, Run
+from torch_align_ae.autoencoder import load_codec, stage_decode, stage_encode, stage_train_ae
 from torch_align_ae.autoencoder.stage_encode import EncodeConfig
-from torch_align_ae.autoencoder.stage_train import TrainAutoencoderConfig
+from torch_align_ae.autoencoder.stage_train_ae import TrainAutoencoderConfig
 
 NAMES = [("s1", "hop"), ("s1", "run"), ("s1", "jump"), ("s2", "hop"), ("s2", "run")]
 SPLITS = ["train", "train", "validation", "train", "train"]
@@ -24,16 +25,16 @@ def run(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSNET_RUNS", str(tmp_path_factory.mktemp("runs")))
         _write_align(Run("r"))
-        stage_train.main(CONFIG)
+        stage_train_ae.main(CONFIG)
         stage_encode.main(EncodeConfig(run="r"))
         _write_prediction(Run("r"))
         stage_decode.main(stage_decode.DecodeConfig(run="r"))
         yield Run("r")
 
 
-def _index() -> list[Sequence]:
+def _index() -> list[MotionSequence]:
     return [
-        Sequence(f"{subject}_{motion}", subject, motion, k * LENGTH, LENGTH, 60.0, split)  # type: ignore[arg-type]
+        MotionSequence(f"{subject}_{motion}", subject, motion, k * LENGTH, LENGTH, 60.0, split)  # type: ignore[arg-type]
         for k, ((subject, motion), split) in enumerate(zip(NAMES, SPLITS, strict=True))
     ]
 
@@ -52,7 +53,7 @@ def _write_align(run: Run) -> None:
 
 def _write_prediction(run: Run) -> None:
     latents = np.asarray(run.artifact("encode").array("latents"))
-    unseen = Sequence("s9_kick", "s9", "kick", len(latents), LENGTH, 60.0, "test")
+    unseen = MotionSequence("s9_kick", "s9", "kick", len(latents), LENGTH, 60.0, "test")
     writer = ArtifactWriter(run.path / "predict", "predict", data="synthetic")
     writer.put("latents", np.concatenate([latents, latents[:LENGTH]]) + 0.1, "1")
     writer.put("latents_faithful", np.concatenate([latents, latents[:LENGTH]]) * 0.5, "1")
@@ -111,7 +112,7 @@ def test_unaligned_sequences_have_zero_rows(run):
 def test_a_current_stage_is_kept(run):
     before = run.artifact("train-ae").manifest["provenance"]["finished_utc"]
     stamp = (run.path / "train-ae" / "autoencoder.safetensors").stat().st_mtime_ns
-    stage_train.main(CONFIG)
+    stage_train_ae.main(CONFIG)
     assert (run.path / "train-ae" / "autoencoder.safetensors").stat().st_mtime_ns == stamp
     assert run.artifact("train-ae").manifest["provenance"]["finished_utc"] == before
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
+from bridge.motion.splits import split_frames
 from torch_align_ae.autoencoder.codec import Codec
 from torch_align_ae.autoencoder.initialisation import initialise_with_modes
 from torch_align_ae.autoencoder.mesh_autoencoder import INFERRED_WIDTHS, MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import fit_normaliser
 from torch_align_ae.autoencoder.scoring import reconstruction_r2
-from torch_align_ae.autoencoder.splits import split_frames
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
 
 SMALL = (60, 40, 30, 20, 12)

@@ -11,7 +11,7 @@ import torch
 
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
-from bridge.exchange import unpack_theta
+from bridge.motion import unpack_theta
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.kinematics import world_frames
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, MOTIONS, Skeleton, perform

@@ -8,7 +8,7 @@ from bridge.body.posing import shaped_vertices
 from bridge.errors import DsnetError
 from torch_align_ae.corpus.motions import DYNA_MOTIONS
 from torch_align_ae.corpus.sequences import dyna_takes, mosh_takes
-from torch_align_ae.corpus.stage import PROFILES
+from torch_align_ae.corpus.stage_corpus import PROFILES
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN
 
 

@@ -9,11 +9,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from bridge.exchange import N_JOINTS, pack_theta
-from torch_align_ae.alignment.robust.calibration import BATCH, Subject, calibrate
+from bridge.motion import pack_theta
+from bridge.paper import N_JOINTS
+from torch_align_ae.alignment.robust.calibration import BATCH, LearnedSubject, calibrate
 from torch_align_ae.alignment.robust.gauss_newton import fit_poses
 from torch_align_ae.alignment.robust.initial_pose import initial_pose
-from torch_align_ae.alignment.robust.recording import Recording, Window, windows
+from torch_align_ae.alignment.robust.recording import FrameWindow, MeshRecording, windows
 from torch_align_ae.alignment.robust.sample import SkinSample
 from torch_align_ae.alignment.robust.settings import RobustSettings
 from torch_align_ae.alignment.threads import workers
@@ -47,7 +48,7 @@ def align_sequences(
     """
     sample = SkinSample(smpl, settings.vertices)
     recordings = [
-        Recording(lambda start, stop, own=own: own[start:stop], len(own), fps) for own in meshes
+        MeshRecording(lambda start, stop, own=own: own[start:stop], len(own), fps) for own in meshes
     ]
     thetas = [np.empty((len(own), 3 * N_JOINTS + 3), np.float32) for own in meshes]
     with workers() as pool:
@@ -57,7 +58,7 @@ def align_sequences(
             for row in range(max(subjects) + 1)
         ]  # fmt: skip
 
-        def fit(window: Window) -> tuple[Window, Tensor, Tensor]:
+        def fit(window: FrameWindow) -> tuple[FrameWindow, Tensor, Tensor]:
             seen = recordings[window.row].meshes(window.start, window.stop)
             return window, *fit_frames(sample, known[subjects[window.row]], *seen, settings)
 
@@ -71,7 +72,7 @@ def align_sequences(
 
 def fit_frames(
     sample: SkinSample,
-    subject: Subject,
+    subject: LearnedSubject,
     meshes: Tensor,
     acceleration: Tensor,
     settings: RobustSettings,
@@ -80,7 +81,7 @@ def fit_frames(
 
     Parameters
     ----------
-    meshes, acceleration : (n, V, 3), m and m/s^2, from `Recording.meshes`.
+    meshes, acceleration : (n, V, 3), m and m/s^2, from `MeshRecording.meshes`.
     """
     shaped, tissue = sample.shaped(subject.betas), subject.tissue
     weights = tissue.weights(settings.precision_m)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from torch_align_ae.alignment.robust.gauss_newton import fit_poses
 from torch_align_ae.alignment.robust.initial_pose import initial_pose
-from torch_align_ae.alignment.robust.recording import Recording, spread_clips
+from torch_align_ae.alignment.robust.recording import MeshRecording, spread_clips
 from torch_align_ae.alignment.robust.sample import Pose, SkinSample
 from torch_align_ae.alignment.robust.settings import RobustSettings
 from torch_align_ae.alignment.robust.shape import fit_shape
@@ -27,7 +27,7 @@ _FIRST_STEPS = 2
 
 
 @dataclass(frozen=True)
-class Subject:
+class LearnedSubject:
     """What is learned of a subject once."""
 
     betas: Tensor
@@ -47,10 +47,10 @@ class _Batch:
 
 def calibrate(
     sample: SkinSample,
-    recordings: Sequence[Recording],
+    recordings: Sequence[MeshRecording],
     settings: RobustSettings,
     workers: Workers,
-) -> Subject:
+) -> LearnedSubject:
     """Learn the shape and then how soft the body is where, from frames of all its recordings."""
     betas = fit_shape(sample, _shape_frames(sample, recordings, settings), settings.shape_steps)
     shaped = sample.shaped(betas)
@@ -83,11 +83,11 @@ def calibrate(
     tissue = reduce(add, workers.map(gather, batches)).revise(tissue)
     for _ in range(settings.calibration_rounds):
         tissue = reduce(add, workers.map(improve, batches)).revise(tissue)
-    return Subject(betas, tissue)
+    return LearnedSubject(betas, tissue)
 
 
 def _shape_frames(
-    sample: SkinSample, recordings: Sequence[Recording], settings: RobustSettings
+    sample: SkinSample, recordings: Sequence[MeshRecording], settings: RobustSettings
 ) -> Tensor:
     """(n, 3, N) the frames that give the shape: the first, or some spread over all recordings."""
     if settings.shape_frames == 1:

@@ -13,19 +13,13 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from bridge.errors import DsnetError
-from bridge.exchange import (
-    ArtifactWriter,
-    Sequence,
-    load_weights,
-    save_weights,
-    subject_rows,
-    to_manifest,
-    unpack_theta,
-)
+from bridge.exchange import load_weights, save_weights
+from bridge.motion import MotionSequence, subject_rows, to_manifest, unpack_theta
+from bridge.runs import ArtifactWriter
 from torch_align_ae.alignment.fitted import AlignedArrays, Fitted, measure
 from torch_align_ae.alignment.robust.align import FRAMES_PER_WINDOW, continued_theta, fit_frames
-from torch_align_ae.alignment.robust.calibration import Subject, calibrate
-from torch_align_ae.alignment.robust.recording import Recording, Window, windows
+from torch_align_ae.alignment.robust.calibration import LearnedSubject, calibrate
+from torch_align_ae.alignment.robust.recording import FrameWindow, MeshRecording, windows
 from torch_align_ae.alignment.robust.sample import SkinSample
 from torch_align_ae.alignment.robust.settings import RobustSettings
 from torch_align_ae.alignment.robust.tissue import Tissue
@@ -46,7 +40,11 @@ class RobustCorpusFit:
     """
 
     def __init__(
-        self, smpl: SMPL, reader: DynaReader, sequences: list[Sequence], settings: RobustSettings
+        self,
+        smpl: SMPL,
+        reader: DynaReader,
+        sequences: list[MotionSequence],
+        settings: RobustSettings,
     ) -> None:
         self._smpl, self._settings, self._sequences = smpl, settings, sequences
         self._sample = SkinSample(smpl, settings.vertices)
@@ -77,17 +75,17 @@ class RobustCorpusFit:
         stored = load_weights(path)
         return {name: stored[name] for name in _LEARNED}
 
-    def _learn(self, name: str, pool: Workers) -> Subject:
+    def _learn(self, name: str, pool: Workers) -> LearnedSubject:
         pairs = zip(self._recordings, self._sequences, strict=True)
         own = [recording for recording, sequence in pairs if sequence.subject == name]
         return calibrate(self._sample, own, self._settings, pool)
 
     def _fit(
-        self, writer: ArtifactWriter, subjects: list[Subject], pool: Workers
+        self, writer: ArtifactWriter, subjects: list[LearnedSubject], pool: Workers
     ) -> Iterator[Fitted]:
         """All windows of the sequences that are not done, in order."""
 
-        def fit(window: Window) -> Fitted:
+        def fit(window: FrameWindow) -> Fitted:
             row = self._row_of_subject[self._sequences[window.row].subject]
             meshes, acceleration = self._recordings[window.row].meshes(window.start, window.stop)
             pose, trans = fit_frames(
@@ -131,14 +129,14 @@ class RobustCorpusFit:
         return tqdm(total=sum(lengths), initial=done, desc="align", unit="frame", disable=None)
 
 
-def _recording(reader: DynaReader, sequence: Sequence) -> Recording:
+def _recording(reader: DynaReader, sequence: MotionSequence) -> MeshRecording:
     def read(start: int, stop: int) -> NDArray[np.float32]:
         return reader.frames(sequence.name, start, stop)
 
-    return Recording(read, sequence.length, sequence.fps)
+    return MeshRecording(read, sequence.length, sequence.fps)
 
 
-def _stacked(subjects: list[Subject]) -> dict[str, NDArray[np.float32]]:
+def _stacked(subjects: list[LearnedSubject]) -> dict[str, NDArray[np.float32]]:
     columns = zip(
         *((s.betas, s.tissue.compliance_s2, s.tissue.deviation_m) for s in subjects), strict=True
     )
@@ -147,9 +145,9 @@ def _stacked(subjects: list[Subject]) -> dict[str, NDArray[np.float32]]:
     }
 
 
-def _subjects(learned: Mapping[str, NDArray[np.float32]]) -> list[Subject]:
+def _subjects(learned: Mapping[str, NDArray[np.float32]]) -> list[LearnedSubject]:
     rows = zip(*(torch.from_numpy(learned[name]) for name in _LEARNED), strict=True)
-    return [Subject(betas, Tissue(*tissue)) for betas, *tissue in rows]
+    return [LearnedSubject(betas, Tissue(*tissue)) for betas, *tissue in rows]
 
 
 def _done(writer: ArtifactWriter, row: int) -> Path:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from bridge.exchange import N_JOINTS
+from bridge.paper import N_JOINTS
 from torch_align_ae.alignment.robust.linearise import linearise
 from torch_align_ae.alignment.robust.sample import Frames, Pose, Shaped, SkinSample
 from torch_align_ae.body.rotations import axis_angle_to_matrix

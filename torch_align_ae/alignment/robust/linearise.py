@@ -13,7 +13,7 @@ from torch import Tensor
 
 from torch_align_ae.alignment.robust.sample import (
     Frames,
-    Patch,
+    SampledPatch,
     Shaped,
     moved_by_bones,
     rest_vertices,
@@ -22,7 +22,12 @@ from torch_align_ae.body.rotations import cross_matrix
 
 
 def linearise(
-    patch: Patch, shaped: Shaped, frames: Frames, features: Tensor, scale: Tensor, parents: Tensor
+    patch: SampledPatch,
+    shaped: Shaped,
+    frames: Frames,
+    features: Tensor,
+    scale: Tensor,
+    parents: Tensor,
 ) -> tuple[Tensor, Tensor]:
     """Posed vertices of a patch and their Jacobian, both times `scale`.
 
@@ -62,7 +67,7 @@ def _put_cross_products(jacobian: Tensor, arms: Tensor) -> None:
 
 
 def _add_corrections(
-    jacobian: Tensor, patch: Patch, frames: Frames, weights: Tensor, parents: Tensor
+    jacobian: Tensor, patch: SampledPatch, frames: Frames, weights: Tensor, parents: Tensor
 ) -> None:
     """Add what pose blend shapes do while their joint turns."""
     count = len(patch.jacobian_posedirs)

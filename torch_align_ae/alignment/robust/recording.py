@@ -15,7 +15,7 @@ _CLIP = 8
 
 
 @dataclass(frozen=True)
-class Recording:
+class MeshRecording:
     """One sequence of meshes."""
 
     read: Callable[[int, int], NDArray[np.float32]]
@@ -44,7 +44,7 @@ class Recording:
 
 
 @dataclass(frozen=True)
-class Window:
+class FrameWindow:
     """Consecutive frames of one sequence."""
 
     row: int
@@ -55,18 +55,18 @@ class Window:
     """One past the last."""
 
 
-def windows(lengths: Sequence[int], frames: int) -> list[Window]:
+def windows(lengths: Sequence[int], frames: int) -> list[FrameWindow]:
     """All sequences cut into windows of `frames`, one sequence after the other."""
     return [
-        Window(row, start, min(start + frames, length))
+        FrameWindow(row, start, min(start + frames, length))
         for row, length in enumerate(lengths)
         for start in range(0, length, frames)
     ]
 
 
 def spread_clips(
-    recordings: Sequence[Recording], frames: int
-) -> Iterator[tuple[Recording, int, int]]:
+    recordings: Sequence[MeshRecording], frames: int
+) -> Iterator[tuple[MeshRecording, int, int]]:
     """Short clips (recording, start, stop) evenly spread over all frames, `frames` in all."""
     ends = np.cumsum([recording.length for recording in recordings])
     count = max(min(frames, int(ends[-1])) // _CLIP, 1)

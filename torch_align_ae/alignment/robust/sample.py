@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from bridge.exchange import N_JOINTS
+from bridge.paper import N_JOINTS
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.kinematics import tree_levels, world_frames
 
@@ -46,7 +46,7 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class Patch:
+class SampledPatch:
     """n neighbouring vertices of the sample."""
 
     vertices: slice
@@ -146,7 +146,7 @@ class SkinSample:
             parts.append(moved_by_bones(patch, frames, rest, patch.weights).sum(1))
         return torch.cat(parts, 2)
 
-    def _patch(self, rows: slice, weights: Tensor) -> Patch:
+    def _patch(self, rows: slice, weights: Tensor) -> SampledPatch:
         chosen = self.vertices[rows]
         weights = weights[:, chosen]
         posedirs = self.smpl.posedirs[: 9 * (N_JOINTS - 1), :, chosen]
@@ -158,7 +158,7 @@ class SkinSample:
         above[correcting] = False
         joints = torch.cat([correcting, above.nonzero()[:, 0]])
         features = posedirs.flatten(1).any(1).nonzero()[:, 0]
-        return Patch(
+        return SampledPatch(
             vertices=rows,
             bones=bones,
             weights=weights[bones].contiguous(),
@@ -171,13 +171,13 @@ class SkinSample:
         )
 
 
-def rest_vertices(patch: Patch, shaped: Shaped, features: Tensor) -> Tensor:
+def rest_vertices(patch: SampledPatch, shaped: Shaped, features: Tensor) -> Tensor:
     """(B, 3, n) rest vertices of a patch with pose blend shapes, Eq. 2, metres."""
     corrective = features.index_select(1, patch.features) @ patch.posedirs
     return corrective.unflatten(1, (3, -1)).add_(shaped.vertices[:, patch.vertices])
 
 
-def moved_by_bones(patch: Patch, frames: Frames, rest: Tensor, weights: Tensor) -> Tensor:
+def moved_by_bones(patch: SampledPatch, frames: Frames, rest: Tensor, weights: Tensor) -> Tensor:
     """(B, K, 3, n) each bone's part of the posed vertices; their sum over K is the vertex."""
     turn, shift = frames.turn[:, patch.bones], frames.shift[:, patch.bones]
     moved = (turn.flatten(1, 2) @ rest).unflatten(1, (-1, 3))

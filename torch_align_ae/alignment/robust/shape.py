@@ -5,11 +5,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from bridge.exchange import N_JOINTS
+from bridge.paper import N_JOINTS
 from torch_align_ae.alignment.robust.gauss_newton import moved, solve_damped
 from torch_align_ae.alignment.robust.initial_pose import initial_pose
 from torch_align_ae.alignment.robust.linearise import linearise
-from torch_align_ae.alignment.robust.sample import Frames, Patch, Shaped, SkinSample
+from torch_align_ae.alignment.robust.sample import Frames, SampledPatch, Shaped, SkinSample
 
 _POSE_UNKNOWNS = 3 * N_JOINTS + 3
 
@@ -55,7 +55,7 @@ def _joint_equations(
     return curvature, pull
 
 
-def _by_betas(sample: SkinSample, patch: Patch, frames: Frames, shifts: Tensor) -> Tensor:
+def _by_betas(sample: SkinSample, patch: SampledPatch, frames: Frames, shifts: Tensor) -> Tensor:
     """(B, 10, 3, n) derivative of a patch's posed vertices by the betas."""
     shapedirs = sample.smpl.shapedirs[:, :, sample.vertices[patch.vertices]]
     turn = frames.turn[:, patch.bones]

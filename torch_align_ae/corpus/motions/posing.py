@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import shaped_vertices
-from bridge.exchange import N_JOINTS, pack_theta
+from bridge.motion import pack_theta
+from bridge.paper import N_JOINTS
 from torch_align_ae.corpus.motions.leg import Leg, pose_leg
 from torch_align_ae.corpus.motions.plan import Array, BodyPlan, FootPath
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from bridge.exchange import unpack_theta
+from bridge.motion import unpack_theta
 from torch_align_ae.alignment.robust import RobustSettings, align_sequences
 from torch_align_ae.body import rest_pose_offsets
 from torch_align_ae.body.rotations import axis_angle_to_matrix, matrix_to_axis_angle

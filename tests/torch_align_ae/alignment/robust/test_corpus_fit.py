@@ -8,9 +8,10 @@ import pytest
 import torch
 
 from bridge.errors import DsnetError
-from bridge.exchange import Run, sequences_of, unpack_theta
+from bridge.motion import sequences_of, unpack_theta
+from bridge.runs import Run
 from torch_align_ae.alignment.robust import RobustSettings, corpus_fit
-from torch_align_ae.alignment.stage import AlignConfig, main
+from torch_align_ae.alignment.stage_align import AlignConfig, main
 from torch_align_ae.corpus.dyna_files import write_dyna
 
 SETTINGS = RobustSettings(vertices=300, steps=3, calibration_frames=16, calibration_rounds=3)

@@ -4,15 +4,20 @@ import numpy as np
 import pytest
 import torch
 
-from torch_align_ae.alignment.robust.recording import Recording, Window, spread_clips, windows
+from torch_align_ae.alignment.robust.recording import (
+    FrameWindow,
+    MeshRecording,
+    spread_clips,
+    windows,
+)
 
 
-def recording(frames: np.ndarray, fps: float = 60.0) -> Recording:
+def recording(frames: np.ndarray, fps: float = 60.0) -> MeshRecording:
     def read(start, stop):
         assert 0 <= start < stop <= len(frames)
         return frames[start:stop]
 
-    return Recording(read, len(frames), fps)
+    return MeshRecording(read, len(frames), fps)
 
 
 def falling(length: int) -> np.ndarray:
@@ -51,10 +56,10 @@ def test_ends_take_their_neighbours_acceleration():
 
 def test_windows_cover_every_frame_once():
     assert windows([5, 2], 2) == [
-        Window(0, 0, 2),
-        Window(0, 2, 4),
-        Window(0, 4, 5),
-        Window(1, 0, 2),
+        FrameWindow(0, 0, 2),
+        FrameWindow(0, 2, 4),
+        FrameWindow(0, 4, 5),
+        FrameWindow(1, 0, 2),
     ]
 
 

@@ -1,0 +1,1 @@
+"""How good results are: errors on posed meshes, absorption, and the stage `evaluate`."""

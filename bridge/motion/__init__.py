@@ -1,0 +1,23 @@
+"""Motions: the pose vector theta, AMASS files, sequences, and who is trained on what."""
+
+from bridge.motion.resampling import Motion, load_amass_motion
+from bridge.motion.sequences import (
+    MotionSequence,
+    sequences_of,
+    subject_rows,
+    subjects_of,
+    to_manifest,
+)
+from bridge.motion.theta import pack_theta, unpack_theta
+
+__all__ = [
+    "Motion",
+    "MotionSequence",
+    "load_amass_motion",
+    "pack_theta",
+    "sequences_of",
+    "subject_rows",
+    "subjects_of",
+    "to_manifest",
+    "unpack_theta",
+]

@@ -1,0 +1,124 @@
+"""Figures 6 and 8 of the paper, and the losses, as curves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from bridge.motion import MotionSequence, sequences_of
+from bridge.paper import CLIP_FRAMES
+from bridge.report.panels import new_figure, save_figure
+from bridge.runs import Artifact
+
+# Okabe and Ito's colours, told apart by every reader; line styles do it in print.
+STYLES = {
+    "dsnet": ("DSNet", "#0072B2", "-"),
+    "dsnet_faithful": ("DSNet, faithful reading", "#56B4E9", "-."),
+    "autoencoder": ("autoencoder alone", "#009E73", ":"),
+    "mean_offset": ("mean offset of the sequence", "#E69F00", "--"),
+    "smpl": ("SMPL alone", "#777777", "-"),
+}
+
+
+def draw_figure6(path: Path, align: Artifact) -> None:
+    """Figure 6: histogram of the sequences' lengths, and the length that all are brought to."""
+    lengths = [sequence.length for sequence in sequences_of(align)]
+    figure = new_figure(6.5, 3.6, title="Figure 6: lengths of the sequences", origin=align.origin)
+    axes = figure.subplots()
+    edges = np.arange(0, max(*lengths, CLIP_FRAMES) + 100, 50)
+    axes.hist(lengths, bins=edges.tolist(), color="#0072B2", edgecolor="white")
+    axes.axvline(CLIP_FRAMES, color="#D55E00", linestyle="--")
+    axes.annotate(
+        f"{CLIP_FRAMES} frames",
+        (CLIP_FRAMES, 1.0),
+        xycoords=("data", "axes fraction"),
+        xytext=(4, -4),
+        textcoords="offset points",
+        verticalalignment="top",
+        color="#D55E00",
+        fontsize=9,
+    )
+    axes.set_xlim(left=0)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    _finish(axes, "frames", "sequences", legend=False)
+    save_figure(figure, path)
+
+
+def draw_figure8(path: Path, evaluate: Artifact, sequence: MotionSequence) -> None:
+    """Figure 8: error of the posed mesh in each frame, averaged over its vertices."""
+    figure = new_figure(
+        8.0,
+        3.9,
+        title=f"Figure 8: error over time, {sequence.name} (never trained on)",
+        origin=evaluate.origin,
+    )
+    axes = figure.subplots()
+    times_s = np.arange(sequence.length) / sequence.fps
+    for name in ("smpl", "mean_offset", "dsnet_faithful", "dsnet"):
+        error_mm = 1e3 * np.asarray(evaluate.array(f"mesh_error_{name}")[sequence.frames])
+        if np.isfinite(error_mm).all():
+            label, colour, line = STYLES[name]
+            label = f"{label}, mean {error_mm.mean():.2f} mm"
+            axes.plot(times_s, error_mm, line, color=colour, label=label, linewidth=1.5)
+    axes.set_ylim(bottom=0.0, top=1.35 * axes.get_ylim()[1])  # room for the legend
+    axes.set_xlim(times_s[0], times_s[-1] or 1.0)
+    _finish(axes, "time [s]", "mean vertex error [mm]")
+    save_figure(figure, path)
+
+
+def draw_autoencoder_loss(path: Path, train_ae: Artifact) -> None:
+    """Losses of the autoencoder: training and validation, row 0 before the first step."""
+    history = np.asarray(train_ae.array("loss"))
+    epochs = np.arange(len(history))
+    figure = new_figure(
+        6.5, 3.6, title="Loss of the autoencoder (mean squared error)", origin=train_ae.origin
+    )
+    axes = figure.subplots()
+    marker = "o" if len(history) < 20 else ""
+    axes.plot(epochs, history[:, 0], marker=marker, color="#0072B2", label="training")
+    axes.plot(epochs, history[:, 1], "--", marker=marker, color="#D55E00", label="validation")
+    _logarithmic(axes, history)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    _finish(axes, "epoch", "loss of normalised offsets")
+    save_figure(figure, path)
+
+
+def draw_dsnet_loss(path: Path, train: Artifact) -> None:
+    """Losses of DSNet in each reading; their units differ, so each has axes of its own."""
+    readings = list(train.manifest["readings"])
+    figure = new_figure(
+        4.4 * len(readings), 3.6, title="Loss of DSNet (Section 4.3)", origin=train.origin
+    )
+    validated = np.asarray(train.array("validation_epochs"))
+    for axes, reading in zip(
+        figure.subplots(1, len(readings), squeeze=False)[0], readings, strict=True
+    ):
+        loss = np.asarray(train.array(f"loss_{reading}"))
+        validation = np.asarray(train.array(f"validation_loss_{reading}"))
+        axes.plot(1 + np.arange(len(loss)), loss, color="#0072B2", label="training", linewidth=1)
+        axes.plot(validated, validation, "--", color="#D55E00", label="validation")
+        axes.set_title(f"{reading}, Adam {train.manifest['readings'][reading]['lr']:g}", fontsize=9)
+        _logarithmic(axes, np.concatenate([loss, validation]))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        _finish(axes, "epoch", "loss of a sequence")
+    save_figure(figure, path)
+
+
+def _logarithmic(axes: Axes, values: np.ndarray) -> None:
+    positive = np.isfinite(values).all() and (values > 0).all()
+    if positive and values.max() > 10 * values.min():
+        axes.set_yscale("log")
+
+
+def _finish(axes: Axes, x: str, y: str, *, legend: bool = True) -> None:
+    axes.set_xlabel(x, fontsize=9)
+    axes.set_ylabel(y, fontsize=9)
+    axes.tick_params(labelsize=8)
+    axes.grid(alpha=0.25, linewidth=0.6)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    if legend:
+        axes.legend(fontsize=8, frameon=False)

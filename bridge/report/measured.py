@@ -1,0 +1,224 @@
+"""Our side of the paper's numbers, read from what a run's stages built and recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from bridge.exchange import load_weights
+from bridge.motion import sequences_of, subjects_of
+from bridge.paper import N_VERTICES, VALIDATION_SEQUENCE
+from bridge.report.paper_table import Measured
+from bridge.runs import Artifact
+
+Stages = Mapping[str, Artifact]
+
+_PEOPLE = {"female": "women", "male": "men"}
+_ONE_GENDER = "one gender at a time, like the paper's own training"
+
+
+def parameter_counts(stages: Stages) -> dict[str, int]:
+    """Parameters that the training stages counted on the built models."""
+    autoencoders = stages["train-ae"].manifest["parameters"]
+    return {
+        "autoencoder": autoencoders["mesh_autoencoder"],
+        "dsnet": stages["train"].manifest["parameters"]["dsnet"],
+        "casas_otaduy": autoencoders["casas_otaduy"],
+    }
+
+
+def measure(stages: Stages, gender: str) -> dict[str, Measured]:
+    """Ours for each of `bridge.paper.NUMBERS`, with the reason where it departs.
+
+    `gender` is that of the run's body model.
+    """
+    return {
+        **_data(stages, gender),
+        **_sizes(stages),
+        **_alignment(stages),
+        **_autoencoder(stages),
+        **_dsnet(stages),
+        **_results(stages),
+    }
+
+
+def _data(stages: Stages, gender: str) -> dict[str, Measured]:
+    sequences = sequences_of(stages["align"])
+    tests = [s for s in sequences_of(stages["predict"]) if s.split == "test"]
+    subjects = subjects_of(sequences)
+    per_subject = [sum(s.subject == subject for s in sequences) for subject in subjects]
+    lengths = [s.length for s in sequences]
+    durations_s = [s.length / s.fps for s in sequences]
+    smaller = f"this run's corpus has {len(sequences)} sequences"
+    return {
+        "subjects": Measured(len(subjects), smaller),
+        "subjects_total": Measured(len(subjects), _ONE_GENDER),
+        "motions_per_subject": Measured((min(per_subject), max(per_subject)), smaller),
+        **_of_gender(gender, "sequences", len(sequences), "this run's corpus is smaller"),
+        **_of_gender(gender, "mosh_sequences", len(tests), "this run's held-out set is smaller"),
+        "dyna_fps": Measured(sequences[0].fps, "the files' rate"),
+        "mosh_fps": _mosh_rate(stages),
+        "duration_s": Measured(
+            (round(min(durations_s), 1), round(max(durations_s), 1)), "this run's corpus"
+        ),
+        "usual_frames": Measured(
+            tuple(int(q) for q in np.quantile(lengths, [0.1, 0.9])),
+            "10th and 90th percentile of this run's lengths",
+        ),
+        "clip_frames": Measured(stages["train"].manifest["config"]["frames"], "set by the run"),
+        "validation_sequence": Measured(
+            ", ".join(s.name for s in sequences if s.split == "validation"),
+            "set by the run, or not among its sequences",
+        ),
+    }
+
+
+def _of_gender(gender: str, quantity: str, count: int, why: str) -> dict[str, Measured]:
+    """The paper counts women's sequences and men's; a run has those of its body model."""
+    counts = {f"{quantity}_{people}": Measured(None, _ONE_GENDER) for people in _PEOPLE.values()}
+    if gender in _PEOPLE:
+        counts[f"{quantity}_{_PEOPLE[gender]}"] = Measured(count, why)
+    return counts
+
+
+def _mosh_rate(stages: Stages) -> Measured:
+    if "corpus" not in stages:
+        return Measured(None, "the files' own rates, each resampled to 60")
+    return Measured(_npz_rate(stages["corpus"]), "the files' rate")
+
+
+def _npz_rate(corpus: Artifact) -> float | None:
+    name = next((name for name in corpus.manifest["files"] if name.startswith("mosh/")), None)
+    if name is None:
+        return None
+    with np.load(corpus.file(name), allow_pickle=False) as motion:
+        return round(motion["mocap_framerate"].item(), 3)
+
+
+def _sizes(stages: Stages) -> dict[str, Measured]:
+    predict, shape = stages["predict"], stages["decode"].array("offsets").shape
+    theta, betas = predict.array("theta").shape[1], predict.array("betas").shape[1]
+    return {
+        "vertices": Measured(shape[1]),
+        "mesh_size": Measured(shape[1] * shape[2]),
+        "joints": Measured((theta - 3) // 3),
+        "theta": Measured(theta),
+        "betas": Measured(betas),
+        "amass_betas": Measured(
+            betas, "16 are read, the first 10 are used, as by the paper's DSNet"
+        ),
+        "amass_dmpls": Measured(None, "read where a file has them, not used by DSNet"),
+        "amass_pose": Measured(theta, "156 rotations and 3 of translation are read, 69 are used"),
+        "latent_size": Measured(stages["encode"].array("latents").shape[1]),
+    }
+
+
+def _alignment(stages: Stages) -> dict[str, Measured]:
+    config = stages["align"].manifest["config"]
+    error = stages["evaluate"].manifest["alignment"]["frame_error_mm"]["mean"]
+    return {
+        "align_lr": Measured(config["lr"], "set by the run"),
+        "align_momentum": Measured(config["momentum"], "set by the run"),
+        "align_steps": Measured(config["steps"]),
+        "align_error_mm": Measured(round(error, 3)),
+    }
+
+
+def _autoencoder(stages: Stages) -> dict[str, Measured]:
+    manifest = stages["train-ae"].manifest
+    trained, counts = manifest["autoencoder"], parameter_counts(stages)
+    train, validation = trained["train_frames"], trained["validation_frames"]
+    share = 100 * counts["autoencoder"] / counts["casas_otaduy"]
+    frames = f"floor(0.7 n) and the rest of this run's {train + validation:,} meshes"
+    standard = "values leave [-1, 1]: see `autoencoder` under departures"
+    literal = trained["normalisation"] == "global_maximum"
+    return {
+        "ae_layers": Measured(_encoder_layers(stages["train-ae"])),
+        "ae_widths": Measured("-".join(map(str, manifest["architecture"]["widths"]))),
+        "ae_activation": Measured(trained["activation"]),
+        "ae_parameters": Measured(counts["autoencoder"]),
+        "casas_otaduy_parameters": Measured(counts["casas_otaduy"]),
+        "casas_otaduy_widths": _casas_otaduy_widths(counts["casas_otaduy"]),
+        "parameter_share": Measured(round(share, 1)),
+        "ae_train_frames": Measured(train, frames),
+        "ae_validation_frames": Measured(validation, frames),
+        "ae_train_share": Measured(round(100 * train / (train + validation)), frames),
+        "ae_input_range": Measured((-1, 1)) if literal else Measured(None, standard),
+        "ae_batch": Measured(manifest["config"]["batch_size"], "set by the run"),
+        "ae_lr": Measured(trained["learning_rate"], "set by the run"),
+        "ae_r2": Measured(round(trained["r2_validation"], 4)),
+    }
+
+
+def _encoder_layers(train_ae: Artifact) -> tuple[int, ...]:
+    """Linear, convolutional and last linear layers, counted in the file of weights."""
+    names = list(load_weights(train_ae.file("autoencoder.safetensors")))
+    kinds = ("model.encoder.linear", "model.encoder.conv", "model.to_latent")
+    return tuple(
+        sum(name.startswith(kind) and name.endswith("weight") for name in names) for kind in kinds
+    )
+
+
+def _casas_otaduy_widths(parameters: int) -> Measured:
+    """The paper's widths, if dense layers of those widths have the parameters that were built."""
+    widths = (6000, 3000, 100)
+    chain = (3 * N_VERTICES, *widths)
+    chain += chain[-2::-1]
+    total = sum((inner + 1) * outer for inner, outer in pairwise(chain))
+    return Measured(widths if total == parameters else None, "the built network has other widths")
+
+
+def _dsnet(stages: Stages) -> dict[str, Measured]:
+    manifest = stages["train"].manifest
+    config, reading = manifest["config"], stages["predict"].manifest["reading"]
+    weights = load_weights(stages["train"].file(f"{reading}.safetensors"))
+    epoch_s = manifest["provenance"].get(f"epoch_s_{reading}")
+    inputs, latent = weights["fc_enc_1/kernel"].shape[0], weights["fc_enc_3/kernel"].shape[1]
+    block = (config["batch_size"], config["frames"])
+    return {
+        "dsnet_input": Measured(inputs),
+        "fc_enc_1": Measured(weights["fc_enc_1/kernel"].shape[1]),
+        "fc_enc_2": Measured(weights["fc_enc_2/kernel"].shape[1]),
+        "lstm": Measured(weights["lstm/recurrent_kernel"].shape[0]),
+        "fc_enc_3": Measured(latent),
+        "dsnet_parameters": Measured(manifest["parameters"]["dsnet"]),
+        "dsnet_batch": Measured(config["batch_size"], "set by the run"),
+        "input_block": Measured(
+            (*block, inputs), "beta enters at each step too, as the same section says: 79 wide"
+        ),
+        "output_block": Measured((*block, latent), "set by the run"),
+        "dsnet_lr": Measured(
+            manifest["readings"][reading]["lr"], f"the `{reading}` reading; `faithful` is beside it"
+        ),
+        "epoch_s": Measured(epoch_s, "another machine: " + manifest["provenance"]["machine"]),
+        "dsnet_epochs": Measured(config["epochs"]),
+        "latent_scale": Measured(
+            "one standard deviation" if reading == "standardised" else "as the autoencoder gives"
+        ),
+    }
+
+
+def _results(stages: Stages) -> dict[str, Measured]:
+    evaluated = validation_result(stages["evaluate"])
+    if evaluated is None:
+        nothing = Measured(None, "no validation sequence in this run")
+        return {"figure8_error": nothing, "dsnet_r2": nothing}
+    error = evaluated["mesh_frame_error_mm"]["dsnet"]
+    metres = " to ".join(f"{error[key] / 1e3:.2g}" for key in ("min", "max"))
+    centimetres = " to ".join(f"{error[key] / 10:.2g}" for key in ("min", "max"))
+    return {
+        "figure8_error": Measured(
+            f"{metres} m, {centimetres} cm", "the unit is not stated, and the data are others"
+        ),
+        "dsnet_r2": Measured(round(evaluated["errors"]["aligned"]["dsnet"]["r2"], 4)),
+    }
+
+
+def validation_result(evaluate: Artifact) -> dict[str, Any] | None:
+    """The paper's validation sequence, or the run's first, as `evaluate` recorded it."""
+    held_out = [r for r in evaluate.manifest["per_sequence"] if r["split"] == "validation"]
+    papers = [result for result in held_out if result["name"] == VALIDATION_SEQUENCE]
+    return next(iter(papers + held_out), None)

@@ -1,0 +1,102 @@
+"""One motion as a row of posed bodies, coloured by the size of their skin offsets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bridge.report.panels import (
+    add_colour_bar,
+    magnitude_colours,
+    new_figure,
+    save_figure,
+    scale_top_m,
+)
+from bridge.report.render import frame_camera, render_bodies
+from bridge.runs.artifact import DataOrigin
+
+_GAP_M = 0.12
+
+
+def draw_motion_strip(
+    path: Path,
+    vertices_m: ArrayLike,
+    offsets_m: ArrayLike,
+    faces: ArrayLike,
+    *,
+    origin: DataOrigin,
+    fps: float = 60.0,
+    title: str = "Predicted skin offsets along the motion",
+    bodies: int = 8,
+    width_px: int = 1300,
+    samples: int = 16,
+) -> None:
+    """Write a PNG of evenly spaced frames side by side; colour is the offset's magnitude.
+
+    Each body stands in a place of its own: its travel along the floor is taken out, its height
+    above the floor is kept, so a jump is seen as one.
+
+    Parameters
+    ----------
+    vertices_m : (T, V, 3) posed vertices, metres, y up; may be memory-mapped.
+    offsets_m : (T, V, 3) offsets in the rest pose, metres.
+    faces : (F, 3) vertex indices.
+    """
+    total = np.shape(vertices_m)[0]
+    frames = np.unique(np.linspace(0, total - 1, min(bodies, total)).round().astype(int))
+    posed = np.asarray(vertices_m)[frames].astype(np.float64)
+    magnitude_m = np.linalg.norm(np.asarray(offsets_m)[frames], axis=-1)
+    row = _side_by_side(posed)
+    top_m = scale_top_m(magnitude_m)
+    camera = frame_camera(list(row), height_px=_height_px(row, width_px), azimuth_deg=0.0)
+    picture = render_bodies(
+        list(row),
+        faces,
+        camera=camera,
+        colours=list(magnitude_colours(magnitude_m, top_m)),
+        samples=samples,
+    )
+    _write(path, picture, frames / fps, row, top_m, title, origin)
+
+
+def _side_by_side(posed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Bodies (N, V, 3) moved along x until none overlaps, each above one line on the floor."""
+    low, high = posed[..., 0].min(axis=1), posed[..., 0].max(axis=1)
+    start = np.concatenate([[0.0], np.cumsum(high - low + _GAP_M)[:-1]])
+    row = posed.copy()
+    row[..., 0] += (start - low)[:, None]
+    row[..., 2] -= posed[..., 2].mean(axis=1, keepdims=True)
+    return row
+
+
+def _height_px(row: NDArray[np.float64], width_px: int) -> int:
+    size = np.ptp(row.reshape(-1, 3), axis=0)
+    return int(width_px * (size[1] + 0.35 * size[2]) / size[0]) + 1
+
+
+def _write(
+    path: Path,
+    picture: NDArray[np.uint8],
+    times_s: NDArray[np.float64],
+    row: NDArray[np.float64],
+    top_m: float,
+    title: str,
+    origin: DataOrigin,
+) -> None:
+    height, width = picture.shape[:2]
+    figure = new_figure(12.0, 12.0 * height / width * 0.92 + 0.9, title=title, origin=origin)
+    axes = figure.subplots()
+    axes.imshow(picture, interpolation="antialiased")
+    span = row[..., 0].min(), row[..., 0].max()
+    middles = (row[..., 0].min(axis=1) + row[..., 0].max(axis=1)) / 2
+    border = 0.5 * 0.08 / 1.08 * width
+    places = border + (middles - span[0]) / (span[1] - span[0]) * (width - 2 * border)
+    axes.set_xticks(places, [f"{time_s:.2f} s" for time_s in times_s], fontsize=8)
+    axes.set_yticks([])
+    axes.tick_params(length=0)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    add_colour_bar(figure, [axes], top_m, "skin offset")
+    save_figure(figure, path)

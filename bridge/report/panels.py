@@ -1,0 +1,101 @@
+"""Figures made of rendered bodies: colour by magnitude, titles, a colour bar, the data's origin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from bridge.runs.artifact import DataOrigin
+
+# Perceptually uniform, and light where nothing happens, so that a body still looks like one.
+MAGNITUDE_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.03, 0.85, 256)))
+FOOTERS = {
+    "synthetic": "synthetic: body model and soft tissue are computed, no person was measured",
+    "licensed": "made from licensed body model and meshes",
+}
+_DPI = 150
+
+
+def magnitude_colours(magnitude_m: ArrayLike, top_m: float) -> NDArray[np.float64]:
+    """sRGB colour (..., 3) of each magnitude (...), the darkest from `top_m` on."""
+    return MAGNITUDE_COLOURS(np.clip(np.asarray(magnitude_m) / top_m, 0.0, 1.0))[..., :3]
+
+
+def scale_top_m(magnitude_m: ArrayLike, quantile: float = 0.998) -> float:
+    """A round number of millimetres that all but the largest magnitudes stay below."""
+    value = max(float(np.quantile(np.asarray(magnitude_m), quantile)), 1e-4)
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(
+        next(step for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if step * decade >= value)
+    ) * (decade)
+
+
+def new_figure(width_in: float, height_in: float, *, title: str, origin: DataOrigin) -> Figure:
+    """A figure that says in its footer what kind of data it shows."""
+    figure = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
+    # Legible on a phone, and never cut: constrained layout leaves room for both.
+    figure.suptitle(title, fontsize=11, fontweight="semibold")
+    figure.supxlabel(FOOTERS[origin], fontsize=7.5, color="#8a4b00", style="italic")
+    return figure
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a PNG whose bytes depend on the figure only."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, metadata={"Software": None})
+
+
+def draw_panels(
+    path: Path,
+    pictures: Sequence[Sequence[NDArray[np.uint8]]],
+    *,
+    title: str,
+    origin: DataOrigin,
+    column_titles: Sequence[str],
+    row_titles: Sequence[str] | None = None,
+    colour_top_m: float | None = None,
+    colour_label: str = "",
+    width_in: float = 9.0,
+) -> None:
+    """Write a grid of pictures, with a colour bar in centimetres when `colour_top_m` is given."""
+    rows, columns = len(pictures), len(pictures[0])
+    height, width = pictures[0][0].shape[:2]
+    panel_in = (width_in - 1.5) / columns
+    figure = new_figure(
+        width_in, rows * panel_in * height / width + 0.95, title=title, origin=origin
+    )
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for row, line in enumerate(pictures):
+        for column, picture in enumerate(line):
+            _show(axes[row, column], picture)
+            if row == 0:
+                axes[row, column].set_title(column_titles[column], fontsize=9)
+        if row_titles:
+            axes[row, 0].set_ylabel(row_titles[row], fontsize=9)
+    if colour_top_m is not None:
+        add_colour_bar(figure, list(axes.flat), colour_top_m, colour_label)
+    save_figure(figure, path)
+
+
+def add_colour_bar(figure: Figure, axes: Sequence[Axes], top_m: float, label: str) -> None:
+    """A bar from 0 to `top_m`, in the paper's centimetres."""
+    scale = ScalarMappable(Normalize(0.0, 100 * top_m), MAGNITUDE_COLOURS)
+    bar = figure.colorbar(scale, ax=axes, fraction=0.025, pad=0.01, aspect=30, extend="max")
+    bar.set_label(f"{label} [cm]", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+
+
+def _show(axes: Axes, picture: NDArray[np.uint8]) -> None:
+    axes.imshow(picture, interpolation="antialiased")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_visible(False)

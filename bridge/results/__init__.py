@@ -1,1 +1,0 @@
-"""Metrics, evaluation, figures and the report."""

@@ -1,0 +1,139 @@
+"""AMASS files of every variety, forged, and every way in which one can be unusable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.motion.amass_file import gender_of_motion, read_amass_file
+from bridge.motion.resampling import load_amass_motion
+from tests.forged.amass import save, shape, smpl, smplh, smplx
+
+Layout = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture
+def target(tmp_path: Path) -> Path:
+    return tmp_path / "motion_poses.npz"
+
+
+@pytest.mark.parametrize(("layout", "width"), [(smpl, 72), (smplh, 156), (smplx, 165)])
+def test_every_layout_begins_with_the_papers_22_joints(
+    target: Path, layout: Layout, width: int
+) -> None:
+    rng = np.random.default_rng(0)
+    poses, trans = rng.uniform(-1, 1, (3, width)), rng.normal(size=(3, 3))
+    stored = read_amass_file(save(target, layout(3, 60.0), poses=poses, trans=trans))
+    np.testing.assert_array_equal(stored.pose.reshape(3, 66), poses[:, :66])
+    np.testing.assert_array_equal(stored.trans_m, trans)
+    np.testing.assert_array_equal(stored.betas, layout()["betas"][:10])
+    assert (stored.gender, stored.fps) == ("female", 60.0)
+
+
+def test_stageii_joints_are_those_of_its_own_parts(target: Path) -> None:
+    """The hands, jaw and eyes that follow the body in `poses` reach no joint."""
+    rng = np.random.default_rng(1)
+    parts = {key: rng.normal(size=smplx()[key].shape) for key in ("root_orient", "pose_body")}
+    rest = rng.normal(size=(5, 99))
+    arrays = smplx() | parts | {"poses": np.concatenate([*parts.values(), rest], axis=1)}
+    stored = read_amass_file(save(target, arrays))
+    np.testing.assert_array_equal(stored.pose[:, 0], parts["root_orient"])
+    np.testing.assert_array_equal(stored.pose[:, 1:].reshape(5, 63), parts["pose_body"])
+
+
+def test_dmpls_are_kept_where_there_are_some(target: Path) -> None:
+    dmpls = np.random.default_rng(2).normal(size=(5, 8))
+    stored = read_amass_file(save(target, smplh(), dmpls=dmpls))
+    np.testing.assert_array_equal(stored.dmpls, dmpls)
+    assert read_amass_file(save(target, smplx())).dmpls is None
+
+
+@pytest.mark.parametrize("layout", [smpl, smplh, smplx])
+def test_rate_under_either_name(target: Path, layout: Layout) -> None:
+    motion = load_amass_motion(save(target, layout(5, 30.0)))
+    assert (motion.source_fps, motion.fps, len(motion.theta)) == (30.0, 60.0, 9)
+
+
+@pytest.mark.parametrize(
+    ("stored", "expected"),
+    [
+        (b"female", "female"),
+        ("male", "male"),
+        (np.array("Neutral"), "neutral"),
+        (np.array([b"male"]), "male"),
+        (None, "unknown"),
+        ("", "unknown"),
+        (np.array(["female", "male"]), "unknown"),
+    ],
+)
+def test_gender(target: Path, stored: Any, expected: str) -> None:
+    save(target, smplh(), gender=stored)
+    assert read_amass_file(target).gender == gender_of_motion(target) == expected
+
+
+def test_a_shape_file_is_no_motion(target: Path) -> None:
+    assert gender_of_motion(save(target, shape())) is None
+
+
+@pytest.mark.parametrize("betas", [np.arange(16.0), np.arange(10.0), np.arange(16.0)[None]])
+def test_first_ten_betas(target: Path, betas: np.ndarray) -> None:
+    stored = read_amass_file(save(target, smplh(), betas=betas))
+    np.testing.assert_array_equal(stored.betas, np.arange(10.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"poses": None}, "has no 'poses'"),
+        ({"trans": None}, "has no 'trans'"),
+        ({"betas": None}, "has no 'betas'"),
+        ({"poses": np.zeros((0, 156)), "trans": np.zeros((0, 3))}, "zero frames"),
+        ({"poses": np.full((5, 156), np.nan)}, "not all finite"),
+        ({"trans": np.full((5, 3), np.inf)}, "not all finite"),
+        ({"poses": np.zeros((5, 150))}, r"shape \(5, 150\).*72 \(SMPL\), 156 \(SMPL-H\), 165"),
+        ({"poses": np.zeros((5, 63))}, r"shape \(5, 63\)"),
+        ({"poses": np.zeros(156)}, r"shape \(156,\)"),
+        ({"poses": np.zeros((5, 156), complex)}, "not all finite numbers"),
+        ({"trans": np.zeros((4, 3))}, "beside 5 frames"),
+        ({"trans": np.zeros((5, 2))}, r"shape \(5, 2\)"),
+        ({"dmpls": np.zeros((4, 8))}, "beside 5 frames"),
+        ({"betas": np.zeros(9)}, r"shape \(9,\)"),
+        ({"betas": np.zeros((5, 10))}, r"shape \(5, 10\)"),
+        ({"betas": np.array(0.0)}, r"shape \(\)"),
+        ({"mocap_framerate": None}, "neither mocap_framerate nor mocap_frame_rate"),
+        ({"mocap_framerate": 0.0}, "mocap_framerate is 0.0"),
+        ({"mocap_framerate": -120.0}, "mocap_framerate is -120.0"),
+        ({"mocap_framerate": 1e-6}, "mocap_framerate is 1e-06"),
+        ({"mocap_framerate": [60.0, 60.0]}, r"mocap_framerate is \[60.0, 60.0\]"),
+        ({"mocap_framerate": np.nan}, "not all finite"),
+        ({"poses": np.array([["a"]])}, "not all finite numbers"),
+        ({"betas": np.array([{}], dtype=object)}, "does not load"),
+    ],
+)
+def test_unusable_contents_are_refused_in_one_line(
+    target: Path, changes: dict[str, Any], complaint: str
+) -> None:
+    with pytest.raises(DsnetError, match=complaint) as caught:
+        read_amass_file(save(target, smplh(), **changes))
+    assert "\n" not in str(caught.value)
+    assert str(target) in str(caught.value)
+
+
+@pytest.mark.parametrize("read", [read_amass_file, gender_of_motion])
+def test_unusable_files_are_refused_in_one_line(
+    tmp_path: Path, read: Callable[[Path], object]
+) -> None:
+    whole = save(tmp_path / "whole.npz", smplh()).read_bytes()
+    (tmp_path / "text.npz").write_text("not a zip\n")
+    (tmp_path / "empty.npz").touch()
+    (tmp_path / "half.npz").write_bytes(whole[: len(whole) // 2])
+    np.save(tmp_path / "plain.npy", np.zeros((5, 156)))
+    for name in ("absent.npz", ".", "text.npz", "empty.npz", "half.npz", "plain.npy"):
+        with pytest.raises(DsnetError, match="expected") as caught:
+            read(tmp_path / name)
+        assert "\n" not in str(caught.value)

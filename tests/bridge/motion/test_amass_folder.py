@@ -1,0 +1,90 @@
+"""A folder of AMASS as it is downloaded: motions are found, and what is none is counted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.motion.amass_folder import find_amass_motions, subject_and_motion
+from tests.forged.amass import save, shape, smplh, smplx
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two releases of MoSh, one of D-FAUST, and a body model that lies beside them."""
+    save(tmp_path / "MPI_mosh/50004/kicking_poses.npz", smplh())
+    save(tmp_path / "MPI_mosh/50004/shape.npz", shape())
+    save(tmp_path / "MPI_mosh/50002/kicking_poses.npz", smplh(), gender=np.bytes_(b"male"))
+    save(tmp_path / "MoSh/50004/kicking_stageii.npz", smplx())
+    save(tmp_path / "MoSh/50020/basketball_stageii.npz", smplx(), gender="neutral")
+    save(tmp_path / "MoSh/50020/neutral_stagei.npz", shape())
+    save(tmp_path / "DFaust_67/50004/50004_hips_poses.npz", smplh())
+    save(tmp_path / "smplh/female/model.npz", {"v_template": np.zeros((6890, 3))})
+    return tmp_path
+
+
+def names(motions: list[Path], folder: Path) -> list[str]:
+    return [path.relative_to(folder).as_posix() for path in motions]
+
+
+def test_motions_are_found_and_the_rest_is_counted(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = find_amass_motions(folder, "female", known=["50004_hips", "50004_punching"])
+    assert names(found, folder) == [
+        "MPI_mosh/50004/kicking_poses.npz",
+        "MoSh/50020/basketball_stageii.npz",
+    ]
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "2 motions; left out: " in said
+    for part in ("3 without poses", "1 of male bodies", "2 of motions already there"):
+        assert part in said
+
+
+def test_the_body_decides_whose_motions_are_kept(folder: Path) -> None:
+    male = names(find_amass_motions(folder, "male"), folder)
+    assert male == ["MPI_mosh/50002/kicking_poses.npz", "MoSh/50020/basketball_stageii.npz"]
+    assert len(find_amass_motions(folder, "neutral")) == 4
+
+
+def test_nothing_is_said_when_nothing_is_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save(tmp_path / "50004/kicking_poses.npz", smplh())
+    assert len(find_amass_motions(tmp_path, "female")) == 1
+    assert capsys.readouterr().err == ""
+
+
+def test_a_folder_without_motions_is_refused(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "absent"):
+        with pytest.raises(DsnetError, match=r"no \.npz and no motion"):
+            find_amass_motions(path, "female")
+    save(tmp_path / "shape.npz", shape())
+    save(tmp_path / "a_poses.npz", smplh())
+    with pytest.raises(DsnetError, match="1 of female bodies, 1 without poses and no motion"):
+        find_amass_motions(tmp_path, "male")
+
+
+def test_a_damaged_file_is_named(folder: Path) -> None:
+    path = folder / "MoSh" / "50020" / "half_stageii.npz"
+    path.write_bytes((folder / "MPI_mosh/50004/shape.npz").read_bytes()[:200])
+    with pytest.raises(DsnetError, match=r"half_stageii\.npz, which is damaged"):
+        find_amass_motions(folder, "female")
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("mosh/50004_kicking_poses.npz", ("50004", "kicking")),
+        ("MPI_mosh/50020/side_to_side_hopping_poses.npz", ("50020", "side_to_side_hopping")),
+        ("MPI_mosh/50020/misc_stageii.npz", ("50020", "misc")),
+        ("DFaust_67/50004/50004_hips_poses.npz", ("50004", "hips")),
+        ("ACCAD/Female1/A1 - Stand_poses.npz", ("Female1", "A1 - Stand")),
+    ],
+)
+def test_names_of_corpus_and_of_amass(path: str, expected: tuple[str, str]) -> None:
+    assert subject_and_motion(Path(path)) == expected

@@ -1,0 +1,53 @@
+"""The 70/30 splits: the paper's sizes, disjoint, seeded, clips kept whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge import DsnetError
+from bridge.motion import MotionSequence
+from bridge.motion.splits import split_frames, split_sequences
+
+
+def test_sizes_are_the_papers():
+    split = split_frames(21_502, seed=0)
+    assert (len(split.train), len(split.validation)) == (15_051, 6_451)
+
+
+@given(st.integers(2, 3000), st.integers(0, 5))
+def test_frame_split_is_a_partition_of_floor_70_percent(count, seed):
+    split = split_frames(count, seed)
+    assert len(split.train) == 7 * count // 10
+    np.testing.assert_array_equal(
+        np.sort(np.concatenate([split.train, split.validation])), np.arange(count)
+    )
+
+
+def test_seed_decides_the_split():
+    one, same, other = (split_frames(500, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one.train, same.train)
+    assert not np.array_equal(one.train, other.train)
+
+
+def test_sequences_stay_whole():
+    starts = np.cumsum([0, 5, 8, 3, 9, 4])
+    index = [
+        MotionSequence(f"s_{k}", "s", str(k), int(start), length, 60.0)
+        for k, (start, length) in enumerate(zip(starts, [5, 8, 3, 9, 4, 6], strict=True))
+    ]
+    split = split_sequences(index, seed=0)
+    sides = [{bool(np.isin(f, split.train)) for f in range(35)[s.frames]} for s in index]
+    assert all(len(side) == 1 for side in sides)
+    assert sum(True in side for side in sides) == 4
+    np.testing.assert_array_equal(
+        np.sort(np.concatenate([split.train, split.validation])), np.arange(35)
+    )
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_too_few_frames_is_one_line(count):
+    with pytest.raises(DsnetError, match="at least 2"):
+        split_frames(count, seed=0)

@@ -1,0 +1,191 @@
+"""A small finished run, forged with every stage's layout: real sizes, few frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.body import load_body_model
+from bridge.exchange import save_weights
+from bridge.motion import MotionSequence, to_manifest
+from bridge.runs import ArtifactWriter, Run, write_artifact
+
+ALIGNED = [
+    MotionSequence("50004_one_leg_jump", "50004", "one_leg_jump", 0, 9, 60.0, "validation"),
+    MotionSequence("50004_hips", "50004", "hips", 9, 7, 60.0),
+    MotionSequence("50020_hips", "50020", "hips", 16, 6, 60.0),
+]
+TEST = MotionSequence("99001_kicking", "99001", "kicking", 22, 8, 60.0, "test")
+ALL = [*ALIGNED, TEST]
+FRAMES, ALIGNED_FRAMES = 30, 22
+
+
+def offsets_of(rng: np.random.Generator, frames: int, size_m: float) -> np.ndarray:
+    """Smooth offsets: a few modes of low frequency over the body's height."""
+    height = load_body_model("embedded:female").v_template[:, 1]
+    waves = np.stack([np.cos(k * 4 * height) for k in range(1, 4)])
+    amplitude = rng.normal(size=(frames, 3, 3)) * size_m
+    return np.einsum("tkx,kv->tvx", amplitude, waves).astype(np.float32)
+
+
+def forge_motion(rng: np.random.Generator) -> np.ndarray:
+    theta = 0.1 * rng.normal(size=(FRAMES, 69))
+    theta[:, 3 * 16 + 2], theta[:, 3 * 17 + 2] = -1.1, 1.1  # arms down
+    theta[:, :3] = theta[:, 66:] = 0.0
+    theta[:, 67] = 0.9 + 0.1 * np.sin(np.arange(FRAMES))
+    return theta.astype(np.float32)
+
+
+def forge_run(root: Path) -> Path:
+    """Write all stages before `evaluate` below `root`."""
+    rng = np.random.default_rng(0)
+    truth = offsets_of(rng, FRAMES, 4e-3)
+    aligned = truth[:ALIGNED_FRAMES] + offsets_of(rng, ALIGNED_FRAMES, 1e-3)
+    theta, betas = forge_motion(rng), rng.normal(size=(3, 10)).astype(np.float32)
+    _forge_corpus(root)
+    common = {"units": dict.fromkeys(_UNITS, "1"), "data": "synthetic"}
+    write_artifact(
+        root / "truth",
+        "truth",
+        {"theta": theta, "betas": betas, "offsets": truth},
+        sequences=to_manifest(ALL),
+        config={"seed": 0},
+        **common,
+    )
+    write_artifact(
+        root / "align",
+        "align",
+        {
+            "theta": theta[:ALIGNED_FRAMES] + np.float32(0.01),
+            "betas": betas[:2] + np.float32(0.1),
+            "offsets": aligned,
+            "frame_error": np.full(ALIGNED_FRAMES, 0.002, np.float32),
+        },
+        sequences=to_manifest(ALIGNED),
+        config={"seed": 0, "lr": 1e-4, "momentum": 0.9, "steps": 40, "smpl": None},
+        **common,
+    )
+    latents = rng.normal(size=(FRAMES, 100)).astype(np.float32)
+    write_artifact(
+        root / "encode",
+        "encode",
+        {"latents": latents[:ALIGNED_FRAMES]},
+        sequences=to_manifest(ALIGNED),
+        config={"seed": 0},
+        **common,
+    )
+    write_artifact(
+        root / "predict",
+        "predict",
+        {"latents": latents, "theta": theta, "betas": betas},
+        sequences=to_manifest(ALL),
+        reading="standardised",
+        config={"seed": 0},
+        **common,
+    )
+    rebuilt = np.concatenate([0.97 * aligned, np.zeros_like(truth[ALIGNED_FRAMES:])])
+    write_artifact(
+        root / "decode",
+        "decode",
+        {
+            "offsets": truth + offsets_of(rng, FRAMES, 1.5e-3),
+            "offsets_faithful": 0.2 * truth,
+            "offsets_autoencoder": rebuilt,
+        },
+        sequences=to_manifest(ALL),
+        config={"seed": 0},
+        **common,
+    )
+    _forge_train_ae(root)
+    _forge_train(root, rng)
+    return root
+
+
+_UNITS = [
+    "theta",
+    "betas",
+    "offsets",
+    "frame_error",
+    "latents",
+    "offsets_faithful",
+    "offsets_autoencoder",
+    "loss",
+]
+
+
+def _forge_corpus(root: Path) -> None:
+    writer = ArtifactWriter(root / "corpus", "corpus", data="synthetic")
+    load_body_model("embedded:female").save_smpl_npz(writer.file_path("SMPL_FEMALE.npz"))
+    np.savez(writer.file_path("mosh/99001_kicking_poses.npz"), mocap_framerate=100.0)
+    writer.finish(config={"seed": 0})
+
+
+def _forge_train_ae(root: Path) -> None:
+    writer = ArtifactWriter(root / "train-ae", "train-ae", data="synthetic")
+    writer.put("loss", np.geomspace([1.0, 1.1], [0.1, 0.2], 5).astype(np.float32), "1")
+    names = [f"model.encoder.linear_{i}.weight" for i in (1, 2)]
+    names += [f"model.encoder.conv_{i}.weight" for i in (1, 2, 3, 4)]
+    arrays = {name: np.zeros(1, np.float32) for name in (*names, "model.to_latent.weight")}
+    save_weights(writer.file_path("autoencoder.safetensors"), arrays)
+    writer.record(
+        architecture={"widths": [6890, 2000, 1300, 300, 30], "activation": "leaky_relu"},
+        autoencoder={
+            "reading": "measured",
+            "normalisation": "standard",
+            "activation": "leaky_relu",
+            "learning_rate": 1e-4,
+            "departures": ["offsets are divided by one standard deviation"],
+            "split": "frame",
+            "train_frames": 15,
+            "validation_frames": 7,
+            "r2_initial": 0.5,
+            "r2_validation": 0.9,
+        },
+        pca={"components": 100, "r2_validation": 0.95},
+        parameters={"mesh_autoencoder": 33_626_606, "casas_otaduy": 284_678_770},
+        comparisons=[],
+    )
+    writer.finish(config={"seed": 0, "batch_size": 64})
+
+
+def _forge_train(root: Path, rng: np.random.Generator) -> None:
+    writer = ArtifactWriter(root / "train", "train", data="synthetic")
+    shapes = {
+        "fc_enc_1/kernel": (79, 64),
+        "fc_enc_2/kernel": (64, 128),
+        "lstm/recurrent_kernel": (60, 240),
+        "fc_enc_3/kernel": (60, 100),
+    }
+    arrays = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
+    for reading, scale in (("standardised", 300.0), ("faithful", 9000.0)):
+        save_weights(writer.file_path(f"{reading}.safetensors"), arrays)
+        loss = scale * np.geomspace(1, 0.1, 40) * rng.uniform(0.9, 1.1, 40)
+        writer.put(f"loss_{reading}", loss.astype(np.float32), "1")
+        writer.put(f"validation_loss_{reading}", loss[9::10].astype(np.float32) * 1.5, "1")
+    writer.put("validation_epochs", np.arange(10, 41, 10, dtype=np.int32), "epoch")
+    writer.record(
+        parameters={"dsnet": 65_140, "dsnet_trainable": 65_020},
+        reading="standardised",
+        readings={
+            "standardised": {"lr": 1e-3, "standardised": True, "departs_from_paper": True},
+            "faithful": {"lr": 1e-4, "standardised": False, "departs_from_paper": False},
+        },
+    )
+    writer.record_measured(epoch_s_standardised=0.1, epoch_s_faithful=0.1)
+    writer.finish(config={"seed": 0, "epochs": 40, "frames": 300, "batch_size": 16})
+
+
+@pytest.fixture(scope="session")
+def forged_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder `runs/`, with a run `forged` that lacks `evaluate` and `report`."""
+    runs = tmp_path_factory.mktemp("runs")
+    forge_run(runs / "forged")
+    return runs
+
+
+@pytest.fixture
+def forged(forged_runs: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    monkeypatch.setenv("DSNET_RUNS", str(forged_runs))
+    return Run("forged")

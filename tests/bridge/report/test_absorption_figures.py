@@ -1,0 +1,83 @@
+"""The absorption figures are drawn whole, with as many curves, bars and bodies as aligners."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from bridge.body import load_body_model
+from bridge.measure.absorption import Absorption
+from bridge.report import absorption_figures
+from bridge.report.absorption_figures import (
+    Drawn,
+    draw_absorption,
+    draw_error_bodies,
+    draw_figure10,
+)
+
+ONE, OTHER = Drawn("one", "#D55E00"), Drawn("other", "#0072B2", "--")
+
+
+@pytest.fixture
+def drawn(monkeypatch) -> list[Figure]:
+    """The figures that are saved."""
+    figures: list[Figure] = []
+    save = absorption_figures.save_figure
+    monkeypatch.setattr(
+        absorption_figures,
+        "save_figure",
+        lambda figure, path: (figures.append(figure), save(figure, path)),
+    )
+    return figures
+
+
+def test_figure10_shows_three_components_of_every_pose(tmp_path, drawn):
+    pose = np.radians(np.random.default_rng(0).normal(size=(20, 3)))
+    draw_figure10(
+        tmp_path / "figure10.png",
+        pose,
+        {ONE: pose + 0.01, OTHER: pose - 0.01},
+        fps=60.0,
+        joint="spine2",
+        sequence="50004_jiggle_on_toes",
+        origin="synthetic",
+    )
+    panels = drawn[0].get_axes()
+    assert [len(axes.get_lines()) for axes in panels] == [3, 3, 3]
+    for component, axes in enumerate(panels):
+        truth = np.asarray(axes.get_lines()[0].get_ydata())
+        np.testing.assert_allclose(truth, np.degrees(pose[:, component]))
+    assert (tmp_path / "figure10.png").stat().st_size > 10_000
+
+
+def test_bars_show_the_parts_that_move(tmp_path, drawn):
+    body = load_body_model("embedded:female")
+    true = np.zeros((2, 6890, 3))
+    belly = np.isin(body.weights.argmax(axis=1), [0, 3])  # pelvis and spine1
+    true[:, belly] = 0.01
+    half, none = Absorption(body), Absorption(body)
+    half.add(0.5 * true, true, np.zeros(10), np.zeros(10))
+    none.add(true, true, np.zeros(10), np.zeros(10))
+    summaries = {ONE: half.summary(), OTHER: none.summary()}
+    draw_absorption(tmp_path / "bars.png", summaries, title="any", origin="synthetic")
+    absorbed = drawn[0].get_axes()[0]
+    widths = [bar.get_width() for bars in absorbed.containers for bar in bars]  # type: ignore
+    np.testing.assert_allclose(widths, [50, 50, 0, 0], atol=1e-9)
+
+
+def test_bodies_are_drawn_from_both_sides(tmp_path):
+    body = load_body_model("embedded:female")
+    rms_m = 0.01 * np.abs(body.v_template[:, 2])
+    draw_error_bodies(
+        tmp_path / "bodies.png",
+        body.v_template,
+        body.faces,
+        rms_m,
+        {ONE: 0.5 * rms_m},
+        title="any",
+        origin="synthetic",
+        panel_px=48,
+        samples=1,
+    )
+    assert (tmp_path / "bodies.png").stat().st_size > 5_000

@@ -1,0 +1,136 @@
+"""The stage `report` on the forged run: complete, honest about its data, and self-contained."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+
+import pytest
+
+from bridge import DsnetError
+from bridge.measure import stage_evaluate
+from bridge.report import stage_report
+from bridge.report.measured import measure
+from bridge.report.panels import FOOTERS, new_figure
+from bridge.runs import read_artifact
+
+TINY = stage_report.ReportConfig(run="forged", samples=1, panel_px=48)
+
+
+@pytest.fixture(scope="module")
+def folder(forged_runs):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSNET_RUNS", str(forged_runs))
+        stage_evaluate.main(stage_evaluate.EvaluateConfig(run="forged"))
+        stage_report.main(TINY)
+    return forged_runs / "forged" / "report"
+
+
+def test_every_figure_is_shown_and_every_shown_one_exists(folder):
+    shown = re.findall(r"\(figures/([\w.-]+)\)", (folder / "report.md").read_text())
+    drawn = sorted(path.name for path in (folder / "figures").iterdir())
+    assert sorted(shown) == drawn
+    assert {"figure4_autoencoder.png", "figure7_validation.png", "test_strip.png"} <= set(drawn)
+    assert len(drawn) == 7
+
+
+def test_pages_say_synthetic_from_the_start(folder):
+    assert "synthetic" in (folder / "report.md").read_text()[:200].lower()
+    page = (folder / "report.html").read_text()
+    assert FOOTERS["synthetic"] in page.partition("<h1>")[0]
+    assert json.loads((folder / "results.json").read_text())["data"] == "synthetic"
+
+
+def test_figures_say_synthetic():
+    figure = new_figure(3, 3, title="any", origin="synthetic")
+    assert "synthetic" in [text.get_text().partition(":")[0] for text in figure.texts]
+
+
+def test_html_needs_no_other_file(folder):
+    page = (folder / "report.html").read_text()
+    sources = re.findall(r'(?:src|href)="([^"]{0,40})', page)
+    assert len(sources) == 7
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    encoded = re.findall(r"base64,([^\"]+)", page)
+    files = {path.read_bytes() for path in (folder / "figures").iterdir()}
+    assert {base64.b64decode(text) for text in encoded} == files
+    assert not re.search(r"<script|@import|url\(", page)
+    assert page.count("<table>") == page.count('<div class="wide">') > 5
+
+
+def test_results_hold_the_numbers(folder):
+    results = json.loads((folder / "results.json").read_text())
+    assert results["parameters"] == {
+        "autoencoder": 33_626_606,
+        "dsnet": 65_140,
+        "casas_otaduy": 284_678_770,
+    }
+    assert results["validation"]["name"] == "50004_one_leg_jump"
+    assert 0.5 < results["validation"]["errors"]["aligned"]["dsnet"]["r2"] < 1.0
+    assert results["stages"]["train"]["seed"] == 0
+    assert "numpy" in results["stages"]["train"]["versions"]
+    verdicts = {row["quantity"]: row["verdict"] for row in results["paper"]}
+    assert verdicts["parameters of the autoencoder"] == "same"
+    assert verdicts["Dyna sequences, women"].startswith("differs: ")
+    assert verdicts["parameters of DSNet"] == "paper does not say"
+
+
+def test_sequences_are_counted_among_their_own_gender(folder):
+    finished = folder.parent
+    stages = {path.name: read_artifact(path) for path in finished.iterdir() if path != folder}
+    for gender, counted in [("female", "women"), ("male", "men"), ("neutral", "nobody")]:
+        ours = measure(stages, gender)
+        for people in ("women", "men"):
+            expected = (3, 1) if people == counted else (None, None)
+            keys = f"sequences_{people}", f"mosh_sequences_{people}"
+            assert tuple(ours[key].value for key in keys) == expected
+
+
+def test_tables_are_the_results(folder):
+    results = json.loads((folder / "results.json").read_text())
+    markdown = (folder / "report.md").read_text()
+    for row in results["paper"]:
+        assert (
+            f"| {row['quantity']} | {row['paper']} | {row['ours']} | {row['verdict']} |" in markdown
+        )
+    r2 = results["splits"]["validation"]["aligned"]["dsnet"]["r2"]
+    assert f"| DSNet | {r2:.3f} |" in markdown
+
+
+def test_the_worst_body_parts_are_listed_first(folder):
+    parts = json.loads((folder / "results.json").read_text())["alignment"]["absorption"]["parts"]
+    worst = sorted(parts, key=lambda name: -parts[name]["error_mm"])[:6]
+    table = (folder / "report.md").read_text().partition("| body part |")[2].partition("\n\n")[0]
+    assert [row.split(" | ")[0].strip("| ") for row in table.splitlines()[2:]] == worst
+    absorbed = 100 * parts[worst[0]]["absorbed"]
+    assert f"| {worst[0]} | {parts[worst[0]]['true_mm']:.2f} | {absorbed:.1f} |" in table
+
+
+def test_a_licensed_run_has_a_report_without_truth(forged_runs, tmp_path, monkeypatch):
+    runs = tmp_path / "runs"
+    stages = shutil.ignore_patterns("truth", "evaluate", "report")
+    shutil.copytree(forged_runs / "forged", runs / "bare", ignore=stages)
+    monkeypatch.setenv("DSNET_RUNS", str(runs))
+    monkeypatch.setattr(stage_report, "plan_figures", lambda scene: [])
+    stage_evaluate.main(stage_evaluate.EvaluateConfig(run="bare"))
+    stage_report.main(stage_report.ReportConfig(run="bare"))
+    page = (runs / "bare" / "report" / "report.md").read_text()
+    assert "distance of SMPL from the mesh" in page
+    assert "the truth" not in page
+    assert "body part" not in page
+
+
+def test_a_second_report_makes_nothing(folder, forged, monkeypatch):
+    monkeypatch.setattr(stage_report, "plan_figures", lambda scene: pytest.fail("drawn again"))
+    stage_report.main(TINY)
+
+
+def test_a_missing_stage_is_named(forged_runs, tmp_path, monkeypatch):
+    runs = tmp_path / "runs"
+    shutil.copytree(forged_runs / "forged" / "align", runs / "half" / "align")
+    monkeypatch.setenv("DSNET_RUNS", str(runs))
+    with pytest.raises(DsnetError, match="dsnet train-ae --run half"):
+        stage_report.main(stage_report.ReportConfig(run="half"))
+    assert not (runs / "half" / "report").exists()

@@ -1,0 +1,215 @@
+"""Artifacts: what is written is read back, nothing half-written is ever seen."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.runs import ArtifactWriter, Run, read_artifact, write_artifact
+
+UNITS = {"betas": "1", "offsets": "m"}
+
+
+def small(path, seed=0):
+    rng = np.random.default_rng(seed)
+    arrays = {"betas": rng.normal(size=(2, 10)), "offsets": rng.normal(size=(3, 4, 3))}
+    return arrays, write_artifact(path, "align", arrays, units=UNITS, data="synthetic", note="x")
+
+
+def test_round_trip_maps_arrays_and_describes_them(tmp_path):
+    arrays, _ = small(tmp_path / "align")
+    artifact = read_artifact(tmp_path / "align", "align")
+    for name, array in arrays.items():
+        read = artifact.array(name)
+        assert isinstance(read, np.memmap)
+        np.testing.assert_array_equal(read, array)
+        assert artifact.manifest["arrays"][name]["unit"] == UNITS[name]
+    assert artifact.manifest["note"] == "x"
+    assert artifact.origin == "synthetic"
+    artifact.verify()
+
+
+def test_content_digest_ignores_provenance_only(tmp_path):
+    _, first = small(tmp_path / "a")
+    _, second = small(tmp_path / "b")
+    _, other = small(tmp_path / "c", seed=1)
+    assert first.content_sha256 == second.content_sha256 != other.content_sha256
+
+
+def test_verify_finds_one_changed_byte(tmp_path):
+    _, artifact = small(tmp_path / "align")
+    path = tmp_path / "align" / "offsets.npy"
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(DsnetError, match=r"offsets\.npy"):
+        artifact.verify()
+
+
+def test_an_unfinished_artifact_cannot_be_read(tmp_path):
+    writer = ArtifactWriter(tmp_path / "align", "align", data="synthetic")
+    writer.put("betas", np.zeros((2, 10)), "1")
+    with pytest.raises(DsnetError, match="manifest"):
+        read_artifact(tmp_path / "align")
+
+
+def test_empty_arrays_are_kept(tmp_path):
+    write_artifact(tmp_path / "a", "k", {"x": np.zeros((0, 3))}, units={"x": "m"}, data="synthetic")
+    assert read_artifact(tmp_path / "a").array("x").shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("break_it", "word"),
+    [
+        (lambda p: (p / "manifest.json").write_text("{"), "JSON"),
+        (lambda p: (p / "manifest.json").write_text("{}"), "schema"),
+        (lambda p: (p / "offsets.npy").unlink(), "offsets"),
+        (lambda p: (p / "offsets.npy").write_bytes(b"\x93NUMPY"), "offsets"),
+        (lambda p: np.save(p / "offsets.npy", np.zeros(3)), "shape"),
+        (
+            lambda p: np.save(p / "offsets.npy", np.array([{}]), allow_pickle=True),
+            "does not load",
+        ),
+    ],
+)
+def test_a_broken_artifact_is_one_line(tmp_path, break_it, word):
+    small(tmp_path / "align")
+    break_it(tmp_path / "align")
+    with pytest.raises(DsnetError, match=word) as caught:
+        read_artifact(tmp_path / "align").array("offsets")
+    assert "\n" not in str(caught.value)
+
+
+def test_wrong_kind_and_unknown_array_say_what_there_is(tmp_path):
+    _, artifact = small(tmp_path / "align")
+    with pytest.raises(DsnetError, match="kind 'align'"):
+        read_artifact(tmp_path / "align", "train")
+    with pytest.raises(DsnetError, match=r"\['betas', 'offsets'\]"):
+        artifact.array("latents")
+
+
+@dataclass(frozen=True)
+class Config:
+    run: str = "r"
+    seed: int = 0
+
+
+def build(config, calls, value=1.0, upstream=None):
+    def make(writer):
+        calls.append(config)
+        writer.put("x", np.full(3, value), "m")
+
+    return Run(config.run).build("stage", config, make, data="synthetic", upstream=upstream or {})
+
+
+def test_a_current_stage_is_skipped_and_a_changed_one_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    calls = []
+    source = tmp_path / "input"
+    source.write_text("a")
+    for _ in range(2):
+        build(Config(), calls, upstream={"input": source})
+    assert len(calls) == 1
+    build(Config(seed=1), calls, upstream={"input": source})
+    source.write_text("b")
+    build(Config(seed=1), calls, value=2.0, upstream={"input": source})
+    assert len(calls) == 3
+    np.testing.assert_array_equal(Run("r").artifact("stage").array("x"), 2.0)
+
+
+@pytest.mark.parametrize("config", [Config(), Config(seed=9)])
+def test_an_interrupted_stage_finds_its_checkpoints_only_with_the_same_inputs(
+    config, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+
+    def interrupted(writer):
+        (writer.checkpoints / "frame").write_text("7")
+        writer.open_array("x", (2,), np.float32, "m")[0] = 5
+        raise KeyboardInterrupt
+
+    def resume(writer):
+        seen.append((writer.checkpoints / "frame").exists())
+        writer.open_array("x", (2,), np.float32, "m")[1] = 6
+
+    seen = []
+    with pytest.raises(KeyboardInterrupt):
+        Run("r").build("stage", Config(), interrupted, data="synthetic", upstream={})
+    artifact = Run("r").build("stage", config, resume, data="synthetic", upstream={})
+    assert seen == [config == Config()]
+    assert artifact.array("x")[0] == (5 if config == Config() else 0)
+    assert not (artifact.path / "checkpoints").exists()
+
+
+def test_a_refused_input_leaves_nothing_behind(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+
+    def refuse(writer):
+        writer.put("x", np.zeros(3), "m")
+        raise DsnetError("a", "b", "c")
+
+    with pytest.raises(DsnetError):
+        Run("r").build("stage", Config(), refuse, data="synthetic", upstream={})
+    assert not list((tmp_path / "r").iterdir())
+
+
+def test_a_stage_is_made_by_one_process_at_a_time(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    other = subprocess.Popen(
+        [sys.executable, "-c", MAKING_FOR_EVER], stdout=subprocess.PIPE, stdin=subprocess.DEVNULL
+    )
+    with other:
+        try:
+            assert other.stdout is not None
+            assert other.stdout.readline() == b"making\n"
+            with pytest.raises(DsnetError, match=r"'stage' of run 'r', which another process"):
+                build(Config(), [])
+            assert (tmp_path / "r" / ".stage.partial" / "checkpoints" / "frame").exists()
+        finally:
+            other.kill()
+    # What was killed holds nothing any more.
+    assert build(Config(), []).array("x")[0] == 1.0
+
+
+MAKING_FOR_EVER = """
+import time
+from dataclasses import make_dataclass
+from bridge.runs import Run
+
+def make(writer):
+    (writer.checkpoints / "frame").write_text("7")
+    print("making", flush=True)
+    time.sleep(600)
+
+Config = make_dataclass("Config", [("run", str, "r"), ("seed", int, 0)])
+Run("r").build("stage", Config(), make, data="synthetic", upstream={})
+"""
+
+
+def test_unknown_run_names_the_known_ones(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    build(Config(), [])
+    with pytest.raises(DsnetError, match=r"unknown run 'nope' \(known: r\)"):
+        Run("nope").artifact("align")
+    with pytest.raises(DsnetError, match="dsnet align --run r"):
+        Run("r").artifact("align")
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "../x", ".hidden"])
+def test_run_names_are_plain_folder_names(name):
+    with pytest.raises(DsnetError, match="plain folder name"):
+        Run(name)
+
+
+def test_manifest_is_plain_json_with_provenance_apart(tmp_path):
+    _, artifact = small(tmp_path / "align")
+    manifest = json.loads((artifact.path / "manifest.json").read_text())
+    assert {"command", "finished_utc", "wall_time_s", "machine", "versions"} <= set(
+        manifest["provenance"]
+    )

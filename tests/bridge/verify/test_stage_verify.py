@@ -1,0 +1,121 @@
+"""`dsnet verify`: what it prints and writes, and how it ends."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.runs import read_artifact
+from bridge.verify import runner, stage_verify
+from bridge.verify.checks import Plan
+from bridge.verify.random_checks import random_plan
+
+CONFIG = stage_verify.VerifyConfig(run="r", trained=False, full_size=False)
+
+
+@pytest.fixture
+def verify(tmp_path, monkeypatch, ask_reference, capsys):
+    """Run the stage on three quick checks without a framework: exit status and printed text."""
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    whole = random_plan(0, "embedded:female")
+    quick = ("dsnet-T1", "ae-batch", "dsnet-files", "dsnet-training")
+    plan = Plan([check for check in whole.checks if check.name in quick], whole.arrays)
+    monkeypatch.setattr(stage_verify, "random_plan", lambda seed, body: plan)
+    spoilt = {"engine": "", "value": 0.0}
+
+    def ask(engine, request, out):
+        answer = ask_reference(engine, request, out)
+        if engine == spoilt["engine"]:
+            _shift(out / "ae-batch.float32.safetensors", spoilt["value"])
+        return answer
+
+    monkeypatch.setattr(
+        stage_verify,
+        "verify",
+        lambda plan, folder, cases=None: runner.verify(plan, folder, cases, ask),
+    )
+
+    def run(config=CONFIG, engine="", value=0.0):
+        spoilt.update(engine=engine, value=value)
+        with pytest.raises(SystemExit) as stopped:
+            stage_verify.main(config)
+        return stopped.value.code, capsys.readouterr().out
+
+    return run
+
+
+def _shift(path, value):
+    from bridge.exchange import load_weights, save_weights
+
+    arrays = load_weights(path)
+    arrays["layer/encoder.conv_3"][1, 2, 3] += value
+    save_weights(path, arrays)
+
+
+def test_agreement_exits_with_0_and_leaves_a_complete_artifact(verify, tmp_path):
+    status, printed = verify()
+    assert status == 0
+    assert "rows hold" in printed
+    artifact = read_artifact(tmp_path / "r" / "verify", "verify")
+    artifact.verify()
+    parity = json.loads(artifact.file("parity.json").read_text())
+    assert parity["passed"]
+    assert parity["diagnosis"] == {}
+    assert {row["engine"] for row in parity["rows"]} == {"torch", "keras", "onnx"}
+    assert printed.count(" ok\n") == len(parity["rows"])
+    assert {entry["limit"] for entry in parity["tolerances"].values()} == {0.0, 1e-10, 1e-5, 1e-4}
+    assert [path.name for path in (tmp_path / "r").iterdir()] == ["verify"]
+
+
+@pytest.mark.parametrize("value", [1e-2, np.nan])
+def test_a_difference_exits_with_1_and_names_the_layer(verify, tmp_path, value):
+    status, printed = verify(engine="keras", value=value)
+    assert status == 1
+    assert "keras: layer encoder.conv_3" in printed
+    parity = json.loads((tmp_path / "r" / "verify" / "parity.json").read_text())
+    assert not parity["passed"]
+    (failed,) = [row for row in parity["rows"] if not row["passed"]]
+    assert (failed["tensor"], failed["index"]) == ("layer/encoder.conv_3", [1, 2, 3])
+
+
+def test_it_is_never_skipped(verify):
+    assert verify()[0] == 0
+    assert verify(engine="onnx", value=1.0)[0] == 1
+
+
+def test_an_injected_fault_exits_with_1_and_writes_nothing(verify, tmp_path):
+    status, printed = verify(replace(CONFIG, inject="transposed_kernel"))
+    assert status == 1
+    assert "torch: layer encoder.conv_2" in printed
+    assert not list(tmp_path.iterdir())
+
+
+def test_equal_results_have_equal_digests(verify, tmp_path):
+    digests = set()
+    for _ in range(2):
+        verify()
+        digests.add(read_artifact(tmp_path / "r" / "verify").content_sha256)
+    assert len(digests) == 1
+
+
+def test_unknown_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    with pytest.raises(DsnetError, match="unknown run 'nope'"):
+        stage_verify.main(stage_verify.VerifyConfig(run="nope"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_leaves_nothing(tmp_path, monkeypatch):
+    def interrupted(plan, folder):
+        folder.mkdir(parents=True)
+        raise KeyboardInterrupt
+
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    monkeypatch.setattr(stage_verify, "verify", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        stage_verify.main(CONFIG)
+    assert not list((tmp_path / "r").iterdir())

@@ -1,0 +1,90 @@
+"""Padding, clipping and scaling."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bridge import DsnetError
+from bridge.exchange.dsnet_presets import Scaling
+from bridge.motion.clips import (
+    UnpaddedClip,
+    fit_scaling,
+    join_inputs,
+    load_unpadded_clips,
+    make_clips,
+    pad_or_clip,
+)
+from bridge.runs import read_artifact
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(1, 40), st.integers(1, 40))
+def test_pad_or_clip(length, wanted):
+    frames = np.random.default_rng(length).normal(size=(length, 3))
+    block = pad_or_clip(frames, wanted)
+    assert block.shape == (wanted, 3)
+    np.testing.assert_array_equal(block[:length], frames[:wanted])
+    assert not block[length:].any()
+
+
+def test_betas_stand_before_theta():
+    joined = join_inputs(np.full((4, 69), 2.0), np.arange(10.0))
+    np.testing.assert_array_equal(joined[:, :10], np.tile(np.arange(10.0), (4, 1)))
+    np.testing.assert_array_equal(joined[:, 10:], 2.0)
+
+
+def random_recordings(lengths: tuple[int, ...] = (5, 12)) -> list[UnpaddedClip]:
+    rng = np.random.default_rng(1)
+    return [
+        UnpaddedClip(rng.normal(3, 2, (n, 79)), rng.normal(-1, rng.uniform(0, 4, 100), (n, 100)))
+        for n in lengths
+    ]
+
+
+def test_scaling_is_of_the_real_frames_and_goes_back():
+    recordings = random_recordings()
+    scaling = fit_scaling(recordings, min_input_std=0.0)
+    inputs, latents = (
+        np.concatenate([getattr(r, name) for r in recordings]) for name in ("inputs", "latents")
+    )
+    np.testing.assert_allclose(scaling.inputs(inputs).mean(axis=0), 0, atol=1e-5)
+    np.testing.assert_allclose(scaling.inputs(inputs).std(axis=0), 1, rtol=1e-5)
+    np.testing.assert_allclose(scaling.latents(latents).mean(axis=0), 0, atol=1e-5)
+    np.testing.assert_allclose(scaling.latents(latents).var(axis=0).mean(), 1, rtol=1e-5)
+    np.testing.assert_allclose(scaling.restore(scaling.latents(latents)), latents, atol=1e-5)
+
+
+def test_still_inputs_and_dead_latents_are_not_magnified():
+    noise = np.random.default_rng(2).normal(scale=1e-6, size=(50, 79))
+    latents = np.zeros((50, 100))
+    latents[:, 0] = np.linspace(-10, 10, 50)
+    latents[:, 1] = 1e-6 * np.cos(np.arange(50))
+    scaling = Scaling.fitted(noise, latents, min_input_std=0.05)
+    assert np.abs(scaling.inputs(noise)).max() < 1e-3
+    assert np.abs(scaling.latents(latents)[:, 1]).max() < 1e-5
+
+
+def test_clips_are_zero_and_marked_where_padded_whatever_the_scaling():
+    recordings = random_recordings()
+    clips = make_clips(recordings, fit_scaling(recordings, 0.05), 8)
+    assert clips.inputs.shape == (2, 8, 79)
+    assert clips.inputs.dtype == clips.latents.dtype == np.float32
+    np.testing.assert_array_equal(clips.real.sum(axis=1), [5, 8])
+    assert not clips.inputs[~clips.real].any()
+    assert not clips.latents[~clips.real].any()
+    plain = make_clips(recordings, Scaling.identity(), 8)
+    np.testing.assert_array_equal(plain.inputs[0, :5], recordings[0].inputs.astype(np.float32))
+
+
+def test_splits_are_the_indexs(encoded_run):
+    encoded = read_artifact(encoded_run / "encode")
+    assert [len(r.inputs) for r in load_unpadded_clips(encoded, "validation")] == [30]
+    assert [len(r.inputs) for r in load_unpadded_clips(encoded, "train")] == [25, 40, 35, 20, 45]
+    last = load_unpadded_clips(encoded, "train")[-1]
+    np.testing.assert_array_equal(last.inputs[0, :10], encoded.array("betas")[1])
+    np.testing.assert_array_equal(last.inputs[:, 10:], encoded.array("theta")[-45:])
+    with pytest.raises(DsnetError, match="split 'test'"):
+        load_unpadded_clips(encoded, "test")

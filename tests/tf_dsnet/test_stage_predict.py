@@ -1,0 +1,165 @@
+"""Stage `predict`, and one motion in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.exchange import save_weights
+from bridge.exchange.dsnet_presets import TrainedDsnet
+from bridge.motion import sequences_of, subject_rows
+from bridge.runs import Artifact, read_artifact, write_artifact
+from bridge.runs.artifact import ArtifactWriter
+from tests.forged.amass import save, shape, smplh, smplx
+from tf_dsnet import StreamingPredictor, stage_predict
+from tf_dsnet.stage_predict import PredictStageConfig
+
+
+@pytest.fixture
+def trained(encoded_run: Path, reading: TrainedDsnet) -> Artifact:
+    """Run `tiny` with a `train` whose two readings have different weights."""
+    writer = ArtifactWriter(encoded_run / "train", "train", data="synthetic")
+    save_weights(writer.file_path("standardised.safetensors"), reading.weights)
+    halved = {name: 0.5 * array for name, array in reading.weights.items()}
+    save_weights(writer.file_path("faithful.safetensors"), halved)
+    for name in ("input_mean", "input_std", "latent_mean", "latent_std"):
+        writer.put(name, getattr(reading.scaling, name), "1")
+    writer.record(reading="standardised", readings={"standardised": {}, "faithful": {}})
+    return writer.finish()
+
+
+def streamed(reading: str, theta, betas):
+    predictor = StreamingPredictor("tiny", reading)  # type: ignore[arg-type]
+    return np.stack([predictor.step(frame[None], betas[None])[0] for frame in theta])
+
+
+def forge_mosh(run: Path, names: tuple[str, ...]) -> None:
+    """A corpus with 50 frames at 100 fps for each name, turned to z up."""
+    writer = ArtifactWriter(run / "corpus", "corpus", data="synthetic")
+    rng = np.random.default_rng(1)
+    for index, name in enumerate(names):
+        poses = np.zeros((51, 156))
+        poses[:, 0] = np.pi / 2
+        poses[:, 3:66] = 0.1 * rng.normal(size=63)
+        np.savez(
+            writer.file_path(f"mosh/{name}_poses.npz"),
+            poses=poses,
+            trans=np.tile([0.0, 0.0, 0.95], (51, 1)),
+            betas=np.full(16, float(index + 1)),
+            gender="female",
+            mocap_framerate=100.0,
+        )
+    writer.finish()
+
+
+def test_stage_predicts_every_frame_of_both_readings(trained, encoded_run):
+    stage_predict.main(PredictStageConfig("tiny"))
+    made = read_artifact(encoded_run / "predict")
+    encoded = read_artifact(encoded_run / "encode")
+    assert made.manifest["sequences"] == encoded.manifest["sequences"]
+    np.testing.assert_array_equal(made.array("theta"), encoded.array("theta"))
+    np.testing.assert_array_equal(made.array("betas"), encoded.array("betas"))
+    last = sequences_of(made)[-1]
+    for reading, name in (("standardised", "latents"), ("faithful", "latents_faithful")):
+        expected = streamed(reading, made.array("theta")[last.frames], made.array("betas")[1])
+        np.testing.assert_allclose(made.array(name)[last.frames], expected, rtol=1e-5, atol=2e-5)
+
+
+def test_unseen_motions_follow_with_fitted_or_stored_shapes(trained, encoded_run, monkeypatch):
+    forge_mosh(encoded_run, ("50004_kicking", "99001_side_to_side_hopping"))
+    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    stage_predict.main(PredictStageConfig("tiny"))
+    made = read_artifact(encoded_run / "predict")
+    encoded = read_artifact(encoded_run / "encode")
+    known, unknown = sequences_of(made)[-2:]
+    assert (known.name, unknown.name) == ("50004_kicking", "99001_side_to_side_hopping")
+    assert {(s.split, s.fps, s.length) for s in (known, unknown)} == {("test", 60.0, 31)}
+    assert (known.start, unknown.start) == (195, 226)
+    assert len(made.array("latents")) == len(made.array("theta")) == 257
+    rows, betas = subject_rows(sequences_of(made)), made.array("betas")
+    np.testing.assert_array_equal(betas[rows["50004"]], encoded.array("betas")[0])
+    np.testing.assert_array_equal(betas[rows["99001"]], np.full(10, 2.0))
+    root = made.array("theta")[known.frames, :3]
+    np.testing.assert_allclose(root, 0, atol=1e-6)
+
+
+def test_motions_enter_the_decision_whether_the_stage_is_current(trained, encoded_run, monkeypatch):
+    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    counts = []
+    for names in (("50004_kicking",), ("50004_kicking", "50020_kicking")):
+        forge_mosh(encoded_run, names)
+        stage_predict.main(PredictStageConfig("tiny"))
+        counts.append(len(sequences_of(read_artifact(encoded_run / "predict"))))
+    assert counts == [7, 8]
+
+
+def test_a_corpus_beside_licensed_meshes_is_not_predicted(trained, encoded_run):
+    """A run's name may be used again, for licensed files after the synthetic ones."""
+    forge_mosh(encoded_run, ("50004_kicking",))
+    manifest = encoded_run / "encode" / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"synthetic"', '"licensed"'))
+    stage_predict.main(PredictStageConfig("tiny"))
+    made = read_artifact(encoded_run / "predict")
+    assert {sequence.split for sequence in sequences_of(made)} == {"train", "validation"}
+
+
+def test_a_folder_of_amass_is_predicted(trained, encoded_run, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    save(tmp_path / "MPI_mosh/50004/kicking_poses.npz", smplh(51, 100.0))
+    save(tmp_path / "MPI_mosh/50004/shape.npz", shape())
+    save(tmp_path / "MPI_mosh/50002/kicking_poses.npz", smplh(), gender="male")
+    save(tmp_path / "MoSh/00008/misc_stageii.npz", smplx(61, 120.0))
+    save(tmp_path / "DFaust_67/50004/50004_hips_poses.npz", smplh())
+    stage_predict.main(PredictStageConfig("tiny", amass=tmp_path))
+    made = sequences_of(read_artifact(encoded_run / "predict"))
+    tests = [(s.name, s.length) for s in made if s.split == "test"]
+    assert tests == [("50004_kicking", 31), ("00008_misc", 31)]
+    counts = "2 motions; left out: 1 of motions already there, 1 of male bodies, 1 without poses"
+    assert counts in capsys.readouterr().err
+
+
+def test_empty_folder_and_unknown_run_are_refused(trained, encoded_run, tmp_path, monkeypatch):
+    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(DsnetError, match=r"no \.npz"):
+        stage_predict.main(PredictStageConfig("tiny", amass=tmp_path / "empty"))
+    with pytest.raises(DsnetError, match="unknown run 'nope'"):
+        stage_predict.main(PredictStageConfig("nope"))
+    assert not (encoded_run / "predict").exists()
+
+
+def run_predict_motion(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "tf_dsnet.predict_motion", *arguments]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, env=dict(os.environ)
+    )
+
+
+def test_predict_motion_as_a_process(trained, encoded_run, tmp_path):
+    rng = np.random.default_rng(5)
+    theta, betas = rng.normal(size=(9, 69)).astype("f4"), rng.normal(size=10).astype("f4")
+    units = {"theta": "rad, then m", "betas": "1"}
+    given = {"theta": theta, "betas": betas}
+    write_artifact(tmp_path / "m", "motion", given, units=units, data="licensed", fps=60.0)
+    paths = ("--motion", str(tmp_path / "m"), "--out", str(tmp_path / "out"))
+    done = run_predict_motion("--run", "tiny", "--reading", "faithful", *paths)
+    assert (done.returncode, done.stderr) == (0, "")
+    made = read_artifact(tmp_path / "out", "prediction")
+    assert (made.manifest["fps"], made.manifest["reading"]) == (60.0, "faithful")
+    expected = streamed("faithful", theta, betas)
+    np.testing.assert_allclose(made.array("latents"), expected, rtol=1e-5, atol=2e-5)
+
+
+def test_predict_motion_of_an_unknown_run_is_one_line(runs, tmp_path):
+    paths = ("--motion", str(tmp_path / "m"), "--out", str(tmp_path / "out"))
+    done = run_predict_motion("--run", "nope", *paths)
+    assert done.returncode == 2
+    assert done.stderr.startswith("dsnet: unknown run 'nope'")
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,128 @@
+"""Stage `train` from a finished `encode` to weights, and after it was killed."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.exchange import load_weights
+from bridge.exchange.dsnet_presets import load_trained_dsnet
+from bridge.runs import read_artifact
+from tf_dsnet import stage_train
+from tf_dsnet.stage_train import PROFILES, TrainConfig
+
+TINY = TrainConfig(run="tiny", epochs=5, frames=32, validate_every=2, checkpoint_every=2)
+
+
+def test_stage_leaves_both_readings(encoded_run):
+    stage_train.main(TINY)
+    artifact = read_artifact(encoded_run / "train")
+    artifact.verify()
+    assert set(artifact.manifest["files"]) == {"faithful.safetensors", "standardised.safetensors"}
+    for name in ("faithful", "standardised"):
+        assert artifact.array(f"loss_{name}").shape == (5,)
+        assert artifact.array(f"validation_loss_{name}").shape == (3,)
+    np.testing.assert_array_equal(artifact.array("validation_epochs"), [2, 4, 5])
+    assert artifact.manifest["parameters"] == {"dsnet": 65_140, "dsnet_trainable": 65_020}
+    assert artifact.manifest["reading"] == "standardised"
+    assert artifact.manifest["readings"]["faithful"]["lr"] == 1e-4
+    assert (artifact.manifest["sequences_trained_on"], artifact.origin) == (5, "synthetic")
+    with pytest.raises(DsnetError, match="'other'"):
+        load_trained_dsnet(artifact, "other")  # type: ignore[arg-type]
+
+
+def test_faithful_reading_learns_the_latents_as_they_are(encoded_run):
+    stage_train.main(replace(TINY, readings=("faithful",), epochs=1))
+    artifact = read_artifact(encoded_run / "train")
+    reading = load_trained_dsnet(artifact)
+    np.testing.assert_array_equal(reading.scaling.restore(np.ones(100)), 1)
+    latents = read_artifact(encoded_run / "encode").array("latents")
+    first_frames = [latents[s : s + 32] for s in (0, 25, 95, 130, 150)]
+    per_clip = np.mean([np.linalg.norm(f[:32], axis=1).sum() for f in first_frames])
+    assert 0.5 * per_clip < artifact.array("loss_faithful")[0] < 1.5 * per_clip
+
+
+@pytest.mark.parametrize(
+    ("killed_after", "left"), [(3, [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]), (7, [2, 2, 3, 3, 4, 4])]
+)
+def test_killed_stage_resumes_bit_identically(encoded_run, monkeypatch, killed_after, left):
+    stage_train.main(TINY)
+    whole = read_artifact(encoded_run / "train")
+    expected = {
+        name: load_weights(whole.file(f"{name}.safetensors"))
+        for name in ("standardised", "faithful")
+    }
+    (encoded_run / "train").rename(encoded_run / "uninterrupted")
+
+    begun: list[int] = []
+    epoch, lock = stage_train.Trainer.epoch, threading.Lock()
+
+    def dying_epoch(self, number):
+        with lock:  # readings are trained side by side
+            if len(begun) == killed_after:
+                raise KeyboardInterrupt
+            begun.append(number)
+        return epoch(self, number)
+
+    monkeypatch.setattr(stage_train.Trainer, "epoch", dying_epoch)
+    with pytest.raises(KeyboardInterrupt):
+        stage_train.main(TINY)
+    assert not (encoded_run / "train").exists()
+    begun[:] = ()
+    killed_after = None
+    stage_train.main(TINY)
+    assert begun == left
+
+    resumed = read_artifact(encoded_run / "train")
+    assert resumed.content_sha256 == whole.content_sha256
+    for name, weights in expected.items():
+        again = load_weights(resumed.file(f"{name}.safetensors"))
+        for key, array in weights.items():
+            np.testing.assert_array_equal(again[key], array)
+
+
+def test_a_reading_whose_checkpoint_is_behind_catches_up(encoded_run, monkeypatch):
+    stage_train.main(TINY)
+    whole = read_artifact(encoded_run / "train")
+    (encoded_run / "train").rename(encoded_run / "uninterrupted")
+    saves = iter([stage_train.Course.save] * 3)  # killed when one reading is saved after 4 epochs
+
+    def dying_save(self):
+        next(saves, _interrupt)(self)
+
+    def _interrupt(_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(stage_train.Course, "save", dying_save)
+        with pytest.raises(KeyboardInterrupt):
+            stage_train.main(TINY)
+    stage_train.main(TINY)
+    assert read_artifact(encoded_run / "train").content_sha256 == whole.content_sha256
+
+
+def test_unknown_run_is_one_line(runs):
+    with pytest.raises(DsnetError, match="unknown run 'nope'") as caught:
+        stage_train.main(replace(TINY, run="nope"))
+    assert "\n" not in str(caught.value)
+    assert not runs.exists()
+
+
+@pytest.mark.parametrize(
+    "change", [{"epochs": 0}, {"frames": -1}, {"readings": ()}, {"readings": ("faithful",) * 2}]
+)
+def test_senseless_settings_are_refused(encoded_run, change):
+    with pytest.raises(DsnetError, match="Pass --"):
+        stage_train.main(replace(TINY, **change))
+    assert not list(encoded_run.glob("*train*"))
+
+
+def test_profiles_train_both_readings_and_keep_the_papers_settings():
+    for config in PROFILES.values():
+        assert set(config.readings) == {"standardised", "faithful"}
+        assert (config.frames, config.batch_size, config.lr("faithful")) == (300, 16, 1e-4)
+        assert not config.masked

@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from torch_align_ae.alignment.paper.objective import MeshDistance
+from torch_align_ae.alignment.paper.sgd import (
+    Descending,
+    Descent,
+    fit_pose,
+    fit_shape_and_pose,
+    rigid_start,
+)
+
+
+@pytest.fixture(scope="module")
+def objective(smpl):
+    return MeshDistance(smpl)
+
+
+def root_mean_square_m(objective, target, *variables):
+    posed = objective.smpl(*variables)
+    return (posed - objective.restore(target)).square().sum(2).mean().sqrt().item()
+
+
+def test_recovers_pose_within_the_methods_floor(objective, smpl, motion):
+    pose, trans = (part[:2] for part in motion(2))
+    betas = torch.zeros(2, 10)
+    target = objective.arrange(smpl(betas, pose, trans))
+    begin = pose + 0.03, trans + 0.02
+    found = fit_pose(objective, objective.shapes(betas), begin, target, 300, Descent())
+    assert root_mean_square_m(objective, target, betas, *found) < 0.003
+    assert root_mean_square_m(objective, target, betas, *begin) > 0.03
+    np.testing.assert_allclose(found[0], pose, atol=0.03)
+
+
+def test_recovers_shape_within_the_methods_floor(objective, smpl, motion):
+    pose, trans = (part[:1] for part in motion(1))
+    betas = torch.tensor([[0.6, -0.3, 0, 0, 0, 0, 0, 0, 0, 0]])
+    target = objective.arrange(smpl(betas, 0.3 * pose, trans))
+    found = fit_shape_and_pose(objective, target, 800, Descent())
+    assert root_mean_square_m(objective, target, *found) < 0.006
+    assert abs(found[0][0, 0] - 0.6) < 0.1
+
+
+def test_descent_is_torchs_sgd_on_the_unsquared_norm(objective, smpl, motion):
+    pose, trans = (part[:1] for part in motion(1))
+    betas = torch.zeros(1, 10)
+    target = smpl(betas, pose, trans)
+    variables = [(pose + 0.05).requires_grad_(), (trans + 0.05).requires_grad_()]
+    optimizer = torch.optim.SGD(variables, lr=1e-4, momentum=0.9)
+    # `fit_pose` returns the best of the iterates it has seen, so one step less is compared.
+    for _ in range(5):
+        optimizer.zero_grad()
+        (smpl(betas, *variables) - target).norm().backward()
+        optimizer.step()
+    found = fit_pose(
+        objective,
+        objective.shapes(betas),
+        (pose + 0.05, trans + 0.05),
+        objective.arrange(target),
+        6,
+        Descent(),
+    )
+    np.testing.assert_allclose(found[0], variables[0].detach(), atol=1e-5)
+    np.testing.assert_allclose(found[1], variables[1].detach(), atol=1e-5)
+
+
+def test_steps_are_torchs_to_the_last_bit():
+    generator = torch.Generator().manual_seed(0)
+    start = torch.randn(2, 3, 3, generator=generator), torch.randn(2, 4, generator=generator)
+    variables = [variable.clone() for variable in start]
+    optimizer = torch.optim.SGD(variables, lr=1e-4, momentum=0.9)
+    descending = Descending(Descent(), *start)
+    for _ in range(7):
+        gradients = [torch.randn(variable.shape, generator=generator) for variable in variables]
+        for variable, gradient in zip(variables, gradients, strict=True):
+            variable.grad = gradient
+        descending.step(torch.zeros(2), *gradients)
+        optimizer.step()
+    for found, expected in zip(descending.variables, variables, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_each_body_keeps_its_closest_iterate():
+    descending = Descending(Descent(lr=1.0, momentum=0.0), torch.zeros(2, 1))
+    distances = [[3.0, 1.0], [2.0, 5.0], [4.0, torch.nan]]
+    closer = [
+        descending.step(torch.tensor(distance), -torch.ones(2, 1)).tolist()
+        for distance in distances
+    ]
+    assert closer == [[True, True], [True, False], [False, False]]
+    assert descending.variables[0].tolist() == [[3.0], [3.0]]
+    assert descending.best()[0].tolist() == [[1.0], [0.0]]
+
+
+def test_batch_equals_singles(objective, smpl, motion):
+    pose, trans = motion(3)
+    betas = torch.zeros(3, 10)
+    betas[:, 0] = torch.tensor([-1.0, 0.0, 1.0])
+    target = objective.arrange(smpl(betas, pose, trans))
+    shapes = objective.shapes(betas)
+
+    def fit(rows):
+        start = pose[rows] + 0.02, trans[rows]
+        return fit_pose(objective, shapes.rows(rows), start, target[rows], 20, Descent())
+
+    together = fit(slice(0, 3))
+    for row in range(3):
+        alone = fit(slice(row, row + 1))
+        np.testing.assert_allclose(together[0][row], alone[0][0], atol=1e-4)
+        np.testing.assert_allclose(together[1][row], alone[1][0], atol=1e-4)
+
+
+def test_rigid_start_finds_a_person_who_looks_the_other_way(objective, smpl):
+    pose, trans = torch.zeros(2, 22, 3), torch.tensor([[0.3, 1.0, -2.0], [0.0, 0.0, 0.0]])
+    pose[0, 0] = torch.tensor([0.1, 3.1, 0.0])
+    pose[1, 0] = torch.tensor([0.0, -1.5, 0.4])
+    betas = torch.zeros(2, 10)
+    found = rigid_start(
+        objective, objective.shapes(betas), objective.arrange(smpl(betas, pose, trans))
+    )
+    np.testing.assert_allclose(found[0], pose, atol=0.01)
+    np.testing.assert_allclose(found[1], trans, atol=0.01)

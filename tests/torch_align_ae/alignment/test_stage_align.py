@@ -1,0 +1,206 @@
+from __future__ import annotations
+
+import dataclasses
+import os
+
+import h5py
+import numpy as np
+import pytest
+import torch
+
+from bridge.errors import DsnetError
+from bridge.motion import sequences_of, unpack_theta
+from bridge.runs import Run
+from torch_align_ae.alignment.paper import corpus_fit, tracking
+from torch_align_ae.alignment.stage_align import PROFILES, AlignConfig, main
+from torch_align_ae.corpus.dyna_files import write_dyna
+
+
+@pytest.fixture
+def runs(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
+    return tmp_path / "runs"
+
+
+@pytest.fixture
+def config(corpus):
+    folder = corpus[0]
+    return AlignConfig(
+        run="t",
+        smpl=folder / "SMPL_FEMALE.npz",
+        dyna=(folder / "dyna.h5",),
+        steps=4,
+        first_frame_steps=20,
+        shape_steps=20,
+    )
+
+
+def aligned(config):
+    main(config)
+    artifact = Run(config.run).artifact("align")
+    names = ("betas", "theta", "offsets", "frame_error")
+    return artifact, {name: np.array(artifact.array(name)) for name in names}
+
+
+def test_artifact_has_the_contracts_arrays(runs, config):
+    artifact, arrays = aligned(config)
+    shapes = {name: array.shape for name, array in arrays.items()}
+    assert shapes == {
+        "betas": (2, 10),
+        "theta": (58, 69),
+        "offsets": (58, 6890, 3),
+        "frame_error": (58,),
+    }
+    assert all(array.dtype == np.float32 for array in arrays.values())
+    index = [(s.name, s.start, s.length, s.fps, s.split) for s in sequences_of(artifact)]
+    assert index == [
+        ("50004_hips", 0, 35, 60.0, "train"),
+        ("50004_one_leg_jump", 35, 3, 60.0, "validation"),
+        ("50020_hips", 38, 20, 60.0, "train"),
+    ]
+    assert artifact.origin == "synthetic"
+
+
+def test_rows_describe_their_frames(runs, config, corpus, smpl):
+    """Posing what was found, offsets and all, must give back each mesh, in file order."""
+    artifact, arrays = aligned(config)
+    with h5py.File(config.dyna[0]) as file:
+        for sequence in sequences_of(artifact):
+            rows = sequence.frames
+            pose, trans = map(torch.tensor, unpack_theta(arrays["theta"][rows]))
+            row = {"50004": 0, "50020": 1}[sequence.subject]
+            betas = torch.tensor(arrays["betas"][row]).expand(sequence.length, -1)
+            mesh = np.moveaxis(np.asarray(file[sequence.name]), -1, 0)
+            offsets = torch.tensor(arrays["offsets"][rows])
+            np.testing.assert_allclose(smpl(betas, pose, trans, offsets), mesh, atol=2e-5)
+            error = np.linalg.norm(smpl(betas, pose, trans).numpy() - mesh, axis=-1).mean(-1)
+            np.testing.assert_allclose(arrays["frame_error"][rows], error, atol=1e-5)
+
+
+def test_pose_is_tracked(runs, config, corpus):
+    more = dataclasses.replace(config, steps=25, first_frame_steps=150, shape_steps=250)
+    artifact, arrays = aligned(more)
+    for sequence in sequences_of(artifact):
+        _, _, trans = corpus[1][sequence.name]
+        found = unpack_theta(arrays["theta"][sequence.frames])[1]
+        np.testing.assert_allclose(found, trans, atol=0.02)
+    assert arrays["frame_error"].mean() < 0.02
+
+
+def test_interrupted_run_ends_bit_identical(runs, config, monkeypatch):
+    _, expected = aligned(config)
+    save, saved = corpus_fit._save, []
+
+    def save_and_stop(writer, state):
+        save(writer, state)
+        saved.append(state.next_frame)
+        if len(saved) == 2:
+            raise KeyboardInterrupt
+
+    again = dataclasses.replace(config, run="again")
+    monkeypatch.setattr(corpus_fit, "_save", save_and_stop)
+    with pytest.raises(KeyboardInterrupt):
+        main(again)
+    assert saved == [0, 32]
+    monkeypatch.setattr(corpus_fit, "_save", save)
+    monkeypatch.setattr(
+        corpus_fit.CorpusFit, "_first_frames", lambda _: pytest.fail("it began anew")
+    )
+    _, found = aligned(again)
+    for name, array in expected.items():
+        np.testing.assert_array_equal(found[name], array)
+
+
+def test_windows_leave_no_trace(runs, config, monkeypatch):
+    """Each window goes on from the pose that the one before ended with."""
+    _, expected = aligned(config)
+    for module in (corpus_fit, tracking):
+        monkeypatch.setattr(module, "FRAMES_PER_WINDOW", 5)
+    _, found = aligned(dataclasses.replace(config, run="short"))
+    for name, array in expected.items():
+        np.testing.assert_allclose(found[name], array, atol=1e-3)
+
+
+def test_processes_give_the_same_bits(runs, config, monkeypatch):
+    _, expected = aligned(config)
+    monkeypatch.setattr(corpus_fit, "_STEPS_WORTH_A_CREW", 0)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    _, found = aligned(dataclasses.replace(config, run="processes"))
+    for name, array in expected.items():
+        np.testing.assert_array_equal(found[name], array)
+
+
+def test_current_result_is_kept(runs, config, monkeypatch):
+    main(config)
+    monkeypatch.setattr(corpus_fit.CorpusFit, "write", lambda *_: pytest.fail("aligned again"))
+    main(config)
+
+
+def test_a_sequence_alone_is_aligned_as_in_a_batch(runs, config, corpus, tmp_path):
+    _, together = aligned(config)
+    alone = tmp_path / "alone.h5"
+    with h5py.File(config.dyna[0]) as source, h5py.File(alone, "w") as target:
+        source.copy("50020_hips", target)
+    _, single = aligned(dataclasses.replace(config, run="alone", dyna=(alone,)))
+    np.testing.assert_allclose(single["betas"][0], together["betas"][1], atol=1e-4)
+    np.testing.assert_allclose(single["theta"], together["theta"][38:], atol=1e-3)
+    np.testing.assert_allclose(single["offsets"], together["offsets"][38:], atol=1e-3)
+
+
+def test_validation_falls_back_to_the_last_sequence(runs, config):
+    artifact, _ = aligned(dataclasses.replace(config, validation=("50002_one_leg_jump",)))
+    assert [s.split for s in sequences_of(artifact)] == ["train", "train", "validation"]
+
+
+def test_reads_the_runs_corpus_by_default(runs):
+    with pytest.raises(DsnetError, match="corpus"):
+        main(AlignConfig(run="missing"))
+
+
+def test_one_input_without_the_other(runs, config):
+    with pytest.raises(DsnetError, match="--smpl without --dyna"):
+        main(dataclasses.replace(config, dyna=()))
+    with pytest.raises(DsnetError, match="--dyna without --smpl"):
+        main(dataclasses.replace(config, smpl=None))
+
+
+def test_missing_inputs_leave_nothing(runs, config, tmp_path):
+    with pytest.raises(DsnetError, match="no such file"):
+        main(dataclasses.replace(config, dyna=(tmp_path / "none.h5",)))
+    with pytest.raises(DsnetError, match="no such file"):
+        main(dataclasses.replace(config, smpl=tmp_path / "none.npz"))
+    assert not runs.exists()
+
+
+def test_body_of_the_other_gender(runs, config, body, tmp_path):
+    male = tmp_path / "male.h5"
+    with write_dyna(male, body.faces) as writer:
+        writer.add("50009_hips", body.v_template[None])
+    with pytest.raises(DsnetError, match="50009"):
+        main(dataclasses.replace(config, dyna=(male,)))
+
+
+def test_meshes_of_another_vertex_order(runs, config, body, tmp_path):
+    shuffled = tmp_path / "shuffled.h5"
+    order = np.random.default_rng(0).permutation(6890)
+    with write_dyna(shuffled, body.faces) as writer:
+        writer.add("50004_hips", body.v_template[None, order])
+    with pytest.raises(DsnetError, match="vertex order"):
+        main(dataclasses.replace(config, dyna=(shuffled,)))
+    assert not (runs / "t" / "align").exists()
+
+
+def test_nan_in_a_later_frame(runs, config, body, tmp_path):
+    path = tmp_path / "nan.h5"
+    frames = np.repeat(body.v_template[None], 3, axis=0)
+    frames[2, 5] = np.nan
+    with write_dyna(path, body.faces) as writer:
+        writer.add("50004_hips", frames)
+    with pytest.raises(DsnetError, match="frame 2"):
+        main(dataclasses.replace(config, dyna=(path,)))
+    assert list((runs / "t").iterdir()) == []
+
+
+def test_profiles():
+    assert set(PROFILES) == {"smoke", "demo", "paper"}
+    assert {(p.lr, p.momentum, p.aligner) for p in PROFILES.values()} == {(1e-4, 0.9, "sgd")}

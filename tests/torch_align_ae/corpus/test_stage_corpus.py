@@ -1,0 +1,141 @@
+"""The corpus as a stage: what readers find, resuming, and the truth kept apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+import torch
+
+from bridge.body import load_body_model
+from bridge.errors import DsnetError
+from bridge.motion import sequences_of, subject_rows, unpack_theta
+from bridge.motion.resampling import load_amass_motion
+from bridge.runs import read_artifact
+from torch_align_ae.body import SMPL, unpose
+from torch_align_ae.corpus import stage_corpus as stage
+from torch_align_ae.corpus.dyna_files import DynaReader
+from torch_align_ae.corpus.simulation import TissueSimulator
+
+TINY = stage.CorpusConfig(
+    run="tiny",
+    subjects=1,
+    motions=("one_leg_jump",),
+    mean_frames=66,
+    mosh_motions=("side_to_side_hopping",),
+    mosh_seconds=1.0,
+)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    root = tmp_path_factory.mktemp("runs")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSNET_RUNS", str(root))
+        stage.main(TINY)
+    return root / "tiny"
+
+
+@pytest.fixture
+def truth(finished):
+    return read_artifact(finished / "truth", kind="truth")
+
+
+@pytest.fixture
+def corpus(finished):
+    return read_artifact(finished / "corpus", kind="corpus")
+
+
+def test_unposing_the_meshes_by_the_truth_gives_the_true_offsets(corpus, truth):
+    smpl = SMPL(load_body_model(corpus.file("SMPL_FEMALE.npz")), dtype=torch.float64)
+    rows = subject_rows(sequences_of(truth))
+    theta, offsets, betas = (truth.array(name) for name in ("theta", "offsets", "betas"))
+    with DynaReader([corpus.file("dyna_female.h5")]) as reader:
+        assert len(reader) == 1
+        for sequence in sequences_of(corpus):
+            meshes = torch.from_numpy(reader.frames(sequence.name)).double()
+            pose, trans = (
+                torch.tensor(part).double() for part in unpack_theta(theta[sequence.frames])
+            )
+            shape = torch.tensor(betas[rows[sequence.subject]]).double().expand(len(pose), -1)
+            rest = smpl.rest_vertices(shape, pose)
+            found = (unpose(smpl, meshes, shape, pose, trans) - rest).numpy()
+            np.testing.assert_allclose(found, offsets[sequence.frames], atol=2e-6)
+            assert np.abs(offsets[sequence.frames]).max() > 5e-3
+
+
+def test_mosh_files_read_back_as_the_true_motion(corpus, truth):
+    rows = subject_rows(sequences_of(truth))
+    tests = [sequence for sequence in sequences_of(truth) if sequence.split == "test"]
+    assert [sequence.subject for sequence in tests] == ["50004", "99001"]
+    data = load_body_model(corpus.file("SMPL_FEMALE.npz"))
+    for sequence in tests:
+        path = corpus.file(f"mosh/{sequence.name}_poses.npz")
+        betas = truth.array("betas")[rows[sequence.subject]]
+        joint_m = (data.J_regressor @ (data.v_template + data.shapedirs @ betas.astype(float)))[0]
+        motion = load_amass_motion(path, root_joint_m=joint_m)
+        assert (motion.source_fps, motion.gender) == (100.0, "female")
+        np.testing.assert_array_equal(motion.betas, betas)
+        np.testing.assert_allclose(motion.theta, truth.array("theta")[sequence.frames], atol=1e-5)
+        assert np.abs(truth.array("offsets")[sequence.frames]).max() > 5e-3
+
+
+def test_offsets_begin_at_exactly_zero(truth):
+    for sequence in sequences_of(truth):
+        np.testing.assert_array_equal(
+            truth.array("offsets")[sequence.start : sequence.start + 3], 0
+        )
+
+
+def test_everything_says_synthetic(corpus, truth):
+    assert corpus.origin == truth.origin == "synthetic"
+    with h5py.File(corpus.file("dyna_female.h5")) as file:
+        assert file.attrs["source"] == "synthetic"
+    with np.load(corpus.file("mosh/99001_side_to_side_hopping_poses.npz")) as motion:
+        assert motion["source"] == "synthetic"
+    assert corpus.file("NOTICE.txt").read_text().startswith("Synthetic data.")
+    assert load_body_model(corpus.file("SMPL_FEMALE.npz")).source == "synthetic"
+
+
+def test_the_truth_stays_out_of_the_corpus(corpus):
+    assert set(corpus.manifest["arrays"]) == set()
+    assert {sequence.split for sequence in sequences_of(corpus)} == {"train"}
+    with h5py.File(corpus.file("dyna_female.h5")) as file:
+        assert set(file) == {"faces", "50004_one_leg_jump"}
+
+
+def test_a_killed_run_goes_on_and_ends_bit_identical(finished, tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    simulate, lengths = TissueSimulator.offsets, []
+
+    def killed_at_the_third(self, theta, fps):
+        if len(lengths) == 2:
+            raise KeyboardInterrupt
+        lengths.append(len(theta))
+        return simulate(self, theta, fps)
+
+    monkeypatch.setattr(TissueSimulator, "offsets", killed_at_the_third)
+    with pytest.raises(KeyboardInterrupt):
+        stage.main(TINY)
+    assert not (tmp_path / "tiny" / "truth").exists()
+
+    resumed = []
+    monkeypatch.setattr(
+        TissueSimulator,
+        "offsets",
+        lambda self, theta, fps: resumed.append(len(theta)) or simulate(self, theta, fps),
+    )
+    stage.main(TINY)
+    assert len(resumed) == len(sequences_of(read_artifact(finished / "truth"))) - 2
+    for name in ("truth", "corpus"):
+        whole, again = read_artifact(finished / name), read_artifact(tmp_path / "tiny" / name)
+        assert whole.content_sha256 == again.content_sha256
+
+
+def test_too_short_sequences_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    with pytest.raises(DsnetError, match="mean_frames=5"):
+        stage.main(replace(TINY, mean_frames=5))
+    assert not list(tmp_path.glob("tiny/*"))

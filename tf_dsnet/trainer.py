@@ -1,0 +1,126 @@
+"""Training of DSNet epoch by epoch, in a way that can be stopped and goes on bit-identically."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.motion.clips import Clips
+from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
+from tf_dsnet.losses import sum_of_distances
+from tf_dsnet.lstm import BlockLSTM
+from tf_dsnet.model import assign_weights, build_dsnet, named_variables, named_weights
+
+_OPTIMIZER = "adam"
+
+
+class Trainer:
+    """DSNet and its Adam optimizer.
+
+    Everything that an epoch depends on is in `state` or follows from the seed
+    and the epoch's number, so a restored trainer repeats an uninterrupted one.
+
+    Parameters
+    ----------
+    clips : what to train on.
+    lr : Adam's learning rate.
+    batch_size : clips in a step; the last step of an epoch takes what is left.
+    masked : leave padded frames out of the loss and of the batch normalisation's statistics.
+    seed : of the initial weights and of the order of the clips.
+    lstm_layer : what computes the LSTM; Keras's own, which gives the same, takes longer on a CPU.
+    """
+
+    def __init__(
+        self,
+        clips: Clips,
+        *,
+        lr: float,
+        batch_size: int = 16,
+        masked: bool = False,
+        seed: int = 0,
+        lstm_layer: type[keras.layers.LSTM] = BlockLSTM,
+    ) -> None:
+        be_reproducible(seed)
+        # On the device once; a step takes its rows there.
+        self._clips, self._count = _tensors(clips), len(clips)
+        self._batch_size, self._seed, self._masked = batch_size, seed, masked
+        self.model = build_dsnet(masked=masked, lstm_layer=lstm_layer)
+        self.optimizer = keras.optimizers.Adam(lr, name=_OPTIMIZER)
+        self.optimizer.build(self.model.trainable_variables)
+        # Unknown sizes, so that the last, smaller batch does not build a second graph.
+        self._step = tf.function(self._train_on, input_signature=[tf.TensorSpec([None], tf.int32)])
+        self._evaluate = tf.function(self._loss_at_rest, input_signature=[_any_clips()])
+
+    def trace(self) -> None:
+        """Build both graphs now, so that threads which train side by side only run them."""
+        self._step.get_concrete_function()
+        self._evaluate.get_concrete_function()
+
+    def epoch(self, number: int) -> float:
+        """Train on every clip once, in an order drawn for this epoch; the mean loss of a clip."""
+        order = np.random.default_rng([self._seed, number]).permutation(self._count)
+        batches = np.split(order, range(self._batch_size, self._count, self._batch_size))
+        losses = [self._step(tf.constant(batch, tf.int32)) for batch in batches]
+        return float(np.average([loss.numpy() for loss in losses], weights=[*map(len, batches)]))
+
+    def loss(self, clips: Clips) -> float:
+        """Mean loss of a clip with the batch normalisation's running statistics."""
+        return float(self._evaluate(_tensors(clips)).numpy())
+
+    def gradients(self) -> tuple[float, dict[str, NDArray]]:
+        """Loss of all clips in one batch, and its gradient by every weight that is trained.
+
+        The running statistics move on, as in a step of training.
+        """
+        loss, gradients = self._loss_and_gradients(self._clips)
+        trainable = {id(variable) for variable in self.model.trainable_variables}
+        names = [n for n, v in named_variables(self.model).items() if id(v) in trainable]
+        return float(loss), {n: g.numpy() for n, g in zip(names, gradients, strict=True)}
+
+    def state(self) -> dict[str, NDArray]:
+        """Copies of weights, running statistics and the optimizer's moments."""
+        optimizer = {variable.path: variable.numpy() for variable in self.optimizer.variables}
+        return {**named_weights(self.model), **optimizer}
+
+    def restore(self, state: Mapping[str, NDArray]) -> None:
+        """Go back to what `state` returned, in this process or in an earlier one."""
+        own = self.optimizer.variables
+        for variable in own:
+            # A file may give scalars (the step counter) back with one axis.
+            variable.assign(state[variable.path])
+        paths = {variable.path for variable in own}
+        assign_weights(self.model, {k: array for k, array in state.items() if k not in paths})
+
+    def _train_on(self, rows: tf.Tensor) -> tf.Tensor:
+        batch = {name: tf.gather(tensor, rows) for name, tensor in self._clips.items()}
+        loss, gradients = self._loss_and_gradients(batch)
+        self.optimizer.apply(gradients, self.model.trainable_variables)
+        return loss
+
+    def _loss_and_gradients(self, batch: dict[str, tf.Tensor]) -> tuple[tf.Tensor, list[Tensor]]:
+        with tf.GradientTape() as tape:
+            loss = self._loss_of(batch, training=True)
+        return loss, tape.gradient(loss, self.model.trainable_variables)
+
+    def _loss_at_rest(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
+        return self._loss_of(batch, training=False)
+
+    def _loss_of(self, batch: dict[str, tf.Tensor], *, training: bool) -> tf.Tensor:
+        motion, real = batch["motion"], batch["real"]
+        predicted = self.model([motion, real] if self._masked else motion, training=training)
+        return sum_of_distances(batch["latents"], predicted, real if self._masked else None)
+
+
+def _tensors(clips: Clips) -> dict[str, tf.Tensor]:
+    arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
+    return {name: tf.constant(array) for name, array in arrays.items()}
+
+
+def _any_clips() -> dict[str, tf.TensorSpec]:
+    return {
+        "motion": tf.TensorSpec((None, None, 79), keras.config.floatx()),
+        "latents": tf.TensorSpec((None, None, 100), keras.config.floatx()),
+        "real": tf.TensorSpec((None, None), tf.bool),
+    }

@@ -1,0 +1,1 @@
+"""The paper's aligner: gradient descent with momentum on the mesh distance (Section 3.3)."""

@@ -1,0 +1,224 @@
+"""Aligning a whole corpus: first frames, then window by window, with a checkpoint after each."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from tqdm import tqdm
+
+from bridge.errors import DsnetError
+from bridge.exchange import load_weights, save_weights
+from bridge.motion import MotionSequence, pack_theta, subject_rows, to_manifest, unpack_theta
+from bridge.runs import ArtifactWriter
+from torch_align_ae.alignment.crew import Crew, crew
+from torch_align_ae.alignment.fitted import AlignedArrays
+from torch_align_ae.alignment.paper.objective import MeshDistance
+from torch_align_ae.alignment.paper.sgd import Descent, fit_pose, fit_shape_and_pose, rigid_start
+from torch_align_ae.alignment.paper.tracking import FRAMES_PER_WINDOW, Track, follow, groups
+from torch_align_ae.alignment.threads import one_arithmetic_thread
+from torch_align_ae.body import SMPL
+from torch_align_ae.corpus.dyna_files import DynaReader
+
+# A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
+_WORST_FIRST_FRAME_M = 0.2
+# For fewer steps of a body, less than a minute of one core, processes are not worth their start.
+_STEPS_WORTH_A_CREW = 100_000
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Numbers of descent steps."""
+
+    frame: int
+    """For each frame after a sequence's first."""
+    first_frame: int
+    """For the pose of a sequence's first frame."""
+    shape: int
+    """For a subject's shape together with the pose of its very first frame."""
+
+
+@dataclass
+class _State:
+    """Where the work has got to: what a checkpoint holds."""
+
+    betas: NDArray[np.float32]
+    """(S, 10) shapes of the subjects."""
+    theta: NDArray[np.float32]
+    """(N, 69) latest pose of each sequence."""
+    next_frame: int
+    """First frame, within each sequence, that is not yet written."""
+
+
+@dataclass(frozen=True)
+class _FirstFrames:
+    """First frames of some sequences, their shapes being known."""
+
+    betas: Tensor
+    """(B, 10)."""
+    targets: Tensor
+    """(B, 3 V) from `MeshDistance.arrange`."""
+    steps: int
+    descent: Descent
+
+
+def _fit_first_frames(objective: MeshDistance, first: _FirstFrames) -> tuple[Tensor, Tensor]:
+    shapes = objective.shapes(first.betas)
+    start = rigid_start(objective, shapes, first.targets)
+    return fit_pose(objective, shapes, start, first.targets, first.steps, first.descent)
+
+
+class CorpusFit:
+    """One corpus to align; `write` fills the artifact.
+
+    Shapes come from the first frame of each subject's first sequence and then stay (Section 3.3).
+    """
+
+    def __init__(
+        self,
+        smpl: SMPL,
+        reader: DynaReader,
+        sequences: list[MotionSequence],
+        effort: Effort,
+        descent: Descent,
+    ) -> None:
+        self._objective = MeshDistance(smpl)
+        self._reader, self._sequences = reader, sequences
+        self._effort, self._descent = effort, descent
+        self._row_of_subject = subject_rows(sequences)
+        self._subject_of = [self._row_of_subject[sequence.subject] for sequence in sequences]
+
+    def write(self, writer: ArtifactWriter) -> None:
+        """Write `betas`, `theta`, `offsets` and `frame_error`, or the part that is missing."""
+        with crew(self._objective, self._hands()) as workers:
+            state = _load(writer)
+            if state is None:
+                state = self._first_frames(workers)
+                _save(writer, state)
+            tracks = [self._track(index, state.betas) for index in range(len(self._sequences))]
+            longest = max(track.length for track in tracks)
+            with self._progress(state.next_frame) as progress:
+                while state.next_frame < longest:
+                    self._write_window(writer, workers, tracks, state, progress)
+                    _save(writer, state)
+        self._open_arrays(writer)
+        writer.put("betas", state.betas, "1")
+        writer.record(sequences=to_manifest(self._sequences))
+
+    def _hands(self) -> int:
+        steps = self._effort.frame * sum(sequence.length for sequence in self._sequences)
+        if steps < _STEPS_WORTH_A_CREW:
+            return 1
+        return min(os.cpu_count() or 1, len(groups(len(self._sequences))))
+
+    def _first_frames(self, workers: Crew[MeshDistance]) -> _State:
+        """Shape of every subject, and pose of every sequence's first frame."""
+        first = [self._reader.frames(sequence.name, 0, 1)[0] for sequence in self._sequences]
+        meshes = torch.from_numpy(np.stack(first))
+        targets = self._objective.arrange(meshes)
+        leading = [self._subject_of.index(row) for row in self._row_of_subject.values()]
+        betas, *lead = self._fit_shapes(targets[leading])
+        pose, trans = self._fit_first_poses(workers, betas[self._subject_of], targets)
+        pose[leading], trans[leading] = lead
+        self._check_first_frames(betas[self._subject_of], pose, trans, meshes)
+        return _State(betas.numpy(), pack_theta(pose.numpy(), trans.numpy()), 0)
+
+    def _fit_shapes(self, targets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        steps = self._effort.shape
+        # A step of few subjects takes its time between operations: one core does them all at once.
+        with (
+            one_arithmetic_thread(),
+            tqdm(total=steps, desc="shapes", unit="step", disable=None) as progress,
+        ):
+            return fit_shape_and_pose(
+                self._objective, targets, steps, self._descent, progress.update
+            )
+
+    def _fit_first_poses(
+        self, workers: Crew[MeshDistance], betas: Tensor, targets: Tensor
+    ) -> list[Tensor]:
+        firsts = [
+            _FirstFrames(betas[rows], targets[rows], self._effort.first_frame, self._descent)
+            for rows in groups(len(targets))
+        ]
+        return _concatenate(workers.map(_fit_first_frames, firsts))
+
+    def _check_first_frames(
+        self, betas: Tensor, pose: Tensor, trans: Tensor, meshes: Tensor
+    ) -> None:
+        for row, sequence in enumerate(self._sequences):
+            one = slice(row, row + 1)
+            posed = self._objective.smpl(betas[one], pose[one], trans[one])[0]
+            error_m = (posed - meshes[row]).norm(dim=1).mean().item()
+            if error_m > _WORST_FIRST_FRAME_M:
+                raise DsnetError(
+                    f"{sequence.name}, whose first frame stays {100 * error_m:.0f} cm from SMPL",
+                    "meshes with SMPL's vertex order",
+                    "Register the meshes to SMPL's template, or raise the first frame's steps.",
+                )
+
+    def _track(self, index: int, betas: NDArray[np.float32]) -> Track:
+        sequence = self._sequences[index]
+        shape = torch.from_numpy(betas[self._subject_of[index]])
+
+        def read(start: int, stop: int) -> NDArray[np.float32]:
+            return self._reader.frames(sequence.name, start, stop)
+
+        return Track(read, sequence.length, shape)
+
+    def _write_window(
+        self,
+        writer: ArtifactWriter,
+        workers: Crew[MeshDistance],
+        tracks: list[Track],
+        state: _State,
+        progress: tqdm,
+    ) -> None:
+        arrays = self._open_arrays(writer)
+        pose, trans = (torch.from_numpy(part.copy()) for part in unpack_theta(state.theta))
+        for fitted in follow(
+            workers,
+            tracks,
+            state.next_frame,
+            (pose, trans),
+            self._effort.frame,
+            self._descent,
+        ):
+            state.theta[fitted.track] = arrays.write(fitted)
+            progress.update(len(fitted.pose))
+        arrays.flush()
+        state.next_frame += FRAMES_PER_WINDOW
+
+    def _open_arrays(self, writer: ArtifactWriter) -> AlignedArrays:
+        return AlignedArrays(writer, self._sequences, self._objective.smpl.vertex_count)
+
+    def _progress(self, done: int) -> tqdm:
+        total = sum(sequence.length for sequence in self._sequences)
+        initial = sum(min(sequence.length, done) for sequence in self._sequences)
+        return tqdm(total=total, initial=initial, desc="align", unit="frame", disable=None)
+
+
+def _concatenate(parts: Iterable[tuple[Tensor, ...]]) -> list[Tensor]:
+    return [torch.cat(tensors) for tensors in zip(*parts, strict=True)]
+
+
+def _load(writer: ArtifactWriter) -> _State | None:
+    path = writer.checkpoints / "state.safetensors"
+    if not path.is_file():
+        return None
+    stored = load_weights(path)
+    return _State(stored["betas"], stored["theta"], int(stored["next_frame"][0]))
+
+
+def _save(writer: ArtifactWriter, state: _State) -> None:
+    arrays = {
+        "betas": state.betas,
+        "theta": state.theta,
+        "next_frame": np.array([state.next_frame]),
+    }
+    save_weights(writer.checkpoints / "state.safetensors", arrays)

@@ -1,0 +1,138 @@
+"""Following many sequences at once: each frame is started from the pose of the one before.
+
+Sequences are cut into windows of frames, so that only a window of each is in memory; within a
+window they are shared out in groups that advance frame by frame as one batch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from torch_align_ae.alignment.crew import Crew
+from torch_align_ae.alignment.fitted import Fitted, measure
+from torch_align_ae.alignment.paper.objective import MeshDistance
+from torch_align_ae.alignment.paper.sgd import Descent, fit_pose
+
+# Read, fitted and written between two checkpoints: two chunks of the corpus's files.
+FRAMES_PER_WINDOW = 32
+
+# Fewer bodies waste time between operations, many more fall out of the cache (measured: 20-60).
+_BODIES_PER_GROUP = 40
+
+
+@dataclass(frozen=True)
+class Track:
+    """One sequence to follow."""
+
+    read: Callable[[int, int], NDArray[np.float32]]
+    """Frames [start, stop) as (n, V, 3) metres."""
+    length: int
+    """Number of frames."""
+    betas: Tensor
+    """(10,) shape of its subject."""
+
+
+@dataclass(frozen=True)
+class GroupWindow:
+    """Consecutive frames of a group of sequences, and what their fit begins with."""
+
+    tracks: list[int]
+    """Which sequences, longest first."""
+    start: int
+    """First frame, counted within each sequence."""
+    meshes: list[Tensor]
+    """(n, V, 3) of each sequence, metres; n may differ."""
+    betas: Tensor
+    """(B, 10) shapes."""
+    pose: Tensor
+    """(B, 22, 3) of the frame before the first, radians."""
+    trans: Tensor
+    """(B, 3) of the frame before the first, metres."""
+    steps: int
+    """For each frame."""
+    descent: Descent
+    """How to descend."""
+
+
+def follow(
+    crew: Crew[MeshDistance],
+    tracks: list[Track],
+    start: int,
+    before: tuple[Tensor, Tensor],
+    steps: int,
+    descent: Descent,
+) -> Iterator[Fitted]:
+    """Fit one window of every sequence that is long enough, group by group.
+
+    Parameters
+    ----------
+    crew : who fits the groups.
+    tracks : all sequences.
+    start : first frame of the window. Frame 0 is taken as fitted already.
+    before : pose (N, 22, 3) and translation (N, 3) of frame `start - 1` of each sequence, or of
+        frame 0 when `start` is 0.
+    steps, descent : how to fit each frame.
+
+    Yields
+    ------
+    The window of each sequence, longest sequence first.
+    """
+    active = [index for index, track in enumerate(tracks) if track.length > start]
+    # Longest first, so that those that end together share a group.
+    active.sort(key=lambda index: -tracks[index].length)
+
+    def window(rows: list[int]) -> GroupWindow:
+        group = [active[row] for row in rows]
+        meshes = [_read(tracks[index], start) for index in group]
+        betas = torch.stack([tracks[index].betas for index in group])
+        pose, trans = before[0][group], before[1][group]
+        return GroupWindow(group, start, meshes, betas, pose, trans, steps, descent)
+
+    for fitted in crew.map(fit_window, map(window, groups(len(active)))):
+        yield from fitted
+
+
+def groups(count: int) -> list[list[int]]:
+    """The rows 0 to `count` in groups of nearly equal size.
+
+    An even number of them, so that two cores end together.
+    """
+    number = min(count, 2 * math.ceil(count / (2 * _BODIES_PER_GROUP)))
+    return [group.tolist() for group in np.array_split(np.arange(count), max(number, 1))]
+
+
+def _read(track: Track, start: int) -> Tensor:
+    return torch.from_numpy(track.read(start, min(start + FRAMES_PER_WINDOW, track.length)))
+
+
+def fit_window(objective: MeshDistance, window: GroupWindow) -> list[Fitted]:
+    """Fit frame after frame of all sequences of a window at once."""
+    lengths = [len(mesh) for mesh in window.meshes]
+    pose, trans = window.pose, window.trans
+    poses = pose.new_zeros(len(pose), max(lengths), *pose.shape[1:])
+    translations = trans.new_zeros(len(trans), max(lengths), 3)
+    shapes = objective.shapes(window.betas)
+    for frame in range(max(lengths)):
+        # Sorted by length, so the sequences that go on are the first ones.
+        going = sum(length > frame for length in lengths)
+        pose, trans = pose[:going], trans[:going]
+        if window.start + frame > 0:
+            target = objective.arrange(torch.stack([m[frame] for m in window.meshes[:going]]))
+            pose, trans = fit_pose(
+                objective,
+                shapes.rows(slice(going)),
+                (pose, trans),
+                target,
+                window.steps,
+                window.descent,
+            )
+        poses[:going, frame], translations[:going, frame] = pose, trans
+    rows = zip(window.tracks, window.betas, poses, translations, window.meshes, strict=True)
+    return [measure(objective.smpl, track, window.start, *row) for track, *row in rows]
