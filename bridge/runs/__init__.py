@@ -1,0 +1,6 @@
+"""Runs: artifacts on disk, the chain from one to the next, locks and processes."""
+
+from bridge.runs.artifact import Artifact, ArtifactWriter, read_artifact, write_artifact
+from bridge.runs.run import Run
+
+__all__ = ["Artifact", "ArtifactWriter", "Run", "read_artifact", "write_artifact"]
