@@ -2,8 +2,10 @@
 # One command from body model to report; see README.md.
 #   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--aligner sgd|robust]
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR]]      (licensed files: docs/data.md)
-#   ./reproduce.sh setup      only the environment
-#   ./reproduce.sh test       the environment and the test-suite
+#   ./reproduce.sh setup                the environment alone
+#   ./reproduce.sh test                 the environment, then linters, types and tests
+#   ./reproduce.sh test --slow          the tests that take minutes each, which `test` leaves out
+#   ./reproduce.sh test PYTEST_OPTIONS  linters, types and one pytest with these options
 set -euo pipefail
 caller=$PWD
 cd "$(dirname "${BASH_SOURCE[0]}")"
@@ -34,18 +36,27 @@ setup() {
 }
 
 run_tests() {
+    if [[ ${1-} == --slow ]]; then
+        run_all_tests -m slow
+        return
+    fi
     .venv/bin/ruff check .
     .venv/bin/ruff format --check .
     .venv/bin/pyright
     if (($#)); then
         .venv/bin/python -m pytest "$@"
-        return
+    else
+        run_all_tests
     fi
+}
+
+run_all_tests() {
     # TensorFlow and the renderer in one process abort at its end: each side has its own, as stages do.
     # Long folders stand early in the alphabet: in their own order processes end together.
     local processes=(--numprocesses auto --maxprocesses 4 --no-loadscope-reorder)
-    .venv/bin/python -m pytest "${processes[@]}" --durations=12 --ignore tests/tf_dsnet
-    .venv/bin/python -m pytest --durations=6 tests/tf_dsnet
+    .venv/bin/python -m pytest "${processes[@]}" --durations=12 --ignore tests/tf_dsnet "$@"
+    # Status 5: none of that folder was asked for, which only a marker may do.
+    .venv/bin/python -m pytest --durations=6 tests/tf_dsnet "$@" || (($# && $? == 5))
 }
 
 refuse() {
@@ -66,14 +77,17 @@ run_stages() {
     while (($#)); do
         case $1 in
             --profile | --run | --seed | --aligner | --smpl | --dyna | --amass) ;;
-            *) refuse "unknown option $1; see the head of this file." ;;
+            *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
         [[ -n ${2-} ]] || refuse "$1 needs a value."
         case $1 in
             --profile) profile=$2 ;;
             --run) run=$2 ;;
             --seed) seed=$2 ;;
-            --aligner) align+=(--aligner "$2") ;;
+            --aligner)
+                [[ $2 == sgd || $2 == robust ]] || refuse "--aligner $2; expected sgd or robust."
+                align+=(--aligner "$2")
+                ;;
             --smpl)
                 path=$(existing "$2")
                 align+=(--smpl "$path") licensed=yes
@@ -108,8 +122,13 @@ run_stages() {
     echo "report: runs/${run:-$profile}/report/report.html" >&2
 }
 
+print_head() {
+    sed -n '2,/^set /s/^# \{0,1\}//p' "${BASH_SOURCE[0]##*/}"
+}
+
 case ${1:-} in
+    -h | --help) print_head ;;
     setup) setup ;;
-    test) shift && setup && run_tests "$@" ;;
-    *) setup && run_stages "$@" ;;
+    test) shift; setup; run_tests "$@" ;;
+    *) setup; run_stages "$@" ;;
 esac; exit # on one line: bash reads on in the file, which may be another one after hours

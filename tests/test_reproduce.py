@@ -19,18 +19,25 @@ STAGES = [
 Reproduce = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
+def write_command(project: Path, name: str, script: str) -> None:
+    """A command of the environment that does what `script` says."""
+    path = project / ".venv" / "bin" / name
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+
+
 @pytest.fixture
 def reproduce(tmp_path: Path) -> Reproduce:
-    """The script beside a `dsnet` that prints its arguments, called from a folder with files."""
+    """The script beside commands that print their arguments, called from a folder with files."""
     project, caller = tmp_path / "project", tmp_path / "caller"
     (project / ".venv" / "bin").mkdir(parents=True)
+    (project / "tests" / "tf_dsnet").mkdir(parents=True)
     (caller / "amass").mkdir(parents=True)
     shutil.copy(ROOT / "reproduce.sh", project)
     for name in ("pyproject.toml", "constraints.txt", ".venv/installed"):
         (project / name).touch()
-    dsnet = project / ".venv" / "bin" / "dsnet"
-    dsnet.write_text('#!/bin/sh\necho "$@"\n')
-    dsnet.chmod(0o755)
+    for name in ("dsnet", "ruff", "pyright", "python"):
+        write_command(project, name, 'echo "$@"')
     for name in ("body f.pkl", "women.h5", "men.h5"):
         (caller / name).touch()
 
@@ -83,6 +90,7 @@ def test_aligner_is_handed_on(reproduce: Reproduce) -> None:
         (["--amass", "nowhere"], "nowhere does not exist"),
         (["--smpl"], "--smpl needs a value"),
         (["--dynamics"], "unknown option --dynamics"),
+        (["--aligner", "x"], "--aligner x; expected sgd or robust"),
     ],
 )
 def test_slips_are_told_before_anything_runs(
@@ -99,3 +107,66 @@ def test_meshes_without_a_body_reach_align_which_refuses(reproduce: Reproduce) -
     called = stages(reproduce("--dyna", "women.h5"))
     assert "corpus" not in called
     assert "--smpl" not in called["align"]
+
+
+@pytest.mark.parametrize("option", ["-h", "--help"])
+def test_help_is_the_scripts_head(reproduce: Reproduce, option: str) -> None:
+    done = reproduce(option)
+    assert (done.returncode, done.stderr) == (0, "")
+    for name in ("--profile", "--aligner", "--amass", "setup", "test --slow"):
+        assert name in done.stdout
+    assert "set -e" not in done.stdout
+    assert "#" not in done.stdout
+
+
+def test_an_installation_that_fails_is_not_taken_for_one(
+    reproduce: Reproduce, tmp_path: Path
+) -> None:
+    stamp = tmp_path / "project" / ".venv" / "installed"
+    stamp.unlink()
+    write_command(tmp_path / "project", "python", "exit 7")
+    done = reproduce()
+    assert done.returncode == 7
+    assert done.stdout == ""
+    assert not stamp.exists()
+
+
+def test_tests_of_each_side_have_a_process(reproduce: Reproduce) -> None:
+    done = reproduce("test")
+    assert done.returncode == 0, done.stderr
+    *linters, first, second = done.stdout.splitlines()
+    assert linters == ["check .", "format --check .", ""]
+    assert "-m pytest" in first
+    assert "--ignore tests/tf_dsnet" in first
+    assert second.endswith(" tests/tf_dsnet")
+    assert "slow" not in done.stdout
+
+
+def test_slow_tests_are_the_marked_ones_of_both_sides(reproduce: Reproduce) -> None:
+    first, second = reproduce("test", "--slow").stdout.splitlines()
+    assert first.endswith("--ignore tests/tf_dsnet -m slow")
+    assert second.endswith("tests/tf_dsnet -m slow")
+
+
+@pytest.mark.parametrize(
+    ("options", "fails", "status", "expected"),
+    [
+        (["--slow"], "tests/tf_dsnet", 5, 0),  # pytest's answer where no test has the marker
+        (["--slow"], "tests/tf_dsnet", 1, 1),
+        (["--slow"], "--ignore", 5, 5),
+        ([], "tests/tf_dsnet", 5, 1),
+        ([], "--ignore", 1, 1),
+    ],
+)
+def test_a_failure_of_either_side_is_the_commands(
+    reproduce: Reproduce,
+    tmp_path: Path,
+    options: list[str],
+    fails: str,
+    status: int,
+    expected: int,
+) -> None:
+    other = "*--ignore*" if fails != "--ignore" else "none"
+    script = f'case "$*" in {other}) ;; *{fails}*) exit {status} ;; esac'
+    write_command(tmp_path / "project", "python", script)
+    assert reproduce("test", *options).returncode == expected
