@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import tyro
 
 from bridge.errors import DsnetError
+from bridge.options import check_options, parse_seed
 from bridge.runs.processes import exit_with_one_line
 
 COMMANDS = {
@@ -60,27 +61,39 @@ def _dispatch(arguments: list[str]) -> None:
     profile = _take_profile(options)
     module = importlib.import_module(COMMANDS[command][0])
     default = module.PROFILES[profile]
-    if "run" in {field.name for field in dataclasses.fields(default)}:
+    names = {field.name for field in dataclasses.fields(default)}
+    if "run" in names:
         default = dataclasses.replace(default, run=profile)
-    config = tyro.cli(
-        type(default), args=options, default=default, prog=f"dsnet {command} [--profile P]"
-    )
+    prog = f"dsnet {command} [--profile P]"
+    if "seed" not in names:
+        # ./reproduce.sh hands one seed to every command.
+        prog += " [--seed N]"
+        if (seed := _take(options, "--seed")) is not None:
+            parse_seed(seed)
+    config = tyro.cli(type(default), args=options, default=default, prog=prog)
+    check_options(config)
     module.main(config)
 
 
 def _take_profile(options: list[str]) -> str:
     """Remove `--profile NAME` from `options`: it chooses the defaults that --help shows."""
+    profile = _take(options, "--profile")
+    if profile is not None and profile not in PROFILES:
+        raise DsnetError(
+            f"profile {profile!r}", f"one of {', '.join(PROFILES)}", "Pass --profile demo."
+        )
+    return profile or "demo"
+
+
+def _take(options: list[str], flag: str) -> str | None:
+    """Remove `flag VALUE` or `flag=VALUE` from `options`; None if it is not there."""
     for index, option in enumerate(options):
         name, equals, value = option.partition("=")
-        if name == "--profile":
+        if name == flag:
             value = value if equals else "".join(options[index + 1 : index + 2])
-            if value not in PROFILES:
-                raise DsnetError(
-                    f"profile {value!r}", f"one of {', '.join(PROFILES)}", "Pass --profile demo."
-                )
             del options[index : index + (1 if equals else 2)]
             return value
-    return "demo"
+    return None
 
 
 def _overview() -> str:

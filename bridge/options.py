@@ -1,0 +1,98 @@
+"""What a command's options may be, checked in one place before any work is done.
+
+A configuration's annotations say it: `steps: PositiveInt = 140`. Without one of these a whole
+number may be 0 or more and any other number must be finite.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from bridge.errors import DsnetError
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The numbers that an option may be; infinite and undefined ones never are."""
+
+    least: float = -math.inf
+    most: float = math.inf
+    open_below: bool = False
+    """Whether `least` itself is refused."""
+
+    def hold(self, value: float) -> bool:
+        """Whether `value` is allowed."""
+        above = value > self.least if self.open_below else value >= self.least
+        return math.isfinite(value) and above and value <= self.most
+
+    def __str__(self) -> str:
+        if self.most < math.inf:
+            return f"{self.least:.0f} to {self.most:.0f}"
+        if self.least > -math.inf:
+            return f"more than {self.least:g}" if self.open_below else f"{self.least:g} or more"
+        return "a finite number"
+
+
+_SEEDS = Bounds(0, 2**32 - 1)
+_WHOLE = Bounds(0)
+
+PositiveInt = Annotated[int, Bounds(1)]
+NonNegativeInt = Annotated[int, _WHOLE]
+PositiveFloat = Annotated[float, Bounds(0, open_below=True)]
+NonNegativeFloat = Annotated[float, Bounds(0)]
+Seed = Annotated[int, _SEEDS]
+
+
+def check_options(config: Any) -> None:
+    """Refuse a configuration (a dataclass; nested ones too) with a number that makes no sense.
+
+    Raises
+    ------
+    DsnetError
+        That names the option as it stands on the command line.
+    """
+    for flag, bounds, value in _numbers(config, "--"):
+        if not bounds.hold(value):
+            raise DsnetError(f"{flag} {value}", str(bounds), f"Pass {flag} N.")
+
+
+def parse_seed(text: str) -> int:
+    """The seed that was given to a command in which nothing is random: checked, then unused."""
+    try:
+        seed = int(text)
+    except ValueError:
+        seed = -1
+    if not _SEEDS.hold(seed):
+        raise DsnetError(f"--seed {text}", str(_SEEDS), "Pass --seed N.")
+    return seed
+
+
+def _numbers(config: Any, prefix: str) -> Iterator[tuple[str, Bounds, float]]:
+    """Flag, bounds and value of every number in a configuration."""
+    hints = get_type_hints(type(config), include_extras=True)
+    for field in fields(config):
+        flag = prefix + field.name.replace("_", "-")
+        value = getattr(config, field.name)
+        if is_dataclass(value):
+            yield from _numbers(value, f"{flag}.")
+            continue
+        for number in value if isinstance(value, (tuple, list)) else (value,):
+            if isinstance(number, (int, float)) and not isinstance(number, bool):
+                yield flag, _bounds(hints[field.name]) or _usual(field.name, number), number
+
+
+def _bounds(hint: Any) -> Bounds | None:
+    """The bounds somewhere in an annotation, as in `PositiveInt | None`."""
+    if get_origin(hint) is Annotated:
+        stated = [item for item in hint.__metadata__ if isinstance(item, Bounds)]
+        return stated[0] if stated else _bounds(hint.__origin__)
+    return next(filter(None, map(_bounds, get_args(hint))), None)
+
+
+def _usual(name: str, value: float) -> Bounds:
+    if name == "seed":
+        return _SEEDS
+    return _WHOLE if isinstance(value, int) else Bounds()
