@@ -86,7 +86,7 @@ def test_reproduce_does_it_all(smoke_runs, tmp_path, execute):
     assert "Synthetic data" not in report
 
 
-class Intruder:
+class TouchesAFile:
     """Writes a file when a plain unpickler reads it."""
 
     def __init__(self, trace: Path) -> None:
@@ -114,7 +114,7 @@ def test_bad_files_are_one_line_and_leave_nothing(
     body = load_body_model("embedded:female")
     trace = tmp_path / "trace"
     fields = smpl_fields(dataclasses.replace(body, posedirs=np.zeros_like(body.posedirs)))
-    pickled = python2_pickle(fields | ({"J": Intruder(trace)} if smpl == "intruder" else {}))
+    pickled = python2_pickle(fields | ({"J": TouchesAFile(trace)} if smpl == "intruder" else {}))
     model = tmp_path / "basicModel_f_lbs_10_207_0_v1.0.0.pkl"
     model.write_bytes(pickled[: len(pickled) // (2 if smpl == "half" else 1)])
     frames = np.repeat(body.v_template[None], 2, axis=0)
