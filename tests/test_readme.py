@@ -9,6 +9,7 @@ import pytest
 
 from tools.include_results import PAGES as QUOTING
 from tools.include_results import with_included
+from tools.update_readme import PAGES as GENERATED
 from tools.update_readme import load_results, with_results
 
 ROOT = Path(__file__).parents[1]
@@ -18,9 +19,17 @@ PAGES = sorted(
 )
 
 
-def test_generated_blocks_are_up_to_date():
-    readme = (ROOT / "README.md").read_text()
-    assert with_results(readme, load_results("demo")) == readme
+@pytest.mark.parametrize("page", GENERATED, ids=lambda page: page.name)
+def test_generated_blocks_are_up_to_date(page: Path) -> None:
+    text = page.read_text()
+    assert "written by tools/update_readme.py" in text
+    assert with_results(text, load_results("demo")) == text
+
+
+def test_every_generated_block_is_shown_once() -> None:
+    text = "".join(page.read_text() for page in GENERATED)
+    shown = re.findall(r"<!-- (\w+): written by tools/update_readme.py -->", text)
+    assert sorted(shown) == ["results", "speed", "times"]
 
 
 @pytest.mark.parametrize("page", QUOTING, ids=lambda page: page.name)

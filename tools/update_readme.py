@@ -1,4 +1,4 @@
-"""Copy finished reports into docs/results and write the numbers of `demo` into README.md.
+"""Copy finished reports into docs/results and write the numbers of `demo` into the pages.
 
     python tools/update_readme.py RUN ...       after `./reproduce.sh --run RUN`
 
@@ -18,7 +18,12 @@ from typing import Any
 from bridge.runs import Run
 
 ROOT = Path(__file__).parents[1]
+PAGES = (ROOT / "README.md", ROOT / "docs" / "performance.md")
+KEPT_JSON = ("results", "disk")
 KEPT = ("report.md", "results.json", "figures")
+_BLOCK = re.compile(
+    r"(<!-- (?P<name>\w+): written by tools/update_readme.py -->\n).*?(?=<!-- end -->)", re.DOTALL
+)
 PREDICTORS = {
     "smpl": "SMPL alone",
     "mean_offset": "each sequence's mean offset",
@@ -29,16 +34,18 @@ PREDICTORS = {
 
 
 def main() -> None:
-    """Refresh docs/results from the runs that are named on the command line, and README.md."""
+    """Refresh docs/results from the runs that are named on the command line, and the pages."""
     for run in sys.argv[1:]:
         keep(Run(run).path, ROOT / "docs" / "results" / run)
-    readme = ROOT / "README.md"
-    readme.write_text(with_results(readme.read_text(), load_results("demo")))
+    for page in PAGES:
+        page.write_text(with_results(page.read_text(), load_results("demo")))
 
 
 def keep(run: Path, target: Path) -> None:
-    """Copy a run's report; and its bench, if it has a newer one than was kept."""
+    """Copy a run's report, and its bench if it has one; note what run and environment weigh."""
     target.mkdir(parents=True, exist_ok=True)
+    disk = {"run": _size(run), "environment": _size(ROOT / ".venv")}
+    (target / "disk.json").write_text(json.dumps(disk) + "\n")
     for source in (*(run / "report" / name for name in KEPT), run / "bench"):
         if source.is_dir():
             shutil.rmtree(target / source.name, ignore_errors=True)
@@ -51,30 +58,30 @@ def load_results(run: str) -> dict[str, Any]:
     """The committed results of a run."""
     folder = ROOT / "docs" / "results" / run
     bench = {path.stem: json.loads(path.read_text()) for path in (folder / "bench").glob("*.json")}
-    return {**json.loads((folder / "results.json").read_text()), "bench": bench}
+    results, disk = (json.loads((folder / f"{name}.json").read_text()) for name in KEPT_JSON)
+    return {**results, "bench": bench, "disk": disk}
 
 
-def with_results(readme: str, results: dict[str, Any]) -> str:
-    """README's text with every generated block written anew."""
+def with_results(page: str, results: dict[str, Any]) -> str:
+    """A page's text with each of its generated blocks written anew."""
     blocks = {
-        "times": times_block(results),
-        "results": results_block(results),
-        "speed": speed_block(results["bench"]),
+        "times": lambda: times_block(results),
+        "results": lambda: results_block(results),
+        "speed": lambda: speed_block(results["bench"]),
     }
-    for name, block in blocks.items():
-        head, rest = re.split(rf"(?<=<!-- {name}: written by tools/update_readme.py -->\n)", readme)
-        readme = head + block + rest[rest.index("<!-- end -->") :]
-    return readme
+    return _BLOCK.sub(lambda found: found[1] + blocks[found["name"]](), page)
 
 
 def times_block(results: dict[str, Any]) -> str:
-    """How long the run took, and where."""
-    stages = results["stages"]
+    """How long the run took, where, and what it needs."""
+    stages, disk = results["stages"], results["disk"]
     minutes = sum(stage["wall_time_s"] for stage in stages.values()) / 60
+    memory = max(stage["peak_memory_mb"] for stage in stages.values()) / 1000
     machine = next(iter(stages.values()))["machine"]
     return (
-        f"The stages of the run below, without the report, took {minutes:.0f} minutes\n"
-        f"({machine}, no accelerator), the test-suite takes less.\n"
+        f"Measured on {machine}: the stages of `demo`, without the report, take "
+        f"{minutes:.0f} minutes\nand at most {memory:.1f} GB of memory; the environment takes "
+        f"{disk['environment'] / 1e9:.1f} GB of disk, the run {disk['run'] / 1e9:.1f} GB.\n"
     )
 
 
@@ -134,6 +141,11 @@ def speed_block(bench: dict[str, Any]) -> str:
         f"Medians on {torch['machine']}, {torch['threads']} threads; written by `dsnet bench`.\n\n"
         f"| what | measured |\n|---|---:|\n{table}\n"
     )
+
+
+def _size(folder: Path) -> int:
+    """Bytes of the files below a folder."""
+    return sum(path.lstat().st_size for path in folder.resolve().rglob("*") if not path.is_dir())
 
 
 def _r2(errors: dict[str, Any], key: str) -> str:

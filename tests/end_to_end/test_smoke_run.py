@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
 from pathlib import Path
@@ -26,7 +27,7 @@ STAGES = [
     "evaluate",
     "report",
 ]
-SAMPLE = ROOT.parent / "shared" / "data" / "amass" / "dmpl_sample.npz"
+SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
 
 
 def test_every_stage_left_a_complete_synthetic_artifact(smoke_runs):
@@ -75,7 +76,8 @@ def forged_motion(path: Path) -> Path:
     return path
 
 
-@pytest.mark.skipif(not SAMPLE.exists(), reason="the licensed AMASS sample is not on this machine")
+@pytest.mark.licensed
+@pytest.mark.skipif(not SAMPLE.exists(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
 def test_predict_reads_a_real_amass_file(smoke_runs, tmp_path, execute):
     out = tmp_path / "out"
     command = ["predict", "--run", "smoke", "--motion", str(SAMPLE), "--out", str(out)]
