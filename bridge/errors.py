@@ -14,3 +14,11 @@ class DsnetError(Exception):
     def __init__(self, received: str, expected: str, remedy: str) -> None:
         self.received, self.expected, self.remedy = received, expected, remedy
         super().__init__(" ".join(f"{received}; expected {expected}. {remedy}".split()))
+
+    def __reduce__(self) -> tuple[type[DsnetError], tuple[str, str, str]]:
+        """As its parts, so that it also comes back from a worker process."""
+        return type(self), (self.received, self.expected, self.remedy)
+
+
+class InterruptedWorkError(DsnetError):
+    """Work was stopped by something other than its inputs: what was done stays, to be resumed."""

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch_align_ae.alignment.paper.objective import MeshDistance, Shapes
 from torch_align_ae.alignment.paper.sgd import Descending, Descent
 from torch_align_ae.alignment.paper.tracking import groups
-from torch_align_ae.alignment.threads import workers
+from torch_align_ae.workers import torch_workers
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Tracked(NamedTuple):
 def track(objective: MeshDistance, clips: ClipSet, rule: Rule, descent: Descent) -> Tracked:
     """Fit every frame by `rule`, each started from the one before; both cores are used."""
 
-    def follow(rows: list[int]) -> tuple[Tensor, ...]:
+    def follow(objective: MeshDistance, rows: list[int]) -> tuple[Tensor, ...]:
         shapes = clips.shapes.rows(rows)
         pose, trans, found = clips.pose[rows], clips.trans[rows], []
         for target in clips.targets:
@@ -67,7 +67,7 @@ def track(objective: MeshDistance, clips: ClipSet, rule: Rule, descent: Descent)
             found.append((pose, trans, steps))
         return tuple(torch.stack(parts, 1) for parts in zip(*found, strict=True))
 
-    with workers() as pool:
+    with torch_workers("threads", objective) as pool:
         found = list(pool.map(follow, groups(len(clips.pose))))
     return Tracked(*(torch.cat(parts) for parts in zip(*found, strict=True)))
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, InterruptedWorkError
 from bridge.runs.artifact import (
     MANIFEST,
     SCHEMA_VERSION,
@@ -92,6 +92,8 @@ class Run:
             writer = ArtifactWriter(self.path / stage, stage, data=data, fingerprint=fingerprint)
             try:
                 make(writer)
+            except InterruptedWorkError:
+                raise
             except DsnetError:
                 writer.discard()
                 raise

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.resampling import load_amass_motion
 from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.worker_pool import worker_pool
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.amass_files import write_amass_motion
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna
@@ -136,21 +135,14 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig) -> None:
     writer.record(sequences=to_manifest(sequences), source="synthetic", gender=config.gender)
     with tqdm(total=frames, desc="soft tissue", unit="frame", disable=None) as progress:
 
-        def simulate(subject: Subject) -> None:
+        def simulate(smpl: SMPL, subject: Subject) -> None:
             own = [sequence for sequence in sequences if sequence.subject == subject.name]
             _simulate_subject(smpl, subject, own, thetas, offsets, writer.checkpoints, progress)
 
-        _in_threads(simulate, subjects)
-
-
-def _in_threads(work: Callable[[Subject], None], subjects: list[Subject]) -> None:
-    """One subject a core: the sparse solves release Python's lock, and no subject needs another."""
-    pool = ThreadPoolExecutor(os.cpu_count())
-    try:
-        for job in [pool.submit(work, subject) for subject in subjects]:
-            job.result()
-    finally:
-        pool.shutdown(cancel_futures=True)
+        # A subject a core: the sparse solves release Python's lock, and no subject needs another.
+        with worker_pool("threads", smpl) as pool:
+            for _ in pool.map(simulate, subjects):
+                pass
 
 
 def _simulate_subject(

@@ -123,7 +123,7 @@ def test_windows_leave_no_trace(runs, config, monkeypatch):
 
 def test_processes_give_the_same_bits(runs, config, monkeypatch):
     _, expected = aligned(config)
-    monkeypatch.setattr(corpus_fit, "_STEPS_WORTH_A_CREW", 0)
+    monkeypatch.setattr(corpus_fit, "_STEPS_WORTH_PROCESSES", 0)
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     _, found = aligned(dataclasses.replace(config, run="processes"))
     for name, array in expected.items():

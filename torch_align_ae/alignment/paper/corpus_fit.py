@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,19 +17,19 @@ from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
 from bridge.motion import MotionSequence, pack_theta, subject_rows, to_manifest, unpack_theta
 from bridge.runs import ArtifactWriter
-from torch_align_ae.alignment.crew import Crew, crew
+from bridge.runs.worker_pool import WorkerPool
 from torch_align_ae.alignment.fitted import AlignedArrays
 from torch_align_ae.alignment.paper.objective import MeshDistance
 from torch_align_ae.alignment.paper.sgd import Descent, fit_pose, fit_shape_and_pose, rigid_start
 from torch_align_ae.alignment.paper.tracking import FRAMES_PER_WINDOW, Track, follow, groups
-from torch_align_ae.alignment.threads import one_arithmetic_thread
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import DynaReader
+from torch_align_ae.workers import one_arithmetic_thread, torch_workers
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
 _WORST_FIRST_FRAME_M = 0.2
 # For fewer steps of a body, less than a minute of one core, processes are not worth their start.
-_STEPS_WORTH_A_CREW = 100_000
+_STEPS_WORTH_PROCESSES = 100_000
 
 
 @dataclass(frozen=True)
@@ -95,35 +96,37 @@ class CorpusFit:
 
     def write(self, writer: ArtifactWriter) -> None:
         """Write `betas`, `theta`, `offsets` and `frame_error`, or the part that is missing."""
-        with crew(self._objective, self._hands()) as workers:
+        with self._workers() as pool:
             state = _load(writer)
             if state is None:
-                state = self._first_frames(workers)
+                state = self._first_frames(pool)
                 _save(writer, state)
             tracks = [self._track(index, state.betas) for index in range(len(self._sequences))]
             longest = max(track.length for track in tracks)
             with self._progress(state.next_frame) as progress:
                 while state.next_frame < longest:
-                    self._write_window(writer, workers, tracks, state, progress)
+                    self._write_window(writer, pool, tracks, state, progress)
                     _save(writer, state)
         self._open_arrays(writer)
         writer.put("betas", state.betas, "1")
         writer.record(sequences=to_manifest(self._sequences))
 
-    def _hands(self) -> int:
+    def _workers(self) -> AbstractContextManager[WorkerPool[MeshDistance]]:
+        """A step is some hundred small operations: processes, unless there is little to do."""
         steps = self._effort.frame * sum(sequence.length for sequence in self._sequences)
-        if steps < _STEPS_WORTH_A_CREW:
-            return 1
-        return min(os.cpu_count() or 1, len(groups(len(self._sequences))))
+        if steps < _STEPS_WORTH_PROCESSES:
+            return torch_workers("serial", self._objective)
+        n_workers = min(os.cpu_count() or 1, len(groups(len(self._sequences))))
+        return torch_workers("processes", self._objective, n_workers)
 
-    def _first_frames(self, workers: Crew[MeshDistance]) -> _State:
+    def _first_frames(self, pool: WorkerPool[MeshDistance]) -> _State:
         """Shape of every subject, and pose of every sequence's first frame."""
         first = [self._reader.frames(sequence.name, 0, 1)[0] for sequence in self._sequences]
         meshes = torch.from_numpy(np.stack(first))
         targets = self._objective.arrange(meshes)
         leading = [self._subject_of.index(row) for row in self._row_of_subject.values()]
         betas, *lead = self._fit_shapes(targets[leading])
-        pose, trans = self._fit_first_poses(workers, betas[self._subject_of], targets)
+        pose, trans = self._fit_first_poses(pool, betas[self._subject_of], targets)
         pose[leading], trans[leading] = lead
         self._check_first_frames(betas[self._subject_of], pose, trans, meshes)
         return _State(betas.numpy(), pack_theta(pose.numpy(), trans.numpy()), 0)
@@ -140,13 +143,13 @@ class CorpusFit:
             )
 
     def _fit_first_poses(
-        self, workers: Crew[MeshDistance], betas: Tensor, targets: Tensor
+        self, pool: WorkerPool[MeshDistance], betas: Tensor, targets: Tensor
     ) -> list[Tensor]:
         firsts = [
             _FirstFrames(betas[rows], targets[rows], self._effort.first_frame, self._descent)
             for rows in groups(len(targets))
         ]
-        return _concatenate(workers.map(_fit_first_frames, firsts))
+        return _concatenate(pool.map(_fit_first_frames, firsts))
 
     def _check_first_frames(
         self, betas: Tensor, pose: Tensor, trans: Tensor, meshes: Tensor
@@ -174,7 +177,7 @@ class CorpusFit:
     def _write_window(
         self,
         writer: ArtifactWriter,
-        workers: Crew[MeshDistance],
+        pool: WorkerPool[MeshDistance],
         tracks: list[Track],
         state: _State,
         progress: tqdm,
@@ -182,7 +185,7 @@ class CorpusFit:
         arrays = self._open_arrays(writer)
         pose, trans = (torch.from_numpy(part.copy()) for part in unpack_theta(state.theta))
         for fitted in follow(
-            workers,
+            pool,
             tracks,
             state.next_frame,
             (pose, trans),

@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from torch_align_ae.alignment.crew import Crew
+from bridge.runs.worker_pool import WorkerPool
 from torch_align_ae.alignment.fitted import Fitted, measure
 from torch_align_ae.alignment.paper.objective import MeshDistance
 from torch_align_ae.alignment.paper.sgd import Descent, fit_pose
@@ -62,7 +62,7 @@ class GroupWindow:
 
 
 def follow(
-    crew: Crew[MeshDistance],
+    pool: WorkerPool[MeshDistance],
     tracks: list[Track],
     start: int,
     before: tuple[Tensor, Tensor],
@@ -73,7 +73,7 @@ def follow(
 
     Parameters
     ----------
-    crew : who fits the groups.
+    pool : workers that fit the groups.
     tracks : all sequences.
     start : first frame of the window. Frame 0 is taken as fitted already.
     before : pose (N, 22, 3) and translation (N, 3) of frame `start - 1` of each sequence, or of
@@ -95,7 +95,7 @@ def follow(
         pose, trans = before[0][group], before[1][group]
         return GroupWindow(group, start, meshes, betas, pose, trans, steps, descent)
 
-    for fitted in crew.map(fit_window, map(window, groups(len(active)))):
+    for fitted in pool.map(fit_window, map(window, groups(len(active)))):
         yield from fitted
 
 

@@ -17,9 +17,9 @@ from torch_align_ae.alignment.robust.initial_pose import initial_pose
 from torch_align_ae.alignment.robust.recording import FrameWindow, MeshRecording, windows
 from torch_align_ae.alignment.robust.sample import SkinSample
 from torch_align_ae.alignment.robust.settings import RobustSettings
-from torch_align_ae.alignment.threads import workers
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import matrix_to_axis_angle, nearest_turns
+from torch_align_ae.workers import torch_workers
 
 # Read and fitted by one thread at a time.
 FRAMES_PER_WINDOW = 2 * BATCH
@@ -51,14 +51,14 @@ def align_sequences(
         MeshRecording(lambda start, stop, own=own: own[start:stop], len(own), fps) for own in meshes
     ]
     thetas = [np.empty((len(own), 3 * N_JOINTS + 3), np.float32) for own in meshes]
-    with workers() as pool:
+    with torch_workers("threads", sample) as pool:
         known = [
             calibrate(sample, [r for r, s in zip(recordings, subjects, strict=True) if s == row],
                       settings, pool)
             for row in range(max(subjects) + 1)
         ]  # fmt: skip
 
-        def fit(window: FrameWindow) -> tuple[FrameWindow, Tensor, Tensor]:
+        def fit(sample: SkinSample, window: FrameWindow) -> tuple[FrameWindow, Tensor, Tensor]:
             seen = recordings[window.row].meshes(window.start, window.stop)
             return window, *fit_frames(sample, known[subjects[window.row]], *seen, settings)
 

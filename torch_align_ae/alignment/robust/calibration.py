@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bridge.runs.worker_pool import WorkerPool
 from torch_align_ae.alignment.robust.gauss_newton import fit_poses
 from torch_align_ae.alignment.robust.initial_pose import initial_pose
 from torch_align_ae.alignment.robust.recording import MeshRecording, spread_clips
@@ -18,7 +19,6 @@ from torch_align_ae.alignment.robust.sample import Pose, SkinSample
 from torch_align_ae.alignment.robust.settings import RobustSettings
 from torch_align_ae.alignment.robust.shape import fit_shape
 from torch_align_ae.alignment.robust.tissue import Evidence, Tissue
-from torch_align_ae.alignment.threads import Workers
 
 # Bodies fitted as one batch: fewer waste time between operations, more fall out of the cache.
 BATCH = 32
@@ -49,7 +49,7 @@ def calibrate(
     sample: SkinSample,
     recordings: Sequence[MeshRecording],
     settings: RobustSettings,
-    workers: Workers,
+    pool: WorkerPool[SkinSample],
 ) -> LearnedSubject:
     """Learn the shape and then how soft the body is where, from frames of all its recordings."""
     betas = fit_shape(sample, _shape_frames(sample, recordings, settings), settings.shape_steps)
@@ -63,26 +63,26 @@ def calibrate(
         acceleration.zero_()
     tissue = Tissue.unknown(sample.weights)
 
-    def start(part: tuple[Tensor, Tensor]) -> _Batch:
+    def start(sample: SkinSample, part: tuple[Tensor, Tensor]) -> _Batch:
         pose = initial_pose(sample, shaped, part[0])
         equal = tissue.weights(settings.precision_m)
         return _Batch(*part, fit_poses(sample, shaped, part[0], equal, pose, _FIRST_STEPS))
 
-    def gather(batch: _Batch) -> Evidence:
+    def gather(sample: SkinSample, batch: _Batch) -> Evidence:
         displacement = batch.vertices - sample.positions(shaped, batch.pose)
         return Evidence.of(displacement, batch.acceleration)
 
-    def improve(batch: _Batch) -> Evidence:
+    def improve(sample: SkinSample, batch: _Batch) -> Evidence:
         target = tissue.target(batch.vertices, batch.acceleration)
         weights = tissue.weights(settings.precision_m)
         batch.pose = fit_poses(sample, shaped, target, weights, batch.pose, 1)
-        return gather(batch)
+        return gather(sample, batch)
 
     parts = zip(vertices.split(BATCH), acceleration.split(BATCH), strict=True)
-    batches = list(workers.map(start, parts))
-    tissue = reduce(add, workers.map(gather, batches)).revise(tissue)
+    batches = list(pool.map(start, parts))
+    tissue = reduce(add, pool.map(gather, batches)).revise(tissue)
     for _ in range(settings.calibration_rounds):
-        tissue = reduce(add, workers.map(improve, batches)).revise(tissue)
+        tissue = reduce(add, pool.map(improve, batches)).revise(tissue)
     return LearnedSubject(betas, tissue)
 
 

@@ -16,6 +16,7 @@ from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
 from bridge.motion import MotionSequence, subject_rows, to_manifest, unpack_theta
 from bridge.runs import ArtifactWriter
+from bridge.runs.worker_pool import WorkerPool
 from torch_align_ae.alignment.fitted import AlignedArrays, Fitted, measure
 from torch_align_ae.alignment.robust.align import FRAMES_PER_WINDOW, continued_theta, fit_frames
 from torch_align_ae.alignment.robust.calibration import LearnedSubject, calibrate
@@ -23,9 +24,9 @@ from torch_align_ae.alignment.robust.recording import FrameWindow, MeshRecording
 from torch_align_ae.alignment.robust.sample import SkinSample
 from torch_align_ae.alignment.robust.settings import RobustSettings
 from torch_align_ae.alignment.robust.tissue import Tissue
-from torch_align_ae.alignment.threads import Workers, workers
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import DynaReader
+from torch_align_ae.workers import torch_workers
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
 _WORST_MEAN_M = 0.2
@@ -53,7 +54,7 @@ class RobustCorpusFit:
 
     def write(self, writer: ArtifactWriter) -> None:
         """Write all arrays, or the part that is missing; sequences are checkpoints."""
-        with workers() as pool:
+        with torch_workers("threads", self._sample) as pool:
             learned = self._learned(writer, pool)
             fitted = self._fit(writer, _subjects(learned), pool)
             with self._progress(writer) as bar:
@@ -66,7 +67,7 @@ class RobustCorpusFit:
         writer.put("sample_vertices", self._sample.vertices.numpy(), "index")
         writer.record(sequences=to_manifest(self._sequences))
 
-    def _learned(self, writer: ArtifactWriter, pool: Workers) -> dict[str, NDArray]:
+    def _learned(self, writer: ArtifactWriter, pool: WorkerPool[SkinSample]) -> dict[str, NDArray]:
         """`betas`, `compliance` and `deviation` of all subjects, learned unless they were."""
         path = writer.checkpoints / "subjects.safetensors"
         if not path.is_file():
@@ -75,22 +76,20 @@ class RobustCorpusFit:
         stored = load_weights(path)
         return {name: stored[name] for name in _LEARNED}
 
-    def _learn(self, name: str, pool: Workers) -> LearnedSubject:
+    def _learn(self, name: str, pool: WorkerPool[SkinSample]) -> LearnedSubject:
         pairs = zip(self._recordings, self._sequences, strict=True)
         own = [recording for recording, sequence in pairs if sequence.subject == name]
         return calibrate(self._sample, own, self._settings, pool)
 
     def _fit(
-        self, writer: ArtifactWriter, subjects: list[LearnedSubject], pool: Workers
+        self, writer: ArtifactWriter, subjects: list[LearnedSubject], pool: WorkerPool[SkinSample]
     ) -> Iterator[Fitted]:
         """All windows of the sequences that are not done, in order."""
 
-        def fit(window: FrameWindow) -> Fitted:
+        def fit(sample: SkinSample, window: FrameWindow) -> Fitted:
             row = self._row_of_subject[self._sequences[window.row].subject]
             meshes, acceleration = self._recordings[window.row].meshes(window.start, window.stop)
-            pose, trans = fit_frames(
-                self._sample, subjects[row], meshes, acceleration, self._settings
-            )
+            pose, trans = fit_frames(sample, subjects[row], meshes, acceleration, self._settings)
             betas = subjects[row].betas
             return measure(self._smpl, window.row, window.start, betas, pose, trans, meshes)
 

@@ -1,0 +1,173 @@
+"""Workers of every kind: same results, refusals in their own words, no process that stays."""
+
+from __future__ import annotations
+
+import multiprocessing
+import operator
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.errors import DsnetError, InterruptedWorkError
+from bridge.runs import Run
+from bridge.runs.worker_pool import worker_pool
+
+N_WORKERS = 2
+KINDS = ("serial", "threads", "processes")
+
+
+@dataclass(frozen=True)
+class Config:
+    run: str = "x"
+
+
+def take(array: np.ndarray, rows: slice) -> np.ndarray:
+    return array[rows]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_results_come_in_order_whoever_works(kind):
+    tools, items = np.arange(6.0), [slice(0, 2), slice(4, 6), slice(1, 4)] * 4
+    with worker_pool(kind, tools, N_WORKERS) as pool:
+        found = [part.tolist() for part in pool.map(take, items)]
+    assert found == [[0.0, 1.0], [4.0, 5.0], [1.0, 2.0, 3.0]] * 4
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize(("kind", "most"), [("serial", 1), ("threads", 5), ("processes", 5)])
+def test_only_a_few_more_are_begun_than_are_taken(kind, most):
+    begun = []
+    items = (begun.append(item) or item for item in range(20))
+    with worker_pool(kind, 1, N_WORKERS) as pool:
+        results = pool.map(operator.add, items)
+        for taken in range(20):
+            assert next(results) == taken + 1
+            assert len(begun) <= taken + most
+
+
+def set_name(value: str = "begun") -> None:
+    os.environ["DSNET_TEST_WORKER"] = value
+
+
+def name(_: object, __: object) -> str | None:
+    return os.environ.get("DSNET_TEST_WORKER")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_workers_are_initialised(kind, monkeypatch):
+    monkeypatch.setenv("DSNET_TEST_WORKER", "no")
+    with worker_pool(kind, None, N_WORKERS, initializer=set_name) as pool:
+        assert list(pool.map(name, range(3))) == ["begun"] * 3
+
+
+def sleep(_: object, seconds: float) -> None:
+    time.sleep(seconds)
+
+
+def be_interrupted() -> None:
+    with worker_pool("processes", None, N_WORKERS) as pool:
+        results = pool.map(sleep, [0.0, 600.0, 600.0, 600.0, 600.0, 600.0])
+        next(results)
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_an_interrupt_does_not_wait_for_work():
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        be_interrupted()
+    assert not multiprocessing.active_children()
+    assert time.monotonic() - began < 300
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_a_worker_raises_is_raised(kind):
+    with pytest.raises(ZeroDivisionError), worker_pool(kind, 1, N_WORKERS) as pool:
+        list(pool.map(operator.truediv, [0]))
+
+
+def refuse(_: object, item: str) -> None:
+    raise DsnetError(item, "another", "Pass it.")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_a_worker_refuses_is_refused_in_its_own_words(kind):
+    expected = "^one; expected another. Pass it.$"
+    with pytest.raises(DsnetError, match=expected), worker_pool(kind, None, N_WORKERS) as pool:
+        list(pool.map(refuse, ["one", "one"]))
+
+
+def be_killed(_: object, item: int) -> int:
+    if item == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return item
+
+
+def test_a_killed_worker_is_one_line_and_keeps_what_the_stage_has_done(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    done = []
+
+    def make(writer):
+        mark = writer.checkpoints / "done"
+        if mark.exists():
+            done.append(mark.read_text())
+            return
+        mark.write_text("half")
+        with worker_pool("processes", None, N_WORKERS) as pool:
+            list(pool.map(be_killed, range(3)))
+
+    def build():
+        Run("x").build("toy", Config(), make, data="synthetic", upstream={})
+
+    with pytest.raises(InterruptedWorkError, match="memory") as caught:
+        build()
+    assert "\n" not in str(caught.value)
+    assert not multiprocessing.active_children()
+    build()
+    assert done == ["half"]
+
+
+KILLED = """
+import multiprocessing, os, signal
+from bridge.runs.worker_pool import worker_pool
+from tests.bridge.runs.test_worker_pool import sleep
+
+if __name__ == "__main__":
+    with worker_pool("processes", None, 2) as pool:
+        next(pool.map(sleep, [0.0] * 1 + [600.0] * 5))
+        print(*(process.pid for process in multiprocessing.active_children()), flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_processes_end_with_a_killed_parent(tmp_path):
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        env={**os.environ, "PYTHONPATH": str(Path.cwd())},
+        stdout=subprocess.PIPE,
+        check=False,
+    )
+    assert done.returncode == -signal.SIGKILL
+    orphans = [int(pid) for pid in done.stdout.split()]
+    assert len(orphans) == N_WORKERS
+    deadline = time.monotonic() + 60
+    while any(map(alive, orphans)):
+        assert time.monotonic() < deadline, "a process outlived its parent"
+        time.sleep(0.1)
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{pid}/stat", encoding="utf-8") as stat:
+        return stat.read().rpartition(")")[2].split()[0] != "Z"
