@@ -16,6 +16,7 @@ from bridge.motion.amass_folder import find_amass_motions, subject_and_motion
 from bridge.motion.clips import join_inputs
 from bridge.motion.resampling import Motion, load_amass_motion
 from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.processes import run_as_process
 from bridge.runs.run import body_model_path
 from tf_dsnet.framework import tf
 from tf_dsnet.model import assign_weights, build_dsnet
@@ -165,3 +166,7 @@ def _test_sequence(subject: str, motion_name: str, start: int, motion: Motion) -
         fps=motion.fps,
         split="test",
     )
+
+
+if __name__ == "__main__":
+    run_as_process(PredictStageConfig, main)

@@ -1,4 +1,4 @@
-"""What the ONNX graphs of both networks have in common: tensors, layers, the finished model."""
+"""What the ONNX graphs of both networks have in common: how one is built, stored and run."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import onnx
+import onnxruntime
 from numpy.typing import DTypeLike, NDArray
 from onnx import helper, numpy_helper
 
@@ -75,6 +76,21 @@ class GraphBuilder:
         model = onnx.shape_inference.infer_shapes(model)
         onnx.checker.check_model(model)
         return model
+
+
+class GraphSession:
+    """A graph, run by ONNX Runtime on the CPU."""
+
+    def __init__(self, model: onnx.ModelProto) -> None:
+        self._session = onnxruntime.InferenceSession(
+            model.SerializeToString(), providers=["CPUExecutionProvider"]
+        )
+        self._names = [output.name for output in self._session.get_outputs()]
+
+    def __call__(self, **inputs: NDArray) -> dict[str, NDArray]:
+        """The graph's outputs, and its inputs, are arrays by name."""
+        outputs = map(np.asarray, self._session.run(self._names, inputs))
+        return dict(zip(self._names, outputs, strict=True))
 
 
 def save_graph(path: Path, model: onnx.ModelProto) -> None:

@@ -10,18 +10,17 @@ sigmoid(z) = (1 + tanh(z / 2)) / 2.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.dsnet_presets import PresetName, TrainedDsnet, load_trained_dsnet
+from bridge.exchange.conventions import BATCH_NORM_EPSILON
+from bridge.exchange.dsnet_presets import TrainedDsnet, load_trained_dsnet
 from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runs import Run
-
-BATCH_NORM_EPSILON = 1e-3
-"""Keras's default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,17 +46,19 @@ class StreamingPredictor:
     Parameters
     ----------
     run : name of a run whose stage `train` is finished, or a loaded `TrainedDsnet`.
-    reading : which of the run's networks; the run's own choice when None.
+    predictor : which of the run's networks; the run's own choice when None.
 
     Raises
     ------
     DsnetError
-        If there is no such run, or it lacks that reading.
+        If there is no such run, or it lacks that network.
     """
 
-    def __init__(self, run: str | TrainedDsnet, reading: PresetName | None = None) -> None:
-        if isinstance(run, str):
-            run = load_trained_dsnet(Run(run).artifact("train"), reading)
+    def __init__(
+        self, run: str | os.PathLike[str] | TrainedDsnet, predictor: str | None = None
+    ) -> None:
+        if not isinstance(run, TrainedDsnet):
+            run = load_trained_dsnet(Run(os.fspath(run)).artifact("train"), predictor)
         self._encode, self._gates, self._decode = _fold(run)
         self._units = len(self._decode.kernel)
         self.reset()
@@ -122,10 +123,10 @@ class StreamingPredictor:
             )
 
 
-def _fold(reading: TrainedDsnet) -> tuple[_Affine, _Affine, _Affine]:
+def _fold(trained: TrainedDsnet) -> tuple[_Affine, _Affine, _Affine]:
     """Inputs to tanh's argument; features and hidden state to gates; hidden state to latents."""
-    w = {name: array.astype(np.float64) for name, array in reading.weights.items()}
-    scale = reading.scaling
+    w = {name: array.astype(np.float64) for name, array in trained.weights.items()}
+    scale = trained.scaling
 
     def dense(layer: str) -> _Affine:
         return _Affine(w[f"{layer}/kernel"], w[f"{layer}/bias"])

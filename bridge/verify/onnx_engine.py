@@ -11,18 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import onnx
-import onnxruntime
 from numpy.typing import NDArray
 
 from bridge.runtime import onnx_graphs
-from bridge.runtime.onnx_builder import held_arrays, save_graph
+from bridge.runtime.onnx_builder import GraphSession, held_arrays, save_graph
 from bridge.verify.answers import joined, layers, prefixed
 from bridge.verify.protocol import Case, Tensors, serve
 
 
 def dsnet_forward(case: Case) -> Tensors:
     """Every layer: the whole batch, row by row, or frame by frame."""
-    run = _Session(onnx_graphs.dsnet_graph(case.weights(), trace=True))
+    run = GraphSession(onnx_graphs.dsnet_graph(case.weights(), trace=True))
     motion = case.inputs()["motion"]
 
     def at_rest(batch: NDArray) -> dict[str, NDArray]:
@@ -45,8 +44,8 @@ def dsnet_forward(case: Case) -> Tensors:
 def ae_forward(case: Case) -> Tensors:
     """Every layer, and the normaliser's where the weights hold one."""
     weights, architecture = case.weights(), case.options["architecture"]
-    encode = _Session(onnx_graphs.encoder_graph(weights, architecture, trace=True))
-    decode = _Session(onnx_graphs.decoder_graph(weights, architecture, trace=True))
+    encode = GraphSession(onnx_graphs.encoder_graph(weights, architecture, trace=True))
+    decode = GraphSession(onnx_graphs.decoder_graph(weights, architecture, trace=True))
 
     def run(offsets: NDArray) -> Tensors:
         encoded = encode(offsets=offsets)
@@ -65,20 +64,6 @@ def formats(case: Case) -> Tensors:
     for build in (onnx_graphs.encoder_graph, onnx_graphs.decoder_graph):
         held |= _through_file(build(weights, case.options["architecture"]), path)
     return prefixed("weight/onnx", onnx_graphs.mesh_autoencoder_weights(held))
-
-
-class _Session:
-    """A graph, run on the CPU with arrays by name."""
-
-    def __init__(self, model: onnx.ModelProto) -> None:
-        self._session = onnxruntime.InferenceSession(
-            model.SerializeToString(), providers=["CPUExecutionProvider"]
-        )
-        self._names = [output.name for output in self._session.get_outputs()]
-
-    def __call__(self, **inputs: NDArray) -> Tensors:
-        outputs = map(np.asarray, self._session.run(self._names, inputs))
-        return dict(zip(self._names, outputs, strict=True))
 
 
 def _layers(outputs: Tensors) -> Tensors:

@@ -1,8 +1,7 @@
-"""Stage `predict`, and one motion in a process of its own."""
+"""Stage `predict`."""
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +13,7 @@ from bridge import DsnetError
 from bridge.exchange import save_weights
 from bridge.exchange.dsnet_presets import TrainedDsnet
 from bridge.motion import sequences_of, subject_rows
-from bridge.runs import Artifact, read_artifact, write_artifact
+from bridge.runs import Artifact, read_artifact
 from bridge.runs.artifact import ArtifactWriter
 from tests.forged.amass import save, shape, smplh, smplx
 from tf_dsnet import StreamingPredictor, stage_predict
@@ -134,32 +133,9 @@ def test_empty_folder_and_unknown_run_are_refused(trained, encoded_run, tmp_path
     assert not (encoded_run / "predict").exists()
 
 
-def run_predict_motion(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "tf_dsnet.predict_motion", *arguments]
-    return subprocess.run(
-        command, capture_output=True, text=True, check=False, env=dict(os.environ)
-    )
-
-
-def test_predict_motion_as_a_process(trained, encoded_run, tmp_path):
-    rng = np.random.default_rng(5)
-    theta, betas = rng.normal(size=(9, 69)).astype("f4"), rng.normal(size=10).astype("f4")
-    units = {"theta": "rad, then m", "betas": "1"}
-    given = {"theta": theta, "betas": betas}
-    write_artifact(tmp_path / "m", "motion", given, units=units, data="licensed", fps=60.0)
-    paths = ("--motion", str(tmp_path / "m"), "--out", str(tmp_path / "out"))
-    done = run_predict_motion("--run", "tiny", "--reading", "faithful", *paths)
-    assert (done.returncode, done.stderr) == (0, "")
-    made = read_artifact(tmp_path / "out", "prediction")
-    assert (made.manifest["fps"], made.manifest["reading"]) == (60.0, "faithful")
-    expected = streamed("faithful", theta, betas)
-    np.testing.assert_allclose(made.array("latents"), expected, rtol=1e-5, atol=2e-5)
-
-
-def test_predict_motion_of_an_unknown_run_is_one_line(runs, tmp_path):
-    paths = ("--motion", str(tmp_path / "m"), "--out", str(tmp_path / "out"))
-    done = run_predict_motion("--run", "nope", *paths)
+def test_the_stage_is_a_process_that_ends_with_one_line(runs):
+    command = [sys.executable, "-m", "tf_dsnet.stage_predict", "--run", "nope"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith("dsnet: unknown run 'nope'")
     assert done.stderr.count("\n") == 1
-    assert not (tmp_path / "out").exists()

@@ -1,0 +1,164 @@
+"""One motion for the run's body: in one process, without a framework, and refused if it is none."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bridge import DsnetError
+from bridge.body import load_body_model, pose_vertices
+from bridge.cli import main
+from bridge.motion import unpack_theta
+from bridge.motion.clips import join_inputs
+from bridge.runtime import stage_predict
+from bridge.runtime.predict_motion import load_motion, predict_motion
+from bridge.verify.reference import dsnet
+from tests.bridge.runtime.conftest import autoencoder_arrays
+from tests.forged.amass import save, smplh
+
+
+def test_vertices_are_the_references(trained_run, trained, tmp_path):
+    """DSNet, decoder and SMPL once more, each by its float64 reference."""
+    rng = np.random.default_rng(1)
+    changes = {"poses": rng.normal(0, 0.2, (51, 156)), "trans": rng.normal(size=(51, 3))}
+    path = save(tmp_path / "a_poses.npz", smplh(51, 100.0), **changes)
+    made = predict_motion(trained_run, path, tmp_path / "out")
+    made.verify()
+
+    body = load_body_model("embedded:female")
+    motion = load_motion(path, body, None)
+    wide = {name: array.astype(np.float64) for name, array in trained.weights.items()}
+    inputs = join_inputs(motion.theta, motion.betas)
+    scaled = (inputs - trained.scaling.input_mean) / trained.scaling.input_std
+    outputs = dsnet.predict(wide, scaled[None])["fc_enc_3"][0]
+    latents = outputs * trained.scaling.latent_std + trained.scaling.latent_mean
+    np.testing.assert_allclose(made.array("latents"), latents, atol=1e-4)
+
+    offsets = decoded(latents)
+    np.testing.assert_allclose(made.array("offsets"), offsets, atol=1e-5)
+    betas = np.tile(motion.betas, (len(offsets), 1))
+    vertices = pose_vertices(body, betas, *unpack_theta(motion.theta), offsets)
+    np.testing.assert_allclose(made.array("vertices"), vertices, atol=2e-5)
+
+
+def decoded(latents: NDArray) -> NDArray:
+    """Offsets (T, V, 3) in metres by Figure 3's decoder, layer by layer."""
+    arrays = autoencoder_arrays()
+    w = {n.removeprefix("model."): array.astype(np.float64) for n, array in arrays.items()}
+
+    def linear(name: str, x: NDArray) -> NDArray:
+        return x @ w[f"{name}.weight"].T + w[f"{name}.bias"]
+
+    def leaky(x: NDArray) -> NDArray:
+        return np.where(x > 0, x, 0.1 * x)
+
+    x = leaky(linear("from_latent", latents)).reshape(len(latents), -1, 9)
+    for name in (f"decoder.conv_{number}" for number in range(1, 5)):
+        x = leaky(w[f"{name}.weight"][:, :, 0] @ x + w[f"{name}.bias"][:, None])
+    values = linear("to_coordinates", leaky(linear("decoder.linear_1", x)))
+    return values * w["normaliser.scale_m"] + w["normaliser.mean_m"]
+
+
+def test_another_network_and_shape_can_be_asked_for(trained_run, motion, tmp_path):
+    chosen = predict_motion(trained_run, motion, tmp_path / "a", betas=np.ones(10))
+    assert chosen.manifest["predictor"] == "standardised"
+    assert chosen.manifest["betas"] == [1.0] * 10
+    other = predict_motion(trained_run, motion, tmp_path / "b", predictor="faithful")
+    assert other.manifest["predictor"] == "faithful"
+    assert np.abs(chosen.array("latents") - other.array("latents")).max() > 0.1
+    stages = {stage: trained_run.artifact(stage) for stage in ("train", "train-ae")}
+    assert other.manifest["upstream"] == {n: a.content_sha256 for n, a in stages.items()}
+    recorded = {key: other.manifest[key] for key in ("source", "source_fps", "fps", "up")}
+    assert recorded == {"source": "a_poses.npz", "source_fps": 100.0, "fps": 60.0, "up": "y"}
+
+
+def test_no_framework_is_loaded(trained_run, motion, tmp_path):
+    code = "import sys; from bridge.cli import main; main(sys.argv[1:])\n"
+    code += "sys.exit(bool({'torch', 'tensorflow', 'keras'} & set(sys.modules)))"
+    options = ["predict", "--run", "r", "--motion", str(motion), "--out", str(tmp_path / "out")]
+    subprocess.run([sys.executable, "-c", code, *options], check=True)
+    assert (tmp_path / "out" / "strip.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("changes", "betas"),
+    [
+        ({"betas": np.full(16, 1e10)}, None),
+        ({"betas": np.full(16, 1e308)}, None),
+        ({"trans": np.full((51, 3), 1e39)}, None),
+        ({"trans": np.full((51, 3), 2e3)}, None),
+        ({}, "1e10" + ",0" * 9),
+    ],
+)
+def test_a_body_of_no_persons_size_or_place_is_one_line(
+    trained_run, tmp_path, capsys, changes, betas
+):
+    path = save(tmp_path / "a_poses.npz", smplh(51, 100.0), **changes)
+    options = ["--run", "r", "--motion", str(path), "--out", str(tmp_path / "out")]
+    with pytest.raises(SystemExit) as stopped:
+        main(["predict", *options, *(["--betas", betas] if betas else [])])
+    printed = capsys.readouterr().err
+    assert stopped.value.code == 2
+    assert printed.count("\n") == 1, printed
+    assert "a_poses.npz" in printed
+    assert not list(tmp_path.glob("*out*"))
+
+
+def test_networks_that_give_no_numbers_are_one_line(trained_run, motion, tmp_path, monkeypatch):
+    nan = {name: np.full_like(a, np.nan) for name, a in autoencoder_arrays().items()}
+    monkeypatch.setattr("bridge.runtime.predict_motion.load_weights", lambda path: nan)
+    with pytest.raises(DsnetError, match="not finite from frame 0"):
+        predict_motion(trained_run, motion, tmp_path / "out")
+    assert not list(tmp_path.glob("*out*"))
+
+
+@pytest.mark.parametrize(
+    ("gender", "betas", "said"),
+    [
+        ("male", None, "are a male's, the body female: see --betas\n"),
+        ("male", np.zeros(10), ""),
+        ("neutral", None, ""),
+        ("female", None, ""),
+    ],
+)
+def test_betas_of_the_other_gender_are_told(tmp_path, capsys, gender, betas, said):
+    path = save(tmp_path / "a_poses.npz", smplh(), gender=gender)
+    motion = load_motion(path, load_body_model("embedded:female"), betas)
+    printed = capsys.readouterr().err
+    assert printed.endswith(said)
+    assert printed.count("\n") == bool(said)
+    expected = smplh()["betas"][:10] if betas is None else betas
+    np.testing.assert_array_equal(motion.betas, expected)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--motion", "m.npz"], "--motion without --out"),
+        (["--out", "o"], "--out without --motion"),
+        (["--betas", "1,2,3"], "--betas without --motion"),
+        (["--motion", "m.npz", "--out", "o", "--amass", "a"], "--amass with --motion"),
+        (["--motion", "m.npz", "--out", "o", "--betas", "1,2,3"], "10 finite numbers"),
+        (["--motion", "m.npz", "--out", "o", "--betas", "nan" + ",0" * 9], "10 finite numbers"),
+    ],
+)
+def test_options_that_do_not_go_together_are_one_line(trained_run, capsys, options, words):
+    with pytest.raises(SystemExit) as stopped:
+        main(["predict", "--run", "r", *options])
+    printed = capsys.readouterr().err
+    assert (stopped.value.code, printed.count("\n")) == (2, 1)
+    assert words in printed
+
+
+def test_without_a_motion_the_stage_is_a_process(monkeypatch):
+    asked = []
+    monkeypatch.setattr(stage_predict, "run_module", lambda *arguments: asked.append(arguments))
+    stage_predict.main(stage_predict.PredictConfig("r"))
+    stage_predict.main(stage_predict.PredictConfig("r", "p", Path("a")))
+    first = ("tf_dsnet.stage_predict", "--run", "r")
+    assert asked == [first, (*first, "--predictor", "p", "--amass", "a")]
