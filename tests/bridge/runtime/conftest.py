@@ -68,3 +68,13 @@ def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trained: Traine
 def motion(tmp_path: Path) -> Path:
     """An AMASS file of 31 frames at 60 fps."""
     return save(tmp_path / "given" / "a_poses.npz", smplh(51, 100.0), gender="female")
+
+
+@pytest.fixture
+def blank_strip(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw nothing, for tests that look at numbers: rendering takes most of a prediction's time."""
+
+    def draw(path: Path, *arguments: object, **options: object) -> None:
+        path.write_bytes(b"")
+
+    monkeypatch.setattr("bridge.runtime.predict_motion.draw_motion_strip", draw)

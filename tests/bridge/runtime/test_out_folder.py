@@ -59,6 +59,7 @@ def test_a_folder_of_the_users_own_stays(refused, tmp_path):
     assert "holds other files" in refused(tmp_path / "mine")
 
 
+@pytest.mark.usefixtures("blank_strip")
 @pytest.mark.parametrize("name", ["notes.txt", "sub/notes.txt", ".notes"])
 def test_a_users_file_beside_an_earlier_prediction_stays(
     trained_run, motion, refused, tmp_path, name
@@ -70,6 +71,7 @@ def test_a_users_file_beside_an_earlier_prediction_stays(
     assert Path(name).name in refused(out)
 
 
+@pytest.mark.usefixtures("blank_strip")
 def test_an_earlier_prediction_is_replaced(trained_run, motion, tmp_path):
     out = tmp_path / "new" / "out"
     command = ["predict", "--run", "r", "--motion", str(motion), "--out", str(out)]

@@ -22,6 +22,7 @@ from tests.bridge.runtime.conftest import autoencoder_arrays
 from tests.forged.amass import save, smplh
 
 
+@pytest.mark.usefixtures("blank_strip")
 def test_vertices_are_the_references(trained_run, trained, tmp_path):
     """DSNet, decoder and SMPL once more, each by its float64 reference."""
     rng = np.random.default_rng(1)
@@ -64,6 +65,7 @@ def decoded(latents: NDArray) -> NDArray:
     return values * w["normaliser.scale_m"] + w["normaliser.mean_m"]
 
 
+@pytest.mark.usefixtures("blank_strip")
 def test_another_network_and_shape_can_be_asked_for(trained_run, motion, tmp_path):
     chosen = predict_motion(trained_run, motion, tmp_path / "a", betas=np.ones(10))
     assert chosen.manifest["predictor"] == "standardised"
