@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -101,6 +103,24 @@ def test_slips_are_told_before_anything_runs(
     assert words in done.stderr
     assert done.stderr.count("\n") == 1
     assert done.stdout == ""
+
+
+def documented_commands() -> list[str]:
+    """Calls of the script in README and docs/data.md that run stages."""
+    pages = [(ROOT / name).read_text() for name in ("README.md", "docs/data.md")]
+    lines = [line.partition("  #")[0].strip() for page in pages for line in page.splitlines()]
+    return sorted({line for line in lines if re.match(r"\./reproduce\.sh(?! test| setup)", line)})
+
+
+@pytest.mark.parametrize("command", documented_commands())
+def test_documented_commands_are_understood(
+    reproduce: Reproduce, tmp_path: Path, command: str
+) -> None:
+    options = [word for word in shlex.split(command)[1:] if word != "..."]
+    for word in options:
+        if word.isupper() or "." in word:
+            (tmp_path / "caller" / word).touch()
+    assert list(stages(reproduce(*options))) == STAGES["--dyna" in options :]
 
 
 def test_meshes_without_a_body_reach_align_which_refuses(reproduce: Reproduce) -> None:
