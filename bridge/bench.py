@@ -7,6 +7,7 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
+from bridge.options import Seed
 from bridge.runs import Run
 from bridge.runs.processes import run_module
 
@@ -17,7 +18,7 @@ class BenchConfig:
 
     run: str = "demo"
     """Folder under runs/ that receives the results."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the random inputs."""
 
 

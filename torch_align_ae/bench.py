@@ -23,6 +23,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from bridge.options import PositiveInt, Seed
+from bridge.paper import N_VERTICES
 from bridge.runs import Run
 from bridge.runs.artifact import write_text_atomically
 from bridge.runs.processes import run_as_process
@@ -39,11 +41,11 @@ class TorchBenchConfig:
 
     run: str = "demo"
     """Folder under runs/ that receives bench/torch.json."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the random offsets and weights."""
-    batch_size: int = 64
+    batch_size: PositiveInt = 64
     """Frames a step; the paper's is 64."""
-    rounds: int = 5
+    rounds: PositiveInt = 5
     """Timed steps of each contender, after one that warms it up."""
 
 
@@ -68,7 +70,7 @@ def measure(config: TorchBenchConfig) -> dict[str, Any]:
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     torch.manual_seed(config.seed)
     with device:
-        offsets = torch.randn(config.batch_size, 6890, 3)
+        offsets = torch.randn(config.batch_size, N_VERTICES, 3)
         mesh, casas = MeshAutoencoder(), CasasOtaduyAutoencoder()
         square = torch.randn(_GEMM_SIZE, _GEMM_SIZE)
     # All forms of a network share weights and moments: copies would cost gigabytes.

@@ -12,18 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from bridge.errors import DsnetError
+from bridge.options import Seed
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.artifact import MANIFEST, DataOrigin, read_artifact
 from bridge.runs.run import body_model_path
 from bridge.verify import tolerances
 from bridge.verify.checks import Plan
 from bridge.verify.compare import Row
-from bridge.verify.diagnosis import diagnose
 from bridge.verify.engines import Answer
 from bridge.verify.faults import FaultName, faulty_cases, shown_by_torch
+from bridge.verify.findings import diagnose, summary, text_table
 from bridge.verify.random_checks import full_size_plan, random_plan
 from bridge.verify.runner import verify
-from bridge.verify.table import summary, text_table
 from bridge.verify.trained_checks import trained_plan
 
 STAGE = "verify"
@@ -40,7 +40,7 @@ class VerifyConfig:
 
     run: str = "demo"
     """Run whose trained weights and motions are compared beside random ones."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the random weights and inputs."""
     trained: bool = True
     """Compare the run's trained weights; without them no run needs to be there."""

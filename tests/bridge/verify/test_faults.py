@@ -9,9 +9,9 @@ import pytest
 
 from bridge.verify.checks import Plan, cases_of
 from bridge.verify.compare import Row
-from bridge.verify.diagnosis import diagnose
 from bridge.verify.engines import Ask, ask
 from bridge.verify.faults import FAULTS, FaultName, faulty_cases, shown_by_torch
+from bridge.verify.findings import diagnose
 from bridge.verify.random_checks import random_plan
 from bridge.verify.runner import verify
 
