@@ -22,10 +22,8 @@ from bridge.exchange.conventions import (
     AdamRule,
 )
 from bridge.exchange.layouts import dsnet_from_torch, dsnet_to_torch
-from bridge.paper import INPUT_SIZE
+from bridge.paper import DSNET_WIDTHS, INPUT_SIZE, N_BETAS, THETA_SIZE
 
-LATENT_SIZE = 100
-LSTM_UNITS = 60
 State = tuple[Tensor, Tensor]
 
 
@@ -77,11 +75,12 @@ class DSNet(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.fc_enc_1 = nn.Linear(INPUT_SIZE, 64)
-        self.fc_enc_2 = TanhLinear(64, 128)
-        self.lstm = nn.LSTM(128, LSTM_UNITS, batch_first=True)
-        self.batch_norm = BatchNorm(LSTM_UNITS)
-        self.fc_enc_3 = nn.Linear(LSTM_UNITS, LATENT_SIZE)
+        first, second, units, latents = DSNET_WIDTHS.values()
+        self.fc_enc_1 = nn.Linear(INPUT_SIZE, first)
+        self.fc_enc_2 = TanhLinear(first, second)
+        self.lstm = nn.LSTM(second, units, batch_first=True)
+        self.batch_norm = BatchNorm(units)
+        self.fc_enc_3 = nn.Linear(units, latents)
         self.lstm.bias_hh_l0.requires_grad_(False)
         self._initialise()
 
@@ -103,7 +102,7 @@ class DSNet(nn.Module):
             raise DsnetError(
                 f"motion of shape {tuple(motion.shape)}",
                 f"(B, T, {INPUT_SIZE})",
-                "Join 10 betas and 69 numbers of theta at every frame.",
+                f"Join {N_BETAS} betas and {THETA_SIZE} numbers of theta at every frame.",
             )
         memory, after = self.lstm(self.fc_enc_2(self.fc_enc_1(motion)), state)
         return self.fc_enc_3(self.batch_norm(memory, real)), after
@@ -119,7 +118,7 @@ class DSNet(nn.Module):
             elif name != "batch_norm.weight":
                 parameter.zero_()
             if name == "lstm.bias_ih_l0":
-                parameter[LSTM_UNITS : 2 * LSTM_UNITS] = 1.0  # begin by not forgetting
+                parameter.view(4, -1)[1] = 1.0  # gates i, f, g, o: begin by not forgetting
 
 
 class KerasAdam(torch.optim.Adam):
