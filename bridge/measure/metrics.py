@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,6 +52,14 @@ class ErrorSums:
         self.largest = max(self.largest, other.largest)
         self.histogram = self.histogram + other.histogram
 
+    @classmethod
+    def merged(cls, parts: Iterable[ErrorSums]) -> ErrorSums:
+        """Sums over all frames of `parts`."""
+        total = cls()
+        for part in parts:
+            total.merge(part)
+        return total
+
     @property
     def r2(self) -> float:
         """1 - sum |predicted - reference|^2 / sum |reference|^2: SMPL alone has 0."""
@@ -74,6 +82,39 @@ class ErrorSums:
             "p95_mm": 1e3 * self.quantile_m(0.95),
             "max_mm": 1e3 * self.largest,
         }
+
+
+@dataclass
+class FrameErrors:
+    """Errors of one predictor on one sequence: their sums, and the mean of each frame."""
+
+    sums: ErrorSums = field(default_factory=ErrorSums)
+    _frames_m: list[NDArray[np.float64]] = field(default_factory=list)
+
+    def add(self, predicted: ArrayLike, reference: ArrayLike) -> None:
+        """Take in frames (T, V, 3), metres."""
+        self._frames_m.append(self.sums.add(predicted, reference).mean(axis=1))
+
+    def frames_m(self) -> NDArray[np.float32]:
+        """(T,) mean error of each frame."""
+        return np.concatenate(self._frames_m).astype(np.float32)
+
+    def frame_summary_mm(self) -> dict[str, float]:
+        """Mean, least and largest of the frames' errors."""
+        frames_mm = 1e3 * self.frames_m().astype(np.float64)
+        return {key: float(getattr(frames_mm, key)()) for key in ("mean", "min", "max")}
+
+
+def jackknife_r2_se(parts: Sequence[ErrorSums]) -> float | None:
+    """Standard error of the pooled R2 over sequences, by leaving each out; None for one alone."""
+    if len(parts) < 2:
+        return None
+    error = np.array([part.squared_error for part in parts])
+    reference = np.array([part.squared_reference for part in parts])
+    without = 1 - (error.sum() - error) / np.maximum(
+        reference.sum() - reference, np.finfo(float).tiny
+    )
+    return float(np.sqrt((len(parts) - 1) * without.var()))
 
 
 def frame_blocks(frames: slice, size: int = FRAMES_AT_ONCE) -> Iterator[slice]:

@@ -40,7 +40,7 @@ class Predictions:
         self.labels: dict[str, str] = first | trained | _LABELS
         self._trained, self._decode = set(trained), decode
         self._aligned = {sequence.name for sequence in sequences_of(align)}
-        self._means_m = mean_offsets_m(align)
+        self._person_m, self._everybody_m = mean_offsets_m(align)
 
     def of(self, sequence: MotionSequence) -> list[str]:
         """Predictors of a sequence: only an aligned one has offsets to encode."""
@@ -50,7 +50,7 @@ class Predictions:
 
     def knows(self, subject: str) -> bool:
         """Whether the person was trained on."""
-        return subject in self._means_m
+        return subject in self._person_m
 
     def offsets_m(self, predictor: str, sequence: MotionSequence, block: slice) -> NDArray:
         """(B, V, 3), or (1, V, 3) where they are constant; but for the sequence's own mean."""
@@ -58,18 +58,20 @@ class Predictions:
             frames = slice(sequence.start + block.start, sequence.start + block.stop)
             return self._decode.array(f"offsets_{predictor}")[frames]
         if predictor == PERSON_MEAN:
-            return self._means_m.get(sequence.subject, self._means_m[""])[None]
-        return np.zeros_like(self._means_m[""])[None]
+            return self._person_m.get(sequence.subject, self._everybody_m)[None]
+        return np.zeros_like(self._everybody_m)[None]
 
 
-def mean_offsets_m(align: Artifact) -> Mapping[str, NDArray[np.float64]]:
-    """(V, 3) mean aligned offset of each person over the training frames, and "" of all people."""
+def mean_offsets_m(
+    align: Artifact,
+) -> tuple[Mapping[str, NDArray[np.float64]], NDArray[np.float64]]:
+    """Mean aligned offset (V, 3) of each person over the training frames, and of all people."""
     offsets_m = align.array("offsets")
     training = [sequence for sequence in sequences_of(align) if sequence.split == "train"]
     means = {}
     for subject in subjects_of(training):
         own = [sequence for sequence in training if sequence.subject == subject]
         sums = [sequence.length * mean_offset_m(offsets_m, sequence.frames) for sequence in own]
-        means[subject] = sum(sums) / sum(sequence.length for sequence in own)
-    nobody = np.zeros(offsets_m.shape[1:])
-    return means | {"": np.mean(list(means.values()), axis=0) if means else nobody}
+        means[subject] = np.sum(sums, axis=0) / sum(sequence.length for sequence in own)
+    nobody = [np.zeros(offsets_m.shape[1:])]
+    return means, np.mean(list(means.values()) or nobody, axis=0)

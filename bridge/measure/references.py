@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.measure.metrics import frame_blocks
-from bridge.measure.posed_meshes import PosedBody
+from bridge.measure.posed_meshes import PosedBody, by_component
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.runs import Artifact
 
@@ -106,8 +106,8 @@ class References:
 
     def _to_true_offsets(self, name: str, truth: MotionArrays) -> Iterator[Block]:
         for frames in self._shared(name, truth):
-            offsets_m = truth.frames("offsets", name, frames).astype(np.float64)
-            yield Block(frames, offsets_m, partial(np.broadcast_to, shape=offsets_m.shape))
+            offsets_m = by_component(truth.frames("offsets", name, frames))
+            yield Block(frames, offsets_m, partial(_at_rest, shape=offsets_m.shape))
 
     def _to_registered_mesh(self, name: str) -> Iterator[Block]:
         person = PosedBody(self._body, self._predict.betas(name))
@@ -130,18 +130,23 @@ class References:
         return frame_blocks(slice(0, length))
 
 
+def _at_rest(offsets_m: NDArray, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    return np.broadcast_to(by_component(offsets_m), shape)
+
+
 def best_constant_m(blocks: Iterable[Block]) -> NDArray[np.float64]:
     """(V, 3) the constant offset with the least squared error: an oracle, it knows the reference.
 
     Of offsets compared at rest that is their mean.
     """
-    axes = np.eye(3)[:, None, None]
     normal, right = 0.0, 0.0
     for block in blocks:
-        # Columns of each vertex's linear map: what it makes of the three unit offsets.
-        shape = block.lacking_m.shape[1:]
-        columns = [block.carry(np.broadcast_to(axis, (1, *shape))) for axis in axes]
-        linear = np.stack(columns, axis=-1)
-        normal = normal + np.einsum("bvyx,bvyz->vxz", linear, linear)
-        right = right + np.einsum("bvyx,bvy->vx", linear, block.lacking_m)
-    return np.linalg.solve(normal, np.asarray(right)[..., None])[..., 0]
+        # What skinning makes of the three unit offsets: the columns of its linear part.
+        units = np.broadcast_to(np.eye(3)[:, None, None], (3, 1, *block.lacking_m.shape[1:]))
+        columns = [block.carry(unit) for unit in units]
+        normal = normal + np.array(
+            [[np.einsum("bvy,bvy->v", one, other) for other in columns] for one in columns]
+        )
+        right = right + np.array([np.einsum("bvy,bvy->v", c, block.lacking_m) for c in columns])
+    normal, right = np.moveaxis(np.asarray(normal), -1, 0), np.asarray(right).T[..., None]
+    return np.linalg.solve(normal, right)[..., 0]

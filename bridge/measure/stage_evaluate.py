@@ -1,11 +1,12 @@
-"""`dsnet evaluate`: errors of the predictions against the meshes, and of two that learn nothing."""
+"""`dsnet evaluate`: errors of the predictions' posed meshes, beside what learns nothing."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,33 +15,28 @@ from tqdm import tqdm
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.measure.alignment_quality import alignment_errors
-from bridge.measure.mesh_errors import blended_rotations
-from bridge.measure.metrics import ErrorSums, frame_blocks, mean_offset_m
-from bridge.motion import MotionSequence, sequences_of, subject_rows, unpack_theta
+from bridge.measure.metrics import ErrorSums, FrameErrors, jackknife_r2_se
+from bridge.measure.predictions import SEQUENCE_MEAN, Predictions
+from bridge.measure.references import References, best_constant_m
+from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.artifact import MANIFEST
 from bridge.runs.run import body_model_path
 
-PREDICTORS = ("dsnet", "dsnet_faithful", "autoencoder", "smpl", "mean_offset")
-_DECODED = {
-    "dsnet": "offsets",
-    "dsnet_faithful": "offsets_faithful",
-    "autoencoder": "offsets_autoencoder",
-}
+Errors = Mapping[str, Mapping[str, FrameErrors]]
 
 
 @dataclass(frozen=True)
 class EvaluateConfig:
-    """Measure every prediction: about 15 ms a frame, less than 1 GB.
+    """Measure every prediction: about 5 ms a frame, 1 GB.
 
-    Gives R2 and errors against the aligned offsets, which a licensed user has too, and, for
-    synthetic data only, against the truth; and the error of the posed mesh in each frame.
+    Gives R2 and errors of the posed meshes against the registered ones, which a licensed user has
+    too, for synthetic data also against the true meshes of unseen motions and against the true
+    offsets; and the error of the posed mesh in each frame.
     """
 
     run: str = "demo"
     """Run to evaluate."""
-    seed: int = 0
-    """Recorded; nothing here is random."""
 
 
 PROFILES = {name: EvaluateConfig(run=name) for name in ("smoke", "demo", "paper")}
@@ -69,156 +65,130 @@ def main(config: EvaluateConfig) -> None:
     )
 
 
-@dataclass(frozen=True)
-class Reference:
-    """Offsets to compare with: the aligned ones, or the synthetic truth."""
-
-    name: str
-    offsets_m: NDArray[np.float32]
-    places: Mapping[str, MotionSequence]
-
-    @classmethod
-    def of(cls, name: str, artifact: Artifact) -> Reference:
-        """The offsets of an artifact by name of sequence."""
-        return cls(name, artifact.array("offsets"), {s.name: s for s in sequences_of(artifact)})
-
-
 class Evaluation:
-    """All comparisons of one run."""
+    """All comparisons of one run.
+
+    Parameters
+    ----------
+    upstream : artifacts `align`, `predict`, `decode` and, for synthetic data, `truth`.
+    """
 
     def __init__(self, upstream: Mapping[str, Artifact], body: BodyModelData) -> None:
-        self._upstream, self._body = upstream, body
-        self._decode, self._predict = upstream["decode"], upstream["predict"]
-        sources = {"align": "aligned", "truth": "truth"}
-        self._references = [
-            Reference.of(name, upstream[stage])
-            for stage, name in sources.items()
-            if stage in upstream
-        ]
-        self._places = {s.name: s for s in sequences_of(self._predict)}
-        self._rows = subject_rows(self._places.values())
+        self._align, self._predict = upstream["align"], upstream["predict"]
+        self._truth, self._body = upstream.get("truth"), body
+        self._decode = upstream["decode"]
+        self._predictions = Predictions(self._decode, self._align)
+        self._references = References(body, self._predict, self._align, self._truth)
 
     def write(self, writer: ArtifactWriter) -> None:
         """Fill the `evaluate` artifact."""
         sequences = sequences_of(self._decode)
-        frames = sum(sequence.length for sequence in sequences)
-        mesh_m = {name: np.full(frames, np.nan, np.float32) for name in PREDICTORS}
-        splits: dict[str, Any] = {}
-        results = []
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            compared = pool.map(lambda one: self._compare_all(one, mesh_m), sequences)
-            bar = tqdm(
-                zip(sequences, compared, strict=True),
+            compared = tqdm(
+                pool.map(self.compare, sequences),
                 desc="evaluate",
                 total=len(sequences),
                 unit="sequence",
                 disable=None,
             )
-            for sequence, by_reference in bar:
-                errors = {}
-                for reference, sums in by_reference.items():
-                    errors[reference] = {name: one.summary() for name, one in sums.items()}
-                    pooled = splits.setdefault(sequence.split, {}).setdefault(reference, {})
-                    for name, one in sums.items():
-                        pooled.setdefault(name, ErrorSums()).merge(one)
-                results.append(_describe(sequence, errors, mesh_m))
-        for name, errors_m in mesh_m.items():
-            writer.put(f"mesh_error_{name}", errors_m, "m, mean over vertices")
+            found = list(zip(sequences, compared, strict=True))
         writer.record(
             sequences=self._decode.manifest["sequences"],
-            per_sequence=results,
-            splits=_summaries(splits),
-            alignment=alignment_errors(
-                self._upstream["align"], self._upstream.get("truth"), self._body
-            ),
-            reading=self._predict.manifest.get("reading"),
+            predictors=self._predictions.labels,
+            default=self._predictions.default,
+            per_sequence=[self._describe(*one) for one in found],
+            splits=_pooled((self.cells(sequence), errors) for sequence, errors in found),
+            mesh_error_sequences=_write_frame_errors(writer, found),
+            alignment=alignment_errors(self._align, self._truth, self._body),
         )
 
-    def _compare_all(
-        self, sequence: MotionSequence, mesh_m: dict[str, NDArray[np.float32]]
-    ) -> dict[str, dict[str, ErrorSums]]:
-        """Errors of one sequence by reference; `mesh_m` receives those against the first."""
+    def compare(self, sequence: MotionSequence) -> Errors:
+        """Errors of one sequence, by reference and predictor."""
         return {
-            reference.name: self._compare(sequence, reference, None if index else mesh_m)
-            for index, reference in enumerate(self._applicable(sequence))
+            reference: self._compare(sequence, reference)
+            for reference in self._references.of(sequence.name)
         }
 
-    def _applicable(self, sequence: MotionSequence) -> Iterator[Reference]:
-        return (r for r in self._references if sequence.name in r.places)
+    def cells(self, sequence: MotionSequence) -> list[str]:
+        """Groups of sequences whose errors are pooled."""
+        if sequence.split != "test":
+            return [sequence.split]
+        known = self._predictions.knows(sequence.subject)
+        return ["test", "test_known_person" if known else "test_new_person"]
 
-    def _compare(
-        self,
-        sequence: MotionSequence,
-        reference: Reference,
-        mesh_m: dict[str, NDArray[np.float32]] | None,
-    ) -> dict[str, ErrorSums]:
-        """Errors of one sequence; `mesh_m` receives those of its posed frames."""
-        place = reference.places[sequence.name]
-        length = min(sequence.length, place.length)
-        mean = mean_offset_m(reference.offsets_m, slice(place.start, place.start + length))
-        sums = {name: ErrorSums() for name in self._predictors(sequence)}
-        for block in frame_blocks(slice(0, length)):
-            target = reference.offsets_m[place.start + block.start : place.start + block.stop]
-            own = slice(sequence.start + block.start, sequence.start + block.stop)
-            turned = None if mesh_m is None else self._rotations(sequence, block)
-            for name, one in sums.items():
-                predicted = self._offsets(name, own, mean)
-                one.add(np.broadcast_to(predicted, target.shape), target)
-                if mesh_m is not None and turned is not None:
-                    posed = np.einsum("bvxy,bvy->bvx", turned, predicted - target)
-                    mesh_m[name][own] = np.linalg.norm(posed, axis=-1).mean(axis=1)
-        return sums
+    def _compare(self, sequence: MotionSequence, reference: str) -> dict[str, FrameErrors]:
+        constant_m = best_constant_m(self._references.blocks(sequence.name, reference))[None]
+        found = {name: FrameErrors() for name in self._predictions.of(sequence)}
+        for block in self._references.blocks(sequence.name, reference):
+            for name, errors in found.items():
+                offsets_m = (
+                    constant_m
+                    if name == SEQUENCE_MEAN
+                    else self._predictions.offsets_m(name, sequence, block.frames)
+                )
+                errors.add(block.carry(offsets_m), block.lacking_m)
+        return found
 
-    def _predictors(self, sequence: MotionSequence) -> list[str]:
-        """Test sequences have no aligned offsets for the autoencoder to encode."""
-        having = self._decode.manifest["arrays"]
-        return [
-            name
-            for name in PREDICTORS
-            if not (name == "autoencoder" and sequence.split == "test")
-            and (name not in _DECODED or _DECODED[name] in having)
-        ]
-
-    def _offsets(self, predictor: str, frames: slice, mean: NDArray) -> NDArray:
-        if predictor in _DECODED:
-            return self._decode.array(_DECODED[predictor])[frames]
-        return mean[None] if predictor == "mean_offset" else np.zeros_like(mean)[None]
-
-    def _rotations(self, sequence: MotionSequence, block: slice) -> NDArray[np.float64]:
-        place = self._places[sequence.name]
-        theta = self._predict.array("theta")[place.start + block.start : place.start + block.stop]
-        betas = self._predict.array("betas")[self._rows[sequence.subject]]
-        return blended_rotations(self._body, betas, unpack_theta(theta)[0])
+    def _describe(self, sequence: MotionSequence, errors: Errors) -> dict[str, Any]:
+        return {
+            "name": sequence.name,
+            "subject": sequence.subject,
+            "motion": sequence.motion,
+            "split": sequence.split,
+            "person": "known" if self._predictions.knows(sequence.subject) else "new",
+            "frames": sequence.length,
+            "errors": {
+                reference: {name: one.sums.summary() for name, one in found.items()}
+                for reference, found in errors.items()
+            },
+            "mesh_frame_error_mm": {
+                name: one.frame_summary_mm() for name, one in errors.get("mesh", {}).items()
+            },
+        }
 
 
-def _describe(
-    sequence: MotionSequence, errors: dict[str, Any], mesh_m: Mapping[str, NDArray[np.float32]]
-) -> dict[str, Any]:
-    posed = {}
-    for name, values in mesh_m.items():
-        own = 1e3 * values[sequence.frames]
-        if np.isfinite(own).all():
-            posed[name] = {
-                "mean": float(own.mean()),
-                "min": float(own.min()),
-                "max": float(own.max()),
+def frame_errors_m(
+    evaluate: Artifact, predictor: str, sequence: str
+) -> NDArray[np.float32] | None:
+    """(T,) error of the posed mesh in each frame, mean over its vertices; None if not measured."""
+    entries = evaluate.manifest["mesh_error_sequences"][predictor]
+    place = next((MotionSequence(**one) for one in entries if one["name"] == sequence), None)
+    return None if place is None else evaluate.array(f"mesh_error_{predictor}")[place.frames]
+
+
+def _write_frame_errors(
+    writer: ArtifactWriter, found: Iterable[tuple[MotionSequence, Errors]]
+) -> dict[str, list[dict[str, Any]]]:
+    """Arrays without gaps: a predictor has frames only where it was compared."""
+    index: dict[str, list[MotionSequence]] = {}
+    values: dict[str, list[NDArray[np.float32]]] = {}
+    for sequence, errors in found:
+        for name, one in errors.get("mesh", {}).items():
+            frames_m = one.frames_m()
+            start = sum(map(len, values.setdefault(name, [])))
+            place = replace(sequence, start=start, length=len(frames_m))
+            index.setdefault(name, []).append(place)
+            values[name].append(frames_m)
+    for name, parts in values.items():
+        writer.put(f"mesh_error_{name}", np.concatenate(parts), "m, mean over vertices")
+    return {name: to_manifest(places) for name, places in index.items()}
+
+
+def _pooled(found: Iterable[tuple[list[str], Errors]]) -> dict[str, Any]:
+    """Figures of all sequences of a cell together, by cell, reference and predictor."""
+    sums: dict[str, dict[str, dict[str, list[ErrorSums]]]] = {}
+    for cells, errors in found:
+        for cell, (reference, by_name) in product(cells, errors.items()):
+            own = sums.setdefault(cell, {}).setdefault(reference, {})
+            for name, one in by_name.items():
+                own.setdefault(name, []).append(one.sums)
+    return {
+        cell: {
+            reference: {
+                name: ErrorSums.merged(parts).summary() | {"r2_se": jackknife_r2_se(parts)}
+                for name, parts in by_name.items()
             }
-    return {
-        "name": sequence.name,
-        "subject": sequence.subject,
-        "motion": sequence.motion,
-        "split": sequence.split,
-        "frames": sequence.length,
-        "errors": errors,
-        "mesh_frame_error_mm": posed,
-    }
-
-
-def _summaries(splits: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        split: {
-            reference: {name: one.summary() for name, one in pooled.items()}
-            for reference, pooled in references.items()
+            for reference, by_name in references.items()
         }
-        for split, references in splits.items()
+        for cell, references in sums.items()
     }

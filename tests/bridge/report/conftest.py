@@ -17,9 +17,13 @@ ALIGNED = [
     MotionSequence("50004_hips", "50004", "hips", 9, 7, 60.0),
     MotionSequence("50020_hips", "50020", "hips", 16, 6, 60.0),
 ]
-TEST = MotionSequence("99001_kicking", "99001", "kicking", 22, 8, 60.0, "test")
-ALL = [*ALIGNED, TEST]
-FRAMES, ALIGNED_FRAMES = 30, 22
+TEST = [
+    MotionSequence("50004_kicking", "50004", "kicking", 22, 4, 60.0, "test"),
+    MotionSequence("99001_kicking", "99001", "kicking", 26, 8, 60.0, "test"),
+]
+ALL = [*ALIGNED, *TEST]
+FRAMES, ALIGNED_FRAMES = 34, 22
+PREDICTORS = {"dsnet_small": "DSNet, small", "dsnet_other": "DSNet, other"}
 
 
 def offsets_of(rng: np.random.Generator, frames: int, size_m: float) -> np.ndarray:
@@ -39,11 +43,14 @@ def forge_motion(rng: np.random.Generator) -> np.ndarray:
 
 
 def forge_run(root: Path) -> Path:
-    """Write all stages before `evaluate` below `root`."""
+    """Write all stages before `evaluate` below `root`; shapes and poses are found with errors."""
     rng = np.random.default_rng(0)
     truth = offsets_of(rng, FRAMES, 4e-3)
     aligned = truth[:ALIGNED_FRAMES] + offsets_of(rng, ALIGNED_FRAMES, 1e-3)
     theta, betas = forge_motion(rng), rng.normal(size=(3, 10)).astype(np.float32)
+    found_betas, found_theta = betas.copy(), theta.copy()
+    found_betas[:2] += np.float32(0.1)
+    found_theta[:ALIGNED_FRAMES] += np.float32(0.01)
     _forge_corpus(root)
     common = {"units": dict.fromkeys(_UNITS, "1"), "data": "synthetic"}
     write_artifact(
@@ -58,13 +65,13 @@ def forge_run(root: Path) -> Path:
         root / "align",
         "align",
         {
-            "theta": theta[:ALIGNED_FRAMES] + np.float32(0.01),
-            "betas": betas[:2] + np.float32(0.1),
+            "theta": found_theta[:ALIGNED_FRAMES],
+            "betas": found_betas[:2],
             "offsets": aligned,
             "frame_error": np.full(ALIGNED_FRAMES, 0.002, np.float32),
         },
         sequences=to_manifest(ALIGNED),
-        config={"seed": 0, "lr": 1e-4, "momentum": 0.9, "steps": 40, "smpl": None},
+        config={"aligner": "sgd", "lr": 1e-4, "momentum": 0.9, "steps": 40, "smpl": None},
         **common,
     )
     latents = rng.normal(size=(FRAMES, 100)).astype(np.float32)
@@ -73,16 +80,21 @@ def forge_run(root: Path) -> Path:
         "encode",
         {"latents": latents[:ALIGNED_FRAMES]},
         sequences=to_manifest(ALIGNED),
-        config={"seed": 0},
+        config={},
         **common,
     )
     write_artifact(
         root / "predict",
         "predict",
-        {"latents": latents, "theta": theta, "betas": betas},
+        {
+            **{f"latents_{name}": latents for name in PREDICTORS},
+            "theta": found_theta,
+            "betas": found_betas,
+        },
         sequences=to_manifest(ALL),
-        reading="standardised",
-        config={"seed": 0},
+        predictors=PREDICTORS,
+        default="dsnet_small",
+        config={},
         **common,
     )
     rebuilt = np.concatenate([0.97 * aligned, np.zeros_like(truth[ALIGNED_FRAMES:])])
@@ -90,12 +102,14 @@ def forge_run(root: Path) -> Path:
         root / "decode",
         "decode",
         {
-            "offsets": truth + offsets_of(rng, FRAMES, 1.5e-3),
-            "offsets_faithful": 0.2 * truth,
+            "offsets_dsnet_small": truth + offsets_of(rng, FRAMES, 1.5e-3),
+            "offsets_dsnet_other": 0.2 * truth,
             "offsets_autoencoder": rebuilt,
         },
         sequences=to_manifest(ALL),
-        config={"seed": 0},
+        predictors=PREDICTORS,
+        default="dsnet_small",
+        config={},
         **common,
     )
     _forge_train_ae(root)
@@ -109,9 +123,8 @@ _UNITS = [
     "offsets",
     "frame_error",
     "latents",
-    "offsets_faithful",
-    "offsets_autoencoder",
     "loss",
+    *(f"{kind}_{name}" for kind in ("latents", "offsets") for name in (*PREDICTORS, "autoencoder")),
 ]
 
 
@@ -159,21 +172,23 @@ def _forge_train(root: Path, rng: np.random.Generator) -> None:
         "fc_enc_3/kernel": (60, 100),
     }
     arrays = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
-    for reading, scale in (("standardised", 300.0), ("faithful", 9000.0)):
-        save_weights(writer.file_path(f"{reading}.safetensors"), arrays)
+    for name, scale in zip(PREDICTORS, (300.0, 9000.0), strict=True):
+        save_weights(writer.file_path(f"{name}.safetensors"), arrays)
         loss = scale * np.geomspace(1, 0.1, 40) * rng.uniform(0.9, 1.1, 40)
-        writer.put(f"loss_{reading}", loss.astype(np.float32), "1")
-        writer.put(f"validation_loss_{reading}", loss[9::10].astype(np.float32) * 1.5, "1")
+        writer.put(f"loss_{name}", loss.astype(np.float32), "1")
+        writer.put(f"validation_loss_{name}", loss[9::10].astype(np.float32) * 1.5, "1")
     writer.put("validation_epochs", np.arange(10, 41, 10, dtype=np.int32), "epoch")
     writer.record(
         parameters={"dsnet": 65_140, "dsnet_trainable": 65_020},
-        reading="standardised",
-        readings={
-            "standardised": {"lr": 1e-3, "standardised": True, "departs_from_paper": True},
-            "faithful": {"lr": 1e-4, "standardised": False, "departs_from_paper": False},
+        default="dsnet_small",
+        predictors={
+            name: {"label": label, "lr": lr, "preset": name, "departures": departures}
+            for (name, label), lr, departures in zip(
+                PREDICTORS.items(), (1e-3, 1e-4), (["a wrong turn"], []), strict=True
+            )
         },
     )
-    writer.record_measured(epoch_s_standardised=0.1, epoch_s_faithful=0.1)
+    writer.record_measured(**{f"epoch_s_{name}": 0.1 for name in PREDICTORS})
     writer.finish(config={"seed": 0, "epochs": 40, "frames": 300, "batch_size": 16})
 
 

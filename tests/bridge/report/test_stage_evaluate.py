@@ -1,4 +1,4 @@
-"""The stage `evaluate` on the forged run, against formulas written out here."""
+"""The stage `evaluate` on forged runs, against formulas written out here."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
-from bridge.measure.stage_evaluate import EvaluateConfig, main
-from bridge.motion import sequences_of, unpack_theta
-from bridge.runs import Run
+from bridge.body.posing import shaped_vertices
+from bridge.measure.stage_evaluate import EvaluateConfig, frame_errors_m, main
+from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
+from bridge.runs import Run, write_artifact
 
 
 @pytest.fixture
@@ -24,46 +25,161 @@ def by_name(artifact):
     return {sequence.name: sequence for sequence in sequences_of(artifact)}
 
 
-def test_r2_of_each_predictor(evaluated):
-    result = evaluated.artifact("evaluate").manifest["per_sequence"][0]
-    frames = slice(0, 9)
-    aligned = evaluated.artifact("align").array("offsets")[frames].astype(float)
-    predicted = evaluated.artifact("decode").array("offsets")[frames]
-    errors = result["errors"]["aligned"]
+def mesh_of(artifact, name, row, offsets=None):
+    """Posed meshes of a sequence, by the slow oracle."""
+    pose, trans = unpack_theta(artifact.array("theta")[by_name(artifact)[name].frames])
+    shapes = np.repeat(artifact.array("betas")[row][None], len(pose), axis=0)
+    return pose_vertices(load_body_model("embedded:female"), shapes, pose, trans, offsets)
+
+
+def offsets_of(artifact, name, array="offsets"):
+    return artifact.array(array)[by_name(artifact)[name].frames].astype(float)
+
+
+def posed(run, name, row, predictor):
+    """(predicted, SMPL's, reference) meshes of a sequence."""
+    predict, decode = run.artifact("predict"), run.artifact("decode")
+    offsets = offsets_of(decode, name, f"offsets_{predictor}")
+    reference = run.artifact("truth" if "kicking" in name else "align")
+    real = mesh_of(reference, name, row, offsets_of(reference, name))
+    return mesh_of(predict, name, row, offsets), mesh_of(predict, name, row), real
+
+
+@pytest.mark.parametrize(
+    ("name", "row"), [("50004_one_leg_jump", 0), ("50004_kicking", 0), ("99001_kicking", 2)]
+)
+def test_errors_are_those_of_posed_meshes(evaluated, name, row):
+    results = evaluated.artifact("evaluate").manifest["per_sequence"]
+    errors = next(one for one in results if one["name"] == name)["errors"]["mesh"]
+    predicted, plain, real = posed(evaluated, name, row, "dsnet_small")
+    r2 = 1 - ((predicted - real) ** 2).sum() / ((plain - real) ** 2).sum()
+    distance_mm = 1e3 * np.linalg.norm(predicted - real, axis=-1)
+    plain_mm = 1e3 * np.linalg.norm(plain - real, axis=-1)
+    assert errors["smpl"]["r2"] == 0.0
+    np.testing.assert_allclose(errors["dsnet_small"]["r2"], r2, rtol=1e-6)
+    np.testing.assert_allclose(errors["dsnet_small"]["mean_mm"], distance_mm.mean(), rtol=1e-6)
+    np.testing.assert_allclose(errors["smpl"]["mean_mm"], plain_mm.mean(), rtol=1e-6)
+    frames = frame_errors_m(evaluated.artifact("evaluate"), "dsnet_small", name)
+    assert frames is not None
+    np.testing.assert_allclose(1e3 * frames, distance_mm.mean(axis=1), rtol=1e-5)
+
+
+def test_true_offsets_are_compared_at_rest(evaluated):
+    name = "50004_one_leg_jump"
+    errors = evaluated.artifact("evaluate").manifest["per_sequence"][0]["errors"]["true_offsets"]
+    true = offsets_of(evaluated.artifact("truth"), name)
+    rebuilt = offsets_of(evaluated.artifact("decode"), name, "offsets_autoencoder")
 
     def r2(prediction):
-        return 1 - ((prediction - aligned) ** 2).sum() / (aligned**2).sum()
+        return 1 - ((prediction - true) ** 2).sum() / (true**2).sum()
 
-    assert result["name"] == "50004_one_leg_jump"
-    assert errors["smpl"]["r2"] == 0.0
-    np.testing.assert_allclose(errors["dsnet"]["r2"], r2(predicted), rtol=1e-9)
-    np.testing.assert_allclose(errors["mean_offset"]["r2"], r2(aligned.mean(axis=0)), rtol=1e-9)
-    np.testing.assert_allclose(errors["autoencoder"]["r2"], 1 - 0.03**2, rtol=1e-4)
+    np.testing.assert_allclose(errors["dsnet_other"]["r2"], 1 - 0.8**2, rtol=1e-5)
+    np.testing.assert_allclose(errors["autoencoder"]["r2"], r2(rebuilt), rtol=1e-9)
+    np.testing.assert_allclose(errors["sequence_mean"]["r2"], r2(true.mean(axis=0)), rtol=1e-9)
+    # One training sequence of this person, so its mean is the person's.
+    mean = offsets_of(evaluated.artifact("align"), "50004_hips").mean(axis=0)
+    np.testing.assert_allclose(errors["person_mean"]["r2"], r2(mean), rtol=1e-9)
 
 
-def test_mesh_error_is_that_of_the_posed_bodies(evaluated):
-    predict, decode = evaluated.artifact("predict"), evaluated.artifact("decode")
-    found = evaluated.artifact("evaluate").array("mesh_error_dsnet")
+def test_a_new_person_has_the_mean_of_all_people(evaluated):
+    align = evaluated.artifact("align")
+    means = [offsets_of(align, name).mean(axis=0) for name in ("50004_hips", "50020_hips")]
+    mean = np.repeat(np.mean(means, axis=0)[None], 8, axis=0)
+    found = mesh_of(evaluated.artifact("predict"), "99001_kicking", 2, mean)
+    _, plain, real = posed(evaluated, "99001_kicking", 2, "dsnet_small")
+    errors = evaluated.artifact("evaluate").manifest["splits"]["test_new_person"]["mesh"]
+    expected = 1 - ((found - real) ** 2).sum() / ((plain - real) ** 2).sum()
+    np.testing.assert_allclose(errors["person_mean"]["r2"], expected, rtol=1e-6)
+
+
+def forge_resting_person(root, prediction_share):
+    """A known person at rest whose fitted shape is wrong: the offset needed is known exactly."""
     body = load_body_model("embedded:female")
-    for name, subject_row, source in (("50020_hips", 1, "align"), ("99001_kicking", 2, "truth")):
-        frames = by_name(predict)[name].frames
-        pose, trans = unpack_theta(predict.array("theta")[frames])
-        shapes = np.repeat(predict.array("betas")[subject_row][None], len(pose), axis=0)
-        reference = evaluated.artifact(source)
-        offsets = reference.array("offsets")[by_name(reference)[name].frames]
-        mesh = pose_vertices(body, shapes, pose, trans, offsets)
-        predicted = pose_vertices(body, shapes, pose, trans, decode.array("offsets")[frames])
-        expected = np.linalg.norm(predicted - mesh, axis=-1).mean(axis=1)
-        np.testing.assert_allclose(found[by_name(decode)[name].frames], expected, rtol=1e-5)
+    train = MotionSequence("50004_hips", "50004", "hips", 0, 2, 60.0)
+    test = MotionSequence("50004_kicking", "50004", "kicking", 2, 3, 60.0, "test")
+    both = to_manifest([train, test])
+    true_betas, fitted_betas = np.zeros((1, 10), np.float32), np.full((1, 10), 0.5, np.float32)
+    theta = np.zeros((5, 69), np.float32)
+    tissue_m = np.full((5, 6890, 3), 2e-3, np.float32)
+    shapes_m = [shaped_vertices(body, betas)[0] for betas in (true_betas, fitted_betas)]
+    needed_m = tissue_m + shapes_m[0] - shapes_m[1]
+    predictors = {"predictors": {"any": "Any"}, "default": "any"}
+    common = {"units": dict.fromkeys(("theta", "betas", "offsets", "frame_error"), "1")}
+    common["units"] |= {f"offsets_{name}": "m" for name in ("any", "autoencoder")}
+    stages = {
+        "truth": {"theta": theta, "betas": true_betas, "offsets": tissue_m},
+        "align": {
+            "theta": theta[:2],
+            "betas": fitted_betas,
+            "offsets": needed_m[:2].astype(np.float32),
+            "frame_error": np.zeros(2, np.float32),
+        },
+        "predict": {"theta": theta, "betas": fitted_betas},
+        "decode": {
+            "offsets_any": (prediction_share * needed_m).astype(np.float32),
+            "offsets_autoencoder": 0 * tissue_m,
+        },
+    }
+    for stage, arrays in stages.items():
+        sequences = both[:1] if stage == "align" else both
+        write_artifact(
+            root / stage, stage, arrays, data="synthetic", sequences=sequences, config={},
+            **common, **(predictors if stage == "decode" else {}),
+        )  # fmt: skip
+    corpus = root / "corpus"
+    corpus.mkdir()
+    body.save_smpl_npz(corpus / "SMPL_FEMALE.npz")
+    return 1e3 * np.linalg.norm(needed_m, axis=-1).mean()
 
 
-def test_test_sequences_have_truth_but_no_autoencoder(evaluated):
+@pytest.mark.parametrize(("share", "r2"), [(1.0, 1.0), (0.5, 0.75), (0.0, 0.0), (2.0, 0.0)])
+def test_a_known_person_is_judged_with_the_shape_that_was_given(tmp_path, monkeypatch, share, r2):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    monkeypatch.setattr(
+        "bridge.measure.stage_evaluate.body_model_path", lambda run: "embedded:female"
+    )
+    needed_mm = forge_resting_person(tmp_path / "rest", share)
+    main(EvaluateConfig(run="rest"))
+    unseen = Run("rest").artifact("evaluate").manifest["splits"]["test_known_person"]["mesh"]
+    np.testing.assert_allclose(unseen["any"]["r2"], r2, atol=1e-5)
+    np.testing.assert_allclose(unseen["any"]["mean_mm"], abs(1 - share) * needed_mm, atol=1e-3)
+    np.testing.assert_allclose(unseen["smpl"]["mean_mm"], needed_mm, rtol=1e-5)
+    # What a person's body needs at rest is the same in training and in the unseen motion.
+    np.testing.assert_allclose(unseen["person_mean"]["r2"], 1.0, atol=1e-5)
+
+
+def test_cells_are_pooled_with_their_spread(evaluated):
+    manifest = evaluated.artifact("evaluate").manifest
+    tests = [one for one in manifest["per_sequence"] if one["split"] == "test"]
+    assert [one["person"] for one in tests] == ["known", "new"]
+    cells = manifest["splits"]
+    for cell, one in zip(("test_known_person", "test_new_person"), tests, strict=True):
+        assert cells[cell]["mesh"]["dsnet_small"]["r2"] == one["errors"]["mesh"]["dsnet_small"]["r2"]
+        assert cells[cell]["mesh"]["dsnet_small"]["r2_se"] is None
+    # Leaving out either of two sequences gives the other's own R2.
+    alone = [one["errors"]["mesh"]["dsnet_small"]["r2"] for one in tests]
+    expected = abs(alone[0] - alone[1]) / 2
+    np.testing.assert_allclose(cells["test"]["mesh"]["dsnet_small"]["r2_se"], expected, rtol=1e-9)
+
+
+def test_what_is_not_compared_has_no_numbers(evaluated):
     evaluate = evaluated.artifact("evaluate")
     result = evaluate.manifest["per_sequence"][-1]
-    assert list(result["errors"]) == ["truth"]
-    assert "autoencoder" not in result["errors"]["truth"]
-    assert np.isnan(evaluate.array("mesh_error_autoencoder")[22:]).all()
-    assert np.isfinite(evaluate.array("mesh_error_smpl")).all()
+    assert list(result["errors"]) == ["mesh"]
+    assert "autoencoder" not in result["errors"]["mesh"]
+    assert frame_errors_m(evaluate, "autoencoder", "99001_kicking") is None
+    assert evaluate.array("mesh_error_autoencoder").shape == (22,)
+    assert evaluate.array("mesh_error_smpl").shape == (34,)
+    for name in evaluate.manifest["arrays"]:
+        assert np.isfinite(evaluate.array(name)).all()
+
+
+def test_predictors_are_decodes_then_what_learns_nothing(evaluated):
+    manifest = evaluated.artifact("evaluate").manifest
+    own = ["dsnet_small", "dsnet_other", "autoencoder", "person_mean", "sequence_mean", "smpl"]
+    assert list(manifest["predictors"]) == own
+    assert manifest["predictors"]["dsnet_other"] == "DSNet, other"
+    assert manifest["default"] == "dsnet_small"
 
 
 def test_alignment_is_judged_by_the_truth(evaluated):
