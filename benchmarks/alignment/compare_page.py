@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.alignment.absorption_figures import (
+    Drawn,
+    draw_absorption,
+    draw_error_bodies,
+    draw_figure10,
+)
 from benchmarks.alignment.contenders import Estimate
 from benchmarks.alignment.known_sequences import KnownSequence
 from benchmarks.alignment.scores import Scores, body_of
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import pose_vertices
 from bridge.motion import unpack_theta
-from bridge.report.absorption_figures import (
-    Drawn,
-    draw_absorption,
-    draw_error_bodies,
-    draw_figure10,
-)
 from torch_align_ae.corpus.dyna_files import FPS
 
 # The paper's example; its subject there is 50025, who is lean in the synthetic corpus.

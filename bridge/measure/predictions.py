@@ -17,12 +17,13 @@ AUTOENCODER, PERSON_MEAN, SEQUENCE_MEAN, SMPL = (
     "sequence_mean",
     "smpl",
 )
-_LABELS = {
+LEARN_NOTHING = {
     AUTOENCODER: "autoencoder alone, given the aligned offsets",
     PERSON_MEAN: "the person's mean offset over training",
     SEQUENCE_MEAN: "the sequence's own best constant (oracle)",
     SMPL: "SMPL alone",
 }
+"""Labels of what stands beside the trained predictors, in the order of the tables."""
 
 
 class Predictions:
@@ -37,7 +38,7 @@ class Predictions:
         trained: dict[str, str] = decode.manifest["predictors"]
         self.default: str = decode.manifest["default"]
         first = {self.default: trained[self.default]}
-        self.labels: dict[str, str] = first | trained | _LABELS
+        self.labels: dict[str, str] = first | trained | LEARN_NOTHING
         self._trained, self._decode = set(trained), decode
         self._aligned = {sequence.name for sequence in sequences_of(align)}
         self._person_m, self._everybody_m = mean_offsets_m(align)

@@ -147,9 +147,7 @@ class Evaluation:
         }
 
 
-def frame_errors_m(
-    evaluate: Artifact, predictor: str, sequence: str
-) -> NDArray[np.float32] | None:
+def frame_errors_m(evaluate: Artifact, predictor: str, sequence: str) -> NDArray[np.float32] | None:
     """(T,) error of the posed mesh in each frame, mean over its vertices; None if not measured."""
     entries = evaluate.manifest["mesh_error_sequences"][predictor]
     place = next((MotionSequence(**one) for one in entries if one["name"] == sequence), None)

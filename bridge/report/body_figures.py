@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.measure.predictions import AUTOENCODER
 from bridge.motion import MotionSequence
 from bridge.report.motion_strip import draw_motion_strip
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
@@ -20,7 +21,7 @@ def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     """Figure 4: original mesh, the autoencoder's reconstruction, distance between the two."""
     frames = _lively_frames(scene, sequence, 2)
     aligned_m = scene.aligned_offsets_m(sequence.name, frames)
-    rebuilt_m = scene.decoded_offsets_m("offsets_autoencoder", sequence.name, frames)
+    rebuilt_m = scene.decoded_offsets_m(AUTOENCODER, sequence.name, frames)
     original, rebuilt = (scene.pose(sequence.name, frames, o) for o in (aligned_m, rebuilt_m))
     error_m = np.linalg.norm(rebuilt - original, axis=-1)
     top_m = scale_top_m(error_m)
@@ -49,7 +50,7 @@ def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
 def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     """Figure 7 (a-d): ground truth, SMPL alone, SMPL with DSNet, and what DSNet contributes."""
     frames = _lively_frames(scene, sequence, 3)
-    predicted_m = scene.decoded_offsets_m("offsets", sequence.name, frames)
+    predicted_m = scene.decoded_offsets_m(scene.default, sequence.name, frames)
     truth = scene.pose(sequence.name, frames, scene.aligned_offsets_m(sequence.name, frames))
     plain = scene.pose(sequence.name, frames, None)
     moved = scene.pose(sequence.name, frames, predicted_m)
@@ -78,7 +79,7 @@ def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
 def draw_test_strip(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     """A motion, and if possible a subject, that no network has seen (compare Figure 9)."""
     frames = np.linspace(0, sequence.length - 1, _STRIP_BODIES).round().astype(int)
-    offsets_m = scene.decoded_offsets_m("offsets", sequence.name, frames)
+    offsets_m = scene.decoded_offsets_m(scene.default, sequence.name, frames)
     # The frames are the strip's own choice already: their times follow from the mean step.
     draw_motion_strip(
         path,

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
+from bridge.measure.predictions import LEARN_NOTHING, PERSON_MEAN, SMPL
+from bridge.measure.stage_evaluate import frame_errors_m
 from bridge.motion import MotionSequence, sequences_of
 from bridge.paper import CLIP_FRAMES
 from bridge.report.panels import new_figure, save_figure
 from bridge.runs import Artifact
 
 # Okabe and Ito's colours, told apart by every reader; line styles do it in print.
-STYLES = {
-    "dsnet": ("DSNet", "#0072B2", "-"),
-    "dsnet_faithful": ("DSNet, faithful reading", "#56B4E9", "-."),
-    "autoencoder": ("autoencoder alone", "#009E73", ":"),
-    "mean_offset": ("mean offset of the sequence", "#E69F00", "--"),
-    "smpl": ("SMPL alone", "#777777", "-"),
-}
+_TRAINED = ("#0072B2", "#56B4E9", "#CC79A7", "#009E73", "#D55E00", "#F0E442")
+_LINES = ("-", "-.", ":")
+_UNTRAINED = {PERSON_MEAN: ("#E69F00", "--"), SMPL: ("#777777", "-")}
 
 
 def draw_figure6(path: Path, align: Artifact) -> None:
@@ -57,16 +56,23 @@ def draw_figure8(path: Path, evaluate: Artifact, sequence: MotionSequence) -> No
     )
     axes = figure.subplots()
     times_s = np.arange(sequence.length) / sequence.fps
-    for name in ("smpl", "mean_offset", "dsnet_faithful", "dsnet"):
-        error_mm = 1e3 * np.asarray(evaluate.array(f"mesh_error_{name}")[sequence.frames])
-        if np.isfinite(error_mm).all():
-            label, colour, line = STYLES[name]
-            label = f"{label}, mean {error_mm.mean():.2f} mm"
-            axes.plot(times_s, error_mm, line, color=colour, label=label, linewidth=1.5)
+    for name, (colour, line) in _styles(evaluate).items():
+        error_m = frame_errors_m(evaluate, name, sequence.name)
+        if error_m is not None:
+            label = f"{evaluate.manifest['predictors'][name]}, mean {1e3 * error_m.mean():.2f} mm"
+            axes.plot(times_s, 1e3 * error_m, line, color=colour, label=label, linewidth=1.5)
     axes.set_ylim(bottom=0.0, top=1.35 * axes.get_ylim()[1])  # room for the legend
     axes.set_xlim(times_s[0], times_s[-1] or 1.0)
     _finish(axes, "time [s]", "mean vertex error [mm]")
     save_figure(figure, path)
+
+
+def _styles(evaluate: Artifact) -> dict[str, tuple[str, str]]:
+    """Colour and line of each predictor that is drawn, the default one last and so on top."""
+    looks = zip(cycle(_TRAINED), cycle(_LINES), strict=False)
+    trained = [name for name in evaluate.manifest["predictors"] if name not in LEARN_NOTHING]
+    own = dict(zip(trained, looks, strict=False))
+    return dict(reversed((own | _UNTRAINED).items()))
 
 
 def draw_autoencoder_loss(path: Path, train_ae: Artifact) -> None:
@@ -87,20 +93,19 @@ def draw_autoencoder_loss(path: Path, train_ae: Artifact) -> None:
 
 
 def draw_dsnet_loss(path: Path, train: Artifact) -> None:
-    """Losses of DSNet in each reading; their units differ, so each has axes of its own."""
-    readings = list(train.manifest["readings"])
+    """Losses of each predictor; their units differ, so each has axes of its own."""
+    predictors = train.manifest["predictors"]
     figure = new_figure(
-        4.4 * len(readings), 3.6, title="Loss of DSNet (Section 4.3)", origin=train.origin
+        4.4 * len(predictors), 3.6, title="Loss of DSNet (Section 4.3)", origin=train.origin
     )
     validated = np.asarray(train.array("validation_epochs"))
-    for axes, reading in zip(
-        figure.subplots(1, len(readings), squeeze=False)[0], readings, strict=True
-    ):
-        loss = np.asarray(train.array(f"loss_{reading}"))
-        validation = np.asarray(train.array(f"validation_loss_{reading}"))
+    panels = figure.subplots(1, len(predictors), squeeze=False)[0]
+    for axes, (name, one) in zip(panels, predictors.items(), strict=True):
+        loss = np.asarray(train.array(f"loss_{name}"))
+        validation = np.asarray(train.array(f"validation_loss_{name}"))
         axes.plot(1 + np.arange(len(loss)), loss, color="#0072B2", label="training", linewidth=1)
         axes.plot(validated, validation, "--", color="#D55E00", label="validation")
-        axes.set_title(f"{reading}, Adam {train.manifest['readings'][reading]['lr']:g}", fontsize=9)
+        axes.set_title(f"{one['label']}, Adam {one['lr']:g}", fontsize=9)
         _logarithmic(axes, np.concatenate([loss, validation]))
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         _finish(axes, "epoch", "loss of a sequence")

@@ -99,7 +99,8 @@ def _npz_rate(corpus: Artifact) -> float | None:
 
 
 def _sizes(stages: Stages) -> dict[str, Measured]:
-    predict, shape = stages["predict"], stages["decode"].array("offsets").shape
+    decode, predict = stages["decode"], stages["predict"]
+    shape = decode.array(f"offsets_{decode.manifest['default']}").shape
     theta, betas = predict.array("theta").shape[1], predict.array("betas").shape[1]
     return {
         "vertices": Measured(shape[1]),
@@ -119,10 +120,14 @@ def _sizes(stages: Stages) -> dict[str, Measured]:
 def _alignment(stages: Stages) -> dict[str, Measured]:
     config = stages["align"].manifest["config"]
     error = stages["evaluate"].manifest["alignment"]["frame_error_mm"]["mean"]
+    other = f"aligned by `{config['aligner']}`, which has no such setting"
     return {
-        "align_lr": Measured(config["lr"], "set by the run"),
-        "align_momentum": Measured(config["momentum"], "set by the run"),
-        "align_steps": Measured(config["steps"]),
+        **{
+            f"align_{key}": Measured(config[key], "set by the run")
+            if config["aligner"] == "sgd"
+            else Measured(None, other)
+            for key in ("lr", "momentum", "steps")
+        },
         "align_error_mm": Measured(round(error, 3)),
     }
 
@@ -173,9 +178,12 @@ def _casas_otaduy_widths(parameters: int) -> Measured:
 
 def _dsnet(stages: Stages) -> dict[str, Measured]:
     manifest = stages["train"].manifest
-    config, reading = manifest["config"], stages["predict"].manifest["reading"]
-    weights = load_weights(stages["train"].file(f"{reading}.safetensors"))
-    epoch_s = manifest["provenance"].get(f"epoch_s_{reading}")
+    config, name = manifest["config"], stages["predict"].manifest["default"]
+    predictor = manifest["predictors"][name]
+    weights = load_weights(stages["train"].file(f"{name}.safetensors"))
+    epoch_s = manifest["provenance"].get(f"epoch_s_{name}")
+    # Read from the file, so that no predictor is known here by its name.
+    scaled = any(key.startswith("scaling/") for key in weights)
     inputs, latent = weights["fc_enc_1/kernel"].shape[0], weights["fc_enc_3/kernel"].shape[1]
     block = (config["batch_size"], config["frames"])
     return {
@@ -191,12 +199,13 @@ def _dsnet(stages: Stages) -> dict[str, Measured]:
         ),
         "output_block": Measured((*block, latent), "set by the run"),
         "dsnet_lr": Measured(
-            manifest["readings"][reading]["lr"], f"the `{reading}` reading; `faithful` is beside it"
+            predictor["lr"],
+            f"of `{name}`; {'; '.join(predictor['departures']) or 'set by the run'}",
         ),
         "epoch_s": Measured(epoch_s, "another machine: " + manifest["provenance"]["machine"]),
         "dsnet_epochs": Measured(config["epochs"]),
         "latent_scale": Measured(
-            "one standard deviation" if reading == "standardised" else "as the autoencoder gives"
+            "one standard deviation" if scaled else "as the autoencoder gives"
         ),
     }
 
@@ -206,14 +215,15 @@ def _results(stages: Stages) -> dict[str, Measured]:
     if evaluated is None:
         nothing = Measured(None, "no validation sequence in this run")
         return {"figure8_error": nothing, "dsnet_r2": nothing}
-    error = evaluated["mesh_frame_error_mm"]["dsnet"]
+    name = stages["evaluate"].manifest["default"]
+    error = evaluated["mesh_frame_error_mm"][name]
     metres = " to ".join(f"{error[key] / 1e3:.2g}" for key in ("min", "max"))
     centimetres = " to ".join(f"{error[key] / 10:.2g}" for key in ("min", "max"))
     return {
         "figure8_error": Measured(
             f"{metres} m, {centimetres} cm", "the unit is not stated, and the data are others"
         ),
-        "dsnet_r2": Measured(round(evaluated["errors"]["aligned"]["dsnet"]["r2"], 4)),
+        "dsnet_r2": Measured(round(evaluated["errors"]["mesh"][name]["r2"], 4)),
     }
 
 

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.report.denoise import denoise
-
 CLAY_SRGB = (0.86, 0.79, 0.73)
 _SKY, _KEY, _KEY_WIDTH_RAD = 0.4, 5.0, 0.3
 _FLOOR_ALBEDO = 0.9
@@ -115,13 +113,9 @@ def render_bodies(
         scene[f"body_{index}"] = _mesh(mi, np.asarray(body), np.asarray(faces), colour)
     loaded = mi.load_dict(scene)
     pixels = np.array(mi.render(loaded, spp=samples, seed=seed), dtype=np.float64)
-    # Layers cost thrice what light does; one path a pixel guides the denoiser well enough.
-    layers = {"type": "aov", "aovs": "normal:sh_normal,depth:depth"}
-    guide = np.array(mi.render(loaded, spp=1, seed=seed, integrator=mi.load_dict(layers)))
     # Where no surface was hit there is white paper, like the unshaded floor.
     picture = linear_to_srgb(pixels[..., :3] + (1.0 - pixels[..., 3:4]))
-    smooth = denoise(picture, normals=guide[..., -4:-1], depth_m=guide[..., -1])
-    return np.round(255 * smooth).astype(np.uint8)
+    return np.round(255 * picture).astype(np.uint8)
 
 
 def srgb_to_linear(colour: ArrayLike) -> NDArray[np.float64]:

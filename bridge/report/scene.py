@@ -33,6 +33,11 @@ class Scene:
         """`synthetic` or `licensed`."""
         return self.stages["align"].origin
 
+    @property
+    def default(self) -> str:
+        """Name of the predictor that is drawn."""
+        return self.stages["decode"].manifest["default"]
+
     def validation(self) -> MotionSequence | None:
         """The paper's validation sequence as `decode` numbers its frames, or the run's first."""
         result = validation_result(self.stages["evaluate"])
@@ -49,10 +54,11 @@ class Scene:
         return align.array("offsets")[place.start + frames]
 
     def decoded_offsets_m(
-        self, array: str, name: str, frames: NDArray[np.int64]
+        self, predictor: str, name: str, frames: NDArray[np.int64]
     ) -> NDArray[np.float32]:
-        """(N, V, 3) offsets of one of `decode`'s arrays."""
-        return self.stages["decode"].array(array)[self.decoded()[name].start + frames]
+        """(N, V, 3) offsets that a predictor, or the autoencoder, gives for a sequence."""
+        offsets_m = self.stages["decode"].array(f"offsets_{predictor}")
+        return offsets_m[self.decoded()[name].start + frames]
 
     def pose(
         self, name: str, frames: NDArray[np.int64], offsets_m: NDArray | None

@@ -23,8 +23,7 @@ from bridge.report.page import render_html, render_markdown
 from bridge.report.panels import FOOTERS
 from bridge.report.parity_figure import draw_parity
 from bridge.report.scene import Scene
-from bridge.report.summary import PREDICTOR_NAMES, departures, summarise
-from bridge.report.verification import read_parity
+from bridge.report.summary import departures, read_parity, summarise
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.artifact import MANIFEST
 from bridge.runs.run import body_model_path
@@ -42,8 +41,6 @@ class ReportConfig:
 
     run: str = "demo"
     """Run to report on."""
-    seed: int = 0
-    """Recorded; the renderer's noise has a seed of its own."""
     samples: int = 16
     """Light paths a pixel of the rendered bodies."""
     panel_px: int = 300
@@ -103,7 +100,6 @@ def _make(writer: ArtifactWriter, scene: Scene, run_name: str) -> None:
             "results": results,
             "figures": plans,
             "departures": departures(scene.stages),
-            "predictors": PREDICTOR_NAMES,
             "notice": FOOTERS[scene.origin],
         }
     )
@@ -140,7 +136,7 @@ def plan_figures(scene: Scene) -> list[FigurePlan]:
         ),
         FigurePlan(
             "loss_dsnet",
-            "Loss of DSNet in each reading. The latents' scales differ, so the values do too.",
+            "Loss of each predictor. The latents' scales differ, so the values do too.",
             partial(draw_dsnet_loss, train=stages["train"]),
         ),
         *_verification_figures(scene),
@@ -169,7 +165,8 @@ def _validation_figures(scene: Scene, sequence: MotionSequence) -> list[FigurePl
         ),
         FigurePlan(
             "figure8_error",
-            "Figure 8. Mean distance of the posed mesh's vertices from the original in each frame.",
+            "Figure 8. Mean distance of the posed mesh's vertices from the registered mesh in each "
+            "frame.",
             partial(draw_figure8, evaluate=scene.stages["evaluate"], sequence=sequence),
         ),
         FigurePlan(

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import asdict
 from typing import Any
 
 from bridge.report.measured import Stages, measure, parameter_counts, validation_result
 from bridge.report.paper_table import compare
-from bridge.report.verification import verification
+from bridge.runs import Artifact
 
-PREDICTOR_NAMES = {
-    "dsnet": "DSNet",
-    "dsnet_faithful": "DSNet, faithful reading",
-    "autoencoder": "autoencoder alone (upper bound)",
-    "mean_offset": "mean offset of the sequence",
-    "smpl": "SMPL alone",
-}
+_FORWARD = ("layers", "loss", "losses")
+_PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}
 
 
 def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
@@ -28,6 +24,7 @@ def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
     train_ae, train = stages["train-ae"].manifest, stages["train"].manifest
     summary = {
         "run": run_name,
+        "predictors": evaluate["predictors"],
         "data": stages["align"].origin,
         "parameters": parameter_counts(stages),
         "validation": validation_result(stages["evaluate"]),
@@ -35,13 +32,14 @@ def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
         "sequences": evaluate["per_sequence"],
         "alignment": evaluate["alignment"],
         "autoencoder": {
-            "training": train_ae["autoencoder"],
+            "training": train_ae["autoencoder"]
+            | {"error_fall": _error_fall(train_ae["autoencoder"])},
             "pca": train_ae["pca"],
             "comparisons": train_ae.get("comparisons", []),
         },
         "dsnet": {
-            "reading": stages["predict"].manifest["reading"],
-            "readings": train["readings"],
+            "default": evaluate["default"],
+            "predictors": train["predictors"],
             "epochs": train["config"]["epochs"],
             "parameters_trainable": train["parameters"].get("dsnet_trainable"),
         },
@@ -55,14 +53,58 @@ def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
 def departures(stages: Stages) -> list[str]:
     """Where the run leaves the paper's words, in its stages' own."""
     found = [f"autoencoder: {text}" for text in _trained(stages).get("departures", ())]
-    reading = stages["predict"].manifest["reading"]
-    chosen = stages["train"].manifest["readings"][reading]
-    if chosen["departs_from_paper"]:
-        found.append(
-            f"DSNet, reading `{reading}`: inputs and latents are standardised over the training "
-            f"frames, and Adam's rate is {chosen['lr']:g}; the `faithful` reading stands beside it"
-        )
+    for name, one in stages["train"].manifest["predictors"].items():
+        found += [f"`{name}`: {text}" for text in one["departures"]]
     return found
+
+
+def _error_fall(trained: dict[str, Any]) -> float:
+    """Share of the initial squared error on validation frames that training took away."""
+    return 1.0 - (1.0 - trained["r2_validation"]) / (1.0 - trained["r2_initial"])
+
+
+def read_parity(verify: Artifact) -> dict[str, Any]:
+    """The contents of `parity.json`."""
+    return json.loads(verify.file("parity.json").read_text(encoding="utf-8"))
+
+
+def verification(stages: Stages) -> dict[str, Any] | None:
+    """Rows, those that hold, and the largest differences of each engine and precision."""
+    if "verify" not in stages:
+        return None
+    parity = read_parity(stages["verify"])
+    rows = parity["rows"]
+    columns = dict.fromkeys((row["engine"], row["dtype"]) for row in rows)
+    differentiated = {row["engine"] for row in rows if row["part"] not in (*_FORWARD, "files")}
+    return {
+        "forward_only": [engine for engine in parity["engines"] if engine not in differentiated],
+        "rows": len(rows),
+        "held": sum(row["passed"] for row in rows),
+        "diagnosis": list(parity["diagnosis"]),
+        "engines": [
+            {
+                "engine": engine,
+                "version": parity["engines"][engine].get(_PACKAGES[engine], ""),
+                "precision": dtype,
+                "forward": _largest(rows, engine, dtype, forward=True),
+                "backward": _largest(rows, engine, dtype, forward=False),
+            }
+            for engine, dtype in columns
+        ],
+    }
+
+
+def _largest(rows: list[dict[str, Any]], engine: str, dtype: str, *, forward: bool) -> float | None:
+    """The largest relative difference of one engine's rows, None without a number."""
+    found = [
+        row["max_rel"]
+        for row in rows
+        if (row["engine"], row["dtype"]) == (engine, dtype)
+        and row["max_rel"] is not None
+        and row["part"] != "files"
+        and (row["part"] in _FORWARD) == forward
+    ]
+    return max(found, default=None)
 
 
 _OF_EVERY_STAGE = {

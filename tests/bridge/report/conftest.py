@@ -153,6 +153,7 @@ def _forge_train_ae(root: Path) -> None:
             "split": "frame",
             "train_frames": 15,
             "validation_frames": 7,
+            "best_epoch": 4,
             "r2_initial": 0.5,
             "r2_validation": 0.9,
         },

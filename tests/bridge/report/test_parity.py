@@ -14,7 +14,7 @@ from bridge.report import stage_report
 from bridge.report.parity_figure import digits_to_spare, draw_parity
 from bridge.report.scene import Scene
 from bridge.report.stage_report import plan_figures
-from bridge.report.verification import verification
+from bridge.report.summary import verification
 from bridge.runs import Artifact, ArtifactWriter
 
 
@@ -70,6 +70,7 @@ def test_the_largest_differences_of_each_engine(verify):
     found = verification({"verify": verify})
     assert found is not None
     assert (found["rows"], found["held"]) == (5, 3)
+    assert found["forward_only"] == ["keras"]
     torch, keras = found["engines"]
     assert (torch["version"], torch["forward"], torch["backward"]) == ("2.0", 1e-15, 1e-13)
     assert (keras["precision"], keras["forward"], keras["backward"]) == ("float32", 0.2, None)

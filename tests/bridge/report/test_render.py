@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from bridge.report.denoise import denoise
 from bridge.report.motion_strip import draw_motion_strip
 from bridge.report.panels import magnitude_colours, scale_top_m
 from bridge.report.render import frame_camera, linear_to_srgb, render_bodies, srgb_to_linear
@@ -67,20 +66,6 @@ def test_camera_sees_every_body(seed, azimuth, elevation):
 @given(value=st.floats(0, 1))
 def test_srgb_round_trip(value):
     np.testing.assert_allclose(linear_to_srgb(srgb_to_linear(value)), value, atol=1e-4)
-
-
-def test_denoiser_smooths_flats_and_keeps_edges():
-    rng = np.random.default_rng(0)
-    clean = np.zeros((40, 40, 3))
-    clean[:, 20:] = 0.8
-    noisy = clean + rng.normal(scale=0.03, size=clean.shape)
-    normals, depth = np.zeros((40, 40, 3)), np.zeros((40, 40))
-    smooth = denoise(noisy, normals, depth)
-    assert np.abs(smooth - clean).std() < 0.4 * 0.03
-    # Equal colours on surfaces of different depth must not mix either.
-    depth[:, 20:] = 5.0
-    ramp = np.where(np.arange(40) < 20, 0.5, 0.55)[None, :, None] * np.ones((40, 40, 3))
-    np.testing.assert_allclose(denoise(ramp, normals, depth), ramp, atol=1e-3)
 
 
 def test_colours_grow_darker_with_magnitude():

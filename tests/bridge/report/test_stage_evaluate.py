@@ -154,7 +154,9 @@ def test_cells_are_pooled_with_their_spread(evaluated):
     assert [one["person"] for one in tests] == ["known", "new"]
     cells = manifest["splits"]
     for cell, one in zip(("test_known_person", "test_new_person"), tests, strict=True):
-        assert cells[cell]["mesh"]["dsnet_small"]["r2"] == one["errors"]["mesh"]["dsnet_small"]["r2"]
+        assert (
+            cells[cell]["mesh"]["dsnet_small"]["r2"] == one["errors"]["mesh"]["dsnet_small"]["r2"]
+        )
         assert cells[cell]["mesh"]["dsnet_small"]["r2_se"] is None
     # Leaving out either of two sequences gives the other's own R2.
     alone = [one["errors"]["mesh"]["dsnet_small"]["r2"] for one in tests]

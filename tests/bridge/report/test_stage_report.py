@@ -13,7 +13,9 @@ from bridge import DsnetError
 from bridge.measure import stage_evaluate
 from bridge.report import stage_report
 from bridge.report.measured import measure
+from bridge.report.page import render_markdown
 from bridge.report.panels import FOOTERS, new_figure
+from bridge.report.paper_table import compare
 from bridge.runs import read_artifact
 
 TINY = stage_report.ReportConfig(run="forged", samples=1, panel_px=48)
@@ -68,7 +70,8 @@ def test_results_hold_the_numbers(folder):
         "casas_otaduy": 284_678_770,
     }
     assert results["validation"]["name"] == "50004_one_leg_jump"
-    assert 0.5 < results["validation"]["errors"]["aligned"]["dsnet"]["r2"] < 1.0
+    assert 0.5 < results["validation"]["errors"]["mesh"]["dsnet_small"]["r2"] < 1.0
+    assert results["dsnet"]["default"] == "dsnet_small"
     assert results["stages"]["train"]["seed"] == 0
     assert "numpy" in results["stages"]["train"]["versions"]
     verdicts = {row["quantity"]: row["verdict"] for row in results["paper"]}
@@ -83,7 +86,7 @@ def test_sequences_are_counted_among_their_own_gender(folder):
     for gender, counted in [("female", "women"), ("male", "men"), ("neutral", "nobody")]:
         ours = measure(stages, gender)
         for people in ("women", "men"):
-            expected = (3, 1) if people == counted else (None, None)
+            expected = (3, 2) if people == counted else (None, None)
             keys = f"sequences_{people}", f"mosh_sequences_{people}"
             assert tuple(ours[key].value for key in keys) == expected
 
@@ -95,8 +98,49 @@ def test_tables_are_the_results(folder):
         assert (
             f"| {row['quantity']} | {row['paper']} | {row['ours']} | {row['verdict']} |" in markdown
         )
-    r2 = results["splits"]["validation"]["aligned"]["dsnet"]["r2"]
-    assert f"| DSNet | {r2:.3f} |" in markdown
+    r2 = results["splits"]["validation"]["mesh"]["dsnet_small"]["r2"]
+    assert f"| DSNet, small | {r2:.3f} |" in markdown
+
+
+def test_a_run_without_sgd_has_none_of_its_settings(folder):
+    stages = {path.name: read_artifact(path) for path in folder.parent.iterdir() if path != folder}
+    rows = {row.quantity: row for row in compare(measure(stages, "female"))}
+    assert rows["learning rate of the alignment's SGD"].verdict == "same"
+    stages["align"].manifest["config"]["aligner"] = "robust"
+    rows = {row.quantity: row for row in compare(measure(stages, "female"))}
+    for quantity in ("learning rate of the alignment's SGD", "momentum of the alignment's SGD"):
+        assert rows[quantity].ours == "-"
+        assert rows[quantity].verdict.startswith("differs: aligned by `robust`")
+    assert rows["SGD steps for a frame"].ours == "-"
+
+
+def test_absorbed_and_invented_add_up_to_what_is_missing(folder):
+    alignment = json.loads((folder / "results.json").read_text())["alignment"]
+    markdown = (folder / "report.md").read_text()
+    said = re.search(r"([\d.]+) absorbed and ([\d.]+) invented\.", markdown)
+    assert said is not None
+    missing = 1 - alignment["offsets"]["r2"]
+    assert float(said[1]) + float(said[2]) == pytest.approx(missing, abs=0.011)
+
+
+def page_of(folder, edit):
+    """`report.md` as it would be with other results."""
+    results = json.loads((folder / "results.json").read_text())
+    edit(results)
+    return render_markdown({"results": results, "figures": [], "departures": [], "notice": ""})
+
+
+def test_an_autoencoder_that_learned_nothing_is_called_so(folder):
+    assert "Training took 80.0 % of the initial error" in (folder / "report.md").read_text()
+    page = page_of(folder, lambda r: r["autoencoder"]["training"].update(best_epoch=0))
+    assert "**the code is the initial linear one**" in page
+    assert "Training took" not in page
+
+
+def test_engines_without_gradients_are_named(folder):
+    found = {"rows": 2, "held": 2, "diagnosis": [], "engines": [], "forward_only": ["onnx"]}
+    page = page_of(folder, lambda results: results.update(verification=found))
+    assert "(onnx: forward only)" in page
 
 
 def test_the_worst_body_parts_are_listed_first(folder):
@@ -118,7 +162,8 @@ def test_a_licensed_run_has_a_report_without_truth(forged_runs, tmp_path, monkey
     stage_report.main(stage_report.ReportConfig(run="bare"))
     page = (runs / "bare" / "report" / "report.md").read_text()
     assert "distance of SMPL from the mesh" in page
-    assert "the truth" not in page
+    assert "true mesh" not in page
+    assert "true offsets" not in page
     assert "body part" not in page
 
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from bridge.body import load_body_model
-from bridge.measure.absorption import Absorption
-from bridge.report import absorption_figures
-from bridge.report.absorption_figures import (
+from benchmarks.alignment import absorption_figures
+from benchmarks.alignment.absorption_figures import (
     Drawn,
     draw_absorption,
     draw_error_bodies,
     draw_figure10,
 )
+from bridge.body import load_body_model
+from bridge.measure.absorption import Absorption
 
 ONE, OTHER = Drawn("one", "#D55E00"), Drawn("other", "#0072B2", "--")
 

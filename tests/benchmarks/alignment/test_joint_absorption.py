@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.alignment.joint_absorption import CARRIERS, JointLoads, pose_error
 from bridge.body import load_body_model, pose_vertices
 from bridge.body.posing import rest_vertices, unpose_vertices
-from bridge.measure.joint_absorption import CARRIERS, JointLoads, pose_error
 from bridge.motion import pack_theta, unpack_theta
 
 FRAMES = 3
