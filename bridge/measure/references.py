@@ -56,7 +56,9 @@ class MotionArrays:
 class Carry(Protocol):
     """Brings offsets (B or 1, V, 3) of the rest pose to where they are compared, (B, V, 3)."""
 
-    def __call__(self, offsets_m: NDArray) -> NDArray[np.float64]: ...
+    def __call__(self, offsets_m: NDArray, /) -> NDArray[np.float64]:
+        """Carry them."""
+        ...
 
 
 @dataclass(frozen=True)

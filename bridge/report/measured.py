@@ -184,6 +184,7 @@ def _dsnet(stages: Stages) -> dict[str, Measured]:
     epoch_s = manifest["provenance"].get(f"epoch_s_{name}")
     # Read from the file, so that no predictor is known here by its name.
     scaled = any(key.startswith("scaling/") for key in weights)
+    departs = "; ".join(predictor["departures"]) or "set by the run"
     inputs, latent = weights["fc_enc_1/kernel"].shape[0], weights["fc_enc_3/kernel"].shape[1]
     block = (config["batch_size"], config["frames"])
     return {
@@ -198,10 +199,7 @@ def _dsnet(stages: Stages) -> dict[str, Measured]:
             (*block, inputs), "beta enters at each step too, as the same section says: 79 wide"
         ),
         "output_block": Measured((*block, latent), "set by the run"),
-        "dsnet_lr": Measured(
-            predictor["lr"],
-            f"of `{name}`; {'; '.join(predictor['departures']) or 'set by the run'}",
-        ),
+        "dsnet_lr": Measured(predictor["lr"], f"`{name}`: {departs}"),
         "epoch_s": Measured(epoch_s, "another machine: " + manifest["provenance"]["machine"]),
         "dsnet_epochs": Measured(config["epochs"]),
         "latent_scale": Measured(

@@ -32,8 +32,7 @@ def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
         "sequences": evaluate["per_sequence"],
         "alignment": evaluate["alignment"],
         "autoencoder": {
-            "training": train_ae["autoencoder"]
-            | {"error_fall": _error_fall(train_ae["autoencoder"])},
+            "training": _trained(stages) | {"error_fall": _error_fall(_trained(stages))},
             "pca": train_ae["pca"],
             "comparisons": train_ae.get("comparisons", []),
         },
@@ -75,7 +74,7 @@ def verification(stages: Stages) -> dict[str, Any] | None:
     parity = read_parity(stages["verify"])
     rows = parity["rows"]
     columns = dict.fromkeys((row["engine"], row["dtype"]) for row in rows)
-    differentiated = {row["engine"] for row in rows if row["part"] not in (*_FORWARD, "files")}
+    differentiated = {row["engine"] for row in rows if row["part"] == "gradients"}
     return {
         "forward_only": [engine for engine in parity["engines"] if engine not in differentiated],
         "rows": len(rows),

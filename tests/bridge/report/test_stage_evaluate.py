@@ -104,8 +104,10 @@ def forge_resting_person(root, prediction_share):
     shapes_m = [shaped_vertices(body, betas)[0] for betas in (true_betas, fitted_betas)]
     needed_m = tissue_m + shapes_m[0] - shapes_m[1]
     predictors = {"predictors": {"any": "Any"}, "default": "any"}
-    common = {"units": dict.fromkeys(("theta", "betas", "offsets", "frame_error"), "1")}
-    common["units"] |= {f"offsets_{name}": "m" for name in ("any", "autoencoder")}
+    decoded = ("offsets_any", "offsets_autoencoder")
+    units: dict[str, str] = dict.fromkeys(
+        ("theta", "betas", "offsets", "frame_error", *decoded), "1"
+    )
     stages = {
         "truth": {"theta": theta, "betas": true_betas, "offsets": tissue_m},
         "align": {
@@ -124,7 +126,7 @@ def forge_resting_person(root, prediction_share):
         sequences = both[:1] if stage == "align" else both
         write_artifact(
             root / stage, stage, arrays, data="synthetic", sequences=sequences, config={},
-            **common, **(predictors if stage == "decode" else {}),
+            units=units, **(predictors if stage == "decode" else {}),
         )  # fmt: skip
     corpus = root / "corpus"
     corpus.mkdir()
@@ -154,10 +156,9 @@ def test_cells_are_pooled_with_their_spread(evaluated):
     assert [one["person"] for one in tests] == ["known", "new"]
     cells = manifest["splits"]
     for cell, one in zip(("test_known_person", "test_new_person"), tests, strict=True):
-        assert (
-            cells[cell]["mesh"]["dsnet_small"]["r2"] == one["errors"]["mesh"]["dsnet_small"]["r2"]
-        )
-        assert cells[cell]["mesh"]["dsnet_small"]["r2_se"] is None
+        pooled = cells[cell]["mesh"]["dsnet_small"]
+        assert pooled["r2"] == one["errors"]["mesh"]["dsnet_small"]["r2"]
+        assert pooled["r2_se"] is None
     # Leaving out either of two sequences gives the other's own R2.
     alone = [one["errors"]["mesh"]["dsnet_small"]["r2"] for one in tests]
     expected = abs(alone[0] - alone[1]) / 2
