@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bridge.body import load_body_model
 from bridge.exchange.dsnet_presets import PresetName, TrainedDsnet, load_trained_dsnet
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
-from bridge.motion.amass_folder import find_amass_motions, subject_and_motion
+from bridge.motion.amass_folder import find_amass_motions, subject_and_motion, subject_of_shape
 from bridge.motion.clips import join_inputs
 from bridge.motion.resampling import Motion, load_amass_motion
 from bridge.runs import Artifact, ArtifactWriter, Run
@@ -126,11 +126,14 @@ def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
     sequences = sequences_of(encoded)
     theta = [np.array(encoded.array("theta"))]
     shapes = {s: np.array(encoded.array("betas")[r]) for s, r in subject_rows(sequences).items()}
-    body = None
+    fitted, body = set(shapes), None
     for path in files:
         body = body or load_body_model(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
         motion = load_amass_motion(path)
+        # Those whom the run was aligned with keep the shape that was fitted.
+        if subject not in fitted:
+            subject = subject_of_shape(subject, motion.betas, shapes)
         shape = shapes.setdefault(subject, motion.betas)
         motion = motion.about_root_joint(
             (body.J_regressor @ (body.v_template + body.shapedirs @ shape))[0]

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from itertools import count
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.motion.amass_file import gender_of_motion
@@ -47,6 +51,16 @@ def find_amass_motions(folder: Path, gender: str, known: Iterable[str] = ()) -> 
     if left_out:
         notify(f"{folder}: {len(motions)} motions; left out: {counts}")
     return motions
+
+
+def subject_of_shape(name: str, betas: NDArray, shapes: Mapping[str, NDArray]) -> str:
+    """Who among `shapes` (10,) is called `name` and has the shape `betas` (10,), or a new name.
+
+    In a folder without subfolders everybody has the folder's name; what a file says of its person
+    is the shape. The second person is called `name-2`, and so on.
+    """
+    names = (name if number == 1 else f"{name}-{number}" for number in count(1))
+    return next(one for one in names if one not in shapes or np.array_equal(shapes[one], betas))
 
 
 def subject_and_motion(path: Path) -> tuple[str, str]:

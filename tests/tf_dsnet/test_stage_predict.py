@@ -70,6 +70,23 @@ def test_stage_predicts_every_frame_of_both_readings(trained, encoded_run):
         np.testing.assert_allclose(made.array(name)[last.frames], expected, rtol=1e-5, atol=2e-5)
 
 
+def test_people_in_a_flat_amass_folder_keep_their_own_shapes(
+    trained, encoded_run, tmp_path, monkeypatch
+):
+    """None of the files is in a folder of its subject, so all are called alike."""
+    folder = tmp_path / "flat"
+    for number, name in enumerate(("jump", "run", "walk")):
+        save(folder / f"{name}_poses.npz", smplh(), betas=np.full(16, float(number // 2 + 1)))
+    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    stage_predict.main(PredictStageConfig("tiny", amass=folder))
+    made = read_artifact(encoded_run / "predict")
+    sequences, rows = sequences_of(made), subject_rows(sequences_of(made))
+    people = [sequence.subject for sequence in sequences[-3:]]
+    assert people == ["flat", "flat", "flat-2"]
+    shapes = [made.array("betas")[rows[person]] for person in people]
+    np.testing.assert_array_equal(shapes, np.repeat([[1.0], [1.0], [2.0]], 10, axis=1))
+
+
 def test_unseen_motions_follow_with_fitted_or_stored_shapes(trained, encoded_run, monkeypatch):
     forge_mosh(encoded_run, ("50004_kicking", "99001_side_to_side_hopping"))
     monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")

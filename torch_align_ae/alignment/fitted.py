@@ -5,13 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, pack_theta
 from bridge.paper import THETA_SIZE
 from bridge.runs import ArtifactWriter
 from torch_align_ae.body import SMPL, rest_pose_offsets
+
+# A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
+_WORST_MEAN_M = 0.2
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,26 @@ def measure(
     return Fitted(index, start, pose, trans, offsets, distances.mean(1))
 
 
+def check_distances(name: str, start: int, distances_m: Tensor) -> None:
+    """Check the mean distances (n,) of consecutive frames of a sequence from the fitted body.
+
+    Raises
+    ------
+    DsnetError
+        If a frame is further away than any soft tissue explains.
+    """
+    fits = distances_m < _WORST_MEAN_M
+    if not fits.all():
+        # What is not a number counts as the worst.
+        worst = int(distances_m.nan_to_num(torch.inf, torch.inf).argmax())
+        raise DsnetError(
+            f"{name}, whose frame {start + worst} stays {100 * distances_m[worst]:.0f} cm from"
+            " SMPL",
+            "meshes with SMPL's vertex order",
+            "Register the meshes to SMPL's template, leave this sequence out, or take more steps.",
+        )
+
+
 class AlignedArrays:
     """`theta`, `offsets` and `frame_error` of the artifact, memory-mapped.
 
@@ -69,8 +94,16 @@ class AlignedArrays:
         self._frame_error = writer.open_array("frame_error", (frames,), np.float32, "m")
 
     def write(self, fitted: Fitted) -> NDArray[np.float32]:
-        """Store the rows of some frames; returns the last one's theta (69,)."""
-        begin = self._sequences[fitted.track].start + fitted.start
+        """Store the rows of some frames; returns the last one's theta (69,).
+
+        Raises
+        ------
+        DsnetError
+            If the fit of a frame is none.
+        """
+        sequence = self._sequences[fitted.track]
+        check_distances(sequence.name, fitted.start, fitted.frame_error)
+        begin = sequence.start + fitted.start
         rows = slice(begin, begin + len(fitted.pose))
         self._theta[rows] = pack_theta(fitted.pose.numpy(), fitted.trans.numpy())
         self._offsets[rows] = fitted.offsets.numpy()

@@ -16,15 +16,16 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.body.model_data import VERTEX_COUNT
 from bridge.errors import DsnetError
+from bridge.paper import N_VERTICES
 from torch_align_ae.corpus.dyna_layout import (
     FACES_KEY,
     FPS,
     LAYOUT,
     REMEDY,
     DynaEntry,
-    check_bounding_box,
+    check_frames,
+    check_upright,
     entry_of,
     is_sequence,
 )
@@ -73,7 +74,7 @@ class DynaReader:
         Raises
         ------
         DsnetError
-            If there is no such sequence, or its values cannot be read or are not finite.
+            If there is no such sequence, or its values cannot be read or are not a person's.
         """
         if name not in self._datasets:
             raise DsnetError(
@@ -82,14 +83,10 @@ class DynaReader:
         dataset = self._datasets[name]
         with _damage_named(Path(dataset.file.filename)):
             stored = dataset[:, :, start:stop]
-        frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
-        if not np.isfinite(frames).all():
-            bad = start + int(np.argmin(np.isfinite(frames).all((1, 2))))
-            raise DsnetError(
-                f"{dataset.file.filename}: {name} has NaN or infinite vertices in frame {bad}",
-                "finite vertices",
-                "Repair or leave out that sequence.",
-            )
+        # What float32 cannot hold becomes infinite, and is refused as such.
+        with np.errstate(over="ignore"):
+            frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
+        check_frames(Path(dataset.file.filename), name, start, frames)
         return frames
 
     def __iter__(self) -> Iterator[tuple[DynaEntry, NDArray[np.float32]]]:
@@ -133,7 +130,7 @@ class DynaReader:
             )
         self._datasets[entry.name] = dataset
         self.entries.append(entry)
-        check_bounding_box(entry.path, entry.name, self.frames(entry.name, 0, 1)[0])
+        check_upright(entry.path, entry.name, self.frames(entry.name, 0, 1)[0])
 
 
 class DynaWriter:
@@ -145,16 +142,16 @@ class DynaWriter:
     def add(self, name: str, frames: ArrayLike) -> None:
         """Store (T, 6890, 3) vertices in metres under `<subject>_<motion>`."""
         vertices = np.asarray(frames, dtype=np.float32)
-        if vertices.ndim != 3 or vertices.shape[1:] != (VERTEX_COUNT, 3) or not len(vertices):
+        if vertices.ndim != 3 or vertices.shape[1:] != (N_VERTICES, 3) or not len(vertices):
             raise DsnetError(
                 f"sequence {name} of shape {vertices.shape}",
-                f"(T, {VERTEX_COUNT}, 3) with at least one frame",
+                f"(T, {N_VERTICES}, 3) with at least one frame",
                 "Pass frames first.",
             )
-        chunks = (VERTEX_COUNT, 3, min(FRAMES_PER_CHUNK, len(vertices)))
+        chunks = (N_VERTICES, 3, min(FRAMES_PER_CHUNK, len(vertices)))
         # Chunk by chunk, so that the transposed copy stays small.
         dataset = self._file.create_dataset(
-            name, (VERTEX_COUNT, 3, len(vertices)), np.float32, chunks=chunks
+            name, (N_VERTICES, 3, len(vertices)), np.float32, chunks=chunks
         )
         for start in range(0, len(vertices), FRAMES_PER_CHUNK):
             window = slice(start, start + FRAMES_PER_CHUNK)

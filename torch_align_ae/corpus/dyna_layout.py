@@ -6,6 +6,7 @@ Dyna's `dyna_{female,male}.h5` and D-FAUST's `registrations_{f,m}.hdf5` have one
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +14,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body.model_data import VERTEX_COUNT
 from bridge.errors import DsnetError
+from bridge.paper import N_VERTICES
 
 FPS = 60.0
 FACES_KEY = "faces"
@@ -46,8 +47,18 @@ class DynaEntry:
 
 
 def is_sequence(name: str, item: object) -> bool:
-    """Whether an item of a file is a sequence: keys are found, not assumed."""
-    return name != FACES_KEY and isinstance(item, h5py.Dataset) and item.ndim == 3
+    """Whether an item of a file means to be a sequence: keys are found, not assumed.
+
+    That is each data set named after a subject or of three dimensions or more; `entry_of` refuses
+    those that are none, which would be missed by nobody if they were left out here.
+    """
+    subject, _, motion = name.partition("_")
+    named_after_subject = subject.isdecimal() and bool(motion)
+    return (
+        name != FACES_KEY
+        and isinstance(item, h5py.Dataset)
+        and (named_after_subject or item.ndim >= 3)
+    )
 
 
 def entry_of(path: Path, name: str, dataset: h5py.Dataset) -> DynaEntry:
@@ -56,45 +67,88 @@ def entry_of(path: Path, name: str, dataset: h5py.Dataset) -> DynaEntry:
     Raises
     ------
     DsnetError
-        If its name, shape or type is not Dyna's, or it has no frames.
+        If its name, shape or type is not Dyna's, or the file does not hold its frames.
     """
     subject, _, motion = name.partition("_")
     if not (subject and motion):
         raise DsnetError(f"{path}: sequence {name!r}", "a name <subject>_<motion>", REMEDY)
-    vertex_count, axes, length = dataset.shape
-    if (vertex_count, axes) != (VERTEX_COUNT, 3) or dataset.dtype.kind != "f":
+    *vertex_axes, length = dataset.shape or [0]
+    if vertex_axes != [N_VERTICES, 3] or dataset.dtype.kind != "f":
         raise DsnetError(
             f"{path}: {name} has shape {dataset.shape} of {dataset.dtype}",
-            f"({VERTEX_COUNT}, 3, T) of float32 or float64",
+            f"({N_VERTICES}, 3, T) of float32 or float64",
             "Use meshes registered to SMPL's template.",
         )
     if not length:
         raise DsnetError(
             f"{path}: {name} has zero frames", "at least one", "Leave out that sequence."
         )
+    if not _is_stored(dataset):
+        raise DsnetError(
+            f"{path}: {name} declares {length} frames, not all of which the file holds",
+            "a file that was written to its end",
+            REMEDY,
+        )
     return DynaEntry(name, subject, motion, length, path)
 
 
-def check_bounding_box(path: Path, name: str, vertices: NDArray[np.float32]) -> None:
-    """Check that a frame (6890, 3) is a person in metres with y up.
+def _is_stored(dataset: h5py.Dataset) -> bool:
+    """Whether the file has the bytes that a data set's shape declares; HDF5 reads others as 0."""
+    if dataset.chunks is None:
+        return dataset.id.get_storage_size() >= dataset.nbytes
+    grid = [-(-size // chunk) for size, chunk in zip(dataset.shape, dataset.chunks, strict=True)]
+    return dataset.id.get_num_chunks() >= math.prod(grid)
+
+
+def check_frames(path: Path, name: str, start: int, frames: NDArray[np.float32]) -> None:
+    """Check that frames (n, 6890, 3) of a sequence, from `start` on, are a person in metres.
 
     Raises
     ------
     DsnetError
-        If its extent is not a person's, or it is less than half as high as wide.
+        If a vertex is not finite, or a frame's extent is not a person's.
+    """
+    # A maximum and a minimum are not finite where a vertex is not, and cost one pass each.
+    with np.errstate(invalid="ignore", over="ignore"):
+        size = frames.max(1) - frames.min(1)
+    extent = size.max(1)
+    fits = (_PERSON_M[0] < extent) & (extent < _PERSON_M[1])
+    if fits.all():
+        return
+    bad = int(np.argmin(fits))
+    if not np.isfinite(frames[bad]).all():
+        raise DsnetError(
+            f"{path}: {name} has NaN or infinite vertices in frame {start + bad}",
+            "finite vertices",
+            "Repair or leave out that sequence.",
+        )
+    raise DsnetError(
+        f"{path}: {name} in frame {start + bad} {_measures(size[bad])}",
+        "a person in metres",
+        _unit_remedy(float(extent[bad])),
+    )
+
+
+def check_upright(path: Path, name: str, vertices: NDArray[np.float32]) -> None:
+    """Check that a sequence's first frame (6890, 3) has y up.
+
+    Raises
+    ------
+    DsnetError
+        If it is less than half as high as wide.
     """
     size = np.ptp(vertices, axis=0)
-    extent = float(size.max())
-    described = f"{path}: {name} measures {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} (x, y, z)"
-    if not _PERSON_M[0] < extent < _PERSON_M[1]:
-        raise DsnetError(described, "a person in metres", _unit_remedy(extent))
-    if size[1] < _LEAST_HEIGHT * extent:
+    if size[1] < _LEAST_HEIGHT * size.max():
         axis = "xyz"[int(size.argmax())]
         raise DsnetError(
-            described,
+            f"{path}: {name} {_measures(size)}",
             "a person upright along y",
             f"It is {axis} up, or it lies: turn the meshes (from z up: (x, y, z) to (x, z, -y)).",
         )
+
+
+def _measures(size: NDArray[np.float32]) -> str:
+    return f"measures {size[0]:.4g} x {size[1]:.4g} x {size[2]:.4g} (x, y, z)"
 
 
 def _unit_remedy(extent: float) -> str:

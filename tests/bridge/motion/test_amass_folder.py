@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion.amass_folder import find_amass_motions, subject_and_motion
+from bridge.motion.amass_folder import find_amass_motions, subject_and_motion, subject_of_shape
 from tests.forged.amass import save, shape, smplh, smplx
 
 
@@ -88,3 +88,16 @@ def test_a_damaged_file_is_named(folder: Path) -> None:
 )
 def test_names_of_corpus_and_of_amass(path: str, expected: tuple[str, str]) -> None:
     assert subject_and_motion(Path(path)) == expected
+
+
+def test_people_of_one_name_are_told_apart_by_their_shape() -> None:
+    anna, bea, carl = (np.full(10, value) for value in (0.5, -1.0, 2.0))
+    shapes = {"50004": carl}
+    found = []
+    for betas in (anna, bea, anna, carl, bea):
+        name = subject_of_shape("flat", betas, shapes)
+        shapes.setdefault(name, betas)
+        found.append(name)
+    assert found == ["flat", "flat-2", "flat", "flat-3", "flat-2"]
+    for name, betas in zip(found, (anna, bea, anna, carl, bea), strict=True):
+        np.testing.assert_array_equal(shapes[name], betas)

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, unpack_theta
 from bridge.runs import ArtifactWriter
 from torch_align_ae.alignment.fitted import AlignedArrays, Fitted, measure
@@ -61,3 +64,14 @@ def test_opened_again_it_keeps_what_was_written(fitted, tmp_path):
     last = AlignedArrays(writer, SEQUENCES, 6890).write(fitted[0]).copy()
     AlignedArrays(writer, SEQUENCES, 6890).flush()
     np.testing.assert_array_equal(np.load(writer.file_path("theta.npy"))[6], last)
+
+
+@pytest.mark.parametrize("bad", [0.3, float("inf"), float("nan")])
+def test_a_frame_that_fits_no_body_is_named_and_not_stored(fitted, tmp_path, bad):
+    found: Fitted = fitted[0]
+    spoilt = replace(found, frame_error=torch.tensor([0.1, bad]))
+    writer = ArtifactWriter(tmp_path / "align", "align", data="synthetic")
+    arrays = AlignedArrays(writer, SEQUENCES, 6890)
+    with pytest.raises(DsnetError, match="50020_knees, whose frame 2 stays"):
+        arrays.write(spoilt)
+    assert not np.load(writer.file_path("theta.npy")).any()

@@ -12,6 +12,7 @@ from bridge.errors import DsnetError
 from bridge.motion import sequences_of, unpack_theta
 from bridge.runs import Run
 from torch_align_ae.alignment.paper import corpus_fit, tracking
+from torch_align_ae.alignment.robust import RobustSettings
 from torch_align_ae.alignment.stage_align import PROFILES, AlignConfig, main
 from torch_align_ae.corpus.dyna_files import write_dyna
 
@@ -198,6 +199,33 @@ def test_nan_in_a_later_frame(runs, config, body, tmp_path):
         writer.add("50004_hips", frames)
     with pytest.raises(DsnetError, match="frame 2"):
         main(dataclasses.replace(config, dyna=(path,)))
+    assert list((runs / "t").iterdir()) == []
+
+
+@pytest.mark.parametrize("aligner", ["sgd", "robust"])
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda mesh: 1000 * mesh, r"50004_hips in frame 37 measures .* millimetres"),
+        (
+            lambda mesh: mesh[np.random.default_rng(0).permutation(6890)],
+            r"50004_hips, whose frame 37 stays \d+ cm from SMPL",
+        ),
+    ],
+)
+def test_a_frame_that_is_no_body_is_named_wherever_it_is(
+    runs, config, body, tmp_path, aligner, spoil, message
+):
+    frames = np.repeat(body.v_template[None], 40, axis=0)
+    frames[37] = spoil(frames[37])
+    path = tmp_path / "spoilt.h5"
+    with write_dyna(path, body.faces) as writer:
+        writer.add("50004_hips", frames)
+    few = RobustSettings(vertices=300, steps=3, calibration_frames=8, calibration_rounds=2)
+    odd = dataclasses.replace(config, dyna=(path,), aligner=aligner, robust=few)
+    with pytest.raises(DsnetError, match=message) as caught:
+        main(odd)
+    assert "\n" not in str(caught.value)
     assert list((runs / "t").iterdir()) == []
 
 

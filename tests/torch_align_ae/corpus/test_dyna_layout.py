@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -60,6 +61,18 @@ def _with_nan(frames):
     return frames
 
 
+def _with_a_frame_in_millimetres(frames):
+    frames = frames.copy()
+    frames[4] *= 1000
+    return frames
+
+
+def _with_a_flipped_exponent(frames):
+    frames = frames.copy()
+    frames[4, 17, 1] = 3e30
+    return frames
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -75,6 +88,8 @@ def _with_nan(frames):
         (lambda f: f[..., [0, 2, 1]], "z up, or it lies"),
         (lambda f: (f * [0.3, 1, 1])[..., [1, 0, 2]], "x up, or it lies"),
         (_with_nan, "50004_a has NaN or infinite vertices in frame 4"),
+        (_with_a_frame_in_millimetres, "50004_a in frame 4 .* divide it by 1000"),
+        (_with_a_flipped_exponent, "50004_a in frame 4 measures"),
     ],
 )
 def test_bad_sequences_are_named(tmp_path, clip, change, message):
@@ -99,3 +114,28 @@ def test_upright_people_pass_whichever_way_they_face(tmp_path, clip, turn):
     sequences = {"50004_stand": clip[:2] @ facing, "50004_crouch": crouching @ facing}
     with DynaReader([save_registrations(tmp_path / "a.h5", sequences)]) as reader:
         assert len(reader) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("50020_hips", (6890, 3, 2, 1)), ("twice", (2, 6890, 3, 1)), ("50020_hips", (6890, 3))],
+)
+def test_a_sequence_of_another_dimension_is_named_beside_good_ones(tmp_path, clip, name, shape):
+    path = save_registrations(tmp_path / "a.h5", {"50004_hips": clip})
+    with h5py.File(path, "a") as file:
+        file.create_dataset(name, data=np.zeros(shape))
+    with pytest.raises(DsnetError, match=name) as caught:
+        DynaReader([path])
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("chunks", [None, (6890, 3, 16)])
+def test_frames_that_the_file_does_not_hold_are_not_believed(tmp_path, clip, chunks):
+    path = save_registrations(tmp_path / "a.h5", {"50004_hips": clip})
+    with h5py.File(path, "a") as file:
+        many = file.create_dataset("50020_hips", (6890, 3, 10**9), "f4", chunks=chunks)
+        if chunks:
+            many[:, :, :16] = np.moveaxis(clip[:16], 0, -1)
+    with pytest.raises(DsnetError, match="50020_hips declares 1000000000 frames") as caught:
+        DynaReader([path])
+    assert "\n" not in str(caught.value)

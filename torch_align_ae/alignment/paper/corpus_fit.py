@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
-from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
 from bridge.motion import MotionSequence, pack_theta, subject_rows, to_manifest, unpack_theta
 from bridge.runs import ArtifactWriter
 from bridge.runs.worker_pool import WorkerPool
-from torch_align_ae.alignment.fitted import AlignedArrays
+from torch_align_ae.alignment.fitted import AlignedArrays, check_distances
 from torch_align_ae.alignment.paper.objective import MeshDistance
 from torch_align_ae.alignment.paper.sgd import Descent, fit_pose, fit_shape_and_pose, rigid_start
 from torch_align_ae.alignment.paper.tracking import FRAMES_PER_WINDOW, Track, follow, groups
@@ -26,8 +25,6 @@ from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import DynaReader
 from torch_align_ae.workers import one_arithmetic_thread, torch_workers
 
-# A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
-_WORST_FIRST_FRAME_M = 0.2
 # For fewer steps of a body, less than a minute of one core, processes are not worth their start.
 _STEPS_WORTH_PROCESSES = 100_000
 
@@ -157,13 +154,7 @@ class CorpusFit:
         for row, sequence in enumerate(self._sequences):
             one = slice(row, row + 1)
             posed = self._objective.smpl(betas[one], pose[one], trans[one])[0]
-            error_m = (posed - meshes[row]).norm(dim=1).mean().item()
-            if error_m > _WORST_FIRST_FRAME_M:
-                raise DsnetError(
-                    f"{sequence.name}, whose first frame stays {100 * error_m:.0f} cm from SMPL",
-                    "meshes with SMPL's vertex order",
-                    "Register the meshes to SMPL's template, or raise the first frame's steps.",
-                )
+            check_distances(sequence.name, 0, (posed - meshes[row]).norm(dim=1).mean()[None])
 
     def _track(self, index: int, betas: NDArray[np.float32]) -> Track:
         sequence = self._sequences[index]

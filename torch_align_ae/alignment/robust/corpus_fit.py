@@ -12,7 +12,6 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
 from bridge.motion import MotionSequence, subject_rows, to_manifest, unpack_theta
 from bridge.runs import ArtifactWriter
@@ -28,8 +27,6 @@ from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import DynaReader
 from torch_align_ae.workers import torch_workers
 
-# A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
-_WORST_MEAN_M = 0.2
 _LEARNED = {"betas": "1", "compliance": "s^2", "deviation": "m"}
 
 
@@ -105,22 +102,11 @@ class RobustCorpusFit:
         # Opened anew for each sequence: pages of a map count as memory until it is closed.
         arrays, before = AlignedArrays(writer, self._sequences, self._smpl.vertex_count), None
         for fitted in sequence:
-            self._check(fitted)
             theta = continued_theta(fitted.pose, fitted.trans, before)
             pose = torch.from_numpy(unpack_theta(theta)[0].copy())
             before = arrays.write(replace(fitted, pose=pose))
             bar.update(len(pose))
         arrays.flush()
-
-    def _check(self, fitted: Fitted) -> None:
-        error_m = fitted.frame_error.max().item()
-        if not error_m < _WORST_MEAN_M:
-            raise DsnetError(
-                f"{self._sequences[fitted.track].name}, of which a frame stays"
-                f" {100 * error_m:.0f} cm from SMPL",
-                "meshes with SMPL's vertex order",
-                "Register the meshes to SMPL's template, or leave this sequence out.",
-            )
 
     def _progress(self, writer: ArtifactWriter) -> tqdm:
         lengths = [recording.length for recording in self._recordings]
