@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange.dsnet_presets import Scaling, TrainedDsnet
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.motion.clips import Clips
 from bridge.paper import INPUT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runs import Run

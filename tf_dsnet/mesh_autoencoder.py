@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.conventions import TORCH_ADAM, AdamRule
+from bridge.exchange.layouts import TORCH_ADAM, AdamRule
 from bridge.exchange.layouts import mesh_autoencoder_from_keras, mesh_autoencoder_to_keras
 from tf_dsnet.framework import Tensor, keras, tf
 

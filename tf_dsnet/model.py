@@ -7,11 +7,8 @@ from collections.abc import Mapping
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.paper import INPUT_SIZE
+from bridge.paper import DSNET_WIDTHS, INPUT_SIZE
 from tf_dsnet.framework import keras
-
-LATENT_SIZE = 100
-LSTM_UNITS = 60
 
 
 def build_dsnet(
@@ -27,11 +24,12 @@ def build_dsnet(
         no mask, for padding stands at the end and time runs forwards.
     lstm_layer : Keras's LSTM, or one that computes the same (`tf_dsnet.lstm.BlockLSTM`).
     """
-    fc_enc_1 = keras.layers.Dense(64, name="fc_enc_1")
-    fc_enc_2 = keras.layers.Dense(128, activation="tanh", name="fc_enc_2")
-    lstm = lstm_layer(LSTM_UNITS, return_sequences=True, name="lstm")
+    units = DSNET_WIDTHS
+    fc_enc_1 = keras.layers.Dense(units["fc_enc_1"], name="fc_enc_1")
+    fc_enc_2 = keras.layers.Dense(units["fc_enc_2"], activation="tanh", name="fc_enc_2")
+    lstm = lstm_layer(units["lstm"], return_sequences=True, name="lstm")
     batch_norm = keras.layers.BatchNormalization(name="batch_norm")
-    fc_enc_3 = keras.layers.Dense(LATENT_SIZE, name="fc_enc_3")
+    fc_enc_3 = keras.layers.Dense(units["fc_enc_3"], name="fc_enc_3")
 
     motion = keras.Input((None, INPUT_SIZE), name="motion")
     real = keras.Input((None,), dtype="bool", name="real_frames") if masked else None

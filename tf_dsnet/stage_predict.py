@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.exchange.dsnet_presets import PresetName, TrainedDsnet, load_trained_dsnet
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.amass_folder import find_amass_motions, subject_and_motion, subject_of_shape
-from bridge.motion.clips import join_inputs
 from bridge.motion.resampling import Motion, load_amass_motion
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import run_as_process
 from bridge.runs.run import body_model_path
-from tf_dsnet.framework import tf
-from tf_dsnet.model import assign_weights, build_dsnet
+from tf_dsnet.predictors import PredictMotion, load_predictor
 
 STAGE = "predict"
 
@@ -28,16 +25,14 @@ STAGE = "predict"
 class PredictStageConfig:
     """Predict the run's sequences at their whole length, then its MoSh-like motions.
 
-    Costs about 0.1 ms a frame. Gives `latents`, `latents_faithful` (where that reading was
-    trained), `theta`, `betas` and the index of the sequences.
+    Costs about 0.1 ms a frame. Gives `latents_<name>` of every predictor that the run has trained,
+    `theta`, `betas` and the index of the sequences.
     """
 
     run: str = "demo"
     """Name of the run whose trained network predicts."""
-    seed: int = 0
-    """Recorded only: prediction draws no random numbers."""
-    reading: PresetName | None = None
-    """Which trained DSNet predicts; the run's own choice when left out."""
+    predictor: str | None = None
+    """Which trained predictor the report shows first; the run's own default when left out."""
     amass: Path | None = None
     """Folder of AMASS files in place of the corpus's MoSh-like motions; see docs/data.md."""
 
@@ -45,28 +40,6 @@ class PredictStageConfig:
 PROFILES: dict[str, PredictStageConfig] = {
     name: PredictStageConfig(run=name) for name in ("smoke", "demo", "paper")
 }
-
-
-class ClipPredictor:
-    """A trained reading, applied to whole motions.
-
-    Raises
-    ------
-    DsnetError
-        If the reading's weights are not DSNet's.
-    """
-
-    def __init__(self, reading: TrainedDsnet) -> None:
-        self._scaling = reading.scaling
-        model = build_dsnet()
-        assign_weights(model, reading.weights)
-        signature = [tf.TensorSpec((None, None, 79), tf.float32)]
-        self._network = tf.function(lambda x: model(x, training=False), input_signature=signature)
-
-    def __call__(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
-        """Latents (T, 100) of a motion theta (T, 69) of a body of shape betas (10,)."""
-        inputs = self._scaling.inputs(join_inputs(theta, betas))
-        return self._scaling.restore(self._network(inputs[None]).numpy()[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,22 +59,27 @@ def main(config: PredictStageConfig) -> None:
     Raises
     ------
     DsnetError
-        If the run has no finished `train`, or an AMASS file is not one.
+        If the run has no finished `train` or not this predictor, or an AMASS file is not one.
     """
     run = Run(config.run)
     trained, encoded = run.artifact("train"), run.artifact("encode")
-    chosen = load_trained_dsnet(trained, config.reading)
+    default = config.predictor or trained.manifest["default"]
+    # The named one first, so that a name that was never trained is refused before any work.
+    names = dict.fromkeys([default, *trained.manifest["predictors"]])
+    predictors = {name: load_predictor(trained, name) for name in names}
     files = find_motions(run, config.amass, encoded)
 
     def make(writer: ArtifactWriter) -> None:
         motions = gather(encoded, run, files)
         writer.put("theta", motions.theta, "rad, then m")
         writer.put("betas", motions.betas, "1")
-        writer.put("latents", predict_all(chosen, motions), "latent unit")
-        if "faithful" in trained.manifest["readings"]:
-            faithful = load_trained_dsnet(trained, "faithful")
-            writer.put("latents_faithful", predict_all(faithful, motions), "latent unit")
-        writer.record(sequences=to_manifest(motions.sequences), reading=chosen.name)
+        for name, predict in predictors.items():
+            writer.put(f"latents_{name}", predict_all(predict, motions), "latent unit")
+        writer.record(
+            sequences=to_manifest(motions.sequences),
+            predictors={name: trained.manifest["predictors"][name]["label"] for name in names},
+            default=default,
+        )
 
     upstream = {"train": trained, "encode": encoded}
     upstream |= {f"motion_{index}": path for index, path in enumerate(files)}
@@ -147,9 +125,8 @@ def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
     )
 
 
-def predict_all(reading: TrainedDsnet, motions: MotionSet) -> NDArray[np.float32]:
+def predict_all(predict: PredictMotion, motions: MotionSet) -> NDArray[np.float32]:
     """Latents (G, 100) of every sequence, each from a fresh state."""
-    predict = ClipPredictor(reading)
     rows = subject_rows(motions.sequences)
     return np.concatenate(
         [

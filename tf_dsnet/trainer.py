@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.errors import DsnetError
+from bridge.exchange import load_weights, save_weights
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.weights import refuse_nonfinite
 from bridge.motion.clips import Clips
+from bridge.paper import INPUT_SIZE, LATENT_SIZE
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.losses import sum_of_distances
 from tf_dsnet.lstm import BlockLSTM
-from tf_dsnet.model import assign_weights, build_dsnet, named_variables, named_weights
+from tf_dsnet.model import (
+    assign_weights,
+    build_dsnet,
+    named_variables,
+    named_weights,
+    parameter_counts,
+)
 
 _OPTIMIZER = "adam"
+_REMEDY = "Train with a lower learning rate: dsnet train --help names the options."
 
 
 class Trainer:
@@ -113,6 +128,94 @@ class Trainer:
         return sum_of_distances(batch["latents"], predicted, real if self._masked else None)
 
 
+class DsnetTraining:
+    """Epochs of one trainer, continued where a checkpoint left off.
+
+    Parameters
+    ----------
+    name : the predictor's, for errors and the trained network.
+    trainer : DSNet and its optimizer.
+    scaling : of `trainer`'s clips.
+    validation : clips that are only looked at.
+    checkpoint : file that `save` writes; if it is there, training goes on from it.
+    """
+
+    def __init__(
+        self, name: str, trainer: Trainer, scaling: Scaling, validation: Clips, checkpoint: Path
+    ) -> None:
+        self.name, self.trainer = name, trainer
+        self.losses: list[float] = []
+        """Of every epoch so far."""
+        self.validation_losses: list[float] = []
+        """Of every epoch that was validated."""
+        self._scaling, self._validation, self._checkpoint = scaling, validation, checkpoint
+        self._seconds = 0.0
+        if checkpoint.exists():
+            self._resume()
+        self._first = len(self.losses)
+
+    def epoch(self, number: int, *, validate: bool) -> None:
+        """Train for epoch `number`, unless the checkpoint was behind it already.
+
+        Raises
+        ------
+        DsnetError
+            If the loss is no longer finite.
+        """
+        if number < len(self.losses):
+            return
+        started = time.perf_counter()
+        self.losses.append(self._finite(self.trainer.epoch(number), "loss", number))
+        if validate:
+            loss = self._finite(self.trainer.loss(self._validation), "validation loss", number)
+            self.validation_losses.append(loss)
+        self._seconds += time.perf_counter() - started
+
+    def save(self) -> None:
+        """Write the checkpoint."""
+        history = {
+            "history/loss": np.array(self.losses),
+            "history/validation_loss": np.array(self.validation_losses),
+        }
+        save_weights(self._checkpoint, {**self.trainer.state(), **history})
+
+    @property
+    def epoch_s(self) -> float | None:
+        """Mean seconds of this process's epochs; None if there were none."""
+        trained = len(self.losses) - self._first
+        return self._seconds / trained if trained else None
+
+    def arrays(self) -> dict[str, NDArray]:
+        """The trained weights and the scaling.
+
+        Raises
+        ------
+        DsnetError
+            If a weight is not finite.
+        """
+        weights = named_weights(self.trainer.model)
+        refuse_nonfinite(weights, self.name, _REMEDY)
+        return TrainedDsnet(self.name, weights, self._scaling).arrays()
+
+    def parameters(self) -> dict[str, int]:
+        """Parameters of the network."""
+        return parameter_counts(self.trainer.model)
+
+    def _finite(self, loss: float, what: str, number: int) -> float:
+        if not math.isfinite(loss):
+            raise DsnetError(
+                f"{self.name} with a {what} of {loss} in epoch {number + 1}", "a number", _REMEDY
+            )
+        return loss
+
+    def _resume(self) -> None:
+        state = load_weights(self._checkpoint)
+        self.losses, self.validation_losses = (
+            state.pop(f"history/{name}").tolist() for name in ("loss", "validation_loss")
+        )
+        self.trainer.restore(state)
+
+
 def _tensors(clips: Clips) -> dict[str, tf.Tensor]:
     arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
     return {name: tf.constant(array) for name, array in arrays.items()}
@@ -120,7 +223,7 @@ def _tensors(clips: Clips) -> dict[str, tf.Tensor]:
 
 def _any_clips() -> dict[str, tf.TensorSpec]:
     return {
-        "motion": tf.TensorSpec((None, None, 79), keras.config.floatx()),
-        "latents": tf.TensorSpec((None, None, 100), keras.config.floatx()),
+        "motion": tf.TensorSpec((None, None, INPUT_SIZE), keras.config.floatx()),
+        "latents": tf.TensorSpec((None, None, LATENT_SIZE), keras.config.floatx()),
         "real": tf.TensorSpec((None, None), tf.bool),
     }

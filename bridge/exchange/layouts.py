@@ -1,4 +1,4 @@
-"""Layouts of weights: the only module that knows how Keras, PyTorch and ONNX store one layer.
+"""What one layer is in Keras, PyTorch and ONNX: names, shapes and layouts of weights, constants.
 
 Files, and every comparison, hold weights in the layout of the framework that trains the network:
 DSNet's in Keras's (`fc_enc_1/kernel`, (in, out)), the autoencoder's in PyTorch's
@@ -19,16 +19,58 @@ batch normalisation  `gamma`, `beta`, `moving_mean`,   `weight`, `bias`, `runnin
 
 ONNX graphs hold linear layers and convolutions as Keras does, and the LSTM with its gates in the
 order i, o, f, c. Nothing is computed but moved, so a round trip gives every bit back.
+
+The frameworks' defaults differ too. DSNet is trained by Keras, so its batch normalisation and its
+Adam are Keras's; the mesh autoencoder is trained by PyTorch, so its Adam is PyTorch's. A twin in
+the other framework takes these in place of that framework's defaults.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
+from bridge.paper import DSNET_WIDTHS, FEATURES, INFERRED_WIDTHS, INPUT_SIZE, LATENT_SIZE
+
+Shapes = dict[str, tuple[int, ...]]
+
+BATCH_NORM_EPSILON = 1e-3
+"""Added to the variance under the root; PyTorch's default is 1e-5."""
+BATCH_NORM_MOMENTUM = 0.99
+"""moving = momentum * moving + (1 - momentum) * batch; PyTorch calls 1 - momentum momentum."""
+MASKED_COUNT_EPSILON = 1e-7
+"""Keras divides masked sums by count + this, in the mean and in the variance."""
+
+
+@dataclass(frozen=True)
+class AdamRule:
+    """Adam as one framework computes it; t counts steps from 1.
+
+    epsilon_hat:     w -= lr sqrt(1 - b2^t) / (1 - b1^t) * m / (sqrt(v) + epsilon)
+    not epsilon_hat: w -= lr / (1 - b1^t) * m / (sqrt(v / (1 - b2^t)) + epsilon)
+    """
+
+    learning_rate: float = 1e-4
+    """The paper's, for both networks (Section 5)."""
+    beta_1: float = 0.9
+    """Decay of the first moment."""
+    beta_2: float = 0.999
+    """Decay of the second moment."""
+    epsilon: float = 1e-7
+    """Keeps the division finite."""
+    epsilon_hat: bool = True
+    """Whether epsilon stands beside the second moment before its bias correction."""
+
+
+KERAS_ADAM = AdamRule()
+"""`keras.optimizers.Adam`, with which DSNet is trained."""
+TORCH_ADAM = AdamRule(epsilon=1e-8, epsilon_hat=False)
+"""`torch.optim.Adam`, with which the autoencoder is trained."""
 
 DSNET_TORCH_NAMES = {
     "fc_enc_1/kernel": "fc_enc_1.weight",
@@ -140,6 +182,53 @@ def lstm_from_onnx(inputs: Mapping[str, NDArray]) -> dict[str, NDArray]:
         name: _reversed(np.concatenate([np.split(array, 4)[gate] for gate in order]))
         for name, array in arrays.items()
     }
+
+
+def dsnet_shapes() -> Shapes:
+    """The 13 arrays of DSNet; 65,140 numbers."""
+    dense_1, dense_2, lstm, out = DSNET_WIDTHS.values()
+    norm = ("gamma", "beta", "moving_mean", "moving_variance")
+    return {
+        **_dense("fc_enc_1", INPUT_SIZE, dense_1),
+        **_dense("fc_enc_2", dense_1, dense_2),
+        "lstm/kernel": (dense_2, 4 * lstm),
+        "lstm/recurrent_kernel": (lstm, 4 * lstm),
+        "lstm/bias": (4 * lstm,),
+        **{f"batch_norm/{name}": (lstm,) for name in norm},
+        **_dense("fc_enc_3", lstm, out),
+    }
+
+
+def autoencoder_shapes(widths: tuple[int, ...] = INFERRED_WIDTHS) -> Shapes:
+    """The arrays of a mesh autoencoder, in the order of its layers; 33,626,606 numbers in full."""
+    coordinates, between, features = FEATURES
+    coarse = widths[-1] * features
+    return {
+        **_linear("encoder.linear_1", coordinates, between),
+        **_linear("encoder.linear_2", between, features),
+        **_convolutions("encoder", widths),
+        **_linear("to_latent", coarse, LATENT_SIZE),
+        **_linear("from_latent", LATENT_SIZE, coarse),
+        **_convolutions("decoder", widths[::-1]),
+        **_linear("decoder.linear_1", features, between),
+        **_linear("to_coordinates", between, coordinates),
+    }
+
+
+def _dense(name: str, inputs: int, outputs: int) -> Shapes:
+    return {f"{name}/kernel": (inputs, outputs), f"{name}/bias": (outputs,)}
+
+
+def _linear(name: str, inputs: int, outputs: int) -> Shapes:
+    return {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
+
+
+def _convolutions(side: str, widths: tuple[int, ...]) -> Shapes:
+    shapes: Shapes = {}
+    for number, (inputs, outputs) in enumerate(pairwise(widths), start=1):
+        shapes[f"{side}.conv_{number}.weight"] = (outputs, inputs, 1)
+        shapes[f"{side}.conv_{number}.bias"] = (outputs,)
+    return shapes
 
 
 def _onnx_gates(array: NDArray) -> NDArray:

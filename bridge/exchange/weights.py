@@ -39,3 +39,16 @@ def load_weights(path: Path | str) -> dict[str, NDArray]:
             "a safetensors file written by dsnet",
             "Train again, or copy the file again.",
         ) from error
+
+
+def refuse_nonfinite(weights: Mapping[str, NDArray], owner: str, remedy: str) -> None:
+    """Check trained weights before they are kept.
+
+    Raises
+    ------
+    DsnetError
+        If an array holds NaN or infinity; `owner` says whose, `remedy` what to do.
+    """
+    for name, array in weights.items():
+        if not np.isfinite(array).all():
+            raise DsnetError(f"weights {name!r} of {owner} with NaN or inf", "numbers", remedy)

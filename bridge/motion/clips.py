@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.dsnet_presets import Scaling
+from bridge.exchange.trained_dsnet import Scaling
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.sequences import Split
 from bridge.runs import Artifact

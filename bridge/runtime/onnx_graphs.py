@@ -14,7 +14,7 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
-from bridge.exchange.conventions import BATCH_NORM_EPSILON
+from bridge.exchange.layouts import BATCH_NORM_EPSILON
 from bridge.exchange.layouts import (
     lstm_from_onnx,
     lstm_to_onnx,

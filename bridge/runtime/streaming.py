@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.conventions import BATCH_NORM_EPSILON
-from bridge.exchange.dsnet_presets import TrainedDsnet, load_trained_dsnet
+from bridge.exchange.layouts import BATCH_NORM_EPSILON
+from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runs import Run
 

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, pose_vertices
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS
-from bridge.verify.shapes import Shapes, autoencoder_shapes, dsnet_shapes
+from bridge.exchange.layouts import Shapes, autoencoder_shapes, dsnet_shapes
 
 Arrays = dict[str, NDArray[Any]]
+SMALL_WIDTHS = (40, 24, 24, 12, 6)
+"""A hundredth of the network in which one kernel is square, so that it can be transposed unseen."""
 
 
 def dsnet_weights(seed: int) -> Arrays:

@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from bridge.body import load_body_model
-from bridge.exchange.conventions import TORCH_ADAM
+from bridge.exchange.layouts import TORCH_ADAM
 from bridge.verify import draws
 from bridge.verify.checks import (
     FILES,
@@ -21,7 +21,8 @@ from bridge.verify.checks import (
     autoencoder_options,
     dsnet_training,
 )
-from bridge.verify.shapes import FULL_WIDTHS, SMALL_WIDTHS
+from bridge.paper import INFERRED_WIDTHS
+from bridge.verify.draws import SMALL_WIDTHS
 
 
 def random_plan(seed: int, body: str) -> Plan:
@@ -32,10 +33,10 @@ def random_plan(seed: int, body: str) -> Plan:
 def full_size_plan(seed: int) -> Plan:
     """The autoencoder's 33,626,606 parameters: every layer and every gradient, two meshes."""
     arrays = {
-        "ae-full": draws.autoencoder_weights(seed, FULL_WIDTHS),
-        "values-full": draws.values(seed, 2, FULL_WIDTHS[0]),
+        "ae-full": draws.autoencoder_weights(seed, INFERRED_WIDTHS),
+        "values-full": draws.values(seed, 2, INFERRED_WIDTHS[0]),
     }
-    return Plan(autoencoder_checks("ae-full", "ae-full", "values-full", FULL_WIDTHS), arrays)
+    return Plan(autoencoder_checks("ae-full", "ae-full", "values-full", INFERRED_WIDTHS), arrays)
 
 
 def _dsnet(seed: int) -> Plan:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange.dsnet_presets import Scaling, TrainedDsnet
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.paper import N_BETAS
 from bridge.runtime.streaming import StreamingPredictor
 from bridge.verify.protocol import Case, Tensors, serve

@@ -43,7 +43,7 @@ def _finished(run: Run, stage: str) -> bool:
 
 def _dsnet(train: Artifact, encoded: Artifact, name: Any) -> Plan:
     # NumPy only, but that side of the bridge knows how a reading scales and pads.
-    from bridge.exchange.dsnet_presets import load_trained_dsnet
+    from bridge.exchange.trained_dsnet import load_trained_dsnet
     from bridge.motion.clips import load_unpadded_clips, make_clips
 
     reading = load_trained_dsnet(train, name)

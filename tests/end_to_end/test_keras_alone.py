@@ -18,7 +18,7 @@ from bridge.exchange import Run, unpack_theta
 from bridge.runs.run import body_model_path
 from tf_dsnet import SMPL, load_codec
 from tf_dsnet.stage_predict import ClipPredictor
-from bridge.exchange.dsnet_presets import load_trained_dsnet
+from bridge.exchange.trained_dsnet import load_trained_dsnet
 
 run, (motion, out) = Run("smoke"), sys.argv[1:]
 given = numpy.load(motion)

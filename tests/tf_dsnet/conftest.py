@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bridge.exchange.dsnet_presets import Scaling, TrainedDsnet
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import write_artifact
 from tf_dsnet.model import build_dsnet, named_weights

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge import DsnetError
-from bridge.exchange.dsnet_presets import Scaling
+from bridge.exchange.trained_dsnet import Scaling
 from bridge.motion.clips import (
     UnpaddedClip,
     fit_scaling,

@@ -11,7 +11,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.exchange import save_weights
-from bridge.exchange.dsnet_presets import TrainedDsnet
+from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.motion import sequences_of, subject_rows
 from bridge.runs import Artifact, read_artifact
 from bridge.runs.artifact import ArtifactWriter

@@ -10,7 +10,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.exchange import load_weights
-from bridge.exchange.dsnet_presets import load_trained_dsnet
+from bridge.exchange.trained_dsnet import load_trained_dsnet
 from bridge.runs import read_artifact
 from tf_dsnet import stage_train
 from tf_dsnet.stage_train import PROFILES, TrainConfig

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from bridge.exchange.conventions import KERAS_ADAM
+from bridge.exchange.layouts import KERAS_ADAM
 from bridge.exchange.layouts import dsnet_from_torch
 from bridge.verify.answers import joined, layers, learn, prefixed
 from bridge.verify.protocol import Case, Tensors

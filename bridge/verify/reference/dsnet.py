@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bridge.exchange.conventions import (
+from bridge.exchange.layouts import (
     BATCH_NORM_EPSILON,
     BATCH_NORM_MOMENTUM,
     MASKED_COUNT_EPSILON,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from bridge.body import load_body_model
-from bridge.exchange.conventions import AdamRule
+from bridge.exchange.layouts import AdamRule
 from bridge.verify.protocol import Case, Tensors, serve
 from bridge.verify.reference import adam, dsnet, mesh_autoencoder, smpl
 

@@ -16,7 +16,8 @@ from bridge.verify import draws
 from bridge.verify.checks import cases_of
 from bridge.verify.random_checks import full_size_plan, random_plan
 from bridge.verify.runner import verify
-from bridge.verify.shapes import SMALL_WIDTHS, autoencoder_shapes, dsnet_shapes
+from bridge.exchange.layouts import autoencoder_shapes, dsnet_shapes
+from bridge.verify.draws import SMALL_WIDTHS
 from bridge.verify.trained_checks import trained_plan
 
 

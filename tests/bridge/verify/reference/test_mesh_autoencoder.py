@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from bridge.verify.reference import mesh_autoencoder
 from bridge.verify.reference.mesh_autoencoder import Architecture
-from bridge.verify.shapes import autoencoder_shapes
+from bridge.exchange.layouts import autoencoder_shapes
 
 WIDTHS = (11, 7, 7, 4, 2)
 

@@ -1,26 +1,19 @@
-"""The two readings of a paper that is silent about the scale of inputs and latents.
-
-`faithful` feeds raw motions and the latents as the autoencoder gives them.
-`standardised` departs from the paper: inputs and latents have zero mean and
-unit spread over the training frames, which decides how fast Adam learns.
-"""
+"""A trained DSNet as arrays: its weights, and the scaling of what goes in and comes out."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal, get_args
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange import load_weights
-from bridge.paper import INPUT_SIZE
+from bridge.exchange.weights import load_weights
+from bridge.paper import INPUT_SIZE, LATENT_SIZE
 from bridge.runs import Artifact
 
-PresetName = Literal["standardised", "faithful"]
-PRESETS: tuple[PresetName, ...] = get_args(PresetName)
+_SCALING = "scaling/"
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +30,9 @@ class Scaling:
     """(100,) then divided by."""
 
     @classmethod
-    def identity(cls, latent_size: int = 100) -> Scaling:
-        """The `faithful` reading's: nothing is changed."""
-        sizes = (INPUT_SIZE, latent_size)
+    def identity(cls) -> Scaling:
+        """Nothing is changed."""
+        sizes = (INPUT_SIZE, LATENT_SIZE)
         zeros, ones = ([f(size, np.float32) for size in sizes] for f in (np.zeros, np.ones))
         return cls(zeros[0], ones[0], zeros[1], ones[1])
 
@@ -77,31 +70,41 @@ class Scaling:
 
 @dataclass(frozen=True, eq=False)
 class TrainedDsnet:
-    """A trained DSNet as arrays."""
+    """One trained network of a run."""
 
-    name: PresetName
+    name: str
+    """The predictor's."""
     weights: Mapping[str, NDArray]
     """Named as by `tf_dsnet.model.named_weights`."""
     scaling: Scaling
 
+    @classmethod
+    def from_arrays(cls, name: str, arrays: Mapping[str, NDArray]) -> TrainedDsnet:
+        """The inverse of `arrays`; without `scaling/...`, nothing is scaled."""
+        names = [field.name for field in fields(Scaling)]
+        scaled = _SCALING + names[0] in arrays
+        scaling = Scaling(*(arrays[_SCALING + n] for n in names)) if scaled else Scaling.identity()
+        weights = {n: array for n, array in arrays.items() if not n.startswith(_SCALING)}
+        return cls(name, weights, scaling)
 
-def load_trained_dsnet(train: Artifact, name: PresetName | None = None) -> TrainedDsnet:
-    """Read one reading from the `train` stage's artifact; the run's own choice when None.
+    def arrays(self) -> dict[str, NDArray]:
+        """Weights, and the scaling as `scaling/input_mean` and so on: what a file holds."""
+        return {**self.weights, **{_SCALING + n: array for n, array in vars(self.scaling).items()}}
+
+
+def load_trained_dsnet(train: Artifact, name: str | None = None) -> TrainedDsnet:
+    """Read one network from the `train` stage's artifact; the run's default when None.
 
     Raises
     ------
     DsnetError
-        If that reading was not trained in this run.
+        If that predictor was not trained in this run.
     """
-    chosen: PresetName = name or train.manifest["reading"]
-    if chosen not in train.manifest["readings"]:
+    chosen = name or train.manifest["default"]
+    if chosen not in train.manifest["predictors"]:
         raise DsnetError(
-            f"reading {chosen!r} asked of {train.path}",
-            f"one of {', '.join(train.manifest['readings'])}",
-            f"Train it: dsnet train --readings {' '.join(PRESETS)}.",
+            f"predictor {chosen!r} asked of {train.path}",
+            f"one of {', '.join(train.manifest['predictors'])}",
+            "Name one of these, or train it too: dsnet train --predictors NAME NAME.",
         )
-    weights = load_weights(train.file(f"{chosen}.safetensors"))
-    if chosen == "faithful":
-        return TrainedDsnet(chosen, weights, Scaling.identity())
-    names = ("input_mean", "input_std", "latent_mean", "latent_std")
-    return TrainedDsnet(chosen, weights, Scaling(*(np.array(train.array(name)) for name in names)))
+    return TrainedDsnet.from_arrays(chosen, load_weights(train.file(f"{chosen}.safetensors")))
