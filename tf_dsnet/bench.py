@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.motion.clips import Clips
-from bridge.paper import INPUT_SIZE, N_BETAS, THETA_SIZE
+from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runs import Run
 from bridge.runs.artifact import write_text_atomically
 from bridge.runs.processes import run_as_process
 from bridge.runtime.streaming import StreamingPredictor
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.lstm import BlockLSTM
-from tf_dsnet.model import LATENT_SIZE, build_dsnet, named_weights
+from tf_dsnet.model import build_dsnet, named_weights
 from tf_dsnet.trainer import Trainer
 
 SEQUENCES, FRAMES = 67, 300
@@ -91,8 +91,8 @@ def time_epoch(rng: np.random.Generator, epochs: int) -> dict[str, float]:
 
 def time_step(rng: np.random.Generator, characters: int, steps: int) -> float:
     """Median microseconds of one streaming step of several characters."""
-    reading = TrainedDsnet("faithful", named_weights(build_dsnet()), Scaling.identity())
-    predictor = StreamingPredictor(reading)
+    trained = TrainedDsnet("dsnet", named_weights(build_dsnet()), Scaling.identity())
+    predictor = StreamingPredictor(trained)
     theta, betas = _normal(rng, characters, THETA_SIZE), _normal(rng, characters, N_BETAS)
     return 1e6 * _median_s(lambda: predictor.step(theta, betas), steps)
 

@@ -11,8 +11,12 @@ from collections.abc import Mapping
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.layouts import TORCH_ADAM, AdamRule
-from bridge.exchange.layouts import mesh_autoencoder_from_keras, mesh_autoencoder_to_keras
+from bridge.exchange.layouts import (
+    TORCH_ADAM,
+    AdamRule,
+    mesh_autoencoder_from_keras,
+    mesh_autoencoder_to_keras,
+)
 from tf_dsnet.framework import Tensor, keras, tf
 
 LATENT_SIZE = 100

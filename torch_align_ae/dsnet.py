@@ -20,6 +20,8 @@ from bridge.exchange.layouts import (
     KERAS_ADAM,
     MASKED_COUNT_EPSILON,
     AdamRule,
+    dsnet_from_torch,
+    dsnet_to_torch,
 )
 from bridge.exchange.layouts import dsnet_from_torch, dsnet_to_torch
 from bridge.paper import DSNET_WIDTHS, INPUT_SIZE, N_BETAS, THETA_SIZE

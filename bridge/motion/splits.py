@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -61,6 +61,18 @@ def split_sequences(index: Sequence[MotionSequence], seed: int) -> FrameSplit:
     order = np.random.default_rng(seed).permutation(len(index))
     cut = len(index) * TRAIN_TENTHS // 10
     return FrameSplit(_frames(index, order[:cut]), _frames(index, order[cut:]))
+
+
+def decoded_sequences(index: Iterable[MotionSequence]) -> list[MotionSequence]:
+    """Validation and test sequences, and the first training sequence of each subject."""
+    chosen, represented = [], set()
+    for sequence in index:
+        if sequence.split == "train":
+            if sequence.subject in represented:
+                continue
+            represented.add(sequence.subject)
+        chosen.append(sequence)
+    return chosen
 
 
 def _frames(index: Sequence[MotionSequence], rows: NDArray[np.int64]) -> NDArray[np.int64]:

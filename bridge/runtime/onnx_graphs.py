@@ -14,8 +14,8 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
-from bridge.exchange.layouts import BATCH_NORM_EPSILON
 from bridge.exchange.layouts import (
+    BATCH_NORM_EPSILON,
     lstm_from_onnx,
     lstm_to_onnx,
     mesh_autoencoder_from_keras,

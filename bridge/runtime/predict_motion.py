@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData, load_body_model
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
-from bridge.exchange.dsnet_presets import TrainedDsnet, load_trained_dsnet
+from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.motion import Motion, load_amass_motion, unpack_theta
 from bridge.report.motion_strip import draw_motion_strip
 from bridge.runs import Artifact, ArtifactWriter, Run

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, pose_vertices
-from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS
 from bridge.exchange.layouts import Shapes, autoencoder_shapes, dsnet_shapes
+from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS
 
 Arrays = dict[str, NDArray[Any]]
 SMALL_WIDTHS = (40, 24, 24, 12, 6)

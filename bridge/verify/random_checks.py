@@ -8,6 +8,7 @@ import numpy as np
 
 from bridge.body import load_body_model
 from bridge.exchange.layouts import TORCH_ADAM
+from bridge.paper import INFERRED_WIDTHS
 from bridge.verify import draws
 from bridge.verify.checks import (
     FILES,
@@ -21,7 +22,6 @@ from bridge.verify.checks import (
     autoencoder_options,
     dsnet_training,
 )
-from bridge.paper import INFERRED_WIDTHS
 from bridge.verify.draws import SMALL_WIDTHS
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.exchange import load_weights
+from bridge.exchange.trained_dsnet import load_trained_dsnet
+from bridge.motion.clips import load_unpadded_clips, make_clips
 from bridge.runs import Artifact, Run
 from bridge.runs.artifact import MANIFEST
 from bridge.verify.checks import (
@@ -26,12 +27,12 @@ _NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 
 
 def trained_plan(run: Run) -> Plan:
-    """Checks of every reading of DSNet and of the autoencoder that the run has trained."""
+    """Checks of every predictor and of the autoencoder that the run has trained."""
     plan = Plan([], {})
     if _finished(run, "train"):
         train, encoded = run.artifact("train"), run.artifact("encode")
-        for reading in train.manifest["readings"]:
-            plan = plan + _dsnet(train, encoded, reading)
+        for name in train.manifest["predictors"]:
+            plan = plan + _dsnet(train, encoded, name)
     if _finished(run, "train-ae"):
         plan = plan + _autoencoder(run.artifact("train-ae"), run.artifact("align"))
     return plan
@@ -41,24 +42,19 @@ def _finished(run: Run, stage: str) -> bool:
     return (run.path / stage / MANIFEST).is_file()
 
 
-def _dsnet(train: Artifact, encoded: Artifact, name: Any) -> Plan:
-    # NumPy only, but that side of the bridge knows how a reading scales and pads.
-    from bridge.exchange.trained_dsnet import load_trained_dsnet
-    from bridge.motion.clips import load_unpadded_clips, make_clips
-
-    reading = load_trained_dsnet(train, name)
+def _dsnet(train: Artifact, encoded: Artifact, name: str) -> Plan:
+    trained = load_trained_dsnet(train, name)
     recordings = [
         *load_unpadded_clips(encoded, "validation"),
         *load_unpadded_clips(encoded, "train"),
     ]
     recordings = recordings[:CLIPS]
-    clips = make_clips(recordings, reading.scaling, FRAMES)
+    clips = make_clips(recordings, trained.scaling, FRAMES)
     raw = [recording.inputs[: min(FRAMES, len(recordings[0].inputs))] for recording in recordings]
-    scaling = {f"scaling/{key}": array for key, array in vars(reading.scaling).items()}
-    key = f"dsnet-{name}"
+    key = name.replace("_", "-")
     arrays = {
-        key: dict(reading.weights),
-        f"{key}-scaled": {**reading.weights, **scaling},
+        key: dict(trained.weights),
+        f"{key}-scaled": trained.arrays(),
         f"{key}-clips": {"motion": clips.inputs, "latents": clips.latents, "real": clips.real},
         f"{key}-motion": {"motion": raw[0][None].astype(np.float32)},
     }

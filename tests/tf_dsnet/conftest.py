@@ -31,12 +31,12 @@ def weights() -> dict[str, NDArray]:
 
 
 @pytest.fixture(scope="session")
-def reading(weights: dict[str, NDArray]) -> TrainedDsnet:
-    """A standardised reading with a scaling that matters."""
+def trained_dsnet(weights: dict[str, NDArray]) -> TrainedDsnet:
+    """A network with a scaling that matters."""
     rng = np.random.default_rng(4)
     inputs = rng.normal(1.0, rng.uniform(0.01, 3.0, 79), (200, 79))
     latents = rng.normal(-2.0, rng.uniform(0.0, 3.0, 100), (200, 100))
-    return TrainedDsnet("standardised", weights, Scaling.fitted(inputs, latents, 0.05))
+    return TrainedDsnet("dsnet_standardised", weights, Scaling.fitted(inputs, latents, 0.05))
 
 
 @pytest.fixture

@@ -21,20 +21,26 @@ from tf_dsnet.stage_predict import PredictStageConfig
 
 
 @pytest.fixture
-def trained(encoded_run: Path, reading: TrainedDsnet) -> Artifact:
-    """Run `tiny` with a `train` whose two readings have different weights."""
-    writer = ArtifactWriter(encoded_run / "train", "train", data="synthetic")
-    save_weights(writer.file_path("standardised.safetensors"), reading.weights)
-    halved = {name: 0.5 * array for name, array in reading.weights.items()}
-    save_weights(writer.file_path("faithful.safetensors"), halved)
-    for name in ("input_mean", "input_std", "latent_mean", "latent_std"):
-        writer.put(name, getattr(reading.scaling, name), "1")
-    writer.record(reading="standardised", readings={"standardised": {}, "faithful": {}})
-    return writer.finish()
+def trained(encoded_run: Path, trained_dsnet: TrainedDsnet) -> Artifact:
+    """Run `tiny` with a `train` whose two predictors have different weights."""
+    halved = {name: 0.5 * array for name, array in trained_dsnet.weights.items()}
+    write_trained(
+        encoded_run, {"dsnet_standardised": trained_dsnet.arrays(), "dsnet_faithful": halved}
+    )
+    return read_artifact(encoded_run / "train")
 
 
-def streamed(reading: str, theta, betas):
-    predictor = StreamingPredictor("tiny", reading)  # type: ignore[arg-type]
+def write_trained(run: Path, weights: dict[str, dict[str, np.ndarray]]) -> None:
+    writer = ArtifactWriter(run / "train", "train", data="synthetic")
+    for name, arrays in weights.items():
+        save_weights(writer.file_path(f"{name}.safetensors"), arrays)
+    labels = {name: {"label": name.replace("_", " ")} for name in weights}
+    writer.record(default=next(iter(weights)), predictors=labels)
+    writer.finish()
+
+
+def streamed(name: str, theta, betas):
+    predictor = StreamingPredictor("tiny", name)
     return np.stack([predictor.step(frame[None], betas[None])[0] for frame in theta])
 
 
@@ -57,7 +63,7 @@ def forge_mosh(run: Path, names: tuple[str, ...]) -> None:
     writer.finish()
 
 
-def test_stage_predicts_every_frame_of_both_readings(trained, encoded_run):
+def test_stage_predicts_every_frame_by_both_predictors(trained, encoded_run):
     stage_predict.main(PredictStageConfig("tiny"))
     made = read_artifact(encoded_run / "predict")
     encoded = read_artifact(encoded_run / "encode")
@@ -65,9 +71,31 @@ def test_stage_predicts_every_frame_of_both_readings(trained, encoded_run):
     np.testing.assert_array_equal(made.array("theta"), encoded.array("theta"))
     np.testing.assert_array_equal(made.array("betas"), encoded.array("betas"))
     last = sequences_of(made)[-1]
-    for reading, name in (("standardised", "latents"), ("faithful", "latents_faithful")):
-        expected = streamed(reading, made.array("theta")[last.frames], made.array("betas")[1])
-        np.testing.assert_allclose(made.array(name)[last.frames], expected, rtol=1e-5, atol=2e-5)
+    for name in ("dsnet_standardised", "dsnet_faithful"):
+        expected = streamed(name, made.array("theta")[last.frames], made.array("betas")[1])
+        found = made.array(f"latents_{name}")[last.frames]
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=2e-5)
+    assert made.manifest["default"] == "dsnet_standardised"
+    assert made.manifest["predictors"] == {
+        "dsnet_standardised": "dsnet standardised",
+        "dsnet_faithful": "dsnet faithful",
+    }
+
+
+def test_a_named_predictor_becomes_the_default(trained, encoded_run):
+    stage_predict.main(PredictStageConfig("tiny", predictor="dsnet_faithful"))
+    made = read_artifact(encoded_run / "predict")
+    assert made.manifest["default"] == "dsnet_faithful"
+    assert set(made.manifest["predictors"]) == {"dsnet_standardised", "dsnet_faithful"}
+
+
+def test_a_run_with_one_predictor_says_what_to_train(encoded_run, trained_dsnet):
+    write_trained(encoded_run, {"dsnet_standardised": trained_dsnet.arrays()})
+    stage_predict.main(PredictStageConfig("tiny"))
+    made = read_artifact(encoded_run / "predict")
+    assert set(made.manifest["arrays"]) == {"theta", "betas", "latents_dsnet_standardised"}
+    with pytest.raises(DsnetError, match=r"'dsnet_faithful'.*--predictors dsnet_standardised"):
+        stage_predict.main(PredictStageConfig("tiny", predictor="dsnet_faithful"))
 
 
 def test_people_in_a_flat_amass_folder_keep_their_own_shapes(
@@ -97,7 +125,7 @@ def test_unseen_motions_follow_with_fitted_or_stored_shapes(trained, encoded_run
     assert (known.name, unknown.name) == ("50004_kicking", "99001_side_to_side_hopping")
     assert {(s.split, s.fps, s.length) for s in (known, unknown)} == {("test", 60.0, 31)}
     assert (known.start, unknown.start) == (195, 226)
-    assert len(made.array("latents")) == len(made.array("theta")) == 257
+    assert len(made.array("latents_dsnet_faithful")) == len(made.array("theta")) == 257
     rows, betas = subject_rows(sequences_of(made)), made.array("betas")
     np.testing.assert_array_equal(betas[rows["50004"]], encoded.array("betas")[0])
     np.testing.assert_array_equal(betas[rows["99001"]], np.full(10, 2.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import replace
 
@@ -11,39 +12,45 @@ import pytest
 from bridge import DsnetError
 from bridge.exchange import load_weights
 from bridge.exchange.trained_dsnet import load_trained_dsnet
+from bridge.options import check_options
 from bridge.runs import read_artifact
-from tf_dsnet import stage_train
+from tf_dsnet import stage_train, trainer
 from tf_dsnet.stage_train import PROFILES, TrainConfig
 
 TINY = TrainConfig(run="tiny", epochs=5, frames=32, validate_every=2, checkpoint_every=2)
 
 
-def test_stage_leaves_both_readings(encoded_run):
+BOTH = ("dsnet_standardised", "dsnet_faithful")
+
+
+def test_stage_leaves_both_predictors(encoded_run):
     stage_train.main(TINY)
     artifact = read_artifact(encoded_run / "train")
     artifact.verify()
-    assert set(artifact.manifest["files"]) == {"faithful.safetensors", "standardised.safetensors"}
-    for name in ("faithful", "standardised"):
+    assert set(artifact.manifest["files"]) == {f"{name}.safetensors" for name in BOTH}
+    for name in BOTH:
         assert artifact.array(f"loss_{name}").shape == (5,)
         assert artifact.array(f"validation_loss_{name}").shape == (3,)
     np.testing.assert_array_equal(artifact.array("validation_epochs"), [2, 4, 5])
     assert artifact.manifest["parameters"] == {"dsnet": 65_140, "dsnet_trainable": 65_020}
-    assert artifact.manifest["reading"] == "standardised"
-    assert artifact.manifest["readings"]["faithful"]["lr"] == 1e-4
+    assert artifact.manifest["default"] == "dsnet_standardised"
+    faithful, standardised = (artifact.manifest["predictors"][name] for name in BOTH[::-1])
+    assert (faithful["lr"], faithful["preset"], faithful["departures"]) == (1e-4, "faithful", [])
+    assert standardised["departures"][1] == "Adam's learning rate is 0.001 instead of 0.0001"
     assert (artifact.manifest["sequences_trained_on"], artifact.origin) == (5, "synthetic")
     with pytest.raises(DsnetError, match="'other'"):
-        load_trained_dsnet(artifact, "other")  # type: ignore[arg-type]
+        load_trained_dsnet(artifact, "other")
 
 
-def test_faithful_reading_learns_the_latents_as_they_are(encoded_run):
-    stage_train.main(replace(TINY, readings=("faithful",), epochs=1))
+def test_faithful_predictor_learns_the_latents_as_they_are(encoded_run):
+    stage_train.main(replace(TINY, predictors=("dsnet_faithful",), epochs=1))
     artifact = read_artifact(encoded_run / "train")
-    reading = load_trained_dsnet(artifact)
-    np.testing.assert_array_equal(reading.scaling.restore(np.ones(100)), 1)
+    trained = load_trained_dsnet(artifact)
+    np.testing.assert_array_equal(trained.scaling.restore(np.ones(100)), 1)
     latents = read_artifact(encoded_run / "encode").array("latents")
     first_frames = [latents[s : s + 32] for s in (0, 25, 95, 130, 150)]
     per_clip = np.mean([np.linalg.norm(f[:32], axis=1).sum() for f in first_frames])
-    assert 0.5 * per_clip < artifact.array("loss_faithful")[0] < 1.5 * per_clip
+    assert 0.5 * per_clip < artifact.array("loss_dsnet_faithful")[0] < 1.5 * per_clip
 
 
 @pytest.mark.parametrize(
@@ -52,23 +59,20 @@ def test_faithful_reading_learns_the_latents_as_they_are(encoded_run):
 def test_killed_stage_resumes_bit_identically(encoded_run, monkeypatch, killed_after, left):
     stage_train.main(TINY)
     whole = read_artifact(encoded_run / "train")
-    expected = {
-        name: load_weights(whole.file(f"{name}.safetensors"))
-        for name in ("standardised", "faithful")
-    }
+    expected = {name: load_weights(whole.file(f"{name}.safetensors")) for name in BOTH}
     (encoded_run / "train").rename(encoded_run / "uninterrupted")
 
     begun: list[int] = []
-    epoch, lock = stage_train.Trainer.epoch, threading.Lock()
+    epoch, lock = trainer.Trainer.epoch, threading.Lock()
 
     def dying_epoch(self, number):
-        with lock:  # readings are trained side by side
+        with lock:  # predictors are trained side by side
             if len(begun) == killed_after:
                 raise KeyboardInterrupt
             begun.append(number)
         return epoch(self, number)
 
-    monkeypatch.setattr(stage_train.Trainer, "epoch", dying_epoch)
+    monkeypatch.setattr(trainer.Trainer, "epoch", dying_epoch)
     with pytest.raises(KeyboardInterrupt):
         stage_train.main(TINY)
     assert not (encoded_run / "train").exists()
@@ -85,11 +89,11 @@ def test_killed_stage_resumes_bit_identically(encoded_run, monkeypatch, killed_a
             np.testing.assert_array_equal(again[key], array)
 
 
-def test_a_reading_whose_checkpoint_is_behind_catches_up(encoded_run, monkeypatch):
+def test_a_predictor_whose_checkpoint_is_behind_catches_up(encoded_run, monkeypatch):
     stage_train.main(TINY)
     whole = read_artifact(encoded_run / "train")
     (encoded_run / "train").rename(encoded_run / "uninterrupted")
-    saves = iter([stage_train.Course.save] * 3)  # killed when one reading is saved after 4 epochs
+    saves = iter([trainer.DsnetTraining.save] * 3)  # killed when one is saved after 4 epochs
 
     def dying_save(self):
         next(saves, _interrupt)(self)
@@ -98,7 +102,7 @@ def test_a_reading_whose_checkpoint_is_behind_catches_up(encoded_run, monkeypatc
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(stage_train.Course, "save", dying_save)
+        patch.setattr(trainer.DsnetTraining, "save", dying_save)
         with pytest.raises(KeyboardInterrupt):
             stage_train.main(TINY)
     stage_train.main(TINY)
@@ -112,17 +116,38 @@ def test_unknown_run_is_one_line(runs):
     assert not runs.exists()
 
 
-@pytest.mark.parametrize(
-    "change", [{"epochs": 0}, {"frames": -1}, {"readings": ()}, {"readings": ("faithful",) * 2}]
-)
-def test_senseless_settings_are_refused(encoded_run, change):
-    with pytest.raises(DsnetError, match="Pass --"):
-        stage_train.main(replace(TINY, **change))
+@pytest.mark.parametrize("names", [(), ("dsnet_faithful",) * 2, ("dsnet",)])
+def test_senseless_predictors_are_refused(encoded_run, names):
+    with pytest.raises(DsnetError, match="Pass --predictors dsnet_standardised dsnet_faithful"):
+        stage_train.main(replace(TINY, predictors=names))
     assert not list(encoded_run.glob("*train*"))
 
 
-def test_profiles_train_both_readings_and_keep_the_papers_settings():
+@pytest.mark.parametrize(
+    "change",
+    [{"epochs": 0}, {"frames": 0}, {"lr_standardised": math.inf}, {"min_input_std": -1.0}],
+)
+def test_senseless_numbers_are_refused_before_any_work(change):
+    with pytest.raises(DsnetError, match="Pass --"):
+        check_options(replace(TINY, **change))
+
+
+def test_weights_that_are_not_finite_are_one_line_and_leave_nothing(encoded_run):
+    with pytest.raises(DsnetError, match=r"weights .* of dsnet_faithful with NaN") as caught:
+        stage_train.main(replace(TINY, lr_faithful=1e38))
+    assert "lower learning rate" in str(caught.value)
+    assert not list(encoded_run.glob("*train*"))
+
+
+def test_a_loss_that_is_not_finite_names_its_epoch(encoded_run, monkeypatch):
+    monkeypatch.setattr(trainer.Trainer, "epoch", lambda self, number: math.nan)
+    with pytest.raises(DsnetError, match="with a loss of nan in epoch 1"):
+        stage_train.main(TINY)
+    assert not list(encoded_run.glob("*train*"))
+
+
+def test_profiles_train_both_predictors_and_keep_the_papers_settings():
     for config in PROFILES.values():
-        assert set(config.readings) == {"standardised", "faithful"}
-        assert (config.frames, config.batch_size, config.lr("faithful")) == (300, 16, 1e-4)
+        assert config.predictors == BOTH
+        assert (config.frames, config.batch_size, config.lr_faithful) == (300, 16, 1e-4)
         assert not config.masked

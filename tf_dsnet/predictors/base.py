@@ -78,12 +78,20 @@ class PredictorTraining(Protocol):
 class Predictor(Protocol):
     """An entry of the registry; predictors that learn in one go train for one epoch."""
 
-    name: str
-    """In options, file names and manifests."""
-    label: str
-    """In tables and legends."""
-    preset: str
-    """Which choice it makes where the paper is silent."""
+    @property
+    def name(self) -> str:
+        """In options, file names and manifests."""
+        ...
+
+    @property
+    def label(self) -> str:
+        """In tables and legends."""
+        ...
+
+    @property
+    def preset(self) -> str:
+        """Which choice it makes where the paper is silent."""
+        ...
 
     def lr(self, settings: PredictorSettings) -> float:
         """Learning rate."""

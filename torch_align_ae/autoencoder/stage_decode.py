@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from tqdm import tqdm
 
 from bridge.motion import MotionSequence, sequences_of, to_manifest
+from bridge.motion.splits import decoded_sequences
 from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.codec import Codec, load_codec
+
+AUTOENCODER = "autoencoder"
+"""Name of what the autoencoder makes of the aligned offsets themselves."""
 
 
 @dataclass(frozen=True)
@@ -18,13 +22,11 @@ class DecodeConfig:
     """Decode DSNet's latents: about 3 ms a frame and array on two cores, 1 GB of memory.
 
     Gives the offsets of the validation and test sequences and of one training sequence a subject:
-    DSNet's, DSNet's in the faithful reading, and the autoencoder's own of the aligned offsets.
+    `offsets_<name>` of each predictor, and the autoencoder's own of the aligned offsets.
     """
 
     run: str = "demo"
     """Folder under runs/ that holds the predictions."""
-    seed: int = 0
-    """Recorded; decoding draws no random numbers."""
 
 
 PROFILES = {name: DecodeConfig(run=name) for name in ("smoke", "demo", "paper")}
@@ -45,39 +47,27 @@ def main(config: DecodeConfig) -> None:
     )
 
 
-def decoded_sequences(index: Iterable[MotionSequence]) -> list[MotionSequence]:
-    """Validation and test sequences, and the first training sequence of each subject."""
-    chosen, represented = [], set()
-    for sequence in index:
-        if sequence.split == "train":
-            if sequence.subject in represented:
-                continue
-            represented.add(sequence.subject)
-        chosen.append(sequence)
-    return chosen
-
-
 def _make(predict: Artifact, encode: Artifact, codec: Codec, writer: ArtifactWriter) -> None:
     chosen = decoded_sequences(sequences_of(predict))
     placed = _end_to_end(chosen)
     aligned = {sequence.name: sequence for sequence in sequences_of(encode)}
     shape = (sum(sequence.length for sequence in chosen), *codec.normaliser.mean_m.shape)
+    predictors = predict.manifest["predictors"]
     decoded = {
-        name: writer.open_array(name, shape, np.float32, "m")
-        for name in ("offsets", "offsets_faithful", "offsets_autoencoder")
+        name: writer.open_array(f"offsets_{name}", shape, np.float32, "m")
+        for name in (*predictors, AUTOENCODER)
     }
     pairs = list(zip(chosen, placed, strict=True))
     for source, target in tqdm(pairs, desc="decode", unit="sequence", disable=None):
-        latents = {
-            "offsets": predict.array("latents")[source.frames],
-            "offsets_faithful": predict.array("latents_faithful")[source.frames],
-        }
+        latents = {name: predict.array(f"latents_{name}")[source.frames] for name in predictors}
         # Test sequences were never aligned: their rows keep the zeros of a new array.
         if known := aligned.get(source.name):
-            latents["offsets_autoencoder"] = encode.array("latents")[known.frames]
+            latents[AUTOENCODER] = encode.array("latents")[known.frames]
         for name, values in latents.items():
             decoded[name][target.frames] = codec.decode(values)
-    writer.record(sequences=to_manifest(placed))
+    writer.record(
+        sequences=to_manifest(placed), predictors=predictors, default=predict.manifest["default"]
+    )
 
 
 def _end_to_end(chosen: Sequence[MotionSequence]) -> list[MotionSequence]:

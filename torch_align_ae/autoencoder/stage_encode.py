@@ -9,9 +9,9 @@ from tqdm import tqdm
 
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of, to_manifest
+from bridge.paper import LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.codec import Codec, load_codec
-from torch_align_ae.autoencoder.mesh_autoencoder import LATENT_SIZE
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,6 @@ class EncodeConfig:
 
     run: str = "demo"
     """Folder under runs/ that holds the aligned offsets and the autoencoder."""
-    seed: int = 0
-    """Recorded; encoding draws no random numbers."""
 
 
 PROFILES = {name: EncodeConfig(run=name) for name in ("smoke", "demo", "paper")}

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.exchange import save_weights
-from bridge.exchange.dsnet_presets import Scaling, TrainedDsnet
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.runs import ArtifactWriter, Run, write_artifact
 from bridge.verify import draws
 from tests.forged.amass import save, smplh

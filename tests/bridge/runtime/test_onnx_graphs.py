@@ -13,8 +13,8 @@ from bridge import DsnetError
 from bridge.runtime import onnx_graphs
 from bridge.runtime.onnx_builder import held_arrays, save_graph
 from bridge.verify import draws
-from bridge.verify.reference import dsnet, mesh_autoencoder
 from bridge.verify.draws import SMALL_WIDTHS
+from bridge.verify.reference import dsnet, mesh_autoencoder
 
 onnxruntime = pytest.importorskip("onnxruntime")
 ACTIVATIONS = ("leaky_relu", "elu", "tanh", "relu")

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from bridge.exchange import save_weights
+from bridge.exchange.layouts import autoencoder_shapes, dsnet_shapes
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import ArtifactWriter, Run, write_artifact
 from bridge.verify import draws
 from bridge.verify.checks import cases_of
+from bridge.verify.draws import SMALL_WIDTHS
 from bridge.verify.random_checks import full_size_plan, random_plan
 from bridge.verify.runner import verify
-from bridge.exchange.layouts import autoencoder_shapes, dsnet_shapes
-from bridge.verify.draws import SMALL_WIDTHS
 from bridge.verify.trained_checks import trained_plan
 
 
@@ -92,13 +92,15 @@ def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
             sequences=to_manifest(sequences),
         )
     train = ArtifactWriter(tmp_path / "r" / "train", "train", data="synthetic")
-    readings = ("standardised", "faithful")
-    for name in readings:
-        save_weights(train.file_path(f"{name}.safetensors"), draws.dsnet_weights(1))
-    for name, size in {"input": 79, "latent": 100}.items():
-        train.put(f"{name}_mean", rng.normal(size=size).astype(np.float32), "1")
-        train.put(f"{name}_std", rng.uniform(0.5, 2, size).astype(np.float32), "1")
-    train.record(reading="standardised", readings={name: {} for name in readings})
+    sizes = {"input": 79, "latent": 100}
+    scaling = {f"scaling/{k}_mean": rng.normal(size=n).astype(np.float32) for k, n in sizes.items()}
+    for key, size in sizes.items():
+        scaling[f"scaling/{key}_std"] = rng.uniform(0.5, 2, size).astype(np.float32)
+    arrays = {"dsnet_standardised": scaling, "dsnet_faithful": {}}
+    for name, scaled in arrays.items():
+        weights = {**draws.dsnet_weights(1), **scaled}
+        save_weights(train.file_path(f"{name}.safetensors"), weights)
+    train.record(default="dsnet_standardised", predictors={name: {} for name in arrays})
     train.finish()
     codec = ArtifactWriter(tmp_path / "r" / "train-ae", "train-ae", data="synthetic")
     weights = {f"model.{n}": a for n, a in draws.autoencoder_weights(1, SMALL_WIDTHS).items()}

@@ -55,9 +55,14 @@ def _write_prediction(run: Run) -> None:
     latents = np.asarray(run.artifact("encode").array("latents"))
     unseen = MotionSequence("s9_kick", "s9", "kick", len(latents), LENGTH, 60.0, "test")
     writer = ArtifactWriter(run.path / "predict", "predict", data="synthetic")
-    writer.put("latents", np.concatenate([latents, latents[:LENGTH]]) + 0.1, "1")
-    writer.put("latents_faithful", np.concatenate([latents, latents[:LENGTH]]) * 0.5, "1")
-    writer.record(sequences=to_manifest([*_index(), unseen]))
+    both = np.concatenate([latents, latents[:LENGTH]])
+    writer.put("latents_one", both + 0.1, "1")
+    writer.put("latents_other", both * 0.5, "1")
+    writer.record(
+        sequences=to_manifest([*_index(), unseen]),
+        predictors={"one": "One", "other": "Other"},
+        default="one",
+    )
     writer.finish()
 
 
@@ -96,9 +101,12 @@ def test_decoded_sequences_lie_where_the_index_says(run):
     assert [s.start for s in index] == [0, 8, 16, 24]
     codec = load_codec(run.artifact("train-ae"))
     jump = index[1]
-    for name, latents in (("offsets", "latents"), ("offsets_faithful", "latents_faithful")):
-        expected = codec.decode(predict.array(latents)[16:24])
-        np.testing.assert_allclose(decode.array(name)[jump.frames], expected, atol=1e-7)
+    for name in ("one", "other"):
+        expected = codec.decode(predict.array(f"latents_{name}")[16:24])
+        found = decode.array(f"offsets_{name}")[jump.frames]
+        np.testing.assert_allclose(found, expected, atol=1e-7)
+    assert decode.manifest["predictors"] == {"one": "One", "other": "Other"}
+    assert decode.manifest["default"] == "one"
     kept = codec.decode(run.artifact("encode").array("latents")[16:24])
     np.testing.assert_allclose(decode.array("offsets_autoencoder")[jump.frames], kept, atol=1e-7)
 

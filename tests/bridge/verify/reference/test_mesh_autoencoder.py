@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from bridge.exchange.layouts import autoencoder_shapes
 from bridge.verify.reference import mesh_autoencoder
 from bridge.verify.reference.mesh_autoencoder import Architecture
-from bridge.exchange.layouts import autoencoder_shapes
 
 WIDTHS = (11, 7, 7, 4, 2)
 
