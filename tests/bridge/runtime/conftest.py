@@ -34,7 +34,7 @@ def trained() -> TrainedDsnet:
     inputs = rng.normal(1.0, rng.uniform(0.01, 3.0, 79), (200, 79))
     latents = rng.normal(-2.0, rng.uniform(0.0, 3.0, 100), (200, 100))
     scaling = Scaling.fitted(inputs, latents, 0.05)
-    return TrainedDsnet("standardised", draws.dsnet_weights(3), scaling)
+    return TrainedDsnet("dsnet_standardised", draws.dsnet_weights(3), scaling)
 
 
 @pytest.fixture
@@ -51,11 +51,10 @@ def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trained: Traine
         config={"smpl": "embedded:female"},
     )
     train = ArtifactWriter(folder / "train", "train", data="synthetic")
-    for name in ("standardised", "faithful"):
-        save_weights(train.file_path(f"{name}.safetensors"), trained.weights)
-    for name, array in vars(trained.scaling).items():
-        train.put(name, array, "1")
-    train.record(reading="standardised", readings={"standardised": {}, "faithful": {}})
+    arrays = {"dsnet_standardised": trained.arrays(), "dsnet_faithful": trained.weights}
+    for name, stored in arrays.items():
+        save_weights(train.file_path(f"{name}.safetensors"), stored)
+    train.record(default="dsnet_standardised", predictors={name: {} for name in arrays})
     train.finish()
     codec = ArtifactWriter(folder / "train-ae", "train-ae", data="synthetic")
     save_weights(codec.file_path("autoencoder.safetensors"), autoencoder_arrays())

@@ -68,10 +68,10 @@ def decoded(latents: NDArray) -> NDArray:
 @pytest.mark.usefixtures("blank_strip")
 def test_another_network_and_shape_can_be_asked_for(trained_run, motion, tmp_path):
     chosen = predict_motion(trained_run, motion, tmp_path / "a", betas=np.ones(10))
-    assert chosen.manifest["predictor"] == "standardised"
+    assert chosen.manifest["predictor"] == "dsnet_standardised"
     assert chosen.manifest["betas"] == [1.0] * 10
-    other = predict_motion(trained_run, motion, tmp_path / "b", predictor="faithful")
-    assert other.manifest["predictor"] == "faithful"
+    other = predict_motion(trained_run, motion, tmp_path / "b", predictor="dsnet_faithful")
+    assert other.manifest["predictor"] == "dsnet_faithful"
     assert np.abs(chosen.array("latents") - other.array("latents")).max() > 0.1
     stages = {stage: trained_run.artifact(stage) for stage in ("train", "train-ae")}
     assert other.manifest["upstream"] == {n: a.content_sha256 for n, a in stages.items()}

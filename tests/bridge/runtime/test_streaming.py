@@ -64,7 +64,7 @@ def test_other_number_of_characters_is_refused_until_reset(trained):
 def test_a_run_by_its_name(trained_run, trained: TrainedDsnet, as_type):
     by_name = steps(StreamingPredictor(as_type("r")), THETA, BETAS)
     np.testing.assert_array_equal(by_name, steps(StreamingPredictor(trained), THETA, BETAS))
-    other = steps(StreamingPredictor(as_type("r"), "faithful"), THETA, BETAS)
+    other = steps(StreamingPredictor(as_type("r"), "dsnet_faithful"), THETA, BETAS)
     assert np.abs(other - by_name).max() > 0.1
 
 
