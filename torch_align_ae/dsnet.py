@@ -23,7 +23,6 @@ from bridge.exchange.layouts import (
     dsnet_from_torch,
     dsnet_to_torch,
 )
-from bridge.exchange.layouts import dsnet_from_torch, dsnet_to_torch
 from bridge.paper import DSNET_WIDTHS, INPUT_SIZE, N_BETAS, THETA_SIZE
 
 State = tuple[Tensor, Tensor]
