@@ -13,8 +13,8 @@ from typing import Any
 
 from bridge.errors import DsnetError
 from bridge.options import Seed
-from bridge.runs import ArtifactWriter, Run
-from bridge.runs.artifact import MANIFEST, DataOrigin, read_artifact
+from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.artifact import MANIFEST
 from bridge.runs.run import body_model_path
 from bridge.verify import tolerances
 from bridge.verify.checks import Plan
@@ -95,8 +95,10 @@ def _find_fault(name: FaultName, seed: int, folder: Path) -> list[Row]:
 
 
 def _make(config: VerifyConfig, run: Run) -> list[Row]:
+    sources = _sources(config, run)
+    origin = sources["align"].origin if "align" in sources else "synthetic"
     # A fresh writer each time: what is asked is whether they agree now.
-    writer = ArtifactWriter(run.path / STAGE, STAGE, data=_origin(run))
+    writer = ArtifactWriter(run.path / STAGE, STAGE, data=origin)
     try:
         plan = plan_of(config, run)
         started = time.perf_counter()
@@ -111,7 +113,8 @@ def _make(config: VerifyConfig, run: Run) -> list[Row]:
     text = json.dumps(parity(rows, answers), indent=1, allow_nan=False) + "\n"
     writer.file_path("parity.json").write_text(text, encoding="utf-8")
     settings = {key: value for key, value in asdict(config).items() if key != "run"}
-    writer.finish(config=settings)
+    upstream = {name: source.content_sha256 for name, source in sources.items()}
+    writer.finish(config=settings, upstream=upstream)
     _print(rows)
     return rows
 
@@ -152,8 +155,10 @@ def _body(run: Run) -> str:
     return str(body_model_path(run)) if _finished(run, "align") else EMBEDDED_BODY
 
 
-def _origin(run: Run) -> DataOrigin:
-    return read_artifact(run.path / "align").origin if _finished(run, "align") else "synthetic"
+def _sources(config: VerifyConfig, run: Run) -> dict[str, Artifact]:
+    """The stages whose results are compared, those that there are."""
+    stages = ("align", "encode", "train-ae", "train") if config.trained else ("align",)
+    return {stage: run.artifact(stage) for stage in stages if _finished(run, stage)}
 
 
 def _finished(run: Run, stage: str) -> bool:

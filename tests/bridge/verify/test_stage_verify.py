@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.runs import read_artifact
+from bridge.runs import read_artifact, write_artifact
 from bridge.verify import runner, stage_verify
 from bridge.verify.checks import Plan
 from bridge.verify.random_checks import random_plan
@@ -100,6 +100,25 @@ def test_equal_results_have_equal_digests(verify, tmp_path):
         verify()
         digests.add(read_artifact(tmp_path / "r" / "verify").content_sha256)
     assert len(digests) == 1
+
+
+@pytest.mark.parametrize(
+    ("trained", "compared"),
+    [(False, {"align"}), (True, {"align", "encode", "train-ae", "train"})],
+)
+def test_what_was_compared_is_recorded(verify, tmp_path, monkeypatch, trained, compared):
+    """A verification of networks that were trained again since is old, and can be seen to be."""
+    body = {"smpl": "embedded:female"}
+    stages = {
+        stage: write_artifact(
+            tmp_path / "r" / stage, stage, {}, units={}, data="synthetic", config=body
+        )
+        for stage in ("align", "encode", "train-ae", "train", "predict")
+    }
+    monkeypatch.setattr(stage_verify, "trained_plan", lambda run: Plan([], {}))
+    verify(replace(CONFIG, trained=trained))
+    upstream = read_artifact(tmp_path / "r" / "verify").manifest["upstream"]
+    assert upstream == {stage: stages[stage].content_sha256 for stage in compared}
 
 
 def test_unknown_run(tmp_path, monkeypatch):
