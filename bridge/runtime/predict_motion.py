@@ -38,7 +38,7 @@ def predict_motion(
 ) -> Artifact:
     """Predict how the run's body moves in one motion, at 60 fps with y up.
 
-    Costs a few seconds, and about 10 ms a frame.
+    Costs some seconds to start and to draw, and about 10 ms a frame.
 
     Parameters
     ----------

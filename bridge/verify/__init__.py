@@ -1,1 +1,1 @@
-"""Parity of NumPy, PyTorch, Keras and ONNX: a slow float64 reference and what compares with it."""
+"""Parity of PyTorch, Keras, ONNX and streaming with a slow float64 reference in NumPy."""

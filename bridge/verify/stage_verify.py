@@ -1,4 +1,9 @@
-"""`dsnet verify`: NumPy, PyTorch, Keras and ONNX compute the same, or the command fails."""
+"""`dsnet verify`: the engines compute the same, or the command fails.
+
+PyTorch and Keras are compared with the NumPy reference in layers, losses, gradients, training
+steps, SMPL and files; ONNX in float32 forward passes of both networks and in files; the streaming
+predictor in its latents.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +37,8 @@ EMBEDDED_BODY = "embedded:female"
 
 @dataclass(frozen=True)
 class VerifyConfig:
-    """Compare every engine with a float64 reference: layers, losses, gradients, steps, files.
+    """Compare PyTorch and Keras with a float64 reference: layers, gradients, steps, SMPL, files;
+    and ONNX with it in float32 forward passes.
 
     Every engine is a process of its own, one after the other. Prints a table, writes `parity.json`;
     exits with 1 when anything differs by more than its tolerance.
