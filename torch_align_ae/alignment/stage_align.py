@@ -10,6 +10,7 @@ from typing import Literal
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
+from bridge.options import NonNegativeFloat, NonNegativeInt, PositiveFloat
 from bridge.runs import Artifact, Run
 from bridge.runs.run import corpus_body_path
 from torch_align_ae.alignment.paper.corpus_fit import CorpusFit, Effort
@@ -33,8 +34,6 @@ class AlignConfig:
 
     run: str = "demo"
     """Name of the run; its corpus is aligned unless `smpl` and `dyna` are given."""
-    seed: int = 0
-    """Recorded only: nothing in the descent is random."""
     smpl: Path | None = None
     """SMPL model file (.npz or .pkl), given together with `dyna`."""
     dyna: tuple[Path, ...] = ()
@@ -43,16 +42,16 @@ class AlignConfig:
     """Method: `sgd` is the paper's; `robust` keeps the pose from swallowing the dynamics."""
     robust: RobustSettings = field(default_factory=RobustSettings)
     """Settings of `robust`; those below are `sgd`'s."""
-    steps: int = 140
+    steps: NonNegativeInt = 140
     """Steps for each frame after a sequence's first (the paper does not say how many). With
     50, jumps and fast limbs are left behind, beyond 400 nothing is gained (docs/alignment.md)."""
-    first_frame_steps: int = 2000
+    first_frame_steps: NonNegativeInt = 2000
     """Steps for the pose of a sequence's first frame, its subject's shape being known."""
-    shape_steps: int = 8000
+    shape_steps: NonNegativeInt = 8000
     """Steps for a subject's shape, together with the pose of its very first frame."""
-    lr: float = 1e-4
+    lr: PositiveFloat = 1e-4
     """Learning rate (paper: 0.0001)."""
-    momentum: float = 0.9
+    momentum: NonNegativeFloat = 0.9
     """Momentum (paper: 0.9)."""
     validation: tuple[str, ...] = ("50004_one_leg_jump", "50002_one_leg_jump")
     """Sequences held out from training; the last one if the files have none of these."""

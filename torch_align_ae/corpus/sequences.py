@@ -52,8 +52,11 @@ def dyna_takes(
     Raises
     ------
     DsnetError
-        If there is no such motion or not as many subjects.
+        If there is no such motion, one is named twice or none at all, or there are not as many
+        subjects.
     """
+    if not motions:
+        raise DsnetError("no motions", f"some of {', '.join(DYNA_MOTIONS)}", "Pass --motions hips.")
     _check_names(motions, DYNA_MOTIONS)
     if not 1 <= subjects <= len(SUBJECTS[gender]):
         raise DsnetError(
@@ -77,7 +80,7 @@ def mosh_takes(
     Raises
     ------
     DsnetError
-        If there is no such motion.
+        If there is no such motion, or one is named twice.
     """
     _check_names(motions, MOSH_MOTIONS)
     people = (*SUBJECTS[gender][: min(2, subjects)], UNSEEN[gender])
@@ -89,6 +92,10 @@ def _check_names(motions: tuple[str, ...], known: Iterable[str]) -> None:
     if unknown := sorted(set(motions) - set(known)):
         raise DsnetError(
             f"motions {', '.join(unknown)}", f"among {', '.join(known)}", "Check their names."
+        )
+    if repeated := sorted({motion for motion in motions if motions.count(motion) > 1}):
+        raise DsnetError(
+            f"motions {', '.join(repeated)} more than once", "each once", "Leave out the second."
         )
 
 

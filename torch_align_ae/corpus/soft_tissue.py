@@ -98,14 +98,16 @@ class SoftTissue:
     def step(self, state: TissueState, drive_m_s2: Array) -> TissueState:
         """Advance by `dt_s` under an acceleration (N, 3) of the free vertices, the step's mean.
 
-        With v the mean velocity and u0, u1 the offsets before and after, the nonlinear force is
-        w^2 a (|u0|^2 + |u1|^2) / 2 (u0 + u1) / 2: its work is exactly the change of the quartic
-        potential.
+        With v the mean velocity, D the damping and K the linear stiffness, the midpoint rule
+
+            M (2/dt (v - v0)) + D v + K (u0 + dt/2 v) + N(u0, u1) = M drive,    u1 = u0 + dt v
+
+        has v's terms on the left, (2/dt M + D + dt/2 K) v, and `known` on the right. The nonlinear
+        force N is M w^2 a (|u0|^2 + |u1|^2) / 2 (u0 + u1) / 2: its work N (u1 - u0) is exactly
+        the change of the quartic potential M w^2 a |u|^4 / 4.
         """
         dt_s, start_m, speed = self.dt_s, state.offsets_m, state.velocities_m_s
         known = self._mass * (2 / dt_s * speed + drive_m_s2) - self._stiffness @ start_m
-        if not known.any():
-            return state
         guess = speed + state.last_change_m_s
         middle_speed = self._contract(known, start_m, guess)
         if middle_speed is None:
@@ -115,7 +117,11 @@ class SoftTissue:
         )
 
     def _contract(self, known: Array, start_m: Array, middle_speed: Array) -> Array | None:
-        """Fixed-point iteration with the factored system; None when it does not contract."""
+        """Fixed-point iteration with the factored system; None when it does not contract.
+
+        N(u0, u1) is taken at the latest v and put on the right, so the matrix stays the one that
+        was factored; N changes by dt per change of v, and a step that short makes that little.
+        """
         squared, last_change = _squared_lengths(start_m), np.inf
         while True:
             stop_m = start_m + self.dt_s * middle_speed
@@ -130,7 +136,12 @@ class SoftTissue:
             last_change = change
 
     def _solve_stiff(self, known: Array, start_m: Array, middle_speed: Array) -> Array:
-        """The same equation with the spring's stiffening in the matrix: slow, for violent drive."""
+        """The same equation with the spring's stiffening in the matrix: slow, for violent drive.
+
+        At a fixed strain s = (|u0|^2 + |u1|^2) / 2 the force is linear, N = H s (u0 + dt/2 v), and
+        its part in v makes the system only more definite. s is moved half of the way each time,
+        for from one step to the next it would overshoot.
+        """
         squared = _squared_lengths(start_m)
         strain = (squared + _squared_lengths(start_m + self.dt_s * middle_speed)) / 2
         for _ in range(_STIFF_ITERATIONS):

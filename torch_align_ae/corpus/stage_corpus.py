@@ -17,6 +17,7 @@ from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.resampling import load_amass_motion
+from bridge.options import PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.worker_pool import worker_pool
 from torch_align_ae.body import SMPL
@@ -38,25 +39,26 @@ The body derives from the MakeHuman assets (CC0).
 class CorpusConfig:
     """Make the synthetic corpus and, apart from it, the truth that only evaluation may read.
 
-    Costs about 10 ms a frame on one core and 165 kB of disk a frame: two minutes for the demo,
-    five minutes and 3.6 GB for the paper's 21,502 frames.
+    Costs 165 kB of disk a frame, and time for the soft tissue, above all: profile `paper`, with
+    21,502 frames and 2,709 of held-out motions, took 757 s on 2 cores
+    (docs/results/costs/full.md).
     """
 
     run: str = "demo"
     """Run to write into: runs/<run>/truth and runs/<run>/corpus."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of every subject's style of moving."""
     gender: Gender = "female"
     """Whose bodies."""
-    subjects: int = 5
+    subjects: PositiveInt = 5
     """How many of the five subjects."""
     motions: tuple[str, ...] = tuple(DYNA_MOTIONS)
     """Dyna motions. All of them, of all subjects, make the paper's 67 sequences exactly."""
-    mean_frames: int = 321
+    mean_frames: PositiveInt = 321
     """Mean length of a sequence at 60 fps; the full corpus has the paper's total instead."""
     mosh_motions: tuple[str, ...] = tuple(MOSH_MOTIONS)
     """Held-out MoSh-like motions, each done by two known subjects and an unseen one."""
-    mosh_seconds: float = 5.0
+    mosh_seconds: PositiveFloat = 5.0
     """Length of each MoSh-like motion."""
 
 

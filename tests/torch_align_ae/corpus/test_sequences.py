@@ -58,8 +58,18 @@ def test_subjects_differ_from_lean_to_heavy(gender):
 
 @pytest.mark.parametrize(
     ("subjects", "motions", "complaint"),
-    [(5, ("waltz",), "motions waltz"), (6, ("hips",), "6 sub")],
+    [
+        (5, ("waltz",), "motions waltz"),
+        (6, ("hips",), "6 sub"),
+        (5, (), "no motions"),
+        (2, ("hips", "knees", "hips"), "motions hips more than once"),
+    ],
 )
 def test_what_there_is_not_is_refused(subjects, motions, complaint):
     with pytest.raises(DsnetError, match=complaint):
         dyna_takes("female", subjects, motions, 100, 0)
+
+
+def test_repeated_mosh_motions_are_refused():
+    with pytest.raises(DsnetError, match="motions kicking more than once"):
+        mosh_takes("female", 5, ("kicking", "kicking"), 2.0)

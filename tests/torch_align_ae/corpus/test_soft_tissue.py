@@ -107,8 +107,22 @@ def test_stiffening_shortens_the_period_as_duffing_predicts(amplitude_m):
 
 def test_no_drive_gives_exactly_no_offset():
     body = tissue(stiffening=1500.0)
-    x, _ = vibrate(body, body.at_rest(), 20)
-    np.testing.assert_array_equal(x, 0.0)
+    state, silence = body.at_rest(), np.zeros((len(body.free), 3))
+    for _ in range(20):
+        state = body.step(state, silence)
+    np.testing.assert_array_equal(state.offsets_m, 0.0)
+    np.testing.assert_array_equal(state.velocities_m_s, 0.0)
+
+
+@pytest.mark.parametrize("amplitude_m", [0.01, 0.3])
+def test_released_tissue_comes_to_rest_where_it_began(amplitude_m):
+    body = tissue(damping=0.5, stiffening=1500.0)
+    rough = np.random.default_rng(0).normal(size=(len(body.free), 3)) * amplitude_m
+    state, silence = displaced(body, rough), np.zeros_like(rough)
+    for _ in range(1200):
+        state = body.step(state, silence)
+    # exp(-0.5 * 2 pi 4 Hz * 5 s) of what it was; stiffer springs decay faster.
+    np.testing.assert_allclose(state.offsets_m, 0.0, atol=1e-20 * amplitude_m)
 
 
 def test_a_constant_drive_settles_where_spring_and_drive_balance():

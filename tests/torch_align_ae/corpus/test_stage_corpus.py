@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from bridge import cli
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of, subject_rows, unpack_theta
@@ -139,3 +140,23 @@ def test_too_short_sequences_are_refused(tmp_path, monkeypatch):
     with pytest.raises(DsnetError, match="mean_frames=5"):
         stage.main(replace(TINY, mean_frames=5))
     assert not list(tmp_path.glob("tiny/*"))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--motions"],
+        ["--motions", "hips", "hips"],
+        ["--mosh-seconds", "nan"],
+        ["--mosh-seconds", "inf"],
+        ["--subjects", "-1"],
+    ],
+)
+def test_options_without_sense_are_refused_before_any_work(options, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    monkeypatch.setattr(TissueSimulator, "offsets", lambda *_: pytest.fail("it began"))
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["corpus", "--profile", "smoke", *options])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not list(tmp_path.glob("smoke/*"))

@@ -4,28 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt
+
 
 @dataclass(frozen=True)
 class RobustSettings:
     """How much work the robust aligner does; `docs/alignment.md` shows what each buys."""
 
-    vertices: int = 800
+    vertices: PositiveInt = 800
     """About how many of the mesh's vertices the pose is read from."""
-    steps: int = 5
+    steps: NonNegativeInt = 5
     """Gauss-Newton steps for each frame."""
-    calibration_frames: int = 192
+    calibration_frames: PositiveInt = 192
     """Frames of each subject, spread over all of its motions, that tell how soft it is where."""
-    calibration_rounds: int = 20
+    calibration_rounds: NonNegativeInt = 20
     """Revisions of each subject's softness."""
-    precision_m: float = 1e-4
+    precision_m: PositiveFloat = 1e-4
     """Metres of unexplained motion at which a vertex counts half in the pose."""
     inertia: bool = True
     """Take out the displacement that a vertex's own acceleration explains. Without it vertices
     are only weighted by how little they jiggle."""
-    shape_frames: int = 1
+    shape_frames: PositiveInt = 1
     """Frames that give each subject's shape; the paper uses the first. More are spread over all
     of the subject's motions."""
-    shape_steps: int = 8
+    shape_steps: NonNegativeInt = 8
     """Gauss-Newton steps for the shape."""
 
     @classmethod
