@@ -18,6 +18,7 @@ from bridge.motion.clips import (
     pad_or_clip,
 )
 from bridge.runs import read_artifact
+from tests.forged.encoded import write_encoded
 
 
 @settings(max_examples=30, deadline=None)
@@ -79,8 +80,9 @@ def test_clips_are_zero_and_marked_where_padded_whatever_the_scaling():
     np.testing.assert_array_equal(plain.inputs[0, :5], recordings[0].inputs.astype(np.float32))
 
 
-def test_splits_are_the_indexs(encoded_run):
-    encoded = read_artifact(encoded_run / "encode")
+def test_splits_are_the_indexs(tmp_path):
+    write_encoded(tmp_path / "encode")
+    encoded = read_artifact(tmp_path / "encode")
     assert [len(r.inputs) for r in load_unpadded_clips(encoded, "validation")] == [30]
     assert [len(r.inputs) for r in load_unpadded_clips(encoded, "train")] == [25, 40, 35, 20, 45]
     last = load_unpadded_clips(encoded, "train")[-1]
