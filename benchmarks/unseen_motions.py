@@ -24,7 +24,7 @@ from bridge.measure.metrics import ErrorSums
 from bridge.motion import MotionSequence, sequences_of
 from bridge.report.panels import new_figure, save_figure
 from bridge.runs import Artifact, Run
-from bridge.runs.artifact import write_text_atomically
+from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 
 _READINGS = {"offsets": "standardised", "offsets_faithful": "faithful"}

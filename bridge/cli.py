@@ -38,6 +38,7 @@ COMMANDS = {
         "bridge.verify.stage_verify",
         "Compare NumPy, PyTorch, Keras, ONNX by layer.",
     ),
+    "check": ("bridge.runs.stage_check", "Compare a run's files and chain with its digests."),
     "bench": ("bridge.bench", "Time the networks against their limits and peers."),
 }
 PROFILES = ("smoke", "demo", "paper")

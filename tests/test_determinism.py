@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bridge.runs.artifact import file_sha256
+from bridge.runs.digests import file_sha256
 
 AUTOENCODER = """
 import sys, numpy, torch

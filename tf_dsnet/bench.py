@@ -16,7 +16,7 @@ from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.motion.clips import Clips
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runs import Run
-from bridge.runs.artifact import write_text_atomically
+from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from bridge.runtime.streaming import StreamingPredictor
 from tf_dsnet.framework import keras, tf

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from bridge.runs import Artifact, Run, read_artifact
-from bridge.runs.artifact import MANIFEST, write_text_atomically
+from bridge.runs.folders import MANIFEST, write_text_atomically
 
 ROOT = Path(__file__).parents[1]
 

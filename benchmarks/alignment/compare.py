@@ -33,7 +33,7 @@ from benchmarks.alignment.known_sequences import (
 )
 from benchmarks.alignment.scores import Scores, body_of, loads_of
 from bridge.errors import DsnetError
-from bridge.runs.artifact import write_text_atomically
+from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from torch_align_ae.alignment.paper.corpus_fit import Effort
 

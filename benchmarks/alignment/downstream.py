@@ -16,7 +16,7 @@ from typing import Any, Literal
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of
 from bridge.runs import Run
-from bridge.runs.artifact import write_text_atomically
+from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 
 _PREDICTORS = {"dsnet": "standardised", "dsnet_faithful": "faithful", "smpl": "SMPL alone"}

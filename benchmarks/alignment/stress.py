@@ -26,8 +26,9 @@ from tqdm import tqdm
 from bridge.body import load_body_model
 from bridge.measure.metrics import rotation_error_deg
 from bridge.motion import unpack_theta
-from bridge.runs.artifact import provenance, write_text_atomically
+from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
+from bridge.runs.provenance import provenance
 from torch_align_ae.alignment.robust import RobustSettings, align_sequences
 from torch_align_ae.body import SMPL, rest_pose_offsets
 from torch_align_ae.corpus.dyna_files import FPS

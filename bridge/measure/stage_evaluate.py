@@ -20,7 +20,6 @@ from bridge.measure.predictions import SEQUENCE_MEAN, Predictions
 from bridge.measure.references import References, best_constant_m
 from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.artifact import MANIFEST
 from bridge.runs.run import body_model_path
 
 Errors = Mapping[str, Mapping[str, FrameErrors]]
@@ -51,9 +50,9 @@ def main(config: EvaluateConfig) -> None:
         If the run lacks one of the stages before this one.
     """
     run = Run(config.run)
-    upstream = {stage: run.artifact(stage) for stage in ("align", "predict", "decode")}
+    upstream = run.artifacts("align", "predict", "decode")
     # The truth belongs to the run's own corpus, not to licensed meshes aligned beside it.
-    if upstream["align"].origin == "synthetic" and (run.path / "truth" / MANIFEST).is_file():
+    if upstream["align"].origin == "synthetic" and run.finished("truth"):
         upstream["truth"] = run.artifact("truth")
     body = load_body_model(str(body_model_path(run)))
     run.build(

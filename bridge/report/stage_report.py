@@ -25,7 +25,6 @@ from bridge.report.parity_figure import draw_parity
 from bridge.report.scene import Scene
 from bridge.report.summary import departures, read_parity, summarise
 from bridge.runs import ArtifactWriter, Run
-from bridge.runs.artifact import MANIFEST
 from bridge.runs.run import body_model_path
 
 _REQUIRED = ("align", "train-ae", "encode", "train", "predict", "decode", "evaluate")
@@ -75,8 +74,8 @@ def main(config: ReportConfig) -> None:
         If the run lacks one of the stages before this one.
     """
     run = Run(config.run)
-    optional = [stage for stage in _OPTIONAL if (run.path / stage / MANIFEST).is_file()]
-    stages = {stage: run.artifact(stage) for stage in (*optional, *_REQUIRED)}
+    optional = [stage for stage in _OPTIONAL if run.finished(stage)]
+    stages = run.artifacts(*optional, *_REQUIRED)
     body = load_body_model(str(body_model_path(run)))
     scene = Scene(stages, body, config.samples, config.panel_px)
     run.build(

@@ -2,31 +2,19 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from bridge.errors import DsnetError, InterruptedWorkError
-from bridge.runs.artifact import (
-    MANIFEST,
-    SCHEMA_VERSION,
-    Artifact,
-    ArtifactWriter,
-    DataOrigin,
-    file_sha256,
-    json_sha256,
-    read_artifact,
-)
-
-
-def runs_root() -> Path:
-    """`runs/` below the working directory, or what `DSNET_RUNS` names."""
-    return Path(os.environ.get("DSNET_RUNS", "runs"))
+from bridge.runs.artifact import SCHEMA_VERSION, Artifact, DataOrigin, read_artifact
+from bridge.runs.chain import Chain, command_of
+from bridge.runs.digests import cached_sha256, json_sha256
+from bridge.runs.folders import MANIFEST, is_finished, is_unsettled, runs_root, settle
+from bridge.runs.locks import exclusive
+from bridge.runs.writer import ArtifactWriter
 
 
 class Run:
@@ -40,19 +28,43 @@ class Run:
         self.name = name
         self.path = runs_root() / name
 
+    def finished(self, stage: str) -> bool:
+        """Whether there is an artifact of `stage`, current or not."""
+        if is_unsettled(self.path / stage):
+            # Left by a process that was killed while it put the artifact into place; if another
+            # one holds the stage, it is alive and does so itself.
+            with suppress(DsnetError, OSError), self._alone(stage):
+                settle(self.path / stage)
+        return is_finished(self.path / stage)
+
     def artifact(self, stage: str) -> Artifact:
-        """The finished artifact of `stage`; DsnetError with the remedy when there is none."""
-        if not (self.path / stage / MANIFEST).is_file():
-            having = f"run {self.name!r} without {stage!r}"
-            if not self.path.is_dir():
-                names = sorted({p.parent.parent.name for p in runs_root().glob("*/*/" + MANIFEST)})
-                having = f"unknown run {self.name!r} (known: {', '.join(names) or 'none'})"
-            raise DsnetError(
-                having,
-                f"a finished stage {stage!r} in {self.path}",
-                f"Run `dsnet {stage} --run {self.name}` or `./reproduce.sh` first.",
-            )
-        return read_artifact(self.path / stage)
+        """The finished artifact of `stage`, which is one chain with all that it was made from.
+
+        Raises
+        ------
+        DsnetError
+            If there is none, or if something before it was made again since.
+        """
+        return self.artifacts(stage)[stage]
+
+    def artifacts(self, *stages: str) -> dict[str, Artifact]:
+        """The finished artifacts of several stages, by name; see `artifact`."""
+        for stage in stages:
+            if not self.finished(stage):
+                raise self._unfinished(stage)
+        Chain(self.path).check(stages)
+        return {stage: read_artifact(self.path / stage) for stage in stages}
+
+    def _unfinished(self, stage: str) -> DsnetError:
+        having = f"run {self.name!r} without {stage!r}"
+        if not self.path.is_dir():
+            names = sorted({p.parent.parent.name for p in runs_root().glob("*/*/" + MANIFEST)})
+            having = f"unknown run {self.name!r} (known: {', '.join(names) or 'none'})"
+        return DsnetError(
+            having,
+            f"a finished stage {stage!r} in {self.path}",
+            f"Run `dsnet {command_of(stage)} --run {self.name}` or `./reproduce.sh` first.",
+        )
 
     def build(
         self,
@@ -85,6 +97,7 @@ class Run:
         if current := self._current(stage, settings, digests):
             return current
         with self._alone(stage):
+            settle(self.path / stage)
             # Another process may have made it since.
             if current := self._current(stage, settings, digests):
                 return current
@@ -97,41 +110,42 @@ class Run:
             except DsnetError:
                 writer.discard()
                 raise
+            writer.record_measured(inputs=self._inputs(upstream))
             return writer.finish(config=settings, upstream=digests)
 
     def _current(
         self, stage: str, settings: dict[str, Any], digests: dict[str, str]
     ) -> Artifact | None:
         """The finished artifact of `stage`, if it was made from the same."""
-        if not (self.path / stage / MANIFEST).is_file():
+        if not self.finished(stage):
             return None
-        finished = read_artifact(self.path / stage)
+        try:
+            finished = read_artifact(self.path / stage)
+        except DsnetError:  # damaged, and about to be made again
+            return None
         made_from = finished.manifest["config"], finished.manifest["upstream"]
         return finished if made_from == (settings, digests) else None
 
-    @contextmanager
-    def _alone(self, stage: str) -> Iterator[None]:
-        """Keep other processes out of `stage`; the system lets go when a process is killed."""
-        # Not in the run's folder, which a refused input leaves as it was.
-        locks = runs_root() / ".locks"
-        locks.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(locks / f"{self.name}.{stage}")
-        try:
-            lock.acquire(blocking=False)
-        except Timeout:
-            raise DsnetError(
-                f"stage {stage!r} of run {self.name!r}, which another process is making",
-                "one process at a time",
-                "Wait until it has ended, or pass another --run.",
-            ) from None
-        try:
-            yield
-        finally:
-            lock.release()
+    def _inputs(self, upstream: Mapping[str, Artifact | Path]) -> dict[str, str]:
+        """Where input files lie: in the run, which may be moved, or anywhere else."""
+        home = self.path.resolve()
+        files = {n: p.resolve() for n, p in upstream.items() if not isinstance(p, Artifact)}
+        return {
+            name: str(path.relative_to(home) if path.is_relative_to(home) else path)
+            for name, path in files.items()
+        }
+
+    def _alone(self, stage: str) -> AbstractContextManager[None]:
+        """Keep other processes out of `stage`."""
+        return exclusive(
+            self.path / stage,
+            f"stage {stage!r} of run {self.name!r}",
+            "Wait until it has ended, or pass another --run.",
+        )
 
 
 def _digest(source: Artifact | Path) -> str:
-    return source.content_sha256 if isinstance(source, Artifact) else file_sha256(source)
+    return source.content_sha256 if isinstance(source, Artifact) else cached_sha256(source)
 
 
 def _plain(value: Any) -> Any:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.exchange import load_weights, save_weights
-from bridge.runs.artifact import write_text_atomically
+from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 
 REQUEST = "request.json"

@@ -19,7 +19,6 @@ from typing import Any
 from bridge.errors import DsnetError
 from bridge.options import Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.artifact import MANIFEST
 from bridge.runs.run import body_model_path
 from bridge.verify import tolerances
 from bridge.verify.checks import Plan
@@ -158,14 +157,10 @@ def _print(rows: Sequence[Row]) -> None:
 
 def _body(run: Run) -> str:
     """The run's own body model, or the embedded one before anything was aligned."""
-    return str(body_model_path(run)) if _finished(run, "align") else EMBEDDED_BODY
+    return str(body_model_path(run)) if run.finished("align") else EMBEDDED_BODY
 
 
 def _sources(config: VerifyConfig, run: Run) -> dict[str, Artifact]:
     """The stages whose results are compared, those that there are."""
     stages = ("align", "encode", "train-ae", "train") if config.trained else ("align",)
-    return {stage: run.artifact(stage) for stage in stages if _finished(run, stage)}
-
-
-def _finished(run: Run, stage: str) -> bool:
-    return (run.path / stage / MANIFEST).is_file()
+    return {stage: run.artifact(stage) for stage in stages if run.finished(stage)}

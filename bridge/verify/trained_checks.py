@@ -11,7 +11,6 @@ from bridge.exchange import load_weights
 from bridge.exchange.trained_dsnet import load_trained_dsnet
 from bridge.motion.clips import load_unpadded_clips, make_clips
 from bridge.runs import Artifact, Run
-from bridge.runs.artifact import MANIFEST
 from bridge.verify.checks import (
     IN_FLOAT64,
     STREAM,
@@ -29,17 +28,13 @@ _NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 def trained_plan(run: Run) -> Plan:
     """Checks of every predictor and of the autoencoder that the run has trained."""
     plan = Plan([], {})
-    if _finished(run, "train"):
+    if run.finished("train"):
         train, encoded = run.artifact("train"), run.artifact("encode")
         for name in train.manifest["predictors"]:
             plan = plan + _dsnet(train, encoded, name)
-    if _finished(run, "train-ae"):
+    if run.finished("train-ae"):
         plan = plan + _autoencoder(run.artifact("train-ae"), run.artifact("align"))
     return plan
-
-
-def _finished(run: Run, stage: str) -> bool:
-    return (run.path / stage / MANIFEST).is_file()
 
 
 def _dsnet(train: Artifact, encoded: Artifact, name: str) -> Plan:

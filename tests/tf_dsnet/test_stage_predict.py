@@ -13,8 +13,7 @@ from bridge import DsnetError
 from bridge.exchange import save_weights
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.motion import sequences_of, subject_rows
-from bridge.runs import Artifact, read_artifact
-from bridge.runs.artifact import ArtifactWriter
+from bridge.runs import Artifact, ArtifactWriter, read_artifact
 from tests.forged.amass import save, shape, smplh, smplx
 from tf_dsnet import StreamingPredictor, stage_predict
 from tf_dsnet.stage_predict import PredictStageConfig

@@ -35,7 +35,7 @@ PROFILES = {name: DecodeConfig(run=name) for name in ("smoke", "demo", "paper")}
 def main(config: DecodeConfig) -> None:
     """Run the stage; a result that is current is kept."""
     run = Run(config.run)
-    upstream = {stage: run.artifact(stage) for stage in ("predict", "encode", "train-ae")}
+    upstream = run.artifacts("predict", "encode", "train-ae")
     run.build(
         "decode",
         config,

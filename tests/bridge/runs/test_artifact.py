@@ -69,13 +69,11 @@ def test_empty_arrays_are_kept(tmp_path):
     [
         (lambda p: (p / "manifest.json").write_text("{"), "JSON"),
         (lambda p: (p / "manifest.json").write_text("{}"), "schema"),
-        (lambda p: (p / "offsets.npy").unlink(), "offsets"),
-        (lambda p: (p / "offsets.npy").write_bytes(b"\x93NUMPY"), "offsets"),
-        (lambda p: np.save(p / "offsets.npy", np.zeros(3)), "shape"),
-        (
-            lambda p: np.save(p / "offsets.npy", np.array([{}]), allow_pickle=True),
-            "does not load",
-        ),
+        (lambda p: (p / "manifest.json").write_text("[]"), "schema"),
+        (lambda p: (p / "manifest.json").write_text("[" * 100_000), "JSON"),
+        (lambda p: (p / "offsets.npy").unlink(), r"offsets\.npy with SHA-256 no file"),
+        (lambda p: (p / "offsets.npy").write_bytes(b"\x93NUMPY"), r"offsets\.npy with SHA-256"),
+        (lambda p: np.save(p / "offsets.npy", np.zeros(3)), r"offsets\.npy with SHA-256"),
     ],
 )
 def test_a_broken_artifact_is_one_line(tmp_path, break_it, word):
@@ -213,3 +211,83 @@ def test_manifest_is_plain_json_with_provenance_apart(tmp_path):
     assert {"command", "finished_utc", "wall_time_s", "machine", "versions"} <= set(
         manifest["provenance"]
     )
+
+
+def flip(path, position=-1):
+    content = bytearray(path.read_bytes())
+    content[position] ^= 1
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("rows", [3, 30_000])
+def test_one_changed_byte_is_named_before_an_array_is_used(rows, tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    path = tmp_path / "r" / "s"
+    arrays = {"x": np.ones((rows, 3))}
+    artifact = write_artifact(path, "s", arrays, units={"x": "m"}, data="synthetic")
+    for _ in range(2):
+        artifact.array("x")
+    flip(path / "x.npy")
+    with pytest.raises(DsnetError, match=r"x\.npy with SHA-256"):
+        read_artifact(path).array("x")
+
+
+def test_one_changed_byte_of_a_file_is_named(tmp_path):
+    writer = ArtifactWriter(tmp_path / "s", "s", data="synthetic")
+    writer.file_path("weights.bin").write_bytes(bytes(100))
+    artifact = writer.finish()
+    assert artifact.file("weights.bin") == tmp_path / "s" / "weights.bin"
+    flip(tmp_path / "s" / "weights.bin", 50)
+    with pytest.raises(DsnetError, match=r"weights\.bin with SHA-256"):
+        artifact.file("weights.bin")
+
+
+def test_any_changed_byte_of_the_manifest_but_in_its_provenance_is_named(tmp_path):
+    small(tmp_path / "a")
+    path = tmp_path / "a" / "manifest.json"
+    text = path.read_text()
+    for position in range(0, text.index('"provenance"'), 7):
+        if text[position].isspace():
+            continue
+        other = "7" if text[position] != "7" else "8"
+        path.write_text(text[:position] + other + text[position + 1 :])
+        with pytest.raises(DsnetError, match=r"manifest\.json"):
+            read_artifact(tmp_path / "a")
+
+
+def test_an_artifact_holds_what_was_declared_and_nothing_else(tmp_path):
+    writer = ArtifactWriter(tmp_path / "s", "s", data="synthetic")
+    writer.put("x", np.zeros(3), "m")
+    weights = writer.file_path("deep/weights.bin")
+    weights.write_bytes(b"w")
+    for orphan in (".weights.bin.tmpOT0", "deep/.weights.bin.tmp", ".writing-1/body.npz"):
+        (weights.parents[1] / orphan).parent.mkdir(exist_ok=True)
+        (weights.parents[1] / orphan).write_bytes(b"half")
+    artifact = writer.finish()
+    assert list(artifact.manifest["files"]) == ["deep/weights.bin"]
+    found = {p.relative_to(artifact.path).as_posix() for p in artifact.path.rglob("*")}
+    assert found == {"manifest.json", "x.npy", "deep", "deep/weights.bin"}
+    artifact.verify()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_no_stage_finishes_with_an_array_that_is_not_finite(value, tmp_path):
+    write_artifact(tmp_path / "s", "s", {"x": [1.0]}, units={"x": "m"}, data="synthetic")
+    writer = ArtifactWriter(tmp_path / "s", "s", data="synthetic")
+    array = np.zeros((4, 2_000_000), np.float32)
+    array[2, 1_234_567] = array[3, 0] = value
+    writer.put("whole", np.array([2**62]), "1")
+    writer.put("x", array, "m")
+    with pytest.raises(DsnetError, match=rf"stage 's' with {value} at x\[2, 1234567\];"):
+        writer.finish()
+    # The one before is still there, and the next try begins anew.
+    assert read_artifact(tmp_path / "s").array("x").shape == (1,)
+    assert [path.name for path in tmp_path.iterdir()] == ["s"]
+
+
+def test_no_stage_finishes_with_a_recorded_value_that_is_not_finite(tmp_path):
+    writer = ArtifactWriter(tmp_path / "s", "s", data="synthetic")
+    writer.record(errors={"women": [1.0, float("nan")]}, name="nan")
+    with pytest.raises(DsnetError, match=r"stage 's' with nan at errors\.women\[1\];"):
+        writer.finish()
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,76 @@
+"""The chain of a run: whether its stages were made from one another as they are now."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from bridge.errors import DsnetError
+from bridge.runs.artifact import Artifact, read_artifact
+from bridge.runs.digests import cached_sha256
+from bridge.runs.folders import is_finished
+
+
+class Chain:
+    """Compares the digests of what stages were made from with what lies in a run's folder.
+
+    What was deleted since cannot be compared and is passed over.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._seen: dict[str, bool] = {}
+        self._changed: list[str] = []
+
+    def check(self, stages: Iterable[str]) -> None:
+        """Refuse stages that are older than what they, or those before them, were made from.
+
+        Raises
+        ------
+        DsnetError
+            That names the stages to run again, in order.
+        """
+        for stage in stages:
+            self._is_old(stage)
+        old = [stage for stage, is_old in self._seen.items() if is_old]
+        if not old:
+            return
+        run = self._folder.name
+        newer = ", ".join(repr(name) for name in dict.fromkeys(self._changed))
+        those = f"stages {', '.join(old)} are" if len(old) > 1 else f"stage {old[0]} is"
+        commands = (f"`dsnet {command_of(stage)} --run {run}`" for stage in old)
+        raise DsnetError(
+            f"run {run!r}, whose {those} older than {newer}",
+            "one chain",
+            f"Run {', '.join(dict.fromkeys(commands))} again, with the options they had.",
+        )
+
+    def _is_old(self, stage: str) -> bool:
+        if stage not in self._seen:
+            artifact = read_artifact(self._folder / stage)
+            # A list: each source is looked at, so that each is named.
+            changed = [self._has_changed(artifact, name) for name in artifact.manifest["upstream"]]
+            self._seen[stage] = any(changed)
+        return self._seen[stage]
+
+    def _has_changed(self, artifact: Artifact, name: str) -> bool:
+        """Whether one source of an artifact is old itself, or not what the artifact was made of."""
+        recorded = artifact.manifest["upstream"][name]
+        given = artifact.manifest["provenance"].get("inputs", {}).get(name)
+        if given is not None:
+            source = self._folder / given
+            present = cached_sha256(source) if source.is_file() else recorded
+        elif is_finished(self._folder / name):
+            if self._is_old(name):
+                return True
+            present = read_artifact(self._folder / name).content_sha256
+        else:
+            return False
+        if present != recorded:
+            self._changed.append(given or name)
+        return present != recorded
+
+
+def command_of(stage: str) -> str:
+    """The command that makes a stage."""
+    return "corpus" if stage == "truth" else stage

@@ -1,0 +1,39 @@
+"""When, where and how something was made: all that differs between two identical runs."""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import sys
+import time
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+_RECORDED_PACKAGES = ("numpy", "scipy", "torch", "tensorflow", "keras")
+
+
+def provenance(wall_time_s: float) -> dict[str, Any]:
+    """When, where, by which command and with which versions something was made."""
+    versions = {"python": platform.python_version()}
+    for package in _RECORDED_PACKAGES:
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return {
+        "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        "finished_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "wall_time_s": round(wall_time_s, 3),
+        "peak_memory_mb": _peak_memory_mb(),
+        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "versions": versions,
+    }
+
+
+def _peak_memory_mb() -> int:
+    """Largest resident memory so far of this process, or of one that it has started."""
+    whose = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    largest = max(resource.getrusage(one).ru_maxrss for one in whose)
+    return round(largest / (2**20 if sys.platform == "darwin" else 2**10))

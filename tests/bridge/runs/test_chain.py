@@ -1,0 +1,137 @@
+"""The chain: what was made from something that was made again since is refused, by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.runs import Run
+from bridge.runs.stage_check import CheckConfig
+from bridge.runs.stage_check import main as check
+
+CHAIN = {
+    "align": (),
+    "train-ae": ("align",),
+    "encode": ("align", "train-ae"),
+    "train": ("encode",),
+    "predict": ("train", "encode"),
+    "decode": ("predict", "encode", "train-ae"),
+}
+
+
+@dataclass(frozen=True)
+class Config:
+    run: str = "x"
+    value: float = 0.0
+
+
+def make(stage, value=0.0, inputs=None):
+    run = Run("x")
+    upstream = run.artifacts(*CHAIN[stage])
+    seen = [float(artifact.array("x")[0]) for artifact in upstream.values()]
+
+    def fill(writer):
+        writer.put("x", np.array([sum(seen) + value]), "m")
+
+    return run.build(
+        stage, Config(value=value), fill, data="synthetic", upstream={**upstream, **(inputs or {})}
+    )
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    for stage in CHAIN:
+        make(stage, value=1.0)
+    return Run("x")
+
+
+REMADE = (
+    "run 'x', whose stages encode, train, predict are older than 'train-ae'; expected one chain. "
+    "Run `dsnet encode --run x`, `dsnet train --run x`, `dsnet predict --run x` again"
+)
+
+
+def test_what_is_older_than_its_source_is_refused_with_the_stages_to_run(run):
+    make("train-ae", value=2.0)
+    with pytest.raises(DsnetError) as caught:
+        run.artifact("predict")
+    assert str(caught.value).startswith(REMADE)
+    with pytest.raises(DsnetError, match=r"whose stages encode, train are older than 'train-ae'"):
+        run.artifact("train")
+    assert run.artifact("align")
+    assert run.artifact("train-ae")
+
+
+def test_several_stages_are_refused_together(run):
+    make("train-ae", value=2.0)
+    with pytest.raises(DsnetError, match=r"stages encode, train, predict, decode are older"):
+        run.artifacts("align", "predict", "decode")
+
+
+def test_making_them_again_in_order_mends_the_chain(run):
+    make("train-ae", value=2.0)
+    for stage in ("encode", "train", "predict"):
+        make(stage, value=1.0)
+    with pytest.raises(DsnetError, match=r"stage decode is older than 'predict', 'encode'"):
+        run.artifact("decode")
+    make("decode", value=1.0)
+    assert run.artifact("decode").array("x")[0] > 0
+
+
+def test_the_same_content_made_again_keeps_the_chain(run):
+    before = run.artifact("decode").content_sha256
+    make("train-ae", value=2.0)
+    make("train-ae", value=1.0)
+    assert run.artifact("decode").content_sha256 == before
+    assert make("encode", value=1.0).content_sha256 == run.artifact("encode").content_sha256
+
+
+def test_a_current_stage_is_not_made_again(run):
+    written = (run.path / "encode" / "manifest.json").stat().st_mtime_ns
+    make("encode", value=1.0)
+    assert (run.path / "encode" / "manifest.json").stat().st_mtime_ns == written
+
+
+def test_an_input_file_that_changed_is_named_while_it_is_there(run, tmp_path):
+    body = tmp_path / "SMPL.npz"
+    body.write_bytes(b"a" * 100_000)
+    make("align", inputs={"smpl": body})
+    assert run.artifact("align")
+    body.write_bytes(b"b" * 100_000)
+    with pytest.raises(DsnetError, match=r"stage align is older than '.*SMPL\.npz'.*dsnet align"):
+        run.artifact("align")
+    body.unlink()
+    assert run.artifact("align")
+
+
+def test_check_reads_every_byte_and_the_chain(run, capsys):
+    check(CheckConfig("x"))
+    assert capsys.readouterr().out.splitlines()[-1] == "run 'x': 6 stages, one chain"
+    make("align", value=2.0)
+    with pytest.raises(DsnetError, match=r"train-ae, encode, train, predict, decode are older"):
+        check(CheckConfig("x"))
+
+
+def test_check_does_not_trust_the_cache(run, monkeypatch, capsys):
+    digest = run.artifact("encode").digests["x.npy"]
+    monkeypatch.setattr("bridge.runs.artifact.cached_sha256", lambda path: digest)
+    path = run.path / "encode" / "x.npy"
+    content = path.read_bytes()
+    path.write_bytes(content[:-1] + b"\x01")
+    assert run.artifact("encode").array("x").shape == (1,)
+    with pytest.raises(DsnetError, match=r"encode/x\.npy with SHA-256"):
+        check(CheckConfig("x"))
+    assert "encode     FAULT" in capsys.readouterr().out
+    path.write_bytes(content)
+    (run.path / "train" / "notes.txt").write_text("mine")
+    with pytest.raises(DsnetError, match=r"train/notes\.txt, which is not part"):
+        check(CheckConfig("x"))
+
+
+def test_check_of_an_unknown_run_names_the_known_ones(run):
+    with pytest.raises(DsnetError, match=r"unknown run 'nope' \(known: x\)"):
+        check(CheckConfig("nope"))
