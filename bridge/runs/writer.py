@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -117,11 +116,10 @@ class ArtifactWriter:
         Raises
         ------
         DsnetError
-            If an array or a recorded value is not finite; everything written is discarded, as
-            the same inputs would give the same again.
+            If an array is not finite; everything written is discarded, as the same inputs would
+            give the same again.
         """
         try:
-            self._check_recorded()
             arrays = {name: self._describe_array(name) for name in sorted(self._units)}
         except DsnetError:
             self.discard()
@@ -164,26 +162,17 @@ class ArtifactWriter:
         array = np.load(path, mmap_mode=mode, allow_pickle=False)
         if (index := _first_not_finite(array)) is not None:
             place = f"{name}[{', '.join(map(str, index))}]"
-            raise self._not_finite(f"{array[index]} at {place}")
+            raise DsnetError(
+                f"stage {self._manifest['kind']!r} with {array[index]} at {place}",
+                "finite numbers only",
+                "Nothing was kept: check the options and inputs of this and the stages before it.",
+            )
         return {
             "shape": list(array.shape),
             "dtype": str(array.dtype),
             "unit": self._units[name],
             "sha256": file_sha256(path),
         }
-
-    def _check_recorded(self) -> None:
-        for place, value in _leaves(self._extra):
-            if isinstance(value, float) and not math.isfinite(value):
-                raise self._not_finite(f"{value} at {place}")
-
-    def _not_finite(self, found: str) -> DsnetError:
-        kind = self._manifest["kind"]
-        return DsnetError(
-            f"stage {kind!r} with {found}",
-            "finite numbers only",
-            "Nothing was kept: check the options and inputs of this stage, and those before it.",
-        )
 
     def _declared_files(self) -> list[str]:
         return sorted(self._files - {f"{name}.npy" for name in self._units})
@@ -213,18 +202,6 @@ def _first_not_finite(array: NDArray[Any]) -> tuple[int, ...] | None:
             first = start + int(np.argmin(finite))
             return tuple(int(i) for i in np.unravel_index(first, array.shape))
     return None
-
-
-def _leaves(value: Any, place: str = "") -> Iterator[tuple[str, Any]]:
-    """Place and value of everything in nested mappings and lists."""
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _leaves(item, f"{place}.{key}" if place else str(key))
-    elif isinstance(value, (list, tuple)):
-        for index, item in enumerate(value):
-            yield from _leaves(item, f"{place}[{index}]")
-    else:
-        yield place, value
 
 
 def write_artifact(

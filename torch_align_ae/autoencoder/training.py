@@ -85,8 +85,8 @@ class Training:
         # One fused pass over weights and moments; it is bit-reproducible and twice as fast.
         self._adam = torch.optim.Adam(self.model.parameters(), self.plan.learning_rate, fused=True)
         count = len(self.split.validation)
-        wanted = min(self.plan.validation_frames or count, count)
-        self._scored = self.split.validation[np.linspace(0, count - 1, wanted).astype(int)]
+        self._scored = _spread(self.split.validation, self.plan.validation_frames or count)
+        self._learned = _spread(self.split.train, len(self._scored))
 
     def run(self) -> TrainingResult:
         """Train to the end of the plan, from the checkpoint if there is one."""
@@ -112,8 +112,9 @@ class Training:
     def _start(self) -> tuple[dict[str, Tensor], NDArray[np.float64], int]:
         if self.checkpoint.is_file():
             return load_checkpoint(self.checkpoint, self.model, self._adam)
-        loss = self.validation_loss()
-        return self._weights(), np.array([[np.nan, loss]]), 0
+        # As many training frames as validation ones: all of them would cost an epoch.
+        losses = [self._mean_loss(self._learned), self.validation_loss()]
+        return self._weights(), np.array([losses]), 0
 
     def _stale(self, history: NDArray[np.float64]) -> bool:
         since = len(history) - 1 - int(np.argmin(history[:, 1]))
@@ -144,14 +145,22 @@ class Training:
         values = self._normaliser.normalise(offsets_m)
         return nn.functional.mse_loss(self.model(values), values)
 
-    @torch.inference_mode()
     def validation_loss(self) -> float:
         """Mean squared error of the scored validation frames, normalised."""
+        return self._mean_loss(self._scored)
+
+    @torch.inference_mode()
+    def _mean_loss(self, frames: NDArray[np.int64]) -> float:
         self.model.eval()
         total = 0.0
-        for part in chunks(self.offsets_m, self._scored, _VALIDATION_BATCH):
+        for part in chunks(self.offsets_m, frames, _VALIDATION_BATCH):
             total += self._loss(torch.from_numpy(part).to(self._device)).item() * len(part)
-        return total / len(self._scored)
+        return total / len(frames)
 
     def _weights(self) -> dict[str, Tensor]:
         return {name: value.detach().cpu().clone() for name, value in self.model.named_parameters()}
+
+
+def _spread(frames: NDArray[np.int64], wanted: int) -> NDArray[np.int64]:
+    """At most `wanted` frames, spread evenly."""
+    return frames[np.linspace(0, len(frames) - 1, min(wanted, len(frames))).astype(int)]
