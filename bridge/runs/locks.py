@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
+import fcntl
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from filelock import FileLock, Timeout
-
 from bridge.errors import DsnetError
-from bridge.runs.folders import runs_root
 
 
 @contextmanager
 def exclusive(folder: Path, what: str, remedy: str) -> Iterator[None]:
-    """Keep other processes out of `folder`, which need not exist nor lie in the runs' folder.
+    """Keep other processes out of `folder`, which need not exist yet.
 
-    The system lets go when a process is killed.
+    The system lets go when a process is killed; the lock, a file beside the folder, goes with the
+    next one.
 
     Parameters
     ----------
@@ -29,22 +28,26 @@ def exclusive(folder: Path, what: str, remedy: str) -> Iterator[None]:
     DsnetError
         If another process is writing the folder.
     """
-    lock = FileLock(_lock_file(folder))
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    path = folder.with_name(f".{folder.name}.lock")
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:
-        lock.acquire(blocking=False)
-    except Timeout:
-        raise DsnetError(
-            f"{what}, which another process is making", "one process at a time", remedy
-        ) from None
-    try:
-        yield
+        if not _locked(descriptor, path):
+            raise DsnetError(
+                f"{what}, which another process is making", "one process at a time", remedy
+            )
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
     finally:
-        lock.release()
+        os.close(descriptor)
 
 
-def _lock_file(folder: Path) -> Path:
-    """Apart from the folder, which a refused input leaves as it was."""
-    locks = runs_root() / ".locks"
-    locks.mkdir(parents=True, exist_ok=True)
-    digest = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()
-    return locks / f"{digest[:16]}.lock"
+def _locked(descriptor: int, path: Path) -> bool:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # Whom it belonged to may have removed the file since it was opened.
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except (BlockingIOError, FileNotFoundError):
+        return False

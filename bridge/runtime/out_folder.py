@@ -6,16 +6,15 @@ anything but an earlier prediction is refused.
 
 from __future__ import annotations
 
-import fcntl
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from bridge.errors import DsnetError
 from bridge.runs import ArtifactWriter, read_artifact
-from bridge.runs.artifact import MANIFEST, DataOrigin
-from bridge.runs.run import runs_root
+from bridge.runs.artifact import DataOrigin
+from bridge.runs.folders import MANIFEST, runs_root
+from bridge.runs.locks import exclusive
 
 KIND = "prediction"
 
@@ -33,7 +32,7 @@ def open_out_folder(out: Path, origin: DataOrigin) -> Iterator[ArtifactWriter]:
     out = out.resolve()
     _refuse_foreign(out)
     try:
-        with _alone(out):
+        with exclusive(out, f"--out {out}", "Wait until it has ended, or name another folder."):
             _refuse_foreign(out)  # once more: it may have been filled before we were alone
             writer = ArtifactWriter(out, KIND, data=origin)
             try:
@@ -72,41 +71,14 @@ def _foreign(out: Path) -> str:
     if there is None:
         return ""
     try:
-        manifest = read_artifact(out).manifest
+        artifact = read_artifact(out)
     except DsnetError:
         return f"other files such as {there.name}"
-    if manifest["kind"] != KIND:
-        return f"an artifact of kind {manifest['kind']!r}"
-    own = {MANIFEST, *manifest["files"], *(f"{name}.npy" for name in manifest["arrays"])}
+    if artifact.manifest["kind"] != KIND:
+        return f"an artifact of kind {artifact.manifest['kind']!r}"
+    own = {MANIFEST, *artifact.digests}
     for path in sorted(out.rglob("*")):
         name = path.relative_to(out).as_posix()
         if name not in own and (path.is_symlink() or not path.is_dir()):
             return f"{name} beside an earlier prediction"
     return ""
-
-
-@contextmanager
-def _alone(out: Path) -> Iterator[None]:
-    """Keep other processes out of `out`; the system lets go when a process is killed."""
-    out.parent.mkdir(parents=True, exist_ok=True)
-    path = out.with_name(f".{out.name}.lock")
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # The file may have been removed, by whom it belonged to, since it was opened.
-            mine = path.exists() and os.path.samestat(os.fstat(descriptor), path.stat())
-        except BlockingIOError:
-            mine = False
-        if not mine:
-            raise DsnetError(
-                f"--out {out}, which another process is writing",
-                "one process at a time",
-                "Wait until it has ended, or name another folder.",
-            )
-        try:
-            yield
-        finally:
-            path.unlink(missing_ok=True)
-    finally:
-        os.close(descriptor)
