@@ -28,7 +28,7 @@ Training(network, normaliser, offsets, split_frames(100, 0), plan, Path(sys.argv
 DSNET = """
 import sys, numpy
 from bridge.exchange import save_weights
-from bridge.motion.clips import Clips
+from bridge.exchange.clips import Clips
 from tf_dsnet.trainer import Trainer
 
 rng = numpy.random.default_rng(0)

@@ -1,41 +1,83 @@
-"""The two frameworks never meet in one process, and the bridge needs neither."""
+"""The two frameworks never meet in one process, the bridge needs neither, and is layered."""
 
 from __future__ import annotations
 
-import ast
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.sources import PACKAGES, ROOT, imported_modules, source_files
+
 FORBIDDEN = {
-    "bridge": {"torch", "tensorflow", "keras"},
+    "bridge": {"torch", "tensorflow", "keras", "tf_dsnet", "torch_align_ae"},
     "torch_align_ae": {"tensorflow", "keras", "tf_dsnet"},
     "tf_dsnet": {"torch", "torch_align_ae"},
 }
+# A folder imports those before it; what lies in none (paper, errors, options) imports no folder.
+ORDER = ["runs", "body", "motion", "exchange", "measure", "report", "runtime", "verify"]
+COMMANDS = {"cli.py", "bench.py"}
+THIRD_PARTIES = {
+    "": {"tyro"},
+    "runs": {"filelock", "numpy", "tyro"},
+    "body": {"numpy", "scipy"},
+    "motion": {"numpy", "scipy"},
+    "exchange": {"numpy", "safetensors"},
+    "runtime": {"numpy", "onnx", "onnxruntime"},
+    "measure": {"numpy", "scipy", "tqdm"},
+    "verify": {"numpy", "onnx", "safetensors", "tqdm"},
+    "report": {"jinja2", "markdown_it", "matplotlib", "mitsuba", "numpy", "tqdm"},
+}
 
 
-def imported_packages(path: Path, *, module_level_only: bool) -> set[str]:
-    tree = ast.parse(path.read_text())
-    nodes = tree.body if module_level_only else ast.walk(tree)
-    names: set[str] = set()
-    for node in nodes:
-        if isinstance(node, ast.Import):
-            names |= {alias.name.partition(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names.add(node.module.partition(".")[0])
-    return names
+def folder_of(path: Path) -> str:
+    """The bridge's folder that holds a file; empty for the files beside the folders."""
+    inner = path.relative_to(ROOT / "bridge").parts
+    return inner[0] if len(inner) > 1 else ""
 
 
-@pytest.mark.parametrize("package", FORBIDDEN)
-def test_no_source_file_imports_the_other_side(package):
-    files = sorted((ROOT / package).rglob("*.py"))
-    assert files
-    for path in files:
-        found = imported_packages(path, module_level_only=package == "bridge")
+def upward(folder: str, modules: Iterable[str]) -> list[str]:
+    """Those modules that a file in one of the bridge's folders must not import."""
+    allowed = {folder, *ORDER[: ORDER.index(folder) if folder else 0]}
+    inner = [name.split(".") for name in modules if name.startswith("bridge.")]
+    return [".".join(parts) for parts in inner if parts[1] in ORDER and parts[1] not in allowed]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_source_file_imports_the_other_side(package: str) -> None:
+    for path in source_files(package):
+        found = {name.partition(".")[0] for name in imported_modules(path)}
         assert not found & FORBIDDEN[package], path
+
+
+def test_the_bridges_folders_import_in_one_direction() -> None:
+    files = [path for path in source_files("bridge") if path.name not in COMMANDS]
+    found = {path: upward(folder_of(path), imported_modules(path)) for path in files}
+    assert not {str(path): names for path, names in found.items() if names}
+
+
+def test_every_folder_of_the_bridge_has_its_place() -> None:
+    assert {folder_of(path) for path in source_files("bridge")} == {"", *ORDER}
+
+
+@pytest.mark.parametrize("folder", THIRD_PARTIES)
+def test_third_parties_are_those_of_the_folder(folder: str) -> None:
+    own = {"bridge", "torch_align_ae", "tf_dsnet"} | sys.stdlib_module_names
+    files = [path for path in source_files("bridge") if folder_of(path) == folder]
+    found = {name.partition(".")[0] for path in files for name in imported_modules(path)}
+    assert found - own == THIRD_PARTIES[folder]
+
+
+def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
+    source = tmp_path / "source.py"
+    source.write_text("def f():\n    import torch.nn\n    from bridge.report.page import Page\n")
+    names = list(imported_modules(source))
+    assert names == ["torch.nn", "bridge.report.page"]
+    assert upward("motion", names) == ["bridge.report.page"]
+    assert upward("report", names) == []
+    assert upward("", names) == ["bridge.report.page"]
 
 
 @pytest.mark.parametrize(
@@ -48,6 +90,6 @@ def test_no_source_file_imports_the_other_side(package):
         ("tf_dsnet", "torch"),
     ],
 )
-def test_importing_loads_only_its_own_framework(module, absent):
+def test_importing_loads_only_its_own_framework(module: str, absent: str) -> None:
     code = f"import sys, {module}; sys.exit(bool(set({absent.split()!r}) & set(sys.modules)))"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -38,6 +38,14 @@ def test_quoted_tables_are_up_to_date(page):
 
 
 @pytest.mark.parametrize("page", PAGES)
+def test_named_files_exist(page: str) -> None:
+    text = (ROOT / page).read_text()
+    folders = "benchmarks|bridge|docs|tests|tf_dsnet|tools|torch_align_ae"
+    named = set(re.findall(rf"`((?:{folders})/[\w./-]+)", text))
+    assert not [name for name in named if not (ROOT / name).exists()]
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_links_lead_to_files(page):
     path = ROOT / page
     links = re.findall(r"(?:\]\(|src=\")(?!https?://)([^)#\"]+)", path.read_text())

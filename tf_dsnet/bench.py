@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.exchange.clips import Clips
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
-from bridge.motion.clips import Clips
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically

@@ -17,13 +17,8 @@ from bridge.exchange.layouts import (
     mesh_autoencoder_from_keras,
     mesh_autoencoder_to_keras,
 )
+from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE
 from tf_dsnet.framework import Tensor, keras, tf
-
-LATENT_SIZE = 100
-INFERRED_WIDTHS = (6890, 2000, 1300, 300, 30)
-"""Vertices after each convolution of the default network."""
-FEATURES = (3, 4, 9)
-"""Coordinates, then the features of each vertex after the two linear layers."""
 
 
 @keras.saving.register_keras_serializable("dsnet")

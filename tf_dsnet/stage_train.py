@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from bridge.exchange import save_weights
-from bridge.motion.clips import load_unpadded_clips
+from bridge.exchange.clips import load_unpadded_clips
 from bridge.options import PositiveInt
 from bridge.runs import ArtifactWriter, Run
 from tf_dsnet.predictors import (

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
+from bridge.exchange.clips import Clips
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.exchange.weights import refuse_nonfinite
-from bridge.motion.clips import Clips
 from bridge.paper import INPUT_SIZE, LATENT_SIZE
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.losses import sum_of_distances

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from bridge.body.embedded import unpack
-from bridge.body.model_data import VERTEX_COUNT
+from bridge.paper import N_VERTICES
 from tools.embedded_body import correctives, packing, report, shape_space
 from tools.embedded_body.decimate import decimate
 from tools.embedded_body.makehuman import (
@@ -65,7 +65,7 @@ def build(
         for gender, bodies in sampled.items()
     }
     unisex = np.mean([vertices.mean(axis=0) for vertices, _ in tposed.values()], axis=0)
-    index, faces = decimate(unisex, base.faces, _priority(base), base.cavity, VERTEX_COUNT)
+    index, faces = decimate(unisex, base.faces, _priority(base), base.cavity, N_VERTICES)
     weights = packing.limit_weights(base.weights[index])
     report.mesh(unisex[index], faces)
     for gender, (vertices, joints) in tposed.items():

@@ -24,13 +24,13 @@ import torch
 from torch import Tensor, nn
 
 from bridge.options import PositiveInt, Seed
-from bridge.paper import N_VERTICES
+from bridge.paper import FEATURES, N_VERTICES
 from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder, parameter_count
 from torch_align_ae.autoencoder.allocation import keep_freed_memory
-from torch_align_ae.autoencoder.mesh_autoencoder import FEATURES, conv1d_forward
+from torch_align_ae.autoencoder.mesh_autoencoder import conv1d_forward
 
 _GEMM_SIZE = 2048
 

@@ -18,7 +18,6 @@ from bridge.errors import DsnetError
 JOINT_COUNT = 24
 SHAPE_COUNT = 10
 POSE_FEATURE_COUNT = 9 * (JOINT_COUNT - 1)
-VERTEX_COUNT = 6890
 FACE_COUNT = 13776
 
 # SMPL's files write the root's missing parent as -1 in an unsigned 32-bit integer.

@@ -19,22 +19,22 @@ from bridge.body.model_data import (
     ROOT_PARENT_IN_FILE,
     SHAPE_COUNT,
     SOURCE_FIELD,
-    VERTEX_COUNT,
     BodyModelData,
 )
 from bridge.body.safe_pickle import as_array, load_restricted
 from bridge.errors import DsnetError
+from bridge.paper import N_VERTICES
 
 # Column counts of `weights` tell SMPL's relatives, which AMASS's readers also download.
 _RELATIVES = {16: "MANO", 52: "SMPL-H", 55: "SMPL-X"}
 _REMEDY = "Download the SMPL model (.npz or .pkl, 24 joints) again from smpl.is.tue.mpg.de"
 _EXPECTED_SHAPES: dict[str, tuple[int | None, ...]] = {
-    "v_template": (VERTEX_COUNT, 3),
+    "v_template": (N_VERTICES, 3),
     "f": (FACE_COUNT, 3),
-    "weights": (VERTEX_COUNT, JOINT_COUNT),
-    "shapedirs": (VERTEX_COUNT, 3, None),
-    "posedirs": (VERTEX_COUNT, 3, POSE_FEATURE_COUNT),
-    "J_regressor": (JOINT_COUNT, VERTEX_COUNT),
+    "weights": (N_VERTICES, JOINT_COUNT),
+    "shapedirs": (N_VERTICES, 3, None),
+    "posedirs": (N_VERTICES, 3, POSE_FEATURE_COUNT),
+    "J_regressor": (JOINT_COUNT, N_VERTICES),
     "kintree_table": (2, JOINT_COUNT),
 }
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from bridge.body import load_body_model
 from bridge.exchange.layouts import TORCH_ADAM
-from bridge.paper import INFERRED_WIDTHS
+from bridge.paper import INFERRED_WIDTHS, INPUT_SIZE
 from bridge.verify import draws
 from bridge.verify.checks import (
     FILES,
@@ -47,7 +47,7 @@ def _dsnet(seed: int) -> Plan:
         "motion-T1000": draws.motion(seed, 1, 1000),
         "motion-large": draws.motion(seed, 2, 20, size=5.0),
         "motion-saturating": draws.motion(seed, 2, 20, size=50.0),
-        "motion-zeros": {"motion": np.zeros((2, 20, 79), np.float32)},
+        "motion-zeros": {"motion": np.zeros((2, 20, INPUT_SIZE), np.float32)},
         "clips": draws.clips(seed, 4, 30),
     }
 

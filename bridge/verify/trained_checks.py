@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.exchange import load_weights
+from bridge.exchange.clips import load_unpadded_clips, make_clips
 from bridge.exchange.trained_dsnet import load_trained_dsnet
-from bridge.motion.clips import load_unpadded_clips, make_clips
 from bridge.runs import Artifact, Run
 from bridge.verify.checks import (
     IN_FLOAT64,

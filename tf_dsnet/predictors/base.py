@@ -9,7 +9,7 @@ from typing import Protocol
 
 from numpy.typing import NDArray
 
-from bridge.motion.clips import UnpaddedClip
+from bridge.exchange.clips import UnpaddedClip
 from bridge.options import NonNegativeFloat, PositiveFloat, PositiveInt, Seed
 
 PredictMotion = Callable[[NDArray, NDArray], NDArray]

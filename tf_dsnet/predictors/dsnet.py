@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.exchange.clips import join_inputs, make_clips
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
-from bridge.motion.clips import join_inputs, make_clips
 from bridge.paper import INPUT_SIZE
 from tf_dsnet.framework import tf
 from tf_dsnet.model import assign_weights, build_dsnet

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bridge.exchange.clips import fit_scaling
 from bridge.exchange.trained_dsnet import Scaling
-from bridge.motion.clips import fit_scaling
 from tf_dsnet.predictors.base import PredictorSettings, TrainingData
 from tf_dsnet.predictors.dsnet import DsnetPredictor
 

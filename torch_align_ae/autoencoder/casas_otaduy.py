@@ -6,8 +6,7 @@ from itertools import pairwise
 
 from torch import Tensor, nn
 
-CASAS_OTADUY_WIDTHS = (20670, 6000, 3000, 100)
-"""Three fully connected layers of 6000, 3000 and 100 outputs; the decoder mirrors them."""
+from bridge.paper import CASAS_OTADUY_WIDTHS
 
 
 class CasasOtaduyAutoencoder(nn.Module):

@@ -25,7 +25,8 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from torch_align_ae.autoencoder.mesh_autoencoder import FEATURES, LATENT_SIZE, MeshAutoencoder
+from bridge.paper import FEATURES, LATENT_SIZE
+from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 
 InitialisationName = Literal["torch", "modes"]
 SAMPLE_FRAMES = 512

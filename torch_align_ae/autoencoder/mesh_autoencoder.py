@@ -19,15 +19,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bridge.errors import DsnetError
+from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE
 
 ActivationName = Literal["leaky_relu", "elu", "tanh", "relu"]
-LATENT_SIZE = 100
-INFERRED_WIDTHS = (6890, 2000, 1300, 300, 30)
-"""Vertices after each convolution of the default network."""
-ALTERNATIVE_WIDTHS = (6890, 2000, 1250, 400, 20)
-"""The other natural choice with exactly the paper's number of parameters."""
-FEATURES = (3, 4, 9)
-"""Coordinates, then the features of each vertex after the two linear layers."""
 
 _ACTIVATIONS: dict[str, Callable[[float], nn.Module]] = {
     "leaky_relu": lambda slope: nn.LeakyReLU(slope, inplace=True),

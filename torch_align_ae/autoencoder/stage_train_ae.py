@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from bridge.motion import sequences_of
 from bridge.motion.splits import FrameSplit, SplitName, split_frames, split_sequences
+from bridge.paper import ALTERNATIVE_WIDTHS, INFERRED_WIDTHS, LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.allocation import keep_freed_memory
 from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder.codec import WEIGHTS_FILE, Codec
 from torch_align_ae.autoencoder.initialisation import SAMPLE_FRAMES, initialise_with_modes
 from torch_align_ae.autoencoder.mesh_autoencoder import (
-    ALTERNATIVE_WIDTHS,
-    INFERRED_WIDTHS,
-    LATENT_SIZE,
     MeshAutoencoder,
     parameter_count,
 )

@@ -10,13 +10,11 @@ from typing import Literal
 
 import numpy as np
 
+from bridge.paper import FEATURES
 from bridge.verify.reference import layers
 from bridge.verify.reference.activations import activate, slope
 from bridge.verify.reference.adam import Arrays, Pass
 from bridge.verify.reference.losses import mean_squared_error
-
-FEATURES = 9
-"""Features of a vertex between the two linear layers and the latent vector."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +106,7 @@ def _as_input_of(layer: Layer, features: np.ndarray) -> np.ndarray:
     if layer.name == "to_latent":
         return features.reshape(len(features), -1)
     if layer.name == "decoder.conv_1":
-        return features.reshape(len(features), -1, FEATURES)
+        return features.reshape(len(features), -1, FEATURES[-1])
     return features
 
 

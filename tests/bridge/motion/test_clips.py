@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bridge import DsnetError
-from bridge.exchange.trained_dsnet import Scaling
-from bridge.motion.clips import (
+from bridge.exchange.clips import (
     UnpaddedClip,
     fit_scaling,
     join_inputs,
@@ -17,6 +16,7 @@ from bridge.motion.clips import (
     make_clips,
     pad_or_clip,
 )
+from bridge.exchange.trained_dsnet import Scaling
 from bridge.runs import read_artifact
 from tests.forged.encoded import write_encoded
 

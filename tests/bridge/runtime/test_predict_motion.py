@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.cli import main
+from bridge.exchange.clips import join_inputs
 from bridge.motion import unpack_theta
-from bridge.motion.clips import join_inputs
 from bridge.runtime import stage_predict
 from bridge.runtime.predict_motion import load_motion, predict_motion
 from bridge.verify.reference import dsnet

@@ -9,9 +9,10 @@ import pytest
 import torch
 
 from bridge.motion.splits import split_frames
+from bridge.paper import INFERRED_WIDTHS
 from torch_align_ae.autoencoder.codec import Codec
 from torch_align_ae.autoencoder.initialisation import initialise_with_modes
-from torch_align_ae.autoencoder.mesh_autoencoder import INFERRED_WIDTHS, MeshAutoencoder
+from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import fit_normaliser
 from torch_align_ae.autoencoder.scoring import reconstruction_r2
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
