@@ -21,9 +21,9 @@ from bridge.exchange.layouts import (
     mesh_autoencoder_from_keras,
     mesh_autoencoder_to_keras,
 )
+from bridge.paper import FEATURES
 from bridge.runtime.onnx_builder import GraphBuilder
 
-_FEATURES = 9
 _ENCODER, _DECODER = ("encoder.", "to_latent."), ("from_latent.", "decoder.", "to_coordinates.")
 _ACTIVATIONS = {"leaky_relu": "LeakyRelu", "elu": "Elu", "tanh": "Tanh", "relu": "Relu"}
 
@@ -94,7 +94,7 @@ def decoder_graph(
     graph = _mesh_graph(weights, _DECODER)
     latents = graph.input("latents", ("B", weights["from_latent.weight"].shape[1]))
     row = _activated(graph, "from_latent", latents, architecture)
-    graph.hold({"from_row/shape": np.array([-1, architecture["widths"][-1], _FEATURES])})
+    graph.hold({"from_row/shape": np.array([-1, architecture["widths"][-1], FEATURES[-1]])})
     features = graph.node("Reshape", [row, "from_row/shape"], "from_row/features")
     features = _convolutions(graph, "decoder", features, architecture)
     features = _activated(graph, "decoder.linear_1", features, architecture)

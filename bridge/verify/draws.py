@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, pose_vertices
 from bridge.exchange.layouts import Shapes, autoencoder_shapes, dsnet_shapes
-from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS
+from bridge.paper import DSNET_WIDTHS, INPUT_SIZE, LATENT_SIZE, N_BETAS
 
 Arrays = dict[str, NDArray[Any]]
 SMALL_WIDTHS = (40, 24, 24, 12, 6)
@@ -22,7 +22,7 @@ def dsnet_weights(seed: int) -> Arrays:
     rng = np.random.default_rng([seed, 1])
     drawn = {name: _draw(rng, shape, shape[0]) for name, shape in dsnet_shapes().items()}
     for name in ("gamma", "moving_variance"):
-        drawn[f"batch_norm/{name}"] = rng.uniform(0.1, 2.0, 60).astype(np.float32)
+        drawn[f"batch_norm/{name}"] = rng.uniform(0.1, 2.0, DSNET_WIDTHS["lstm"]).astype(np.float32)
     return drawn
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
+from bridge.paper import DSNET_WIDTHS
 from bridge.runtime import onnx_graphs
 from bridge.runtime.onnx_builder import GraphSession, held_arrays, save_graph
 from bridge.verify.answers import joined, layers, prefixed
@@ -25,7 +26,8 @@ def dsnet_forward(case: Case) -> Tensors:
     motion = case.inputs()["motion"]
 
     def at_rest(batch: NDArray) -> dict[str, NDArray]:
-        return {name: np.zeros((1, len(batch), 60), np.float32) for name in ("hidden", "cell")}
+        state = np.zeros((1, len(batch), DSNET_WIDTHS["lstm"]), np.float32)
+        return {"hidden": state, "cell": state}
 
     def whole(batch: NDArray) -> Tensors:
         return _layers(run(motion=batch, **at_rest(batch)))
