@@ -40,7 +40,7 @@ class ReportConfig:
 
     run: str = "demo"
     """Run to report on."""
-    samples: int = 16
+    samples: int = 32
     """Light paths a pixel of the rendered bodies."""
     panel_px: int = 300
     """Height of one rendered body in pixels."""
@@ -49,7 +49,7 @@ class ReportConfig:
 PROFILES = {
     "smoke": ReportConfig(run="smoke", samples=9, panel_px=200),
     "demo": ReportConfig(run="demo"),
-    "paper": ReportConfig(run="paper", samples=49, panel_px=520),
+    "paper": ReportConfig(run="paper", samples=64, panel_px=520),
 }
 
 

@@ -28,10 +28,11 @@ def leave_run(
 
     errors = {
         p: {"mean_mm": error_mm * k, "r2": 1 - error_mm * k}
-        for k, p in enumerate(("smpl", "dsnet", "dsnet_faithful", "autoencoder"))
+        for k, p in enumerate(("smpl", "first", "second", "person_mean"))
     }
-    evaluated = {split: {"truth": errors} for split in splits}
-    leave("evaluate", splits=evaluated, alignment={"offsets": {"r2": 0.5}})
+    evaluated = {split: {"mesh": errors} for split in splits}
+    labels = {name: name.title() for name in errors}
+    leave("evaluate", splits=evaluated, alignment={"offsets": {"r2": 0.5}}, predictors=labels)
     leave(
         "align",
         config={"aligner": aligner},
@@ -39,7 +40,7 @@ def leave_run(
         sequences=to_manifest(SEQUENCES),
     )
     leave("train-ae", config={"seed": 0})
-    leave("train", config={"seed": seed})
+    leave("train", config={"seed": seed}, predictors={"first": {}, "second": {}})
 
 
 def test_rows_hold_each_runs_own_numbers(tmp_path, monkeypatch):
@@ -49,10 +50,10 @@ def test_rows_hold_each_runs_own_numbers(tmp_path, monkeypatch):
     results = main(DownstreamConfig(tmp_path / "out", ("a", "b")))
     assert json.loads((tmp_path / "out" / "by_aligner.json").read_text()) == results
     assert rows(tmp_path / "out" / "by_aligner.md") == [
-        "| the paper's SGD | 0.500 | 0.50, 0.50 | 1.00, 0.00 | 0.00, 1.00 | 0.50, 0.50 | 1.00, 0.00"
-        " | 0.00, 1.00 |",
-        "| robust | 0.500 | 0.10, 0.90 | 0.20, 0.80 | 0.00, 1.00 | 0.10, 0.90 | 0.20, 0.80"
-        " | 0.00, 1.00 |",
+        "| the paper's SGD | 0.500"
+        + 2 * " | 0.50, 0.50 | 1.00, 0.00 | 1.50, -0.50 | 0.00, 1.00"
+        + " |",
+        "| robust | 0.500" + 2 * " | 0.10, 0.90 | 0.20, 0.80 | 0.30, 0.70 | 0.00, 1.00" + " |",
     ]
 
 
