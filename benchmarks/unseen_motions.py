@@ -32,8 +32,8 @@ _PAGE = """\
 
 {table}
 
-R² of the offsets at rest against the simulation's, whose 0 is no offset (where alignment found another
-shape than the true one, the error of the shape counts as slow): of the offsets as they are, of what changes
+R² of the offsets at rest against the simulation's, whose 0 is no offset (where alignment found
+another shape than the true one, that counts as slow): of the offsets as they are, of what changes
 more slowly than {split_hz:g} Hz, of what changes faster; and the slow part's share of the squared
 error. All sequences of a motion together. Runs: {runs}. Made by `{command}`.
 

@@ -118,8 +118,8 @@ def _alignment_lines(alignment: dict[str, Any]) -> list[str]:
         whole = alignment["absorption"]["whole"]
         lines.append(
             f"Of true offsets of {whole['true_mm']:.2f} mm (root mean square) pose and shape "
-            f"absorb {100 * whole['absorbed']:.0f} %,\nand {whole['invented_mm']:.2f} mm of what it gives "
-            f"is invented: R² of its offsets is {alignment['offsets']['r2']:.2f}."
+            f"absorb {100 * whole['absorbed']:.0f} %,\nand {whole['invented_mm']:.2f} mm of what "
+            f"it gives is invented: R² of its offsets is {alignment['offsets']['r2']:.2f}."
         )
     return lines
 
