@@ -51,10 +51,10 @@ def predict_motion(
     Raises
     ------
     DsnetError
-        If the run lacks a trained network, the file is no motion of a body, or `out` holds
-        something else.
+        If the run lacks a trained network or its stages are no chain, the file is no motion of a
+        body, or `out` holds something else.
     """
-    trained, codec = run.artifact("train"), run.artifact("train-ae")
+    trained, codec = run.artifacts("train", "train-ae").values()
     network = load_trained_dsnet(trained, predictor)
     body = load_body_model(str(body_model_path(run)))
     motion = load_motion(path, body, betas)

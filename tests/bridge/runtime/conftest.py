@@ -50,16 +50,16 @@ def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trained: Traine
         data="synthetic",
         config={"smpl": "embedded:female"},
     )
+    codec = ArtifactWriter(folder / "train-ae", "train-ae", data="synthetic")
+    save_weights(codec.file_path("autoencoder.safetensors"), autoencoder_arrays())
+    codec.record(architecture={"widths": WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1})
+    upstream = {"train-ae": codec.finish().content_sha256}
     train = ArtifactWriter(folder / "train", "train", data="synthetic")
     arrays = {"dsnet_standardised": trained.arrays(), "dsnet_faithful": trained.weights}
     for name, stored in arrays.items():
         save_weights(train.file_path(f"{name}.safetensors"), stored)
     train.record(default="dsnet_standardised", predictors={name: {} for name in arrays})
-    train.finish()
-    codec = ArtifactWriter(folder / "train-ae", "train-ae", data="synthetic")
-    save_weights(codec.file_path("autoencoder.safetensors"), autoencoder_arrays())
-    codec.record(architecture={"widths": WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1})
-    codec.finish()
+    train.finish(upstream=upstream)
     return Run("r")
 
 

@@ -15,6 +15,7 @@ from bridge.body import load_body_model, pose_vertices
 from bridge.cli import main
 from bridge.exchange.clips import join_inputs
 from bridge.motion import unpack_theta
+from bridge.runs import write_artifact
 from bridge.runtime import stage_predict
 from bridge.runtime.predict_motion import load_motion, predict_motion
 from bridge.verify.reference import dsnet
@@ -77,6 +78,13 @@ def test_another_network_and_shape_can_be_asked_for(trained_run, motion, tmp_pat
     assert other.manifest["upstream"] == {n: a.content_sha256 for n, a in stages.items()}
     recorded = {key: other.manifest[key] for key in ("source", "source_fps", "fps", "up")}
     assert recorded == {"source": "a_poses.npz", "source_fps": 100.0, "fps": 60.0, "up": "y"}
+
+
+def test_an_autoencoder_trained_since_is_refused(trained_run, motion, tmp_path):
+    write_artifact(trained_run.path / "train-ae", "train-ae", {}, units={}, data="synthetic")
+    with pytest.raises(DsnetError, match=r"stage train is older than 'train-ae'.*dsnet train "):
+        predict_motion(trained_run, motion, tmp_path / "out")
+    assert not list(tmp_path.glob("*out*"))
 
 
 def test_no_framework_is_loaded(trained_run, motion, tmp_path):
