@@ -21,7 +21,7 @@ ORDER = ["runs", "body", "motion", "exchange", "measure", "report", "runtime", "
 COMMANDS = {"cli.py", "bench.py"}
 THIRD_PARTIES = {
     "": {"tyro"},
-    "runs": {"filelock", "numpy"},
+    "runs": {"numpy", "tyro"},
     "body": {"numpy", "scipy"},
     "motion": {"numpy", "scipy"},
     "exchange": {"numpy", "safetensors"},
