@@ -41,6 +41,14 @@ def tree_levels(parents: Sequence[int]) -> TreeLevels:
     )
 
 
+def subtree_matrix(parents: Sequence[int]) -> Tensor:
+    """(J, J) ones where the column's joint is the row's joint or hangs below it."""
+    below = torch.eye(len(parents))
+    for joint in range(len(parents) - 1, 0, -1):
+        below[parents[joint]] += below[joint]
+    return below
+
+
 def world_frames(
     rotations: Tensor, joints: Tensor, levels: TreeLevels, trans: Tensor
 ) -> tuple[Tensor, Tensor]:

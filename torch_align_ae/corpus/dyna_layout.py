@@ -1,4 +1,4 @@
-"""What a Dyna or D-FAUST file must hold: names, shapes, metres, y up.
+"""What a Dyna or D-FAUST file must hold: names, shapes, metres, y up; and whose meshes are in it.
 
 Dyna's `dyna_{female,male}.h5` and D-FAUST's `registrations_{f,m}.hdf5` have one layout: a data set
 `{subject}_{motion}` of shape (6890, 3, T) for each sequence, at 60 fps, and `faces` (13776, 3).
@@ -7,6 +7,7 @@ Dyna's `dyna_{female,male}.h5` and D-FAUST's `registrations_{f,m}.hdf5` have one
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,8 +17,15 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.paper import N_VERTICES
+from bridge.runs.processes import notify
 
 FPS = 60.0
+# Each gender is aligned and trained apart (Section 3.2).
+DYNA_SUBJECTS = {
+    "female": ("50004", "50020", "50021", "50022", "50025"),
+    "male": ("50002", "50007", "50009", "50026", "50027"),
+}
+_OTHER = {"female": "male", "male": "female"}
 FACES_KEY = "faces"
 LAYOUT = "Dyna or D-FAUST registrations: {subject}_{motion} (6890, 3, T) in metres, y up"
 REMEDY = "Download the file again from dyna.is.tue.mpg.de, or write it with `dsnet corpus`."
@@ -157,3 +165,35 @@ def _unit_remedy(extent: float) -> str:
     if _PERSON_M[0] < extent / per_m < _PERSON_M[1]:
         return f"It seems to be in {unit}: divide it by {per_m:g}."
     return "Convert it to metres."
+
+
+def of_one_gender(entries: Sequence[DynaEntry], gender: str) -> list[DynaEntry]:
+    """The sequences that a body model of `gender` fits; subjects who are not Dyna's are kept.
+
+    Sequences of the other gender are left out, and a line on stderr says how many, so that
+    `--dyna dyna_female.h5 dyna_male.h5` serves either body model.
+
+    Raises
+    ------
+    DsnetError
+        If nothing remains, or if the body model's gender cannot choose between women and men.
+    """
+    strangers = set(DYNA_SUBJECTS.get(_OTHER.get(gender, ""), ()))
+    kept = [entry for entry in entries if entry.subject not in strangers]
+    subjects = {entry.subject for entry in entries}
+    if not kept:
+        raise DsnetError(
+            f"subjects {sorted(subjects)}, who are {_OTHER[gender]}, with a {gender} body model",
+            f"Dyna's {gender} subjects {', '.join(DYNA_SUBJECTS[gender])}",
+            f"Pass the {_OTHER[gender]} body model, or the {gender} mesh file.",
+        )
+    if not strangers and all(subjects & set(known) for known in DYNA_SUBJECTS.values()):
+        raise DsnetError(
+            f"women and men ({', '.join(sorted(subjects))}) with a body model of gender {gender}",
+            "one gender a run, as in the paper",
+            "Pass SMPL's female or male model, or mesh files of one gender.",
+        )
+    if left_out := len(entries) - len(kept):
+        why = f"{_OTHER[gender]} subjects, {gender} body model"
+        notify(f"{left_out} of {len(entries)} sequences left out: {why}")
+    return kept

@@ -8,7 +8,7 @@ import pytest
 
 from bridge.errors import DsnetError
 from torch_align_ae.corpus.dyna_files import DynaEntry
-from torch_align_ae.corpus.dyna_subjects import of_one_gender
+from torch_align_ae.corpus.dyna_layout import of_one_gender
 
 WOMEN, MEN = ("50004", "50022"), ("50002", "50027")
 

@@ -14,6 +14,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from torch_align_ae.body.kinematics import subtree_matrix
+
 # A squared angle below this changes no coefficient of a rotation by more than float64's rounding
 # of the rotation.
 _SMALLEST_SQUARED = 1e-8
@@ -24,7 +26,7 @@ class Bones(NamedTuple):
 
     jacobian: Tensor
     """(3, 3, B, J) turn of a joint in its parent's frame by a change of its axis-angle vector."""
-    bend: Tensor
+    pose_features: Tensor
     """(3, 3, B, J) R - I, R being the rotation of a joint in its parent's frame."""
     T_world_joint: Tensor
     """(3, 4, B, J + 1); the last is the world's own frame."""
@@ -51,16 +53,16 @@ class JointTree:
         above = [world, *parents[1:], world]
         self._above = torch.tensor(above)
         self._rounds = _rounds(above)
-        self._subtree = _subtree_matrix(parents).to(dtype)
+        self._subtree = subtree_matrix(parents).to(dtype)
         self._identity = torch.eye(3, dtype=dtype)[:, :, None, None]
 
     def move(self, joints: Tensor, pose: Tensor, trans: Tensor) -> Bones:
         """Bones of pose (B, J, 3), radians, trans (B, 3) and joints at rest (B, J, 3), metres."""
         joints = joints.permute(2, 0, 1)
-        jacobian, bend = self._turns(pose.permute(2, 0, 1).contiguous())
-        frames = bend.new_zeros(3, 4, len(pose), len(self._above))
+        jacobian, pose_features = self._turns(pose.permute(2, 0, 1).contiguous())
+        frames = pose_features.new_zeros(3, 4, len(pose), len(self._above))
         turn, place = frames[:, :3], frames[:, 3]
-        turn[..., :-1] = bend
+        turn[..., :-1] = pose_features
         turn += self._identity
         place[..., 0] = trans.T
         place[..., :-1] += joints
@@ -69,15 +71,24 @@ class JointTree:
             frames = _chain(frames.index_select(3, above), frames)
         rest = frames[..., :-1].clone()
         rest[:, 3] -= _times(rest[:, :3], joints)
-        return Bones(jacobian, bend, frames, rest)
+        return Bones(jacobian, pose_features, frames, rest)
 
-    def gradient(self, bones: Bones, by_carrying: Tensor, by_bend: Tensor) -> JointGradient:
+    def gradient(
+        self, bones: Bones, by_carrying: Tensor, by_pose_features: Tensor
+    ) -> JointGradient:
         """Derivatives by the joints, from those by what they do to the skin.
+
+        Let G = [G_R g] be the derivatives by T_world_rest = [R t] of one bone. A small turn w about
+        the world's origin changes R by w x R and t by w x t, so the distance by
+        w . (sum of columns R_i x G_i + t x g): the bone's torque about the origin; g is its force.
+        Turning a joint moves its whole subtree, and about the joint's own place p instead of the
+        origin: the torque there is (sum of torques) - p x (sum of forces).
 
         Parameters
         ----------
         by_carrying : (3, 4, B, J) derivatives by the entries of `T_world_rest`.
-        by_bend : (3, 3, B, J - 1) derivatives by `bend` of all but the root, the blend shapes'.
+        by_pose_features : (3, 3, B, J - 1) derivatives by `pose_features` of all but the root,
+            those of the pose blend shapes.
         """
         turn, place = bones.T_world_joint[:, :3], bones.T_world_joint[:, 3, :, :-1]
         above = turn.index_select(3, self._above[:-1])
@@ -85,8 +96,8 @@ class JointTree:
         force, torque = (torch.stack([by_carrying[:, 3], torque]) @ self._subtree.T).unbind()
         torque -= torch.linalg.cross(place, force, dim=0)
         spin = _transposed_times(above, torque)
-        rotation = bones.bend[..., 1:] + self._identity
-        spin[..., 1:] += _moment(rotation, by_bend)
+        rotation = bones.pose_features[..., 1:] + self._identity
+        spin[..., 1:] += _moment(rotation, by_pose_features)
         joints = _transposed_times(above - turn[..., :-1], force)
         return JointGradient(
             pose=_transposed_times(bones.jacobian, spin).permute(1, 2, 0),
@@ -143,11 +154,3 @@ def _rounds(above: list[int]) -> list[Tensor]:
         rounds.append(torch.tensor(above))
         above = [above[joint] for joint in above]
     return rounds
-
-
-def _subtree_matrix(parents: tuple[int, ...]) -> Tensor:
-    """(J, J) ones where the column's joint is the row's joint or hangs below it."""
-    below = torch.eye(len(parents))
-    for joint in range(len(parents) - 1, 0, -1):
-        below[parents[joint]] += below[joint]
-    return below

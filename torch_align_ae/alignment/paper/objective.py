@@ -14,8 +14,7 @@ from torch import Tensor
 
 from bridge.paper import N_JOINTS
 from torch_align_ae.alignment.paper.bones import Bones, JointTree
-from torch_align_ae.alignment.paper.patch_work import PatchWork
-from torch_align_ae.alignment.paper.patches import cut_into_patches
+from torch_align_ae.alignment.paper.patches import PatchWork, cut_into_patches
 from torch_align_ae.body import SMPL
 
 # A mesh that is met exactly has no direction of steepest descent; it then stays where it is.
@@ -118,8 +117,8 @@ class DistanceTo:
         bones = tree.move(shapes.joints, pose, trans)
         distance = self._skin_and_pull(shapes, bones)
         scale = _inverse(distance)[:, None]
-        by_carrying, by_bend = self._sums(len(pose))
-        joints = tree.gradient(bones, by_carrying * scale, by_bend * scale)
+        by_carrying, by_pose_features = self._sums(len(pose))
+        joints = tree.gradient(bones, by_carrying * scale, by_pose_features * scale)
         return Gradient(distance, *joints)
 
     def betas_gradient(self, gradient: Gradient) -> Tensor:
@@ -131,7 +130,7 @@ class DistanceTo:
     def _skin_and_pull(self, shapes: Shapes, bones: Bones) -> Tensor:
         """Distances (B,), metres; the derivatives of half their squares are left in the work."""
         carrying = bones.T_world_rest.permute(2, 1, 0, 3).flatten(0, 2)
-        features = bones.bend[..., 1:].permute(2, 3, 0, 1).flatten(1)
+        features = bones.pose_features[..., 1:].permute(2, 3, 0, 1).flatten(1)
         distances = []
         for work, *parts in zip(
             self._work,
@@ -150,11 +149,11 @@ class DistanceTo:
         by_features = torch.cat([work.by_features for work in self._work], 1)
         by_carrying = by_bones.new_zeros(N_JOINTS, count * 12)
         by_carrying.index_add_(0, self._bones, by_bones)
-        by_bend = by_features.new_zeros(count, 9 * (N_JOINTS - 1))
-        by_bend.index_add_(1, self._features, by_features)
+        by_pose_features = by_features.new_zeros(count, 9 * (N_JOINTS - 1))
+        by_pose_features.index_add_(1, self._features, by_features)
         return (
             by_carrying.view(N_JOINTS, count, 4, 3).permute(3, 2, 1, 0),
-            by_bend.view(count, N_JOINTS - 1, 3, 3).permute(2, 3, 0, 1),
+            by_pose_features.view(count, N_JOINTS - 1, 3, 3).permute(2, 3, 0, 1),
         )
 
 

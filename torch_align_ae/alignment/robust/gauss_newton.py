@@ -1,4 +1,13 @@
-"""Second-order fitting of poses: damped Gauss-Newton on weighted vertex distances."""
+"""Second-order fitting of poses: damped Gauss-Newton on weighted vertex distances.
+
+With residuals r = s - x(theta) at weights w and the Jacobian J of x, a step solves
+
+    (J^T W J + damping) change = J^T W r,
+
+the minimum of the squared distances if x were linear. Unknowns are turns about the world's axes,
+not axis-angle components: their Jacobian is a cross product (`linearise`) and has no singular
+poses. A patch depends on a few joints only, so its J^T W J is a small block of the whole.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +92,10 @@ def step(sample: SkinSample, frames: Frames, pose: Pose, equations: NormalEquati
 
 
 def solve_damped(curvature: Tensor, pull: Tensor) -> Tensor:
-    """(B, U) solution in float64: single precision would lose the weakly determined unknowns."""
+    """(B, U) solution in float64: single precision would lose the weakly determined unknowns.
+
+    The damping is relative to each unknown's own curvature, and to their mean where it has none.
+    """
     curvature, pull = curvature.double(), pull.double()
     diagonal = curvature.diagonal(dim1=-2, dim2=-1)
     floor = diagonal.mean(-1, keepdim=True)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from bridge.paper import N_JOINTS
 from torch_align_ae.body import SMPL
-from torch_align_ae.body.kinematics import tree_levels, world_frames
+from torch_align_ae.body.kinematics import subtree_matrix, tree_levels, world_frames
 
 # A radian at a joint that corrects a vertex by less than this does not enter the Jacobian; it
 # always enters the residual.
@@ -98,7 +98,7 @@ class SkinSample:
         weights = smpl.weights[:N_JOINTS].clone()
         for hand in range(N_JOINTS, len(smpl.parents)):
             weights[smpl.parents[hand]] += smpl.weights[hand]
-        self.subtree = _subtree_matrix(self.parents).to(weights.dtype)
+        self.subtree = subtree_matrix(self.parents).to(weights.dtype)
         groups = _limb_by_limb(weights, self.parents, size)
         self.vertices = torch.cat(groups)
         """(N,) indices into the mesh, in the order of the patches."""
@@ -204,11 +204,3 @@ def _limbs(parents: tuple[int, ...]) -> list[int]:
         only_child = parents.count(parent) == 1 and parent >= 0
         first.append(first[parent] if only_child else joint)
     return first
-
-
-def _subtree_matrix(parents: tuple[int, ...]) -> Tensor:
-    """(J, J) ones where the column's joint is the row's joint or hangs below it."""
-    below = torch.eye(len(parents))
-    for joint in range(len(parents) - 1, 0, -1):
-        below[parents[joint]] += below[joint]
-    return below

@@ -84,7 +84,12 @@ class Evidence:
         )
 
     def revise(self, tissue: Tissue) -> Tissue:
-        """A better estimate than `tissue`, with which the evidence was found."""
+        """A better estimate than `tissue`, with which the evidence was found.
+
+        For u = displacement and a = acceleration of a vertex, c = -sum(u . a) / sum(a . a)
+        minimises sum |u + c a|^2, of which sum |u|^2 + 2 c sum(u . a) + c^2 sum |a|^2 is left; its
+        mean over frames is the squared deviation. A vertex that never accelerates has c = 0.
+        """
         regression = self.displacement_drive / self.drive.clamp_min(_NO_MOTION)
         compliance = tissue.compliance_s2
         compliance = (compliance + _OVER_RELAXATION * (regression - compliance)).clamp_min(0)

@@ -43,7 +43,7 @@ def test_a_bones_jacobian_is_the_derivative_of_its_rotation(axis, angle):
     by_pose = torch.autograd.functional.jacobian(axis_angle_to_matrix, pose)
     spin = torch.einsum("ijk,lj->kil", by_pose, rotation)
     np.testing.assert_allclose(bones.jacobian[..., 0, 0], axial_vector(spin).T / 2, atol=1e-12)
-    np.testing.assert_allclose(bones.bend[..., 0, 0], rotation - torch.eye(3), atol=1e-12)
+    np.testing.assert_allclose(bones.pose_features[..., 0, 0], rotation - torch.eye(3), atol=1e-12)
 
 
 @pytest.fixture(scope="module")
