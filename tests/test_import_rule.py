@@ -22,7 +22,7 @@ COMMANDS = {"cli.py", "bench.py"}
 THIRD_PARTIES = {
     "": {"tyro"},
     "runs": {"numpy", "tyro"},
-    "body": {"numpy", "scipy"},
+    "body": {"numpy", "scipy", "trimesh"},
     "motion": {"numpy", "scipy"},
     "exchange": {"numpy", "safetensors"},
     "runtime": {"numpy", "onnx", "onnxruntime"},

@@ -34,6 +34,7 @@ from bridge.body.model_data import (
     BodyModelData,
 )
 from bridge.body.smpl_files import load_smpl_file
+from bridge.body.surface import checked_surface
 from bridge.errors import DsnetError
 
 EMBEDDED_PREFIX = "embedded:"
@@ -46,11 +47,12 @@ def load_body_model(name_or_path: str | Path) -> BodyModelData:
     Raises
     ------
     DsnetError
-        If there is no such embedded body, or the file is missing, damaged or unsafe.
+        If there is no such embedded body, or the file is missing, damaged or unsafe, or its faces
+        are no closed surface.
     """
     name = str(name_or_path)
     if not name.startswith(EMBEDDED_PREFIX):
-        return load_smpl_file(name_or_path)
+        return checked_surface(load_smpl_file(name_or_path))
     gender = name.removeprefix(EMBEDDED_PREFIX)
     if gender not in EMBEDDED_GENDERS:
         raise DsnetError(
