@@ -1,8 +1,8 @@
-"""Which frames train the autoencoder and which ones validate it (Section 5: 70 % and 30 %)."""
+"""Who is trained on what: sequences held out, the autoencoder's frames, what is evaluated."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.motion.sequences import MotionSequence
+from bridge.motion.sequences import MotionSequence, Split
 
 SplitName = Literal["frame", "sequence"]
 TRAIN_TENTHS = 7
@@ -25,24 +25,56 @@ class FrameSplit:
     validation: NDArray[np.int64]
 
 
-def split_frames(count: int, seed: int) -> FrameSplit:
+def splits_of_names(names: Sequence[str], held_out: Collection[str]) -> dict[str, Split]:
+    """Who is held out from all training: the sequences named, or the last if there is none."""
+    chosen = set(held_out) & set(names) or set(names[1:][-1:])
+    return {name: "validation" if name in chosen else "train" for name in names}
+
+
+def split_autoencoder_frames(
+    index: Sequence[MotionSequence], seed: int, *, by: SplitName, include_held_out: bool
+) -> FrameSplit:
+    """The autoencoder's 70 % and 30 % of the sequences that DSNet may be trained on.
+
+    The paper draws from all frames, the validation sequence's too (`include_held_out`); then its
+    code has seen the clip on which DSNet is judged.
+
+    Raises
+    ------
+    DsnetError
+        If too few frames or sequences are left.
+    """
+    known = [sequence for sequence in index if include_held_out or sequence.split == "train"]
+    if by == "sequence":
+        return split_sequences(known, seed)
+    return split_frames(_frames(known, range(len(known))), seed)
+
+
+def held_out_frames(index: Sequence[MotionSequence]) -> NDArray[np.int64]:
+    """Frames of the sequences on which nothing but the paper's autoencoder is trained."""
+    return _frames(index, [row for row, s in enumerate(index) if s.split != "train"])
+
+
+def split_frames(frames: NDArray[np.int64], seed: int) -> FrameSplit:
     """Draw floor(0.7 n) frames at random, as the paper does: 15,051 and 6,451 of 21,502.
 
     Neighbouring frames of one clip fall on both sides, so its validation error
-    is nearly a training error; `split_sequences` is the stricter reading.
+    is nearly a training error; `split_sequences` is stricter.
 
     Raises
     ------
     DsnetError
         If there are fewer than two frames.
     """
-    if count < 2:
+    if len(frames) < 2:
         raise DsnetError(
-            f"{count} aligned frames", "at least 2", "Align a longer sequence: dsnet align."
+            f"{len(frames)} aligned frames to train on",
+            "at least 2",
+            "Align a longer sequence: dsnet align.",
         )
-    order = np.random.default_rng(seed).permutation(count)
+    order = np.random.default_rng(seed).permutation(frames)
     # In integers: 0.7 * n in floating point can fall just below a whole number.
-    cut = count * TRAIN_TENTHS // 10
+    cut = len(frames) * TRAIN_TENTHS // 10
     return FrameSplit(np.sort(order[:cut]), np.sort(order[cut:]))
 
 
@@ -75,9 +107,10 @@ def decoded_sequences(index: Iterable[MotionSequence]) -> list[MotionSequence]:
     return chosen
 
 
-def _frames(index: Sequence[MotionSequence], rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def _frames(index: Sequence[MotionSequence], rows: Iterable[int]) -> NDArray[np.int64]:
     chosen = (index[row].frames for row in sorted(rows))
-    return np.concatenate([np.arange(part.start, part.stop) for part in chosen])
+    parts = [np.arange(part.start, part.stop) for part in chosen]
+    return np.concatenate(parts) if parts else np.empty(0, np.int64)
 
 
 def chunks(

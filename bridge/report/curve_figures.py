@@ -76,19 +76,20 @@ def _styles(evaluate: Artifact) -> dict[str, tuple[str, str]]:
 
 
 def draw_autoencoder_loss(path: Path, train_ae: Artifact) -> None:
-    """Losses of the autoencoder: training and validation, row 0 before the first step."""
-    history = np.asarray(train_ae.array("loss"))
-    epochs = np.arange(len(history))
+    """Losses of the autoencoder; validation begins before the first step."""
+    losses, validation, steps = (
+        np.asarray(train_ae.array(name)) for name in ("loss", "validation_loss", "validation_steps")
+    )
     figure = new_figure(
         6.5, 3.6, title="Loss of the autoencoder (mean squared error)", origin=train_ae.origin
     )
     axes = figure.subplots()
-    marker = "o" if len(history) < 20 else ""
-    axes.plot(epochs, history[:, 0], marker=marker, color="#0072B2", label="training")
-    axes.plot(epochs, history[:, 1], "--", marker=marker, color="#D55E00", label="validation")
-    _logarithmic(axes, history)
+    marker = "o" if len(steps) < 20 else ""
+    axes.plot(steps[1:], losses, marker=marker, color="#0072B2", label="training")
+    axes.plot(steps, validation, "--", marker=marker, color="#D55E00", label="validation")
+    _logarithmic(axes, np.concatenate([losses, validation]))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    _finish(axes, "epoch", "loss of normalised offsets")
+    _finish(axes, "step", "loss of normalised offsets")
     save_figure(figure, path)
 
 

@@ -10,6 +10,7 @@ from typing import Literal
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
+from bridge.motion.splits import splits_of_names
 from bridge.options import NonNegativeFloat, NonNegativeInt, PositiveFloat
 from bridge.runs import Artifact, Run
 from bridge.runs.run import corpus_body_path
@@ -112,11 +113,10 @@ def _inputs(
 
 def _sequences(entries: list[DynaEntry], validation: tuple[str, ...]) -> list[MotionSequence]:
     """The index of all sequences in file order."""
-    names = [entry.name for entry in entries]
-    held_out = set(validation) & set(names) or set(names[1:][-1:])
+    splits = splits_of_names([entry.name for entry in entries], validation)
     sequences, start = [], 0
     for entry in entries:
-        split = "validation" if entry.name in held_out else "train"
+        split = splits[entry.name]
         sequences.append(
             MotionSequence(entry.name, entry.subject, entry.motion, start, entry.length, FPS, split)
         )

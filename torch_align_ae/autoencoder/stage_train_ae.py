@@ -12,24 +12,27 @@ import torch
 from numpy.typing import NDArray
 
 from bridge.motion import sequences_of
-from bridge.motion.splits import FrameSplit, SplitName, split_frames, split_sequences
+from bridge.motion.splits import (
+    FrameSplit,
+    SplitName,
+    held_out_frames,
+    split_autoencoder_frames,
+)
+from bridge.options import NonNegativeInt, PositiveInt, Seed
 from bridge.paper import ALTERNATIVE_WIDTHS, INFERRED_WIDTHS, LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.allocation import keep_freed_memory
 from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder.codec import WEIGHTS_FILE, Codec
 from torch_align_ae.autoencoder.initialisation import SAMPLE_FRAMES, initialise_with_modes
-from torch_align_ae.autoencoder.mesh_autoencoder import (
-    MeshAutoencoder,
-    parameter_count,
-)
+from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder, parameter_count
 from torch_align_ae.autoencoder.normaliser import Normaliser, fit_normaliser
 from torch_align_ae.autoencoder.pca import PcaCodec
 from torch_align_ae.autoencoder.presets import PRESETS, PresetName, TrainingPreset
 from torch_align_ae.autoencoder.scoring import reconstruction_r2
 from torch_align_ae.autoencoder.training import Training, TrainingPlan, TrainingResult
 
-TrialName = Literal["literal", "measured", "sequence_split"]
+TrialName = Literal["literal", "measured", "short", "sequence_split", "all_frames"]
 
 
 @dataclass(frozen=True)
@@ -42,44 +45,59 @@ class TrainAutoencoderConfig:
 
     run: str = "demo"
     """Folder under runs/ that holds the aligned offsets."""
-    seed: int = 0
+    seed: Seed = 0
     """Decides the split, the weights' beginning and the order of frames."""
-    reading: PresetName = "measured"
-    """How the paper's silences are filled: its plainest words, or what was measured to learn."""
+    preset: PresetName = "measured"
+    """How the paper's silences are filled: by its plainest words (`literal`), by what was measured
+    to learn, or by what learns in a few hundred steps (`short`)."""
     split: SplitName = "frame"
     """70 % of the frames, as in the paper, or 70 % of the sequences, which does not leak."""
+    include_held_out: bool = False
+    """Draw from the validation sequences too, as the paper does: its code has seen the clip on
+    which DSNet is judged."""
     comparisons: tuple[TrialName, ...] = ()
-    """Further trainings, only reported: the other reading, or the sequence-level split."""
+    """Further trainings, only reported: another preset, the sequence-level split, or all frames,
+    those of the held-out sequences too."""
     architecture: Literal["inferred", "alternative"] = "inferred"
     """Widths 2000-1300-300-30, or 2000-1250-400-20: the same number of parameters."""
-    batch_size: int = 64
+    batch_size: PositiveInt = 64
     """Frames a step; the paper's is 64."""
-    steps: int = 0
+    steps: NonNegativeInt = 0
     """Optimiser steps; 0: as many as `epochs` make."""
-    epochs: int = 100
+    epochs: NonNegativeInt = 100
     """Passes over the training frames when `steps` is 0."""
-    patience: int = 10
-    """Epochs without a better validation loss after which training stops; 0: never."""
-    validation_frames: int = 0
-    """Validation frames scored after each epoch; 0: all. The final score always takes all."""
+    validate_every: NonNegativeInt = 0
+    """Steps between two validation losses, the best of which decides what is kept; 0: an epoch."""
+    patience: NonNegativeInt = 10
+    """Validation losses without a better one after which training stops; 0: never."""
+    validation_frames: NonNegativeInt = 0
+    """Validation frames scored each time; 0: all. The final score always takes all."""
 
 
 PROFILES: dict[str, TrainAutoencoderConfig] = {
     "smoke": TrainAutoencoderConfig(run="smoke", steps=10, patience=0, validation_frames=128),
-    "demo": TrainAutoencoderConfig(run="demo", steps=70, patience=0, validation_frames=512),
+    "demo": TrainAutoencoderConfig(
+        run="demo",
+        preset="short",
+        steps=210,
+        validate_every=35,
+        patience=0,
+        validation_frames=256,
+    ),
     "paper": TrainAutoencoderConfig(
-        run="paper", reading="measured", comparisons=("literal", "sequence_split")
+        run="paper", include_held_out=True, comparisons=("literal", "sequence_split")
     ),
 }
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One training of the stage: a reading and a split."""
+    """One training of the stage: a preset and a split."""
 
     name: str
-    reading: PresetName
+    preset: PresetName
     split: SplitName
+    include_held_out: bool
 
 
 def main(config: TrainAutoencoderConfig) -> None:
@@ -96,10 +114,9 @@ def main(config: TrainAutoencoderConfig) -> None:
 
 
 def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter) -> None:
-    main_trial = Trial("autoencoder", config.reading, config.split)
-    codec, result, summary = _run_trial(config, main_trial, align, writer)
+    codec, result, summary = _run_trial(config, _main_trial(config), align, writer)
     codec.save(writer.file_path(WEIGHTS_FILE))
-    writer.put("loss", result.history.astype(np.float32), "1 (columns: training, validation)")
+    _put_losses(writer, "", result)
     writer.record(
         architecture=codec.architecture(),
         autoencoder=summary,
@@ -110,24 +127,36 @@ def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWrite
     compared = []
     for name in config.comparisons:
         _codec, result, summary = _run_trial(config, _comparison(config, name), align, writer)
-        writer.put(f"loss_{name}", result.history.astype(np.float32), "1")
+        _put_losses(writer, f"_{name}", result)
         compared.append(summary)
     writer.record(comparisons=compared)
 
 
+def _put_losses(writer: ArtifactWriter, suffix: str, result: TrainingResult) -> None:
+    writer.put(f"loss{suffix}", result.losses.astype(np.float32), "1")
+    writer.put(f"validation_loss{suffix}", result.validation_losses.astype(np.float32), "1")
+    writer.put(f"validation_steps{suffix}", result.steps.astype(np.int32), "step")
+
+
+def _main_trial(config: TrainAutoencoderConfig) -> Trial:
+    return Trial("autoencoder", config.preset, config.split, config.include_held_out)
+
+
 def _comparison(config: TrainAutoencoderConfig, name: TrialName) -> Trial:
     if name == "sequence_split":
-        return Trial(name, config.reading, "sequence")
-    return Trial(name, name, config.split)
+        return Trial(name, config.preset, "sequence", config.include_held_out)
+    if name == "all_frames":
+        return Trial(name, config.preset, config.split, include_held_out=True)
+    return Trial(name, name, config.split, config.include_held_out)
 
 
 def _run_trial(
     config: TrainAutoencoderConfig, trial: Trial, align: Artifact, writer: ArtifactWriter
 ) -> tuple[Codec, TrainingResult, dict[str, Any]]:
-    offsets_m, reading = align.array("offsets"), PRESETS[trial.reading]
-    split = _split(config, trial, align)
-    normaliser = fit_normaliser(reading.normalisation, offsets_m, split.train)
-    model = _new_model(config, reading, normaliser, offsets_m, split)
+    offsets_m, preset = align.array("offsets"), PRESETS[trial.preset]
+    split, held_out = _split(config, trial, align), held_out_frames(sequences_of(align))
+    normaliser = fit_normaliser(preset.normalisation, offsets_m, split.train)
+    model = _new_model(config, preset, normaliser, offsets_m, split)
     codec = Codec(model, normaliser)
     initial_r2 = reconstruction_r2(codec, offsets_m, split.validation)
     training = Training(
@@ -135,7 +164,7 @@ def _run_trial(
         normaliser,
         offsets_m,
         split,
-        plan_of(config, reading, len(split.train)),
+        plan_of(config, preset, len(split.train)),
         writer.checkpoints / f"{trial.name}.safetensors",
         label=f"train-ae {trial.name}",
     )
@@ -145,32 +174,39 @@ def _run_trial(
     model.cpu().eval()
     summary = {
         "name": trial.name,
-        "reading": trial.reading,
-        **asdict(reading),
+        "preset": trial.preset,
+        **asdict(preset),
         "loss": "mean squared error of normalised offsets",
         "split": trial.split,
         "train_frames": len(split.train),
         "validation_frames": len(split.validation),
         "steps": training.plan.steps,
-        "epochs": len(result.history) - 1,
-        "best_epoch": result.best_epoch,
+        "learning_rate": float(training.learning_rate),
+        "steps_taken": int(result.steps[-1]),
+        "best_step": int(result.steps[result.best]),
+        "loss_initial": float(result.validation_losses[0]),
+        "loss_best": float(result.validation_losses[result.best]),
         "r2_initial": initial_r2,
         "r2_validation": reconstruction_r2(codec, offsets_m, split.validation),
+        "include_held_out": trial.include_held_out,
+        "r2_held_out": reconstruction_r2(codec, offsets_m, held_out),
     }
     return codec, result, summary
 
 
 def plan_of(
-    config: TrainAutoencoderConfig, reading: TrainingPreset, train_frames: int
+    config: TrainAutoencoderConfig, preset: TrainingPreset, train_frames: int
 ) -> TrainingPlan:
-    """The plan of one reading under the stage's budget."""
+    """The plan of one preset under the stage's budget."""
     per_epoch = math.ceil(train_frames / config.batch_size)
     return TrainingPlan(
         steps=config.steps or config.epochs * per_epoch,
         batch_size=config.batch_size,
-        learning_rate=reading.learning_rate,
-        warmup_steps=reading.warmup_steps,
-        cosine_decay=reading.cosine_decay,
+        learning_rate=preset.learning_rate,
+        learning_rate_of_loss=preset.learning_rate_of_loss,
+        warmup_steps=preset.warmup_steps,
+        cosine_decay=preset.cosine_decay,
+        validate_every=config.validate_every,
         patience=config.patience,
         validation_frames=config.validation_frames,
         seed=config.seed,
@@ -178,14 +214,14 @@ def plan_of(
 
 
 def _split(config: TrainAutoencoderConfig, trial: Trial, align: Artifact) -> FrameSplit:
-    if trial.split == "sequence":
-        return split_sequences(sequences_of(align), config.seed)
-    return split_frames(align.manifest["arrays"]["offsets"]["shape"][0], config.seed)
+    return split_autoencoder_frames(
+        sequences_of(align), config.seed, by=trial.split, include_held_out=trial.include_held_out
+    )
 
 
 def _new_model(
     config: TrainAutoencoderConfig,
-    reading: TrainingPreset,
+    preset: TrainingPreset,
     normaliser: Normaliser,
     offsets_m: NDArray[np.float32],
     split: FrameSplit,
@@ -193,8 +229,8 @@ def _new_model(
     widths = INFERRED_WIDTHS if config.architecture == "inferred" else ALTERNATIVE_WIDTHS
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
-        model = MeshAutoencoder(widths, reading.activation, reading.negative_slope)
-    if reading.initialisation == "modes":
+        model = MeshAutoencoder(widths, preset.activation, preset.negative_slope)
+    if preset.initialisation == "modes":
         count = min(SAMPLE_FRAMES, len(split.train))
         frames = np.random.default_rng(config.seed).choice(split.train, count, replace=False)
         sample = torch.from_numpy(np.asarray(offsets_m[np.sort(frames)], dtype=np.float32))
@@ -204,11 +240,14 @@ def _new_model(
 
 def _pca_baseline(config: TrainAutoencoderConfig, align: Artifact) -> dict[str, Any]:
     offsets_m = align.array("offsets")
-    split = _split(config, Trial("pca", config.reading, config.split), align)
+    split = _split(
+        config, Trial("pca", config.preset, config.split, config.include_held_out), align
+    )
     codec = PcaCodec.fit(offsets_m, split.train, LATENT_SIZE, seed=config.seed)
     return {
         "components": len(codec.components),
         "r2_validation": reconstruction_r2(codec, offsets_m, split.validation),
+        "r2_held_out": reconstruction_r2(codec, offsets_m, held_out_frames(sequences_of(align))),
     }
 
 

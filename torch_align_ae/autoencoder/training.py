@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +17,17 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from bridge.errors import DsnetError
+from bridge.exchange import load_weights, save_weights
+from bridge.exchange.weights import refuse_nonfinite
 from bridge.motion.splits import FrameSplit, chunks
-from torch_align_ae.autoencoder.checkpoint import load_checkpoint, save_checkpoint
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import Normaliser
 from torch_align_ae.determinism import reproducible
 
 _VALIDATION_BATCH = 64
+_MOMENTS = ("exp_avg", "exp_avg_sq")
+_REMEDY = "Train with another --preset, whose learning rate is lower."
 
 
 @dataclass(frozen=True)
@@ -36,35 +40,46 @@ class TrainingPlan:
     """Frames a step; the paper's is 64."""
     learning_rate: float = 1e-4
     """Adam's largest learning rate; the paper's is 1e-4."""
+    learning_rate_of_loss: float = 0.0
+    """If not 0, the largest rate is this times the validation loss before the first step."""
     warmup_steps: int = 0
     """Steps over which the learning rate rises linearly."""
     cosine_decay: bool = False
     """Whether the learning rate then falls to zero along a cosine."""
+    validate_every: int = 0
+    """Steps between two validation losses; 0: an epoch."""
     patience: int = 0
-    """Epochs without a better validation loss after which training stops; 0: never."""
+    """Validation losses without a better one after which training stops; 0: never."""
     validation_frames: int = 0
-    """Validation frames scored after each epoch, evenly spaced; 0: all."""
+    """Validation frames scored each time, evenly spaced; 0: all."""
     seed: int = 0
     """Decides the order of frames."""
 
-    def learning_rate_at(self, step: int) -> float:
-        """Learning rate of the step with this number, counted from 0."""
+    def share_at(self, step: int) -> float:
+        """Share of the largest learning rate that the step with this number, from 0, takes."""
         if step < self.warmup_steps:
-            return self.learning_rate * (step + 1) / self.warmup_steps
+            return (step + 1) / self.warmup_steps
         if not self.cosine_decay:
-            return self.learning_rate
+            return 1.0
         progress = (step - self.warmup_steps) / max(self.steps - self.warmup_steps, 1)
-        return self.learning_rate * 0.5 * (1 + math.cos(math.pi * progress))
+        return 0.5 * (1 + math.cos(math.pi * progress))
 
 
 @dataclass(frozen=True)
 class TrainingResult:
-    """What training leaves behind; the model holds the best epoch's weights."""
+    """What training leaves behind; the model holds the weights of the least validation loss."""
 
-    history: NDArray[np.float64]
-    """(epochs + 1, 2): training and validation loss; row 0 is before the first step."""
-    best_epoch: int
-    """Row of `history` whose weights were kept."""
+    losses: NDArray[np.float64]
+    """(R,) mean training loss of the steps before each validation."""
+    validation_losses: NDArray[np.float64]
+    """(R + 1,); the first is before the first step."""
+    steps: NDArray[np.int64]
+    """(R + 1,) steps taken at each validation."""
+
+    @property
+    def best(self) -> int:
+        """Row of `validation_losses` whose weights were kept."""
+        return int(np.argmin(self.validation_losses))
 
 
 @dataclass
@@ -79,88 +94,161 @@ class Training:
     checkpoint: Path
     label: str = "autoencoder"
 
+    learning_rate: float = field(init=False)
+    """The largest one."""
+
     def __post_init__(self) -> None:
+        self.learning_rate = self.plan.learning_rate
         self._device = next(self.model.parameters()).device
         self._normaliser = self.normaliser.to(self._device)
         # One fused pass over weights and moments; it is bit-reproducible and twice as fast.
-        self._adam = torch.optim.Adam(self.model.parameters(), self.plan.learning_rate, fused=True)
+        self._adam = torch.optim.Adam(self.model.parameters(), self.learning_rate, fused=True)
         count = len(self.split.validation)
-        self._scored = _spread(self.split.validation, self.plan.validation_frames or count)
-        self._learned = _spread(self.split.train, len(self._scored))
+        wanted = min(self.plan.validation_frames or count, count)
+        self._scored = self.split.validation[np.linspace(0, count - 1, wanted).astype(int)]
 
     def run(self) -> TrainingResult:
-        """Train to the end of the plan, from the checkpoint if there is one."""
-        best, history, done = self._start()
-        steps_per_epoch = math.ceil(len(self.split.train) / self.plan.batch_size)
-        epochs = math.ceil(self.plan.steps / steps_per_epoch)
+        """Train to the end of the plan, from the checkpoint if there is one.
+
+        Raises
+        ------
+        DsnetError
+            If a loss or a weight is no longer finite.
+        """
+        best, result = self._start()
+        if self.plan.learning_rate_of_loss:
+            self.learning_rate = self.plan.learning_rate_of_loss * result.validation_losses[0]
+        done = int(result.steps[-1])
         bar = tqdm(total=self.plan.steps, initial=done, desc=self.label, unit="step", disable=None)
         with bar, reproducible():
-            for epoch in range(len(history), epochs + 1):
-                if self._stale(history):
-                    break
-                upto = min(epoch * steps_per_epoch, self.plan.steps)
-                loss = self._epoch(epoch, range(done, upto), bar)
-                history = np.vstack([history, [loss, self.validation_loss()]])
+            while done < self.plan.steps and not self._stale(result):
+                upto = min(done + (self.plan.validate_every or self._epoch_steps), self.plan.steps)
+                loss = self._train(range(done, upto), bar)
                 done = upto
-                if np.argmin(history[:, 1]) == epoch:
+                result = self._extended(result, loss, self.validation_loss(), done)
+                if result.best == len(result.losses):
                     best = self._weights()
-                save_checkpoint(self.checkpoint, self.model, self._adam, best, history, done)
-                bar.set_postfix(validation=f"{history[-1, 1]:.4f}")
+                save_checkpoint(self.checkpoint, self.model, self._adam, best, result)
+                bar.set_postfix(validation=f"{result.validation_losses[-1]:.4f}")
+        refuse_nonfinite({n: w.numpy() for n, w in best.items()}, self.label, _REMEDY)
         self.model.load_state_dict(best)
-        return TrainingResult(history, int(np.argmin(history[:, 1])))
+        return result
 
-    def _start(self) -> tuple[dict[str, Tensor], NDArray[np.float64], int]:
+    @property
+    def _epoch_steps(self) -> int:
+        return math.ceil(len(self.split.train) / self.plan.batch_size)
+
+    def _start(self) -> tuple[dict[str, Tensor], TrainingResult]:
         if self.checkpoint.is_file():
             return load_checkpoint(self.checkpoint, self.model, self._adam)
-        # As many training frames as validation ones: all of them would cost an epoch.
-        losses = [self._mean_loss(self._learned), self.validation_loss()]
-        return self._weights(), np.array([losses]), 0
+        loss = self._finite(self.validation_loss(), "validation loss", 0)
+        return self._weights(), TrainingResult(np.empty(0), np.array([loss]), np.array([0]))
 
-    def _stale(self, history: NDArray[np.float64]) -> bool:
-        since = len(history) - 1 - int(np.argmin(history[:, 1]))
-        return 0 < self.plan.patience <= since
+    def _extended(
+        self, result: TrainingResult, loss: float, validation_loss: float, step: int
+    ) -> TrainingResult:
+        return TrainingResult(
+            np.append(result.losses, self._finite(loss, "loss", step)),
+            np.append(
+                result.validation_losses, self._finite(validation_loss, "validation loss", step)
+            ),
+            np.append(result.steps, step),
+        )
 
-    def _epoch(self, epoch: int, steps: range, bar: tqdm) -> float:
-        """Take the steps of one epoch; return their mean loss."""
+    def _finite(self, loss: float, what: str, step: int) -> float:
+        if not math.isfinite(loss):
+            raise DsnetError(
+                f"{self.label} with a {what} of {loss} after step {step}", "a number", _REMEDY
+            )
+        return loss
+
+    def _stale(self, result: TrainingResult) -> bool:
+        return 0 < self.plan.patience <= len(result.losses) - result.best
+
+    def _train(self, steps: range, bar: tqdm) -> float:
+        """Take these steps; return their mean loss."""
         self.model.train()
         total = torch.zeros((), dtype=torch.float64, device=self._device)
-        for step, batch in zip(steps, self._batches(epoch), strict=False):
+        for step, batch in zip(steps, self._batches(steps.start), strict=False):
             for group in self._adam.param_groups:
-                group["lr"] = self.plan.learning_rate_at(step)
+                group["lr"] = self.learning_rate * self.plan.share_at(step)
             self._adam.zero_grad()
             loss = self._loss(batch)
             loss.backward()
             self._adam.step()
             total += loss.detach()
             bar.update()
-        return total.item() / max(len(steps), 1)
+        return total.item() / len(steps)
 
-    def _batches(self, epoch: int) -> Iterator[Tensor]:
-        """Frames of one epoch in an order that its number and the seed decide."""
-        order = np.random.default_rng([self.plan.seed, epoch]).permutation(self.split.train)
-        for part in chunks(self.offsets_m, order, self.plan.batch_size):
-            yield torch.from_numpy(part).to(self._device)
+    def _batches(self, start: int) -> Iterator[Tensor]:
+        """Batches from step `start` on, in orders that the epoch's number and the seed decide."""
+        epoch, skipped = divmod(start, self._epoch_steps)
+        while True:
+            epoch += 1
+            order = np.random.default_rng([self.plan.seed, epoch]).permutation(self.split.train)
+            left = order[skipped * self.plan.batch_size :]
+            for part in chunks(self.offsets_m, left, self.plan.batch_size):
+                yield torch.from_numpy(part).to(self._device)
+            skipped = 0
 
     def _loss(self, offsets_m: Tensor) -> Tensor:
         values = self._normaliser.normalise(offsets_m)
         return nn.functional.mse_loss(self.model(values), values)
 
+    @torch.inference_mode()
     def validation_loss(self) -> float:
         """Mean squared error of the scored validation frames, normalised."""
-        return self._mean_loss(self._scored)
-
-    @torch.inference_mode()
-    def _mean_loss(self, frames: NDArray[np.int64]) -> float:
         self.model.eval()
         total = 0.0
-        for part in chunks(self.offsets_m, frames, _VALIDATION_BATCH):
+        for part in chunks(self.offsets_m, self._scored, _VALIDATION_BATCH):
             total += self._loss(torch.from_numpy(part).to(self._device)).item() * len(part)
-        return total / len(frames)
+        return total / len(self._scored)
 
     def _weights(self) -> dict[str, Tensor]:
         return {name: value.detach().cpu().clone() for name, value in self.model.named_parameters()}
 
 
-def _spread(frames: NDArray[np.int64], wanted: int) -> NDArray[np.int64]:
-    """At most `wanted` frames, spread evenly."""
-    return frames[np.linspace(0, len(frames) - 1, min(wanted, len(frames))).astype(int)]
+def save_checkpoint(
+    path: Path,
+    model: nn.Module,
+    optimizer: torch.optim.Adam,
+    best: dict[str, Tensor],
+    result: TrainingResult,
+) -> None:
+    """Write weights, Adam's moments, the best weights so far and the losses atomically.
+
+    No random state is kept: each epoch's order follows from the seed and the
+    epoch's number, and nothing else is drawn.
+    """
+    arrays: dict[str, NDArray] = {f"best.{k}": _numpy(value) for k, value in best.items()}
+    for name, parameter in model.named_parameters():
+        arrays[f"model.{name}"] = _numpy(parameter)
+        for moment in _MOMENTS:
+            arrays[f"{moment}.{name}"] = _numpy(optimizer.state[parameter][moment])
+    history = {f"history.{name}": array for name, array in vars(result).items()}
+    save_weights(path, {**arrays, **history})
+
+
+def load_checkpoint(
+    path: Path, model: nn.Module, optimizer: torch.optim.Adam
+) -> tuple[dict[str, Tensor], TrainingResult]:
+    """Restore `model` and `optimizer`; return the best weights and the losses."""
+    arrays = load_weights(path)
+    result = TrainingResult(*(arrays[f"history.{f.name}"] for f in fields(TrainingResult)))
+    with torch.no_grad():
+        for name, parameter in model.named_parameters():
+            parameter.copy_(torch.from_numpy(arrays[f"model.{name}"]))
+            state = optimizer.state[parameter]
+            state["step"] = torch.tensor(float(result.steps[-1]), device=parameter.device)
+            for moment in _MOMENTS:
+                state[moment] = torch.from_numpy(arrays[f"{moment}.{name}"]).to(parameter.device)
+    best = {
+        name.removeprefix("best."): torch.from_numpy(value)
+        for name, value in arrays.items()
+        if name.startswith("best.")
+    }
+    return best, result
+
+
+def _numpy(tensor: Tensor) -> NDArray[np.float32]:
+    return tensor.detach().cpu().numpy()

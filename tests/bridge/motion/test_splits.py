@@ -9,17 +9,23 @@ from hypothesis import strategies as st
 
 from bridge import DsnetError
 from bridge.motion import MotionSequence
-from bridge.motion.splits import split_frames, split_sequences
+from bridge.motion.splits import (
+    held_out_frames,
+    split_autoencoder_frames,
+    split_frames,
+    split_sequences,
+    splits_of_names,
+)
 
 
 def test_sizes_are_the_papers():
-    split = split_frames(21_502, seed=0)
+    split = split_frames(np.arange(21_502), seed=0)
     assert (len(split.train), len(split.validation)) == (15_051, 6_451)
 
 
 @given(st.integers(2, 3000), st.integers(0, 5))
 def test_frame_split_is_a_partition_of_floor_70_percent(count, seed):
-    split = split_frames(count, seed)
+    split = split_frames(np.arange(count), seed)
     assert len(split.train) == 7 * count // 10
     np.testing.assert_array_equal(
         np.sort(np.concatenate([split.train, split.validation])), np.arange(count)
@@ -27,7 +33,7 @@ def test_frame_split_is_a_partition_of_floor_70_percent(count, seed):
 
 
 def test_seed_decides_the_split():
-    one, same, other = (split_frames(500, seed) for seed in (1, 1, 2))
+    one, same, other = (split_frames(np.arange(500), seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.train, same.train)
     assert not np.array_equal(one.train, other.train)
 
@@ -50,4 +56,34 @@ def test_sequences_stay_whole():
 @pytest.mark.parametrize("count", [0, 1])
 def test_too_few_frames_is_one_line(count):
     with pytest.raises(DsnetError, match="at least 2"):
-        split_frames(count, seed=0)
+        split_frames(np.arange(count), seed=0)
+
+
+def _corpus() -> list[MotionSequence]:
+    splits = ("train", "validation", "train", "test", "train")
+    return [
+        MotionSequence(f"s_{k}", "s", str(k), 10 * k, 10, 60.0, split)
+        for k, split in enumerate(splits)
+    ]
+
+
+@pytest.mark.parametrize("by", ["frame", "sequence"])
+def test_held_out_sequences_do_not_reach_the_autoencoder(by):
+    split = split_autoencoder_frames(_corpus(), 0, by=by, include_held_out=False)
+    seen = np.concatenate([split.train, split.validation])
+    np.testing.assert_array_equal(np.sort(seen), [*range(10), *range(20, 30), *range(40, 50)])
+    np.testing.assert_array_equal(held_out_frames(_corpus()), [*range(10, 20), *range(30, 40)])
+
+
+def test_the_papers_own_way_draws_from_all_frames():
+    split = split_autoencoder_frames(_corpus(), 3, by="frame", include_held_out=True)
+    expected = split_frames(np.arange(50), 3)
+    np.testing.assert_array_equal(split.train, expected.train)
+    np.testing.assert_array_equal(split.validation, expected.validation)
+
+
+def test_named_sequences_are_held_out_and_else_the_last():
+    names = ["a", "b", "c"]
+    assert splits_of_names(names, ("b", "z")) == {"a": "train", "b": "validation", "c": "train"}
+    assert splits_of_names(names, ("z",)) == {"a": "train", "b": "train", "c": "validation"}
+    assert splits_of_names(["a"], ()) == {"a": "train"}

@@ -137,7 +137,9 @@ def _forge_corpus(root: Path) -> None:
 
 def _forge_train_ae(root: Path) -> None:
     writer = ArtifactWriter(root / "train-ae", "train-ae", data="synthetic")
-    writer.put("loss", np.geomspace([1.0, 1.1], [0.1, 0.2], 5).astype(np.float32), "1")
+    writer.put("loss", np.geomspace(1.0, 0.1, 4).astype(np.float32), "1")
+    writer.put("validation_loss", np.geomspace(1.1, 0.2, 5).astype(np.float32), "1")
+    writer.put("validation_steps", np.arange(0, 50, 10), "step")
     names = [f"model.encoder.linear_{i}.weight" for i in (1, 2)]
     names += [f"model.encoder.conv_{i}.weight" for i in (1, 2, 3, 4)]
     arrays = {name: np.zeros(1, np.float32) for name in (*names, "model.to_latent.weight")}
@@ -145,7 +147,7 @@ def _forge_train_ae(root: Path) -> None:
     writer.record(
         architecture={"widths": [6890, 2000, 1300, 300, 30], "activation": "leaky_relu"},
         autoencoder={
-            "reading": "measured",
+            "preset": "measured",
             "normalisation": "standard",
             "activation": "leaky_relu",
             "learning_rate": 1e-4,
@@ -153,7 +155,7 @@ def _forge_train_ae(root: Path) -> None:
             "split": "frame",
             "train_frames": 15,
             "validation_frames": 7,
-            "best_epoch": 4,
+            "best_step": 40,
             "r2_initial": 0.5,
             "r2_validation": 0.9,
         },

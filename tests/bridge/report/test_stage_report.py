@@ -132,7 +132,7 @@ def page_of(folder, edit):
 
 def test_an_autoencoder_that_learned_nothing_is_called_so(folder):
     assert "Training took 80.0 % of the initial error" in (folder / "report.md").read_text()
-    page = page_of(folder, lambda r: r["autoencoder"]["training"].update(best_epoch=0))
+    page = page_of(folder, lambda r: r["autoencoder"]["training"].update(best_step=0))
     assert "**the code is the initial linear one**" in page
     assert "Training took" not in page
 

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
+from bridge.exchange import load_weights
 from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.runs import ArtifactWriter, Run
 from torch_align_ae.autoencoder import load_codec, stage_decode, stage_encode, stage_train_ae
+from torch_align_ae.autoencoder.codec import WEIGHTS_FILE
 from torch_align_ae.autoencoder.stage_encode import EncodeConfig
 from torch_align_ae.autoencoder.stage_train_ae import TrainAutoencoderConfig
 
@@ -39,10 +41,13 @@ def _index() -> list[MotionSequence]:
     ]
 
 
-def _write_align(run: Run) -> None:
+def _write_align(run: Run, garbled: int | None = None) -> None:
     frames = len(NAMES) * LENGTH
     rng = np.random.default_rng(0)
     waves = rng.standard_normal((frames, 4)) @ rng.standard_normal((4, 6890 * 3)) * 1e-3
+    if garbled is not None:
+        rows = slice(garbled * LENGTH, (garbled + 1) * LENGTH)
+        waves[rows] = 0.05 * rng.standard_normal(waves[rows].shape)
     writer = ArtifactWriter(run.path / "align", "align", data="synthetic")
     writer.put("offsets", waves.reshape(frames, 6890, 3).astype(np.float32), "m")
     writer.put("theta", rng.standard_normal((frames, 69)).astype(np.float32), "rad, then m")
@@ -69,11 +74,28 @@ def _write_prediction(run: Run) -> None:
 def test_training_records_what_it_did(run):
     manifest = run.artifact("train-ae").manifest
     summary = manifest["autoencoder"]
-    assert (summary["train_frames"], summary["validation_frames"]) == (28, 12)
+    assert (summary["train_frames"], summary["validation_frames"]) == (22, 10)
     assert summary["normalisation"] == "standard"
     assert summary["departures"]
     assert manifest["parameters"]["mesh_autoencoder"] == 33_626_606
-    assert run.artifact("train-ae").array("loss").shape == (summary["epochs"] + 1, 2)
+    trained = run.artifact("train-ae")
+    assert trained.array("loss").shape == (1,)
+    assert np.isfinite(trained.array("validation_loss")).all()
+    np.testing.assert_array_equal(trained.array("validation_steps"), [0, 2])
+    assert not summary["include_held_out"]
+
+
+def test_the_held_out_clip_changes_nothing_that_is_trained(run):
+    """Its frames reach neither normaliser nor initialisation, gradients or choice of weights."""
+    other = Run("garbled")
+    _write_align(other, garbled=SPLITS.index("validation"))
+    stage_train_ae.main(replace(CONFIG, run="garbled"))
+    weights = [load_weights(r.artifact("train-ae").file(WEIGHTS_FILE)) for r in (run, other)]
+    for name, array in weights[0].items():
+        np.testing.assert_array_equal(weights[1][name], array, err_msg=name)
+    pca = [r.artifact("train-ae").manifest["pca"] for r in (run, other)]
+    assert pca[0]["r2_validation"] == pca[1]["r2_validation"]
+    assert pca[0]["r2_held_out"] != pca[1]["r2_held_out"]
 
 
 def test_modes_already_hold_most_and_pca_bounds_nothing_from_below(run):

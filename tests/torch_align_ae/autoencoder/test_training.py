@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+import math
+from itertools import islice, pairwise
 
 import numpy as np
 import pytest
 import torch
 
+from bridge import DsnetError
+from bridge.exchange import load_weights
 from bridge.motion.splits import split_frames
 from bridge.paper import INFERRED_WIDTHS
 from torch_align_ae.autoencoder.codec import Codec
@@ -32,7 +35,7 @@ def smooth_offsets(frames: int, vertices: int, seed: int = 0) -> np.ndarray:
 
 def training(folder, plan: TrainingPlan, offsets_m: np.ndarray | None = None, widths=SMALL):
     offsets_m = smooth_offsets(200, widths[0]) if offsets_m is None else offsets_m
-    split = split_frames(len(offsets_m), seed=0)
+    split = split_frames(np.arange(len(offsets_m)), seed=0)
     torch.manual_seed(0)
     normaliser = fit_normaliser("standard", offsets_m, split.train)
     model = MeshAutoencoder(widths)
@@ -47,7 +50,7 @@ def test_pytorchs_beginning_learns_in_a_few_hundred_steps(tmp_path):
     job = training(tmp_path, TrainingPlan(steps=300, batch_size=16, learning_rate=3e-3))
     result = job.run()
     codec = Codec(job.model.eval(), job.normaliser)
-    assert result.history[-1, 1] < 0.8 * result.history[0, 1]
+    assert result.validation_losses[-1] < 0.8 * result.validation_losses[0]
     assert reconstruction_r2(codec, job.offsets_m, job.split.validation) > 0.2
 
 
@@ -63,7 +66,7 @@ def test_a_few_steps_at_full_size_learn_a_swing_that_the_modes_have_not_seen(tmp
     initialise_with_modes(job.model, sample, seed=0)
     result = job.run()
     codec = Codec(job.model.eval(), job.normaliser)
-    assert result.history[-1, 1] < 0.9 * result.history[0, 1]
+    assert result.validation_losses[-1] < 0.9 * result.validation_losses[0]
     assert reconstruction_r2(codec, job.offsets_m, job.split.validation) > 0.5
 
 
@@ -71,10 +74,15 @@ class _KilledError(Exception):
     pass
 
 
-@pytest.mark.parametrize("killed_after", [1, 3])
-def test_a_killed_training_resumes_with_the_same_bits(tmp_path, monkeypatch, killed_after):
+@pytest.mark.parametrize(("every", "killed_after"), [(0, 3), (0, 9), (2, 4), (5, 5)])
+def test_a_killed_training_resumes_with_the_same_bits(tmp_path, monkeypatch, every, killed_after):
     plan = TrainingPlan(
-        steps=12, batch_size=64, learning_rate=1e-3, warmup_steps=3, cosine_decay=True
+        steps=12,
+        batch_size=64,
+        learning_rate=1e-3,
+        warmup_steps=3,
+        cosine_decay=True,
+        validate_every=every,
     )
     whole = training(tmp_path / "whole", plan)
     (tmp_path / "whole").mkdir()
@@ -82,24 +90,25 @@ def test_a_killed_training_resumes_with_the_same_bits(tmp_path, monkeypatch, kil
     expected = whole.run()
 
     killed = training(tmp_path / "killed", plan)
-    epoch = killed._epoch
+    train = killed._train
 
-    def dies(number, steps, bar):
-        if number > killed_after:
+    def dies(steps, bar):
+        if steps.start >= killed_after:
             raise _KilledError
-        return epoch(number, steps, bar)
+        return train(steps, bar)
 
-    monkeypatch.setattr(killed, "_epoch", dies)
+    monkeypatch.setattr(killed, "_train", dies)
     with pytest.raises(_KilledError):
         killed.run()
     resumed = training(tmp_path / "killed", plan)
     found = resumed.run()
-    np.testing.assert_array_equal(found.history, expected.history)
+    for name, array in vars(expected).items():
+        np.testing.assert_array_equal(vars(found)[name], array, err_msg=name)
     for name, value in weights(whole).items():
         np.testing.assert_array_equal(weights(resumed)[name], value, err_msg=name)
 
 
-def test_the_best_epoch_is_kept(tmp_path, monkeypatch):
+def test_the_least_validation_loss_is_kept(tmp_path, monkeypatch):
     job = training(tmp_path, TrainingPlan(steps=12, batch_size=64, learning_rate=1e-3))
     losses, seen = iter([5.0, 3.0, 1.0, 2.0, 4.0]), []
 
@@ -109,7 +118,7 @@ def test_the_best_epoch_is_kept(tmp_path, monkeypatch):
 
     monkeypatch.setattr(job, "validation_loss", scripted)
     result = job.run()
-    assert result.best_epoch == 2
+    assert result.best == 2
     assert len(seen) == 5
     for name, value in weights(job).items():
         np.testing.assert_array_equal(value, seen[2][name])
@@ -121,13 +130,36 @@ def test_patience_stops(tmp_path, monkeypatch):
     job = training(tmp_path, plan)
     losses = iter([5.0, 3.0, 4.0, 4.0, 0.0])
     monkeypatch.setattr(job, "validation_loss", lambda: next(losses))
-    assert len(job.run().history) == 4
+    assert len(job.run().validation_losses) == 4
+
+
+@pytest.mark.parametrize("steps", [2, 5])
+def test_how_often_is_validated_changes_no_weight(tmp_path, steps):
+    once = training(tmp_path, TrainingPlan(steps=7, batch_size=64, learning_rate=1e-3))
+    once.run()
+    again = training(
+        tmp_path, TrainingPlan(steps=7, batch_size=64, learning_rate=1e-3, validate_every=steps)
+    )
+    again.checkpoint = tmp_path / "again.safetensors"
+    result = again.run()
+    np.testing.assert_array_equal(result.steps, [*range(0, 7, steps), 7])
+    last = [load_weights(job.checkpoint) for job in (once, again)]
+    for name in (n for n in last[0] if n.startswith("model.")):
+        np.testing.assert_array_equal(last[1][name], last[0][name], err_msg=name)
+
+
+@pytest.mark.parametrize("losses", [[5.0, math.nan], [5.0, math.inf], [math.nan]])
+def test_a_loss_that_is_not_finite_is_one_line(tmp_path, monkeypatch, losses):
+    job = training(tmp_path, TrainingPlan(steps=6, batch_size=64))
+    given = iter(losses)
+    monkeypatch.setattr(job, "validation_loss", lambda: next(given))
+    with pytest.raises(DsnetError, match=r"autoencoder with a validation loss of .* after step"):
+        job.run()
 
 
 def test_an_epoch_shows_every_training_frame_once(tmp_path):
     job = training(tmp_path, TrainingPlan(steps=3, batch_size=64))
-    seen = torch.cat(list(job._batches(1))).numpy()
-    other = torch.cat(list(job._batches(2))).numpy()
+    seen, other = (torch.cat(list(islice(job._batches(k), 3))).numpy() for k in (0, 3))
     expected = job.offsets_m[job.split.train]
     assert seen.shape == expected.shape
     assert not np.array_equal(seen, other)
@@ -140,9 +172,18 @@ def test_an_epoch_shows_every_training_frame_once(tmp_path):
 
 
 def test_learning_rate_warms_up_and_decays():
-    plan = TrainingPlan(steps=100, learning_rate=1.0, warmup_steps=10, cosine_decay=True)
-    rates = [plan.learning_rate_at(step) for step in range(100)]
+    plan = TrainingPlan(steps=100, warmup_steps=10, cosine_decay=True)
+    rates = [plan.share_at(step) for step in range(100)]
     np.testing.assert_allclose(rates[:11], [*np.arange(1, 11) / 10, 1.0])
     assert all(later <= earlier for earlier, later in pairwise(rates[10:]))
     assert rates[-1] < 1e-3
-    assert TrainingPlan(steps=5, learning_rate=1e-4).learning_rate_at(4) == 1e-4
+    assert TrainingPlan(steps=5).share_at(4) == 1
+
+
+def test_learning_rate_can_follow_the_initial_error(tmp_path):
+    plan = TrainingPlan(steps=2, batch_size=64, learning_rate_of_loss=1e-3)
+    job = training(tmp_path, plan)
+    initial = job.validation_loss()
+    job.run()
+    assert job.learning_rate == pytest.approx(1e-3 * initial)
+    assert job._adam.param_groups[0]["lr"] == job.learning_rate
