@@ -23,7 +23,7 @@ offsets = numpy.random.default_rng(0).standard_normal((100, 6890, 3), numpy.floa
 normaliser = Normaliser(torch.zeros(6890, 3), torch.ones(6890, 3))
 plan = TrainingPlan(steps=4, batch_size=32)
 network = MeshAutoencoder((6890, 300, 200, 100, 30))
-split = split_frames(np.arange(100), 0)
+split = split_frames(numpy.arange(100), 0)
 Training(network, normaliser, offsets, split, plan, Path(sys.argv[1])).run()
 """
 DSNET = """
