@@ -14,18 +14,19 @@ from bridge.runs.run import body_model_path
 ALONE = """
 import sys, numpy
 from bridge.body import load_body_model
-from bridge.exchange import Run, unpack_theta
+from bridge.motion import unpack_theta
+from bridge.runs import Run
 from bridge.runs.run import body_model_path
-from tf_dsnet import SMPL, load_codec
-from tf_dsnet.stage_predict import ClipPredictor
-from bridge.exchange.trained_dsnet import load_trained_dsnet
+from tf_dsnet import KerasSMPL, load_codec
+from tf_dsnet.predictors import load_predictor
 
 run, (motion, out) = Run("smoke"), sys.argv[1:]
 given = numpy.load(motion)
-latents = ClipPredictor(load_trained_dsnet(run.artifact("train")))(given["theta"], given["betas"])
+train = run.artifact("train")
+latents = load_predictor(train, train.manifest["default"])(given["theta"], given["betas"])
 offsets = load_codec(run.artifact("train-ae")).decode(latents)
 pose, trans = unpack_theta(given["theta"])
-smpl = SMPL(load_body_model(str(body_model_path(run))))
+smpl = KerasSMPL(load_body_model(str(body_model_path(run))))
 vertices = smpl(numpy.tile(given["betas"], (len(pose), 1)), pose, trans, offsets)
 numpy.savez(out, latents=latents, offsets=offsets, vertices=vertices)
 sys.exit("torch" in sys.modules)
@@ -35,7 +36,7 @@ sys.exit("torch" in sys.modules)
 def test_a_motion_becomes_vertices_without_pytorch(smoke_runs, execute, tmp_path, monkeypatch):
     monkeypatch.setenv("DSNET_RUNS", str(smoke_runs))
     predicted, decoded = (read_artifact(smoke_runs / "smoke" / s) for s in ("predict", "decode"))
-    there = sequences_of(decoded)[-1]
+    name, there = predicted.manifest["default"], sequences_of(decoded)[-1]
     here = next(s for s in sequences_of(predicted) if s.name == there.name)
     theta = predicted.array("theta")[here.frames]
     betas = predicted.array("betas")[subject_rows(sequences_of(predicted))[here.subject]]
@@ -45,9 +46,9 @@ def test_a_motion_becomes_vertices_without_pytorch(smoke_runs, execute, tmp_path
     done = execute([sys.executable, "-c", ALONE, *files], smoke_runs)
     assert done.returncode == 0, done.stderr
     alone = np.load(files[1])
-    expected = predicted.array("latents")[here.frames]
+    expected = predicted.array(f"latents_{name}")[here.frames]
     np.testing.assert_allclose(alone["latents"], expected, atol=1e-5 * np.abs(expected).max())
-    offsets_m = decoded.array("offsets")[there.frames]
+    offsets_m = decoded.array(f"offsets_{name}")[there.frames]
     np.testing.assert_allclose(alone["offsets"], offsets_m, atol=1e-6)
     body = load_body_model(str(body_model_path(Run("smoke"))))
     posed = pose_vertices(body, np.tile(betas, (len(theta), 1)), *unpack_theta(theta), offsets_m)
