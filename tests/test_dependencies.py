@@ -17,7 +17,7 @@ def needed() -> set[str]:
     text = (ROOT / "pyproject.toml").read_text()
     listed = text.split("\ndependencies = [\n")[1].split("\n]")[0]
     names = re.findall(r'"([\w-]+)', listed)
-    return {PROVIDES.get(name, name) for name in names}
+    return {PROVIDES.get(str(name), str(name)) for name in names}
 
 
 def test_runtime_dependencies_are_those_that_the_product_imports() -> None:
