@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from bridge.body import load_body_model
 from bridge.motion import MotionSequence
+from bridge.options import PositiveInt
 from bridge.report.body_figures import draw_figure4, draw_figure7, draw_test_strip
 from bridge.report.curve_figures import (
     draw_autoencoder_loss,
@@ -40,9 +41,9 @@ class ReportConfig:
 
     run: str = "demo"
     """Run to report on."""
-    samples: int = 32
+    samples: PositiveInt = 32
     """Light paths a pixel of the rendered bodies."""
-    panel_px: int = 300
+    panel_px: PositiveInt = 300
     """Height of one rendered body in pixels."""
 
 
