@@ -1,10 +1,10 @@
-"""Readings of 'normalized ... within the range of [-1, 1]' (Section 5).
+"""Ways to take 'normalized ... within the range of [-1, 1]' (Section 5).
 
 Offsets are a millimetre on average and several centimetres at the extreme, so
-the reading decides whether anything is left to learn from:
+the choice decides whether anything is left to learn from:
 
 `global_maximum`
-    Divide by the largest coordinate of all: the plainest reading.
+    Divide by the largest coordinate of all: the plainest way to take the words.
 `vertex_maximum`
     Remove the mean, divide each vertex's coordinates by their own largest one.
 `standard`
@@ -83,15 +83,15 @@ def offset_statistics(
 
 
 def fit_normaliser(
-    reading: NormalisationName, offsets_m: NDArray[np.float32], frames: NDArray[np.int64]
+    name: NormalisationName, offsets_m: NDArray[np.float32], frames: NDArray[np.int64]
 ) -> Normaliser:
-    """Fit one reading to the named (training) frames of (F, V, 3) offsets."""
+    """Fit one normalisation to the named (training) frames of (F, V, 3) offsets."""
     found = offset_statistics(offsets_m, frames)
     zero, one = np.zeros_like(found.mean_m), np.ones_like(found.mean_m)
-    if reading == "global_maximum":
+    if name == "global_maximum":
         extreme = max(np.abs(found.smallest_m).max(), np.abs(found.largest_m).max())
         return _normaliser(zero, one * extreme)
-    if reading == "vertex_maximum":
+    if name == "vertex_maximum":
         reach = np.maximum(found.largest_m - found.mean_m, found.mean_m - found.smallest_m)
         return _normaliser(found.mean_m, reach)
     return _normaliser(found.mean_m, one * found.deviation_m)

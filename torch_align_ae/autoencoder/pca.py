@@ -1,8 +1,9 @@
-"""Principal components as a codec: the linear code that the autoencoder is measured against."""
+"""How much of the offsets a codec keeps, and the linear code to compare the autoencoder with."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,3 +79,27 @@ def _covariance_times(
         product += centred.T @ coefficients
         inner += np.float64(coefficients.T @ coefficients)
     return product, inner
+
+
+class OffsetCodec(Protocol):
+    """Anything that turns offsets (B, V, 3) in metres into latents and back."""
+
+    def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Offsets to latents."""
+        ...
+
+    def decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Latents to offsets."""
+        ...
+
+
+def reconstruction_r2(
+    codec: OffsetCodec, offsets_m: NDArray[np.float32], frames: NDArray[np.int64]
+) -> float:
+    """R2 = 1 - sum |x~ - x|^2 / sum |x|^2 over the named frames, in metres; SMPL alone has 0."""
+    error = energy = 0.0
+    for part in chunks(offsets_m, frames):
+        rebuilt = codec.decode(codec.encode(part))
+        error += float(np.square(rebuilt - part, dtype=np.float64).sum())
+        energy += float(np.square(part, dtype=np.float64).sum())
+    return 1 - error / energy if energy else float("nan")

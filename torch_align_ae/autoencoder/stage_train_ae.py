@@ -27,9 +27,8 @@ from torch_align_ae.autoencoder.codec import WEIGHTS_FILE, Codec
 from torch_align_ae.autoencoder.initialisation import SAMPLE_FRAMES, initialise_with_modes
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder, parameter_count
 from torch_align_ae.autoencoder.normaliser import Normaliser, fit_normaliser
-from torch_align_ae.autoencoder.pca import PcaCodec
+from torch_align_ae.autoencoder.pca import PcaCodec, reconstruction_r2
 from torch_align_ae.autoencoder.presets import PRESETS, PresetName, TrainingPreset
-from torch_align_ae.autoencoder.scoring import reconstruction_r2
 from torch_align_ae.autoencoder.training import Training, TrainingPlan, TrainingResult
 
 TrialName = Literal["literal", "measured", "short", "sequence_split", "all_frames"]

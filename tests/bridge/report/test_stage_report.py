@@ -135,6 +135,9 @@ def test_an_autoencoder_that_learned_nothing_is_called_so(folder):
     page = page_of(folder, lambda r: r["autoencoder"]["training"].update(best_step=0))
     assert "**the code is the initial linear one**" in page
     assert "Training took" not in page
+    page = page_of(folder, lambda r: r["autoencoder"]["training"].update(error_fall=0.06))
+    assert "6.0 % of the initial error" in page
+    assert "**the code is nearly the initial linear one**" in page
 
 
 def test_engines_without_gradients_are_named(folder):

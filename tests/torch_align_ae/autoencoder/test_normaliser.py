@@ -19,22 +19,20 @@ def offsets_m():
     return (rng.standard_normal((300, 40, 3)) * scale + 5e-3).astype(np.float32)
 
 
-@pytest.mark.parametrize("reading", PRESETS)
-def test_denormalise_inverts_normalise(offsets_m, reading):
-    normaliser = fit_normaliser(reading, offsets_m, np.arange(200))
+@pytest.mark.parametrize("name", PRESETS)
+def test_denormalise_inverts_normalise(offsets_m, name):
+    normaliser = fit_normaliser(name, offsets_m, np.arange(200))
     values = torch.from_numpy(offsets_m)
     np.testing.assert_allclose(
         normaliser.denormalise(normaliser.normalise(values)), values, atol=1e-8
     )
 
 
-@pytest.mark.parametrize("reading", ["global_maximum", "vertex_maximum"])
-def test_training_frames_fill_minus_one_to_one(offsets_m, reading):
+@pytest.mark.parametrize("name", ["global_maximum", "vertex_maximum"])
+def test_training_frames_fill_minus_one_to_one(offsets_m, name):
     frames = np.arange(0, 300, 2)
-    values = fit_normaliser(reading, offsets_m, frames).normalise(
-        torch.from_numpy(offsets_m[frames])
-    )
-    largest = values.abs().amax(dim=0) if reading == "vertex_maximum" else values.abs().max()
+    values = fit_normaliser(name, offsets_m, frames).normalise(torch.from_numpy(offsets_m[frames]))
+    largest = values.abs().amax(dim=0) if name == "vertex_maximum" else values.abs().max()
     np.testing.assert_allclose(largest, 1, rtol=1e-6)
 
 
@@ -46,11 +44,11 @@ def test_standard_values_have_mean_zero_and_deviation_one(offsets_m):
     np.testing.assert_allclose(values.square().mean().sqrt(), 1, rtol=1e-5)
 
 
-@pytest.mark.parametrize("reading", PRESETS)
-def test_other_frames_do_not_enter(offsets_m, reading):
+@pytest.mark.parametrize("name", PRESETS)
+def test_other_frames_do_not_enter(offsets_m, name):
     changed = offsets_m.copy()
     changed[200:] = 9.0
-    first, second = (fit_normaliser(reading, x, np.arange(200)) for x in (offsets_m, changed))
+    first, second = (fit_normaliser(name, x, np.arange(200)) for x in (offsets_m, changed))
     np.testing.assert_array_equal(first.mean_m, second.mean_m)
     np.testing.assert_array_equal(first.scale_m, second.scale_m)
 
@@ -64,9 +62,9 @@ def test_streamed_statistics_are_numpys(offsets_m):
     np.testing.assert_allclose(found.deviation_m, (part - part.mean(axis=0)).std(), rtol=1e-9)
 
 
-@pytest.mark.parametrize("reading", PRESETS)
-def test_still_vertices_stay_finite(reading):
-    normaliser = fit_normaliser(reading, np.zeros((4, 5, 3), np.float32), np.arange(4))
+@pytest.mark.parametrize("name", PRESETS)
+def test_still_vertices_stay_finite(name):
+    normaliser = fit_normaliser(name, np.zeros((4, 5, 3), np.float32), np.arange(4))
     assert torch.isfinite(normaliser.normalise(torch.zeros(1, 5, 3))).all()
 
 

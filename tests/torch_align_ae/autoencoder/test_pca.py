@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from torch_align_ae.autoencoder.pca import PcaCodec
-from torch_align_ae.autoencoder.scoring import reconstruction_r2
+from torch_align_ae.autoencoder.pca import PcaCodec, reconstruction_r2
 
 
 def _offsets(rng: np.random.Generator) -> np.ndarray:

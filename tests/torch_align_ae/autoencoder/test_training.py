@@ -17,7 +17,7 @@ from torch_align_ae.autoencoder.codec import Codec
 from torch_align_ae.autoencoder.initialisation import initialise_with_modes
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import fit_normaliser
-from torch_align_ae.autoencoder.scoring import reconstruction_r2
+from torch_align_ae.autoencoder.pca import reconstruction_r2
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
 
 SMALL = (60, 40, 30, 20, 12)
