@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,8 @@ from bridge.exchange import save_weights
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.motion import sequences_of, subject_rows
 from bridge.runs import Artifact, ArtifactWriter, read_artifact
+from bridge.runs.artifact import content_digest
+from bridge.runs.folders import MANIFEST
 from tests.forged.amass import save, shape, smplh, smplx
 from tf_dsnet import StreamingPredictor, stage_predict
 from tf_dsnet.stage_predict import PredictStageConfig
@@ -145,8 +148,9 @@ def test_motions_enter_the_decision_whether_the_stage_is_current(trained, encode
 def test_a_corpus_beside_licensed_meshes_is_not_predicted(trained, encoded_run):
     """A run's name may be used again, for licensed files after the synthetic ones."""
     forge_mosh(encoded_run, ("50004_kicking",))
-    manifest = encoded_run / "encode" / "manifest.json"
-    manifest.write_text(manifest.read_text().replace('"synthetic"', '"licensed"'))
+    path = encoded_run / "encode" / MANIFEST
+    manifest = json.loads(path.read_text()) | {"data": "licensed"}
+    path.write_text(json.dumps(manifest | {"sha256": content_digest(manifest)}))
     stage_predict.main(PredictStageConfig("tiny"))
     made = read_artifact(encoded_run / "predict")
     assert {sequence.split for sequence in sequences_of(made)} == {"train", "validation"}

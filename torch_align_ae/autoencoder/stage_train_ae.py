@@ -153,7 +153,7 @@ def _run_trial(
     config: TrainAutoencoderConfig, trial: Trial, align: Artifact, writer: ArtifactWriter
 ) -> tuple[Codec, TrainingResult, dict[str, Any]]:
     offsets_m, preset = align.array("offsets"), PRESETS[trial.preset]
-    split, held_out = _split(config, trial, align), held_out_frames(sequences_of(align))
+    split = _split(config, trial, align)
     normaliser = fit_normaliser(preset.normalisation, offsets_m, split.train)
     model = _new_model(config, preset, normaliser, offsets_m, split)
     codec = Codec(model, normaliser)
@@ -188,7 +188,7 @@ def _run_trial(
         "r2_initial": initial_r2,
         "r2_validation": reconstruction_r2(codec, offsets_m, split.validation),
         "include_held_out": trial.include_held_out,
-        "r2_held_out": reconstruction_r2(codec, offsets_m, held_out),
+        "r2_held_out": _r2_held_out(codec, align),
     }
     return codec, result, summary
 
@@ -246,8 +246,14 @@ def _pca_baseline(config: TrainAutoencoderConfig, align: Artifact) -> dict[str, 
     return {
         "components": len(codec.components),
         "r2_validation": reconstruction_r2(codec, offsets_m, split.validation),
-        "r2_held_out": reconstruction_r2(codec, offsets_m, held_out_frames(sequences_of(align))),
+        "r2_held_out": _r2_held_out(codec, align),
     }
+
+
+def _r2_held_out(codec: Codec | PcaCodec, align: Artifact) -> float | None:
+    """R2 on the sequences that are held out; None if there are none."""
+    frames = held_out_frames(sequences_of(align))
+    return reconstruction_r2(codec, align.array("offsets"), frames) if len(frames) else None
 
 
 def parameter_counts() -> dict[str, int]:
