@@ -37,7 +37,7 @@ def page(name: str, artifacts: list[Artifact]) -> str:
         *(_row(artifact) for artifact in artifacts),
         "",
         f"{artifacts[-1].origin.capitalize()} data;"
-        f" {artifacts[-1].manifest['provenance']['machine']}, no accelerator.",
+        f" {artifacts[-1].manifest['provenance']['machine']}.",
     ]
     return "\n".join(lines) + "\n"
 
