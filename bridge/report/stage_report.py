@@ -41,7 +41,7 @@ class ReportConfig:
 
     run: str = "demo"
     """Run to report on."""
-    samples: PositiveInt = 32
+    samples: PositiveInt = 36
     """Light paths a pixel of the rendered bodies."""
     panel_px: PositiveInt = 300
     """Height of one rendered body in pixels."""
