@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ from bridge.exchange import save_weights
 from bridge.exchange.clips import load_unpadded_clips
 from bridge.options import PositiveInt
 from bridge.runs import ArtifactWriter, Run
+from bridge.runs.worker_pool import worker_pool
 from tf_dsnet.predictors import (
     PREDICTORS,
     Predictor,
@@ -96,11 +96,14 @@ def _train(trainings: Mapping[str, PredictorTraining], config: TrainConfig) -> N
         disable=None,
         mininterval=0.5,
     )
-    with ThreadPoolExecutor(len(trainings)) as pool:
+    with worker_pool("threads", None, len(trainings)) as pool:
         for epoch in epochs:
             validate = _due(epoch, config.validate_every, config.epochs)
-            done = pool.map(lambda t: t.epoch(epoch, validate=validate), trainings.values())  # noqa: B023
-            list(done)  # raises what a thread raised
+
+            def advance(_: None, training: PredictorTraining) -> None:
+                training.epoch(epoch, validate=validate)  # noqa: B023
+
+            list(pool.map(advance, trainings.values()))  # raises what a thread raised
             if validate:
                 epochs.set_postfix({n: t.validation_losses[-1] for n, t in trainings.items()})
             if _due(epoch, config.checkpoint_every, config.epochs):

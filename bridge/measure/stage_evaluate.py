@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -21,6 +19,7 @@ from bridge.measure.references import References, best_constant_m
 from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import body_model_path
+from bridge.runs.worker_pool import worker_pool
 
 Errors = Mapping[str, Mapping[str, FrameErrors]]
 
@@ -82,9 +81,9 @@ class Evaluation:
     def write(self, writer: ArtifactWriter) -> None:
         """Fill the `evaluate` artifact."""
         sequences = sequences_of(self._decode)
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
+        with worker_pool("threads", self) as pool:
             compared = tqdm(
-                pool.map(self.compare, sequences),
+                pool.map(Evaluation.compare, sequences),
                 desc="evaluate",
                 total=len(sequences),
                 unit="sequence",
