@@ -39,9 +39,8 @@ The body derives from the MakeHuman assets (CC0).
 class CorpusConfig:
     """Make the synthetic corpus and, apart from it, the truth that only evaluation may read.
 
-    Costs 165 kB of disk a frame, and time for the soft tissue, above all: profile `paper`, with
-    21,502 frames and 2,709 of held-out motions, took 757 s on 2 cores
-    (docs/results/costs/full.md).
+    Costs 165 kB of disk a frame for the truth and as much for the meshes, and time for the soft
+    tissue above all; what it took stands in the manifests and the report.
     """
 
     run: str = "demo"
