@@ -10,6 +10,7 @@ from bridge.body import BodyModelData
 from bridge.body.posing import shaped_vertices
 from bridge.motion import unpack_theta
 from torch_align_ae.body import SMPL
+from torch_align_ae.corpus.motions.plan import GRAVITY_M_S2
 from torch_align_ae.corpus.soft_tissue import RATE_HZ, Array, SoftTissue, TissueParameters
 from torch_align_ae.corpus.tissue_parameters import tissue_parameters
 
@@ -24,24 +25,36 @@ class TissueSimulator:
     smpl : float64 body model.
     betas : (10,) shape of the subject.
     parameters : mechanics of the tissue; by default what follows from the shape.
+    gravity : whether turned limbs hang.
     """
 
     def __init__(
-        self, smpl: SMPL, betas: Array, parameters: TissueParameters | None = None
+        self,
+        smpl: SMPL,
+        betas: Array,
+        parameters: TissueParameters | None = None,
+        *,
+        gravity: bool = True,
     ) -> None:
-        self.smpl, self.betas = smpl, betas
+        self.smpl, self.betas, self._gravity = smpl, betas, gravity
         vertices = shaped_vertices(smpl.data, betas[None])[0]
         parameters = parameters or tissue_parameters(smpl.data, betas)
         self.tissue = SoftTissue(vertices, smpl.data.faces, parameters)
 
     def offsets(self, theta: Array, fps: float) -> NDArray[np.float32]:
-        """Offsets (T, V, 3) in the rest pose, metres, of a motion (T, 69) that begins at rest."""
+        """Offsets (T, V, 3) in the rest pose, metres, of a motion (T, 69).
+
+        Its first pose was held until the tissue had come to rest.
+        """
         substeps = round(RATE_HZ / fps)
         if not np.isclose(substeps * fps, RATE_HZ):
             raise ValueError(f"{RATE_HZ} Hz is not a multiple of {fps} fps")
-        drive = rest_frame_drive(self.smpl, self.betas, theta, fps, self.tissue.free)
+        drive = rest_frame_drive(
+            self.smpl, self.betas, theta, fps, self.tissue.free, gravity=self._gravity
+        )
         result = np.zeros((len(theta), self.smpl.vertex_count, 3), np.float32)
-        state = self.tissue.at_rest()
+        state = self.tissue.settled(drive[0])
+        result[0, self.tissue.free] = state.offsets_m
         for frame in range(1, len(theta)):
             before, after = drive[frame - 1], drive[frame]
             for substep in range(substeps):
@@ -52,22 +65,30 @@ class TissueSimulator:
 
 
 def rest_frame_drive(
-    smpl: SMPL, betas: Array, theta: Array, fps: float, selected: NDArray[np.integer]
+    smpl: SMPL,
+    betas: Array,
+    theta: Array,
+    fps: float,
+    selected: NDArray[np.integer],
+    *,
+    gravity: bool = True,
 ) -> Array:
-    """-R^T x'' (T, N, 3), m/s^2: what the moving skeleton does to tissue, in the rest frame.
+    """R^T (g - x'') - g (T, N, 3), m/s^2: what skeleton and gravity do to tissue at rest's frame.
 
     A [1 2 1] / 4 filter in time blunts impacts, as shoes, pads and joints do.
 
     Parameters
     ----------
     selected : (N,) vertices to compute it for.
+    gravity : whether g is (0, -9.81, 0) m/s^2 or nothing.
     """
     vertices, turns = _skin(smpl, betas, theta, selected)
     acceleration = np.zeros_like(vertices)
     acceleration[1:-1] = (vertices[2:] - 2 * vertices[1:-1] + vertices[:-2]) * fps**2
     # Equal rows of a matrix product may differ in the last bit; stillness must not.
     acceleration[_still(theta)] = 0.0
-    drive = -(turns * acceleration[:, :, None]).sum(1)
+    fall = np.array([0.0, -GRAVITY_M_S2 if gravity else 0.0, 0.0])[:, None]
+    drive = (turns * (fall - acceleration)[:, :, None]).sum(1) - fall
     blunted = drive.copy()
     blunted[1:-1] = (drive[:-2] + 2 * drive[1:-1] + drive[2:]) / 4
     return blunted.transpose(0, 2, 1)

@@ -2,11 +2,11 @@
 
 Each vertex's offset u from its skinned rest position obeys, in the rest frame,
 
-    M (u'' + 2 z w u' + w^2 (1 + a |u|^2) u) + c^2 L u = -M R^T x''
+    M (u'' + 2 z w u' + w^2 (1 + a |u|^2) u) + c^2 L u = M (R^T (g - x'') - g)
 
-with M the vertex areas, L the surface's cotangent Laplacian, x the skinned vertex and R its
-skinning rotation. Gravity is left out: the scanned shape already hangs in it, so stillness means
-no offset.
+with M the vertex areas, L the surface's cotangent Laplacian, x the skinned vertex, R its skinning
+rotation and g gravity. The scanned shape, upright, already hangs in g: standing still it has no
+offset, and a limb that is turned feels the difference of g in its own frame.
 
 Time is stepped by the implicit midpoint rule with a discrete gradient of the quartic potential.
 It adds no damping of its own, and without drive the energy cannot grow, whatever the amplitude.
@@ -94,6 +94,23 @@ class SoftTissue:
         """No offsets, no velocities."""
         zeros = np.zeros((len(self.free), 3))
         return TissueState(zeros, zeros, zeros)
+
+    def settled(self, drive_m_s2: Array) -> TissueState:
+        """At rest under a constant acceleration (N, 3): K u + M w^2 a |u|^2 u = M drive.
+
+        Solved with the spring's stiffening in the matrix; the strain is moved half of the way
+        each time, for in full steps it would overshoot.
+        """
+        offsets_m, pull = np.zeros((len(self.free), 3)), self._mass * drive_m_s2
+        strain = _squared_lengths(offsets_m)
+        for _ in range(_STIFF_ITERATIONS):
+            system = sp.csc_matrix(self._stiffness + sp.diags((self._hardening * strain)[:, 0]))
+            before, offsets_m = offsets_m, splu(system, **_SYMMETRIC).solve(pull)
+            if np.abs(offsets_m - before).max() <= _TOLERANCE**2 * np.abs(offsets_m).max():
+                break
+            strain = (strain + _squared_lengths(offsets_m)) / 2
+        zeros = np.zeros_like(offsets_m)
+        return TissueState(offsets_m, zeros, zeros)
 
     def step(self, state: TissueState, drive_m_s2: Array) -> TissueState:
         """Advance by `dt_s` under an acceleration (N, 3) of the free vertices, the step's mean.

@@ -26,10 +26,31 @@ def offsets(smpl):
     return [TissueSimulator(smpl, who.betas).offsets(theta, 60.0) for who in (heavy, lean)]
 
 
-def test_a_still_body_has_exactly_no_offsets(smpl):
+def test_a_still_body_has_exactly_no_offsets_without_gravity(smpl):
     betas = SUBJECTS["female"][0].betas
     theta = np.tile(np.linspace(0, 0.3, 69), (10, 1))
-    np.testing.assert_array_equal(TissueSimulator(smpl, betas).offsets(theta, 60.0), 0)
+    simulator = TissueSimulator(smpl, betas, gravity=False)
+    np.testing.assert_array_equal(simulator.offsets(theta, 60.0), 0)
+
+
+def test_a_body_at_rest_pose_hangs_as_it_was_scanned(smpl):
+    betas = SUBJECTS["female"][0].betas
+    theta = np.tile(np.linspace(0, 0.3, 69) * (np.arange(69) >= 66), (4, 1))
+    found = TissueSimulator(smpl, betas).offsets(theta, 60.0)
+    np.testing.assert_allclose(found, 0, atol=1e-9)
+
+
+def test_a_body_that_lies_still_hangs_and_stays(smpl):
+    """On her back: gravity in her own frame turns from down to back, and flesh follows it."""
+    betas = SUBJECTS["female"][0].betas
+    theta = np.zeros((20, 69))
+    theta[:, 0] = -np.pi / 2
+    found = TissueSimulator(smpl, betas).offsets(theta, 60.0)
+    belly = np.linalg.norm(found[0], axis=-1).argmax()
+    assert 0.003 < np.linalg.norm(found[0, belly]) < 0.05
+    # R^T g - g = (0, +g, -g): towards the head and towards the back.
+    assert found[0, belly, 1] > 0 > found[0, belly, 2]
+    np.testing.assert_allclose(found, found[:1].repeat(20, axis=0), atol=1e-6)
 
 
 def test_a_falling_body_is_driven_upwards_in_its_own_frame(smpl):
@@ -38,9 +59,21 @@ def test_a_falling_body_is_driven_upwards_in_its_own_frame(smpl):
     theta[:, 2] = np.pi / 2
     theta[:, 67] = -9.81 * times_s**2 / 2
     everywhere = np.arange(smpl.vertex_count)
-    drive = rest_frame_drive(smpl, np.zeros(10), theta, 60.0, everywhere)
+    drive = rest_frame_drive(smpl, np.zeros(10), theta, 60.0, everywhere, gravity=False)
     # The body was turned left about z, so the world's y is its own x.
     expected = np.broadcast_to([9.81, 0, 0], drive[2:-2].shape)
+    np.testing.assert_allclose(drive[2:-2], expected, atol=1e-8)
+
+
+def test_in_free_fall_gravity_is_not_felt(smpl):
+    """What is left of R^T (g - x'') - g is -g: flesh rises against the posture of the scan."""
+    times_s = np.arange(30) / 60
+    theta = np.zeros((30, 69))
+    theta[:, 2] = np.pi / 2
+    theta[:, 67] = -9.81 * times_s**2 / 2
+    everywhere = np.arange(smpl.vertex_count)
+    drive = rest_frame_drive(smpl, np.zeros(10), theta, 60.0, everywhere)
+    expected = np.broadcast_to([0, 9.81, 0], drive[2:-2].shape)
     np.testing.assert_allclose(drive[2:-2], expected, atol=1e-8)
 
 
