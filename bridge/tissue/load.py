@@ -1,0 +1,96 @@
+"""What a moving skeleton and gravity do to the tissue on it, in the frame of the rest pose.
+
+A node of skin at x, turned by R, feels per unit of mass
+
+    inertia  -R^T x''          gravity  R^T g - g
+
+The scanned shape, upright, already hangs in g, so a body that stands as it was scanned feels
+nothing. Place and pose enter only through these, which is why what is learned from some motions
+holds for others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.posing import joint_rotations, joint_transforms, pose_features, shaped_joints
+from bridge.motion import unpack_theta
+
+GRAVITY_M_S2 = np.array([0.0, -9.81, 0.0])
+_FRAMES_AT_ONCE = 256
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """Accelerations (T, K, 3) of K nodes, m/s^2, in the rest pose's frame."""
+
+    inertia: NDArray[np.float32]
+    gravity: NDArray[np.float32]
+
+    def __getitem__(self, frames: slice) -> Load:
+        return Load(self.inertia[frames], self.gravity[frames])
+
+    def __len__(self) -> int:
+        return len(self.inertia)
+
+
+class SkinnedNodes:
+    """Some vertices of one person's body, skinned as SMPL does (Eq. 1-2).
+
+    Parameters
+    ----------
+    vertices : (K,) which.
+    betas : (10,) shape.
+    """
+
+    def __init__(self, body: BodyModelData, vertices: NDArray, betas: NDArray) -> None:
+        betas = np.asarray(betas, np.float64)
+        self._body = body
+        self._joints = shaped_joints(body, betas[None])
+        self._rest = body.v_template[vertices] + body.shapedirs[vertices] @ betas
+        self._posedirs = body.posedirs[vertices]
+        self._weights = body.weights[vertices]
+
+    def __call__(self, theta: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Places (T, K, 3), metres, and skinning rotations (T, K, 3, 3) of a motion (T, 69)."""
+        parts = [
+            self._skin(theta[start : start + _FRAMES_AT_ONCE])
+            for start in range(0, len(theta), _FRAMES_AT_ONCE)
+        ]
+        places, turns = zip(*parts, strict=True)
+        return np.concatenate(places), np.concatenate(turns)
+
+    def _skin(self, theta: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        pose, trans = unpack_theta(np.asarray(theta, np.float64))
+        rotations = joint_rotations(self._body, pose)
+        joints = self._joints.repeat(len(theta), axis=0)
+        bones = joint_transforms(rotations, joints, self._body.parents, trans)
+        flat = bones[:, :, :3].reshape(len(theta), len(joints[0]), 12)
+        blended = (self._weights @ flat).reshape(len(theta), -1, 3, 4)
+        corrected = self._rest + np.tensordot(pose_features(rotations), self._posedirs, (1, 2))
+        turned = np.einsum("tkxy,tky->tkx", blended[..., :3], corrected)
+        return turned + blended[..., 3], blended[..., :3]
+
+
+def node_loads(
+    body: BodyModelData, vertices: NDArray, betas: NDArray, theta: NDArray, fps: float
+) -> Load:
+    """The loads of a motion theta (T, 69) on nodes at `vertices` (K,) of a body (10,).
+
+    Accelerations are central differences; the first and last frame, which have none, stand still.
+    """
+    places, turns = SkinnedNodes(body, vertices, betas)(theta)
+    acceleration = np.zeros_like(places)
+    acceleration[1:-1] = (places[2:] - 2 * places[1:-1] + places[:-2]) * fps**2
+    return _in_rest_frame(acceleration, turns)
+
+
+def _in_rest_frame(acceleration: NDArray, turns: NDArray) -> Load:
+    # R^T w is w^T R: no transposed copies.
+    inertia = -np.einsum("tkx,tkxy->tky", acceleration, turns)
+    gravity = np.einsum("x,tkxy->tky", GRAVITY_M_S2, turns) - GRAVITY_M_S2
+    return Load(inertia.astype(np.float32), gravity.astype(np.float32))

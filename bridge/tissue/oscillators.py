@@ -1,0 +1,128 @@
+"""Coupled damped oscillators on the skin, stepped implicitly: the dynamics of `dsnet_plus`.
+
+Each node's offset u from its skinned place obeys, in the rest pose's frame,
+
+    u'' + 2 z w u' + w^2 (1 + a |u|^2) u + c^2 L u = f,      f = h inertia + j gravity
+
+with L the nodes' Laplacian. With k = w^2 (1 + a |u|^2) frozen at frame t, one step of dt is
+Newmark's average acceleration written in three frames, but for the load, which is taken at t so
+that the next offset needs no later pose:
+
+    (u+ - 2 u + u-) / dt^2 + 2 z w (u+ - u-) / (2 dt) + (k + c^2 L) (u+ + 2 u + u-) / 4 = f_t
+
+The matrix on u+ is a strictly dominant diagonal plus dt^2 c^2 L / 4, so that a few Jacobi sweeps
+solve it, and for any frozen stiffness the step neither grows nor needs a small dt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from bridge.tissue.load import Load
+
+FPS = 60.0
+SWEEPS = 3
+"""Of Jacobi's iteration in a step; each leaves a quarter of the error."""
+LARGEST_M = 0.1
+"""Offset from which springs stiffen no further, which bounds what violent motion can do."""
+_SETTLING = 400
+
+
+@dataclass(frozen=True, eq=False)
+class NodeMechanics:
+    """Coefficients of K nodes of one person, (K, 1) each."""
+
+    omega: NDArray[np.float32]
+    """w: 2 pi times the frequency of a small free vibration, 1/s."""
+    damping_ratio: NDArray[np.float32]
+    """z."""
+    stiffening: NDArray[np.float32]
+    """a, 1/m^2."""
+    wave_speed: NDArray[np.float32]
+    """c, m/s."""
+    inertia_gain: NDArray[np.float32]
+    """h: 1 where tissue is as heavy as what carries it accelerates."""
+    gravity_gain: NDArray[np.float32]
+    """j."""
+    taps: NDArray[np.float32]
+    """(N,) shares of f in the load of a step, from the newest frame to the oldest."""
+    look_ahead: int
+    """Frames after t that the newest of them lies; 0 needs no later pose."""
+
+    def load(self, load: Load) -> NDArray[np.float32]:
+        """f (T, K, 3), m/s^2, smoothed in time by the taps."""
+        felt = self.inertia_gain * load.inertia + self.gravity_gain * load.gravity
+        return smoothed(felt, self.taps, self.look_ahead)
+
+
+def smoothed(felt: NDArray, taps: NDArray, look_ahead: int) -> NDArray[np.float32]:
+    """Sum over i of taps[i] felt[t + look_ahead - i]; the first and last frame go on for ever."""
+    count = len(felt)
+    frames = np.arange(count)[:, None] + look_ahead - np.arange(len(taps))
+    parts = (
+        tap * felt[np.clip(row, 0, count - 1)] for tap, row in zip(taps, frames.T, strict=True)
+    )
+    return np.asarray(sum(parts), np.float32)
+
+
+class OscillatorSheet:
+    """The nodes of one person.
+
+    Parameters
+    ----------
+    mechanics : their coefficients.
+    laplacian : (K, K) of `TissueNodes`.
+    fps : frames per second of the loads.
+    """
+
+    def __init__(
+        self, mechanics: NodeMechanics, laplacian: sp.csr_matrix, fps: float = FPS
+    ) -> None:
+        square = np.float32(1 / fps**2)
+        self._spring = square / 4 * mechanics.omega**2
+        self._stiffening = mechanics.stiffening
+        self._drag = mechanics.omega * mechanics.damping_ratio / np.float32(fps)
+        coupling = sp.diags(square / 4 * mechanics.wave_speed[:, 0] ** 2) @ laplacian
+        self._own_pull = coupling.diagonal()[:, None].astype(np.float32)
+        self._pull = (coupling - sp.diags(coupling.diagonal())).tocsr().astype(np.float32)
+        self._square = square
+
+    def settled(self, load: NDArray) -> NDArray[np.float32]:
+        """(K, 3) at rest under a constant load (K, 3): (k + c^2 L) u = f."""
+        offset_m, strain = np.zeros_like(load), np.zeros((len(load), 1), np.float32)
+        for _ in range(_SETTLING):
+            spring = self._spring * (1 + self._stiffening * strain)
+            pull = self._square / 4 * load - self._pull @ offset_m
+            offset_m = pull / (spring + self._own_pull)
+            strain = (strain + _strain(offset_m)) / 2
+        return offset_m
+
+    def step(self, now: NDArray, before: NDArray, load: NDArray) -> NDArray[np.float32]:
+        """Offsets (K, 3) a frame after `now`, which followed `before`, under load f_t (K, 3)."""
+        spring = self._spring * (1 + self._stiffening * _strain(now))
+        held = spring + self._own_pull
+        known = self._square * load + 2 * now - before + self._drag * before
+        known -= held * (2 * now + before) + self._pull @ (2 * now + before)
+        diagonal, after = 1 + self._drag + held, 2 * now - before
+        for _ in range(SWEEPS):
+            after = (known - self._pull @ after) / diagonal
+        return after
+
+    def roll(self, loads: NDArray) -> NDArray[np.float32]:
+        """Offsets (T, K, 3) under loads (T, K, 3), from rest under the first."""
+        offsets_m = np.empty_like(loads)
+        before = now = offsets_m[0] = self.settled(loads[0])
+        for frame in range(1, len(loads)):
+            before, now = now, self.step(now, before, loads[frame - 1])
+            offsets_m[frame] = now
+        return offsets_m
+
+
+def _strain(offsets_m: NDArray) -> NDArray:
+    """(K, 1) |u|^2, m^2, up to where springs stiffen no further."""
+    squared = np.einsum("kx,kx->k", offsets_m, offsets_m)[:, None]
+    return np.minimum(squared, np.float32(LARGEST_M**2))

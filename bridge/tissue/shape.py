@@ -1,0 +1,55 @@
+"""What of a body's shape tells how soft its tissue is, node by node."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.posing import shaped_joints, shaped_vertices
+from bridge.body.surface_operators import vertex_areas_m2
+
+FEATURES = ("depth", "girth", "mass")
+_LEAST_DEPTH_M = 0.01
+
+
+def shape_features(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.float32]:
+    """(K, 3) logarithms, relative to the template's body, of
+
+    - depth: the distance of the node to the nearest bone's axis,
+    - girth: the skin's area about it, which grows with the limb's girth,
+    - mass: the whole body's volume over the cube of its height.
+
+    Parameters
+    ----------
+    betas : (10,) shape.
+    nodes : (K,) vertices.
+    """
+    person, template = (_measures(body, b, nodes) for b in (betas, np.zeros_like(betas)))
+    return np.log(person / template).astype(np.float32)
+
+
+def _measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.float64]:
+    shape = np.asarray(betas, np.float64)[None]
+    vertices, joints = shaped_vertices(body, shape)[0], shaped_joints(body, shape)[0]
+    depth_m = np.maximum(distance_to_bones_m(vertices[nodes], joints, body.parents), _LEAST_DEPTH_M)
+    area_m2 = vertex_areas_m2(vertices, body.faces)[nodes]
+    stature = _volume_m3(vertices, body.faces) / np.ptp(vertices[:, 1]) ** 3
+    return np.stack([depth_m, area_m2, np.full(len(nodes), stature)], axis=1)
+
+
+def distance_to_bones_m(points: NDArray, joints: NDArray, parents: NDArray) -> NDArray[np.float64]:
+    """(N,) distance of points (N, 3) to the nearest line from a joint (24, 3) to its parent."""
+    nearest = np.full(len(points), np.inf)
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            bone = joints[joint] - joints[parent]
+            along = np.clip((points - joints[parent]) @ bone / (bone @ bone), 0.0, 1.0)
+            away = points - joints[parent] - along[:, None] * bone
+            nearest = np.minimum(nearest, np.linalg.norm(away, axis=1))
+    return nearest
+
+
+def _volume_m3(vertices: NDArray, faces: NDArray) -> float:
+    first, second, third = (vertices[faces[:, corner]] for corner in range(3))
+    return float(np.einsum("fx,fx->", first, np.cross(second, third)) / 6)

@@ -1,0 +1,151 @@
+"""A trained `dsnet_plus` as arrays, and what it says of one person's tissue."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.posing import joint_rotations, pose_features
+from bridge.exchange.weights import load_weights
+from bridge.motion import unpack_theta
+from bridge.runs import Artifact
+from bridge.tissue.load import node_loads
+from bridge.tissue.nodes import TissueNodes
+from bridge.tissue.oscillators import FPS, NodeMechanics, OscillatorSheet
+from bridge.tissue.shape import shape_features
+
+NAME = "dsnet_plus"
+NODE_FIELDS = (
+    "omega", "damping_ratio", "stiffening", "wave_speed", "inertia_gain", "gravity_gain",
+)  # fmt: skip
+_KERNEL_WIDTH, _KERNEL_NOISE = 2.5, 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """What training learns; logarithms, so that everything stays positive."""
+
+    base: Mapping[str, NDArray]
+    """By name of `NODE_FIELDS`, (K, 1): the logarithm for the template's body."""
+    slopes: NDArray[np.float32]
+    """(3, 1) how log w follows `shape_features`."""
+    residual: NDArray[np.float32]
+    """(P, K, 1) what log w of the P known people has besides."""
+    taps: NDArray[np.float32]
+    """(N,) of the load, see `NodeMechanics`; they sum to 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class StaticPart:
+    """What offsets have of the pose alone, which no load explains: zero unless data ask for it."""
+
+    constant_m: NDArray[np.float32]
+    """(P, V, 3) of each known person."""
+    by_pose_m: NDArray[np.float32]
+    """(207, K, 3) of the pose features R - I, at the nodes."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedPlus:
+    """Nodes, weights, the people they were learned from, and the static part."""
+
+    nodes: TissueNodes
+    weights: Weights
+    static: StaticPart
+    people_betas: NDArray[np.float32]
+    """(P, 10)."""
+    look_ahead: int
+
+    @classmethod
+    def load(cls, trained: Artifact) -> TrainedPlus:
+        """From a finished `train_plus`.
+
+        Raises
+        ------
+        DsnetError
+            If its file is damaged.
+        """
+        return cls.from_arrays(load_weights(trained.file(f"{NAME}.safetensors")))
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> TrainedPlus:
+        """The inverse of `arrays`."""
+        base = {name: arrays[f"log_{name}"] for name in NODE_FIELDS}
+        weights = Weights(base, arrays["slopes"], arrays["residual"], arrays["taps"])
+        static = StaticPart(arrays["constant_m"], arrays["by_pose_m"])
+        nodes = TissueNodes.from_arrays(arrays)
+        return cls(nodes, weights, static, arrays["people_betas"], int(arrays["look_ahead"][0]))
+
+    def arrays(self) -> dict[str, NDArray]:
+        """Everything by name, for a safetensors file."""
+        weights, static = self.weights, self.static
+        return {
+            **self.nodes.arrays(),
+            **{f"log_{name}": array for name, array in weights.base.items()},
+            "slopes": weights.slopes,
+            "residual": weights.residual,
+            "taps": weights.taps,
+            "constant_m": static.constant_m,
+            "by_pose_m": static.by_pose_m,
+            "people_betas": self.people_betas,
+            "look_ahead": np.array([self.look_ahead], np.int32),
+        }
+
+    def mechanics(self, body: BodyModelData, betas: NDArray) -> NodeMechanics:
+        """The coefficients of a person of shape betas (10,), known or new."""
+        features = shape_features(body, betas, self.nodes.vertices)
+        share = shares_of_people(betas, self.people_betas)
+        logs = dict(self.weights.base)
+        own = np.tensordot(share, self.weights.residual, 1)
+        logs["omega"] = logs["omega"] + features @ self.weights.slopes + own
+        fields = {name: np.exp(log).astype(np.float32) for name, log in logs.items()}
+        return NodeMechanics(**fields, taps=self.weights.taps, look_ahead=self.look_ahead)
+
+    def moving_m(
+        self, body: BodyModelData, betas: NDArray, theta: NDArray, fps: float = FPS
+    ) -> NDArray[np.float32]:
+        """(T, K, 3) what the loads of a motion theta (T, 69) make of the nodes."""
+        mechanics = self.mechanics(body, betas)
+        load = node_loads(body, self.nodes.vertices, betas, theta, fps)
+        return OscillatorSheet(mechanics, self.nodes.laplacian, fps).roll(mechanics.load(load))
+
+    def static_m(
+        self, body: BodyModelData, betas: NDArray, theta: NDArray
+    ) -> NDArray[np.float32] | None:
+        """(T, V, 3) the static part; None where there is none. New people have no constant."""
+        constant = np.tensordot(known_person(betas, self.people_betas), self.static.constant_m, 1)
+        if not (constant.any() or self.static.by_pose_m.any()):
+            return None
+        features = static_features(body, theta)
+        by_pose = np.tensordot(features, self.static.by_pose_m, 1)
+        return constant.astype(np.float32) + self.nodes.spread(by_pose)
+
+
+def static_features(body: BodyModelData, theta: NDArray) -> NDArray[np.float32]:
+    """(T, 207) R - I of every joint but the root: smooth, and zero in the rest pose."""
+    pose, _ = unpack_theta(np.asarray(theta, np.float64))
+    return pose_features(joint_rotations(body, pose)).astype(np.float32)
+
+
+def shares_of_people(betas: NDArray, people: NDArray) -> NDArray[np.float64]:
+    """(P,) by which a body (10,) takes after known people (P, 10): Gaussian kernel regression.
+
+    About 1 for oneself, 0 for everybody far away, where shape alone speaks.
+    """
+    people = np.asarray(people, np.float64)
+    inner = _kernel(people, people) + _KERNEL_NOISE * np.eye(len(people))
+    return np.linalg.solve(inner, _kernel(people, np.asarray(betas, np.float64)[None]))[:, 0]
+
+
+def known_person(betas: NDArray, people: NDArray) -> NDArray[np.float32]:
+    """(P,) 1 for the person of exactly this shape, else zeros."""
+    return np.isclose(np.asarray(people), np.asarray(betas), atol=1e-5).all(1).astype(np.float32)
+
+
+def _kernel(first: NDArray, second: NDArray) -> NDArray[np.float64]:
+    squared = np.square(first[:, None] - second[None]).sum(-1)
+    return np.exp(-squared / (2 * _KERNEL_WIDTH**2))

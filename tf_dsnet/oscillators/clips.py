@@ -1,0 +1,96 @@
+"""Aligned sequences as the oscillators learn from them: at the nodes, with their loads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.errors import DsnetError
+from bridge.motion import MotionSequence, sequences_of, subject_rows, subjects_of
+from bridge.motion.sequences import Split
+from bridge.runs import Artifact
+from bridge.tissue.load import Load, node_loads
+from bridge.tissue.nodes import TissueNodes
+from bridge.tissue.trained_plus import static_features
+
+_FRAMES_AT_ONCE = 256
+
+
+@dataclass(frozen=True, eq=False)
+class NodeClip:
+    """One sequence of a known person."""
+
+    sequence: MotionSequence
+    person: int
+    """Row among the known people."""
+    offsets_m: NDArray[np.float32]
+    """(T, K, 3) aligned offsets at the nodes."""
+    load: Load
+    """(T, K, 3) twice."""
+    features: NDArray[np.float32]
+    """(T, 207) pose features, for the static part."""
+
+    def __len__(self) -> int:
+        return len(self.offsets_m)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownPeople:
+    """Those who are trained on, in order of first appearance."""
+
+    names: list[str]
+    betas: NDArray[np.float32]
+    """(P, 10)."""
+
+    @classmethod
+    def of(cls, align: Artifact) -> KnownPeople:
+        """The people of the training sequences."""
+        sequences = sequences_of(align)
+        names = subjects_of(s for s in sequences if s.split == "train")
+        rows = subject_rows(sequences)
+        betas = np.array([align.array("betas")[rows[name]] for name in names], np.float32)
+        return cls(names, betas)
+
+
+def node_clips(
+    align: Artifact, body: BodyModelData, nodes: TissueNodes, people: KnownPeople, split: Split
+) -> list[NodeClip]:
+    """The sequences of one split whose people are known.
+
+    Raises
+    ------
+    DsnetError
+        If there are none, or all are shorter than three frames.
+    """
+    chosen = [
+        s
+        for s in sequences_of(align)
+        if s.split == split and s.subject in people.names and s.length >= 3
+    ]
+    if not chosen:
+        raise DsnetError(
+            f"{align.path} without a sequence of split {split!r}",
+            "at least one of three frames",
+            "Align more sequences.",
+        )
+    return [_clip(sequence, align, body, nodes, people) for sequence in chosen]
+
+
+def _clip(
+    sequence: MotionSequence,
+    align: Artifact,
+    body: BodyModelData,
+    nodes: TissueNodes,
+    people: KnownPeople,
+) -> NodeClip:
+    person = people.names.index(sequence.subject)
+    theta = np.asarray(align.array("theta")[sequence.frames], np.float64)
+    offsets_m = align.array("offsets")
+    starts = range(sequence.start, sequence.start + sequence.length, _FRAMES_AT_ONCE)
+    stop = sequence.start + sequence.length
+    at_nodes = [nodes.gather(offsets_m[s : min(s + _FRAMES_AT_ONCE, stop)]) for s in starts]
+    load = node_loads(body, nodes.vertices, people.betas[person], theta, sequence.fps)
+    return NodeClip(sequence, person, np.concatenate(at_nodes), load, static_features(body, theta))

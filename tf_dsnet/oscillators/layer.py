@@ -1,0 +1,151 @@
+"""The oscillators as a recurrent Keras layer; `bridge/tissue/oscillators.py` has the equations."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bridge.tissue.nodes import TissueNodes
+from bridge.tissue.oscillators import FPS, LARGEST_M, SWEEPS
+from bridge.tissue.trained_plus import NODE_FIELDS, Weights
+from tf_dsnet.framework import Tensor, keras, tf
+
+START = {
+    "omega": 2 * np.pi * 7.0,
+    "damping_ratio": 0.15,
+    "stiffening": 700.0,
+    "wave_speed": 1.0,
+    "inertia_gain": 1.0,
+    "gravity_gain": 1.0,
+}
+"""Where training starts: firm flesh; the tissue's own numbers are found from the offsets."""
+
+
+class Body(NamedTuple):
+    """What a batch of B clips says of its people, nodes first."""
+
+    features: Tensor
+    """(K, B, 3) of `shape_features`."""
+    shares: Tensor
+    """(B, P) of `shares_of_people`."""
+
+
+class OscillatorLayer(keras.layers.Layer):
+    """Offsets of K nodes over time from the loads on them: a recurrent layer of state (u, u-).
+
+    Parameters
+    ----------
+    nodes : where they are, and their Laplacian.
+    people : P known people.
+    taps : how many frames of the load act on a step.
+    """
+
+    def __init__(self, nodes: TissueNodes, people: int, taps: int) -> None:
+        super().__init__(name="oscillators")
+        count = len(nodes)
+        laplacian = nodes.laplacian
+        diagonal = laplacian.diagonal()
+        off = laplacian.tocoo()
+        keep = off.row != off.col
+        order = np.lexsort((off.col[keep], off.row[keep]))
+        places = np.stack([off.row[keep], off.col[keep]], 1)[order].astype(np.int64)
+        self._pull = tf.SparseTensor(places, off.data[keep][order], (count, count))
+        self._own_pull = tf.constant(diagonal[:, None, None], tf.float32)
+        self._base = {
+            name: self._weight(f"log_{name}", (1,), float(np.log(START[name])))
+            for name in NODE_FIELDS
+        }
+        self._deviation = {
+            name: self._weight(f"by_node_{name}", (count, 1)) for name in NODE_FIELDS
+        }
+        self._slopes = self._weight("slopes", (3, 1))
+        self._residual = self._weight("residual", (people, count, 1))
+        self._taps = self._weight("taps", (taps,), 1.0 / taps)
+
+    def _weight(self, name: str, shape: tuple[int, ...], value: float = 0.0) -> keras.Variable:
+        start = keras.initializers.Constant(value)
+        return self.add_weight(name=name, shape=shape, initializer=start)
+
+    def call(self, inertia: Tensor, gravity: Tensor, now: Tensor, before: Tensor,
+             features: Tensor, shares: Tensor) -> Tensor:  # fmt: skip
+        """Offsets (T, K, B, 3) of the frames that follow `now`.
+
+        Parameters
+        ----------
+        inertia, gravity : (T + N - 1, K, B, 3) loads, m/s^2, from `N - 1` frames before the step's
+            oldest tap to the newest of the last step.
+        now, before : (K, B, 3) offsets to start from, metres.
+        features, shares : see `Body`.
+        """
+        omega = self._omega(features, shares)
+        square = 1 / FPS**2
+        spring = square / 4 * tf.square(omega)
+        drag = self._of("damping_ratio") * omega / FPS
+        coupling = square / 4 * tf.square(self._of("wave_speed"))
+        stiffening, own_pull = self._of("stiffening"), coupling * self._own_pull
+        felt = self._of("inertia_gain") * inertia + self._of("gravity_gain") * gravity
+        loads = square * self._smoothed(felt)
+        steps = tf.shape(loads)[0]
+
+        def advance(step: Tensor, now: Tensor, before: Tensor, found: tf.TensorArray) -> tuple:
+            squared = tf.reduce_sum(tf.square(now), -1, keepdims=True)
+            held = spring * (1 + stiffening * tf.minimum(squared, LARGEST_M**2)) + own_pull
+            twice = 2 * now + before
+            known = loads[step] + 2 * now - before + drag * before - held * twice
+            known -= coupling * self._others(twice)
+            diagonal, after = 1 + drag + held, 2 * now - before
+            for _ in range(SWEEPS):
+                after = (known - coupling * self._others(after)) / diagonal
+            return step + 1, after, now, found.write(step, after)
+
+        found = tf.TensorArray(tf.float32, steps, element_shape=now.shape)
+        state = (tf.constant(0), now, before, found)
+        return tf.while_loop(lambda step, *_: step < steps, advance, state)[-1].stack()
+
+    def _omega(self, features: Tensor, shares: Tensor) -> Tensor:
+        """(K, B, 1) w of each clip's person."""
+        by_shape = tf.tensordot(features, self._slopes, 1)
+        own = tf.einsum("bp,pkx->kbx", shares, tf.convert_to_tensor(self._residual))
+        return self._of("omega") * tf.exp(by_shape + own)
+
+    def _of(self, name: str) -> Tensor:
+        """(K, 1, 1)."""
+        return tf.exp(self._base[name] + self._deviation[name])[:, None]
+
+    def _smoothed(self, felt: Tensor) -> Tensor:
+        taps = tf.unstack(self._shares_of_taps())
+        count = tf.shape(felt)[0] - len(taps) + 1
+        newest = len(taps) - 1
+        return tf.add_n([tap * felt[newest - i : newest - i + count] for i, tap in enumerate(taps)])
+
+    def _shares_of_taps(self) -> Tensor:
+        taps = tf.convert_to_tensor(self._taps)
+        return taps / tf.reduce_sum(taps)
+
+    def _others(self, offsets: Tensor) -> Tensor:
+        shape = tf.shape(offsets)
+        flat = tf.reshape(offsets, (shape[0], -1))
+        return tf.reshape(tf.sparse.sparse_dense_matmul(self._pull, flat), shape)
+
+    def penalty(self) -> Tensor:
+        """Prior: nodes are alike, people follow their shape, and gains are 1.
+
+        Strengths are per node and in units of the loss, small beside what frames of motion say.
+        """
+        soft = {"omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "wave_speed": 1e-2,
+                "inertia_gain": 3e-2, "gravity_gain": 3e-2}  # fmt: skip
+        terms = [w * tf.reduce_mean(tf.square(self._deviation[n])) for n, w in soft.items()]
+        terms += [3e-2 * tf.reduce_sum(tf.square(self._base[f"{load}_gain"]))
+                  for load in ("inertia", "gravity")]  # fmt: skip
+        terms += [3e-3 * tf.reduce_mean(tf.square(tf.convert_to_tensor(self._residual)))]
+        return tf.add_n(terms)
+
+    def weights_as_arrays(self) -> Weights:
+        """What was learned, each node's base and deviation in one."""
+        base = {
+            name: (self._base[name] + self._deviation[name]).numpy().astype(np.float32)
+            for name in NODE_FIELDS
+        }
+        taps = self._shares_of_taps().numpy()
+        return Weights(base, self._slopes.numpy(), self._residual.numpy(), taps)

@@ -1,0 +1,139 @@
+"""What offsets have of the pose alone, fitted by ridge regression and kept only if it carries over.
+
+Registrations hold more than dynamics: the person's own shape that the betas lack, and deformation
+by pose that the blend shapes lack. To what the oscillators leave of the offsets, at the nodes,
+
+    residual_t = constant of the person + sum_i (R - I)_i,t B_i
+
+is fitted. As an absolute pose is what ruins predictions of unseen motions (docs/findings.md), every
+kind of motion is left out once, and the fit with the least error on those left out is taken; no
+static part at all is one of the candidates, and the simplest that comes near the best is chosen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.motion.cells import kind_of
+from bridge.tissue.trained_plus import StaticPart
+from tf_dsnet.oscillators.clips import NodeClip
+
+RIDGES = (None, np.inf, 1e-1, 1e-2, 1e-3, 1e-4)
+"""Candidates: no static part, a constant alone, and pose features with weaker and weaker ridge."""
+_WORTH = 0.02
+"""Share of the error that a less simple candidate must take away to be chosen."""
+_CONSTANT_RIDGE = 1e-4
+
+
+@dataclass
+class _Sums:
+    """Normal equations of some clips: X (n, P + 207), Y (n, 3 K)."""
+
+    gram: NDArray[np.float64]
+    right: NDArray[np.float64]
+    energy: float
+    frames: int
+
+    def __add__(self, other: _Sums) -> _Sums:
+        return _Sums(self.gram + other.gram, self.right + other.right,
+                     self.energy + other.energy, self.frames + other.frames)  # fmt: skip
+
+    def __sub__(self, other: _Sums) -> _Sums:
+        return _Sums(self.gram - other.gram, self.right - other.right,
+                     self.energy - other.energy, self.frames - other.frames)  # fmt: skip
+
+    def error(self, solution: NDArray) -> float:
+        """Sum of squares that `solution` leaves of these clips."""
+        explained = 2 * np.vdot(solution, self.right) - np.vdot(solution, self.gram @ solution)
+        return self.energy - float(explained)
+
+
+@dataclass(frozen=True, eq=False)
+class NodeStatic:
+    """A static part at the nodes, and how its candidates fared on motions left out."""
+
+    constant_m: NDArray[np.float32]
+    """(P, K, 3)."""
+    by_pose_m: NDArray[np.float32]
+    """(207, K, 3)."""
+    left_out_error: dict[str, float]
+    """Share of the residual's energy that each candidate leaves on motions left out."""
+    chosen: str
+
+    def of(self, clip: NodeClip) -> NDArray[np.float32]:
+        """(T, K, 3) for one clip."""
+        return self.constant_m[clip.person] + np.tensordot(clip.features, self.by_pose_m, 1)
+
+    @classmethod
+    def nothing(cls, people: int, features: int, nodes: int) -> NodeStatic:
+        """No static part."""
+        zeros = [np.zeros((count, nodes, 3), np.float32) for count in (people, features)]
+        return cls(zeros[0], zeros[1], {}, "none")
+
+    def at_vertices(self, constant_m: NDArray[np.float32]) -> StaticPart:
+        """With the people's constants at all vertices, (P, V, 3)."""
+        return StaticPart(constant_m, self.by_pose_m)
+
+
+def fit_static(clips: Sequence[NodeClip], moving_m: Sequence[NDArray], people: int) -> NodeStatic:
+    """The static part of what the oscillators' `moving_m` (T, K, 3) leave of each clip."""
+    kinds: dict[str, _Sums] = {}
+    for clip, moving in zip(clips, moving_m, strict=True):
+        sums, kind = _sums(clip, clip.offsets_m - moving, people), kind_of(clip.sequence.motion)
+        kinds[kind] = kinds[kind] + sums if kind in kinds else sums
+    total = _total(kinds.values())
+    errors = {ridge: _left_out(kinds, total, ridge, people) for ridge in RIDGES}
+    best = min(errors.values())
+    chosen = next(r for r in RIDGES if errors[r] <= best + _WORTH * total.energy)
+    solution = _solve(total, chosen, people)
+    constant, by_pose = np.split(
+        solution.reshape(len(solution), -1, 3).astype(np.float32), [people]
+    )
+    shares = {_name(r): error / max(total.energy, 1e-30) for r, error in errors.items()}
+    return NodeStatic(constant, by_pose, shares, _name(chosen))
+
+
+def _sums(clip: NodeClip, residual_m: NDArray, people: int) -> _Sums:
+    person = np.zeros((len(clip), people))
+    person[:, clip.person] = 1.0
+    inputs = np.concatenate([person, clip.features], axis=1)
+    outputs = residual_m.reshape(len(clip), -1).astype(np.float64)
+    energy = float(np.square(outputs).sum())
+    return _Sums(inputs.T @ inputs, inputs.T @ outputs, energy, len(clip))
+
+
+def _total(parts) -> _Sums:
+    first, *others = parts
+    for part in others:
+        first = first + part
+    return first
+
+
+def _left_out(kinds: dict[str, _Sums], total: _Sums, ridge: float | None, people: int) -> float:
+    """Sum of squares left of every kind by what the other kinds say."""
+    if ridge is None or len(kinds) < 2:
+        return total.energy if ridge is None else np.inf
+    return sum(own.error(_solve(total - own, ridge, people)) for own in kinds.values())
+
+
+def _solve(sums: _Sums, ridge: float | None, people: int) -> NDArray[np.float64]:
+    """(P + 207, 3 K); zeros where there is no static part, or none of the pose."""
+    solution = np.zeros_like(sums.right)
+    if ridge is None:
+        return solution
+    used = slice(0, people if np.isinf(ridge) else None)
+    penalty = np.full(len(sums.gram), 0.0 if np.isinf(ridge) else ridge * sums.frames)
+    penalty[:people] = _CONSTANT_RIDGE * sums.frames
+    curvature = sums.gram[used, used] + np.diag(penalty[used])
+    solution[used] = np.linalg.solve(curvature, sums.right[used])
+    return solution
+
+
+def _name(ridge: float | None) -> str:
+    if ridge is None:
+        return "none"
+    return "constant" if np.isinf(ridge) else f"pose, ridge {ridge:g}"

@@ -1,0 +1,180 @@
+"""Fitting the oscillators to aligned offsets by their error through time.
+
+Windows of some frames are simulated from a given state and compared with the aligned offsets.
+In the first rounds that state is the data's own, which teaches frequencies fast. Then it is the
+model's, from a simulation of every clip that is made anew each round: errors that build up over
+seconds count too, and noise of the data no longer enters as velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
+from bridge.tissue.nodes import TissueNodes
+from bridge.tissue.oscillators import OscillatorSheet
+from bridge.tissue.shape import shape_features
+from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
+from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
+from tf_dsnet.oscillators.clips import KnownPeople, NodeClip
+from tf_dsnet.oscillators.layer import OscillatorLayer
+
+_QUIET_M = 2e-4
+"""Root mean square offset below which a clip counts no more for being quiet."""
+_QUIET_SHARE = 0.3
+
+
+@dataclass(frozen=True)
+class PlusSettings:
+    """What a user may set about how `dsnet_plus` is trained."""
+
+    seed: Seed = 0
+    """Seed of the windows' order."""
+    nodes: PositiveInt = 500
+    """Vertices that carry the tissue; the others follow smoothly."""
+    rounds: PositiveInt = 12
+    """Rounds of training; each begins with a simulation of every clip."""
+    steps: PositiveInt = 25
+    """Adam's steps in a round."""
+    window: PositiveInt = 36
+    """Frames that a step simulates."""
+    batch_size: PositiveInt = 24
+    """Windows in a step."""
+    lr: PositiveFloat = 0.06
+    """Adam's learning rate at the start, for logarithms of coefficients; it falls to 0."""
+    taps: PositiveInt = 3
+    """Frames of the load that act on a step."""
+    look_ahead: NonNegativeInt = 1
+    """Frames by which the newest of them lies ahead of the step; 0 needs no later pose."""
+    static: bool = True
+    """Learn a constant and a smooth function of the pose besides, where clips that were left out
+    say that it helps."""
+
+
+class PlusTraining:
+    """Oscillators, their optimizer, and the clips.
+
+    Parameters
+    ----------
+    clips : what to train on.
+    """
+
+    def __init__(
+        self,
+        settings: PlusSettings,
+        body: BodyModelData,
+        nodes: TissueNodes,
+        people: KnownPeople,
+        clips: Sequence[NodeClip],
+    ) -> None:
+        be_reproducible(settings.seed)
+        self.settings, self._body, self._nodes = settings, body, nodes
+        self._people, self._clips = people, list(clips)
+        self._features = np.stack([shape_features(body, b, nodes.vertices) for b in people.betas])
+        self._shares = np.stack([shares_of_people(b, people.betas) for b in people.betas])
+        self.layer = OscillatorLayer(nodes, len(people.names), settings.taps)
+        self.optimizer = keras.optimizers.Adam(settings.lr, beta_2=0.95)
+        self.optimizer.build(self.layer.trainable_variables)
+        self._step = tf.function(self._train_on, reduce_retracing=True)
+
+    def round(self, number: int, static_m: Sequence[NDArray]) -> list[float]:
+        """One round of steps against the offsets less a static part (T, K, 3) of each clip."""
+        moving = [c.offsets_m - s for c, s in zip(self._clips, static_m, strict=True)]
+        from_data = number < self.settings.rounds // 3
+        starts = moving if from_data else self.simulate()
+        return [
+            self._one_step(number * self.settings.steps + step, moving, starts)
+            for step in range(self.settings.steps)
+        ]
+
+    def simulate(self) -> list[NDArray[np.float32]]:
+        """What the oscillators make of every clip, (T, K, 3) each."""
+        trained = self.trained(
+            StaticPart(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32))
+        )
+        found = []
+        for clip in self._clips:
+            mechanics = trained.mechanics(self._body, self._people.betas[clip.person])
+            sheet = OscillatorSheet(mechanics, self._nodes.laplacian)
+            found.append(sheet.roll(mechanics.load(clip.load)))
+        return found
+
+    def trained(self, static: StaticPart) -> TrainedPlus:
+        """The model as it is now."""
+        weights = self.layer.weights_as_arrays()
+        ahead = self.settings.look_ahead
+        return TrainedPlus(self._nodes, weights, static, self._people.betas, ahead)
+
+    def state(self) -> dict[str, NDArray]:
+        """Copies of the layer's weights and the optimizer's moments."""
+        variables = [*self.layer.trainable_variables, *self.optimizer.variables]
+        return {variable.path: variable.numpy() for variable in variables}
+
+    def restore(self, state: Mapping[str, NDArray]) -> None:
+        """Go back to what `state` returned, in this process or in an earlier one."""
+        for variable in [*self.layer.trainable_variables, *self.optimizer.variables]:
+            variable.assign(np.reshape(state[variable.path], variable.shape))
+
+    def _one_step(self, step: int, moving: Sequence[NDArray], starts: Sequence[NDArray]) -> float:
+        total = self.settings.rounds * self.settings.steps
+        self.optimizer.learning_rate.assign(self.settings.lr * (1 - step / total) ** 0.7)
+        rng = np.random.default_rng([self.settings.seed, step])
+        count, size = len(self._clips), self.settings.batch_size
+        rows = (
+            rng.permutation(np.arange(size) % count)
+            if count < size
+            else rng.permutation(count)[:size]
+        )
+        windows = [self._window(int(row), rng) for row in rows]
+        batch = {
+            "now": np.stack([starts[r][f] for r, f in windows], 1),
+            "before": np.stack([starts[r][f - 1] for r, f in windows], 1),
+            "target": np.stack(
+                [self._frames(moving[r], f + 1, self.settings.window) for r, f in windows], 2
+            ),
+            "inertia": np.stack(
+                [self._felt(self._clips[r].load.inertia, f) for r, f in windows], 2
+            ),
+            "gravity": np.stack(
+                [self._felt(self._clips[r].load.gravity, f) for r, f in windows], 2
+            ),
+            "features": np.stack([self._features[self._clips[r].person] for r, _ in windows], 1),
+            "shares": np.stack([self._shares[self._clips[r].person] for r, _ in windows], 0),
+        }
+        return float(self._step({k: tf.constant(v, tf.float32) for k, v in batch.items()}))
+
+    def _window(self, row: int, rng: np.random.Generator) -> tuple[int, int]:
+        last = max(len(self._clips[row]) - self.settings.window - 1, 1)
+        return row, int(rng.integers(1, last + 1))
+
+    def _felt(self, load: NDArray, frame: int) -> NDArray:
+        """Loads of a window from the oldest tap of its first step on."""
+        taps, ahead = self.settings.taps, self.settings.look_ahead
+        return self._frames(load, frame + ahead - taps + 1, self.settings.window + taps - 1)
+
+    @staticmethod
+    def _frames(array: NDArray, start: int, count: int) -> NDArray:
+        return array[np.clip(np.arange(start, start + count), 0, len(array) - 1)]
+
+    def _train_on(self, batch: dict[str, Tensor]) -> Tensor:
+        with tf.GradientTape() as tape:
+            found = self.layer(batch["inertia"], batch["gravity"], batch["now"], batch["before"],
+                               batch["features"], batch["shares"])  # fmt: skip
+            loss = self._loss(found, batch["target"])
+            total = loss + self.layer.penalty()
+        gradients = tape.gradient(total, self.layer.trainable_variables)
+        self.optimizer.apply(gradients, self.layer.trainable_variables)
+        return loss
+
+    @staticmethod
+    def _loss(found: Tensor, target: Tensor) -> Tensor:
+        """Share of the energy that is missed; quiet clips count a little more than their share."""
+        squared = tf.square(found - target)
+        overall = tf.reduce_sum(squared) / tf.reduce_sum(tf.square(target))
+        energy = tf.reduce_mean(tf.square(target), (0, 1, 3), keepdims=True)
+        return overall + _QUIET_SHARE * tf.reduce_mean(squared / (energy + _QUIET_M**2))

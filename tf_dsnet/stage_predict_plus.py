@@ -1,0 +1,120 @@
+"""Stage `predict-plus`: what `dsnet_plus` makes of the run's sequences and of unseen motions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from bridge.body import BodyModelData, load_body_model
+from bridge.motion import MotionSequence, subject_rows, to_manifest
+from bridge.motion.splits import decoded_sequences
+from bridge.runs import ArtifactWriter, Run
+from bridge.runs.processes import run_as_process
+from bridge.runs.run import best_alignment, body_model_path
+from bridge.runs.worker_pool import worker_pool
+from bridge.tissue.trained_plus import NAME, TrainedPlus
+from tf_dsnet.stage_predict import MotionSet, find_motions, gather
+
+STAGE = "predict_plus"
+
+
+@dataclass(frozen=True)
+class PredictPlusConfig:
+    """Predict offsets of the evaluated sequences: about 3 ms a frame, 1 GB.
+
+    Gives `offsets_dsnet_plus`, `static_dsnet_plus` where the model has a static part, `theta`,
+    `betas` and the index of the sequences.
+    """
+
+    run: str = "demo"
+    """Run whose `dsnet_plus` predicts."""
+    amass: Path | None = None
+    """Folder of AMASS files in place of the corpus's test motions; see docs/data.md."""
+
+
+PROFILES = {name: PredictPlusConfig(run=name) for name in ("smoke", "demo", "paper")}
+
+
+@dataclass(frozen=True, eq=False)
+class _Predicted:
+    """Offsets (T, V, 3) of one sequence, metres."""
+
+    total_m: NDArray[np.float32]
+    static_m: NDArray[np.float32] | None
+
+
+def main(config: PredictPlusConfig) -> None:
+    """Run the stage; a result that is current is kept.
+
+    Raises
+    ------
+    DsnetError
+        If the run has no finished `train-plus`, or an AMASS file is not one.
+    """
+    run = Run(config.run)
+    trained, align = run.artifact("train_plus"), best_alignment(run)
+    body = load_body_model(str(body_model_path(run)))
+    files = find_motions(run, config.amass, align)
+
+    def make(writer: ArtifactWriter) -> None:
+        _write(writer, TrainedPlus.load(trained), body, gather(align, run, files))
+        labels = {name: one["label"] for name, one in trained.manifest["predictors"].items()}
+        writer.record(predictors=labels, default=trained.manifest["default"])
+
+    upstream = {"train_plus": trained, align.kind: align}
+    upstream |= {f"motion_{index}": path for index, path in enumerate(files)}
+    run.build(STAGE, config, make, data=align.origin, upstream=upstream)
+
+
+def _write(
+    writer: ArtifactWriter, model: TrainedPlus, body: BodyModelData, motions: MotionSet
+) -> None:
+    chosen = decoded_sequences(motions.sequences)
+    placed = _end_to_end(chosen)
+    rows = subject_rows(chosen)
+    betas = {s.subject: motions.betas[subject_rows(motions.sequences)[s.subject]] for s in chosen}
+    shape = (sum(s.length for s in placed), body.vertex_count, 3)
+    total = writer.open_array(f"offsets_{NAME}", shape, np.float32, "m")
+    has_static = model.static.constant_m.any() or model.static.by_pose_m.any()
+    static = writer.open_array(f"static_{NAME}", shape, np.float32, "m") if has_static else None
+
+    def predict(model: TrainedPlus, sequence: MotionSequence) -> _Predicted:
+        theta = motions.theta[sequence.frames]
+        return _predict(model, body, betas[sequence.subject], theta, sequence.fps)
+
+    with worker_pool("threads", model) as pool:
+        found = tqdm(pool.map(predict, chosen), desc=NAME, total=len(chosen), unit="sequence",
+                     disable=None)  # fmt: skip
+        for place, one in zip(placed, found, strict=True):
+            total[place.frames] = one.total_m
+            if static is not None and one.static_m is not None:
+                static[place.frames] = one.static_m
+    theta = np.concatenate([motions.theta[sequence.frames] for sequence in chosen])
+    writer.put("theta", theta, "rad, then m")
+    writer.put("betas", np.stack([betas[subject] for subject in rows]), "1")
+    writer.record(sequences=to_manifest(placed))
+
+
+def _predict(
+    model: TrainedPlus, body: BodyModelData, betas: NDArray, theta: NDArray, fps: float
+) -> _Predicted:
+    total_m = model.nodes.spread(model.moving_m(body, betas, theta, fps))
+    static_m = model.static_m(body, betas, theta)
+    if static_m is not None:
+        total_m += static_m
+    return _Predicted(total_m, static_m)
+
+
+def _end_to_end(chosen: Sequence[MotionSequence]) -> list[MotionSequence]:
+    """The same sequences with their places in the stage's own arrays."""
+    starts = np.cumsum([0, *(sequence.length for sequence in chosen)])
+    return [replace(s, start=int(start)) for s, start in zip(chosen, starts, strict=False)]
+
+
+if __name__ == "__main__":
+    run_as_process(PredictPlusConfig, main)
