@@ -100,7 +100,7 @@ def load_amass_motion(
         trans_m = _R_YUP_ZUP.apply(trans_m)
     dmpls = stored.dmpls
     motion = Motion(
-        theta=pack_theta(_continuous(pose), trans_m),
+        theta=pack_theta(continuous_rotations(pose), trans_m),
         betas=stored.betas,
         gender=stored.gender,
         fps=float(fps),
@@ -135,8 +135,8 @@ def _resample_linearly(
     return np.stack([np.interp(times_s, source_s, column) for column in values.T], axis=1)
 
 
-def _continuous(pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of the axis-angle vectors of each rotation, the one nearest to the frame before."""
+def continuous_rotations(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of the axis-angle vectors (T, J, 3) of each rotation, the one nearest to the frame before."""
     angle = np.linalg.norm(pose, axis=-1, keepdims=True)
     axis = np.divide(pose, angle, out=np.zeros_like(pose), where=angle > 1e-9)
     result = pose.copy()

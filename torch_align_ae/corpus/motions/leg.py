@@ -48,7 +48,12 @@ class LegPose:
 
 
 def pose_leg(
-    leg: Leg, pelvis_turn: Rotation, hip_m: Array, foot: FootPath, ball_m: Array
+    leg: Leg,
+    pelvis_turn: Rotation,
+    hip_m: Array,
+    foot: FootPath,
+    ball_m: Array,
+    heading: Array | float = 0.0,
 ) -> LegPose:
     """Rotations that bring the ball of the foot to `ball_m` (T, 3).
 
@@ -59,12 +64,13 @@ def pose_leg(
     hip_m : (T, 3) hip joint in the world, metres.
     foot : pitch and yaw that the motion asks for.
     ball_m : (T, 3) ball of the foot in the world, metres.
+    heading : (T,) where the body faces, radians.
     """
     pitch = _raise_heel(leg, hip_m, foot, ball_m)
-    foot_turn = _foot_turn(pitch, foot.yaw)
+    foot_turn = _foot_turn(pitch, foot.yaw + foot.heading)
     ankle_m = ball_m + foot_turn.apply(leg.ankle_m - leg.ball_m)
     target = pelvis_turn.inv().apply(ankle_m - hip_m)
-    splay = Rotation.from_rotvec(np.outer(foot.yaw, (0.0, 1.0, 0.0)))
+    splay = Rotation.from_rotvec(np.outer(foot.yaw + foot.heading - heading, (0.0, 1.0, 0.0)))
     knee_angle = _knee_angle(leg, np.linalg.norm(target, axis=1))
     knee = Rotation.from_rotvec(np.outer(knee_angle, (1.0, 0.0, 0.0)))
     hip = _aim(leg, knee, target, splay.apply((1.0, 0.0, 0.0)))
@@ -82,10 +88,10 @@ def _foot_turn(pitch: Array, yaw: Array) -> Rotation:
 def _raise_heel(leg: Leg, hip_m: Array, foot: FootPath, ball_m: Array) -> Array:
     """The asked-for pitch, or as much more as lets the leg reach: a smooth maximum of the two."""
     low, high = (np.full(foot.pitch.shape, bound) for bound in _PITCH_RANGE)
-    heel = leg.ankle_m - leg.ball_m
+    heel, yaw = leg.ankle_m - leg.ball_m, foot.yaw + foot.heading
     for _ in range(40):
         middle = (low + high) / 2
-        ankle_m = ball_m + _foot_turn(middle, foot.yaw).apply(heel)
+        ankle_m = ball_m + _foot_turn(middle, yaw).apply(heel)
         too_far = np.linalg.norm(ankle_m - hip_m, axis=1) > leg.reach_m
         low, high = np.where(too_far, middle, low), np.where(too_far, high, middle)
     return _HEEL_SOFTNESS * np.logaddexp(foot.pitch / _HEEL_SOFTNESS, high / _HEEL_SOFTNESS)

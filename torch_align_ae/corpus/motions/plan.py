@@ -23,6 +23,8 @@ class FootPath:
     """(T,) toes-down angle of the foot, radians. A leg that is too short raises it further."""
     yaw: Array
     """(T,) toes-left angle of the foot, radians."""
+    heading: Array | float = 0.0
+    """(T,) turn of the foot and of the place where it stands about the body's starting place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,10 @@ class BodyPlan:
     """Where the right foot shall be."""
     joints: Mapping[str, Array] = field(default_factory=dict)
     """(T, 3) axis-angle rotation of each joint above the pelvis that is not at rest."""
+    heading: Array | float = 0.0
+    """(T,) where the body faces, radians to its left of +z; `pelvis_turn` is relative to it."""
+    carried: Array | None = None
+    """(T,) from 0, the feet carry the body, to 1, its lowest skin lies on the floor."""
 
 
 @dataclass(frozen=True)
