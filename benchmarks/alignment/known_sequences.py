@@ -114,7 +114,7 @@ def _known(suite: Suite, subject_name: str, motion: str, folder: Path) -> KnownS
 
 def _person(name: str) -> tuple[Gender, Subject]:
     for gender, people in SUBJECTS.items():
-        for subject in (*people, UNSEEN[gender]):
+        for subject in (*people, *UNSEEN[gender]):
             if subject.name == name:
                 return gender, subject
     raise ValueError(f"no subject {name}")

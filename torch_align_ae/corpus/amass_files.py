@@ -24,6 +24,7 @@ def write_amass_motion(
     gender: str,
     fps: float,
     root_joint_m: NDArray[np.float64],
+    source: str = "synthetic",
 ) -> None:
     """Write theta (T, 69), y up, as an AMASS `.npz` with z up.
 
@@ -33,6 +34,7 @@ def write_amass_motion(
     fps : frames per second of `theta`.
     root_joint_m : (3,) rest position of the subject's root joint, about which SMPL turns:
         turning the world z up turns root_joint + trans, not trans.
+    source : what the file says of its origin.
     """
     pose, trans = unpack_theta(theta)
     poses = np.zeros((len(theta), _AMASS_POSE_WIDTH))
@@ -48,5 +50,5 @@ def write_amass_motion(
         gender=np.array(gender.encode()),
         mocap_framerate=np.array(fps),
         dmpls=np.zeros((len(theta), 8)),
-        source=np.array("synthetic"),
+        source=np.array(source),
     )

@@ -5,11 +5,14 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from bridge.errors import DsnetError
-from torch_align_ae.corpus.motions import DYNA_MOTIONS, MOSH_MOTIONS
+from bridge.motion.cells import take_suffix
+from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS, WHOLE_S
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
 
 # Table 1: 67 sequences of five women, 66 of five men. The paper counts the women's meshes only.
@@ -24,6 +27,8 @@ _MISSING = {
     },
 }
 MOSH_FPS = 100.0
+_KNOWN_PERFORMERS = 2
+Crossing = Literal["full", "rotating"]
 
 
 @dataclass(frozen=True)
@@ -31,9 +36,19 @@ class Take:
     """One sequence to be made."""
 
     subject: Subject
-    motion: str
+    kind: str
+    """Kind of motion: a name of `MOTIONS`, or `amass_<file>` for a real one."""
     frame_count: int
     """At the rate of its own file: 60 fps for Dyna's, 100 fps for MoSh-like ones."""
+    number: int = 1
+    """2 where the same person does a kind again, in another style."""
+    source: Path | None = None
+    """File of a real motion; None for a procedural one."""
+
+    @property
+    def motion(self) -> str:
+        """The kind, and `_take2` where it is done again."""
+        return self.kind if self.number == 1 else f"{self.kind}{take_suffix(self.number)}"
 
     @property
     def name(self) -> str:
@@ -72,20 +87,54 @@ def dyna_takes(
     ]
 
 
-def mosh_takes(
-    gender: Gender, subjects: int, motions: tuple[str, ...], seconds: float
+def held_out_takes(
+    gender: Gender,
+    subjects: int,
+    *,
+    unseen: tuple[str, ...],
+    known: tuple[str, ...],
+    seconds: float,
+    crossing: Crossing,
 ) -> list[Take]:
-    """Held-out motions of two of the known subjects and of one that no stage has seen.
+    """What no stage sees before prediction, in the four cells of `bridge.motion.cells`.
+
+    Kinds that nobody was trained on (`unseen`) and kinds of training (`known`), each by people of
+    training and by new ones; who was trained on a kind does it in another style, as take 2.
 
     Raises
     ------
     DsnetError
-        If there is no such motion, or one is named twice.
+        If there is no such kind, or one is named twice.
     """
-    _check_names(motions, MOSH_MOTIONS)
-    people = (*SUBJECTS[gender][: min(2, subjects)], UNSEEN[gender])
-    count = round(seconds * MOSH_FPS) + 1
-    return [Take(subject, motion, count) for subject in people for motion in motions]
+    _check_names(unseen, HELD_OUT_MOTIONS)
+    _check_names(known, DYNA_MOTIONS)
+    takes = []
+    for kinds, number in ((unseen, 1), (known, 2)):
+        for row, kind in enumerate(kinds):
+            count = round(max(seconds, WHOLE_S.get(kind, 0.0)) * MOSH_FPS) + 1
+            people, new = performers(gender, subjects, row, crossing)
+            takes += [Take(person, kind, count, number) for person in people]
+            takes += [Take(person, kind, count) for person in new]
+    return takes
+
+
+def performers(
+    gender: Gender, subjects: int, row: int, crossing: Crossing
+) -> tuple[tuple[Subject, ...], tuple[Subject, ...]]:
+    """Who of the known and who of the new people does held-out kind number `row`.
+
+    `full`: the first two and all new ones. `rotating`: one and one, the next for the next kind.
+    """
+    known, new = SUBJECTS[gender][:subjects], UNSEEN[gender]
+    if crossing == "full":
+        return known[:_KNOWN_PERFORMERS], new
+    return (known[row % len(known)],), (new[row % len(new)],)
+
+
+def by_subject(takes: Iterable[Take], gender: Gender) -> list[Take]:
+    """The takes of one person after another, the known people first."""
+    order = [subject.name for subject in (*SUBJECTS[gender], *UNSEEN[gender])]
+    return sorted(takes, key=lambda take: order.index(take.subject.name))
 
 
 def _check_names(motions: tuple[str, ...], known: Iterable[str]) -> None:

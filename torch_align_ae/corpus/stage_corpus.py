@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,25 +12,27 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from bridge.body import load_body_model
-from bridge.body.posing import shaped_joints
-from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
-from bridge.motion.resampling import load_amass_motion
-from bridge.options import PositiveFloat, PositiveInt, Seed
+from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.worker_pool import worker_pool
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.amass_files import write_amass_motion
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna
-from torch_align_ae.corpus.motions import DYNA_MOTIONS, MOSH_MOTIONS, Skeleton, perform
-from torch_align_ae.corpus.sequences import MOSH_FPS, Take, dyna_takes, mosh_takes
+from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS
+from torch_align_ae.corpus.performances import Performer
+from torch_align_ae.corpus.sequences import Crossing
 from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, posed_meshes
 from torch_align_ae.corpus.subjects import Gender, Subject
+from torch_align_ae.corpus.takes import Takes
 
 _NOTICE = """\
 Synthetic data. Bodies, motions and soft tissue are computed; no person was measured.
 The files have the formats of SMPL, Dyna and AMASS, but are none of these data sets.
 The body derives from the MakeHuman assets (CC0).
+"""
+_REAL_NOTICE = """\
+Exception: the motions of mosh/*_amass_* are real ones, and their makers' licence governs them.
+Bodies and soft tissue are computed there too. They are taken from: {files}
 """
 
 
@@ -55,10 +56,18 @@ class CorpusConfig:
     """Dyna motions. All of them, of all subjects, make the paper's 67 sequences exactly."""
     mean_frames: PositiveInt = 321
     """Mean length of a sequence at 60 fps; the full corpus has the paper's total instead."""
-    mosh_motions: tuple[str, ...] = tuple(MOSH_MOTIONS)
-    """Held-out MoSh-like motions, each done by two known subjects and an unseen one."""
+    mosh_motions: tuple[str, ...] = tuple(HELD_OUT_MOTIONS)
+    """Held-out kinds of motion that nobody is trained on."""
     mosh_seconds: PositiveFloat = 5.0
-    """Length of each MoSh-like motion."""
+    """Length of each held-out motion; lying down and getting up takes its own time if longer."""
+    retakes: NonNegativeInt = 3
+    """How many of the motions, the last ones, known people do again and new people too."""
+    crossing: Crossing = "full"
+    """Who does each held-out kind: two known and three new people, or one of each in rotation."""
+    amass: Path | None = None
+    """Folder of AMASS files: real motions as further test takes, with simulated soft tissue."""
+    amass_seconds: PositiveFloat = 20.0
+    """Longest part of a real motion that is used, from its beginning."""
 
 
 PROFILES: dict[str, CorpusConfig] = {
@@ -68,6 +77,8 @@ PROFILES: dict[str, CorpusConfig] = {
         mean_frames=72,
         mosh_motions=("side_to_side_hopping",),
         mosh_seconds=1.2,
+        retakes=1,
+        crossing="rotating",
     ),
     "demo": CorpusConfig(
         motions=(
@@ -81,7 +92,8 @@ PROFILES: dict[str, CorpusConfig] = {
             "running_on_spot",
         ),
         mean_frames=160,
-        mosh_seconds=4.0,
+        mosh_seconds=3.0,
+        crossing="rotating",
     ),
     "paper": CorpusConfig(),
 }
@@ -90,46 +102,36 @@ PROFILES: dict[str, CorpusConfig] = {
 def main(config: CorpusConfig) -> None:
     """Make `truth`, then `corpus` from it."""
     run = Run(config.run)
+    takes = Takes.of(config)
+    files = {f"motion_{row}": path for row, path in enumerate(takes.files)}
     truth = run.build(
-        "truth", config, lambda writer: _make_truth(writer, config), data="synthetic", upstream={}
+        "truth",
+        config,
+        lambda writer: _make_truth(writer, config, takes),
+        data="synthetic",
+        upstream=files,
     )
     run.build(
         "corpus",
         config,
-        lambda writer: _make_corpus(writer, config, truth),
+        lambda writer: _make_corpus(writer, config, truth, takes),
         data="synthetic",
-        upstream={"truth": truth},
+        upstream={"truth": truth, **files},
     )
 
 
-def _takes(config: CorpusConfig) -> tuple[list[Take], list[Take]]:
-    """Dyna's sequences and MoSh's."""
-    if min(config.mean_frames, config.mosh_seconds * FPS) < 60:
-        raise DsnetError(
-            f"mean_frames={config.mean_frames}, mosh_seconds={config.mosh_seconds:g}",
-            "at least 60 frames and 1 second",
-            "Longer sequences, fewer motions or subjects.",
-        )
-    dyna = dyna_takes(
-        config.gender, config.subjects, config.motions, config.mean_frames, config.seed
-    )
-    return dyna, mosh_takes(
-        config.gender, config.subjects, config.mosh_motions, config.mosh_seconds
-    )
-
-
-def _make_truth(writer: ArtifactWriter, config: CorpusConfig) -> None:
+def _make_truth(writer: ArtifactWriter, config: CorpusConfig, takes: Takes) -> None:
     """Move every subject and simulate its tissue; every finished sequence is a checkpoint."""
     smpl = body_in_double(load_body_model(f"embedded:{config.gender}"))
-    dyna, mosh = _takes(config)
+    performer = Performer(smpl.data, config.gender, config.seed)
     thetas = {
-        **{take.name: _perform(smpl, take, FPS, config.seed) for take in dyna},
-        **{take.name: _read_back(smpl, take, config) for take in mosh},
+        **{take.name: performer.for_meshes(take) for take in takes.dyna},
+        **{take.name: performer.as_read_back(take) for take in takes.held_out},
     }
-    sequences = list(_index([*dyna, *mosh], thetas, test={take.name for take in mosh}))
+    sequences = list(_index(takes, thetas))
     frames = sum(sequence.length for sequence in sequences)
     writer.put("theta", np.concatenate(list(thetas.values())), "rad, last three m")
-    subjects = list(dict.fromkeys(take.subject for take in (*dyna, *mosh)))
+    subjects = list(dict.fromkeys(take.subject for take in takes.all))
     writer.put("betas", np.array([subject.betas for subject in subjects], np.float32), "1")
     shape = (frames, smpl.vertex_count, 3)
     offsets = writer.open_array("offsets", shape, np.float32, "m")
@@ -166,62 +168,39 @@ def _simulate_subject(
         progress.update(sequence.length)
 
 
-def _perform(smpl: SMPL, take: Take, fps: float, seed: int) -> NDArray[np.float32]:
-    """theta as it is stored: what the simulation follows is exactly what a reader gets."""
-    skeleton = Skeleton.of(smpl.data, take.subject.betas)
-    name, count = take.subject.name, take.frame_count
-    theta = perform(take.motion, name, skeleton, frame_count=count, fps=fps, seed=seed)
-    return theta.astype(np.float32)
-
-
-def _read_back(smpl: SMPL, take: Take, config: CorpusConfig) -> NDArray[np.float32]:
-    """A MoSh-like motion as every reader of its file sees it: at 60 fps, y up."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "motion.npz"
-        _write_mosh(path, smpl, take, config)
-        motion = load_amass_motion(path, root_joint_m=_root_joint_m(smpl, take.subject), fps=FPS)
-    return motion.theta.astype(np.float32)
-
-
-def _write_mosh(path: Path, smpl: SMPL, take: Take, config: CorpusConfig) -> None:
-    write_amass_motion(
-        path,
-        _perform(smpl, take, MOSH_FPS, config.seed).astype(np.float64),
-        betas=take.subject.betas,
-        gender=config.gender,
-        fps=MOSH_FPS,
-        root_joint_m=_root_joint_m(smpl, take.subject),
-    )
-
-
-def _root_joint_m(smpl: SMPL, subject: Subject) -> NDArray[np.float64]:
-    return shaped_joints(smpl.data, subject.betas[None])[0, 0]
-
-
-def _index(
-    takes: list[Take], thetas: dict[str, NDArray[np.float32]], test: set[str]
-) -> Iterator[MotionSequence]:
+def _index(takes: Takes, thetas: dict[str, NDArray[np.float32]]) -> Iterator[MotionSequence]:
     start = 0
-    for take in takes:
-        length, split = len(thetas[take.name]), "test" if take.name in test else "train"
-        yield MotionSequence(take.name, take.subject.name, take.motion, start, length, FPS, split)
+    for take in takes.all:
+        length, subject = len(thetas[take.name]), take.subject.name
+        split = "test" if take in takes.held_out else "train"
+        yield MotionSequence(take.name, subject, take.motion, start, length, FPS, split)
         start += length
 
 
-def _make_corpus(writer: ArtifactWriter, config: CorpusConfig, truth: Artifact) -> None:
+def _make_corpus(
+    writer: ArtifactWriter, config: CorpusConfig, truth: Artifact, takes: Takes
+) -> None:
     """Write the files that a licensed user would have, and nothing of the truth."""
     data = load_body_model(f"embedded:{config.gender}")
     smpl = body_in_double(data)
     data.save_smpl_npz(writer.file_path(f"SMPL_{config.gender.upper()}.npz"))
-    writer.file_path("NOTICE.txt").write_text(_NOTICE, encoding="utf-8")
-    for take in _takes(config)[1]:
-        _write_mosh(writer.file_path(f"mosh/{take.name}_poses.npz"), smpl, take, config)
+    names = {take.kind: take.source.name for take in takes.held_out if take.source}
+    notice = _NOTICE + (_REAL_NOTICE.format(files=", ".join(names.values())) if names else "")
+    writer.file_path("NOTICE.txt").write_text(notice, encoding="utf-8")
+    performer = Performer(data, config.gender, config.seed)
+    for take in takes.held_out:
+        performer.write_amass(writer.file_path(f"mosh/{take.name}_poses.npz"), take)
     path = writer.file_path(f"dyna_{config.gender}.h5")
     _write_meshes(path, smpl, truth)
     with h5py.File(path, "r+") as file:
         file.attrs["source"] = "synthetic"
     sequences = [sequence for sequence in sequences_of(truth) if sequence.split != "test"]
-    writer.record(sequences=to_manifest(sequences), source="synthetic", gender=config.gender)
+    writer.record(
+        sequences=to_manifest(sequences),
+        source="synthetic",
+        gender=config.gender,
+        real_motions=names,
+    )
 
 
 def _write_meshes(path: Path, smpl: SMPL, truth: Artifact) -> None:

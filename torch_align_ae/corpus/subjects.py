@@ -47,8 +47,16 @@ SUBJECTS: dict[Gender, tuple[Subject, ...]] = {
         Subject("50027", (0.2, -1.6, 0.3, -0.8, 0.6, 0.5)),
     ),
 }
-# Seen by no stage before prediction.
-UNSEEN: dict[Gender, Subject] = {
-    "female": Subject("99001", (-0.5, 1.3, 0.3, -0.2, 0.8, -0.9)),
-    "male": Subject("99002", (-0.5, 1.2, 0.3, -0.2, 0.8, -0.9)),
+# Seen by no stage before prediction: one of middle weight, one heavier, one lean.
+UNSEEN: dict[Gender, tuple[Subject, ...]] = {
+    "female": (
+        Subject("99001", (-0.5, 1.3, 0.3, -0.2, 0.8, -0.9)),
+        Subject("99003", (0.7, 1.7, 1.3, -0.7, -0.3, 0.6)),
+        Subject("99005", (-0.5, -1.3, -1.0, 0.6, 0.2, -0.5)),
+    ),
+    "male": (
+        Subject("99002", (-0.5, 1.2, 0.3, -0.2, 0.8, -0.9)),
+        Subject("99004", (0.8, 1.6, -0.2, 0.6, 0.5, -0.4)),
+        Subject("99006", (-0.6, -1.3, 0.5, 0.3, -0.6, 0.4)),
+    ),
 }

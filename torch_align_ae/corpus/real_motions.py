@@ -1,0 +1,63 @@
+"""Real motions of AMASS as extra test takes: synthetic people follow them with simulated tissue."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from itertools import count
+from pathlib import Path
+
+from bridge.motion.amass_file import read_amass_file
+from bridge.motion.amass_folder import find_amass_motions, subject_and_motion
+from bridge.runs.processes import notify
+from torch_align_ae.corpus.sequences import Take, performers
+from torch_align_ae.corpus.subjects import Gender
+
+_SHORTEST_S = 1.0
+
+
+def find_real_motions(folder: Path | None) -> list[Path]:
+    """The motions below `folder`, of bodies of any gender: no body of theirs is used.
+
+    Raises
+    ------
+    DsnetError
+        If the folder is none, holds no motion, or holds an `.npz` that cannot be read.
+    """
+    return [] if folder is None else find_amass_motions(folder, "any")
+
+
+def real_takes(
+    files: Iterable[Path], gender: Gender, subjects: int, longest_s: float
+) -> list[Take]:
+    """Each motion done by one known and one new person, the next ones for the next motion.
+
+    Of a long motion the first `longest_s` are used. Those shorter than a second are left out, with
+    a line on stderr.
+
+    Raises
+    ------
+    DsnetError
+        If a file is no motion.
+    """
+    takes: list[Take] = []
+    for row, (path, kind) in enumerate(_kinds(files)):
+        stored = read_amass_file(path)
+        frames = min(len(stored.pose), int(longest_s * stored.fps) + 1)
+        if frames - 1 < _SHORTEST_S * stored.fps:
+            notify(f"{path}: left out; shorter than {_SHORTEST_S:g} s")
+            continue
+        known, new = performers(gender, subjects, row, "rotating")
+        takes += [Take(person, kind, frames, source=path) for person in (*known, *new)]
+    return takes
+
+
+def _kinds(files: Iterable[Path]) -> Iterator[tuple[Path, str]]:
+    """`amass_<file>` of each, in letters, digits and underscores, a second one of a name `_2`."""
+    taken: set[str] = set()
+    for path in files:
+        name = "amass_" + re.sub(r"\W+", "_", subject_and_motion(path)[1])
+        names = (name if number == 1 else f"{name}_{number}" for number in count(1))
+        kind = next(one for one in names if one not in taken)
+        taken.add(kind)
+        yield path, kind
