@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # One command from body model to report; see README.md.
 #   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--aligner sgd|robust]
+#                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR]]      (licensed files: docs/data.md)
 #   ./reproduce.sh setup                the environment alone
 #   ./reproduce.sh test                 the environment, then linters, types and tests
@@ -73,10 +74,10 @@ existing() {
 }
 
 run_stages() {
-    local profile=demo run="" seed=0 align=() dyna=() predict=() licensed="" path
+    local profile=demo run="" seed=0 gender="" corpus=() align=() dyna=() predict=() licensed="" path
     while (($#)); do
         case $1 in
-            --profile | --run | --seed | --aligner | --smpl | --dyna | --amass) ;;
+            --profile | --run | --seed | --gender | --aligner | --smpl | --dyna | --amass) ;;
             *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
         [[ -n ${2-} ]] || refuse "$1 needs a value."
@@ -84,6 +85,11 @@ run_stages() {
             --profile) profile=$2 ;;
             --run) run=$2 ;;
             --seed) seed=$2 ;;
+            --gender)
+                [[ $2 == female || $2 == male ]] || refuse "--gender $2; expected female or male."
+                gender=$2
+                corpus=(--gender "$2")
+                ;;
             --aligner)
                 [[ $2 == sgd || $2 == robust ]] || refuse "--aligner $2; expected sgd or robust."
                 align+=(--aligner "$2")
@@ -109,17 +115,21 @@ run_stages() {
         shift 2
     done
     ((${#dyna[@]})) && align+=(--dyna "${dyna[@]}")
-    local common=(--profile "$profile" --run "${run:-$profile}" --seed "$seed")
+    [[ -n $gender && -n $licensed ]] &&
+        refuse "--gender $gender with licensed files; expected one of the two. The body model of --smpl has its gender."
+    [[ -n $run ]] || run=$profile$([[ $gender != male ]] || echo _male)
+    local common=(--profile "$profile" --run "$run" --seed "$seed")
     for stage in corpus align train-ae encode train predict decode evaluate report; do
         [[ $stage == corpus && -n $licensed ]] && continue
         echo "== dsnet $stage" >&2
         case $stage in
+            corpus) .venv/bin/dsnet corpus "${common[@]}" ${corpus[@]+"${corpus[@]}"} ;;
             align) .venv/bin/dsnet align "${common[@]}" ${align[@]+"${align[@]}"} ;;
             predict) .venv/bin/dsnet predict "${common[@]}" ${predict[@]+"${predict[@]}"} ;;
             *) .venv/bin/dsnet "$stage" "${common[@]}" ;;
         esac
     done
-    echo "report: runs/${run:-$profile}/report/report.html" >&2
+    echo "report: runs/$run/report/report.html" >&2
 }
 
 print_head() {

@@ -84,9 +84,24 @@ def test_aligner_is_handed_on(reproduce: Reproduce) -> None:
     assert not any("aligner" in options for options in called.values())
 
 
+def test_men_are_a_run_of_their_own(reproduce: Reproduce) -> None:
+    called = stages(reproduce("--gender", "male", "--profile", "smoke"))
+    assert list(called) == STAGES
+    common = "--profile smoke --run smoke_male --seed 0"
+    assert called.pop("corpus") == f"{common} --gender male"
+    assert set(called.values()) == {common}
+    women = stages(reproduce("--gender", "female"))
+    assert women["corpus"] == "--profile demo --run demo --seed 0 --gender female"
+    named = stages(reproduce("--gender", "male", "--run", "men"))
+    assert named["align"] == "--profile demo --run men --seed 0"
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        (["--gender", "neutral"], "--gender neutral; expected female or male"),
+        (["--gender", "male", "--smpl", "body f.pkl"], "--gender male with licensed files"),
+        (["--dyna", "men.h5", "--gender", "male"], "--gender male with licensed files"),
         (["--smpl", "none.pkl", "--dyna", "women.h5"], "none.pkl does not exist"),
         (["--smpl", "body f.pkl", "--dyna", "women.h5", "none.h5"], "none.h5 does not exist"),
         (["--amass", "nowhere"], "nowhere does not exist"),

@@ -65,7 +65,7 @@ def test_reproduce_does_it_all(smoke_runs, tmp_path, execute):
     done = execute(command, tmp_path / "runs")
     assert done.returncode == 0, done.stderr
     assert "1 of 5 sequences left out: male subjects, female body model" in done.stderr
-    counts = "3 motions; left out: 1 of motions already there, 1 without poses, 1 of male bodies"
+    counts = "4 motions; left out: 1 of motions already there, 1 without poses, 1 of male bodies"
     assert counts in done.stderr
     run = tmp_path / "runs" / "l"
     assert not (run / "corpus").exists()
@@ -77,8 +77,9 @@ def test_reproduce_does_it_all(smoke_runs, tmp_path, execute):
         ("50020_one_leg_jump", "train"),
         ("50020_personal_move", "train"),
         ("50004_side_to_side_hopping", "test"),
-        ("50020_side_to_side_hopping", "test"),
+        ("50020_hips_take2", "test"),
         ("99001_side_to_side_hopping", "test"),
+        ("99003_hips", "test"),
     }
     assert predicted.origin == "licensed"
     report = (run / "report" / "report.md").read_text()

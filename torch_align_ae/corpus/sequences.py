@@ -109,12 +109,11 @@ def held_out_takes(
     _check_names(unseen, HELD_OUT_MOTIONS)
     _check_names(known, DYNA_MOTIONS)
     takes = []
-    for kinds, number in ((unseen, 1), (known, 2)):
-        for row, kind in enumerate(kinds):
-            count = round(max(seconds, WHOLE_S.get(kind, 0.0)) * MOSH_FPS) + 1
-            people, new = performers(gender, subjects, row, crossing)
-            takes += [Take(person, kind, count, number) for person in people]
-            takes += [Take(person, kind, count) for person in new]
+    for row, kind in enumerate((*unseen, *known)):
+        count = round(max(seconds, WHOLE_S.get(kind, 0.0)) * MOSH_FPS) + 1
+        people, new = performers(gender, subjects, row, crossing)
+        takes += [Take(person, kind, count, 2 if kind in known else 1) for person in people]
+        takes += [Take(person, kind, count) for person in new]
     return takes
 
 

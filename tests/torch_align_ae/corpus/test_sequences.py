@@ -1,15 +1,21 @@
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_vertices
 from bridge.errors import DsnetError
+from bridge.motion import MotionSequence
+from bridge.motion.cells import CELLS, cell_of
 from torch_align_ae.corpus.motions import DYNA_MOTIONS
-from torch_align_ae.corpus.sequences import dyna_takes, mosh_takes
+from torch_align_ae.corpus.sequences import dyna_takes, held_out_takes
 from torch_align_ae.corpus.stage_corpus import PROFILES
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN
+from torch_align_ae.corpus.takes import Takes
 
 
 @pytest.mark.parametrize(("gender", "sequences"), [("female", 67), ("male", 66)])
@@ -37,23 +43,86 @@ def test_every_profile_validates_on_one_subject_what_others_train_on(profile):
     assert "50004" in jumpers
 
 
-def test_mosh_takes_include_a_body_that_no_dyna_sequence_has():
-    known = {subject.name for subject in SUBJECTS["female"]}
-    found = {take.subject.name for take in mosh_takes("female", 5, ("kicking",), 2.0)}
-    assert found - known == {UNSEEN["female"].name}
-    assert len(found & known) == 2
+def held_out(gender="female", subjects=5, **options):
+    usual = {"unseen": ("kicking",), "known": ("hips",), "seconds": 2.0, "crossing": "full"}
+    return held_out_takes(gender, subjects, **(usual | options))
+
+
+def cells(takes, gender="female"):
+    people = {subject.name for subject in SUBJECTS[gender]}
+    found = [
+        MotionSequence(take.name, take.subject.name, take.motion, 0, take.frame_count, 60.0, "test")
+        for take in takes
+    ]
+    return Counter(cell_of(sequence, people, set(DYNA_MOTIONS)) for sequence in found)
+
+
+def test_full_crossing_is_two_known_people_and_all_new_ones():
+    assert {take.name for take in held_out()} == {
+        *("50004_kicking", "50020_kicking", "99001_kicking", "99003_kicking", "99005_kicking"),
+        *("50004_hips_take2", "50020_hips_take2", "99001_hips", "99003_hips", "99005_hips"),
+    }
+    assert cells(held_out()) == dict(zip(CELLS, (2, 2, 3, 3), strict=True))
+
+
+@pytest.mark.parametrize("gender", ["female", "male"])
+def test_demo_crosses_each_kind_with_one_known_and_one_new_person_in_rotation(gender):
+    takes = Takes.of(replace(PROFILES["demo"], gender=gender)).held_out
+    assert cells(takes, gender) == dict(zip(CELLS, (3, 11, 3, 11), strict=True))
+    assert len({take.name for take in takes}) == len(takes)
+    by_person = Counter(take.subject.name for take in takes)
+    names = [subject.name for subject in (*SUBJECTS[gender], *UNSEEN[gender])]
+    assert list(by_person) == names
+    assert max(by_person.values()) - min(by_person.values()) <= 3
+
+
+def test_smoke_has_one_take_a_cell_and_paper_all():
+    assert set(cells(Takes.of(PROFILES["smoke"]).held_out).values()) == {1}
+    paper = cells(Takes.of(PROFILES["paper"]).held_out)
+    assert paper == dict(zip(CELLS, (6, 22, 9, 33), strict=True))
+
+
+def test_lying_down_takes_the_time_that_it_needs():
+    takes = held_out(unseen=("lying_down_and_getting_up", "walking"), known=())
+    assert {(take.kind, take.frame_count) for take in takes} == {
+        ("lying_down_and_getting_up", 561),
+        ("walking", 201),
+    }
+
+
+def test_more_retakes_than_motions_are_all_motions():
+    config = replace(PROFILES["smoke"], retakes=9, mosh_motions=())
+    kinds = {take.kind for take in Takes.of(config).held_out}
+    assert kinds == {"one_leg_jump", "hips"}
+    assert Takes.of(replace(config, retakes=0)).held_out == []
+
+
+@pytest.mark.parametrize("gender", ["female", "male"])
+def test_new_people_are_three_and_nobody_known(gender):
+    people, new = SUBJECTS[gender], UNSEEN[gender]
+    assert len({person.name for person in (*people, *new)}) == 8
+    known = np.array([person.betas for person in people])
+    for person in new:
+        assert np.linalg.norm(known - person.betas, axis=1).min() > 0.8
+        assert (np.abs(person.betas) <= np.abs(known).max()).all()
+    weights = [litres(gender, person) for person in new]
+    assert weights[1] > weights[0] > weights[2]
+    everybody = [litres(gender, person) for person in people]
+    assert min(everybody) - 1 < min(weights)
+    assert max(weights) < max(everybody)
+
+
+def litres(gender, subject):
+    data = load_body_model(f"embedded:{gender}")
+    corners = shaped_vertices(data, subject.betas[None])[0][data.faces]
+    return np.linalg.det(corners).sum() / 6 * 1000
 
 
 @pytest.mark.parametrize("gender", ["female", "male"])
 def test_subjects_differ_from_lean_to_heavy(gender):
-    data = load_body_model(f"embedded:{gender}")
-    litres = []
-    for subject in SUBJECTS[gender]:
-        corners = shaped_vertices(data, subject.betas[None])[0][data.faces]
-        volume = np.linalg.det(corners).sum() / 6
-        litres.append(volume * 1000)
-    assert max(litres) > 1.35 * min(litres)
-    assert np.diff(np.sort(litres)).min() > 1.0
+    volumes = [litres(gender, subject) for subject in SUBJECTS[gender]]
+    assert max(volumes) > 1.35 * min(volumes)
+    assert np.diff(np.sort(volumes)).min() > 1.0
 
 
 @pytest.mark.parametrize(
@@ -70,6 +139,10 @@ def test_what_there_is_not_is_refused(subjects, motions, complaint):
         dyna_takes("female", subjects, motions, 100, 0)
 
 
-def test_repeated_mosh_motions_are_refused():
-    with pytest.raises(DsnetError, match="motions kicking more than once"):
-        mosh_takes("female", 5, ("kicking", "kicking"), 2.0)
+@pytest.mark.parametrize(
+    ("unseen", "complaint"),
+    [(("kicking", "kicking"), "motions kicking more than once"), (("hips",), "motions hips")],
+)
+def test_held_out_kinds_that_are_repeated_or_trained_on_are_refused(unseen, complaint):
+    with pytest.raises(DsnetError, match=complaint):
+        held_out(unseen=unseen)
