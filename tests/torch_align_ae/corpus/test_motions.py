@@ -24,7 +24,7 @@ from torch_align_ae.corpus.motions import (
     perform,
 )
 from torch_align_ae.corpus.motions.plan import draw_style
-from torch_align_ae.corpus.subjects import SUBJECTS
+from torch_align_ae.corpus.subjects import SUBJECTS, Gender
 
 FPS, FRAMES, BALLS = 60.0, 200, (10, 11)
 AIRBORNE = {
@@ -58,7 +58,7 @@ def body(gender):
 
 
 @cache
-def performance(motion, row, gender="female"):
+def performance(motion, row, gender: Gender = "female"):
     smpl, subject = body(gender), SUBJECTS[gender][row]
     skeleton = Skeleton.of(smpl.data, subject.betas)
     count = max(FRAMES, round(WHOLE_S.get(motion, 0) * FPS))

@@ -14,7 +14,7 @@ from bridge.motion.cells import CELLS, cell_of
 from torch_align_ae.corpus.motions import DYNA_MOTIONS
 from torch_align_ae.corpus.sequences import dyna_takes, held_out_takes
 from torch_align_ae.corpus.stage_corpus import PROFILES
-from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN
+from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender
 from torch_align_ae.corpus.takes import Takes
 
 
@@ -43,12 +43,12 @@ def test_every_profile_validates_on_one_subject_what_others_train_on(profile):
     assert "50004" in jumpers
 
 
-def held_out(gender="female", subjects=5, **options):
+def held_out(gender: Gender = "female", subjects=5, **options):
     usual = {"unseen": ("kicking",), "known": ("hips",), "seconds": 2.0, "crossing": "full"}
     return held_out_takes(gender, subjects, **(usual | options))
 
 
-def cells(takes, gender="female"):
+def cells(takes, gender: Gender = "female"):
     people = {subject.name for subject in SUBJECTS[gender]}
     found = [
         MotionSequence(take.name, take.subject.name, take.motion, 0, take.frame_count, 60.0, "test")

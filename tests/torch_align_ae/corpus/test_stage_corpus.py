@@ -11,14 +11,18 @@ import torch
 
 from bridge import cli
 from bridge.body import load_body_model
+from bridge.body.posing import shaped_vertices
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of, subject_rows, unpack_theta
+from bridge.motion.amass_folder import subject_and_motion
+from bridge.motion.cells import CELLS, cell_of, trained_people_and_kinds
 from bridge.motion.resampling import load_amass_motion
 from bridge.runs import read_artifact
 from torch_align_ae.body import SMPL, unpose
 from torch_align_ae.corpus import stage_corpus as stage
 from torch_align_ae.corpus.dyna_files import DynaReader
 from torch_align_ae.corpus.simulation import TissueSimulator
+from torch_align_ae.corpus.subjects import SUBJECTS
 
 TINY = stage.CorpusConfig(
     run="tiny",
@@ -27,6 +31,8 @@ TINY = stage.CorpusConfig(
     mean_frames=66,
     mosh_motions=("side_to_side_hopping",),
     mosh_seconds=1.0,
+    retakes=1,
+    crossing="rotating",
 )
 
 
@@ -70,7 +76,12 @@ def test_unposing_the_meshes_by_the_truth_gives_the_true_offsets(corpus, truth):
 def test_mosh_files_read_back_as_the_true_motion(corpus, truth):
     rows = subject_rows(sequences_of(truth))
     tests = [sequence for sequence in sequences_of(truth) if sequence.split == "test"]
-    assert [sequence.subject for sequence in tests] == ["50004", "99001"]
+    assert [sequence.name for sequence in tests] == [
+        "50004_side_to_side_hopping",
+        "50004_one_leg_jump_take2",
+        "99001_side_to_side_hopping",
+        "99003_one_leg_jump",
+    ]
     data = load_body_model(corpus.file("SMPL_FEMALE.npz"))
     for sequence in tests:
         path = corpus.file(f"mosh/{sequence.name}_poses.npz")
@@ -107,6 +118,31 @@ def test_the_truth_stays_out_of_the_corpus(corpus):
         assert set(file) == {"faces", "50004_one_leg_jump"}
 
 
+def test_no_mesh_of_a_test_take_is_in_the_corpus(corpus, truth):
+    names = {sequence.name for sequence in sequences_of(truth) if sequence.split == "test"}
+    with DynaReader([corpus.file("dyna_female.h5")]) as reader:
+        assert not names & {entry.name for entry, _ in reader}
+    # What a test take leaves there is its motion: an AMASS file, which holds no vertices.
+    assert {name for name in corpus.manifest["files"] if name.startswith("mosh/")} == {
+        f"mosh/{name}_poses.npz" for name in names
+    }
+    for name in names:
+        with np.load(corpus.file(f"mosh/{name}_poses.npz")) as motion:
+            assert not motion["dmpls"].any()
+            assert 6890 not in {size for key in motion.files for size in motion[key].shape}
+
+
+def test_people_and_kinds_come_back_from_the_names_of_the_files(corpus, truth):
+    trained = trained_people_and_kinds(sequences_of(corpus))
+    found = set()
+    for sequence in sequences_of(truth):
+        if sequence.split == "test":
+            path = corpus.file(f"mosh/{sequence.name}_poses.npz")
+            assert subject_and_motion(path) == (sequence.subject, sequence.motion)
+            found.add(cell_of(sequence, *trained))
+    assert found == set(CELLS)
+
+
 def test_a_killed_run_goes_on_and_ends_bit_identical(finished, tmp_path, monkeypatch):
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
     simulate, lengths = TissueSimulator.offsets, []
@@ -133,6 +169,20 @@ def test_a_killed_run_goes_on_and_ends_bit_identical(finished, tmp_path, monkeyp
     for name in ("truth", "corpus"):
         whole, again = read_artifact(finished / name), read_artifact(tmp_path / "tiny" / name)
         assert whole.content_sha256 == again.content_sha256
+
+
+def test_men_have_a_corpus_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    stage.main(replace(TINY, gender="male", mosh_motions=(), retakes=0))
+    corpus = read_artifact(tmp_path / "tiny/corpus")
+    assert [sequence.name for sequence in sequences_of(corpus)] == ["50002_one_leg_jump"]
+    assert corpus.manifest["gender"] == "male"
+    body = load_body_model(corpus.file("SMPL_MALE.npz"))
+    assert body.gender == "male"
+    with DynaReader([corpus.file("dyna_male.h5")]) as reader:
+        meshes = reader.frames("50002_one_leg_jump")
+    height_m = np.ptp(shaped_vertices(body, SUBJECTS["male"][0].betas[None])[0][:, 1])
+    assert 0.9 * height_m < np.ptp(meshes[0][:, 1]) < 1.01 * height_m
 
 
 def test_too_short_sequences_are_refused(tmp_path, monkeypatch):

@@ -1,0 +1,134 @@
+"""Real motions of AMASS as test takes: who does them, what is simulated, what the files say."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.body import load_body_model
+from bridge.body.posing import shaped_joints
+from bridge.errors import DsnetError
+from bridge.motion import sequences_of, subject_rows
+from bridge.motion.resampling import load_amass_motion
+from bridge.runs import read_artifact
+from tests.forged.amass import save, shape, smplh
+from torch_align_ae.corpus import stage_corpus as stage
+from torch_align_ae.corpus.performances import Performer
+from torch_align_ae.corpus.takes import Takes
+
+TINY = stage.CorpusConfig(
+    run="tiny",
+    subjects=1,
+    motions=("one_leg_jump",),
+    mean_frames=66,
+    mosh_motions=(),
+    retakes=0,
+    crossing="rotating",
+)
+SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
+
+
+@pytest.fixture(scope="module")
+def amass(tmp_path_factory):
+    """A man's motion at 120 fps, beside what is no motion and what is too short to use."""
+    folder = tmp_path_factory.mktemp("amass")
+    poses = 0.3 * np.sin(np.linspace(0, 15, 181))[:, None] * np.linspace(0, 1, 156)
+    save(folder / "MPI/00017/leg throw_poses.npz", smplh(181, 120.0), gender="male", poses=poses)
+    save(folder / "MPI/00017/shape.npz", shape())
+    save(folder / "MPI/00017/short_poses.npz", smplh(30, 120.0))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(amass, tmp_path_factory):
+    runs = tmp_path_factory.mktemp("runs")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSNET_RUNS", str(runs))
+        stage.main(replace(TINY, amass=amass, amass_seconds=1.2))
+    return read_artifact(runs / "tiny/truth"), read_artifact(runs / "tiny/corpus")
+
+
+def test_a_known_and_a_new_person_follow_the_motion_about_their_own_root(made, amass):
+    truth, corpus = made
+    tests = [sequence for sequence in sequences_of(truth) if sequence.split == "test"]
+    assert [(sequence.name, sequence.length) for sequence in tests] == [
+        ("50004_amass_leg_throw", 73),
+        ("99001_amass_leg_throw", 73),
+    ]
+    rows, data = subject_rows(sequences_of(truth)), load_body_model(corpus.file("SMPL_FEMALE.npz"))
+    for sequence in tests:
+        betas = truth.array("betas")[rows[sequence.subject]].astype(float)
+        joint_m = shaped_joints(data, betas[None])[0, 0]
+        theta = truth.array("theta")[sequence.frames]
+        source = amass / "MPI/00017/leg throw_poses.npz"
+        real = load_amass_motion(source, root_joint_m=joint_m).theta[:73]
+        np.testing.assert_allclose(theta, real, atol=1e-5)
+        path = corpus.file(f"mosh/{sequence.name}_poses.npz")
+        read = load_amass_motion(path, root_joint_m=joint_m)
+        np.testing.assert_allclose(theta, read.theta, atol=1e-5)
+        np.testing.assert_array_equal(read.betas, betas)
+        assert read.gender == "female"
+        assert np.abs(truth.array("offsets")[sequence.frames]).max() > 1e-3
+
+
+def test_the_corpus_stays_synthetic_and_names_the_motions_source(made):
+    truth, corpus = made
+    assert corpus.origin == truth.origin == "synthetic"
+    assert corpus.manifest["real_motions"] == {"amass_leg_throw": "leg throw_poses.npz"}
+    assert "taken from: leg throw_poses.npz" in corpus.file("NOTICE.txt").read_text()
+    with np.load(corpus.file("mosh/99001_amass_leg_throw_poses.npz")) as motion:
+        assert motion["source"] == "synthetic body, motion of leg throw_poses.npz"
+    assert {"motion_0", "motion_1"} <= set(truth.manifest["upstream"])
+    assert {"motion_0", "motion_1", "truth"} == set(corpus.manifest["upstream"])
+
+
+def test_what_is_too_short_is_left_out_with_a_line(amass, capsys):
+    assert len(Takes.of(replace(TINY, amass=amass)).held_out) == 2
+    assert "short_poses.npz: left out; shorter than 1 s" in capsys.readouterr().err
+
+
+def test_a_changed_file_makes_the_truth_anew(made, tmp_path, monkeypatch):
+    shutil.copytree(made[0].path.parent.parent, tmp_path / "runs")
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
+    poses = np.linspace(0, 0.5, 181)[:, None] * np.ones(156)
+    save(tmp_path / "amass/leg throw_poses.npz", smplh(181, 120.0), poses=poses)
+    stage.main(replace(TINY, amass=tmp_path / "amass", amass_seconds=1.2))
+    again = read_artifact(tmp_path / "runs/tiny/truth")
+    assert again.content_sha256 != made[0].content_sha256
+    assert again.manifest["upstream"] != made[0].manifest["upstream"]
+
+
+def test_files_of_one_name_are_kinds_of_their_own(tmp_path):
+    for name in ("CMU/03/leg throw", "CMU/03/leg-throw", "MPI/00017/leg throw"):
+        save(tmp_path / f"{name}_poses.npz", smplh(181, 120.0))
+    kinds = {take.kind for take in Takes.of(replace(TINY, amass=tmp_path)).held_out}
+    assert kinds == {"amass_leg_throw", "amass_leg_throw_2", "amass_leg_throw_3"}
+
+
+@pytest.mark.licensed
+@pytest.mark.skipif(not SAMPLE.is_file(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
+def test_the_sample_of_amass_is_done_by_a_known_and_a_new_person():
+    takes = Takes.of(replace(TINY, amass=SAMPLE.parent))
+    assert takes.files == [SAMPLE]
+    names = ["50004_amass_dmpl_sample", "99001_amass_dmpl_sample"]
+    assert [take.name for take in takes.held_out] == names
+    performer = Performer(load_body_model("embedded:female"), "female", 0)
+    known, new = map(performer.as_read_back, takes.held_out)
+    assert known.shape == new.shape == (118, 69)
+    np.testing.assert_allclose(known[:, :66], new[:, :66], atol=1e-6)
+    # The same pose, about each person's own root joint.
+    assert np.abs(known[:, 66:] - new[:, 66:]).max() > 1e-4
+
+
+@pytest.mark.parametrize("folder", ["nowhere", "empty"])
+def test_a_folder_without_motions_is_refused(folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(DsnetError, match=r"no \.npz and no motion; expected a folder of AMASS"):
+        stage.main(replace(TINY, amass=tmp_path / folder))
+    assert not list(tmp_path.glob("runs/tiny/*"))
