@@ -14,6 +14,7 @@ from bridge import DsnetError
 from bridge.exchange import save_weights
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.motion import sequences_of, subject_rows
+from bridge.motion.cells import cell_of
 from bridge.runs import Artifact, ArtifactWriter, read_artifact
 from bridge.runs.artifact import content_digest
 from bridge.runs.folders import MANIFEST
@@ -133,6 +134,26 @@ def test_unseen_motions_follow_with_fitted_or_stored_shapes(trained, encoded_run
     np.testing.assert_array_equal(betas[rows["99001"]], np.full(10, 2.0))
     root = made.array("theta")[known.frames, :3]
     np.testing.assert_allclose(root, 0, atol=1e-6)
+
+
+def test_second_takes_and_real_motions_keep_their_names_and_cells(
+    trained, encoded_run, monkeypatch
+):
+    names = ("50004_hips_take2", "99003_amass_dmpl_sample", "99005_hips")
+    forge_mosh(encoded_run, names)
+    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    stage_predict.main(PredictStageConfig("tiny"))
+    found = sequences_of(read_artifact(encoded_run / "predict"))[-3:]
+    assert [(s.name, s.subject, s.motion) for s in found] == [
+        ("50004_hips_take2", "50004", "hips_take2"),
+        ("99003_amass_dmpl_sample", "99003", "amass_dmpl_sample"),
+        ("99005_hips", "99005", "hips"),
+    ]
+    assert [cell_of(sequence, {"50004"}, {"hips"}) for sequence in found] == [
+        "known_person_known_motion",
+        "new_person_unseen_motion",
+        "new_person_known_motion",
+    ]
 
 
 def test_motions_enter_the_decision_whether_the_stage_is_current(trained, encoded_run, monkeypatch):

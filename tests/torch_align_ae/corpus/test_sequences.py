@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -146,3 +147,15 @@ def test_what_there_is_not_is_refused(subjects, motions, complaint):
 def test_held_out_kinds_that_are_repeated_or_trained_on_are_refused(unseen, complaint):
     with pytest.raises(DsnetError, match=complaint):
         held_out(unseen=unseen)
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_the_page_counts_each_profiles_takes(profile):
+    takes = Takes.of(PROFILES[profile])
+    page = (Path(__file__).parents[3] / "docs" / "data.md").read_text()
+    row = next(line for line in page.splitlines() if line.startswith(f"| `{profile}` |"))
+    trained = sum(take.frame_count for take in takes.dyna)
+    # A reader resamples a held-out file from 100 to 60 fps.
+    tested = sum(int((take.frame_count - 1) * 0.6 + 1e-9) + 1 for take in takes.held_out)
+    assert f"{len(takes.dyna)} takes, {trained:,} frames" in row
+    assert f"{len(takes.held_out)} takes, {tested:,} frames" in row
