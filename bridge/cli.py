@@ -30,7 +30,15 @@ COMMANDS = {
     "train-ae": ("torch_align_ae.autoencoder.stage_train_ae", "Train the mesh autoencoder."),
     "encode": ("torch_align_ae.autoencoder.stage_encode", "Encode the offsets as latents."),
     "train": ("tf_dsnet.stage_train", "Train DSNet on latents and motions."),
+    "train-plus": (
+        "tf_dsnet.stage_train_plus",
+        "Fit dsnet_plus, oscillators on the skin, to offsets.",
+    ),
     "predict": ("bridge.runtime.stage_predict", "Predict latents; with --motion, a moving body."),
+    "predict-plus": (
+        "tf_dsnet.stage_predict_plus",
+        "Predict offsets with dsnet_plus.",
+    ),
     "decode": ("torch_align_ae.autoencoder.stage_decode", "Decode latents to offsets."),
     "evaluate": ("bridge.measure.stage_evaluate", "Measure errors against meshes and references."),
     "report": ("bridge.report.stage_report", "Draw the figures and write the report."),

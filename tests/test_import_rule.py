@@ -17,7 +17,9 @@ FORBIDDEN = {
     "tf_dsnet": {"torch", "torch_align_ae"},
 }
 # A folder imports those before it; what lies in none (paper, errors, options) imports no folder.
-ORDER = ["runs", "body", "motion", "exchange", "measure", "report", "runtime", "verify"]
+ORDER = [
+    "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "verify",
+]  # fmt: skip
 COMMANDS = {"cli.py", "bench.py"}
 THIRD_PARTIES = {
     "": {"tyro"},
@@ -25,6 +27,7 @@ THIRD_PARTIES = {
     "body": {"numpy", "scipy", "trimesh"},
     "motion": {"numpy", "scipy"},
     "exchange": {"numpy", "safetensors"},
+    "tissue": {"numpy", "scipy"},
     "runtime": {"numpy", "onnx", "onnxruntime"},
     "measure": {"numpy", "scipy", "tqdm"},
     "verify": {"numpy", "onnx", "safetensors", "tqdm"},
