@@ -11,9 +11,14 @@ from torch import Tensor
 
 from bridge.motion import pack_theta
 from bridge.paper import N_JOINTS
-from torch_align_ae.alignment.robust.calibration import BATCH, LearnedSubject, calibrate
-from torch_align_ae.alignment.robust.gauss_newton import fit_poses
+from torch_align_ae.alignment.robust.calibration import (
+    BATCH,
+    LearnedSubject,
+    calibrate,
+    fit_unloaded,
+)
 from torch_align_ae.alignment.robust.initial_pose import initial_pose
+from torch_align_ae.alignment.robust.loads import Loads, Observed
 from torch_align_ae.alignment.robust.recording import FrameWindow, MeshRecording, windows
 from torch_align_ae.alignment.robust.sample import SkinSample
 from torch_align_ae.alignment.robust.settings import RobustSettings
@@ -47,20 +52,22 @@ def align_sequences(
     thetas : for each sequence (T, 69).
     """
     sample = SkinSample(smpl, settings.vertices)
+    loads = Loads.of(sample, settings)
     recordings = [
         MeshRecording(lambda start, stop, own=own: own[start:stop], len(own), fps) for own in meshes
     ]
     thetas = [np.empty((len(own), 3 * N_JOINTS + 3), np.float32) for own in meshes]
     with torch_workers("threads", sample) as pool:
-        known = [
-            calibrate(sample, [r for r, s in zip(recordings, subjects, strict=True) if s == row],
-                      settings, pool)
+        own = [
+            [recording for recording, subject in zip(recordings, subjects, strict=True)
+             if subject == row]
             for row in range(max(subjects) + 1)
         ]  # fmt: skip
+        known = [calibrate(sample, loads, recorded, settings, pool) for recorded in own]
 
         def fit(sample: SkinSample, window: FrameWindow) -> tuple[FrameWindow, Tensor, Tensor]:
-            seen = recordings[window.row].meshes(window.start, window.stop)
-            return window, *fit_frames(sample, known[subjects[window.row]], *seen, settings)
+            _, seen = loads.observe(recordings[window.row], window.start, window.stop)
+            return window, *fit_frames(sample, loads, known[subjects[window.row]], seen, settings)
 
         cut = windows([len(own) for own in meshes], FRAMES_PER_WINDOW)
         for window, pose, trans in pool.map(fit, cut):
@@ -72,23 +79,24 @@ def align_sequences(
 
 def fit_frames(
     sample: SkinSample,
+    loads: Loads,
     subject: LearnedSubject,
-    meshes: Tensor,
-    acceleration: Tensor,
+    seen: Observed,
     settings: RobustSettings,
 ) -> tuple[Tensor, Tensor]:
-    """Pose (n, 22, 3) axis-angle and translation (n, 3) of frames of a known subject.
-
-    Parameters
-    ----------
-    meshes, acceleration : (n, V, 3), m and m/s^2, from `MeshRecording.meshes`.
-    """
+    """Pose (n, 22, 3) axis-angle and translation (n, 3) of frames of a known subject."""
     shaped, tissue = sample.shaped(subject.betas), subject.tissue
-    weights = tissue.weights(settings.precision_m)
-    target = tissue.target(sample.take(meshes), sample.take(acceleration))
     poses = [
-        fit_poses(sample, shaped, part, weights, initial_pose(sample, shaped, part), settings.steps)
-        for part in target.split(BATCH)
+        fit_unloaded(
+            sample,
+            loads,
+            shaped,
+            tissue,
+            part,
+            initial_pose(sample, shaped, part.vertices),
+            settings.steps,
+        )
+        for part in seen.split(BATCH)
     ]
     rotations = torch.cat([pose.rotations for pose in poses])
     return matrix_to_axis_angle(rotations), torch.cat([pose.trans for pose in poses])

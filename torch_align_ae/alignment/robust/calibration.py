@@ -14,16 +14,19 @@ from torch import Tensor
 from bridge.runs.worker_pool import WorkerPool
 from torch_align_ae.alignment.robust.gauss_newton import fit_poses
 from torch_align_ae.alignment.robust.initial_pose import initial_pose
+from torch_align_ae.alignment.robust.loads import Loads, Observed
 from torch_align_ae.alignment.robust.recording import MeshRecording, spread_clips
-from torch_align_ae.alignment.robust.sample import Pose, SkinSample
+from torch_align_ae.alignment.robust.sample import Pose, Shaped, SkinSample
 from torch_align_ae.alignment.robust.settings import RobustSettings
-from torch_align_ae.alignment.robust.shape import fit_shape
+from torch_align_ae.alignment.robust.shape import ShapeEvidence, fit_shape, shape_evidence
 from torch_align_ae.alignment.robust.tissue import Evidence, Tissue
 
 # Bodies fitted as one batch: fewer waste time between operations, more fall out of the cache.
 BATCH = 32
 # Steps with all vertices alike, from the closed form to where residuals mean something.
 _FIRST_STEPS = 2
+# The shape moves slowly and its equations cost as much as a round.
+_ROUNDS_PER_SHAPE = 2
 
 
 @dataclass(frozen=True)
@@ -40,50 +43,83 @@ class LearnedSubject:
 class _Batch:
     """Some calibration frames and their poses so far."""
 
-    vertices: Tensor
-    acceleration: Tensor
+    seen: Observed
     pose: Pose
 
 
 def calibrate(
     sample: SkinSample,
+    loads: Loads,
     recordings: Sequence[MeshRecording],
     settings: RobustSettings,
     pool: WorkerPool[SkinSample],
 ) -> LearnedSubject:
-    """Learn the shape and then how soft the body is where, from frames of all its recordings."""
+    """Learn the shape and then how soft the body is where, from frames of all its recordings.
+
+    The first frame's tissue hangs and moves, and a shape fitted to it keeps that for ever. So once
+    the loads are known the shape is corrected, round by round, by all frames without theirs.
+    """
     betas = fit_shape(sample, _shape_frames(sample, recordings, settings), settings.shape_steps)
     shaped = sample.shaped(betas)
-    clips = [
-        [sample.take(part) for part in recording.meshes(start, stop)]
-        for recording, start, stop in spread_clips(recordings, settings.calibration_frames)
-    ]
-    vertices, acceleration = (torch.cat(parts) for parts in zip(*clips, strict=True))
-    if not settings.inertia:
-        acceleration.zero_()
-    tissue = Tissue.unknown(sample.weights)
 
-    def start(sample: SkinSample, part: tuple[Tensor, Tensor]) -> _Batch:
-        pose = initial_pose(sample, shaped, part[0])
-        equal = tissue.weights(settings.precision_m)
-        return _Batch(*part, fit_poses(sample, shaped, part[0], equal, pose, _FIRST_STEPS))
+    def start(sample: SkinSample, seen: Observed) -> _Batch:
+        pose = initial_pose(sample, shaped, seen.vertices)
+        alike = seen.vertices.new_ones(len(sample))
+        return _Batch(seen, fit_poses(sample, shaped, seen.vertices, alike, pose, _FIRST_STEPS))
 
     def gather(sample: SkinSample, batch: _Batch) -> Evidence:
-        displacement = batch.vertices - sample.positions(shaped, batch.pose)
-        return Evidence.of(displacement, batch.acceleration)
+        displacement = batch.seen.vertices - sample.positions(shaped, batch.pose)
+        turn = sample.frames(shaped, batch.pose).turn
+        return Evidence.of(displacement, loads.terms(batch.seen, turn))
 
     def improve(sample: SkinSample, batch: _Batch) -> Evidence:
-        target = tissue.target(batch.vertices, batch.acceleration)
-        weights = tissue.weights(settings.precision_m)
-        batch.pose = fit_poses(sample, shaped, target, weights, batch.pose, 1)
+        batch.pose = fit_unloaded(sample, loads, shaped, tissue, batch.seen, batch.pose, 1)
         return gather(sample, batch)
 
-    parts = zip(vertices.split(BATCH), acceleration.split(BATCH), strict=True)
-    batches = list(pool.map(start, parts))
-    tissue = reduce(add, pool.map(gather, batches)).revise(tissue)
-    for _ in range(settings.calibration_rounds):
+    def about_shape(sample: SkinSample, batch: _Batch) -> ShapeEvidence:
+        terms = loads.terms(batch.seen, sample.frames(shaped, batch.pose).turn)
+        target, weights = tissue.unloaded(batch.seen.vertices, terms), tissue.weights(precision)
+        return shape_evidence(sample, shaped, batch.pose, target, weights)
+
+    precision = settings.precision_m
+    batches = list(pool.map(start, _calibration_frames(loads, recordings, settings)))
+    evidence = reduce(add, pool.map(gather, batches))
+    tissue = evidence.revise(Tissue.unknown(evidence.pull.shape[1], sample.weights))
+    for turn in range(settings.calibration_rounds):
         tissue = reduce(add, pool.map(improve, batches)).revise(tissue)
+        if settings.correct_shape and turn % _ROUNDS_PER_SHAPE == _ROUNDS_PER_SHAPE - 1:
+            told = reduce(ShapeEvidence.plus, pool.map(about_shape, batches))
+            betas = betas + told.change().to(betas)
+            shaped = sample.shaped(betas)
     return LearnedSubject(betas, tissue)
+
+
+def fit_unloaded(
+    sample: SkinSample,
+    loads: Loads,
+    shaped: Shaped,
+    tissue: Tissue,
+    seen: Observed,
+    pose: Pose,
+    steps: int,
+) -> Pose:
+    """Poses of the sample without its loads; which those are follows the pose, step by step."""
+    weights = tissue.weights(loads.settings.precision_m)
+    for _ in range(steps):
+        terms = loads.terms(seen, sample.frames(shaped, pose).turn)
+        pose = fit_poses(sample, shaped, tissue.unloaded(seen.vertices, terms), weights, pose, 1)
+    return pose
+
+
+def _calibration_frames(
+    loads: Loads, recordings: Sequence[MeshRecording], settings: RobustSettings
+) -> list[Observed]:
+    """Clips spread over all recordings, in batches."""
+    clips = [
+        loads.observe(recording, start, stop)[1]
+        for recording, start, stop in spread_clips(recordings, settings.calibration_frames)
+    ]
+    return Observed(*(torch.cat(parts) for parts in zip(*clips, strict=True))).split(BATCH)
 
 
 def _shape_frames(

@@ -19,6 +19,7 @@ from bridge.runs.worker_pool import WorkerPool
 from torch_align_ae.alignment.fitted import AlignedArrays, Fitted, measure
 from torch_align_ae.alignment.robust.align import FRAMES_PER_WINDOW, continued_theta, fit_frames
 from torch_align_ae.alignment.robust.calibration import LearnedSubject, calibrate
+from torch_align_ae.alignment.robust.loads import Loads
 from torch_align_ae.alignment.robust.recording import FrameWindow, MeshRecording, windows
 from torch_align_ae.alignment.robust.sample import SkinSample
 from torch_align_ae.alignment.robust.settings import RobustSettings
@@ -46,6 +47,7 @@ class RobustCorpusFit:
     ) -> None:
         self._smpl, self._settings, self._sequences = smpl, settings, sequences
         self._sample = SkinSample(smpl, settings.vertices)
+        self._loads = Loads.of(self._sample, settings)
         self._recordings = [_recording(reader, sequence) for sequence in sequences]
         self._row_of_subject = subject_rows(sequences)
 
@@ -76,7 +78,7 @@ class RobustCorpusFit:
     def _learn(self, name: str, pool: WorkerPool[SkinSample]) -> LearnedSubject:
         pairs = zip(self._recordings, self._sequences, strict=True)
         own = [recording for recording, sequence in pairs if sequence.subject == name]
-        return calibrate(self._sample, own, self._settings, pool)
+        return calibrate(self._sample, self._loads, own, self._settings, pool)
 
     def _fit(
         self, writer: ArtifactWriter, subjects: list[LearnedSubject], pool: WorkerPool[SkinSample]
@@ -85,8 +87,9 @@ class RobustCorpusFit:
 
         def fit(sample: SkinSample, window: FrameWindow) -> Fitted:
             row = self._row_of_subject[self._sequences[window.row].subject]
-            meshes, acceleration = self._recordings[window.row].meshes(window.start, window.stop)
-            pose, trans = fit_frames(sample, subjects[row], meshes, acceleration, self._settings)
+            recording = self._recordings[window.row]
+            meshes, seen = self._loads.observe(recording, window.start, window.stop)
+            pose, trans = fit_frames(sample, self._loads, subjects[row], seen, self._settings)
             betas = subjects[row].betas
             return measure(self._smpl, window.row, window.start, betas, pose, trans, meshes)
 

@@ -92,14 +92,17 @@ def step(sample: SkinSample, frames: Frames, pose: Pose, equations: NormalEquati
 
 
 def solve_damped(curvature: Tensor, pull: Tensor) -> Tensor:
-    """(B, U) solution in float64: single precision would lose the weakly determined unknowns.
+    """(..., U) or (..., U, n) solution in float64.
+
+    Single precision would lose the weakly determined unknowns.
 
     The damping is relative to each unknown's own curvature, and to their mean where it has none.
     """
     curvature, pull = curvature.double(), pull.double()
     diagonal = curvature.diagonal(dim1=-2, dim2=-1)
     floor = diagonal.mean(-1, keepdim=True)
-    diagonal += _DAMPING * (diagonal + _DAMPING * floor)
+    damping = _DAMPING * (diagonal + _DAMPING * floor)
+    curvature = curvature + torch.diag_embed(damping)
     return torch.linalg.solve(curvature, pull)
 
 

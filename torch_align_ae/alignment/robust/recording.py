@@ -1,4 +1,4 @@
-"""Sequences of meshes as the robust aligner reads them: some frames, and their accelerations."""
+"""Sequences of meshes as the robust aligner reads them: some frames, and how they move."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from torch import Tensor
 
 # Consecutive frames that are read together for calibration.
 _CLIP = 8
+# An acceleration looks two frames to either side, its change one more.
+_MARGIN = 3
 
 
 @dataclass(frozen=True)
@@ -25,22 +27,46 @@ class MeshRecording:
     fps: float
     """Frames per second."""
 
-    def meshes(self, start: int, stop: int) -> tuple[Tensor, Tensor]:
-        """Frames [start, stop) and their accelerations, both (n, V, 3), m and m/s^2.
+    def moving(
+        self, start: int, stop: int, take: Callable[[Tensor], Tensor]
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Frames [start, stop): meshes (n, V, 3), m, and how their sample moves.
 
-        The first and the last frame of a sequence take their neighbour's acceleration, and a
-        sequence of fewer than three frames has none.
+        Parameters
+        ----------
+        take : from meshes (n, V, 3) to the sample (n, 3, N).
+
+        Returns
+        -------
+        meshes (n, V, 3), metres; of the sample (n, 3, N) places, accelerations and their rate of
+        change, m, m/s^2 and m/s^3.
         """
-        if self.length < 3:
-            frames = torch.from_numpy(self.read(start, stop))
-            return frames, torch.zeros_like(frames)
-        # Wide enough to hold three frames, whatever part of the sequence is asked for.
-        first = max(min(start - 1, self.length - 3), 0)
-        last = min(max(stop + 1, 3), self.length)
+        first, last = max(start - _MARGIN, 0), min(stop + _MARGIN, self.length)
         frames = torch.from_numpy(self.read(first, last))
-        inner = (frames[2:] - 2 * frames[1:-1] + frames[:-2]) * self.fps**2
-        nearest = torch.arange(start, stop).clamp(first + 1, last - 2) - first - 1
-        return frames[start - first : stop - first], inner[nearest]
+        vertices = take(frames)
+        acceleration = accelerations(vertices, self.fps)
+        rows = torch.arange(start, stop) - first
+        after, before = (rows + 1).clamp(max=len(frames) - 1), (rows - 1).clamp(min=0)
+        jerk = (acceleration[after] - acceleration[before]) * (self.fps / 2)
+        own = slice(start - first, stop - first)
+        return frames[own], vertices[own], acceleration[own], jerk
+
+
+def accelerations(frames: Tensor, fps: float) -> Tensor:
+    """Second differences (n, ...) of n frames, per s^2, over two frames to either side.
+
+    (S_t+2 - 2 S_t + S_t-2) / 4 dt^2 has a quarter of the noise of the difference over one frame,
+    and flesh hardly moves faster. The frames next to the ends take one frame to either side, the
+    ends their neighbour's; fewer than three frames have no acceleration.
+    """
+    result = torch.zeros_like(frames)
+    for step in (1, 2):
+        if len(frames) > 2 * step:
+            middle = frames[step:-step]
+            inner = (frames[2 * step :] - 2 * middle + frames[: -2 * step]) * (fps / step) ** 2
+            result[step:-step] = inner
+    result[0], result[-1] = result[1:2].sum(0), result[-2:-1].sum(0)
+    return result
 
 
 @dataclass(frozen=True)

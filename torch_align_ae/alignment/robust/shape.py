@@ -1,6 +1,12 @@
-"""Shape and poses together: betas from one frame, as in the paper, or from several at once."""
+"""Shape and poses together: betas from one frame, as in the paper, or from several at once.
+
+The normal equations of one body in B poses have a block for each pose, coupled by the betas alone.
+So poses are eliminated one by one, and 10 equations are left (the Schur complement).
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -9,9 +15,26 @@ from bridge.paper import N_JOINTS
 from torch_align_ae.alignment.robust.gauss_newton import moved, solve_damped
 from torch_align_ae.alignment.robust.initial_pose import initial_pose
 from torch_align_ae.alignment.robust.linearise import linearise
-from torch_align_ae.alignment.robust.sample import Frames, SampledPatch, Shaped, SkinSample
+from torch_align_ae.alignment.robust.sample import Frames, Pose, SampledPatch, Shaped, SkinSample
 
 _POSE_UNKNOWNS = 3 * N_JOINTS + 3
+
+
+class ShapeEvidence(NamedTuple):
+    """What some frames say about the betas, whatever the poses: sums over the frames."""
+
+    curvature: Tensor
+    """(10, 10)."""
+    pull: Tensor
+    """(10,)."""
+
+    def plus(self, other: ShapeEvidence) -> ShapeEvidence:
+        """Of both lots of frames."""
+        return ShapeEvidence(self.curvature + other.curvature, self.pull + other.pull)
+
+    def change(self) -> Tensor:
+        """(10,) the step of the betas, float64."""
+        return solve_damped(self.curvature, self.pull)
 
 
 def fit_shape(sample: SkinSample, target: Tensor, steps: int) -> Tensor:
@@ -21,37 +44,72 @@ def fit_shape(sample: SkinSample, target: Tensor, steps: int) -> Tensor:
     """
     betas = target.new_zeros(len(sample.smpl.shapedirs))
     pose = initial_pose(sample, sample.shaped(betas), target)
+    alike = target.new_ones(len(sample))
     for _ in range(steps):
-        shaped = sample.shaped(betas)
-        frames = sample.frames(shaped, pose)
-        curvature, pull = _joint_equations(sample, shaped, frames, target)
-        change = solve_damped(curvature, pull).to(target.dtype)
-        betas = betas + change[: len(betas)]
-        pose = moved(sample, frames, pose, change[len(betas) :].view(-1, _POSE_UNKNOWNS))
+        evidence, responses = _eliminate(sample, sample.shaped(betas), pose, target, alike)
+        change = evidence.change()
+        free, by_betas = responses
+        frames = sample.frames(sample.shaped(betas), pose)
+        pose = moved(sample, frames, pose, (free - by_betas @ change).to(target.dtype))
+        betas = betas + change.to(target.dtype)
     return betas
 
 
+def shape_evidence(
+    sample: SkinSample, shaped: Shaped, pose: Pose, target: Tensor, weights: Tensor
+) -> ShapeEvidence:
+    """About a body in B poses.
+
+    Parameters
+    ----------
+    target : (B, 3, N) metres.
+    weights : (N,) of the squared distances.
+    """
+    return _eliminate(sample, shaped, pose, target, weights)[0]
+
+
+def _eliminate(
+    sample: SkinSample, shaped: Shaped, pose: Pose, target: Tensor, weights: Tensor
+) -> tuple[ShapeEvidence, tuple[Tensor, Tensor]]:
+    """Evidence, and how poses answer: (B, 69) with fixed betas, (B, 69, 10) less by the betas."""
+    frames = sample.frames(shaped, pose)
+    curvature, pull = _joint_equations(sample, shaped, frames, target, weights.sqrt())
+    shapes = curvature.shape[1] - _POSE_UNKNOWNS
+    mixed = curvature[:, shapes:, :shapes]
+    right = torch.cat([pull[:, shapes:, None], mixed], 2)
+    answers = solve_damped(curvature[:, shapes:, shapes:], right)
+    free, by_betas = answers[..., 0], answers[..., 1:]
+    evidence = ShapeEvidence(
+        (curvature[:, :shapes, :shapes] - mixed.mT @ by_betas).sum(0),
+        (pull[:, :shapes] - (mixed.mT @ free[..., None])[..., 0]).sum(0),
+    )
+    return evidence, (free, by_betas)
+
+
 def _joint_equations(
-    sample: SkinSample, shaped: Shaped, frames: Frames, target: Tensor
+    sample: SkinSample, shaped: Shaped, frames: Frames, target: Tensor, scale: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Normal equations of the betas and, frame after frame, the 69 unknowns of the poses."""
+    """Normal equations (B, 79, 79) and (B, 79) of the betas and each pose, float64.
+
+    `scale` (N,) is the square root of the weights.
+    """
     shapes, count = len(sample.smpl.shapedirs), len(target)
     shifts = _shifts_by_betas(sample, frames)
-    size = shapes + count * _POSE_UNKNOWNS
-    curvature, pull = target.new_zeros(size, size), target.new_zeros(size)
+    size = shapes + _POSE_UNKNOWNS
+    curvature = target.new_zeros(count, size, size, dtype=torch.float64)
+    pull = curvature.new_zeros(count, size)
     parents = torch.tensor(sample.parents).clamp_min(0)
     for patch in sample.patches:
-        scale = target.new_ones(patch.weights.shape[1])
-        posed, jacobian = linearise(patch, shaped, frames, frames.features, scale, parents)
-        by_shape = _by_betas(sample, patch, frames, shifts).flatten(2)
-        residual = (target[:, :, patch.vertices] - posed).flatten(1)
+        own = scale[patch.vertices]
+        posed, jacobian = linearise(patch, shaped, frames, frames.features, own, parents)
+        by_shape = (_by_betas(sample, patch, frames, shifts) * own).flatten(2)
+        residual = (target[:, :, patch.vertices] * own - posed).flatten(1)
         unknowns = torch.cat([patch.joints, torch.tensor([N_JOINTS])])
         of_pose = (3 * unknowns[:, None] + torch.arange(3)).flatten()
-        for frame in range(count):
-            places = torch.cat([torch.arange(shapes), shapes + frame * _POSE_UNKNOWNS + of_pose])
-            rows = torch.cat([by_shape[frame], jacobian[frame].flatten(2).flatten(0, 1)])
-            curvature[places[:, None], places] += rows @ rows.T
-            pull[places] += rows @ residual[frame]
+        places = torch.cat([torch.arange(shapes), shapes + of_pose])
+        rows = torch.cat([by_shape, jacobian.flatten(3).flatten(1, 2)], 1)
+        curvature[:, places[:, None], places] += rows @ rows.mT
+        pull[:, places] += (rows @ residual[..., None])[..., 0]
     return curvature, pull
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,11 +37,10 @@ def jump(body):
 
 def recovered(smpl, jump, settings):
     """R2 of the offsets and mean pose error in degrees."""
-    meshes, offsets, theta, true_betas = jump
+    meshes, offsets, theta, _ = jump
     betas, (found,) = align_sequences(smpl, [meshes], [0], settings)
-    np.testing.assert_allclose(betas[0], true_betas, atol=1e-3)
     pose, trans = (torch.from_numpy(part.copy()) for part in unpack_theta(found))
-    shapes = torch.from_numpy(betas).expand(FRAMES, -1)
+    shapes = torch.from_numpy(betas).expand(len(meshes), -1)
     ours, _ = rest_pose_offsets(smpl, torch.from_numpy(meshes), shapes, pose, trans)
     true_pose = torch.from_numpy(unpack_theta(theta)[0].copy())
     between = axis_angle_to_matrix(pose).mT @ axis_angle_to_matrix(true_pose)
@@ -50,13 +50,58 @@ def recovered(smpl, jump, settings):
 
 def test_dynamics_are_given_back(smpl, jump):
     r2, error_deg = recovered(smpl, jump, SETTINGS)
-    assert r2 > 0.97
-    assert error_deg < 0.3
+    assert r2 > 0.99
+    assert error_deg < 0.15
 
 
-def test_inertia_is_what_does_it(smpl, jump):
-    by_weights_alone = RobustSettings(**{**vars(SETTINGS), "inertia": False})
-    assert recovered(smpl, jump, by_weights_alone)[0] < recovered(smpl, jump, SETTINGS)[0] - 0.02
+def test_shape_is_corrected_for_what_hangs(smpl, jump):
+    meshes, *_, true_betas = jump
+    found, _ = align_sequences(smpl, [meshes], [0], SETTINGS)
+    of_frame_1, _ = align_sequences(smpl, [meshes], [0], replace(SETTINGS, correct_shape=False))
+    # Her tissue hangs in every frame, and the law does not know everything about how.
+    np.testing.assert_allclose(found[0], true_betas, atol=0.02)
+    assert np.abs(found - true_betas).max() < np.abs(of_frame_1 - true_betas).max() / 4
+
+
+@pytest.mark.parametrize(("term", "at_least"), [("inertia", 0.02), ("gravity", 0.001)])
+def test_each_load_does_something(smpl, jump, term, at_least):
+    without = replace(SETTINGS, **{term: False})
+    assert recovered(smpl, jump, without)[0] < recovered(smpl, jump, SETTINGS)[0] - at_least
+
+
+@pytest.fixture(scope="module")
+def held(body, jump):
+    """Poses that are held, upright and in any other orientation, each a sequence of its own."""
+    double, betas = body_in_double(body), jump[3]
+    generator = np.random.default_rng(1)
+    theta = np.zeros((8, 69))
+    theta[:, :3] = 1.5 * generator.standard_normal((8, 3))
+    theta[0, :3] = 0
+    theta[:, 48:66] = 0.5 * generator.standard_normal((8, 18))
+    simulator = TissueSimulator(double, betas)
+    still = np.repeat(theta[:, None], 3, axis=1)
+    offsets = np.stack([simulator.offsets(motion, 60.0) for motion in still])
+    meshes = [posed_meshes(double, betas, *one) for one in zip(still, offsets, strict=True)]
+    return meshes, offsets, theta
+
+
+def test_a_body_that_hangs_still_is_found_in_any_orientation(smpl, held):
+    """Nothing moves, so only gravity can tell what is flesh and what is pose."""
+    meshes, offsets, theta = held
+
+    def wrong(settings):
+        betas, found = align_sequences(smpl, meshes, [0] * len(meshes), settings)
+        shapes = torch.from_numpy(betas)
+        squares = 0.0
+        for mesh, own, true in zip(meshes, found, offsets, strict=True):
+            pose, trans = (torch.from_numpy(part[:1].copy()) for part in unpack_theta(own))
+            ours, _ = rest_pose_offsets(smpl, torch.from_numpy(mesh[:1]), shapes, pose, trans)
+            squares += np.square(ours.numpy() - true[:1]).sum()
+        return squares / np.square(offsets[:, 0]).sum()
+
+    # Eight poses say little about how each vertex stiffens.
+    assert wrong(SETTINGS) < 0.1
+    assert wrong(replace(SETTINGS, gravity=False)) > 0.3
 
 
 def test_results_do_not_depend_on_the_number_of_cores(smpl, jump, monkeypatch):
@@ -72,5 +117,5 @@ def test_results_do_not_depend_on_the_number_of_cores(smpl, jump, monkeypatch):
 def test_a_lone_frame_is_aligned(smpl, jump):
     few = RobustSettings(vertices=300, steps=3, calibration_frames=8, calibration_rounds=1)
     betas, (theta,) = align_sequences(smpl, [jump[0][:1]], [0], few)
-    np.testing.assert_allclose(betas[0], jump[3], atol=1e-3)
-    np.testing.assert_allclose(theta[0], jump[2][0], atol=1e-3)
+    np.testing.assert_allclose(betas[0], jump[3], atol=0.2)
+    np.testing.assert_allclose(theta[0], jump[2][0], atol=0.02)

@@ -45,7 +45,7 @@ def test_artifact_has_the_contracts_arrays_and_what_was_learned(config):
         "theta": (58, 69),
         "offsets": (58, 6890, 3),
         "frame_error": (58,),
-        "compliance": (2, size),
+        "compliance": (2, 4, size),
         "deviation": (2, size),
         "sample_vertices": (size,),
     }

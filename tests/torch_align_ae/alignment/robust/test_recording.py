@@ -3,10 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from torch_align_ae.alignment.robust.recording import (
     FrameWindow,
     MeshRecording,
+    accelerations,
     spread_clips,
     windows,
 )
@@ -18,6 +21,10 @@ def recording(frames: np.ndarray, fps: float = 60.0) -> MeshRecording:
         return frames[start:stop]
 
     return MeshRecording(read, len(frames), fps)
+
+
+def planar(meshes: torch.Tensor) -> torch.Tensor:
+    return meshes.transpose(1, 2)
 
 
 def falling(length: int) -> np.ndarray:
@@ -32,26 +39,51 @@ def falling(length: int) -> np.ndarray:
 @pytest.mark.parametrize(("start", "stop"), [(0, 20), (0, 1), (19, 20), (5, 9), (0, 2), (18, 20)])
 def test_accelerations_are_per_second_squared(start, stop):
     frames = falling(20)
-    meshes, acceleration = recording(frames).meshes(start, stop)
+    meshes, vertices, acceleration, jerk = recording(frames).moving(start, stop, planar)
     np.testing.assert_allclose(meshes, frames[start:stop])
-    expected = np.zeros((stop - start, 2, 3))
-    expected[:, 0, 1] = -9.81
+    np.testing.assert_allclose(vertices, frames[start:stop].transpose(0, 2, 1))
+    expected = np.zeros((stop - start, 3, 2))
+    expected[:, 1, 0] = -9.81
     np.testing.assert_allclose(acceleration, expected, atol=1e-8)
+    np.testing.assert_allclose(jerk, np.zeros_like(expected), atol=1e-6)
 
 
-@pytest.mark.parametrize("length", [1, 2, 3])
+def test_jerk_is_the_change_of_the_acceleration():
+    time_s = np.arange(20) / 60
+    frames = np.zeros((20, 2, 3))
+    frames[:, 1, 2] = 5 * time_s**3
+    *_, jerk = recording(frames).moving(6, 12, planar)
+    expected = np.zeros((6, 3, 2))
+    expected[:, 2, 1] = 30
+    np.testing.assert_allclose(jerk, expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("length", range(1, 8))
 def test_short_sequences(length):
-    meshes, acceleration = recording(falling(length)).meshes(0, length)
-    assert meshes.shape == acceleration.shape == (length, 2, 3)
-    assert torch.isfinite(acceleration).all()
-    assert bool(acceleration.any()) == (length == 3)
+    frames, *seen = recording(falling(length)).moving(0, length, planar)
+    assert frames.shape == (length, 2, 3)
+    assert all(part.shape == (length, 3, 2) for part in seen)
+    assert all(torch.isfinite(part).all() for part in seen)
+    assert bool(seen[1].any()) == (length >= 3)
+
+
+@given(st.integers(0, 10), st.integers(1, 11))
+def test_parts_of_a_sequence_are_those_of_the_whole(start, count):
+    frames = np.random.default_rng(0).normal(size=(11, 2, 3))
+    stop = min(start + count, 11)
+    _, *whole = recording(frames).moving(0, 11, planar)
+    _, *part = recording(frames).moving(start, stop, planar)
+    for ours, all_of_it in zip(part, whole, strict=True):
+        np.testing.assert_array_equal(ours, all_of_it[start:stop])
 
 
 def test_ends_take_their_neighbours_acceleration():
-    frames = np.random.default_rng(0).normal(size=(6, 2, 3))
-    _, acceleration = recording(frames).meshes(0, 6)
-    torch.testing.assert_close(acceleration[0], acceleration[1])
-    torch.testing.assert_close(acceleration[-1], acceleration[-2])
+    frames = torch.randn(6, 2, 3, generator=torch.Generator().manual_seed(0))
+    found = accelerations(frames, 60.0)
+    torch.testing.assert_close(found[0], found[1])
+    torch.testing.assert_close(found[-1], found[-2])
+    torch.testing.assert_close(found[1], 3600 * (frames[2] - 2 * frames[1] + frames[0]))
+    torch.testing.assert_close(found[2], 900 * (frames[4] - 2 * frames[2] + frames[0]))
 
 
 def test_windows_cover_every_frame_once():

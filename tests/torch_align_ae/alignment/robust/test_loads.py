@@ -1,0 +1,70 @@
+"""The terms of the law against what they are for a body that stands, turns and falls."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from torch_align_ae.alignment.robust.loads import GRAVITY_M_S2, Loads, Observed
+from torch_align_ae.alignment.robust.settings import RobustSettings
+
+ALONE = RobustSettings(stiffening=False, coupling=False, damping=False)
+
+
+@pytest.fixture(scope="module")
+def load_of(sample, betas, lively, as_pose):
+    """The loads (K, 3, 3, N) of three poses that are held or whose vertices move alike."""
+
+    def of(settings, acceleration=(0.0, 0.0, 0.0), *, upright=False):
+        pose, trans = lively(3)
+        frames = sample.frames(sample.shaped(betas), as_pose(0 * pose if upright else pose, trans))
+        moving = torch.tensor(acceleration)[None, :, None].expand(3, 3, len(sample))
+        seen = Observed(torch.zeros_like(moving), moving, moving, 2 * moving)
+        return Loads.of(sample, settings).terms(seen, frames.turn), frames
+
+    return of
+
+
+def test_an_upright_body_that_stands_carries_nothing(load_of):
+    assert load_of(RobustSettings(), upright=True)[0].abs().max() < 1e-5
+
+
+def test_a_turned_limb_carries_the_difference_of_gravity(load_of, sample):
+    (load,), frames = load_of(ALONE)
+    blended = torch.einsum("bkxy,kn->bxyn", frames.turn, sample.weights)
+    gravity = torch.tensor([0.0, -GRAVITY_M_S2, 0.0])
+    expected = torch.einsum("bxyn,y->bxn", blended, gravity) - gravity[:, None]
+    torch.testing.assert_close(load, expected, rtol=0, atol=1e-5)
+    assert load.norm(dim=1).max() > 10
+
+
+def test_free_fall_takes_gravity_off(load_of):
+    """What falls carries only what held its tissue up at rest, turned with the limb."""
+    (load,), _ = load_of(ALONE, (0.0, -GRAVITY_M_S2, 0.0), upright=True)
+    expected = torch.tensor([0.0, -GRAVITY_M_S2, 0.0])[None, :, None].expand_as(load)
+    torch.testing.assert_close(load, expected, rtol=0, atol=1e-5)
+
+
+def test_gravity_may_be_left_out(load_of):
+    (load,), _ = load_of(replace(ALONE, gravity=False), (1.0, 2.0, 3.0))
+    expected = torch.tensor([1.0, 2.0, 3.0])[None, :, None].expand_as(load)
+    torch.testing.assert_close(load, expected)
+
+
+def test_every_term_may_be_left_out(load_of):
+    assert len(load_of(RobustSettings())[0]) == 4
+    for name in ("stiffening", "coupling", "damping"):
+        assert len(load_of(replace(RobustSettings(), **{name: False}))[0]) == 3
+    assert len(load_of(RobustSettings(inertia=False))[0]) == 0
+
+
+def test_stiffening_bends_and_coupling_averages(load_of):
+    without = replace(RobustSettings(), gravity=False)
+    (small, bent, around, late), _ = load_of(without, (0.1, 0.0, 0.0))
+    torch.testing.assert_close(bent, small, rtol=1e-4, atol=0)
+    torch.testing.assert_close(around, small, rtol=1e-4, atol=1e-6)
+    torch.testing.assert_close(late, -2 * small)
+    (large, bent, *_), _ = load_of(without, (100.0, 0.0, 0.0))
+    assert (bent[:, 0] < 0.05 * large[:, 0]).all()
