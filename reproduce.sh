@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # One command from body model to report; see README.md.
-#   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--aligner sgd|robust]
+#   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--aligner sgd|robust|both]
 #                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR]]      (licensed files: docs/data.md)
 #   ./reproduce.sh setup                the environment alone
@@ -91,7 +91,8 @@ run_stages() {
                 corpus=(--gender "$2")
                 ;;
             --aligner)
-                [[ $2 == sgd || $2 == robust ]] || refuse "--aligner $2; expected sgd or robust."
+                [[ $2 == sgd || $2 == robust || $2 == both ]] ||
+                    refuse "--aligner $2; expected sgd, robust or both."
                 align+=(--aligner "$2")
                 ;;
             --smpl)

@@ -79,8 +79,9 @@ def test_absolute_paths_and_repeated_options(reproduce: Reproduce, tmp_path: Pat
 
 
 def test_aligner_is_handed_on(reproduce: Reproduce) -> None:
-    called = stages(reproduce("--aligner", "robust"))
-    assert called.pop("align").endswith("--aligner robust")
+    for aligner in ("sgd", "robust", "both"):
+        called = stages(reproduce("--aligner", aligner))
+        assert called.pop("align").endswith(f"--aligner {aligner}")
     assert not any("aligner" in options for options in called.values())
 
 
@@ -107,7 +108,7 @@ def test_men_are_a_run_of_their_own(reproduce: Reproduce) -> None:
         (["--amass", "nowhere"], "nowhere does not exist"),
         (["--smpl"], "--smpl needs a value"),
         (["--dynamics"], "unknown option --dynamics"),
-        (["--aligner", "x"], "--aligner x; expected sgd or robust"),
+        (["--aligner", "x"], "--aligner x; expected sgd, robust or both"),
     ],
 )
 def test_slips_are_told_before_anything_runs(

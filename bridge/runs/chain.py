@@ -10,6 +10,9 @@ from bridge.runs.artifact import Artifact, read_artifact
 from bridge.runs.digests import cached_sha256
 from bridge.runs.folders import is_finished
 
+# Artifacts that are not named after the command that makes them.
+_MADE_BY = {"truth": "corpus", "align_robust": "align"}
+
 
 class Chain:
     """Compares the digests of what stages were made from with what lies in a run's folder.
@@ -73,4 +76,4 @@ class Chain:
 
 def command_of(stage: str) -> str:
     """The command that makes a stage."""
-    return "corpus" if stage == "truth" else stage
+    return _MADE_BY.get(stage, stage)

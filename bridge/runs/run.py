@@ -16,6 +16,10 @@ from bridge.runs.folders import MANIFEST, is_finished, is_unsettled, runs_root, 
 from bridge.runs.locks import exclusive
 from bridge.runs.writer import ArtifactWriter
 
+ALIGNMENT = "align"
+# Beside the paper's aligner's, of the same meshes.
+ROBUST_ALIGNMENT = "align_robust"
+
 
 class Run:
     """One run's folder and the artifacts in it."""
@@ -155,6 +159,28 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
     return str(value) if isinstance(value, Path) else value
+
+
+def best_alignment(run: Run) -> Artifact:
+    """What the robust aligner made of the run's meshes: beside the paper's alignment or in its
+    place.
+
+    Raises
+    ------
+    DsnetError
+        If only the paper's aligner was used, or none, or what it was made from is newer.
+    """
+    if run.finished(ROBUST_ALIGNMENT):
+        return run.artifact(ROBUST_ALIGNMENT)
+    if run.finished(ALIGNMENT):
+        align = run.artifact(ALIGNMENT)
+        if align.manifest.get("aligner") == "robust":
+            return align
+    raise DsnetError(
+        f"run {run.name!r} without an alignment by the robust aligner",
+        f"a finished {ROBUST_ALIGNMENT!r} in {run.path}",
+        f"Run `dsnet align --aligner both --run {run.name}` first.",
+    )
 
 
 def body_model_path(run: Run) -> Path:

@@ -11,6 +11,7 @@ STAGES = (
     "corpus",
     "truth",
     "align",
+    "align_robust",
     "train-ae",
     "encode",
     "train",

@@ -19,6 +19,7 @@ STAGES = [
     "corpus",
     "truth",
     "align",
+    "align_robust",
     "train-ae",
     "encode",
     "train",

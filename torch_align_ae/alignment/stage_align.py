@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Literal
 
@@ -12,8 +12,8 @@ from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
 from bridge.motion.splits import splits_of_names
 from bridge.options import NonNegativeFloat, NonNegativeInt, PositiveFloat
-from bridge.runs import Artifact, Run
-from bridge.runs.run import corpus_body_path
+from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, corpus_body_path
 from torch_align_ae.alignment.paper.corpus_fit import CorpusFit, Effort
 from torch_align_ae.alignment.paper.sgd import Descent
 from torch_align_ae.alignment.robust import RobustSettings
@@ -22,14 +22,14 @@ from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import FPS, DynaEntry, DynaReader
 from torch_align_ae.corpus.dyna_layout import of_one_gender
 
-STAGE = "align"
+Aligner = Literal["sgd", "robust"]
 
 
 @dataclass(frozen=True)
 class AlignConfig:
     """Align SMPL to every mesh and take the offsets off in the rest pose (Section 3.3, Eq. 5).
 
-    Costs 0.4 to 0.9 ms of one core per frame and step; memory does not grow with the
+    SGD costs 0.4 to 0.9 ms of one core per frame and step; memory does not grow with the
     corpus. Gives `betas`, `theta`, `offsets` and `frame_error`.
     """
 
@@ -39,8 +39,9 @@ class AlignConfig:
     """SMPL model file (.npz or .pkl), given together with `dyna`."""
     dyna: tuple[Path, ...] = ()
     """Dyna or D-FAUST HDF5 files, given together with `smpl`."""
-    aligner: Literal["sgd", "robust"] = "sgd"
-    """Method: `sgd` is the paper's; `robust` keeps the pose from swallowing the dynamics."""
+    aligner: Literal["sgd", "robust", "both"] = "both"
+    """Method: `sgd` is the paper's; `robust` keeps the pose from swallowing the dynamics. `both`
+    makes the paper's `align` and, beside it, `align_robust`."""
     robust: RobustSettings = field(default_factory=RobustSettings)
     """Settings of `robust`; those below are `sgd`'s."""
     steps: NonNegativeInt = 140
@@ -59,10 +60,42 @@ class AlignConfig:
 
 
 PROFILES: dict[str, AlignConfig] = {
-    "smoke": AlignConfig(run="smoke", steps=30, first_frame_steps=300, shape_steps=1000),
+    "smoke": AlignConfig(
+        run="smoke",
+        steps=30,
+        first_frame_steps=300,
+        shape_steps=1000,
+        robust=RobustSettings.fast(),
+    ),
     "demo": AlignConfig(run="demo"),
     "paper": AlignConfig(run="paper", steps=400, first_frame_steps=5000, shape_steps=20_000),
 }
+
+
+@dataclass(frozen=True)
+class SgdRecord:
+    """What decides whether an artifact of the paper's aligner is current."""
+
+    aligner: Aligner
+    smpl: Path | None
+    dyna: tuple[Path, ...]
+    validation: tuple[str, ...]
+    steps: int
+    first_frame_steps: int
+    shape_steps: int
+    lr: float
+    momentum: float
+
+
+@dataclass(frozen=True)
+class RobustRecord:
+    """What decides whether an artifact of the robust aligner is current."""
+
+    aligner: Aligner
+    smpl: Path | None
+    dyna: tuple[Path, ...]
+    validation: tuple[str, ...]
+    robust: RobustSettings
 
 
 def main(config: AlignConfig) -> None:
@@ -78,17 +111,49 @@ def main(config: AlignConfig) -> None:
     data = load_body_model(smpl_path)
     with DynaReader(dyna_paths) as reader:
         sequences = _sequences(of_one_gender(reader.entries, data.gender), config.validation)
-        fit = _aligner(config, SMPL(data), reader, sequences)
-        run.build(STAGE, config, fit.write, data=data.source, upstream=upstream)
+        for name, aligner in _artifacts(config.aligner).items():
+            fit = _aligner(config, aligner, SMPL(data), reader, sequences)
+            record = _record(config, aligner)
+            run.build(name, record, _Signed(fit, aligner), data=data.source, upstream=upstream)
+
+
+def _artifacts(aligner: Literal["sgd", "robust", "both"]) -> dict[str, Aligner]:
+    """Artifacts to make, in order, and who makes each."""
+    if aligner == "both":
+        return {ALIGNMENT: "sgd", ROBUST_ALIGNMENT: "robust"}
+    return {ALIGNMENT: aligner}
 
 
 def _aligner(
-    config: AlignConfig, smpl: SMPL, reader: DynaReader, sequences: list[MotionSequence]
+    config: AlignConfig,
+    aligner: Aligner,
+    smpl: SMPL,
+    reader: DynaReader,
+    sequences: list[MotionSequence],
 ) -> CorpusFit | RobustCorpusFit:
-    if config.aligner == "robust":
+    if aligner == "robust":
         return RobustCorpusFit(smpl, reader, sequences, config.robust)
     effort = Effort(config.steps, config.first_frame_steps, config.shape_steps)
     return CorpusFit(smpl, reader, sequences, effort, Descent(config.lr, config.momentum))
+
+
+def _record(config: AlignConfig, aligner: Aligner) -> SgdRecord | RobustRecord:
+    """The options that this aligner reads: the other one's do not make its artifact old."""
+    kind = RobustRecord if aligner == "robust" else SgdRecord
+    named = {field.name for field in fields(kind)} - {"aligner"}
+    return kind(aligner=aligner, **{name: getattr(config, name) for name in named})
+
+
+@dataclass(frozen=True)
+class _Signed:
+    """An aligner that writes its name into the manifest."""
+
+    fit: CorpusFit | RobustCorpusFit
+    aligner: Aligner
+
+    def __call__(self, writer: ArtifactWriter) -> None:
+        self.fit.write(writer)
+        writer.record(aligner=self.aligner)
 
 
 def _inputs(

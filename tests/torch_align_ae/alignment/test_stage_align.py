@@ -2,17 +2,23 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import shutil
 
 import h5py
 import numpy as np
 import pytest
 import torch
 
+from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of, unpack_theta
 from bridge.runs import Run
+from bridge.runs.run import best_alignment
+from bridge.runs.stage_check import CheckConfig
+from bridge.runs.stage_check import main as check
 from torch_align_ae.alignment.paper import corpus_fit, tracking
 from torch_align_ae.alignment.robust import RobustSettings
+from torch_align_ae.alignment.robust.corpus_fit import RobustCorpusFit
 from torch_align_ae.alignment.stage_align import PROFILES, AlignConfig, main
 from torch_align_ae.corpus.dyna_files import write_dyna
 
@@ -30,6 +36,7 @@ def config(corpus):
         run="t",
         smpl=folder / "SMPL_FEMALE.npz",
         dyna=(folder / "dyna.h5",),
+        aligner="sgd",
         steps=4,
         first_frame_steps=20,
         shape_steps=20,
@@ -231,4 +238,87 @@ def test_a_frame_that_is_no_body_is_named_wherever_it_is(
 
 def test_profiles():
     assert set(PROFILES) == {"smoke", "demo", "paper"}
-    assert {(p.lr, p.momentum, p.aligner) for p in PROFILES.values()} == {(1e-4, 0.9, "sgd")}
+    assert {(p.lr, p.momentum, p.aligner) for p in PROFILES.values()} == {(1e-4, 0.9, "both")}
+
+
+@pytest.fixture
+def of_both(config):
+    few = RobustSettings(vertices=300, steps=3, calibration_frames=16, calibration_rounds=3)
+    return dataclasses.replace(config, aligner="both", robust=few)
+
+
+def test_both_aligners_of_the_same_meshes(runs, config, of_both):
+    main(of_both)
+    run = Run("t")
+    paper, robust = run.artifact("align"), run.artifact("align_robust")
+    assert (paper.manifest["aligner"], robust.manifest["aligner"]) == ("sgd", "robust")
+    assert sequences_of(paper) == sequences_of(robust)
+    assert paper.manifest["upstream"] == robust.manifest["upstream"]
+    main(dataclasses.replace(config, run="alone"))
+    assert not Run("alone").finished("align_robust")
+    alone = Run("alone").artifact("align")
+    assert alone.content_sha256 == paper.content_sha256
+    main(dataclasses.replace(of_both, run="robust", aligner="robust"))
+    assert not Run("robust").finished("align_robust")
+    in_its_place = Run("robust").artifact("align")
+    np.testing.assert_array_equal(in_its_place.array("theta"), robust.array("theta"))
+
+
+def test_each_aligners_options_concern_its_own_artifact(runs, of_both, monkeypatch):
+    main(of_both)
+    made = []
+    for fit in (corpus_fit.CorpusFit, RobustCorpusFit):
+        write = fit.write
+
+        def noted(self, writer, write=write):
+            made.append(type(self).__name__)
+            write(self, writer)
+
+        monkeypatch.setattr(fit, "write", noted)
+    main(of_both)
+    assert made == []
+    main(dataclasses.replace(of_both, steps=5))
+    assert made == ["CorpusFit"]
+    main(dataclasses.replace(of_both, steps=5, robust=RobustSettings.fast()))
+    assert made == ["CorpusFit", "RobustCorpusFit"]
+    main(dataclasses.replace(of_both, steps=5, aligner="sgd"))
+    assert made == ["CorpusFit", "RobustCorpusFit"]
+
+
+def test_what_the_first_has_finished_is_not_done_again(runs, of_both, monkeypatch):
+    with monkeypatch.context() as broken:
+        broken.setattr(RobustCorpusFit, "write", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            main(of_both)
+    assert Run("t").finished("align")
+    assert not Run("t").finished("align_robust")
+    monkeypatch.setattr(corpus_fit.CorpusFit, "write", lambda *_: pytest.fail("aligned again"))
+    main(of_both)
+    assert Run("t").finished("align_robust")
+
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+
+def test_best_alignment_is_the_robust_aligners(runs, config, of_both):
+    with pytest.raises(DsnetError, match=r"`dsnet align --aligner both --run t`"):
+        best_alignment(Run("t"))
+    main(config)
+    with pytest.raises(DsnetError, match=r"`dsnet align --aligner both --run t`"):
+        best_alignment(Run("t"))
+    main(of_both)
+    assert best_alignment(Run("t")).path.name == "align_robust"
+    main(dataclasses.replace(of_both, run="u", aligner="robust"))
+    assert best_alignment(Run("u")).path.name == "align"
+
+
+def test_a_newer_corpus_asks_for_one_command(runs, of_both, tmp_path):
+    body_model = tmp_path / "body.npz"
+    shutil.copy(of_both.smpl, body_model)
+    main(dataclasses.replace(of_both, smpl=body_model))
+    load_body_model("embedded:male").save_smpl_npz(body_model)
+    with pytest.raises(
+        DsnetError, match=r"stages align, align_robust are older .*Run `dsnet align --run t` again"
+    ):
+        check(CheckConfig("t"))

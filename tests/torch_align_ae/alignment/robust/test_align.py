@@ -82,12 +82,12 @@ def held(body, jump):
     still = np.repeat(theta[:, None], 3, axis=1)
     offsets = np.stack([simulator.offsets(motion, 60.0) for motion in still])
     meshes = [posed_meshes(double, betas, *one) for one in zip(still, offsets, strict=True)]
-    return meshes, offsets, theta
+    return meshes, offsets
 
 
 def test_a_body_that_hangs_still_is_found_in_any_orientation(smpl, held):
     """Nothing moves, so only gravity can tell what is flesh and what is pose."""
-    meshes, offsets, theta = held
+    meshes, offsets = held
 
     def wrong(settings):
         betas, found = align_sequences(smpl, meshes, [0] * len(meshes), settings)
