@@ -15,7 +15,12 @@ from bridge.runs.worker_pool import WorkerPool
 from torch_align_ae.alignment.robust.gauss_newton import fit_poses
 from torch_align_ae.alignment.robust.initial_pose import initial_pose
 from torch_align_ae.alignment.robust.loads import Loads, Observed
-from torch_align_ae.alignment.robust.recording import MeshRecording, spread_clips
+from torch_align_ae.alignment.robust.recording import (
+    MeshRecording,
+    noise_variance,
+    shared_noise,
+    spread_clips,
+)
 from torch_align_ae.alignment.robust.sample import Pose, Shaped, SkinSample
 from torch_align_ae.alignment.robust.settings import RobustSettings
 from torch_align_ae.alignment.robust.shape import ShapeEvidence, fit_shape, shape_evidence
@@ -70,7 +75,8 @@ def calibrate(
     def gather(sample: SkinSample, batch: _Batch) -> Evidence:
         displacement = batch.seen.vertices - sample.positions(shaped, batch.pose)
         turn = sample.frames(shaped, batch.pose).turn
-        return Evidence.of(displacement, loads.terms(batch.seen, turn))
+        terms = loads.terms(batch.seen, turn)
+        return Evidence.of(displacement, terms).less_noise(noise * loads.noise_in_common(terms))
 
     def improve(sample: SkinSample, batch: _Batch) -> Evidence:
         batch.pose = fit_unloaded(sample, loads, shaped, tissue, batch.seen, batch.pose, 1)
@@ -82,7 +88,10 @@ def calibrate(
         return shape_evidence(sample, shaped, batch.pose, target, weights)
 
     precision = settings.precision_m
-    batches = list(pool.map(start, _calibration_frames(loads, recordings, settings)))
+    clips = _calibration_clips(loads, recordings, settings)
+    noise = _noise(loads, clips, recordings[0].fps)
+    seen = Observed(*(torch.cat(parts) for parts in zip(*clips, strict=True)))
+    batches = list(pool.map(start, seen.split(BATCH)))
     evidence = reduce(add, pool.map(gather, batches))
     tissue = evidence.revise(Tissue.unknown(evidence.pull.shape[1], sample.weights))
     for turn in range(settings.calibration_rounds):
@@ -111,15 +120,20 @@ def fit_unloaded(
     return pose
 
 
-def _calibration_frames(
+def _calibration_clips(
     loads: Loads, recordings: Sequence[MeshRecording], settings: RobustSettings
 ) -> list[Observed]:
-    """Clips spread over all recordings, in batches."""
-    clips = [
+    """Consecutive frames, spread over all recordings."""
+    return [
         loads.observe(recording, start, stop)[1]
         for recording, start, stop in spread_clips(recordings, settings.calibration_frames)
     ]
-    return Observed(*(torch.cat(parts) for parts in zip(*clips, strict=True))).split(BATCH)
+
+
+def _noise(loads: Loads, clips: Sequence[Observed], fps: float) -> float:
+    """`shared_noise` of the clip in the middle: some hardly move, some violently."""
+    found = [noise_variance(clip.vertices, loads.around) for clip in clips]
+    return shared_noise(float(np.median(found)), fps)
 
 
 def _shape_frames(

@@ -110,3 +110,22 @@ class Loads:
         load = acceleration - GRAVITY_M_S2 * upward
         load[:, 1] += GRAVITY_M_S2
         return load
+
+    def noise_in_common(self, terms: Tensor) -> Tensor:
+        """(K, N) share of each term in which a vertex's own noise appears as in its acceleration.
+
+        Summed over frames. The derivative of the bend of stiffening is passed over: noise is small
+        beside the loads that bend it.
+        """
+        frames = terms.shape[1]
+        if not len(terms):
+            return terms.new_zeros(0, terms.shape[-1])
+        shares = [terms.new_full((terms.shape[-1],), float(frames))]
+        if self.settings.stiffening:
+            squared = terms[0].square().sum(1)
+            shares.append((1 / (1 + squared / _BEND_M_S2**2)).sum(0))
+        if self.settings.coupling:
+            shares.append(frames * self.around.diagonal())
+        if self.settings.damping:
+            shares.append(torch.zeros_like(shares[0]))
+        return torch.stack(shares)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -14,6 +15,9 @@ from torch import Tensor
 _CLIP = 8
 # An acceleration looks two frames to either side, its change one more.
 _MARGIN = 3
+_DIFFERENCES = 4
+# Of the absolute value, at unit variance.
+_MEDIAN_OF_NORMAL = 0.6745
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,33 @@ def accelerations(frames: Tensor, fps: float) -> Tensor:
             result[step:-step] = inner
     result[0], result[-1] = result[1:2].sum(0), result[-2:-1].sum(0)
     return result
+
+
+def noise_variance(frames: Tensor, around: Tensor) -> float:
+    """Variance, m^2, of what differs from frame to frame in each coordinate of each vertex.
+
+    Fourth differences, whose noise has 70 times its variance, less their mean over the skin
+    around, in which smooth motion is and noise is not. The median forgives what is left of it.
+
+    Parameters
+    ----------
+    frames : (n, 3, N) consecutive frames; fewer than five tell nothing.
+    around : (N, N) weights of that mean.
+    """
+    if len(frames) < _DIFFERENCES + 1:
+        return 0.0
+    rough = frames.diff(n=_DIFFERENCES, dim=0)
+    rough = rough - rough @ around
+    return float((rough.abs().median() / _MEDIAN_OF_NORMAL) ** 2) / math.comb(8, 4)
+
+
+def shared_noise(variance_m2: float, fps: float) -> float:
+    """m^2/s^2: expected -(noise . acceleration) of one frame of a vertex, three coordinates.
+
+    The acceleration holds -2 S_t / (2 dt)^2, and so the frame's own noise: a regression would
+    take that for softness, of bone too.
+    """
+    return 3 * 2 * (fps / 2) ** 2 * variance_m2
 
 
 @dataclass(frozen=True)

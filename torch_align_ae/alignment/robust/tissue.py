@@ -90,6 +90,10 @@ class Evidence:
             len(displacement),
         )
 
+    def less_noise(self, in_common: Tensor) -> Evidence:
+        """Without the products (K, N) of noise that displacement and terms have in common."""
+        return Evidence(self.gram, self.pull - in_common.mT, self.displacement, self.frames)
+
     def __add__(self, other: Evidence) -> Evidence:
         return Evidence(
             self.gram + other.gram,

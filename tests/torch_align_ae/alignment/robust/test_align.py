@@ -119,3 +119,13 @@ def test_a_lone_frame_is_aligned(smpl, jump):
     betas, (theta,) = align_sequences(smpl, [jump[0][:1]], [0], few)
     np.testing.assert_allclose(betas[0], jump[3], atol=0.2)
     np.testing.assert_allclose(theta[0], jump[2][0], atol=0.02)
+
+
+def test_noise_costs_little(smpl, jump):
+    """Half a millimetre of scanner noise: poses come from 400 vertices, noise from each alone."""
+    meshes, offsets, theta, betas = jump
+    noise = 5e-4 * np.random.default_rng(0).standard_normal(meshes.shape)
+    noisy = (meshes + noise).astype(np.float32), offsets + noise, theta, betas
+    r2, error_deg = recovered(smpl, noisy, SETTINGS)
+    assert r2 > 0.9
+    assert error_deg < 0.7

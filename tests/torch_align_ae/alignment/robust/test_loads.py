@@ -68,3 +68,18 @@ def test_stiffening_bends_and_coupling_averages(load_of):
     torch.testing.assert_close(late, -2 * small)
     (large, bent, *_), _ = load_of(without, (100.0, 0.0, 0.0))
     assert (bent[:, 0] < 0.05 * large[:, 0]).all()
+
+
+def test_terms_hold_so_much_of_a_vertexs_own_noise(sample):
+    """What each term's product with the noise is, as a share of the acceleration's."""
+    loads = Loads.of(sample, replace(RobustSettings(), gravity=False))
+    acceleration = 1e-3 * torch.randn(
+        2000, 3, len(sample), generator=torch.Generator().manual_seed(0)
+    )
+    jerk = torch.zeros_like(acceleration)
+    seen = Observed(jerk, acceleration, acceleration @ loads.around, jerk)
+    terms = loads.terms(seen, torch.eye(3).expand(2000, 22, 3, 3))
+    found = (terms * acceleration).sum((1, 2)) / acceleration.square().sum((0, 1)) * 2000
+    shares = loads.noise_in_common(terms)
+    torch.testing.assert_close(shares / 2000, found / 2000, rtol=0.02, atol=0.05)
+    assert loads.noise_in_common(terms[:0]).shape == (0, len(sample))

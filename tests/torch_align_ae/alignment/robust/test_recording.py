@@ -10,6 +10,8 @@ from torch_align_ae.alignment.robust.recording import (
     FrameWindow,
     MeshRecording,
     accelerations,
+    noise_variance,
+    shared_noise,
     spread_clips,
     windows,
 )
@@ -107,3 +109,22 @@ def test_a_lone_frame_is_a_clip():
     assert [(start, stop) for _, start, stop in spread_clips([recording(falling(1))], 96)] == [
         (0, 1)
     ]
+
+
+@pytest.mark.parametrize("noise_m", [1e-4, 1e-3])
+def test_noise_is_measured_beside_motion(noise_m):
+    """All vertices swing together by centimetres, each with noise of its own."""
+    time_s = torch.arange(40)[:, None, None] / 60
+    moving = 0.05 * torch.sin(20 * time_s).expand(40, 3, 60)
+    noise = noise_m * torch.randn(40, 3, 60, generator=torch.Generator().manual_seed(0))
+    around = torch.full((60, 60), 1 / 60)
+    assert noise_variance(moving, around) < 1e-14
+    found = noise_variance(moving + noise, around)
+    np.testing.assert_allclose(found, noise_m**2, rtol=0.1)
+    assert noise_variance(noise[:4], around) == 0
+
+
+def test_shared_noise_is_what_noise_and_its_acceleration_have_in_common():
+    noise = torch.randn(4000, 3, 5, generator=torch.Generator().manual_seed(0))
+    common = -(noise * accelerations(noise, 60.0)).sum(1).mean()
+    np.testing.assert_allclose(common, shared_noise(1.0, 60.0), rtol=0.02)

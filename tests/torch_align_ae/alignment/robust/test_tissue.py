@@ -94,3 +94,14 @@ def test_evidence_may_come_in_portions(first):
 def test_weights_fall_with_deviation():
     tissue = Tissue(torch.zeros(1, 3), torch.tensor([0.0, 1e-4, 1e-3]))
     torch.testing.assert_close(tissue.weights(1e-4), torch.tensor([1.0, 0.5, 1 / 101]))
+
+
+def test_noise_is_not_taken_for_softness():
+    """Bone that shakes in the scanner: its noise, and the noise that its acceleration holds."""
+    noise, other = frames(4000), frames(4000, seed=1)
+    terms = (other - noise)[None]
+    believed = Evidence.of(noise, terms)
+    assert believed.revise(Tissue.unknown(1, torch.zeros(5))).compliance_s2.min() > 0.3
+    in_common = torch.full((1, 5), 3.0 * 4000)
+    sober = believed.less_noise(in_common).revise(Tissue.unknown(1, torch.zeros(5)))
+    assert sober.compliance_s2.max() < 0.05
