@@ -120,13 +120,13 @@ run_stages() {
         refuse "--gender $gender with licensed files; expected one of the two. The body model of --smpl has its gender."
     [[ -n $run ]] || run=$profile$([[ $gender != male ]] || echo _male)
     local common=(--profile "$profile" --run "$run" --seed "$seed")
-    for stage in corpus align train-ae encode train predict decode evaluate report; do
+    for stage in corpus align train-ae encode train train-plus predict predict-plus decode evaluate report; do
         [[ $stage == corpus && -n $licensed ]] && continue
         echo "== dsnet $stage" >&2
         case $stage in
             corpus) .venv/bin/dsnet corpus "${common[@]}" ${corpus[@]+"${corpus[@]}"} ;;
             align) .venv/bin/dsnet align "${common[@]}" ${align[@]+"${align[@]}"} ;;
-            predict) .venv/bin/dsnet predict "${common[@]}" ${predict[@]+"${predict[@]}"} ;;
+            predict | predict-plus) .venv/bin/dsnet "$stage" "${common[@]}" ${predict[@]+"${predict[@]}"} ;;
             *) .venv/bin/dsnet "$stage" "${common[@]}" ;;
         esac
     done

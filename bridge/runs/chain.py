@@ -76,4 +76,4 @@ class Chain:
 
 def command_of(stage: str) -> str:
     """The command that makes a stage."""
-    return _MADE_BY.get(stage, stage)
+    return _MADE_BY.get(stage, stage.replace("_", "-"))

@@ -9,7 +9,7 @@ from bridge.body import BodyModelData
 from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.body.surface_operators import vertex_areas_m2
 
-FEATURES = ("depth", "girth", "mass")
+SHAPE_FEATURES = ("depth", "girth", "mass")
 _LEAST_DEPTH_M = 0.01
 
 

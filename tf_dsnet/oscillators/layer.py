@@ -8,6 +8,7 @@ import numpy as np
 
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import FPS, LARGEST_M, SWEEPS
+from bridge.tissue.shape import SHAPE_FEATURES
 from bridge.tissue.trained_plus import NODE_FIELDS, Weights
 from tf_dsnet.framework import Tensor, keras, tf
 
@@ -59,7 +60,7 @@ class OscillatorLayer(keras.layers.Layer):
         self._deviation = {
             name: self._weight(f"by_node_{name}", (count, 1)) for name in NODE_FIELDS
         }
-        self._slopes = self._weight("slopes", (3, 1))
+        self._slopes = self._weight("slopes", (len(SHAPE_FEATURES), 1))
         self._residual = self._weight("residual", (people, count, 1))
         self._taps = self._weight("taps", (taps,), 1.0 / taps)
 
