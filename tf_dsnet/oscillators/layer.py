@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Collection
 
 import numpy as np
 
@@ -21,15 +21,8 @@ START = {
     "gravity_gain": 1.0,
 }
 """Where training starts: firm flesh; the tissue's own numbers are found from the offsets."""
-
-
-class Body(NamedTuple):
-    """What a batch of B clips says of its people, nodes first."""
-
-    features: Tensor
-    """(K, B, 3) of `shape_features`."""
-    shares: Tensor
-    """(B, P) of `shares_of_people`."""
+_NOTHING = 1e-6
+"""What a coefficient that is left out is held at: too small to do anything."""
 
 
 class OscillatorLayer(keras.layers.Layer):
@@ -40,9 +33,12 @@ class OscillatorLayer(keras.layers.Layer):
     nodes : where they are, and their Laplacian.
     people : P known people.
     taps : how many frames of the load act on a step.
+    without : coefficients to leave out, of `NODE_FIELDS`, and "slopes": that shape tells nothing.
     """
 
-    def __init__(self, nodes: TissueNodes, people: int, taps: int) -> None:
+    def __init__(
+        self, nodes: TissueNodes, people: int, taps: int, without: Collection[str] = ()
+    ) -> None:
         super().__init__(name="oscillators")
         count = len(nodes)
         laplacian = nodes.laplacian
@@ -63,6 +59,15 @@ class OscillatorLayer(keras.layers.Layer):
         self._slopes = self._weight("slopes", (len(SHAPE_FEATURES), 1))
         self._residual = self._weight("residual", (people, count, 1))
         self._taps = self._weight("taps", (taps,), 1.0 / taps)
+        for name in without:
+            self._leave_out(name)
+
+    def _leave_out(self, name: str) -> None:
+        if name == "slopes":
+            self._slopes.trainable = False
+            return
+        self._base[name].assign([np.log(_NOTHING)])
+        self._base[name].trainable = self._deviation[name].trainable = False
 
     def _weight(self, name: str, shape: tuple[int, ...], value: float = 0.0) -> keras.Variable:
         start = keras.initializers.Constant(value)
@@ -77,7 +82,8 @@ class OscillatorLayer(keras.layers.Layer):
         inertia, gravity : (T + N - 1, K, B, 3) loads, m/s^2, from `N - 1` frames before the step's
             oldest tap to the newest of the last step.
         now, before : (K, B, 3) offsets to start from, metres.
-        features, shares : see `Body`.
+        features : (K, B, 3) of `shape_features`, of each clip's person.
+        shares : (B, P) of `shares_of_people`.
         """
         omega = self._omega(features, shares)
         square = 1 / FPS**2
@@ -137,8 +143,11 @@ class OscillatorLayer(keras.layers.Layer):
         soft = {"omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "wave_speed": 1e-2,
                 "inertia_gain": 3e-2, "gravity_gain": 3e-2}  # fmt: skip
         terms = [w * tf.reduce_mean(tf.square(self._deviation[n])) for n, w in soft.items()]
-        terms += [3e-2 * tf.reduce_sum(tf.square(self._base[f"{load}_gain"]))
-                  for load in ("inertia", "gravity")]  # fmt: skip
+        terms += [
+            3e-2 * tf.reduce_sum(tf.square(self._base[name]))
+            for name in ("inertia_gain", "gravity_gain")
+            if self._base[name].trainable
+        ]
         terms += [3e-3 * tf.reduce_mean(tf.square(tf.convert_to_tensor(self._residual)))]
         return tf.add_n(terms)
 

@@ -51,9 +51,30 @@ class PlusSettings:
     """Frames of the load that act on a step."""
     look_ahead: NonNegativeInt = 1
     """Frames by which the newest of them lies ahead of the step; 0 needs no later pose."""
+    gravity: bool = True
+    """Gravity among the loads."""
+    coupling: bool = True
+    """Neighbouring nodes pull at each other."""
+    stiffening: bool = True
+    """Springs stiffen as they are stretched."""
+    by_shape: bool = True
+    """The body's shape tells how soft it is where; without, new people are like known ones."""
+    through_time: bool = True
+    """Two thirds of the rounds start from the model's own past, not from the data's."""
     static: bool = True
     """Learn a constant and a smooth function of the pose besides, where clips that were left out
     say that it helps."""
+
+    @property
+    def without(self) -> tuple[str, ...]:
+        """Coefficients that are left out."""
+        parts = {
+            "gravity_gain": self.gravity,
+            "wave_speed": self.coupling,
+            "stiffening": self.stiffening,
+            "slopes": self.by_shape,
+        }
+        return tuple(name for name, wanted in parts.items() if not wanted)
 
 
 class PlusTraining:
@@ -77,7 +98,7 @@ class PlusTraining:
         self._people, self._clips = people, list(clips)
         self._features = np.stack([shape_features(body, b, nodes.vertices) for b in people.betas])
         self._shares = np.stack([shares_of_people(b, people.betas) for b in people.betas])
-        self.layer = OscillatorLayer(nodes, len(people.names), settings.taps)
+        self.layer = OscillatorLayer(nodes, len(people.names), settings.taps, settings.without)
         self.optimizer = keras.optimizers.Adam(settings.lr, beta_2=0.95)
         self.optimizer.build(self.layer.trainable_variables)
         self._step = tf.function(self._train_on, reduce_retracing=True)
@@ -85,7 +106,7 @@ class PlusTraining:
     def round(self, number: int, static_m: Sequence[NDArray]) -> list[float]:
         """One round of steps against the offsets less a static part (T, K, 3) of each clip."""
         moving = [c.offsets_m - s for c, s in zip(self._clips, static_m, strict=True)]
-        from_data = number < self.settings.rounds // 3
+        from_data = number < self.settings.rounds // 3 or not self.settings.through_time
         starts = moving if from_data else self.simulate()
         return [
             self._one_step(number * self.settings.steps + step, moving, starts)
@@ -112,12 +133,12 @@ class PlusTraining:
 
     def state(self) -> dict[str, NDArray]:
         """Copies of the layer's weights and the optimizer's moments."""
-        variables = [*self.layer.trainable_variables, *self.optimizer.variables]
+        variables = [*self.layer.weights, *self.optimizer.variables]
         return {variable.path: variable.numpy() for variable in variables}
 
     def restore(self, state: Mapping[str, NDArray]) -> None:
         """Go back to what `state` returned, in this process or in an earlier one."""
-        for variable in [*self.layer.trainable_variables, *self.optimizer.variables]:
+        for variable in [*self.layer.weights, *self.optimizer.variables]:
             variable.assign(np.reshape(state[variable.path], variable.shape))
 
     def _one_step(self, step: int, moving: Sequence[NDArray], starts: Sequence[NDArray]) -> float:
