@@ -14,9 +14,10 @@ from bridge.motion.cells import (
     take_suffix,
     trained_people_and_kinds,
 )
+from bridge.motion.sequences import Split
 
 
-def sequence(subject: str, motion: str, split="test") -> MotionSequence:
+def sequence(subject: str, motion: str, split: Split = "test") -> MotionSequence:
     return MotionSequence(f"{subject}_{motion}", subject, motion, 0, 10, 60.0, split)
 
 
