@@ -66,7 +66,7 @@ def main(config: PredictPlusConfig) -> None:
         labels = {name: one["label"] for name, one in trained.manifest["predictors"].items()}
         writer.record(predictors=labels, default=trained.manifest["default"])
 
-    upstream = {"train_plus": trained, align.kind: align}
+    upstream = {"train_plus": trained, align.path.name: align}
     upstream |= {f"motion_{index}": path for index, path in enumerate(files)}
     run.build(STAGE, config, make, data=align.origin, upstream=upstream)
 

@@ -66,7 +66,7 @@ def main(config: TrainPlusConfig) -> None:
         config,
         lambda writer: _Fit(config, align, body_path, writer).write(),
         data=align.origin,
-        upstream={align.kind: align},
+        upstream={align.path.name: align},
     )
 
 

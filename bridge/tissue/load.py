@@ -55,7 +55,7 @@ class SkinnedNodes:
         self._posedirs = body.posedirs[vertices]
         self._weights = body.weights[vertices]
 
-    def __call__(self, theta: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def __call__(self, theta: NDArray) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """Places (T, K, 3), metres, and skinning rotations (T, K, 3, 3) of a motion (T, 69)."""
         parts = [
             self._skin(theta[start : start + _FRAMES_AT_ONCE])
@@ -64,7 +64,7 @@ class SkinnedNodes:
         places, turns = zip(*parts, strict=True)
         return np.concatenate(places), np.concatenate(turns)
 
-    def _skin(self, theta: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _skin(self, theta: NDArray) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         pose, trans = unpack_theta(np.asarray(theta, np.float64))
         rotations = joint_rotations(self._body, pose)
         joints = self._joints.repeat(len(theta), axis=0)

@@ -113,7 +113,7 @@ def _farthest_points(points: NDArray, count: int) -> NDArray[np.int64]:
     return np.sort(np.array(chosen))
 
 
-def _between(energy: sp.csc_matrix, nodes: NDArray) -> NDArray[np.float64]:
+def _between(energy: sp.csc_matrix, nodes: NDArray) -> NDArray[np.floating]:
     """(V, K) each node's share of every vertex: the least `energy` with 1 at it, 0 at others."""
     count = energy.shape[0]
     free = np.setdiff1d(np.arange(count), nodes)

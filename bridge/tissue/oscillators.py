@@ -53,13 +53,13 @@ class NodeMechanics:
     look_ahead: int
     """Frames after t that the newest of them lies; 0 needs no later pose."""
 
-    def load(self, load: Load) -> NDArray[np.float32]:
+    def load(self, load: Load) -> NDArray[np.floating]:
         """f (T, K, 3), m/s^2, smoothed in time by the taps."""
         felt = self.inertia_gain * load.inertia + self.gravity_gain * load.gravity
         return smoothed(felt, self.taps, self.look_ahead)
 
 
-def smoothed(felt: NDArray, taps: NDArray, look_ahead: int) -> NDArray[np.float32]:
+def smoothed(felt: NDArray, taps: NDArray, look_ahead: int) -> NDArray[np.floating]:
     """Sum over i of taps[i] felt[t + look_ahead - i]; the first and last frame go on for ever."""
     count = len(felt)
     frames = np.arange(count)[:, None] + look_ahead - np.arange(len(taps))
@@ -91,7 +91,7 @@ class OscillatorSheet:
         self._pull = (coupling - sp.diags(coupling.diagonal())).tocsr().astype(np.float32)
         self._square = square
 
-    def settled(self, load: NDArray) -> NDArray[np.float32]:
+    def settled(self, load: NDArray) -> NDArray[np.floating]:
         """(K, 3) at rest under a constant load (K, 3): (k + c^2 L) u = f."""
         offset_m, strain = np.zeros_like(load), np.zeros((len(load), 1), np.float32)
         for _ in range(_SETTLING):
@@ -101,7 +101,7 @@ class OscillatorSheet:
             strain = (strain + _strain(offset_m)) / 2
         return offset_m
 
-    def step(self, now: NDArray, before: NDArray, load: NDArray) -> NDArray[np.float32]:
+    def step(self, now: NDArray, before: NDArray, load: NDArray) -> NDArray[np.floating]:
         """Offsets (K, 3) a frame after `now`, which followed `before`, under load f_t (K, 3)."""
         spring = self._spring * (1 + self._stiffening * _strain(now))
         held = spring + self._own_pull
@@ -112,7 +112,7 @@ class OscillatorSheet:
             after = (known - self._pull @ after) / diagonal
         return after
 
-    def roll(self, loads: NDArray) -> NDArray[np.float32]:
+    def roll(self, loads: NDArray) -> NDArray[np.floating]:
         """Offsets (T, K, 3) under loads (T, K, 3), from rest under the first."""
         offsets_m = np.empty_like(loads)
         before = now = offsets_m[0] = self.settled(loads[0])

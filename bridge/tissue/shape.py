@@ -29,7 +29,7 @@ def shape_features(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArr
     return np.log(person / template).astype(np.float32)
 
 
-def _measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.float64]:
+def _measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.floating]:
     shape = np.asarray(betas, np.float64)[None]
     vertices, joints = shaped_vertices(body, shape)[0], shaped_joints(body, shape)[0]
     depth_m = np.maximum(distance_to_bones_m(vertices[nodes], joints, body.parents), _LEAST_DEPTH_M)
@@ -38,7 +38,7 @@ def _measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np
     return np.stack([depth_m, area_m2, np.full(len(nodes), stature)], axis=1)
 
 
-def distance_to_bones_m(points: NDArray, joints: NDArray, parents: NDArray) -> NDArray[np.float64]:
+def distance_to_bones_m(points: NDArray, joints: NDArray, parents: NDArray) -> NDArray[np.floating]:
     """(N,) distance of points (N, 3) to the nearest line from a joint (24, 3) to its parent."""
     nearest = np.full(len(points), np.inf)
     for joint, parent in enumerate(parents):

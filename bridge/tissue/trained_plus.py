@@ -107,7 +107,7 @@ class TrainedPlus:
 
     def moving_m(
         self, body: BodyModelData, betas: NDArray, theta: NDArray, fps: float = FPS
-    ) -> NDArray[np.float32]:
+    ) -> NDArray[np.floating]:
         """(T, K, 3) what the loads of a motion theta (T, 69) make of the nodes."""
         mechanics = self.mechanics(body, betas)
         load = node_loads(body, self.nodes.vertices, betas, theta, fps)
@@ -125,13 +125,13 @@ class TrainedPlus:
         return constant.astype(np.float32) + self.nodes.spread(by_pose)
 
 
-def static_features(body: BodyModelData, theta: NDArray) -> NDArray[np.float32]:
+def static_features(body: BodyModelData, theta: NDArray) -> NDArray[np.floating]:
     """(T, 207) R - I of every joint but the root: smooth, and zero in the rest pose."""
     pose, _ = unpack_theta(np.asarray(theta, np.float64))
     return pose_features(joint_rotations(body, pose)).astype(np.float32)
 
 
-def shares_of_people(betas: NDArray, people: NDArray) -> NDArray[np.float64]:
+def shares_of_people(betas: NDArray, people: NDArray) -> NDArray[np.floating]:
     """(P,) by which a body (10,) takes after known people (P, 10): Gaussian kernel regression.
 
     About 1 for oneself, 0 for everybody far away, where shape alone speaks.
@@ -141,11 +141,12 @@ def shares_of_people(betas: NDArray, people: NDArray) -> NDArray[np.float64]:
     return np.linalg.solve(inner, _kernel(people, np.asarray(betas, np.float64)[None]))[:, 0]
 
 
-def known_person(betas: NDArray, people: NDArray) -> NDArray[np.float32]:
+def known_person(betas: NDArray, people: NDArray) -> NDArray[np.floating]:
     """(P,) 1 for the person of exactly this shape, else zeros."""
-    return np.isclose(np.asarray(people), np.asarray(betas), atol=1e-5).all(1).astype(np.float32)
+    same = np.isclose(np.asarray(people), np.asarray(betas), atol=1e-5)
+    return np.asarray(same.all(axis=1), np.float32)
 
 
-def _kernel(first: NDArray, second: NDArray) -> NDArray[np.float64]:
+def _kernel(first: NDArray, second: NDArray) -> NDArray[np.floating]:
     squared = np.square(first[:, None] - second[None]).sum(-1)
     return np.exp(-squared / (2 * _KERNEL_WIDTH**2))

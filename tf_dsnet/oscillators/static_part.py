@@ -33,8 +33,8 @@ _CONSTANT_RIDGE = 1e-4
 class _Sums:
     """Normal equations of some clips: X (n, P + 207), Y (n, 3 K)."""
 
-    gram: NDArray[np.float64]
-    right: NDArray[np.float64]
+    gram: NDArray[np.floating]
+    right: NDArray[np.floating]
     energy: float
     frames: int
 
@@ -120,7 +120,7 @@ def _left_out(kinds: dict[str, _Sums], total: _Sums, ridge: float | None, people
     return sum(own.error(_solve(total - own, ridge, people)) for own in kinds.values())
 
 
-def _solve(sums: _Sums, ridge: float | None, people: int) -> NDArray[np.float64]:
+def _solve(sums: _Sums, ridge: float | None, people: int) -> NDArray[np.floating]:
     """(P + 207, 3 K); zeros where there is no static part, or none of the pose."""
     solution = np.zeros_like(sums.right)
     if ridge is None:

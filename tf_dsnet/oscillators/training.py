@@ -143,7 +143,7 @@ class PlusTraining:
 
     def _one_step(self, step: int, moving: Sequence[NDArray], starts: Sequence[NDArray]) -> float:
         total = self.settings.rounds * self.settings.steps
-        self.optimizer.learning_rate.assign(self.settings.lr * (1 - step / total) ** 0.7)
+        self.optimizer.learning_rate = self.settings.lr * (1 - step / total) ** 0.7
         rng = np.random.default_rng([self.settings.seed, step])
         count, size = len(self._clips), self.settings.batch_size
         rows = (
