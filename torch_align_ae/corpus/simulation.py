@@ -82,7 +82,7 @@ def rest_frame_drive(
     selected : (N,) vertices to compute it for.
     gravity : whether g is (0, -9.81, 0) m/s^2 or nothing.
     """
-    vertices, turns = _skin(smpl, betas, theta, selected)
+    vertices, turns = skin(smpl, betas, theta, selected)
     acceleration = np.zeros_like(vertices)
     acceleration[1:-1] = (vertices[2:] - 2 * vertices[1:-1] + vertices[:-2]) * fps**2
     # Equal rows of a matrix product may differ in the last bit; stillness must not.
@@ -100,7 +100,7 @@ def _still(theta: Array) -> NDArray[np.bool_]:
     return np.concatenate([[False], same[1:] & same[:-1], [False]])
 
 
-def _skin(
+def skin(
     smpl: SMPL, betas: Array, theta: Array, selected: NDArray[np.integer]
 ) -> tuple[Array, Array]:
     """Vertices (T, 3, N) and each vertex's blended rotation (T, 3, 3, N)."""

@@ -21,9 +21,10 @@ from torch_align_ae.corpus.dyna_files import FPS, write_dyna
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS
 from torch_align_ae.corpus.performances import Performer
 from torch_align_ae.corpus.sequences import Crossing
-from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, posed_meshes
+from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
 from torch_align_ae.corpus.subjects import Gender, Subject
 from torch_align_ae.corpus.takes import Takes
+from torch_align_ae.corpus.tissue_laws import Simulator, TissueName, tissue_of
 
 _NOTICE = """\
 Synthetic data. Bodies, motions and soft tissue are computed; no person was measured.
@@ -68,6 +69,10 @@ class CorpusConfig:
     """Folder of AMASS files: real motions as further test takes, with simulated soft tissue."""
     amass_seconds: PositiveFloat = 20.0
     """Longest part of a real motion that is used, from its beginning."""
+    tissue: TissueName = "own"
+    """Law of the soft tissue; nothing is tuned on `second`, which is there to test on."""
+    gravity: bool = True
+    """Whether turned limbs hang."""
 
 
 PROFILES: dict[str, CorpusConfig] = {
@@ -140,7 +145,8 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, takes: Takes) -> N
 
         def simulate(smpl: SMPL, subject: Subject) -> None:
             own = [sequence for sequence in sequences if sequence.subject == subject.name]
-            _simulate_subject(smpl, subject, own, thetas, offsets, writer.checkpoints, progress)
+            tissue = tissue_of(config.tissue, smpl, subject.betas, gravity=config.gravity)
+            _simulate_subject(tissue, own, thetas, offsets, writer.checkpoints, progress)
 
         # A subject a core: the sparse solves release Python's lock, and no subject needs another.
         with worker_pool("threads", smpl) as pool:
@@ -149,15 +155,13 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, takes: Takes) -> N
 
 
 def _simulate_subject(
-    smpl: SMPL,
-    subject: Subject,
+    simulator: Simulator,
     sequences: list[MotionSequence],
     thetas: dict[str, NDArray[np.float32]],
     offsets: NDArray[np.float32],
     checkpoints: Path,
     progress: tqdm,
 ) -> None:
-    simulator = TissueSimulator(smpl, subject.betas)
     for sequence in sequences:
         done = checkpoints / f"{sequence.name}.done"
         if not done.exists():

@@ -1,0 +1,59 @@
+"""Nothing is tuned on the second tissue law: nothing outside the corpus knows it."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+from tests.sources import PACKAGES, ROOT, imported_modules, parsed, source_files
+from torch_align_ae.corpus.stage_corpus import PROFILES
+
+CORPUS = ROOT / "torch_align_ae" / "corpus"
+HOMES = {"torch_align_ae.corpus.tissue_laws"} | {
+    f"torch_align_ae.corpus.{path.stem}" for path in CORPUS.glob("second_tissue*.py")
+}
+
+
+def outside() -> list[Path]:
+    return [path for path in source_files(*PACKAGES) if CORPUS not in path.parents]
+
+
+def test_nothing_outside_the_corpus_imports_it():
+    assert len(HOMES) > 2
+    for path in outside():
+        assert not HOMES & set(imported_modules(path)), path
+
+
+def test_inside_the_corpus_only_the_registry_chooses_it():
+    own = [path for path in source_files("torch_align_ae/corpus") if "second" not in path.name]
+    laws = {name for name in HOMES if "second" in name}
+    importing = {path.name for path in own if laws & set(imported_modules(path))}
+    assert importing == {"tissue_laws.py"}
+
+
+def test_it_shares_nothing_with_the_first_law_but_body_surface_and_skinning():
+    allowed = {
+        "soft_tissue": {"cotangent_laplacian", "vertex_areas_m2"},
+        "simulation": {"skin"},
+        "motions.plan": {"GRAVITY_M_S2"},
+    }
+    found: dict[str, set[str]] = {}
+    for path in CORPUS.glob("second_tissue*.py"):
+        for node in ast.walk(parsed(path)):
+            if not isinstance(node, ast.ImportFrom) or not node.module:
+                continue
+            if node.module.startswith("torch_align_ae.corpus") and node.module not in HOMES:
+                name = node.module.removeprefix("torch_align_ae.corpus.")
+                found.setdefault(name, set()).update(alias.name for alias in node.names)
+    assert found == allowed
+
+
+def test_no_stage_asks_with_which_law_its_corpus_was_made():
+    """So no training's settings depend on it: of a manifest only this text could tell."""
+    for path in outside():
+        texts = {node.value for node in ast.walk(parsed(path)) if isinstance(node, ast.Constant)}
+        assert not {"tissue", "second"} & texts, path
+
+
+def test_no_profile_is_made_with_it():
+    assert {config.tissue for config in PROFILES.values()} == {"own"}
