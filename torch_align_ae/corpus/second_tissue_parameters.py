@@ -15,7 +15,7 @@ from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import shaped_vertices
 from torch_align_ae.corpus.second_tissue import Array, LayerParameters
-from torch_align_ae.corpus.soft_tissue import cotangent_laplacian, vertex_areas_m2
+from torch_align_ae.corpus.surface import cotangent_laplacian, vertex_areas_m2, vertex_normals
 
 _SHEAR_SPEED_M_S = 1.0
 _DENSITY_KG_M3 = 985.0
@@ -108,16 +108,6 @@ def prominence_m(vertices: Array, faces: np.ndarray) -> Array:
     rounded = _spread(vertices, vertices, faces, _ROUNDING_M)
     standing = ((vertices - rounded) * vertex_normals(vertices, faces)).sum(1)
     return standing - _spread(standing, vertices, faces, 2 * _ROUNDING_M)
-
-
-def vertex_normals(vertices: Array, faces: np.ndarray) -> Array:
-    """(V, 3) outward normals, the mean of the triangles around weighted by area."""
-    corners = vertices[faces]
-    of_faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], of_faces)
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _of_segments(column: int) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import h5py
 import numpy as np
@@ -17,6 +18,7 @@ from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.worker_pool import worker_pool
 from torch_align_ae.body import SMPL
+from torch_align_ae.corpus.captured import CapturedForm
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS
 from torch_align_ae.corpus.performances import Performer
@@ -41,8 +43,9 @@ Bodies and soft tissue are computed there too. They are taken from: {files}
 class CorpusConfig:
     """Make the synthetic corpus and, apart from it, the truth that only evaluation may read.
 
-    Costs 165 kB of disk a frame for the truth and as much for the meshes, and time for the soft
-    tissue above all; what it took stands in the manifests and the report.
+    Costs 165 kB of disk a frame for the truth and the meshes, half as much again in the captured
+    form, and time for the soft tissue above all; what it took stands in the manifests and the
+    report.
     """
 
     run: str = "demo"
@@ -71,6 +74,8 @@ class CorpusConfig:
     """Longest part of a real motion that is used, from its beginning."""
     tissue: TissueName = "own"
     """Law of the soft tissue; nothing is tuned on `second`, which is there to test on."""
+    form: Literal["clean", "captured"] = "clean"
+    """`captured` adds to the meshes what registrations of scans have besides soft tissue."""
     gravity: bool = True
     """Whether turned limbs hang."""
 
@@ -140,6 +145,12 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, takes: Takes) -> N
     writer.put("betas", np.array([subject.betas for subject in subjects], np.float32), "1")
     shape = (frames, smpl.vertex_count, 3)
     offsets = writer.open_array("offsets", shape, np.float32, "m")
+    if config.form == "captured":
+        form = CapturedForm(smpl.data, config.seed)
+        static = writer.open_array("static", shape, np.float32, "m")
+        for sequence in sequences:
+            theta = thetas[sequence.name].astype(np.float64)
+            static[sequence.frames] = form.static(sequence.subject, theta)
     writer.record(sequences=to_manifest(sequences), source="synthetic", gender=config.gender)
     with tqdm(total=frames, desc="soft tissue", unit="frame", disable=None) as progress:
 
@@ -195,7 +206,8 @@ def _make_corpus(
     for take in takes.held_out:
         performer.write_amass(writer.file_path(f"mosh/{take.name}_poses.npz"), take)
     path = writer.file_path(f"dyna_{config.gender}.h5")
-    _write_meshes(path, smpl, truth)
+    captured = CapturedForm(data, config.seed) if config.form == "captured" else None
+    _write_meshes(path, smpl, truth, captured)
     with h5py.File(path, "r+") as file:
         file.attrs["source"] = "synthetic"
     sequences = [sequence for sequence in sequences_of(truth) if sequence.split != "test"]
@@ -207,7 +219,8 @@ def _make_corpus(
     )
 
 
-def _write_meshes(path: Path, smpl: SMPL, truth: Artifact) -> None:
+def _write_meshes(path: Path, smpl: SMPL, truth: Artifact, captured: CapturedForm | None) -> None:
+    static = truth.array("static") if captured else None
     theta, offsets = truth.array("theta"), truth.array("offsets")
     betas, sequences = truth.array("betas"), sequences_of(truth)
     rows = subject_rows(sequences)
@@ -220,6 +233,11 @@ def _write_meshes(path: Path, smpl: SMPL, truth: Artifact) -> None:
         for sequence in dyna:
             shape = np.asarray(betas[rows[sequence.subject]], np.float64)
             own_theta = np.asarray(theta[sequence.frames], np.float64)
-            meshes = posed_meshes(smpl, shape, own_theta, offsets[sequence.frames])
+            own_offsets = offsets[sequence.frames]
+            if static is not None:
+                own_offsets = own_offsets + static[sequence.frames]
+            meshes = posed_meshes(smpl, shape, own_theta, own_offsets)
+            if captured:
+                meshes = captured.registered(sequence.name, meshes, FPS)
             file.add(sequence.name, meshes)
             progress.update(sequence.length)

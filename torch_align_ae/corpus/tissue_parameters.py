@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import shaped_vertices
-from torch_align_ae.corpus.soft_tissue import (
-    Array,
-    TissueParameters,
-    cotangent_laplacian,
-    vertex_areas_m2,
-)
+from torch_align_ae.corpus.soft_tissue import Array, TissueParameters
+from torch_align_ae.corpus.surface import smooth_over_surface
 
 BONY_HZ = 22.0
 SOFT_HZ = 3.6
@@ -76,12 +70,3 @@ def tissue_depth_m(vertices: Array, joints: Array, parents: np.ndarray) -> Array
         radius_m = _FIRM_RADIUS_M[SMPL_JOINT_NAMES[joint].split("_")[-1]]
         depth_m = np.minimum(depth_m, np.linalg.norm(vertices - nearest, axis=1) - radius_m)
     return depth_m
-
-
-def smooth_over_surface(
-    values: Array, vertices: Array, faces: np.ndarray, length_m: float
-) -> Array:
-    """Diffuse `values` (V,) along the surface over about `length_m`."""
-    mass = sp.diags(vertex_areas_m2(vertices, faces))
-    system = mass + length_m**2 * cotangent_laplacian(vertices, faces)
-    return splu(system.tocsc()).solve(mass @ values)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from scipy.stats import spearmanr
 
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_vertices
@@ -72,7 +71,7 @@ def test_both_laws_find_other_parts_soft(smpl):
     deep = tissue_parameters(smpl.data, HEAVY.betas)
     both = thick.free & deep.free
     first, second = (part.frequency_hz[both] for part in (deep, thick))
-    assert spearmanr(first, second)[0] < 0.8
+    assert np.corrcoef(first, second)[0, 1] < 0.8
     assert 3 < thick.frequency_hz.min() < 6
 
 
