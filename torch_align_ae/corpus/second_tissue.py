@@ -34,7 +34,7 @@ Array = NDArray[np.floating]
 _GAMMA = 1 - np.sqrt(0.5)
 # Changes at which iteration ends, relative to the way of a stage and to a settled offset. Each
 # iteration shrinks the change many times over, so what is left is far smaller.
-_STAGE_TOLERANCE, _SETTLED_TOLERANCE = 1e-3, 1e-10
+_STAGE_TOLERANCE, _SETTLED_TOLERANCE = 1e-3, 1e-9
 # Below this change, relative to the offset, there is only rounding.
 _ROUNDING = 1e-12
 _MOST_ITERATIONS = 1000
@@ -60,9 +60,9 @@ class LayerParameters:
     """r: stiffness of the Maxwell element as a share of the relaxed spring's."""
     normal_ratio: float = 1.8
     """p: stiffness along the normal over that along the skin."""
-    fibre_gain: float = 1.5
+    fibre_gain: float = 6.0
     """b: how much stiffer than fat stretched fibres are."""
-    fibre_strain: float = 0.45
+    fibre_strain: float = 1.0
     """e_c: strain at which half of them are stretched."""
     bending_delay_s: float = 0.008
     """t_b: damping of bending."""
