@@ -24,7 +24,7 @@ class Alignment:
     theta: NDArray[np.floating]
     """(T, 69)."""
     offsets_m: NDArray[np.floating]
-    """(T, V, 3) in the rest pose; may be memory-mapped."""
+    """(T, V, 3) all that the mesh has over SMPL, in the rest pose; may be memory-mapped."""
 
     @classmethod
     def of(cls, artifact: Artifact, sequence: MotionSequence) -> Alignment:
@@ -32,6 +32,9 @@ class Alignment:
         row = subject_rows(sequences_of(artifact))[sequence.subject]
         frames = sequence.frames
         theta, offsets_m = (artifact.array(name)[frames] for name in ("theta", "offsets"))
+        if "static" in artifact.manifest["arrays"]:
+            # Alignment cannot tell a misfit that stays from flesh that moves, and is not asked to.
+            offsets_m = offsets_m + artifact.array("static")[frames]
         return cls(artifact.array("betas")[row], theta, offsets_m)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,7 +106,14 @@ class FrameErrors:
         return {key: float(getattr(frames_mm, key)()) for key in ("mean", "min", "max")}
 
 
-def jackknife_r2_se(parts: Sequence[ErrorSums]) -> float | None:
+class SquaredSums(Protocol):
+    """What an R2 follows from."""
+
+    squared_error: float
+    squared_reference: float
+
+
+def jackknife_r2_se(parts: Sequence[SquaredSums]) -> float | None:
     """Standard error of the pooled R2 over sequences, by leaving each out; None for one alone."""
     if len(parts) < 2:
         return None

@@ -1,31 +1,30 @@
-"""What predictions are compared with: posed meshes, and for synthetic data the true offsets.
+"""What posed predictions are compared with, a few frames at a time.
 
-`mesh` asks what a user sees, and a user of licensed files can ask it too. With beta' and theta as
-`predict` was given them, a prediction is the mesh M(beta', theta) + offset; "SMPL alone" is
-M(beta', theta). It is held against
+This asks what a user sees, and a user of licensed files can ask it too. With beta' and theta' as
+its road was given them, a prediction is the mesh M(beta', theta') + offset; "SMPL alone" is
+M(beta', theta'). It is held against
 
 - the registered mesh S_t, for sequences that were aligned: M(beta', theta') + aligned offset is
   S_t exactly (Eq. 5), so that the distance of the offsets, carried by skinning, is that of meshes;
 - the true mesh M(beta, theta) + true offset, for unseen motions of synthetic data. Where beta' was
-  fitted it is not the true beta, and the offsets of the two cannot be compared in the rest pose.
+  fitted it is not the true beta, and the offsets of the two differ by that in the rest pose.
 
-`true_offsets` asks, for aligned sequences of synthetic data, what of the simulated soft tissue
-comes back at rest: here all that alignment put into pose and shape counts as lost.
+Roads have motions and shapes of their own, so SMPL alone, whose R2 is 0, is another mesh
+on each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.measure.metrics import frame_blocks
-from bridge.measure.posed_meshes import PosedBody, by_component
+from bridge.measure.posed_meshes import PosedBody, PosedFrames
+from bridge.measure.roads import Road
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.runs import Artifact
 
@@ -47,108 +46,133 @@ class MotionArrays:
         row = subject_rows(self.places.values())[self.places[name].subject]
         return self.artifact.array("betas")[row]
 
-    def frames(self, array: str, name: str, block: slice) -> NDArray:
+    def frames(self, array: str, name: str, block: slice, vertices: slice = slice(None)) -> NDArray:
         """Rows of an array, counted from the sequence's first frame."""
         start = self.places[name].start
-        return self.artifact.array(array)[start + block.start : start + block.stop]
+        return self.artifact.array(array)[start + block.start : start + block.stop][:, vertices]
 
-
-class Carry(Protocol):
-    """Brings offsets (B or 1, V, 3) of the rest pose to where they are compared, (B, V, 3)."""
-
-    def __call__(self, offsets_m: NDArray, /) -> NDArray[np.float64]:
-        """Carry them."""
-        ...
+    def has(self, array: str) -> bool:
+        """Whether the artifact holds an array."""
+        return array in self.artifact.manifest["arrays"]
 
 
 @dataclass(frozen=True)
 class Block:
-    """Some frames of one comparison."""
+    """Some frames of one sequence on one road."""
 
     frames: slice
     """Counted from the sequence's first."""
     lacking_m: NDArray[np.float64]
     """(B, V, 3) what SMPL alone lacks: the carried offset that leaves no error."""
-    carry: Carry
-    """See `Carry`."""
+    posed: PosedFrames
+    """SMPL alone, and how it carries offsets."""
 
 
 class References:
-    """The comparisons that a run's data allow.
+    """The meshes that a run's data allow to compare with.
 
     Parameters
     ----------
     body : the run's body model.
-    predict, align : artifacts of these stages.
     truth : artifact of the simulation, None for licensed data.
     """
 
     def __init__(
-        self, body: BodyModelData, predict: Artifact, align: Artifact, truth: Artifact | None
+        self, body: BodyModelData, roads: Sequence[Road], truth: MotionArrays | None
     ) -> None:
-        self._body = body
-        self._predict, self._align = MotionArrays.of(predict), MotionArrays.of(align)
-        self._truth = None if truth is None else MotionArrays.of(truth)
+        self._body, self._truth = body, truth
+        self._given = {road.name: MotionArrays.of(road.motions) for road in roads}
+        self._aligned = {road.name: MotionArrays.of(road.align) for road in roads}
 
-    def of(self, name: str) -> list[str]:
-        """Names of the references of a sequence, none for unseen motions without a truth."""
-        known = self._truth is not None and name in self._truth.places
-        if name in self._align.places:
-            return ["mesh", "true_offsets"] if known else ["mesh"]
-        return ["mesh"] if known else []
+    def has(self, name: str) -> bool:
+        """Whether a sequence can be compared: an unseen motion only with a truth."""
+        return self._is_aligned(name) or self._is_known(name)
 
-    def blocks(self, name: str, reference: str) -> Iterator[Block]:
-        """All frames that predictions and reference share, in pieces."""
-        if reference == "mesh" and name in self._align.places:
-            return self._to_registered_mesh(name)
+    def blocks(self, name: str, roads: Sequence[str]) -> Iterator[dict[str, Block]]:
+        """All frames that the roads and the reference share, in pieces, by road."""
+        arrays = [self._given[road] for road in roads]
+        if self._is_aligned(name):
+            return self._to_registered_mesh(name, roads, arrays)
         if self._truth is None:
-            raise KeyError(f"{name} has no reference {reference}")
-        compare = self._to_true_mesh if reference == "mesh" else self._to_true_offsets
-        return compare(name, self._truth)
+            raise KeyError(f"{name} has no reference")
+        return self._to_true_mesh(name, roads, arrays, self._truth)
 
-    def _to_true_offsets(self, name: str, truth: MotionArrays) -> Iterator[Block]:
-        for frames in self._shared(name, truth):
-            offsets_m = by_component(truth.frames("offsets", name, frames))
-            yield Block(frames, offsets_m, partial(_at_rest, shape=offsets_m.shape))
+    def _is_aligned(self, name: str) -> bool:
+        return all(name in arrays.places for arrays in self._aligned.values())
 
-    def _to_registered_mesh(self, name: str) -> Iterator[Block]:
-        person = PosedBody(self._body, self._predict.betas(name))
-        for frames in self._shared(name, self._align):
-            posed = person.pose(self._predict.frames("theta", name, frames))
-            offsets_m = self._align.frames("offsets", name, frames)
-            yield Block(frames, posed.carried(offsets_m), posed.carried)
+    def _is_known(self, name: str) -> bool:
+        return self._truth is not None and name in self._truth.places
 
-    def _to_true_mesh(self, name: str, truth: MotionArrays) -> Iterator[Block]:
-        given = PosedBody(self._body, self._predict.betas(name))
-        true = PosedBody(self._body, truth.betas(name))
-        for frames in self._shared(name, truth):
-            posed = given.pose(self._predict.frames("theta", name, frames))
-            real = true.pose(truth.frames("theta", name, frames))
-            mesh_m = real.vertices_m + real.carried(truth.frames("offsets", name, frames))
-            yield Block(frames, mesh_m - posed.vertices_m, posed.carried)
+    def _to_registered_mesh(
+        self, name: str, roads: Sequence[str], given: Sequence[MotionArrays]
+    ) -> Iterator[dict[str, Block]]:
+        poser = _Poser(self._body)
+        aligned = [self._aligned[road] for road in roads]
+        for frames in _shared(name, [*given, *aligned]):
+            found = {}
+            for road, arrays, own in zip(roads, given, aligned, strict=True):
+                posed = poser.pose(arrays, name, frames)
+                lacking_m = posed.carried(own.frames("offsets", name, frames))
+                found[road] = Block(frames, lacking_m, posed)
+            yield found
 
-    def _shared(self, name: str, other: MotionArrays) -> Iterator[slice]:
-        length = min(self._predict.places[name].length, other.places[name].length)
-        return frame_blocks(slice(0, length))
+    def _to_true_mesh(
+        self,
+        name: str,
+        roads: Sequence[str],
+        given: Sequence[MotionArrays],
+        truth: MotionArrays,
+    ) -> Iterator[dict[str, Block]]:
+        poser = _Poser(self._body)
+        for frames in _shared(name, [*given, truth]):
+            real = poser.pose(truth, name, frames)
+            mesh_m = real.vertices_m + real.carried(true_offsets_m(truth, name, frames))
+            found = {}
+            for road, arrays in zip(roads, given, strict=True):
+                posed = poser.pose(arrays, name, frames)
+                found[road] = Block(frames, mesh_m - posed.vertices_m, posed)
+            yield found
 
 
-def _at_rest(offsets_m: NDArray, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    return np.broadcast_to(by_component(offsets_m), shape)
+class _Poser:
+    """Poses the frames of one sequence, each shape and motion once.
 
-
-def best_constant_m(blocks: Iterable[Block]) -> NDArray[np.float64]:
-    """(V, 3) the constant offset with the least squared error: an oracle, it knows the reference.
-
-    Of offsets compared at rest that is their mean.
+    A new person has the same on every road and in the truth, and posing is what costs most.
     """
-    normal, right = 0.0, 0.0
-    for block in blocks:
-        # What skinning makes of the three unit offsets: the columns of its linear part.
-        units = np.broadcast_to(np.eye(3)[:, None, None], (3, 1, *block.lacking_m.shape[1:]))
-        columns = [block.carry(unit) for unit in units]
-        normal = normal + np.array(
-            [[np.einsum("bvy,bvy->v", one, other) for other in columns] for one in columns]
-        )
-        right = right + np.array([np.einsum("bvy,bvy->v", c, block.lacking_m) for c in columns])
-    normal, right = np.moveaxis(np.asarray(normal), -1, 0), np.asarray(right).T[..., None]
-    return np.linalg.solve(normal, right)[..., 0]
+
+    def __init__(self, body: BodyModelData) -> None:
+        self._body = body
+        self._people: dict[bytes, PosedBody] = {}
+        self._posed: dict[tuple[bytes, bytes], PosedFrames] = {}
+        self._frames: slice | None = None
+
+    def pose(self, arrays: MotionArrays, name: str, frames: slice) -> PosedFrames:
+        """SMPL alone in some frames; only the last frames asked for are kept."""
+        if frames != self._frames:
+            self._frames, self._posed = frames, {}
+        betas, theta = arrays.betas(name), arrays.frames("theta", name, frames)
+        person = betas.tobytes()
+        if person not in self._people:
+            self._people[person] = PosedBody(self._body, betas)
+        key = person, theta.tobytes()
+        if key not in self._posed:
+            self._posed[key] = self._people[person].pose(theta)
+        return self._posed[key]
+
+
+def true_offsets_m(
+    truth: MotionArrays, name: str, frames: slice, vertices: slice = slice(None)
+) -> NDArray:
+    """(B, V, 3) all that the true mesh has over SMPL: what moves and, if captured, what does not.
+
+    In the captured form the simulation keeps the static misfit apart, as `static`.
+    """
+    moving_m = truth.frames("offsets", name, frames, vertices)
+    if not truth.has("static"):
+        return moving_m
+    return moving_m + truth.frames("static", name, frames, vertices)
+
+
+def _shared(name: str, arrays: Sequence[MotionArrays]) -> Iterator[slice]:
+    length = min(one.places[name].length for one in arrays)
+    return frame_blocks(slice(0, length))

@@ -1,10 +1,9 @@
-"""`dsnet evaluate`: errors of the predictions' posed meshes, beside what learns nothing."""
+"""`dsnet evaluate`: errors of every road's predictions, beside what learns nothing."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,24 +12,28 @@ from tqdm import tqdm
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.measure.alignment_quality import alignment_errors
-from bridge.measure.metrics import ErrorSums, FrameErrors, jackknife_r2_se
-from bridge.measure.predictions import SEQUENCE_MEAN, Predictions
-from bridge.measure.references import References, best_constant_m
-from bridge.motion import MotionSequence, sequences_of, to_manifest
+from bridge.measure.evaluation import Evaluation, SequenceErrors
+from bridge.measure.pooled import pooled, spectra, summarise
+from bridge.measure.roads import Road, artifacts_of_roads, roads_of
+from bridge.measure.spectrum import STEP_HZ
+from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import body_model_path
 from bridge.runs.worker_pool import worker_pool
 
-Errors = Mapping[str, Mapping[str, FrameErrors]]
+MESH_ERROR, OFFSET_SIZE = "mesh_error", "offset_size"
+TRUE = "true"
+"""In place of a predictor's name: the true offsets."""
+_TEST_BED = {"tissue": "own", "form": "clean", "gravity": True, "gender": None}
 
 
 @dataclass(frozen=True)
 class EvaluateConfig:
-    """Measure every prediction: about 5 ms a frame, 1 GB.
+    """Measure every prediction of both roads: about 5 ms a frame, 1 GB.
 
-    Gives R2 and errors of the posed meshes against the registered ones, which a licensed user has
-    too, for synthetic data also against the true meshes of unseen motions and against the true
-    offsets; and the error of the posed mesh in each frame.
+    Gives errors of the posed meshes against the registered ones, which a licensed user has too, and
+    for synthetic data against the true meshes of unseen motions; R2, velocity, spectrum, decay and
+    rest of the offsets; all of them by cell, and mesh error and size of the offsets in each frame.
     """
 
     run: str = "demo"
@@ -46,145 +49,147 @@ def main(config: EvaluateConfig) -> None:
     Raises
     ------
     DsnetError
-        If the run lacks one of the stages before this one.
+        If the run came to the end of no road, or one is older than what it was made from.
     """
     run = Run(config.run)
-    upstream = run.artifacts("align", "predict", "decode")
+    upstream = artifacts_of_roads(run)
+    roads = roads_of(upstream)
+    origin = roads[0].align.origin
     # The truth belongs to the run's own corpus, not to licensed meshes aligned beside it.
-    if upstream["align"].origin == "synthetic" and run.finished("truth"):
+    if origin == "synthetic" and run.finished("truth"):
         upstream["truth"] = run.artifact("truth")
     body = load_body_model(str(body_model_path(run)))
     run.build(
         "evaluate",
         config,
-        lambda writer: Evaluation(upstream, body).write(writer),
-        data=upstream["align"].origin,
+        lambda writer: _evaluate(writer, roads, upstream.get("truth"), body),
+        data=origin,
         upstream=upstream,
     )
 
 
-class Evaluation:
-    """All comparisons of one run.
+def _evaluate(
+    writer: ArtifactWriter, roads: Sequence[Road], truth: Artifact | None, body: BodyModelData
+) -> None:
+    evaluation = Evaluation(roads, truth, body)
+    found = _compared(evaluation)
+    _write_frames(writer, MESH_ERROR, _mesh_errors_m(found), "m, mean over vertices")
+    _write_frames(writer, OFFSET_SIZE, _sizes_m(found), "m, mean over vertices")
+    tested = [one.errors for one in found if one.sequence.split == "test"]
+    for name, movement in spectra(tested or [one.errors for one in found]).items():
+        writer.put(f"spectrum_{name}", movement.spectrum.rms_mm(), "mm; true, predicted, error")
+    alignments = {road.alignment: alignment_errors(road.align, truth, body) for road in roads}
+    writer.record(
+        sequences=to_manifest(one.sequence for one in found),
+        predictors={name: one.label for name, one in evaluation.candidates.items()},
+        default=roads[-1].default,
+        roads={road.name: _described_road(road) for road in roads},
+        test_bed=None if truth is None else _test_bed(truth, body),
+        per_sequence=[_described(one, evaluation) for one in found],
+        cells=pooled((evaluation.cells(one.sequence), one.errors) for one in found),
+        spectrum_step_hz=STEP_HZ,
+        alignment=alignments[roads[0].alignment],
+        alignments=alignments,
+    )
 
-    Parameters
-    ----------
-    upstream : artifacts `align`, `predict`, `decode` and, for synthetic data, `truth`.
-    """
 
-    def __init__(self, upstream: Mapping[str, Artifact], body: BodyModelData) -> None:
-        self._align, self._predict = upstream["align"], upstream["predict"]
-        self._truth, self._body = upstream.get("truth"), body
-        self._decode = upstream["decode"]
-        self._predictions = Predictions(self._decode, self._align)
-        self._references = References(body, self._predict, self._align, self._truth)
-
-    def write(self, writer: ArtifactWriter) -> None:
-        """Fill the `evaluate` artifact."""
-        sequences = sequences_of(self._decode)
-        with worker_pool("threads", self) as pool:
-            compared = tqdm(
-                pool.map(Evaluation.compare, sequences),
-                desc="evaluate",
-                total=len(sequences),
-                unit="sequence",
-                disable=None,
-            )
-            found = list(zip(sequences, compared, strict=True))
-        writer.record(
-            sequences=self._decode.manifest["sequences"],
-            predictors=self._predictions.labels,
-            default=self._predictions.default,
-            per_sequence=[self._describe(*one) for one in found],
-            splits=_pooled((self.cells(sequence), errors) for sequence, errors in found),
-            mesh_error_sequences=_write_frame_errors(writer, found),
-            alignment=alignment_errors(self._align, self._truth, self._body),
+def _compared(evaluation: Evaluation) -> list[SequenceErrors]:
+    sequences = evaluation.sequences()
+    with worker_pool("threads", evaluation) as pool:
+        compared = tqdm(
+            pool.map(Evaluation.compare, sequences),
+            desc="evaluate",
+            total=len(sequences),
+            unit="sequence",
+            disable=None,
         )
+        return list(compared)
 
-    def compare(self, sequence: MotionSequence) -> Errors:
-        """Errors of one sequence, by reference and predictor."""
-        return {
-            reference: self._compare(sequence, reference)
-            for reference in self._references.of(sequence.name)
-        }
 
-    def cells(self, sequence: MotionSequence) -> list[str]:
-        """Groups of sequences whose errors are pooled."""
-        if sequence.split != "test":
-            return [sequence.split]
-        known = self._predictions.knows(sequence.subject)
-        return ["test", "test_known_person" if known else "test_new_person"]
+def _described_road(road: Road) -> dict[str, Any]:
+    return {
+        "predictors": list(road.predictors),
+        "default": road.default,
+        "alignment": road.alignment,
+        "aligner": road.align.manifest["config"].get("aligner"),
+    }
 
-    def _compare(self, sequence: MotionSequence, reference: str) -> dict[str, FrameErrors]:
-        constant_m = best_constant_m(self._references.blocks(sequence.name, reference))[None]
-        found = {name: FrameErrors() for name in self._predictions.of(sequence)}
-        for block in self._references.blocks(sequence.name, reference):
-            for name, errors in found.items():
-                offsets_m = (
-                    constant_m
-                    if name == SEQUENCE_MEAN
-                    else self._predictions.offsets_m(name, sequence, block.frames)
-                )
-                errors.add(block.carry(offsets_m), block.lacking_m)
-        return found
 
-    def _describe(self, sequence: MotionSequence, errors: Errors) -> dict[str, Any]:
-        return {
-            "name": sequence.name,
-            "subject": sequence.subject,
-            "motion": sequence.motion,
-            "split": sequence.split,
-            "person": "known" if self._predictions.knows(sequence.subject) else "new",
-            "frames": sequence.length,
-            "errors": {
-                reference: {name: one.sums.summary() for name, one in found.items()}
-                for reference, found in errors.items()
-            },
-            "mesh_frame_error_mm": {
-                name: one.frame_summary_mm() for name, one in errors.get("mesh", {}).items()
-            },
-        }
+def _test_bed(truth: Artifact, body: BodyModelData) -> dict[str, Any]:
+    """Law and form of the tissue, whether gravity loads it, and whose bodies."""
+    known = {key: truth.manifest.get(key, usual) for key, usual in _TEST_BED.items()}
+    return known | {"gender": known["gender"] or body.gender}
+
+
+def _described(found: SequenceErrors, evaluation: Evaluation) -> dict[str, Any]:
+    sequence, errors = found.sequence, found.errors
+    meshes = {name: one.mesh for name, one in errors.items() if one.mesh is not None}
+    return {
+        "name": sequence.name,
+        "subject": sequence.subject,
+        "motion": sequence.motion,
+        "split": sequence.split,
+        "cell": evaluation.cells(sequence)[-1],
+        "person": "known" if evaluation.knows(sequence) else "new",
+        "frames": sequence.length,
+        "errors": {name: summarise([one]) for name, one in errors.items()},
+        "mesh_frame_error_mm": {name: one.frame_summary_mm() for name, one in meshes.items()},
+    }
 
 
 def frame_errors_m(evaluate: Artifact, predictor: str, sequence: str) -> NDArray[np.float32] | None:
     """(T,) error of the posed mesh in each frame, mean over its vertices; None if not measured."""
-    entries = evaluate.manifest["mesh_error_sequences"][predictor]
+    return _frames(evaluate, MESH_ERROR, predictor, sequence)
+
+
+def offset_sizes_m(evaluate: Artifact, predictor: str, sequence: str) -> NDArray[np.float32] | None:
+    """(T,) mean length of the moving offsets in each frame; None if not measured.
+
+    Of a predictor, or with `TRUE` in place of its name of the true offsets.
+    """
+    return _frames(evaluate, OFFSET_SIZE, predictor, sequence)
+
+
+def _frames(
+    evaluate: Artifact, kind: str, predictor: str, sequence: str
+) -> NDArray[np.float32] | None:
+    entries = evaluate.manifest[f"{kind}_sequences"].get(predictor, [])
     place = next((MotionSequence(**one) for one in entries if one["name"] == sequence), None)
-    return None if place is None else evaluate.array(f"mesh_error_{predictor}")[place.frames]
+    return None if place is None else evaluate.array(f"{kind}_{predictor}")[place.frames]
 
 
-def _write_frame_errors(
-    writer: ArtifactWriter, found: Iterable[tuple[MotionSequence, Errors]]
-) -> dict[str, list[dict[str, Any]]]:
+FrameValues = Iterable[tuple[MotionSequence, Mapping[str, NDArray[np.float32]]]]
+
+
+def _mesh_errors_m(found: Iterable[SequenceErrors]) -> FrameValues:
+    for one in found:
+        meshes = {name: own.mesh for name, own in one.errors.items() if own.mesh is not None}
+        yield one.sequence, {name: mesh.frames_m() for name, mesh in meshes.items()}
+
+
+def _sizes_m(found: Iterable[SequenceErrors]) -> FrameValues:
+    for one in found:
+        sizes = {
+            name: own.at_rest.sizes.frames_m()
+            for name, own in one.errors.items()
+            if own.at_rest is not None and own.movement() is not None
+        }
+        true = {} if one.true_size_m is None else {TRUE: one.true_size_m}
+        yield one.sequence, true | sizes
+
+
+def _write_frames(writer: ArtifactWriter, kind: str, found: FrameValues, unit: str) -> None:
     """Arrays without gaps: a predictor has frames only where it was compared."""
     index: dict[str, list[MotionSequence]] = {}
     values: dict[str, list[NDArray[np.float32]]] = {}
-    for sequence, errors in found:
-        for name, one in errors.get("mesh", {}).items():
-            frames_m = one.frames_m()
+    for sequence, by_name in found:
+        for name, frames_m in by_name.items():
             start = sum(map(len, values.setdefault(name, [])))
             place = replace(sequence, start=start, length=len(frames_m))
             index.setdefault(name, []).append(place)
             values[name].append(frames_m)
     for name, parts in values.items():
-        writer.put(f"mesh_error_{name}", np.concatenate(parts), "m, mean over vertices")
-    return {name: to_manifest(places) for name, places in index.items()}
-
-
-def _pooled(found: Iterable[tuple[list[str], Errors]]) -> dict[str, Any]:
-    """Figures of all sequences of a cell together, by cell, reference and predictor."""
-    sums: dict[str, dict[str, dict[str, list[ErrorSums]]]] = {}
-    for cells, errors in found:
-        for cell, (reference, by_name) in product(cells, errors.items()):
-            own = sums.setdefault(cell, {}).setdefault(reference, {})
-            for name, one in by_name.items():
-                own.setdefault(name, []).append(one.sums)
-    return {
-        cell: {
-            reference: {
-                name: ErrorSums.merged(parts).summary() | {"r2_se": jackknife_r2_se(parts)}
-                for name, parts in by_name.items()
-            }
-            for reference, by_name in references.items()
-        }
-        for cell, references in sums.items()
-    }
+        writer.put(f"{kind}_{name}", np.concatenate(parts), unit)
+    writer.record(
+        **{f"{kind}_sequences": {name: to_manifest(places) for name, places in index.items()}}
+    )
