@@ -90,17 +90,18 @@ def markdown(results: dict[str, Any]) -> str:
 
 def _described(run: Run) -> dict[str, Any]:
     evaluated, aligned = run.artifact("evaluate").manifest, run.artifact("align").manifest
-    splits = evaluated["splits"]
-    if not all("mesh" in splits.get(split, {}) for split in _SPLITS):
+    trained = run.artifact("train").manifest["predictors"]
+    names = (*trained, *_BESIDE)
+    cells = {split: evaluated["cells"].get(split, {}) for split in _SPLITS}
+    if not all("mesh" in cell.get(name, {}) for cell in cells.values() for name in names):
         raise DsnetError(
             f"run {run.name!r} without errors against a truth",
             "a run on the synthetic corpus",
             "Make one with ./reproduce.sh --run NAME.",
         )
     learned = [s for s in sequences_of(run.artifact("align")) if s.split == "train"]
-    trained = run.artifact("train").manifest["predictors"]
     return {
-        "predictors": {name: evaluated["predictors"][name] for name in (*trained, *_BESIDE)},
+        "predictors": {name: evaluated["predictors"][name] for name in names},
         "aligner": aligned["config"]["aligner"],
         "corpus": aligned["upstream"]["corpus"],
         "learned_from": (
@@ -109,7 +110,9 @@ def _described(run: Run) -> dict[str, Any]:
         ),
         "settings": {s: run.artifact(s).manifest["config"] for s in ("train-ae", "train")},
         "offsets_r2": evaluated["alignment"]["offsets"]["r2"],
-        "errors": {split: splits[split]["mesh"] for split in _SPLITS},
+        "errors": {
+            split: {name: cell[name]["mesh"] for name in names} for split, cell in cells.items()
+        },
     }
 
 

@@ -13,7 +13,7 @@ from bridge.measure.metrics import FrameErrors
 from bridge.measure.pooled import PredictorErrors
 from bridge.measure.predictions import SEQUENCE_MEAN, SMPL, Candidate, Predictions, candidates
 from bridge.measure.references import Block, MotionArrays, References
-from bridge.measure.rest_pose import RestPose
+from bridge.measure.rest_pose import Compared, RestPose
 from bridge.measure.roads import Road
 from bridge.motion import MotionSequence
 from bridge.motion.cells import cell_of, trained_people_and_kinds
@@ -27,8 +27,8 @@ class SequenceErrors:
     sequence: MotionSequence
     errors: dict[str, PredictorErrors]
     """By candidate, those that could be compared."""
-    true_size_m: NDArray[np.float32] | None
-    """(T,) mean length of the true moving offsets of each frame; None if they are not known."""
+    at_rest: Compared | None
+    """What was compared in the rest pose; None if no true offsets are known."""
 
 
 class Evaluation:
@@ -76,15 +76,17 @@ class Evaluation:
             for one in self.candidates.values()
             if self._predictions[one.road.name].has(one.kind, name)
         ]
-        at_rest = self._at_rest.compare(name, chosen)
+        # No offset is the same on every road, while SMPL's mesh is not.
+        rested = [one for one in chosen if one.kind != SMPL or one.name == SMPL]
+        at_rest = self._at_rest.compare(name, rested)
         mesh = self._of_meshes(name, chosen) if self._references.has(name) else {}
-        rested = {} if at_rest is None else at_rest.errors
+        found = {} if at_rest is None else at_rest.errors
         errors = {
-            one.name: PredictorErrors(mesh.get(one.name), rested.get(one.name))
+            one.name: PredictorErrors(mesh.get(one.name), found.get(one.name))
             for one in chosen
-            if one.name in mesh or one.name in rested
+            if one.name in mesh or one.name in found
         }
-        return SequenceErrors(sequence, errors, None if at_rest is None else at_rest.true_size_m)
+        return SequenceErrors(sequence, errors, at_rest)
 
     def _of_meshes(self, name: str, chosen: Sequence[Candidate]) -> dict[str, FrameErrors]:
         compared = [one for one in chosen if one.kind != SEQUENCE_MEAN]

@@ -65,7 +65,12 @@ def candidates(roads: Sequence[Road]) -> dict[str, Candidate]:
         # What learns nothing differs only by what alignment made of shape, pose and offsets.
         if road.align.content_sha256 != first.align.content_sha256:
             found += [
-                Candidate(f"{kind}_{road.name}", kind, f"{LEARN_NOTHING[kind]}, its road", road)
+                Candidate(
+                    f"{kind}_{road.name}",
+                    kind,
+                    f"{LEARN_NOTHING[kind]}, on the {road.name} road",
+                    road,
+                )
                 for kind in _AGAIN
             ]
     return {one.name: one for one in found}

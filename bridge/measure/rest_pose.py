@@ -10,7 +10,7 @@ to move.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ class Compared:
     """By candidate."""
     true_size_m: NDArray[np.float32]
     """(T,) mean length of the true moving offsets of each frame, metres."""
+    spans: list[StillSpan]
+    """When the body stands still."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class RestPose:
                 errors = self._compare(name, self._aligned(name, own), own)
                 # The first road's alignment stands for the truth in figures.
                 earlier = found or errors
-                found = Compared(earlier.errors | errors.errors, earlier.true_size_m)
+                found = replace(earlier, errors=earlier.errors | errors.errors)
         return found
 
     def _compare(self, name: str, true: _TrueOffsets, chosen: Iterable[Candidate]) -> Compared:
@@ -86,7 +88,8 @@ class RestPose:
                 errors.add(self._predicted(one, name, true, piece, real), real)
         for _, errors in watched:
             errors.finish()
-        return Compared({one.name: errors for one, errors in watched}, movement.sizes.frames_m())
+        found = {one.name: errors for one, errors in watched}
+        return Compared(found, movement.sizes.frames_m(), true.spans)
 
     def _predicted(
         self, one: Candidate, name: str, true: _TrueOffsets, piece: slice, real: OffsetPiece

@@ -10,7 +10,7 @@ from bridge.motion import MotionSequence, sequences_of
 from bridge.runs import Artifact, Run
 
 PAPER, BEST = "paper", "best"
-_PLUS = "predict_plus"
+TRAIN_PLUS, PREDICT_PLUS = "train_plus", "predict_plus"
 
 
 @dataclass(frozen=True)
@@ -49,20 +49,20 @@ class Road:
         return {sequence.name: sequence for sequence in sequences_of(self.align)}
 
 
-def artifacts_of_roads(run: Run) -> dict[str, Artifact]:
-    """Artifacts of the roads that the run went to their end, by name; the paper's without any.
+def stages_of_roads(run: Run) -> list[str]:
+    """The stages whose artifacts make the roads that the run went to their end; else the paper's.
 
     Raises
     ------
     DsnetError
-        If no road is complete, or one is older than what it was made from.
+        If the best road is older than what it was made from.
     """
     names: list[str] = []
-    if run.finished("decode") or not run.finished(_PLUS):
+    if run.finished("decode") or not run.finished(PREDICT_PLUS):
         names += ["align", "predict", "decode"]
-    if run.finished(_PLUS):
-        names += [_alignment_of(run.artifact(_PLUS)), _PLUS]
-    return run.artifacts(*dict.fromkeys(names))
+    if run.finished(PREDICT_PLUS):
+        names += [_alignment_of(run.artifact(PREDICT_PLUS)), PREDICT_PLUS]
+    return list(dict.fromkeys(names))
 
 
 def roads_of(artifacts: Mapping[str, Artifact]) -> list[Road]:
@@ -70,15 +70,15 @@ def roads_of(artifacts: Mapping[str, Artifact]) -> list[Road]:
 
     Parameters
     ----------
-    artifacts : as `artifacts_of_roads` gives them; others may be among them.
+    artifacts : those of `stages_of_roads`; others may be among them.
     """
     roads = []
     if "decode" in artifacts:
         roads.append(
             Road(PAPER, "align", artifacts["align"], artifacts["predict"], artifacts["decode"])
         )
-    if _PLUS in artifacts:
-        plus = artifacts[_PLUS]
+    if PREDICT_PLUS in artifacts:
+        plus = artifacts[PREDICT_PLUS]
         alignment = _alignment_of(plus)
         roads.append(Road(BEST, alignment, artifacts[alignment], plus, plus))
     return roads

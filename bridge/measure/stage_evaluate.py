@@ -14,7 +14,7 @@ from bridge.body import BodyModelData, load_body_model
 from bridge.measure.alignment_quality import alignment_errors
 from bridge.measure.evaluation import Evaluation, SequenceErrors
 from bridge.measure.pooled import pooled, spectra, summarise
-from bridge.measure.roads import Road, artifacts_of_roads, roads_of
+from bridge.measure.roads import Road, roads_of, stages_of_roads
 from bridge.measure.spectrum import STEP_HZ
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
@@ -52,7 +52,7 @@ def main(config: EvaluateConfig) -> None:
         If the run came to the end of no road, or one is older than what it was made from.
     """
     run = Run(config.run)
-    upstream = artifacts_of_roads(run)
+    upstream = run.artifacts(*stages_of_roads(run))
     roads = roads_of(upstream)
     origin = roads[0].align.origin
     # The truth belongs to the run's own corpus, not to licensed meshes aligned beside it.
@@ -132,9 +132,16 @@ def _described(found: SequenceErrors, evaluation: Evaluation) -> dict[str, Any]:
         "cell": evaluation.cells(sequence)[-1],
         "person": "known" if evaluation.knows(sequence) else "new",
         "frames": sequence.length,
+        "stands_still_s": _still_s(found),
         "errors": {name: summarise([one]) for name, one in errors.items()},
         "mesh_frame_error_mm": {name: one.frame_summary_mm() for name, one in meshes.items()},
     }
+
+
+def _still_s(found: SequenceErrors) -> list[list[float]]:
+    """First and last second of each stretch in which the body stands still."""
+    spans = [] if found.at_rest is None else found.at_rest.spans
+    return [[edge / found.sequence.fps for edge in (span.start, span.stop)] for span in spans]
 
 
 def frame_errors_m(evaluate: Artifact, predictor: str, sequence: str) -> NDArray[np.float32] | None:
@@ -174,7 +181,7 @@ def _sizes_m(found: Iterable[SequenceErrors]) -> FrameValues:
             for name, own in one.errors.items()
             if own.at_rest is not None and own.movement() is not None
         }
-        true = {} if one.true_size_m is None else {TRUE: one.true_size_m}
+        true = {} if one.at_rest is None else {TRUE: one.at_rest.true_size_m}
         yield one.sequence, true | sizes
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.measure.predictions import AUTOENCODER
+from bridge.measure.roads import road_of
 from bridge.motion import MotionSequence
 from bridge.report.motion_strip import draw_motion_strip
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
@@ -19,10 +20,10 @@ _STRIP_BODIES = 8
 
 def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     """Figure 4: original mesh, the autoencoder's reconstruction, distance between the two."""
-    frames = _lively_frames(scene, sequence, 2)
-    aligned_m = scene.aligned_offsets_m(sequence.name, frames)
-    rebuilt_m = scene.decoded_offsets_m(AUTOENCODER, sequence.name, frames)
-    original, rebuilt = (scene.pose(sequence.name, frames, o) for o in (aligned_m, rebuilt_m))
+    frames, road = _lively_frames(scene, sequence, 2), scene.roads[0]
+    aligned_m = scene.aligned_offsets_m(road, sequence.name, frames)
+    rebuilt_m = scene.offsets_m(AUTOENCODER, sequence.name, frames)
+    original, rebuilt = (scene.pose(road, sequence.name, frames, o) for o in (aligned_m, rebuilt_m))
     error_m = np.linalg.norm(rebuilt - original, axis=-1)
     top_m = scale_top_m(error_m)
     camera = frame_camera([*original, *rebuilt], height_px=scene.panel_px)
@@ -48,49 +49,66 @@ def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
 
 
 def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
-    """Figure 7 (a-d): ground truth, SMPL alone, SMPL with DSNet, and what DSNet contributes."""
-    frames = _lively_frames(scene, sequence, 3)
-    predicted_m = scene.decoded_offsets_m(scene.default, sequence.name, frames)
-    truth = scene.pose(sequence.name, frames, scene.aligned_offsets_m(sequence.name, frames))
-    plain = scene.pose(sequence.name, frames, None)
-    moved = scene.pose(sequence.name, frames, predicted_m)
-    magnitude_m = np.linalg.norm(predicted_m, axis=-1)
-    top_m = scale_top_m(magnitude_m)
-    camera = frame_camera([*truth, *plain, *moved], height_px=scene.panel_px)
-    rows = [
-        [
-            *(_picture(scene, camera, bodies[row]) for bodies in (truth, plain, moved)),
-            _picture(scene, camera, moved[row], magnitude_colours(magnitude_m[row], top_m)),
-        ]
-        for row in range(len(frames))
+    """Figure 7: ground truth, SMPL alone, and for each road SMPL with its predictor and its part.
+
+    Two roads have two rows instead of three, so that the picture takes as long to render.
+    """
+    frames = _lively_frames(scene, sequence, 4 - len(scene.roads))
+    name, first = sequence.name, scene.roads[0]
+    aligned_m = scene.aligned_offsets_m(first, name, frames)
+    truth, plain = (scene.pose(first, name, frames, o) for o in (aligned_m, None))
+    parts_m = [scene.offsets_m(road.default, name, frames) for road in scene.roads]
+    moved = [
+        scene.pose(road, name, frames, part_m)
+        for road, part_m in zip(scene.roads, parts_m, strict=True)
     ]
+    magnitudes_m = np.linalg.norm(parts_m, axis=-1)
+    top_m = scale_top_m(magnitudes_m)
+    camera = frame_camera([*truth, *plain, *np.concatenate(moved)], height_px=scene.panel_px)
+    rows = []
+    for row in range(len(frames)):
+        pictures = [_picture(scene, camera, bodies[row]) for bodies in (truth, plain)]
+        for bodies, magnitude_m in zip(moved, magnitudes_m, strict=True):
+            colours = magnitude_colours(magnitude_m[row], top_m)
+            pictures.append(_picture(scene, camera, bodies[row]))
+            pictures.append(_picture(scene, camera, bodies[row], colours))
+        rows.append(pictures)
+    columns = ["ground truth", "SMPL"]
+    for label in scene.shown.values():
+        columns += [f"SMPL + {label}", f"part of {label}"]
     draw_panels(
         path,
         rows,
-        title=f"Figure 7: DSNet on a sequence it never saw, {sequence.name}",
+        title=f"Figure 7: a sequence that no predictor saw, {name}",
         origin=scene.origin,
-        column_titles=["(a) ground truth", "(b) SMPL", "(c) SMPL + DSNet", "(d) DSNet's part"],
+        column_titles=[f"({'abcdef'[i]}) {title}" for i, title in enumerate(columns)],
         row_titles=[_row_title(sequence, frame) for frame in frames],
         colour_top_m=top_m,
         colour_label="contribution",
+        width_in=9.0 + 2.0 * (len(scene.roads) - 1),
     )
 
 
-def draw_test_strip(path: Path, scene: Scene, sequence: MotionSequence) -> None:
+def draw_test_strip(path: Path, scene: Scene, sequence: MotionSequence, predictor: str) -> None:
     """A motion, and if possible a subject, that no network has seen (compare Figure 9)."""
-    frames = np.linspace(0, sequence.length - 1, _STRIP_BODIES).round().astype(int)
-    offsets_m = scene.decoded_offsets_m(scene.default, sequence.name, frames)
+    bodies = _STRIP_BODIES // len(scene.roads) + len(scene.roads) - 1
+    frames = np.linspace(0, sequence.length - 1, bodies).round().astype(int)
+    road = road_of(scene.roads, predictor)
+    offsets_m = scene.offsets_m(predictor, sequence.name, frames)
+    # One scale of colour for all strips of the page.
+    shown_m = [scene.offsets_m(name, sequence.name, frames) for name in scene.shown]
     # The frames are the strip's own choice already: their times follow from the mean step.
     draw_motion_strip(
         path,
-        scene.pose(sequence.name, frames, offsets_m),
+        scene.pose(road, sequence.name, frames, offsets_m),
         offsets_m,
         scene.body.faces,
         origin=scene.origin,
         fps=sequence.fps * (len(frames) - 1) / max(sequence.length - 1, 1),
-        title=f"Predicted skin offsets of an unseen motion, {sequence.name}",
+        title=f"{scene.shown[predictor]}: skin offsets of an unseen motion, {sequence.name}",
         samples=scene.samples,
-        width_px=int(4.4 * scene.panel_px),
+        top_m=scale_top_m(np.linalg.norm(shown_m, axis=-1)),
+        width_px=int(4.4 * scene.panel_px * bodies / _STRIP_BODIES),
     )
 
 
@@ -99,7 +117,7 @@ def _lively_frames(scene: Scene, sequence: MotionSequence, count: int) -> NDArra
     parts = np.array_split(np.arange(sequence.length), min(count, sequence.length))
     chosen = []
     for part in parts:
-        offsets_m = scene.aligned_offsets_m(sequence.name, part)
+        offsets_m = scene.aligned_offsets_m(scene.roads[0], sequence.name, part)
         energy = [float(np.square(offset_m, dtype=np.float64).sum()) for offset_m in offsets_m]
         chosen.append(part[int(np.argmax(energy))])
     return np.array(chosen)

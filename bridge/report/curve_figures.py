@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from bridge.measure.predictions import LEARN_NOTHING, PERSON_MEAN, SMPL
+from bridge.measure.predictions import PERSON_MEAN, SMPL
 from bridge.measure.stage_evaluate import frame_errors_m
 from bridge.motion import MotionSequence, sequences_of
 from bridge.paper import CLIP_FRAMES
@@ -42,7 +42,7 @@ def draw_figure6(path: Path, align: Artifact) -> None:
     )
     axes.set_xlim(left=0)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    _finish(axes, "frames", "sequences", legend=False)
+    finish_axes(axes, "frames", "sequences", legend=False)
     save_figure(figure, path)
 
 
@@ -63,16 +63,21 @@ def draw_figure8(path: Path, evaluate: Artifact, sequence: MotionSequence) -> No
             axes.plot(times_s, 1e3 * error_m, line, color=colour, label=label, linewidth=1.5)
     axes.set_ylim(bottom=0.0, top=1.35 * axes.get_ylim()[1])  # room for the legend
     axes.set_xlim(times_s[0], times_s[-1] or 1.0)
-    _finish(axes, "time [s]", "mean vertex error [mm]")
+    finish_axes(axes, "time [s]", "mean vertex error [mm]")
     save_figure(figure, path)
+
+
+def trained_styles(evaluate: Artifact) -> dict[str, tuple[str, str]]:
+    """Colour and line of each trained predictor, in the order of the tables."""
+    roads = evaluate.manifest["roads"].values()
+    trained = {name for road in roads for name in road["predictors"]}
+    names = [name for name in evaluate.manifest["predictors"] if name in trained]
+    return dict(zip(names, zip(cycle(_TRAINED), cycle(_LINES), strict=False), strict=False))
 
 
 def _styles(evaluate: Artifact) -> dict[str, tuple[str, str]]:
     """Colour and line of each predictor that is drawn, the default one last and so on top."""
-    looks = zip(cycle(_TRAINED), cycle(_LINES), strict=False)
-    trained = [name for name in evaluate.manifest["predictors"] if name not in LEARN_NOTHING]
-    own = dict(zip(trained, looks, strict=False))
-    return dict(reversed((own | _UNTRAINED).items()))
+    return dict(reversed((trained_styles(evaluate) | _UNTRAINED).items()))
 
 
 def draw_autoencoder_loss(path: Path, train_ae: Artifact) -> None:
@@ -89,7 +94,7 @@ def draw_autoencoder_loss(path: Path, train_ae: Artifact) -> None:
     axes.plot(steps, validation, "--", marker=marker, color="#D55E00", label="validation")
     _logarithmic(axes, np.concatenate([losses, validation]))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    _finish(axes, "step", "loss of normalised offsets")
+    finish_axes(axes, "step", "loss of normalised offsets")
     save_figure(figure, path)
 
 
@@ -109,8 +114,35 @@ def draw_dsnet_loss(path: Path, train: Artifact) -> None:
         axes.set_title(f"{one['label']}, Adam {one['lr']:g}", fontsize=9)
         _logarithmic(axes, np.concatenate([loss, validation]))
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        _finish(axes, "epoch", "loss of a sequence")
+        finish_axes(axes, "epoch", "loss of a sequence")
     save_figure(figure, path)
+
+
+def draw_plus_loss(path: Path, train_plus: Artifact) -> None:
+    """Losses of the best road's predictors, over the steps that were recorded."""
+    losses = plus_losses(train_plus)
+    figure = new_figure(
+        6.5, 3.6, title="Loss of the best road's predictors", origin=train_plus.origin
+    )
+    axes = figure.subplots()
+    for (name, loss), (colour, line) in zip(
+        losses.items(), zip(cycle(_TRAINED), cycle(_LINES), strict=False), strict=False
+    ):
+        label = train_plus.manifest["predictors"][name]["label"]
+        axes.plot(1 + np.arange(len(loss)), loss, line, color=colour, label=label)
+    _logarithmic(axes, np.concatenate(list(losses.values())))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    finish_axes(axes, "step", "loss")
+    save_figure(figure, path)
+
+
+def plus_losses(train_plus: Artifact) -> dict[str, np.ndarray]:
+    """The recorded losses by predictor; one that is solved for in one go has none."""
+    return {
+        name: np.asarray(train_plus.array(f"loss_{name}"))
+        for name in train_plus.manifest["predictors"]
+        if f"loss_{name}" in train_plus.manifest["arrays"]
+    }
 
 
 def _logarithmic(axes: Axes, values: np.ndarray) -> None:
@@ -119,7 +151,8 @@ def _logarithmic(axes: Axes, values: np.ndarray) -> None:
         axes.set_yscale("log")
 
 
-def _finish(axes: Axes, x: str, y: str, *, legend: bool = True) -> None:
+def finish_axes(axes: Axes, x: str, y: str, *, legend: bool = True) -> None:
+    """Labels, grid and legend as all curves have them."""
     axes.set_xlabel(x, fontsize=9)
     axes.set_ylabel(y, fontsize=9)
     axes.tick_params(labelsize=8)

@@ -215,7 +215,7 @@ def _results(stages: Stages) -> dict[str, Measured]:
     if evaluated is None:
         nothing = Measured(None, "no validation sequence in this run")
         return {"figure8_error": nothing, "dsnet_r2": nothing}
-    name = stages["evaluate"].manifest["default"]
+    name = stages["decode"].manifest["default"]
     error = evaluated["mesh_frame_error_mm"][name]
     metres = " to ".join(f"{error[key] / 1e3:.2g}" for key in ("min", "max"))
     centimetres = " to ".join(f"{error[key] / 10:.2g}" for key in ("min", "max"))
@@ -223,7 +223,7 @@ def _results(stages: Stages) -> dict[str, Measured]:
         "figure8_error": Measured(
             f"{metres} m, {centimetres} cm", "the unit is not stated, and the data are others"
         ),
-        "dsnet_r2": Measured(round(evaluated["errors"]["mesh"][name]["r2"], 4)),
+        "dsnet_r2": Measured(round(evaluated["errors"][name]["mesh"]["r2"], 4)),
     }
 
 

@@ -32,6 +32,7 @@ def draw_motion_strip(
     bodies: int = 8,
     width_px: int = 1300,
     samples: int = 16,
+    top_m: float | None = None,
 ) -> None:
     """Write a PNG of evenly spaced frames side by side; colour is the offset's magnitude.
 
@@ -43,13 +44,14 @@ def draw_motion_strip(
     vertices_m : (T, V, 3) posed vertices, metres, y up; may be memory-mapped.
     offsets_m : (T, V, 3) offsets in the rest pose, metres.
     faces : (F, 3) vertex indices.
+    top_m : offset of the darkest colour, so that two strips can be compared; their own when None.
     """
     total = np.shape(vertices_m)[0]
     frames = np.unique(np.linspace(0, total - 1, min(bodies, total)).round().astype(int))
     posed = np.asarray(vertices_m)[frames].astype(np.float64)
     magnitude_m = np.linalg.norm(np.asarray(offsets_m)[frames], axis=-1)
     row = _side_by_side(posed)
-    top_m = scale_top_m(magnitude_m)
+    top_m = scale_top_m(magnitude_m) if top_m is None else top_m
     camera = frame_camera(list(row), height_px=_height_px(row, width_px), azimuth_deg=0.0)
     picture = render_bodies(
         list(row),

@@ -11,7 +11,9 @@ from pathlib import Path
 from tqdm import tqdm
 
 from bridge.body import load_body_model
+from bridge.measure.roads import PREDICT_PLUS, TRAIN_PLUS, stages_of_roads
 from bridge.motion import MotionSequence
+from bridge.motion.cells import CELLS
 from bridge.options import PositiveInt
 from bridge.report.body_figures import draw_figure4, draw_figure7, draw_test_strip
 from bridge.report.curve_figures import (
@@ -19,17 +21,23 @@ from bridge.report.curve_figures import (
     draw_dsnet_loss,
     draw_figure6,
     draw_figure8,
+    draw_plus_loss,
+    plus_losses,
 )
+from bridge.report.movement_figures import draw_offset_size, draw_spectrum, stopping_sequence
 from bridge.report.page import render_html, render_markdown
 from bridge.report.panels import FOOTERS
 from bridge.report.parity_figure import draw_parity
 from bridge.report.scene import Scene
 from bridge.report.summary import departures, read_parity, summarise
-from bridge.runs import ArtifactWriter, Run
+from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import body_model_path
 
-_REQUIRED = ("align", "train-ae", "encode", "train", "predict", "decode", "evaluate")
+_BESIDE = {"decode": ("train-ae", "encode", "train"), PREDICT_PLUS: (TRAIN_PLUS,)}
 _OPTIONAL = ("corpus", "truth", "verify")
+# As they are made: the page lists what each one took.
+_ORDER = ("corpus", "truth", "align", "align_robust", "train-ae", "encode", "train", "predict",
+          "decode", TRAIN_PLUS, PREDICT_PLUS, "evaluate", "verify")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -75,8 +83,11 @@ def main(config: ReportConfig) -> None:
         If the run lacks one of the stages before this one.
     """
     run = Run(config.run)
-    optional = [stage for stage in _OPTIONAL if run.finished(stage)]
-    stages = run.artifacts(*optional, *_REQUIRED)
+    roads = stages_of_roads(run)
+    named = {"evaluate", *roads, *(stage for stage in _OPTIONAL if run.finished(stage))}
+    for last, beside in _BESIDE.items():
+        named.update(beside if last in roads else ())
+    stages = run.artifacts(*(stage for stage in _ORDER if stage in named))
     body = load_body_model(str(body_model_path(run)))
     scene = Scene(stages, body, config.samples, config.panel_px)
     run.build(
@@ -113,34 +124,75 @@ def _make(writer: ArtifactWriter, scene: Scene, run_name: str) -> None:
 
 def plan_figures(scene: Scene) -> list[FigurePlan]:
     """The figures that this run's data allow, in the order of the page."""
-    stages = scene.stages
-    validation, test = scene.validation(), _unseen(scene)
-    plans: list[FigurePlan] = []
-    if validation:
-        plans += _validation_figures(scene, validation)
-    if test:
-        caption = f"Offsets predicted for {test.name}, a motion that no network was trained on."
-        draw = partial(draw_test_strip, scene=scene, sequence=test)
-        plans.append(FigurePlan("test_strip", caption, draw))
     return [
-        *plans,
+        *_motion_figures(scene),
+        *_movement_figures(scene.stages["evaluate"]),
+        *_training_figures(scene),
+        *_verification_figures(scene),
+    ]
+
+
+def _motion_figures(scene: Scene) -> list[FigurePlan]:
+    validation, test = scene.validation(), _unseen(scene)
+    plans = _validation_figures(scene, validation) if validation else []
+    if test:
+        for name, label in scene.shown.items():
+            caption = (
+                f"Offsets that {label} predicts for {test.name}, a motion that nothing was "
+                "trained on."
+            )
+            draw = partial(draw_test_strip, scene=scene, sequence=test, predictor=name)
+            plans.append(FigurePlan(f"test_strip_{name}", caption, draw))
+    return plans
+
+
+def _movement_figures(evaluate: Artifact) -> list[FigurePlan]:
+    """Nothing without test sequences whose true offsets are known."""
+    sequence = stopping_sequence(evaluate)
+    if sequence is None:
+        return []
+    return [
+        FigurePlan(
+            "decay",
+            f"How the offsets swing and die away, {sequence['name']}: their mean length in each "
+            "frame. Shaded: the body stands still.",
+            partial(draw_offset_size, evaluate=evaluate, sequence=sequence),
+        ),
+        FigurePlan(
+            "spectrum",
+            "How fast the offsets move, over all test sequences: root mean square in each half "
+            "hertz.",
+            partial(draw_spectrum, evaluate=evaluate),
+        ),
+    ]
+
+
+def _training_figures(scene: Scene) -> list[FigurePlan]:
+    stages = scene.stages
+    plans = [
         FigurePlan(
             "figure6_lengths",
             "Figure 6. Sequence lengths; shorter ones are padded with zeros, longer ones clipped.",
             partial(draw_figure6, align=stages["align"]),
-        ),
-        FigurePlan(
-            "loss_autoencoder",
-            "Loss of the autoencoder; epoch 0 is before the first step.",
-            partial(draw_autoencoder_loss, train_ae=stages["train-ae"]),
-        ),
-        FigurePlan(
-            "loss_dsnet",
-            "Loss of each predictor. The latents' scales differ, so the values do too.",
-            partial(draw_dsnet_loss, train=stages["train"]),
-        ),
-        *_verification_figures(scene),
+        )
     ]
+    if scene.follows_paper:
+        plans += [
+            FigurePlan(
+                "loss_autoencoder",
+                "Loss of the autoencoder; epoch 0 is before the first step.",
+                partial(draw_autoencoder_loss, train_ae=stages["train-ae"]),
+            ),
+            FigurePlan(
+                "loss_dsnet",
+                "Loss of each predictor. The latents' scales differ, so the values do too.",
+                partial(draw_dsnet_loss, train=stages["train"]),
+            ),
+        ]
+    if TRAIN_PLUS in stages and plus_losses(stages[TRAIN_PLUS]):
+        draw = partial(draw_plus_loss, train_plus=stages[TRAIN_PLUS])
+        plans.append(FigurePlan("loss_plus", "Loss of the best road's predictors.", draw))
+    return plans
 
 
 def _verification_figures(scene: Scene) -> list[FigurePlan]:
@@ -156,11 +208,11 @@ def _verification_figures(scene: Scene) -> list[FigurePlan]:
 
 
 def _validation_figures(scene: Scene, sequence: MotionSequence) -> list[FigurePlan]:
-    return [
+    plans = [
         FigurePlan(
             "figure7_validation",
-            "Figure 7. (a) Ground truth, (b) SMPL from beta and theta, (c) SMPL with the predicted "
-            "offset, (d) what DSNet contributes, in centimetres.",
+            "Figure 7. (a) Ground truth, (b) SMPL from beta and theta, and for each road SMPL with "
+            "the predicted offset and what the predictor contributes, in centimetres.",
             partial(draw_figure7, scene=scene, sequence=sequence),
         ),
         FigurePlan(
@@ -169,18 +221,25 @@ def _validation_figures(scene: Scene, sequence: MotionSequence) -> list[FigurePl
             "frame.",
             partial(draw_figure8, evaluate=scene.stages["evaluate"], sequence=sequence),
         ),
-        FigurePlan(
-            "figure4_autoencoder",
-            "Figure 4. The original mesh, its reconstruction through 100 numbers, and the distance "
-            "between the two in centimetres.",
-            partial(draw_figure4, scene=scene, sequence=sequence),
-        ),
     ]
+    if scene.follows_paper:
+        caption = (
+            "Figure 4. The original mesh, its reconstruction through 100 numbers, and the distance "
+            "between the two in centimetres."
+        )
+        draw = partial(draw_figure4, scene=scene, sequence=sequence)
+        plans.append(FigurePlan("figure4_autoencoder", caption, draw))
+    return plans
 
 
 def _unseen(scene: Scene) -> MotionSequence | None:
-    """A test sequence, of a subject without training sequences if there is one."""
-    decoded = list(scene.decoded().values())
-    known = {sequence.subject for sequence in decoded if sequence.split != "test"}
-    tests = [sequence for sequence in decoded if sequence.split == "test"]
-    return next(iter(sorted(tests, key=lambda sequence: sequence.subject in known)), None)
+    """The first test sequence of the hardest cell that the run has."""
+    hardest_first = list(reversed(CELLS))
+    decoded = scene.decoded()
+    tested = [
+        one
+        for one in scene.stages["evaluate"].manifest["per_sequence"]
+        if one["split"] == "test" and one["name"] in decoded
+    ]
+    found = min(tested, key=lambda one: hardest_first.index(one["cell"]), default=None)
+    return None if found is None else decoded[found["name"]]

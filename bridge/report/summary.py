@@ -7,6 +7,8 @@ import math
 from dataclasses import asdict
 from typing import Any
 
+from bridge.measure.roads import TRAIN_PLUS
+from bridge.motion.cells import CELLS
 from bridge.report.measured import Stages, measure, parameter_counts, validation_result
 from bridge.report.paper_table import compare
 from bridge.runs import Artifact
@@ -18,42 +20,71 @@ _PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream"
 def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
     """The contents of `results.json`; lengths in millimetres where the key says so.
 
-    `gender` is that of the run's body model.
+    What belongs to the paper's road is None in a run that did not go it. `gender` is that of the
+    run's body model.
     """
     evaluate = stages["evaluate"].manifest
-    train_ae, train = stages["train-ae"].manifest, stages["train"].manifest
     summary = {
         "run": run_name,
         "predictors": evaluate["predictors"],
+        "default": evaluate["default"],
+        "roads": evaluate["roads"],
         "data": stages["align"].origin,
-        "parameters": parameter_counts(stages),
+        "test_bed": evaluate["test_bed"],
         "validation": validation_result(stages["evaluate"]),
-        "splits": evaluate["splits"],
+        "cells": evaluate["cells"],
+        "cell_titles": cell_titles(stages["evaluate"]),
         "sequences": evaluate["per_sequence"],
         "alignment": evaluate["alignment"],
+        "alignments": evaluate["alignments"],
+        **_papers_road(stages, gender),
+        "verification": verification(stages),
+        "stages": {name: _stage(artifact.manifest) for name, artifact in stages.items()},
+    }
+    return _without_nan(summary)
+
+
+def cell_titles(evaluate: Artifact) -> dict[str, str]:
+    """Title of each measured cell, in the order of the tables."""
+    validation = validation_result(evaluate)
+    held_out = "" if validation is None else f", `{validation['name']}`"
+    titles = {"validation": f"held out{held_out}"} | CELLS
+    titles |= {"test": "all of the four cells", "train": "trained on (first of each person)"}
+    return {cell: title for cell, title in titles.items() if cell in evaluate.manifest["cells"]}
+
+
+def _papers_road(stages: Stages, gender: str) -> dict[str, Any]:
+    """Networks of the paper's road and its numbers beside ours."""
+    keys = ("parameters", "autoencoder", "dsnet", "paper")
+    if "decode" not in stages:
+        return dict.fromkeys(keys)
+    train_ae, train = stages["train-ae"].manifest, stages["train"].manifest
+    return {
+        "parameters": parameter_counts(stages),
         "autoencoder": {
             "training": _trained(stages) | {"error_fall": _error_fall(_trained(stages))},
             "pca": train_ae["pca"],
             "comparisons": train_ae.get("comparisons", []),
         },
         "dsnet": {
-            "default": evaluate["default"],
+            "default": stages["decode"].manifest["default"],
             "predictors": train["predictors"],
             "epochs": train["config"]["epochs"],
             "parameters_trainable": train["parameters"].get("dsnet_trainable"),
         },
-        "verification": verification(stages),
         "paper": [asdict(row) for row in compare(measure(stages, gender))],
-        "stages": {name: _stage(artifact.manifest) for name, artifact in stages.items()},
     }
-    return _without_nan(summary)
 
 
 def departures(stages: Stages) -> list[str]:
     """Where the run leaves the paper's words, in its stages' own."""
-    found = [f"autoencoder: {text}" for text in _trained(stages).get("departures", ())]
-    for name, one in stages["train"].manifest["predictors"].items():
-        found += [f"`{name}`: {text}" for text in one["departures"]]
+    found: list[str] = []
+    if "train-ae" in stages:
+        found += [f"autoencoder: {text}" for text in _trained(stages).get("departures", ())]
+    for stage in ("train", TRAIN_PLUS):
+        if stage in stages:
+            for name, one in stages[stage].manifest["predictors"].items():
+                found += [f"`{name}`: {text}" for text in one["departures"]]
     return found
 
 

@@ -27,12 +27,12 @@ def leave_run(
         write_artifact(Run(name).path / stage, stage, {}, units={}, data="synthetic", **contents)
 
     errors = {
-        p: {"mean_mm": error_mm * k, "r2": 1 - error_mm * k}
+        p: {"mesh": {"mean_mm": error_mm * k, "r2": 1 - error_mm * k}}
         for k, p in enumerate(("smpl", "first", "second", "person_mean"))
     }
-    evaluated = {split: {"mesh": errors} for split in splits}
+    evaluated = dict.fromkeys(splits, errors)
     labels = {name: name.title() for name in errors}
-    leave("evaluate", splits=evaluated, alignment={"offsets": {"r2": 0.5}}, predictors=labels)
+    leave("evaluate", cells=evaluated, alignment={"offsets": {"r2": 0.5}}, predictors=labels)
     leave(
         "align",
         config={"aligner": aligner},

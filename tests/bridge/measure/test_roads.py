@@ -9,7 +9,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
-from bridge.measure.roads import artifacts_of_roads, road_of, roads_of
+from bridge.measure.roads import road_of, roads_of, stages_of_roads
 from bridge.measure.stage_evaluate import EvaluateConfig, main, offset_sizes_m
 from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
 from bridge.runs import Run, read_artifact, write_artifact
@@ -158,8 +158,10 @@ def test_decay_and_rest_are_found_where_she_stops(both):
     assert plus["spectrum"]["own"]["ratio"] == pytest.approx(0.5, rel=1e-4)
     # The other cells' bodies never move: there is nothing to stop.
     assert cells["new_person_known_motion"][PLUS]["decay"] is None
-    sizes = [offset_sizes_m(both, name, "99001_stopping") for name in ("true", PLUS)]
-    np.testing.assert_allclose(sizes[1], 0.5 * sizes[0], rtol=1e-5)
+    true, predicted = (offset_sizes_m(both, name, "99001_stopping") for name in ("true", PLUS))
+    assert true is not None
+    assert predicted is not None
+    np.testing.assert_allclose(predicted, 0.5 * true, rtol=1e-5)
     assert offset_sizes_m(both, "smpl", "99001_stopping") is None
 
 
@@ -244,7 +246,8 @@ def test_an_older_best_road_is_refused(tmp_path):
 def test_an_unknown_predictor_is_one_line(tmp_path):
     forge(tmp_path / "both")
     write_best_road(tmp_path / "both")
-    roads = roads_of(artifacts_of_roads(Run("both")))
+    run = Run("both")
+    roads = roads_of(run.artifacts(*stages_of_roads(run)))
     assert road_of(roads, PLUS).name == "best"
     with pytest.raises(DsnetError, match="predictor 'no_such'; expected one of dsnet, dsnet_plus"):
         road_of(roads, "no_such")

@@ -37,7 +37,7 @@ PARITY = {
 }
 
 
-STAGES: list[str] = ["align", "train-ae", "train"]
+STAGES: list[str] = ["align", "evaluate"]
 
 
 @pytest.fixture
@@ -83,6 +83,7 @@ def test_a_run_that_was_not_verified_says_nothing():
 def test_the_report_plans_the_figure(verify: Artifact, monkeypatch):
     monkeypatch.setattr(Scene, "validation", lambda self: None)
     monkeypatch.setattr("bridge.report.stage_report._unseen", lambda scene: None)
+    monkeypatch.setattr("bridge.report.stage_report.stopping_sequence", lambda evaluate: None)
     body = load_body_model("embedded:female")
     stages = dict.fromkeys(STAGES, verify)
 

@@ -17,25 +17,42 @@ from bridge.report.page import render_markdown
 from bridge.report.panels import FOOTERS, new_figure
 from bridge.report.paper_table import compare
 from bridge.runs import read_artifact
+from tests.forged.best_road import write_best_road
 
-TINY = stage_report.ReportConfig(run="forged", samples=1, panel_px=48)
+FIGURES = (
+    "figure7_validation",
+    "figure8_error",
+    "figure4_autoencoder",
+    "test_strip_dsnet_small",
+    "test_strip_dsnet_plus",
+    "decay",
+    "spectrum",
+    "figure6_lengths",
+    "loss_autoencoder",
+    "loss_dsnet",
+    "loss_plus",
+)
+TINY = stage_report.ReportConfig(run="both", samples=1, panel_px=48)
 
 
 @pytest.fixture(scope="module")
-def folder(forged_runs):
+def folder(forged_runs, tmp_path_factory):
+    runs = tmp_path_factory.mktemp("runs")
+    ignored = shutil.ignore_patterns("evaluate", "report")
+    shutil.copytree(forged_runs / "forged", runs / "both", ignore=ignored)
+    write_best_road(runs / "both")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("DSNET_RUNS", str(forged_runs))
-        stage_evaluate.main(stage_evaluate.EvaluateConfig(run="forged"))
+        patch.setenv("DSNET_RUNS", str(runs))
+        stage_evaluate.main(stage_evaluate.EvaluateConfig(run="both"))
         stage_report.main(TINY)
-    return forged_runs / "forged" / "report"
+    return runs / "both" / "report"
 
 
 def test_every_figure_is_shown_and_every_shown_one_exists(folder):
     shown = re.findall(r"\(figures/([\w.-]+)\)", (folder / "report.md").read_text())
     drawn = sorted(path.name for path in (folder / "figures").iterdir())
     assert sorted(shown) == drawn
-    assert {"figure4_autoencoder.png", "figure7_validation.png", "test_strip.png"} <= set(drawn)
-    assert len(drawn) == 7
+    assert drawn == sorted(f"{name}.png" for name in FIGURES)
 
 
 def test_pages_say_synthetic_from_the_start(folder):
@@ -53,7 +70,7 @@ def test_figures_say_synthetic():
 def test_html_needs_no_other_file(folder):
     page = (folder / "report.html").read_text()
     sources = re.findall(r'(?:src|href)="([^"]{0,40})', page)
-    assert len(sources) == 7
+    assert len(sources) == len(FIGURES)
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     encoded = re.findall(r"base64,([^\"]+)", page)
     files = {path.read_bytes() for path in (folder / "figures").iterdir()}
@@ -70,7 +87,7 @@ def test_results_hold_the_numbers(folder):
         "casas_otaduy": 284_678_770,
     }
     assert results["validation"]["name"] == "50004_one_leg_jump"
-    assert 0.5 < results["validation"]["errors"]["mesh"]["dsnet_small"]["r2"] < 1.0
+    assert 0.5 < results["validation"]["errors"]["dsnet_small"]["mesh"]["r2"] < 1.0
     assert results["dsnet"]["default"] == "dsnet_small"
     assert results["stages"]["train"]["seed"] == 0
     assert "numpy" in results["stages"]["train"]["versions"]
@@ -98,8 +115,78 @@ def test_tables_are_the_results(folder):
         assert (
             f"| {row['quantity']} | {row['paper']} | {row['ours']} | {row['verdict']} |" in markdown
         )
-    r2 = results["splits"]["validation"]["mesh"]["dsnet_small"]["r2"]
-    assert f"| DSNet, small | {r2:.3f} |" in markdown
+    for name, label in results["predictors"].items():
+        for cell in results["cells"].values():
+            if "mesh" in cell.get(name, {}):
+                assert f"| {label} | {cell[name]['mesh']['r2'] + 0.0:.3f} |" in markdown
+
+
+def test_both_roads_stand_side_by_side_first(folder):
+    results = json.loads((folder / "results.json").read_text())
+    first = (folder / "report.md").read_text().partition("\n|")[2].partition("\n\n")[0].splitlines()
+    names = ["dsnet_plus", "dsnet_small", "dsnet_other", "person_mean", "smpl"]
+    labels = [results["predictors"][name] for name in names]
+    assert first[0] == f" | {' | '.join(labels)} |"
+    shown = {row.split(" | ")[0].strip("| "): row.split(" | ")[1:] for row in first[2:]}
+    assert list(shown) == [
+        "held out, `50004_one_leg_jump`",
+        "known person, unseen motion",
+        "new person, unseen motion",
+    ]
+    for title, cell in zip(
+        shown,
+        ("validation", "known_person_unseen_motion", "new_person_unseen_motion"),
+        strict=True,
+    ):
+        expected = [
+            f"{results['cells'][cell][name]['offsets']['r2'] + 0.0:.2f}, "
+            f"{results['cells'][cell][name]['mesh']['mean_mm']:.2f} mm"
+            for name in names
+        ]
+        assert [text.strip("| ") for text in shown[title]] == expected
+
+
+def test_the_page_names_law_form_gravity_and_bodies(folder):
+    bed = "Test bed: tissue law `own`, form `clean`, with gravity, female bodies."
+    assert bed in (folder / "report.md").read_text()
+
+    def capture(results):
+        results["test_bed"] = {
+            "tissue": "second", "form": "captured", "gravity": False, "gender": "male"
+        }  # fmt: skip
+        for errors in results["cells"]["new_person_unseen_motion"].values():
+            if "mesh" not in errors:
+                continue
+            errors["moving"] = {**errors["mesh"], "r2": 0.81}
+        plus = results["cells"]["new_person_unseen_motion"]["dsnet_plus"]
+        plus["static"] = {**plus["offsets"], "r2": 0.72}
+
+    page = page_of(folder, capture)
+    assert "law `second`, form `captured`, without gravity, male bodies." in page
+    part = page.partition("## Static and moving part")[2].partition("## Figures")[0]
+    assert "| new person, unseen motion | 0.99, 0.81, 0.72 | 0.89, 0.81, - |" in part
+    assert "### New person, unseen motion: against the true static part, at rest" in page
+    assert "Static and moving" not in (folder / "report.md").read_text()
+
+
+def test_decay_and_rest_have_a_row_for_each_predictor(folder):
+    def stop(results):
+        found = results["cells"]["test"]["dsnet_plus"]
+        found["decay"] = {"stops": 3, "off_s": 0.05, "true_s": 0.4, "predicted_s": 0.35,
+                          "true_mm": 1.2, "predicted_mm": 1.1}  # fmt: skip
+        found["rest"] = {"predicted_mm": 0.6, "true_mm": 0.5, "error_mm": 0.2}
+
+    page = page_of(folder, stop)
+    expected = (
+        "| DSNet plus | 3 | 0.35 | 0.40 | 0.05 | 1.10 | 1.20 | 0.60 | 0.50 | 0.20 |\n"
+        "| DSNet, small | 0 | - | - | - | - | - | - | - | - |"
+    )
+    assert expected in page
+
+
+def test_departures_of_both_roads_are_told(folder):
+    page = (folder / "report.md").read_text()
+    assert "- `dsnet_small`: a wrong turn\n- `dsnet_plus`: no autoencoder" in page
 
 
 def test_a_run_without_sgd_has_none_of_its_settings(folder):
@@ -170,7 +257,31 @@ def test_a_licensed_run_has_a_report_without_truth(forged_runs, tmp_path, monkey
     assert "body part" not in page
 
 
-def test_a_second_report_makes_nothing(folder, forged, monkeypatch):
+def test_the_best_road_alone_has_a_report(forged_runs, tmp_path, monkeypatch):
+    """Without the paper's road its tables and figures are left out."""
+    runs = tmp_path / "runs"
+    for stage in ("corpus", "truth", "align"):
+        shutil.copytree(forged_runs / "forged" / stage, runs / "best" / stage)
+    write_best_road(runs / "best", own_alignment=False)
+    monkeypatch.setenv("DSNET_RUNS", str(runs))
+    monkeypatch.setattr(stage_report, "draw_figure7", lambda path, **_: path.write_bytes(b"x"))
+    monkeypatch.setattr(stage_report, "draw_test_strip", lambda path, **_: path.write_bytes(b"x"))
+    stage_evaluate.main(stage_evaluate.EvaluateConfig(run="best"))
+    stage_report.main(stage_report.ReportConfig(run="best"))
+    page = (runs / "best" / "report" / "report.md").read_text()
+    drawn = {path.stem for path in (runs / "best" / "report" / "figures").iterdir()}
+    assert drawn == {
+        "figure7_validation", "figure8_error", "test_strip_dsnet_plus", "decay", "spectrum",
+        "figure6_lengths", "loss_plus",
+    }  # fmt: skip
+    assert "DSNet plus" in page
+    assert "autoencoder" not in page.partition("## Every cell")[0]
+    for section in ("paper's numbers", "## Autoencoder"):
+        assert section not in page
+
+
+def test_a_second_report_makes_nothing(folder, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(folder.parents[1]))
     monkeypatch.setattr(stage_report, "plan_figures", lambda scene: pytest.fail("drawn again"))
     stage_report.main(TINY)
 
