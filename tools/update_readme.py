@@ -15,6 +15,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from bridge.measure.roads import TRAIN_PLUS
+from bridge.motion.cells import CELLS
 from bridge.runs import Run
 
 ROOT = Path(__file__).parents[1]
@@ -24,10 +26,7 @@ KEPT = ("report.md", "results.json", "figures")
 _BLOCK = re.compile(
     r"(<!-- (?P<name>\w+): written by tools/update_readme.py -->\n).*?(?=<!-- end -->)", re.DOTALL
 )
-CELLS = {
-    "test_known_person": "unseen motions of known people",
-    "test_new_person": "unseen motions of a new person",
-}
+SHOWN = ("validation", *CELLS)
 BESIDE = ("person_mean", "smpl")
 
 
@@ -86,43 +85,65 @@ def times_block(results: dict[str, Any]) -> str:
 
 
 def results_block(results: dict[str, Any]) -> str:
-    """All trained predictors side by side, on the held-out sequence and on unseen motions."""
-    validation, splits = results["validation"], results["splits"]
-    cells = {f"`{validation['name']}`, held out": validation["errors"]["mesh"]}
-    cells |= {title: splits[cell]["mesh"] for cell, title in CELLS.items() if cell in splits}
-    names = [*results["dsnet"]["predictors"], *BESIDE]
+    """Both roads' predictors side by side, on the held-out sequence and in the four cells."""
+    trained = [name for road in results["roads"].values() for name in road["predictors"]]
+    names = [*(name for name in results["predictors"] if name in trained), *BESIDE]
     labels = [results["predictors"][name] for name in names]
+    cells = {cell: results["cell_titles"][cell] for cell in SHOWN if cell in results["cells"]}
     rows = [
-        f"| {title} | {' | '.join(_r2_and_mm(errors[name]) for name in names)} |"
-        for title, errors in cells.items()
+        f"| {title} | {' | '.join(_r2_and_mm(results['cells'][cell], name) for name in names)} |"
+        for cell, title in cells.items()
     ]
     return "\n".join(
         [
-            f"| R², mean error of the posed mesh | {' | '.join(labels)} |",
+            f"| R² of the offsets, mean error of the posed mesh | {' | '.join(labels)} |",
             "|---" + "|---:" * len(names) + "|",
             *rows,
             "",
-            f"Profile `{results['run']}`, seed {results['stages']['train']['seed']}, "
-            f"{results['data']} data; every number: "
+            *_roads_lines(results),
+            f"Profile `{results['run']}`, seed {_seed(results)}, "
+            f"{results['data']} data{_test_bed(results['test_bed'])}; every number: "
             f"[docs/results/{results['run']}](docs/results/{results['run']}/report.md).",
-            *_alignment_lines(results["alignment"]),
+            *_alignment_lines(results["alignments"]),
             "",
         ]
     )
 
 
-def _alignment_lines(alignment: dict[str, Any]) -> list[str]:
-    """What alignment keeps of the truth, where there is one."""
-    lines = [
-        f"The aligner leaves {alignment['frame_error_mm']['mean']:.1f} mm between SMPL and mesh."
-    ]
-    if "absorption" in alignment:
-        whole = alignment["absorption"]["whole"]
-        lines.append(
-            f"Of true offsets of {whole['true_mm']:.2f} mm (root mean square) pose and shape "
-            f"absorb {100 * whole['absorbed']:.0f} %,\nand {whole['invented_mm']:.2f} mm of what "
-            f"it gives is invented: R² of its offsets is {alignment['offsets']['r2']:.2f}."
-        )
+def _roads_lines(results: dict[str, Any]) -> list[str]:
+    """Which column belongs to which road."""
+    lines = []
+    for name, road in results["roads"].items():
+        labels = ", ".join(results["predictors"][one] for one in road["predictors"])
+        title = {"paper": "The paper's road", "best": "The best road"}[name]
+        lines.append(f"{title} (aligned by `{road['aligner']}`): {labels}.")
+    return lines
+
+
+def _test_bed(bed: dict[str, Any] | None) -> str:
+    """Tissue law and form, gravity and bodies of the corpus, where it is synthetic."""
+    if bed is None:
+        return ""
+    gravity = "with" if bed["gravity"] else "without"
+    return (
+        f" (tissue law `{bed['tissue']}`, form `{bed['form']}`, {gravity} gravity, "
+        f"{bed['gender']} bodies)"
+    )
+
+
+def _alignment_lines(alignments: dict[str, dict[str, Any]]) -> list[str]:
+    """What each alignment keeps of the truth, where there is one."""
+    lines = []
+    for name, alignment in alignments.items():
+        text = f"`{name}` leaves {alignment['frame_error_mm']['mean']:.1f} mm to the mesh"
+        if "absorption" in alignment:
+            whole = alignment["absorption"]["whole"]
+            text += (
+                f"; of true offsets of {whole['true_mm']:.2f} mm (root mean square) pose and shape "
+                f"absorb {100 * whole['absorbed']:.0f} %,\nand {whole['invented_mm']:.2f} mm of "
+                f"what it gives is invented: R² of its offsets is {alignment['offsets']['r2']:.2f}"
+            )
+        lines.append(f"{text}.")
     return lines
 
 
@@ -159,8 +180,22 @@ def _size(folder: Path) -> int:
     return sum(path.lstat().st_size for path in folder.resolve().rglob("*") if not path.is_dir())
 
 
-def _r2_and_mm(errors: dict[str, Any]) -> str:
-    return f"{errors['r2']:.2f}, {errors['mean_mm']:.2f} mm"
+def _seed(results: dict[str, Any]) -> int:
+    """The seed of the run's training."""
+    stages = results["stages"]
+    return next(stages[name]["seed"] for name in ("train", TRAIN_PLUS) if name in stages)
+
+
+def _r2_and_mm(cell: dict[str, Any], predictor: str) -> str:
+    """A cell of the table; a predictor may not have been measured there."""
+    errors = cell.get(predictor, {})
+    r2, mean_mm = (errors.get(m, {}).get(k) for m, k in (("offsets", "r2"), ("mesh", "mean_mm")))
+    return f"{_decimals(r2)}, {_decimals(mean_mm, ' mm')}"
+
+
+def _decimals(value: float | None, unit: str = "") -> str:
+    # Adding 0 turns the negative zero of rounding into zero.
+    return "-" if value is None else f"{round(value, 2) + 0.0:.2f}{unit}"
 
 
 if __name__ == "__main__":

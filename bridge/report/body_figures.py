@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.measure.predictions import AUTOENCODER
-from bridge.measure.roads import road_of
 from bridge.motion import MotionSequence
-from bridge.report.motion_strip import draw_motion_strip
+from bridge.report.motion_strip import draw_row_of_bodies
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import Camera, frame_camera, render_bodies
 from bridge.report.scene import Scene
@@ -89,26 +88,33 @@ def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     )
 
 
-def draw_test_strip(path: Path, scene: Scene, sequence: MotionSequence, predictor: str) -> None:
-    """A motion, and if possible a subject, that no network has seen (compare Figure 9)."""
-    bodies = _STRIP_BODIES // len(scene.roads) + len(scene.roads) - 1
-    frames = np.linspace(0, sequence.length - 1, bodies).round().astype(int)
-    road = road_of(scene.roads, predictor)
-    offsets_m = scene.offsets_m(predictor, sequence.name, frames)
-    # One scale of colour for all strips of the page.
-    shown_m = [scene.offsets_m(name, sequence.name, frames) for name in scene.shown]
-    # The frames are the strip's own choice already: their times follow from the mean step.
-    draw_motion_strip(
+def draw_test_strip(path: Path, scene: Scene, sequence: MotionSequence) -> None:
+    """A motion, and if possible a subject, that no network has seen (compare Figure 9).
+
+    With two roads, both at each moment side by side, on one scale of colour.
+    """
+    moments = _STRIP_BODIES // len(scene.roads)
+    frames = np.linspace(0, sequence.length - 1, moments).round().astype(int)
+    bodies, magnitudes_m = [], []
+    for road in scene.roads:
+        offsets_m = scene.offsets_m(road.default, sequence.name, frames)
+        bodies.append(scene.pose(road, sequence.name, frames, offsets_m))
+        magnitudes_m.append(np.linalg.norm(offsets_m, axis=-1))
+    titles = list(scene.shown.values())
+    times = [_row_title(sequence, frame) for frame in frames]
+    shown = titles[0] if len(titles) == 1 else "both roads"
+    draw_row_of_bodies(
         path,
-        scene.pose(road, sequence.name, frames, offsets_m),
-        offsets_m,
+        np.concatenate(np.stack(bodies, axis=1)),
+        np.concatenate(np.stack(magnitudes_m, axis=1)),
         scene.body.faces,
+        labels=times
+        if len(titles) == 1
+        else [f"{time}\n{title}" for time in times for title in titles],
         origin=scene.origin,
-        fps=sequence.fps * (len(frames) - 1) / max(sequence.length - 1, 1),
-        title=f"{scene.shown[predictor]}: skin offsets of an unseen motion, {sequence.name}",
+        title=f"Predicted skin offsets of an unseen motion, {sequence.name}: {shown}",
         samples=scene.samples,
-        top_m=scale_top_m(np.linalg.norm(shown_m, axis=-1)),
-        width_px=int(4.4 * scene.panel_px * bodies / _STRIP_BODIES),
+        width_px=int(4.4 * scene.panel_px),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,26 +33,56 @@ def draw_motion_strip(
     bodies: int = 8,
     width_px: int = 1300,
     samples: int = 16,
-    top_m: float | None = None,
 ) -> None:
     """Write a PNG of evenly spaced frames side by side; colour is the offset's magnitude.
-
-    Each body stands in a place of its own: its travel along the floor is taken out, its height
-    above the floor is kept, so a jump is seen as one.
 
     Parameters
     ----------
     vertices_m : (T, V, 3) posed vertices, metres, y up; may be memory-mapped.
     offsets_m : (T, V, 3) offsets in the rest pose, metres.
     faces : (F, 3) vertex indices.
-    top_m : offset of the darkest colour, so that two strips can be compared; their own when None.
     """
     total = np.shape(vertices_m)[0]
     frames = np.unique(np.linspace(0, total - 1, min(bodies, total)).round().astype(int))
-    posed = np.asarray(vertices_m)[frames].astype(np.float64)
-    magnitude_m = np.linalg.norm(np.asarray(offsets_m)[frames], axis=-1)
-    row = _side_by_side(posed)
-    top_m = scale_top_m(magnitude_m) if top_m is None else top_m
+    draw_row_of_bodies(
+        path,
+        np.asarray(vertices_m)[frames],
+        np.linalg.norm(np.asarray(offsets_m)[frames], axis=-1),
+        faces,
+        labels=[f"{time_s:.2f} s" for time_s in frames / fps],
+        origin=origin,
+        title=title,
+        width_px=width_px,
+        samples=samples,
+    )
+
+
+def draw_row_of_bodies(
+    path: Path,
+    vertices_m: ArrayLike,
+    magnitude_m: ArrayLike,
+    faces: ArrayLike,
+    *,
+    labels: Sequence[str],
+    origin: DataOrigin,
+    title: str,
+    width_px: int = 1300,
+    samples: int = 16,
+) -> None:
+    """Write a PNG of bodies side by side, each coloured by the magnitude of its offsets.
+
+    Each body stands in a place of its own: its travel along the floor is taken out, its height
+    above the floor is kept, so a jump is seen as one.
+
+    Parameters
+    ----------
+    vertices_m : (N, V, 3) posed vertices, metres, y up.
+    magnitude_m : (N, V) what the colour shows, metres.
+    labels : what stands below each body.
+    """
+    row = _side_by_side(np.asarray(vertices_m, dtype=np.float64))
+    magnitude_m = np.asarray(magnitude_m)
+    top_m = scale_top_m(magnitude_m)
     camera = frame_camera(list(row), height_px=_height_px(row, width_px), azimuth_deg=0.0)
     picture = render_bodies(
         list(row),
@@ -60,7 +91,7 @@ def draw_motion_strip(
         colours=list(magnitude_colours(magnitude_m, top_m)),
         samples=samples,
     )
-    _write(path, picture, frames / fps, row, top_m, title, origin)
+    _write(path, picture, labels, row, top_m, title, origin)
 
 
 def _side_by_side(posed: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -81,7 +112,7 @@ def _height_px(row: NDArray[np.float64], width_px: int) -> int:
 def _write(
     path: Path,
     picture: NDArray[np.uint8],
-    times_s: NDArray[np.float64],
+    labels: Sequence[str],
     row: NDArray[np.float64],
     top_m: float,
     title: str,
@@ -95,7 +126,7 @@ def _write(
     middles = (row[..., 0].min(axis=1) + row[..., 0].max(axis=1)) / 2
     border = 0.5 * 0.08 / 1.08 * width
     places = border + (middles - span[0]) / (span[1] - span[0]) * (width - 2 * border)
-    axes.set_xticks(places, [f"{time_s:.2f} s" for time_s in times_s], fontsize=8)
+    axes.set_xticks(places, labels, fontsize=8)
     axes.set_yticks([])
     axes.tick_params(length=0)
     for spine in axes.spines.values():

@@ -136,13 +136,12 @@ def _motion_figures(scene: Scene) -> list[FigurePlan]:
     validation, test = scene.validation(), _unseen(scene)
     plans = _validation_figures(scene, validation) if validation else []
     if test:
-        for name, label in scene.shown.items():
-            caption = (
-                f"Offsets that {label} predicts for {test.name}, a motion that nothing was "
-                "trained on."
-            )
-            draw = partial(draw_test_strip, scene=scene, sequence=test, predictor=name)
-            plans.append(FigurePlan(f"test_strip_{name}", caption, draw))
+        caption = (
+            f"Offsets that {' and '.join(scene.shown.values())} predict for {test.name}, which "
+            "nothing was trained on."
+        )
+        draw = partial(draw_test_strip, scene=scene, sequence=test)
+        plans.append(FigurePlan("test_strip", caption, draw))
     return plans
 
 

@@ -23,8 +23,7 @@ FIGURES = (
     "figure7_validation",
     "figure8_error",
     "figure4_autoencoder",
-    "test_strip_dsnet_small",
-    "test_strip_dsnet_plus",
+    "test_strip",
     "decay",
     "spectrum",
     "figure6_lengths",
@@ -271,7 +270,7 @@ def test_the_best_road_alone_has_a_report(forged_runs, tmp_path, monkeypatch):
     page = (runs / "best" / "report" / "report.md").read_text()
     drawn = {path.stem for path in (runs / "best" / "report" / "figures").iterdir()}
     assert drawn == {
-        "figure7_validation", "figure8_error", "test_strip_dsnet_plus", "decay", "spectrum",
+        "figure7_validation", "figure8_error", "test_strip", "decay", "spectrum",
         "figure6_lengths", "loss_plus",
     }  # fmt: skip
     assert "DSNet plus" in page

@@ -1,0 +1,81 @@
+"""The README's table is made from `results.json`: both roads, the cells, and what is missing."""
+
+from __future__ import annotations
+
+import pytest
+
+from tools.update_readme import results_block
+
+ROADS = {
+    "paper": {"predictors": ["dsnet"], "aligner": "sgd"},
+    "best": {"predictors": ["dsnet_plus"], "aligner": "robust"},
+}
+LABELS = {
+    "dsnet_plus": "DSNet plus",
+    "dsnet": "DSNet",
+    "person_mean": "mean",
+    "smpl": "SMPL alone",
+    "smpl_best": "SMPL alone, on the best road",
+}
+
+
+def errors(r2: float, mean_mm: float) -> dict:
+    return {"offsets": {"r2": r2}, "mesh": {"mean_mm": mean_mm}}
+
+
+def results(**changes) -> dict:
+    whole = {"true_mm": 3.2, "absorbed": 0.41, "invented_mm": 3.7}
+    known = {
+        "frame_error_mm": {"mean": 2.9}, "absorption": {"whole": whole}, "offsets": {"r2": -0.5}
+    }  # fmt: skip
+    cell = {name: errors(0.9 - 0.2 * k, 1.0 + k) for k, name in enumerate(LABELS)}
+    return {
+        "run": "demo",
+        "data": "synthetic",
+        "predictors": LABELS,
+        "roads": ROADS,
+        "cells": {"validation": cell, "new_person_unseen_motion": cell | {"dsnet": {}}},
+        "cell_titles": {
+            "validation": "held out, `50004_one_leg_jump`",
+            "new_person_unseen_motion": "new person, unseen motion",
+            "train": "trained on",
+        },
+        "test_bed": {"tissue": "own", "form": "clean", "gravity": True, "gender": "female"},
+        "stages": {"train": {"seed": 3}, "train_plus": {"seed": 3}},
+        "alignments": {"align": known, "align_robust": {"frame_error_mm": {"mean": 0.5}}},
+        **changes,
+    }
+
+
+def test_both_roads_stand_in_one_table():
+    block = results_block(results())
+    assert block.splitlines()[:4] == [
+        "| R² of the offsets, mean error of the posed mesh "
+        "| DSNet plus | DSNet | mean | SMPL alone |",
+        "|---|---:|---:|---:|---:|",
+        "| held out, `50004_one_leg_jump` "
+        "| 0.90, 1.00 mm | 0.70, 2.00 mm | 0.50, 3.00 mm | 0.30, 4.00 mm |",
+        "| new person, unseen motion | 0.90, 1.00 mm | -, - | 0.50, 3.00 mm | 0.30, 4.00 mm |",
+    ]
+    assert "The paper's road (aligned by `sgd`): DSNet." in block
+    assert "The best road (aligned by `robust`): DSNet plus." in block
+    bed = "synthetic data (tissue law `own`, form `clean`, with gravity, female bodies)"
+    assert f"seed 3, {bed}; every number" in block
+    assert "`align` leaves 2.9 mm" in block
+    assert "`align_robust` leaves 0.5 mm to the mesh." in block
+    assert "R² of its offsets is -0.50." in block
+
+
+@pytest.mark.parametrize(("road", "column"), [("paper", "DSNet"), ("best", "DSNet plus")])
+def test_one_road_has_its_own_column_only(road, column):
+    stage = {"paper": "train", "best": "train_plus"}[road]
+    block = results_block(results(roads={road: ROADS[road]}, stages={stage: {"seed": 1}}))
+    head = block.splitlines()[0]
+    assert head.endswith(f"posed mesh | {column} | mean | SMPL alone |")
+    assert "seed 1, " in block
+
+
+def test_licensed_data_name_no_test_bed():
+    block = results_block(results(data="licensed", test_bed=None))
+    assert "licensed data; every number" in block
+    assert "law" not in block
