@@ -13,11 +13,11 @@ class RobustSettings:
 
     vertices: PositiveInt = 800
     """About how many of the mesh's vertices the pose is read from."""
-    steps: NonNegativeInt = 5
+    steps: NonNegativeInt = 4
     """Gauss-Newton steps for each frame."""
     calibration_frames: PositiveInt = 192
     """Frames of each subject, spread over all of its motions, that tell how soft it is where."""
-    calibration_rounds: NonNegativeInt = 20
+    calibration_rounds: NonNegativeInt = 12
     """Revisions of each subject's softness."""
     precision_m: PositiveFloat = 1e-4
     """Metres of unexplained motion at which a vertex counts half in the pose."""
@@ -42,5 +42,5 @@ class RobustSettings:
 
     @classmethod
     def fast(cls) -> RobustSettings:
-        """A third of the work."""
-        return cls(vertices=400, steps=4, calibration_frames=96, calibration_rounds=12)
+        """Half the work or less."""
+        return cls(vertices=400, calibration_frames=96)
