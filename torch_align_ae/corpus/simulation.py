@@ -96,8 +96,9 @@ def rest_frame_drive(
 
 def _still(theta: Array) -> NDArray[np.bool_]:
     """(T,) frames that are the same as those before and after."""
-    same = (theta[1:] == theta[:-1]).all(axis=1)
-    return np.concatenate([[False], same[1:] & same[:-1], [False]])
+    same, still = (theta[1:] == theta[:-1]).all(axis=1), np.zeros(len(theta), bool)
+    still[1:-1] = same[1:] & same[:-1]
+    return still
 
 
 def skin(

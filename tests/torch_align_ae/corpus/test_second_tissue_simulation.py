@@ -120,6 +120,16 @@ def bounced(smpl, fps):
     return tissue_of("second", smpl, HEAVY.betas).offsets(theta, fps)[-1]
 
 
+@pytest.mark.parametrize("law", TISSUES)
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_the_shortest_motions_hang_in_their_first_pose(smpl, law, count):
+    theta = np.zeros((count, 69))
+    theta[:, 0] = -np.pi / 2
+    found = tissue_of(law, smpl, HEAVY.betas).offsets(theta, 60.0)
+    assert len(found) == count
+    assert 0.003 < np.abs(found[-1]).max() < 0.05
+
+
 def test_muscles_tense_with_a_delay_and_relax():
     theta = np.zeros((120, 69))
     theta[30:60, 12] = 0.8 * np.sin(np.arange(30))
