@@ -97,9 +97,11 @@ def muscle_activation(theta: Array, fps: float) -> Array:
     angles = rotations.magnitude().reshape(count, -1)
     matrices = rotations.as_matrix().reshape(count, -1, 3, 3)
     turns = np.swapaxes(matrices[:-1], -1, -2) @ matrices[1:]
-    speeds = Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_rotvec().reshape(count - 1, -1, 3)
+    speeds = Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_rotvec()
     accelerations = np.zeros_like(angles)
-    accelerations[1:-1] = np.linalg.norm(np.diff(speeds, axis=0), axis=-1) * fps**2
+    accelerations[1:-1] = (
+        np.linalg.norm(np.diff(speeds.reshape(*turns.shape[:3]), axis=0), axis=-1) * fps**2
+    )
     effort = 1 - np.exp(-accelerations / _EFFORT_RAD_S2 - (angles / _EFFORT_RAD) ** 2)
     effort[:, 0] = 0.0
     activation, kept = effort.copy(), np.exp(-1 / (fps * _MUSCLE_DELAY_S))
