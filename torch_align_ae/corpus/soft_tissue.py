@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from torch_align_ae.corpus.surface import cotangent_laplacian, vertex_areas_m2
+from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 
 Array = NDArray[np.floating]
 

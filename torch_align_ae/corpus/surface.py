@@ -1,40 +1,15 @@
-"""Areas, normals, the Laplacian of a triangle mesh, and what diffuses over it."""
+"""Normals of a triangle mesh, and what diffuses over it."""
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
+from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
+
 Array = NDArray[np.floating]
-
-
-def vertex_areas_m2(vertices: ArrayLike, faces: NDArray[np.integer]) -> Array:
-    """(V,) a third of the area of the triangles around each vertex."""
-    corners = np.asarray(vertices)[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.zeros(len(np.asarray(vertices)))
-    np.add.at(areas, faces, np.linalg.norm(normals, axis=1)[:, None] / 6)
-    return areas
-
-
-def cotangent_laplacian(vertices: ArrayLike, faces: NDArray[np.integer]) -> sp.csr_matrix:
-    """(V, V) positive semi-definite: u^T L u is the Dirichlet energy of u over the surface."""
-    vertices = np.asarray(vertices)
-    rows, columns, values = [], [], []
-    for corner in range(3):
-        apex, left, right = (faces[:, (corner + shift) % 3] for shift in range(3))
-        to_left, to_right = vertices[left] - vertices[apex], vertices[right] - vertices[apex]
-        area = np.linalg.norm(np.cross(to_left, to_right), axis=1)
-        rows.append(left)
-        columns.append(right)
-        values.append((to_left * to_right).sum(1) / np.maximum(area, 1e-12) / 2)
-    count = len(vertices)
-    indices = (np.concatenate(rows), np.concatenate(columns))
-    weights = sp.coo_matrix((np.concatenate(values), indices), shape=(count, count))
-    weights = weights + weights.T
-    return sp.csr_matrix(sp.diags(np.asarray(weights.sum(1)).ravel()) - weights)
 
 
 def vertex_normals(vertices: Array, faces: NDArray[np.integer]) -> Array:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 from torch_align_ae.corpus.soft_tissue import SoftTissue, TissueParameters, TissueState
-from torch_align_ae.corpus.surface import cotangent_laplacian, vertex_areas_m2
 
 
 def patch(side=8, size_m=0.1):
