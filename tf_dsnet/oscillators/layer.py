@@ -7,7 +7,7 @@ from collections.abc import Collection
 import numpy as np
 
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import FPS, LARGEST_M, SWEEPS
+from bridge.tissue.oscillators import FPS, SWEEPS
 from bridge.tissue.shape import SHAPE_FEATURES
 from bridge.tissue.trained_plus import NODE_FIELDS, Weights
 from tf_dsnet.framework import Tensor, keras, tf
@@ -90,18 +90,17 @@ class OscillatorLayer(keras.layers.Layer):
         spring = square / 4 * tf.square(omega)
         drag = self._of("damping_ratio") * omega / FPS
         coupling = square / 4 * tf.square(self._of("wave_speed"))
-        stiffening, own_pull = self._of("stiffening"), coupling * self._own_pull
+        held, hardening = spring + coupling * self._own_pull, 2 * spring * self._of("stiffening")
         felt = self._of("inertia_gain") * inertia + self._of("gravity_gain") * gravity
         loads = square * self._smoothed(felt)
         steps = tf.shape(loads)[0]
 
         def advance(step: Tensor, now: Tensor, before: Tensor, found: tf.TensorArray) -> tuple:
-            squared = tf.reduce_sum(tf.square(now), -1, keepdims=True)
-            held = spring * (1 + stiffening * tf.minimum(squared, LARGEST_M**2)) + own_pull
+            stiffer = hardening * tf.reduce_sum(tf.square(now), -1, keepdims=True)
             twice = 2 * now + before
-            known = loads[step] + 2 * now - before + drag * before - held * twice
+            known = loads[step] + 2 * now - before + (drag - stiffer) * before - held * twice
             known -= coupling * self._others(twice)
-            diagonal, after = 1 + drag + held, 2 * now - before
+            diagonal, after = 1 + drag + held + stiffer, 2 * now - before
             for _ in range(SWEEPS):
                 after = (known - coupling * self._others(after)) / diagonal
             return step + 1, after, now, found.write(step, after)
