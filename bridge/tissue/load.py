@@ -69,8 +69,9 @@ class SkinnedNodes:
         rotations = joint_rotations(self._body, pose)
         joints = self._joints.repeat(len(theta), axis=0)
         bones = joint_transforms(rotations, joints, self._body.parents, trans)
-        flat = bones[:, :, :3].reshape(len(theta), len(joints[0]), 12)
-        blended = (self._weights @ flat).reshape(len(theta), -1, 3, 4)
+        # Weights sum to 1 only up to rounding; blended this way, standing is no turn exactly.
+        flat = (bones[:, :, :3] - np.eye(3, 4)).reshape(len(theta), len(joints[0]), 12)
+        blended = (self._weights @ flat).reshape(len(theta), -1, 3, 4) + np.eye(3, 4)
         corrected = self._rest + np.tensordot(pose_features(rotations), self._posedirs, (1, 2))
         turned = np.einsum("tkxy,tky->tkx", blended[..., :3], corrected)
         return turned + blended[..., 3], blended[..., :3]

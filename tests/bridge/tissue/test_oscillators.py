@@ -1,0 +1,221 @@
+"""Coupled oscillators against closed forms, and what no load may make of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from bridge.motion import pack_theta
+from bridge.tissue.load import Load, node_loads
+from bridge.tissue.oscillators import FPS, OscillatorSheet, smoothed
+from tests.bridge.tissue.mechanics import ALONE, masses_of, mechanics
+
+DT_S = 1 / FPS
+
+
+def vibrate(sheet: OscillatorSheet, now: np.ndarray, before: np.ndarray, frames: int):
+    """Offsets without load, (frames, K, 3), the given two first."""
+    found = [before, now]
+    for _ in range(frames - 2):
+        found.append(sheet.step(found[-1], found[-2], np.zeros_like(now)))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("hz", [2.0, 7.0, 20.0])
+@pytest.mark.parametrize("damping", [0.0, 0.05, 0.3])
+def test_free_vibration_has_the_closed_form_of_average_acceleration(hz, damping):
+    """(1 + d + k) x^2 - (2 - 2 k) x + (1 - d + k) = 0 with d = z w dt, k = (w dt)^2 / 4."""
+    sheet = OscillatorSheet(mechanics(hz=hz, damping=damping), ALONE)
+    drag, spring = damping * 2 * np.pi * hz * DT_S, (np.pi * hz * DT_S) ** 2
+    root = np.roots([1 + drag + spring, -(2 - 2 * spring), 1 - drag + spring])[0]
+    frames = np.arange(40)
+    expected = 0.01 * np.real(root ** frames[:, None, None] * np.ones((1, 1, 3)))
+    found = vibrate(sheet, expected[1].astype(np.float32), expected[0].astype(np.float32), 40)
+    np.testing.assert_allclose(found, expected, atol=2e-7)
+    # Undamped, the phase of a frame is 2 atan(w dt / 2), and no amplitude is lost.
+    if damping == 0.0:
+        assert abs(np.angle(root)) == pytest.approx(2 * np.arctan(np.pi * hz * DT_S))
+        assert abs(root) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("stiffening", [0.0, 700.0, 1e4])
+def test_a_constant_load_holds_an_offset_of_force_over_stiffness(stiffening):
+    omega = 2 * np.pi * 4.0
+    sheet = OscillatorSheet(mechanics(hz=4.0, stiffening=stiffening), ALONE)
+    load = np.float32([[3.0, -9.81, 6.0]])
+    offset = sheet.settled(load)
+    held = omega**2 * (1 + stiffening * (offset**2).sum()) * offset
+    np.testing.assert_allclose(held, load, rtol=1e-4)
+
+
+@pytest.mark.parametrize("wave_speed", [0.5, 4.0])
+@pytest.mark.parametrize("hz", [2.0, 15.0])
+def test_rest_is_a_fixed_point_of_a_step(nodes, hz, wave_speed):
+    springs = mechanics(80, hz=hz, stiffening=700.0, wave_speed=wave_speed)
+    sheet = OscillatorSheet(springs, nodes.laplacian)
+    load = np.random.default_rng(0).normal(scale=10, size=(80, 3)).astype(np.float32)
+    rest = sheet.settled(load)
+    assert np.abs(rest).max() > 1e-3
+    np.testing.assert_allclose(sheet.step(rest, rest, load), rest, atol=1e-6)
+
+
+def test_coupled_rest_solves_the_linear_equation(nodes):
+    springs = mechanics(80, hz=5.0, wave_speed=2.0)
+    load = np.random.default_rng(1).normal(scale=10, size=(80, 3)).astype(np.float32)
+    stiffness = np.diag(springs.omega[:, 0] ** 2) + 4.0 * nodes.laplacian.toarray()
+    found = OscillatorSheet(springs, nodes.laplacian).settled(load)
+    np.testing.assert_allclose(found, np.linalg.solve(stiffness, load), atol=1e-6)
+
+
+def test_no_load_leaves_no_offset_at_all(nodes):
+    springs = mechanics(80, stiffening=700.0, wave_speed=1.0, taps=(0.2, 0.5, 0.3), look_ahead=1)
+    nothing = np.zeros((20, 80, 3), np.float32)
+    felt = springs.load(Load(nothing, nothing))
+    assert not OscillatorSheet(springs, nodes.laplacian).roll(felt).any()
+
+
+def test_taps_take_frames_from_the_newest_to_the_oldest():
+    felt = np.arange(6, dtype=np.float32)[:, None, None] ** 2
+    found = smoothed(felt, np.float32([0.5, 0.3, 0.2]), 1)[:, 0, 0]
+    # At t: 0.5 of t + 1, 0.3 of t, 0.2 of t - 1, with the ends going on.
+    np.testing.assert_allclose(found[2], 0.5 * 9 + 0.3 * 4 + 0.2 * 1)
+    np.testing.assert_allclose(found[0], 0.5 * 1 + 0.0)
+    np.testing.assert_allclose(found[5], 0.5 * 25 + 0.3 * 25 + 0.2 * 16)
+
+
+def test_without_looking_ahead_the_future_changes_nothing(nodes):
+    springs = mechanics(80, stiffening=700.0, wave_speed=1.0, taps=(0.6, 0.4))
+    felt = np.random.default_rng(2).normal(scale=10, size=(30, 80, 3)).astype(np.float32)
+    other = felt.copy()
+    other[20:] *= -3
+    sheet = OscillatorSheet(springs, nodes.laplacian)
+    one, two = (sheet.roll(smoothed(f, springs.taps, springs.look_ahead)) for f in (felt, other))
+    np.testing.assert_array_equal(one[:21], two[:21])
+    assert np.abs(one[21] - two[21]).max() > 1e-4
+
+
+@settings(max_examples=15)
+@given(turn=st.tuples(*[st.floats(-3.0, 3.0)] * 3))
+def test_a_body_held_in_any_orientation_comes_to_rest(body, nodes, turn):
+    pose = np.zeros((60, 22, 3))
+    pose[:, 0] = Rotation.from_rotvec(turn).as_rotvec()
+    theta = pack_theta(pose, np.zeros((60, 3)))
+    springs = mechanics(80, hz=3.0, stiffening=700.0, wave_speed=1.0)
+    load = springs.load(node_loads(body, nodes.vertices, np.zeros(10), theta, FPS))
+    sheet = OscillatorSheet(springs, nodes.laplacian)
+    # It was held that way before the first frame, so it is at rest from there on.
+    rest = sheet.settled(load[0])
+    np.testing.assert_allclose(sheet.roll(load), np.broadcast_to(rest, load.shape), atol=2e-6)
+    # And from anywhere else it gets there.
+    now = before = np.zeros_like(rest)
+    for _ in range(240):
+        before, now = now, sheet.step(now, before, load[30])
+    np.testing.assert_allclose(now, rest, atol=1e-5)
+
+
+def energy(found: np.ndarray, springs, laplacian, masses) -> np.ndarray:
+    """(T - 1,) between frames, as the module's docstring has it, weighted by the nodes' masses."""
+    found = found.astype(np.float64)
+    speed, mean = np.diff(found, axis=0) / DT_S, (found[1:] + found[:-1]) / 2
+    squared = (found**2).sum(-1)
+    spring = springs.omega[:, 0].astype(np.float64) ** 2
+    quartic = spring * springs.stiffening[:, 0] * squared[1:] * squared[:-1] / 4
+    pulled = np.einsum("kl,tlx->tkx", laplacian.toarray(), mean) * springs.wave_speed**2
+    own = (speed**2 + spring[:, None] * mean**2 + mean * pulled).sum(-1) / 2 + quartic
+    return (own * masses).sum(1)
+
+
+@pytest.mark.parametrize("stiffening", [0.0, 700.0, 1e4])
+def test_without_damping_a_lone_node_keeps_its_energy(stiffening):
+    springs = mechanics(hz=9.0, damping=0.0, stiffening=stiffening)
+    start = np.float32([[0.05, 0.03, -0.08]])
+    found = vibrate(OscillatorSheet(springs, ALONE), start, np.zeros_like(start), 3000)
+    kept = energy(found, springs, ALONE, np.ones(1))
+    np.testing.assert_allclose(kept, kept[0], rtol=1e-3)
+
+
+def test_a_sheet_without_load_never_gains_energy(nodes):
+    """For uneven springs too; what Jacobi's sweeps leave may neither build up nor feed it."""
+    rng = np.random.default_rng(3)
+    hz, stiffening = rng.uniform(2, 40, 80), rng.uniform(0, 1e4, 80)
+    springs = mechanics(80, hz=hz, damping=0.01, stiffening=stiffening, wave_speed=4.0)
+    start = rng.normal(scale=0.05, size=(80, 3)).astype(np.float32)
+    found = vibrate(OscillatorSheet(springs, nodes.laplacian), start, start * 0, 3000)
+    left = energy(found, springs, nodes.laplacian, masses_of(nodes.laplacian))
+    assert left.max() < 1.1 * left[0]
+    assert left[1000:].max() < 0.1 * left[0]
+    assert left[-1] < 0.02 * left[0]
+
+
+def test_undamped_linear_sheet_keeps_its_energy_over_long_times(nodes):
+    springs = mechanics(80, hz=6.0, damping=0.0, wave_speed=1.0)
+    start = np.random.default_rng(4).normal(scale=0.01, size=(80, 3)).astype(np.float32)
+    found = vibrate(OscillatorSheet(springs, nodes.laplacian), start, start, 6000)
+    kept = energy(found, springs, nodes.laplacian, masses_of(nodes.laplacian))
+    np.testing.assert_allclose(kept, kept[0], rtol=0.05)
+    assert kept[-500:].mean() == pytest.approx(kept[:500].mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("force_m_s2", [30.0, 500.0])
+def test_violent_load_for_minutes_gives_no_more_than_physics_allows(nodes, force_m_s2):
+    """10,000 frames of white noise, the softest to the stiffest springs, hardly damped.
+
+    A kick f dt brings f^2 dt^2 / 2 of kinetic energy on average, whatever the springs; drag takes
+    2 z w v^2 dt of it away. So over time the sum of m 2 z w <v^2> is at most that of m <f^2> dt / 2.
+    And at no time is the root of twice the energy more than the sum of the kicks.
+    """
+    rng = np.random.default_rng(5)
+    hz = np.geomspace(2, 40, 80)[rng.permutation(80)]
+    stiffening = np.where(rng.random(80) < 0.2, 0.0, 10 ** rng.uniform(1, 4, 80))
+    springs = mechanics(80, hz=hz, damping=0.01, stiffening=stiffening, wave_speed=4.0)
+    load = rng.normal(scale=force_m_s2, size=(10_000, 80, 3)).astype(np.float32)
+    load[0] = 0
+    found = OscillatorSheet(springs, nodes.laplacian).roll(load)
+    assert np.isfinite(found).all()
+    masses = masses_of(nodes.laplacian)
+    stored = energy(found, springs, nodes.laplacian, masses)
+    kicks = DT_S * np.sqrt((masses[:, None] * load.astype(np.float64) ** 2).sum((1, 2)))
+    assert (np.sqrt(2 * stored) <= 1.01 * np.cumsum(kicks)[:-1] + 1e-6).all()
+    velocity = (found[2:] - found[:-2]) / (2 * DT_S)
+    rate = 2 * springs.damping_ratio[:, 0] * springs.omega[:, 0]
+    taken = (masses * rate * (velocity**2).sum(-1).mean(0)).sum()
+    given_away = (masses * 3 * force_m_s2**2 * DT_S / 2).sum()
+    assert 0.1 * given_away < taken < 1.1 * given_away
+    # It does not build up either.
+    assert stored[-3000:].mean() < 1.5 * stored[2000:5000].mean()
+
+
+@pytest.mark.parametrize("hz", [7.0, 15.0])
+def test_a_burst_rings_out_however_far_it_drove_the_nodes(nodes, hz):
+    """With stiffness frozen at each frame's offset, ten centimetres went on for ever."""
+    springs = mechanics(80, hz=hz, stiffening=1e4, wave_speed=1.0)
+    load = np.zeros((400, 80, 3), np.float32)
+    load[1:20] = np.random.default_rng(6).normal(scale=300, size=(19, 80, 3))
+    found = OscillatorSheet(springs, nodes.laplacian).roll(load)
+    assert np.abs(found[:40]).max() > 0.1
+    assert np.abs(found[-100:]).max() < 1e-6
+
+
+@pytest.mark.parametrize("wave_speed", [1.0, 4.0])
+def test_sweeps_come_near_the_exact_step(nodes, wave_speed):
+    springs = mechanics(80, hz=7.0, wave_speed=wave_speed)
+    sheet = OscillatorSheet(springs, nodes.laplacian)
+    rng = np.random.default_rng(7)
+    load = rng.normal(scale=20, size=(120, 80, 3)).astype(np.float32)
+    load = smoothed(load, np.ones(5, np.float32) / 5, 2)
+    found = sheet.roll(load).astype(np.float64)
+    omega, damping = springs.omega.astype(np.float64), 0.15
+    stiff = np.diag(omega[:, 0] ** 2) + wave_speed**2 * nodes.laplacian.toarray()
+    drag = DT_S * damping * omega
+    system = np.eye(80) + np.diag(drag[:, 0]) + DT_S**2 / 4 * stiff
+    exact = [found[0], found[0]]
+    for frame in range(119):
+        before, now = exact[-2:]
+        known = DT_S**2 * load[frame] + 2 * now - before + drag * before
+        known -= DT_S**2 / 4 * stiff @ (2 * now + before)
+        exact.append(np.linalg.solve(system, known))
+    missed = np.square(found - exact[1:]).sum() / np.square(exact).sum()
+    assert missed < 1e-3
