@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
@@ -11,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from bridge.errors import DsnetError
-from bridge.motion.amass_file import read_amass_file
+from bridge.motion.amass_file import AmassFile, read_amass_file
+from bridge.motion.cuts import find_cuts
 from bridge.motion.theta import pack_theta, unpack_theta
 
 UpAxis = Literal["y", "z"]
@@ -71,9 +73,9 @@ def load_amass_motion(
     """Read an AMASS `.npz` (SMPL-H or SMPL-X), resample it and turn it upright.
 
     Rotations are interpolated on the sphere (SLERP, the short way) joint by joint, translation
-    and DMPL coefficients linearly; nothing is extrapolated beyond the last frame. Axis-angle
-    vectors are kept continuous in time, as those of an alignment that starts each frame from
-    the one before.
+    and DMPL coefficients linearly; nothing is extrapolated beyond the last frame, and nothing is
+    interpolated across a cut (`bridge.motion.cuts`). Axis-angle vectors are kept continuous in
+    time, as those of an alignment that starts each frame from the one before.
 
     Parameters
     ----------
@@ -92,24 +94,65 @@ def load_amass_motion(
     if not (np.isfinite(fps) and fps > 0):
         raise DsnetError(f"fps={fps}", "a positive number", "Pass 60, the paper's rate.")
     stored = read_amass_file(path)
-    times_s = _sample_times_s(len(stored.pose), stored.fps, fps)
-    pose = _resample_rotations(stored.pose, stored.fps, times_s)
-    trans_m = _resample_linearly(stored.trans_m, stored.fps, times_s)
+    pose, trans_m, dmpls = _resample(stored, fps)
     if up == "y":
         pose[:, 0] = (_R_YUP_ZUP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
         trans_m = _R_YUP_ZUP.apply(trans_m)
-    dmpls = stored.dmpls
+    for first, end in pairwise([0, *find_cuts(pose, trans_m), len(pose)]):
+        pose[first:end] = continuous_rotations(pose[first:end])
     motion = Motion(
-        theta=pack_theta(continuous_rotations(pose), trans_m),
+        theta=pack_theta(pose, trans_m),
         betas=stored.betas,
         gender=stored.gender,
         fps=float(fps),
         source_fps=stored.fps,
         source=path,
         up=up,
-        dmpls=None if dmpls is None else _resample_linearly(dmpls, stored.fps, times_s),
+        dmpls=dmpls,
     )
     return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
+
+
+def _resample(
+    stored: AmassFile, fps: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
+    """Joint rotations, translation and DMPL coefficients at `fps`, piece by piece between cuts."""
+    times_s = _sample_times_s(len(stored.pose), stored.fps, fps)
+    starts = [0, *find_cuts(stored.pose, stored.trans_m)]
+    first_times_s = np.array(starts) / stored.fps - _FRAME_TOLERANCE / fps
+    samples = [*np.searchsorted(times_s, first_times_s), len(times_s)]
+    found = []
+    for (first, end), (one, last) in zip(
+        pairwise([*starts, len(stored.pose)]), pairwise(samples), strict=True
+    ):
+        goes_on = end < len(stored.pose)
+        pose = _and_next_rotation(stored.pose[first:end], goes_on)
+        rows = [stored.trans_m, *([] if stored.dmpls is None else [stored.dmpls])]
+        lines = [_and_next_value(values[first:end], goes_on) for values in rows]
+        at_s = np.clip(times_s[one:last] - first / stored.fps, 0, (len(pose) - 1) / stored.fps)
+        if len(at_s):
+            moved = [_resample_linearly(values, stored.fps, at_s) for values in lines]
+            found.append([_resample_rotations(pose, stored.fps, at_s), *moved])
+    pose, trans_m, *dmpls = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return pose, trans_m, dmpls[0] if dmpls else None
+
+
+def _and_next_rotation(pose: NDArray[np.float64], goes_on: bool) -> NDArray[np.float64]:
+    """Rotations (T, 22, 3), and before a cut one more, as if the motion went on as it did.
+
+    Samples between the last frame before a cut and the first after it lie there.
+    """
+    if not goes_on:
+        return pose
+    before, last = (Rotation.from_rotvec(pose[i]) for i in (max(len(pose) - 2, 0), -1))
+    return np.concatenate([pose, (last * before.inv() * last).as_rotvec()[None]])
+
+
+def _and_next_value(values: NDArray[np.float64], goes_on: bool) -> NDArray[np.float64]:
+    """The same for what is interpolated linearly (T, N)."""
+    if not goes_on:
+        return values
+    return np.concatenate([values, 2 * values[-1:] - values[-2:][:1]])
 
 
 def _sample_times_s(frame_count: int, source_fps: float, fps: float) -> NDArray[np.float64]:

@@ -1,0 +1,76 @@
+"""Cuts in a motion: frames between which no body can have moved.
+
+Recordings are joined, lose track, or loop: from one frame to the next the root is elsewhere, or a
+joint is turned round. To what has a past, tissue or a recurrent network, that is a blow which
+nobody gave. So each piece between cuts is a motion of its own, which begins from rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.motion.theta import unpack_theta
+
+CUT_M = 0.5
+"""Least step of the root between two frames that is a cut: 15 m/s at 30 frames a second."""
+CUT_RAD = np.radians(150.0)
+"""Least turn of a joint between two frames that is one: a skater's spin of six turns a second makes
+36 degrees in 1/60 s, a pitcher's arm 120."""
+_FRAMES_AT_ONCE = 4096
+_FRAMES_TOLD = 5
+
+
+def find_cuts(pose: ArrayLike, trans_m: ArrayLike) -> list[int]:
+    """The first frame after each cut, ascending.
+
+    Parameters
+    ----------
+    pose : (T, J, 3) joint rotations relative to their parents, axis-angle.
+    trans_m : (T, 3) translation of the root, metres.
+    """
+    pose, trans_m = np.asarray(pose, np.float64), np.asarray(trans_m, np.float64)
+    far = np.linalg.norm(np.diff(trans_m, axis=0), axis=1) >= CUT_M
+    return [int(frame) + 1 for frame in np.flatnonzero(far | (_largest_turn(pose) >= CUT_RAD))]
+
+
+def pieces_between_cuts(theta: NDArray) -> list[slice]:
+    """The frames of a motion (T, 69) as pieces without a cut: slices that follow one another."""
+    cuts = find_cuts(*unpack_theta(theta))
+    return [slice(first, end) for first, end in pairwise([0, *cuts, len(theta)])]
+
+
+def predict_between_cuts(
+    predict: Callable[[NDArray], NDArray], theta: NDArray, pieces: Sequence[slice] | None = None
+) -> NDArray:
+    """What `predict` makes of every piece of a motion (T, 69), one after another: (T, ...)."""
+    pieces = pieces_between_cuts(theta) if pieces is None else pieces
+    return np.concatenate([predict(theta[piece]) for piece in pieces])
+
+
+def cut_warning(source: Path, pieces: Sequence[slice], fps: float) -> str:
+    """One line that names the frames at which pieces begin anew; empty if there is one piece."""
+    frames = [piece.start for piece in pieces[1:]]
+    if not frames:
+        return ""
+    named = ", ".join(f"{frame} ({frame / fps:.2f} s)" for frame in frames[:_FRAMES_TOLD])
+    more = f" and {len(frames) - _FRAMES_TOLD} more" if len(frames) > _FRAMES_TOLD else ""
+    return (
+        f"{source} jumps at frame {named}{more} of its {fps:g} frames a second: "
+        "the tissue starts anew there, from rest"
+    )
+
+
+def _largest_turn(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(T - 1,) largest angle of any joint (T, J, 3) between neighbouring frames, radians."""
+    turns = [np.empty(0)]
+    for start in range(0, len(pose) - 1, _FRAMES_AT_ONCE):
+        part = pose[start : start + _FRAMES_AT_ONCE + 1]
+        before, after = (Rotation.from_rotvec(p.reshape(-1, 3)) for p in (part[:-1], part[1:]))
+        turns.append((before.inv() * after).magnitude().reshape(len(part) - 1, -1).max(axis=1))
+    return np.concatenate(turns)
