@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -10,22 +12,22 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.errors import DsnetError
-from bridge.exchange import load_weights
-from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.motion import Motion, load_amass_motion, unpack_theta
+from bridge.motion.cuts import cut_warning, pieces_between_cuts
 from bridge.report.motion_strip import draw_motion_strip
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify
 from bridge.runs.run import body_model_path
-from bridge.runtime.onnx_builder import GraphSession
-from bridge.runtime.onnx_graphs import decoder_graph
+from bridge.runtime.dsnet_motion import DSNET
+from bridge.runtime.motion_predictor import MotionPredictor, choose_predictor
 from bridge.runtime.out_folder import open_out_folder
+from bridge.runtime.plus_motion import PLUS
 from bridge.runtime.skinning import ShapedBody
-from bridge.runtime.streaming import StreamingPredictor
 
+ROADS = (PLUS, DSNET)
+"""Whose predictors can be asked for, the best first."""
 LARGEST_BODY_M, FARTHEST_M = 10.0, 1000.0
 """A shape larger than this is no person's, and a place farther off no motion's."""
-_FRAMES_AT_ONCE = 64
 
 
 def predict_motion(
@@ -38,39 +40,48 @@ def predict_motion(
 ) -> Artifact:
     """Predict how the run's body moves in one motion, at 60 fps with y up.
 
+    Says on stderr which predictor it took, and where the motion has cuts: there it starts anew.
     Costs some seconds to start and to draw, and about 10 ms a frame.
 
     Parameters
     ----------
     path : AMASS `.npz`.
-    out : folder to write, see `open_out_folder`: latents (T, 100), offsets (T, V, 3) in the rest
-        pose and vertices (T, V, 3), both in metres, `strip.png`, `manifest.json`.
-    predictor : which of the run's networks; the run's own choice when None.
+    out : folder to write, see `open_out_folder`: offsets (T, V, 3) in the rest pose and vertices
+        (T, V, 3), both in metres, latents (T, 100) if the predictor has them, `strip.png`,
+        `manifest.json`.
+    predictor : which of the run's; the run's best when None.
     betas : (10,) shape in place of the motion file's.
 
     Raises
     ------
     DsnetError
-        If the run lacks a trained network or its stages are no chain, the file is no motion of a
+        If the run lacks the predictor or its stages are no chain, the file is no motion of a
         body, or `out` holds something else.
     """
-    trained, codec = run.artifacts("train", "train-ae").values()
-    network = load_trained_dsnet(trained, predictor)
+    chosen = choose_predictor(run, predictor, ROADS)
     body = load_body_model(str(body_model_path(run)))
+    predict = chosen.open(body)
     motion = load_motion(path, body, betas)
+    pieces = pieces_between_cuts(motion.theta)
+    trained = chosen.artifacts[chosen.road.stages[0]]
     with open_out_folder(out, trained.origin) as writer:
-        latents = predict_latents(network, motion)
-        writer.put("latents", latents, "latent unit")
-        _decode_and_pose(codec, body, motion, latents, writer)
+        notify(f"{chosen.name} ({chosen.label}) of run {run.name!r} predicts: {chosen.why}")
+        if warning := cut_warning(path, pieces, motion.fps):
+            notify(warning)
+        drawn = _predict_and_pose(predict, body, motion, pieces, writer)
+        draw_motion_strip(writer.file_path("strip.png"), *drawn, body.faces, origin=trained.origin)
         writer.record(
-            predictor=network.name,
+            predictor=chosen.name,
+            label=chosen.label,
+            why=chosen.why,
             source=path.name,
             source_fps=motion.source_fps,
             fps=motion.fps,
             up=motion.up,
             betas=motion.betas.tolist(),
+            starts_anew_at=[piece.start for piece in pieces[1:]],
         )
-        upstream = {"train": trained.content_sha256, "train-ae": codec.content_sha256}
+        upstream = {stage: made.content_sha256 for stage, made in chosen.artifacts.items()}
         return writer.finish(config={"run": run.name}, upstream=upstream)
 
 
@@ -99,42 +110,32 @@ def load_motion(path: Path, body: BodyModelData, betas: NDArray[np.float64] | No
     return motion.about_root_joint((body.J_regressor @ rest)[0])
 
 
-def predict_latents(network: TrainedDsnet, motion: Motion) -> NDArray[np.float32]:
-    """Latents (T, 100) of a motion, from a state without a past."""
-    predictor = StreamingPredictor(network)
-    betas = motion.betas[None]
-    return np.concatenate([predictor.step(theta[None], betas) for theta in motion.theta])
-
-
-def load_decoder(codec: Artifact) -> GraphSession:
-    """The decoder of a finished `train-ae`: `latents` (B, 100) to `offsets` (B, V, 3), metres."""
-    arrays = load_weights(codec.file("autoencoder.safetensors"))
-    weights = {name.removeprefix("model."): array for name, array in arrays.items()}
-    return GraphSession(decoder_graph(weights, codec.manifest["architecture"]))
-
-
-def _decode_and_pose(
-    codec: Artifact,
+def _predict_and_pose(
+    predict: MotionPredictor,
     body: BodyModelData,
     motion: Motion,
-    latents: NDArray[np.float32],
+    pieces: Sequence[slice],
     writer: ArtifactWriter,
-) -> None:
-    """Write offsets, vertices and the strip."""
-    decode, shaped = load_decoder(codec), ShapedBody(body, motion.betas)
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Write vertices and offsets (T, V, 3), which are returned, and latents if there are any."""
+    predictions = [predict(motion.theta[piece], motion.betas) for piece in pieces]
+    latents = [found.latents for found in predictions if found.latents is not None]
+    if latents:
+        writer.put("latents", np.concatenate(latents), "latent unit")
     pose, trans = unpack_theta(motion.theta)
-    shape = (len(latents), body.vertex_count, 3)
+    shape = (len(motion.theta), body.vertex_count, 3)
     offsets_m = writer.open_array("offsets", shape, np.float32, "m")
     vertices_m = writer.open_array("vertices", shape, np.float32, "m")
-    for start in range(0, len(latents), _FRAMES_AT_ONCE):
-        part = slice(start, start + _FRAMES_AT_ONCE)
-        offsets_m[part] = decode(latents=latents[part])["offsets"]
-        vertices_m[part] = shaped.pose(pose[part], trans[part], offsets_m[part])
+    shaped, start = ShapedBody(body, motion.betas), 0
+    for found_m in chain.from_iterable(found.offsets_m for found in predictions):
+        part = slice(start, start + len(found_m))
+        offsets_m[part] = found_m
+        vertices_m[part] = shaped.pose(pose[part], trans[part], found_m)
         if not np.isfinite(vertices_m[part]).all():
             raise DsnetError(
                 f"{motion.source}, whose vertices are not finite from frame {start} on",
-                "networks that give finite offsets",
+                "a predictor that gives finite offsets",
                 "Train the run again, or pass another --run.",
             )
-    strip = writer.file_path("strip.png")
-    draw_motion_strip(strip, vertices_m, offsets_m, body.faces, origin=codec.origin)
+        start = part.stop
+    return vertices_m, offsets_m

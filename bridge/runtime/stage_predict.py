@@ -23,9 +23,10 @@ class PredictConfig:
     """Predict latents for the run's sequences, or a moving body for one AMASS motion."""
 
     run: str = "demo"
-    """Run whose trained networks predict."""
+    """Run whose trained predictors predict."""
     predictor: str | None = None
-    """Which trained network predicts; the run's own choice when left out."""
+    """Which of them. With --motion the run's best when left out: `dsnet_plus` if the run has it;
+    without, the network that the report shows first."""
     amass: Path | None = None
     """Folder of AMASS files to predict beside the run's sequences (those of the run's own corpus
     when left out). What is no motion, or of the other gender, is left out and counted."""

@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bridge.body import load_body_model
 from bridge.exchange import save_weights
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.runs import ArtifactWriter, Run, write_artifact
+from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 from tests.forged.amass import save, smplh
+from tests.forged.plus import soft_flesh, write_plus
 
 WIDTHS = (6890, 12, 8, 6, 4)
 
@@ -37,19 +40,32 @@ def trained() -> TrainedDsnet:
     return TrainedDsnet("dsnet_standardised", draws.dsnet_weights(3), scaling)
 
 
+@pytest.fixture(scope="session")
+def flesh() -> TrainedPlus:
+    """A `dsnet_plus` of 60 nodes on the embedded body."""
+    return soft_flesh(load_body_model("embedded:female"))
+
+
 @pytest.fixture
-def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trained: TrainedDsnet) -> Run:
-    """Run `r`: both networks at the body's size, aligned with the embedded body."""
+def aligned_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run `r`, aligned with the embedded body, in which nothing is trained."""
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
-    folder = tmp_path / "runs" / "r"
-    write_artifact(
-        folder / "align",
-        "align",
-        {},
-        units={},
-        data="synthetic",
-        config={"smpl": "embedded:female"},
-    )
+    folder, body = tmp_path / "runs" / "r" / "align", {"smpl": "embedded:female"}
+    write_artifact(folder, "align", {}, units={}, data="synthetic", config=body)
+    return Run("r")
+
+
+@pytest.fixture
+def plus_run(aligned_run: Run, flesh: TrainedPlus) -> Run:
+    """Run `r` with `dsnet_plus` alone."""
+    write_plus(aligned_run, flesh)
+    return aligned_run
+
+
+@pytest.fixture
+def trained_run(aligned_run: Run, trained: TrainedDsnet) -> Run:
+    """Run `r` with both networks at the body's size."""
+    folder = aligned_run.path
     codec = ArtifactWriter(folder / "train-ae", "train-ae", data="synthetic")
     save_weights(codec.file_path("autoencoder.safetensors"), autoencoder_arrays())
     codec.record(architecture={"widths": WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1})
@@ -60,7 +76,7 @@ def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trained: Traine
         save_weights(train.file_path(f"{name}.safetensors"), stored)
     train.record(default="dsnet_standardised", predictors={name: {} for name in arrays})
     train.finish(upstream=upstream)
-    return Run("r")
+    return aligned_run
 
 
 @pytest.fixture

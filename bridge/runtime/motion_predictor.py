@@ -1,0 +1,114 @@
+"""What predicts one motion's skin offsets, whatever kind it is, and which of a run's does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.errors import DsnetError
+from bridge.runs import Artifact, Run, read_artifact
+
+FRAMES_AT_ONCE = 64
+"""Frames in a piece of offsets: what is held in memory at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a predictor says of one motion of T frames."""
+
+    offsets_m: Iterator[NDArray[np.float32]]
+    """Skin offsets in the rest pose, metres: pieces (T', V, 3) that follow one another."""
+    latents: NDArray[np.float32] | None = None
+    """(T, 100) codes that the offsets are decoded from, if they are."""
+
+
+class MotionPredictor(Protocol):
+    """Predicts motions of the run's body."""
+
+    def __call__(self, theta: NDArray, betas: NDArray) -> Prediction:
+        """Predict a motion theta (T, 69) at 60 frames a second without a cut, of a body (10,).
+
+        The body begins from rest, settled in its first pose.
+        """
+        ...
+
+
+Open = Callable[[Mapping[str, Artifact], str, BodyModelData], MotionPredictor]
+"""A predictor from its road's artifacts by stage, its name, and the body that it moves."""
+
+
+@dataclass(frozen=True)
+class Road:
+    """Some stages of a run that together predict motions."""
+
+    stages: tuple[str, ...]
+    """Whose artifacts are needed; the manifest of the first names the predictors and a default."""
+    command: str
+    """What trains them."""
+    open: Open
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """The predictor that was asked for, or that the run has to offer."""
+
+    name: str
+    label: str
+    """As in tables and legends."""
+    why: str
+    """Why this one."""
+    artifacts: Mapping[str, Artifact]
+    """What it is made of, by stage."""
+    road: Road
+
+    def open(self, body: BodyModelData) -> MotionPredictor:
+        """Load it."""
+        return self.road.open(self.artifacts, self.name, body)
+
+
+def choose_predictor(run: Run, asked: str | None, roads: tuple[Road, ...]) -> Chosen:
+    """The predictor named `asked`; when None, the default of the first road that the run has.
+
+    Raises
+    ------
+    DsnetError
+        If the run has none of that name or none at all, or its stages are no chain.
+    """
+    trained = {road: _manifest(run, road) for road in roads if run.finished(road.stages[0])}
+    if not trained:
+        raise _nothing_trained(run, roads)
+    for road, manifest in trained.items():
+        name = asked or manifest["default"]
+        if name in manifest["predictors"]:
+            label = manifest["predictors"][name].get("label", name)
+            why = "the run's best" if asked is None else "as asked"
+            return Chosen(name, label, why, run.artifacts(*road.stages), road)
+    there = [name for manifest in trained.values() for name in manifest["predictors"]]
+    raise DsnetError(
+        f"predictor {asked!r} asked of run {run.name!r}",
+        f"one of {', '.join(there)}",
+        f"Name one of these, or train another: {_commands(run, roads)}.",
+    )
+
+
+def _manifest(run: Run, road: Road) -> dict:
+    return read_artifact(run.path / road.stages[0]).manifest
+
+
+def _nothing_trained(run: Run, roads: tuple[Road, ...]) -> DsnetError:
+    if not run.path.is_dir():
+        run.artifact(roads[0].stages[0])  # says which runs there are
+    return DsnetError(
+        f"run {run.name!r} without a trained predictor",
+        " or ".join(f"a finished stage {road.stages[0]!r}" for road in roads),
+        f"Run {_commands(run, roads)}.",
+    )
+
+
+def _commands(run: Run, roads: tuple[Road, ...]) -> str:
+    return " or ".join(f"`dsnet {road.command} --run {run.name}`" for road in roads)

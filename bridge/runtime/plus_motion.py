@@ -1,0 +1,72 @@
+"""`dsnet_plus` applied to whole motions, a few frames in memory at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.runs import Artifact
+from bridge.runtime.motion_predictor import FRAMES_AT_ONCE, Prediction, Road
+from bridge.tissue.load import node_loads
+from bridge.tissue.oscillators import FPS, NodeMechanics, OscillatorSheet
+from bridge.tissue.trained_plus import TrainedPlus
+
+Piece = NDArray[np.float32]
+
+
+class PlusMotionPredictor:
+    """A trained `dsnet_plus` on the body that it moves."""
+
+    def __init__(self, model: TrainedPlus, body: BodyModelData) -> None:
+        self._model, self._body = model, body
+
+    def __call__(self, theta: NDArray, betas: NDArray) -> Prediction:
+        """Offsets: those of the oscillators at the nodes, spread over the skin, and static ones."""
+        return Prediction(self._offsets_m(theta, betas))
+
+    def _offsets_m(self, theta: NDArray, betas: NDArray) -> Iterator[Piece]:
+        mechanics = self._model.mechanics(self._body, betas)
+        sheet = OscillatorSheet(mechanics, self._model.nodes.laplacian)
+        start = 0
+        for at_nodes in rolled(sheet, self._loads(mechanics, theta, betas)):
+            part = theta[start : start + len(at_nodes)]
+            offsets_m = self._model.nodes.spread(at_nodes)
+            static_m = self._model.static_m(self._body, betas, part)
+            yield offsets_m if static_m is None else offsets_m + static_m
+            start += len(part)
+
+    def _loads(self, mechanics: NodeMechanics, theta: NDArray, betas: NDArray) -> Iterator[Piece]:
+        """(T', K, 3) of frames that follow one another, each piece from a window that has besides
+        what its accelerations and its smoothing in time look at."""
+        beside = len(mechanics.taps) + mechanics.look_ahead + 1
+        vertices = self._model.nodes.vertices
+        for start in range(0, len(theta), FRAMES_AT_ONCE):
+            first = max(start - beside, 0)
+            window = theta[first : start + FRAMES_AT_ONCE + beside]
+            load = mechanics.load(node_loads(self._body, vertices, betas, window, FPS))
+            yield load[start - first :][:FRAMES_AT_ONCE]
+
+
+def rolled(sheet: OscillatorSheet, loads: Iterable[Piece]) -> Iterator[Piece]:
+    """What `sheet.roll` gives for pieces of loads (T', K, 3), from rest under the very first."""
+    now = before = felt = None
+    for piece in loads:
+        found = np.empty_like(piece)
+        for row, load in enumerate(piece):
+            if now is None or before is None or felt is None:
+                now = before = sheet.settled(load)
+            else:
+                before, now = now, sheet.step(now, before, felt)
+            found[row], felt = now, load
+        yield found
+
+
+def _open(artifacts: Mapping[str, Artifact], _: str, body: BodyModelData) -> PlusMotionPredictor:
+    return PlusMotionPredictor(TrainedPlus.load(artifacts["train_plus"]), body)
+
+
+PLUS = Road(("train_plus",), "train-plus", _open)
+"""The better one: oscillators on the skin, learned from aligned offsets."""

@@ -1,0 +1,89 @@
+"""Which of a run's predictors predicts a motion, and what is said of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bridge import DsnetError
+from bridge.cli import main
+from bridge.runs import Run, read_artifact
+from bridge.runtime.motion_predictor import choose_predictor
+from bridge.runtime.predict_motion import ROADS, predict_motion
+from bridge.tissue.trained_plus import NAME
+from tests.forged.plus import write_plus
+
+
+@pytest.fixture
+def both_roads(trained_run, flesh) -> Run:
+    write_plus(trained_run, flesh)
+    return trained_run
+
+
+def predicted(out: Path, motion: Path, *options: str) -> dict:
+    main(["predict", "--run", "r", "--motion", str(motion), "--out", str(out), *options])
+    return read_artifact(out, "prediction").manifest
+
+
+@pytest.mark.usefixtures("blank_strip", "both_roads")
+def test_the_best_of_both_roads_predicts_and_says_so(motion, tmp_path, capsys):
+    made = predicted(tmp_path / "out", motion)
+    assert (made["predictor"], made["label"], made["why"]) == (NAME, "soft flesh", "the run's best")
+    said = "dsnet: dsnet_plus (soft flesh) of run 'r' predicts: the run's best\n"
+    assert capsys.readouterr().err == said
+    assert set(made["upstream"]) == {"train_plus"}
+    assert set(made["arrays"]) == {"offsets", "vertices"}
+
+
+@pytest.mark.usefixtures("blank_strip", "both_roads")
+def test_another_is_taken_when_asked(motion, tmp_path, capsys):
+    made = predicted(tmp_path / "out", motion, "--predictor", "dsnet_faithful")
+    assert (made["predictor"], made["why"]) == ("dsnet_faithful", "as asked")
+    assert "dsnet_faithful" in capsys.readouterr().err
+    assert set(made["upstream"]) == {"train", "train-ae"}
+    assert set(made["arrays"]) == {"latents", "offsets", "vertices"}
+
+
+def test_a_run_of_one_road_offers_that(trained_run):
+    assert choose_predictor(trained_run, None, ROADS).name == "dsnet_standardised"
+
+
+def test_a_run_of_the_other_road_offers_that(plus_run):
+    assert choose_predictor(plus_run, None, ROADS).name == NAME
+    assert choose_predictor(plus_run, NAME, ROADS).why == "as asked"
+
+
+@pytest.mark.usefixtures("trained_run")
+@pytest.mark.parametrize("asked", ["dsnet_plus", "nonsense", "dsnet_differences"])
+def test_one_that_the_run_lacks_is_one_line(motion, tmp_path, capsys, asked):
+    with pytest.raises(SystemExit) as stopped:
+        predicted(tmp_path / "out", motion, "--predictor", asked)
+    printed = capsys.readouterr().err
+    assert (stopped.value.code, printed.count("\n")) == (2, 1)
+    assert f"'{asked}'" in printed
+    assert "one of dsnet_standardised, dsnet_faithful." in printed
+    assert "`dsnet train-plus --run r` or `dsnet train --run r`" in printed
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_networks_are_not_offered_by_a_run_without(plus_run):
+    with pytest.raises(DsnetError, match=r"one of dsnet_plus\..*`dsnet train --run r`"):
+        choose_predictor(plus_run, "dsnet_faithful", ROADS)
+
+
+def test_a_run_without_any_says_what_trains_one(aligned_run):
+    with pytest.raises(DsnetError, match=r"without a trained predictor.*dsnet train-plus --run r"):
+        choose_predictor(aligned_run, None, ROADS)
+
+
+def test_an_unknown_run_says_which_there_are(plus_run):
+    with pytest.raises(DsnetError, match=r"unknown run 'nope' \(known: r\)"):
+        choose_predictor(Run("nope"), None, ROADS)
+
+
+def test_a_damaged_model_is_one_line(plus_run, motion, tmp_path):
+    (plus_run.path / "train_plus" / f"{NAME}.safetensors").write_bytes(b"nothing")
+    with pytest.raises(DsnetError, match="SHA-256"):
+        predict_motion(plus_run, motion, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,142 @@
+"""`dsnet_plus` on a whole motion: as the model says, piece by piece, anew after a cut."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.body import load_body_model, pose_vertices
+from bridge.cli import main
+from bridge.motion import unpack_theta
+from bridge.runtime.motion_predictor import FRAMES_AT_ONCE
+from bridge.runtime.plus_motion import PlusMotionPredictor
+from bridge.runtime.predict_motion import load_motion, predict_motion
+from tests.forged.amass import save, smplh
+
+BODY = load_body_model("embedded:female")
+
+
+def hopping(path: Path, frames: int = 151) -> Path:
+    """At 60 fps, z up: hops of 10 cm and a swinging arm."""
+    times_s = np.arange(frames) / 60
+    poses, trans = np.zeros((frames, 156)), np.zeros((frames, 3))
+    poses[:, 0] = np.pi / 2
+    poses[:, 16 * 3 + 2] = -1.0 + 0.3 * np.sin(9 * times_s)
+    trans[:, 2] = 0.9 + 0.1 * np.abs(np.sin(7 * times_s))
+    return save(path, smplh(frames, 60.0), poses=poses, trans=trans)
+
+
+def theta_of(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    motion = load_motion(path, BODY, None)
+    return motion.theta, motion.betas
+
+
+def whole(found) -> np.ndarray:
+    return np.concatenate(list(found.offsets_m))
+
+
+@pytest.mark.parametrize("look_ahead", [0, 1])
+@pytest.mark.parametrize("frames", [1, 2, FRAMES_AT_ONCE + 1, 151])
+def test_pieces_are_the_whole_motion(flesh, tmp_path, look_ahead, frames):
+    theta, betas = theta_of(hopping(tmp_path / "hop.npz", frames))
+    model = replace(flesh, look_ahead=look_ahead)
+    found = PlusMotionPredictor(model, BODY)(theta, betas)
+    assert found.latents is None
+    expected = model.nodes.spread(model.moving_m(BODY, betas, theta))
+    np.testing.assert_allclose(whole(found), expected, atol=1e-6)
+
+
+def test_what_is_static_is_added(flesh, tmp_path):
+    theta, betas = theta_of(hopping(tmp_path / "hop.npz", 70))
+    by_pose = np.random.default_rng(2).normal(0, 1e-3, flesh.static.by_pose_m.shape)
+    static = replace(flesh.static, by_pose_m=by_pose.astype(np.float32))
+    model = replace(flesh, static=static)
+    added = whole(PlusMotionPredictor(model, BODY)(theta, betas))
+    added -= whole(PlusMotionPredictor(flesh, BODY)(theta, betas))
+    assert np.abs(added).max() > 1e-4
+    np.testing.assert_allclose(added, model.static_m(BODY, betas, theta), atol=1e-6)
+
+
+def test_who_stands_as_she_was_scanned_is_not_moved(flesh):
+    found = whole(PlusMotionPredictor(flesh, BODY)(np.zeros((90, 69)), np.zeros(10)))
+    np.testing.assert_allclose(found, 0.0, atol=1e-9)
+
+
+@pytest.mark.usefixtures("blank_strip")
+def test_vertices_are_the_posed_offsets(plus_run, tmp_path):
+    made = predict_motion(plus_run, hopping(tmp_path / "hop.npz", 70), tmp_path / "out")
+    made.verify()
+    theta, betas = theta_of(tmp_path / "hop.npz")
+    expected = pose_vertices(
+        BODY, np.tile(betas, (len(theta), 1)), *unpack_theta(theta), made.array("offsets")
+    )
+    np.testing.assert_allclose(made.array("vertices"), expected, atol=2e-5)
+    assert np.abs(made.array("offsets")).max() > 1e-3
+
+
+@pytest.mark.usefixtures("blank_strip", "plus_run")
+def test_after_a_cut_a_motion_is_predicted_as_by_itself(cut_motion, plus_run, tmp_path, capsys):
+    whole, parts = cut_motion
+    said, made = predict(plus_run, whole, tmp_path / "whole", capsys)
+    assert "cut.npz jumps at frame 40 (0.67 s) of its 60 frames a second" in said
+    assert said.count("\n") == 2
+    assert made.manifest["starts_anew_at"] == [40]
+    alone = [predict(plus_run, part, tmp_path / part.stem, capsys)[1] for part in parts]
+    for name in ("offsets", "vertices"):
+        joined = np.concatenate([part.array(name) for part in alone])
+        np.testing.assert_allclose(made.array(name), joined, atol=1e-6)
+    assert np.abs(made.array("offsets")).max() < 0.05
+
+
+@pytest.mark.usefixtures("blank_strip")
+def test_the_networks_start_anew_too(cut_motion, trained_run, tmp_path, capsys):
+    whole, parts = cut_motion
+    said, made = predict(trained_run, whole, tmp_path / "whole", capsys)
+    assert "jumps at frame 40" in said
+    alone = [predict(trained_run, part, tmp_path / part.stem, capsys)[1] for part in parts]
+    joined = np.concatenate([part.array("latents") for part in alone])
+    np.testing.assert_allclose(made.array("latents"), joined, atol=1e-5)
+    assert len(made.array("offsets")) == 90
+
+
+def predict(run, path, out, capsys):
+    capsys.readouterr()
+    made = predict_motion(run, path, out)
+    return capsys.readouterr().err, made
+
+
+@pytest.fixture
+def cut_motion(tmp_path) -> tuple[Path, list[Path]]:
+    """Ninety frames, of which those from the fortieth on are 1 m off; and both parts alone."""
+    with np.load(hopping(tmp_path / "hop.npz", 90)) as stored:
+        poses, trans = stored["poses"], stored["trans"]
+    trans[40:, 0] += 1.0
+    whole = save(tmp_path / "cut.npz", smplh(90, 60.0), poses=poses, trans=trans)
+    parts = {"before": slice(0, 40), "after": slice(40, 90)}
+    return whole, [
+        save(
+            tmp_path / f"{name}.npz",
+            smplh(len(poses[part]), 60.0),
+            poses=poses[part],
+            trans=trans[part],
+        )
+        for name, part in parts.items()
+    ]
+
+
+@pytest.mark.usefixtures("plus_run")
+@pytest.mark.parametrize("key", ["poses", "trans"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_motion_with_what_is_no_number_is_one_line(tmp_path, capsys, key, value):
+    array = smplh(51)[key]
+    array[7, 0] = value
+    path = save(tmp_path / "a_poses.npz", smplh(51), **{key: array})
+    with pytest.raises(SystemExit) as stopped:
+        main(["predict", "--run", "r", "--motion", str(path), "--out", str(tmp_path / "out")])
+    printed = capsys.readouterr().err
+    assert (stopped.value.code, printed.count("\n")) == (2, 1)
+    assert "not all finite" in printed
+    assert not (tmp_path / "out").exists()
