@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from bridge.body import load_body_model
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.amass_folder import find_amass_motions, subject_and_motion, subject_of_shape
+from bridge.motion.cuts import cut_warning, pieces_between_cuts, predict_between_cuts
 from bridge.motion.resampling import Motion, load_amass_motion
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.processes import run_as_process
+from bridge.runs.processes import notify, run_as_process
 from bridge.runs.run import body_model_path
 from tf_dsnet.predictors import PredictMotion, load_predictor
 
@@ -109,6 +110,8 @@ def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
         body = body or load_body_model(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
         motion = load_amass_motion(path)
+        if warning := cut_warning(path, pieces_between_cuts(motion.theta), motion.fps):
+            notify(warning)
         # Those whom the run was aligned with keep the shape that was fitted.
         if subject not in fitted:
             subject = subject_of_shape(subject, motion.betas, shapes)
@@ -126,14 +129,15 @@ def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
 
 
 def predict_all(predict: PredictMotion, motions: MotionSet) -> NDArray[np.float32]:
-    """Latents (G, 100) of every sequence, each from a fresh state."""
+    """Latents (G, 100) of every sequence, each from a fresh state, and so after a cut."""
     rows = subject_rows(motions.sequences)
-    return np.concatenate(
-        [
-            predict(motions.theta[sequence.frames], motions.betas[rows[sequence.subject]])
-            for sequence in motions.sequences
-        ]
-    )
+
+    def latents(sequence: MotionSequence) -> NDArray[np.float32]:
+        betas = motions.betas[rows[sequence.subject]]
+        theta = motions.theta[sequence.frames]
+        return predict_between_cuts(lambda piece: predict(piece, betas), theta)
+
+    return np.concatenate([latents(sequence) for sequence in motions.sequences])
 
 
 def _test_sequence(subject: str, motion_name: str, start: int, motion: Motion) -> MotionSequence:

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.motion import MotionSequence, subject_rows, to_manifest
+from bridge.motion.cuts import predict_between_cuts
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.processes import run_as_process
@@ -103,7 +104,8 @@ def _write(
 def _predict(
     model: TrainedPlus, body: BodyModelData, betas: NDArray, theta: NDArray, fps: float
 ) -> _Predicted:
-    total_m = model.nodes.spread(model.moving_m(body, betas, theta, fps))
+    at_nodes = predict_between_cuts(lambda part: model.moving_m(body, betas, part, fps), theta)
+    total_m = model.nodes.spread(at_nodes)
     static_m = model.static_m(body, betas, theta)
     if static_m is not None:
         total_m += static_m

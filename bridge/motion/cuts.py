@@ -45,12 +45,9 @@ def pieces_between_cuts(theta: NDArray) -> list[slice]:
     return [slice(first, end) for first, end in pairwise([0, *cuts, len(theta)])]
 
 
-def predict_between_cuts(
-    predict: Callable[[NDArray], NDArray], theta: NDArray, pieces: Sequence[slice] | None = None
-) -> NDArray:
+def predict_between_cuts(predict: Callable[[NDArray], NDArray], theta: NDArray) -> NDArray:
     """What `predict` makes of every piece of a motion (T, 69), one after another: (T, ...)."""
-    pieces = pieces_between_cuts(theta) if pieces is None else pieces
-    return np.concatenate([predict(theta[piece]) for piece in pieces])
+    return np.concatenate([predict(theta[piece]) for piece in pieces_between_cuts(theta)])
 
 
 def cut_warning(source: Path, pieces: Sequence[slice], fps: float) -> str:

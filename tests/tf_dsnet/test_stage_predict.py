@@ -15,7 +15,7 @@ from bridge.exchange import save_weights
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.motion import sequences_of, subject_rows
 from bridge.motion.cells import cell_of
-from bridge.runs import Artifact, ArtifactWriter, read_artifact
+from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import content_digest
 from bridge.runs.folders import MANIFEST
 from tests.forged.amass import save, shape, smplh, smplx
@@ -190,6 +190,22 @@ def test_a_folder_of_amass_is_predicted(trained, encoded_run, tmp_path, monkeypa
     assert tests == [("50004_kicking", 31), ("00008_misc", 31)]
     counts = "2 motions; left out: 1 of motions already there, 1 of male bodies, 1 without poses"
     assert counts in capsys.readouterr().err
+
+
+def test_a_motion_with_a_cut_is_told_and_starts_anew(trained, encoded_run, monkeypatch, capsys):
+    forge_mosh(encoded_run, ("50004_kicking",))
+    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    encoded = read_artifact(encoded_run / "encode")
+    (path,) = stage_predict.find_motions(Run("tiny"), None, encoded)
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    arrays["trans"] = arrays["trans"] + 2.0 * (np.arange(len(arrays["trans"])) >= 25)[:, None]
+    save(path, arrays)
+    motions = stage_predict.gather(encoded, Run("tiny"), [path])
+    assert "jumps at frame 15 (0.25 s)" in capsys.readouterr().err
+    counted = stage_predict.predict_all(lambda theta, _: np.arange(len(theta)), motions)
+    last = motions.sequences[-1]
+    np.testing.assert_array_equal(counted[last.frames], [*range(15), *range(16)])
 
 
 def test_empty_folder_and_unknown_run_are_refused(trained, encoded_run, tmp_path, monkeypatch):

@@ -1,0 +1,75 @@
+"""The flesh of a real person who jumps and then stands: it moves with the jumps, and dies away."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.body import load_body_model
+from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
+from bridge.motion import Motion, unpack_theta
+from bridge.runtime.predict_motion import load_motion, predict_motion
+from bridge.tissue.load import node_loads
+from bridge.tissue.oscillators import OscillatorSheet
+
+SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
+pytestmark = [
+    pytest.mark.licensed,
+    pytest.mark.skipif(not SAMPLE.exists(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz"),
+]
+BODY = load_body_model("embedded:female")
+END = slice(-18, None)
+"""The last 0.3 s."""
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    return load_motion(SAMPLE, BODY, None)
+
+
+@pytest.fixture
+def mean_mm(plus_run, motion, tmp_path, monkeypatch) -> np.ndarray:
+    """(T,) mean offset of each frame, as `dsnet predict --motion` gives it."""
+    monkeypatch.setattr(
+        "bridge.runtime.predict_motion.draw_motion_strip", lambda path, *_, **__: path.touch()
+    )
+    made = predict_motion(plus_run, SAMPLE, tmp_path / "out")
+    assert made.manifest["starts_anew_at"] == []
+    return 1e3 * np.linalg.norm(made.array("offsets"), axis=-1).mean(axis=1)
+
+
+def pelvis_acceleration_g(motion: Motion) -> np.ndarray:
+    """(T,) upwards, in units of g: -1 in free flight."""
+    pose, trans = unpack_theta(motion.theta)
+    joints = shaped_joints(BODY, motion.betas[None])
+    bones = joint_transforms(
+        joint_rotations(BODY, pose), joints.repeat(len(pose), 0), BODY.parents, trans
+    )
+    height_m = bones[:, 0, 1, :3] @ joints[0, 0] + bones[:, 0, 1, 3]
+    return np.gradient(np.gradient(height_m)) * motion.fps**2 / 9.81
+
+
+def test_it_peaks_at_a_landing(mean_mm, motion):
+    landings = np.flatnonzero(pelvis_acceleration_g(motion) > 4)
+    assert len(landings) > 3
+    after = mean_mm.argmax() - landings
+    assert after[after >= 0].min() <= 6  # 0.1 s: half a vibration of 5 Hz
+
+
+def test_it_dies_away_as_she_stands(mean_mm):
+    assert mean_mm[END].mean() < mean_mm.max() / 5
+
+
+def test_what_is_left_is_the_sag_of_where_the_arms_hang(mean_mm, plus_run, motion, flesh):
+    """The template's arms are raised: hanging, they feel gravity and do not return to zero."""
+    last = motion.theta[-1:]
+    mechanics = flesh.mechanics(BODY, motion.betas)
+    load = mechanics.load(node_loads(BODY, flesh.nodes.vertices, motion.betas, last, 60.0))
+    sag_m = OscillatorSheet(mechanics, flesh.nodes.laplacian).settled(load[0])
+    sag_mm = 1e3 * np.linalg.norm(flesh.nodes.spread(sag_m[None])[0], axis=-1)
+    arms = BODY.weights[:, 16:22].sum(axis=1) > 0.5
+    assert sag_mm[arms].mean() > 3 * sag_mm[~arms].mean()
+    assert sag_mm.mean() < mean_mm[-1] < 2 * sag_mm.mean()
