@@ -137,7 +137,7 @@ def _motion_figures(scene: Scene) -> list[FigurePlan]:
     plans = _validation_figures(scene, validation) if validation else []
     if test:
         caption = (
-            f"Offsets that {' and '.join(scene.shown.values())} predict for {test.name}, which "
+            f"Offsets predicted by {' and '.join(scene.shown.values())} for {test.name}, which "
             "nothing was trained on."
         )
         draw = partial(draw_test_strip, scene=scene, sequence=test)
