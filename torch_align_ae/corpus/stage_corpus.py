@@ -151,7 +151,14 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, takes: Takes) -> N
         for sequence in sequences:
             theta = thetas[sequence.name].astype(np.float64)
             static[sequence.frames] = form.static(sequence.subject, theta)
-    writer.record(sequences=to_manifest(sequences), source="synthetic", gender=config.gender)
+    writer.record(
+        sequences=to_manifest(sequences),
+        source="synthetic",
+        gender=config.gender,
+        tissue=config.tissue,
+        form=config.form,
+        gravity=config.gravity,
+    )
     with tqdm(total=frames, desc="soft tissue", unit="frame", disable=None) as progress:
 
         def simulate(smpl: SMPL, subject: Subject) -> None:
