@@ -41,14 +41,10 @@ class OscillatorLayer(keras.layers.Layer):
     ) -> None:
         super().__init__(name="oscillators")
         count = len(nodes)
-        laplacian = nodes.laplacian
-        diagonal = laplacian.diagonal()
-        off = laplacian.tocoo()
-        keep = off.row != off.col
-        order = np.lexsort((off.col[keep], off.row[keep]))
-        places = np.stack([off.row[keep], off.col[keep]], 1)[order].astype(np.int64)
-        self._pull = tf.SparseTensor(places, off.data[keep][order], (count, count))
-        self._own_pull = tf.constant(diagonal[:, None, None], tf.float32)
+        # Dense: for some hundred nodes a matrix product is as fast as TensorFlow's sparse one.
+        pull = nodes.laplacian.toarray()
+        self._own_pull = tf.constant(np.diagonal(pull)[:, None, None], tf.float32)
+        self._pull = tf.constant(pull - np.diag(np.diagonal(pull)), tf.float32)
         self._base = {
             name: self._weight(f"log_{name}", (1,), float(np.log(START[name])))
             for name in NODE_FIELDS
@@ -132,7 +128,7 @@ class OscillatorLayer(keras.layers.Layer):
     def _others(self, offsets: Tensor) -> Tensor:
         shape = tf.shape(offsets)
         flat = tf.reshape(offsets, (shape[0], -1))
-        return tf.reshape(tf.sparse.sparse_dense_matmul(self._pull, flat), shape)
+        return tf.reshape(self._pull @ flat, shape)
 
     def penalty(self) -> Tensor:
         """Prior: nodes are alike, people follow their shape, and gains are 1.

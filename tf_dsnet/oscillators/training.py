@@ -37,7 +37,7 @@ class PlusSettings:
     """Seed of the windows' order."""
     nodes: PositiveInt = 500
     """Vertices that carry the tissue; the others follow smoothly."""
-    rounds: PositiveInt = 12
+    rounds: PositiveInt = 9
     """Rounds of training; each begins with a simulation of every clip."""
     steps: PositiveInt = 25
     """Adam's steps in a round."""

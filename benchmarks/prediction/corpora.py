@@ -1,0 +1,102 @@
+"""The corpora of the test bed, and the `dsnet` commands that bring a run to its scores."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bridge.errors import DsnetError
+from bridge.runs import Run
+
+CORPORA: dict[str, tuple[str, ...]] = {
+    "own": (),
+    "second": ("--tissue", "second"),
+    "captured": ("--tissue", "second", "--form", "captured"),
+    "own_captured": ("--form", "captured"),
+    "male": ("--gender", "male"),
+    "male_second": ("--gender", "male", "--tissue", "second"),
+}
+"""Options of `dsnet corpus`. Nothing is tuned on the second law; only scores are read from it."""
+PLUS = ("train-plus", "predict-plus")
+DSNET = ("train", "predict", "decode")
+_DSNETS = ("dsnet_standardised", "dsnet_faithful", "dsnet_differences")
+
+
+def check_names(names: Sequence[str], known: Sequence[str], what: str) -> None:
+    """Refuse names that are not known, or none.
+
+    Raises
+    ------
+    DsnetError
+        If there is one.
+    """
+    if not names or not set(names) <= set(known):
+        raise DsnetError(
+            f"{what} {' '.join(names) or '(none)'}",
+            f"some of {', '.join(known)}",
+            "Check the names.",
+        )
+
+
+def prepare(run: str, profile: str, corpus: str, amass: Path | None) -> None:
+    """Make a corpus and align it with the robust aligner; what is current is kept."""
+    real = () if amass is None else ("--amass", str(amass))
+    dsnet("corpus", run, profile, *CORPORA[corpus], *real)
+    dsnet("align", run, profile, "--aligner", "robust")
+
+
+def prepare_dsnet(run: str, profile: str) -> None:
+    """The autoencoder and its codes, which all of DSNet's seeds share."""
+    dsnet("train-ae", run, profile)
+    dsnet("encode", run, profile)
+
+
+def train_dsnet(run: str, profile: str, seed: int) -> None:
+    """DSNet's presets, and DSNet on pose differences, on the robust aligner's offsets."""
+    dsnet("train", run, profile, "--seed", str(seed), "--predictors", *_DSNETS)
+    dsnet("predict", run, profile)
+    dsnet("decode", run, profile)
+
+
+def train_plus(run: str, profile: str, seed: int, *options: str) -> None:
+    """`dsnet_plus` and its predictions."""
+    dsnet("train-plus", run, profile, "--seed", str(seed), *options)
+    dsnet("predict-plus", run, profile)
+
+
+def scores(run: str, profile: str) -> dict[str, Any]:
+    """Evaluate, and give back what the page needs of it."""
+    dsnet("evaluate", run, profile)
+    artifacts = Run(run).artifacts("evaluate", "train_plus")
+    evaluated, trained = (artifacts[name].manifest for name in ("evaluate", "train_plus"))
+    return {
+        "cells": evaluated["cells"],
+        "labels": evaluated["predictors"],
+        "test_bed": evaluated["test_bed"],
+        "alignments": evaluated["alignments"],
+        "real_motions": [
+            {key: one[key] for key in ("name", "cell", "errors")}
+            for one in evaluated["per_sequence"]
+            if "_amass_" in one["name"]
+        ],
+        "static": trained["static"],
+        "train_s": trained["provenance"]["wall_time_s"],
+    }
+
+
+def dsnet(command: str, run: str, profile: str, *options: str) -> None:
+    """One `dsnet` command in a process of its own.
+
+    Raises
+    ------
+    SystemExit
+        If it fails; it has said why.
+    """
+    program = [sys.executable, "-c", "from bridge.cli import main; main()"]
+    arguments = [command, "--profile", profile, "--run", run, *options]
+    status = subprocess.run([*program, *arguments], check=False).returncode
+    if status:
+        sys.exit(status)

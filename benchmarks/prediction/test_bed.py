@@ -1,0 +1,150 @@
+"""`python -m benchmarks.prediction.test_bed --out DIR`: four cells, several tissues, several seeds.
+
+For every corpus, `dsnet_plus` is trained on the robust aligner's offsets with each seed and scored
+against the truth; `--dsnet` trains DSNet beside it, on the same offsets. What is finished is kept:
+a score is a file of its own, and runs are made by `dsnet`, which resumes.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import mean, stdev
+from typing import Any
+
+from benchmarks.prediction.corpora import (
+    CORPORA,
+    check_names,
+    prepare,
+    prepare_dsnet,
+    scores,
+    train_dsnet,
+    train_plus,
+)
+from bridge.motion.cells import CELLS
+from bridge.runs.folders import write_text_atomically
+from bridge.runs.processes import run_as_process
+
+_METRICS = {
+    "offsets R²": ("offsets", "r2", "{:.3f}"),
+    "moving R²": ("moving", "r2", "{:.3f}"),
+    "velocity R²": ("velocity", "r2", "{:.3f}"),
+    "mesh mean mm": ("mesh", "mean_mm", "{:.2f}"),
+    "mesh 95 % mm": ("mesh", "p95_mm", "{:.2f}"),
+}
+_SHOWN = ("dsnet_plus", "dsnet_standardised", "dsnet_faithful", "dsnet_differences",
+          "person_mean_best", "smpl_best", "person_mean", "smpl")  # fmt: skip
+_PAGE = """\
+# The test bed: four cells, each tissue, mean over training seeds (synthetic data)
+
+{table}
+
+Scores against the simulated truth; everything was trained on the robust aligner's offsets. `second`
+is the second tissue law, on which nothing is tuned; `captured` its captured-like form, where the
+moving part is scored by itself. ± is the standard deviation over seeds where there are several.
+Made by `{command}`.
+"""
+
+
+@dataclass(frozen=True)
+class TestBedConfig:
+    """Make what is missing, and tabulate all."""
+
+    out: Path
+    """Folder that receives a score a file, test_bed.json and test_bed.md."""
+    corpora: tuple[str, ...] = tuple(CORPORA)
+    """Which corpora: tissue law, form and gender."""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """Training seeds."""
+    dsnet: bool = False
+    """Train DSNet beside `dsnet_plus`: minutes more for each seed, and an autoencoder a corpus."""
+    profile: str = "demo"
+    """Sizes: smoke, demo or paper."""
+    amass: Path | None = None
+    """Folder of AMASS files that become test motions too."""
+    prefix: str = "bed"
+    """Runs are named <prefix>_<corpus>."""
+
+
+def main(config: TestBedConfig) -> dict[str, Any]:
+    """Write the results; also returns them.
+
+    Raises
+    ------
+    DsnetError
+        If there is no such corpus.
+    """
+    check_names(config.corpora, tuple(CORPORA), "corpora")
+    config.out.mkdir(parents=True, exist_ok=True)
+    for corpus in config.corpora:
+        _score(config, corpus)
+    results = {
+        "scores": {path.stem: json.loads(path.read_text()) for path in _files(config.out)},
+        "command": " ".join(["python", "-m", "benchmarks.prediction.test_bed", *sys.argv[1:]]),
+    }
+    text = json.dumps(results, indent=1, allow_nan=False) + "\n"
+    write_text_atomically(config.out / "test_bed.json", text)
+    write_text_atomically(config.out / "test_bed.md", markdown(results))
+    return results
+
+
+def markdown(results: Mapping[str, Any]) -> str:
+    """A page with one table: a row for each corpus, cell and predictor."""
+    head = ["corpus", "cell", "predictor", "seeds", *_METRICS]
+    rows = ["| " + " | ".join(head) + " |", "|---" * 4 + "|---:" * len(_METRICS) + "|"]
+    rows += ["| " + " | ".join(row) + " |" for row in _rows(results["scores"])]
+    return _PAGE.format(table="\n".join(rows), command=results["command"])
+
+
+def _score(config: TestBedConfig, corpus: str) -> None:
+    run, ready = f"{config.prefix}_{corpus}", False
+    for seed in config.seeds:
+        path = config.out / f"{corpus}-{seed}.json"
+        if path.exists():
+            continue
+        if not ready:
+            prepare(run, config.profile, corpus, config.amass)
+            if config.dsnet:
+                prepare_dsnet(run, config.profile)
+            ready = True
+        if config.dsnet:
+            train_dsnet(run, config.profile, seed)
+        train_plus(run, config.profile, seed)
+        found = {"corpus": corpus, "seed": seed, **scores(run, config.profile)}
+        write_text_atomically(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
+
+
+def _files(folder: Path) -> list[Path]:
+    order = {name: place for place, name in enumerate(CORPORA)}
+    found = [path for path in folder.glob("*-*.json") if path.stem.rsplit("-", 1)[0] in order]
+    return sorted(found, key=lambda path: (order[path.stem.rsplit("-", 1)[0]], path.stem))
+
+
+def _rows(found: Mapping[str, Mapping[str, Any]]) -> Iterator[list[str]]:
+    corpora = dict.fromkeys(one["corpus"] for one in found.values())
+    for corpus in corpora:
+        seeds = [one for one in found.values() if one["corpus"] == corpus]
+        for cell, label in CELLS.items():
+            for name in _SHOWN:
+                own = [s["cells"][cell][name] for s in seeds if name in s["cells"].get(cell, {})]
+                if own:
+                    text = seeds[0]["labels"].get(name, name)
+                    yield [corpus, label, text, str(len(own)), *map_metrics(own)]
+
+
+def map_metrics(own: list[Mapping[str, Any]]) -> Iterator[str]:
+    """Each metric's mean over seeds, with the standard deviation where there are several."""
+    for metric, key, form in _METRICS.values():
+        values = [one[metric][key] for one in own if metric in one and key in one[metric]]
+        if len(values) < len(own) or any(value is None for value in values):
+            yield ""
+            continue
+        spread = f" ± {form.format(stdev(values))}" if len(values) > 1 else ""
+        yield form.format(mean(values)) + spread
+
+
+if __name__ == "__main__":
+    run_as_process(TestBedConfig, main)
