@@ -12,7 +12,10 @@ from tf_dsnet.framework import keras
 
 
 def build_dsnet(
-    *, masked: bool = False, lstm_layer: type[keras.layers.LSTM] = keras.layers.LSTM
+    *,
+    masked: bool = False,
+    lstm_layer: type[keras.layers.LSTM] = keras.layers.LSTM,
+    input_size: int = INPUT_SIZE,
 ) -> keras.Model:
     """Build DSNet (B, T, 79) -> (B, T, 100): 65,140 parameters, 65,020 of them trainable.
 
@@ -23,6 +26,7 @@ def build_dsnet(
         them in. The weights are the same in both forms, and so are predictions: the LSTM needs
         no mask, for padding stands at the end and time runs forwards.
     lstm_layer : Keras's LSTM, or one that computes the same (`tf_dsnet.lstm.BlockLSTM`).
+    input_size : numbers that it is told of a motion at each frame, where they are not the paper's.
     """
     units = DSNET_WIDTHS
     fc_enc_1 = keras.layers.Dense(units["fc_enc_1"], name="fc_enc_1")
@@ -31,7 +35,7 @@ def build_dsnet(
     batch_norm = keras.layers.BatchNormalization(name="batch_norm")
     fc_enc_3 = keras.layers.Dense(units["fc_enc_3"], name="fc_enc_3")
 
-    motion = keras.Input((None, INPUT_SIZE), name="motion")
+    motion = keras.Input((None, input_size), name="motion")
     real = keras.Input((None,), dtype="bool", name="real_frames") if masked else None
     memory = lstm(fc_enc_2(fc_enc_1(motion)))  # (B, T, 60)
     latents = fc_enc_3(batch_norm(memory, mask=real))

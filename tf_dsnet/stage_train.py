@@ -14,7 +14,7 @@ from bridge.options import PositiveInt
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.worker_pool import worker_pool
 from tf_dsnet.predictors import (
-    PREDICTORS,
+    BOTH_PRESETS,
     Predictor,
     PredictorSettings,
     PredictorTraining,
@@ -36,9 +36,10 @@ class TrainConfig(PredictorSettings):
 
     run: str = "demo"
     """Name of the run whose latents are learned."""
-    predictors: tuple[str, ...] = tuple(PREDICTORS)
+    predictors: tuple[str, ...] = BOTH_PRESETS
     """Which predictors to train; the first is the one that `predict` shows. `dsnet_faithful`: raw
-    inputs and latents. `dsnet_standardised`: both scaled, a departure from the silent paper."""
+    inputs and latents. `dsnet_standardised`: both scaled, a departure from the silent paper.
+    `dsnet_differences`: scaled, and told how poses change in place of poses."""
     epochs: PositiveInt = 500
     """Epochs of each predictor (the paper does not say how many)."""
     validate_every: PositiveInt = 10
@@ -78,6 +79,8 @@ def main(config: TrainConfig) -> None:
         _train(trainings, config)
         for name, training in trainings.items():
             _store(name, training, writer)
+        # Of the one that is shown: networks of other inputs have other numbers of parameters.
+        writer.record(parameters=trainings[chosen[0].name].parameters())
         _describe(config, chosen, data, writer)
 
     run.build(STAGE, config, make, data=encoded.origin, upstream={"encode": encoded})
@@ -124,7 +127,6 @@ def _store(name: str, training: PredictorTraining, writer: ArtifactWriter) -> No
     writer.put(f"loss_{name}", np.array(training.losses, np.float32), unit)
     validation = np.array(training.validation_losses, np.float32)
     writer.put(f"validation_loss_{name}", validation, unit)
-    writer.record(parameters=training.parameters())
 
 
 def _describe(

@@ -15,7 +15,7 @@ from bridge.exchange import load_weights, save_weights
 from bridge.exchange.clips import Clips
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.exchange.weights import refuse_nonfinite
-from bridge.paper import INPUT_SIZE, LATENT_SIZE
+from bridge.paper import LATENT_SIZE
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.losses import sum_of_distances
 from tf_dsnet.lstm import BlockLSTM
@@ -61,12 +61,13 @@ class Trainer:
         # On the device once; a step takes its rows there.
         self._clips, self._count = _tensors(clips), len(clips)
         self._batch_size, self._seed, self._masked = batch_size, seed, masked
-        self.model = build_dsnet(masked=masked, lstm_layer=lstm_layer)
+        input_size = clips.inputs.shape[-1]
+        self.model = build_dsnet(masked=masked, lstm_layer=lstm_layer, input_size=input_size)
         self.optimizer = keras.optimizers.Adam(lr, name=_OPTIMIZER)
         self.optimizer.build(self.model.trainable_variables)
         # Unknown sizes, so that the last, smaller batch does not build a second graph.
         self._step = tf.function(self._train_on, input_signature=[tf.TensorSpec([None], tf.int32)])
-        self._evaluate = tf.function(self._loss_at_rest, input_signature=[_any_clips()])
+        self._evaluate = tf.function(self._loss_at_rest, input_signature=[_any_clips(input_size)])
 
     def trace(self) -> None:
         """Build both graphs now, so that threads which train side by side only run them."""
@@ -221,9 +222,9 @@ def _tensors(clips: Clips) -> dict[str, tf.Tensor]:
     return {name: tf.constant(array) for name, array in arrays.items()}
 
 
-def _any_clips() -> dict[str, tf.TensorSpec]:
+def _any_clips(input_size: int) -> dict[str, tf.TensorSpec]:
     return {
-        "motion": tf.TensorSpec((None, None, INPUT_SIZE), keras.config.floatx()),
+        "motion": tf.TensorSpec((None, None, input_size), keras.config.floatx()),
         "latents": tf.TensorSpec((None, None, LATENT_SIZE), keras.config.floatx()),
         "real": tf.TensorSpec((None, None), tf.bool),
     }

@@ -19,7 +19,7 @@ class Clips:
     """N sequences of one length T, as the network sees them."""
 
     inputs: NDArray[np.float32]
-    """(N, T, 79) betas, then theta; zero where padded."""
+    """(N, T, 79) betas, then theta, or what another kind of inputs has; zero where padded."""
     latents: NDArray[np.float32]
     """(N, T, 100); zero where padded."""
     real: NDArray[np.bool_]
@@ -34,7 +34,7 @@ class UnpaddedClip:
     """One sequence at its own length, in its own units."""
 
     inputs: NDArray[np.floating]
-    """(T, 79) betas, then theta."""
+    """(T, 79) betas, then theta, or what another kind of inputs has."""
     latents: NDArray[np.floating]
     """(T, 100)."""
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
+from bridge.exchange.input_kinds import InputKind, input_kind_of
 from bridge.exchange.weights import load_weights
 from bridge.paper import INPUT_SIZE, LATENT_SIZE
 from bridge.runs import Artifact
@@ -21,24 +22,24 @@ class Scaling:
     """An affine map from a motion's own units to the network's, and back for latents."""
 
     input_mean: NDArray[np.float32]
-    """(79,) subtracted from betas and theta."""
+    """(I,) subtracted from the inputs: 79 of betas and theta, or what another kind has."""
     input_std: NDArray[np.float32]
-    """(79,) then divided by."""
+    """(I,) then divided by."""
     latent_mean: NDArray[np.float32]
     """(100,) subtracted from latents."""
     latent_std: NDArray[np.float32]
     """(100,) then divided by."""
 
     @classmethod
-    def identity(cls) -> Scaling:
+    def identity(cls, input_size: int = INPUT_SIZE) -> Scaling:
         """Nothing is changed."""
-        sizes = (INPUT_SIZE, LATENT_SIZE)
+        sizes = (input_size, LATENT_SIZE)
         zeros, ones = ([f(size, np.float32) for size in sizes] for f in (np.zeros, np.ones))
         return cls(zeros[0], ones[0], zeros[1], ones[1])
 
     @classmethod
     def fitted(cls, inputs: NDArray, latents: NDArray, min_input_std: float) -> Scaling:
-        """Statistics of the training frames `inputs` (F, 79) and `latents` (F, 100).
+        """Statistics of the training frames `inputs` (F, I) and `latents` (F, 100).
 
         Inputs are scaled one by one, for they differ in unit; a spread below `min_input_std`
         (of a joint that hardly turns) is raised to it, so that noise is not magnified. Latents
@@ -56,7 +57,7 @@ class Scaling:
         )
 
     def inputs(self, inputs: NDArray) -> NDArray[np.float32]:
-        """Betas and theta (..., 79) as the network is given them."""
+        """A motion (..., I) as the network is given it."""
         return ((inputs - self.input_mean) / self.input_std).astype(np.float32)
 
     def latents(self, latents: NDArray) -> NDArray[np.float32]:
@@ -83,9 +84,19 @@ class TrainedDsnet:
         """The inverse of `arrays`; without `scaling/...`, nothing is scaled."""
         names = [field.name for field in fields(Scaling)]
         scaled = _SCALING + names[0] in arrays
-        scaling = Scaling(*(arrays[_SCALING + n] for n in names)) if scaled else Scaling.identity()
         weights = {n: array for n, array in arrays.items() if not n.startswith(_SCALING)}
-        return cls(name, weights, scaling)
+        if not scaled:
+            return cls(name, weights, Scaling.identity(input_kind_of(weights).size))
+        return cls(name, weights, Scaling(*(arrays[_SCALING + n] for n in names)))
+
+    @property
+    def input_kind(self) -> InputKind:
+        """What it is told of a motion."""
+        return input_kind_of(self.weights)
+
+    def inputs(self, joined: NDArray) -> NDArray[np.float32]:
+        """Betas and theta of a motion (T, 79) as the network is given them, (T, I)."""
+        return self.scaling.inputs(self.input_kind.of(joined))
 
     def arrays(self) -> dict[str, NDArray]:
         """Weights, and the scaling as `scaling/input_mean` and so on: what a file holds."""
@@ -101,10 +112,22 @@ def load_trained_dsnet(train: Artifact, name: str | None = None) -> TrainedDsnet
         If that predictor was not trained in this run.
     """
     chosen = name or train.manifest["default"]
-    if chosen not in train.manifest["predictors"]:
-        raise DsnetError(
-            f"predictor {chosen!r} asked of {train.path}",
-            f"one of {', '.join(train.manifest['predictors'])}",
-            "Name one of these, or train it too: dsnet train --predictors NAME NAME.",
-        )
+    check_trained(train, chosen)
     return TrainedDsnet.from_arrays(chosen, load_weights(train.file(f"{chosen}.safetensors")))
+
+
+def check_trained(train: Artifact, name: str) -> None:
+    """Refuse a predictor that a finished `train` does not hold.
+
+    Raises
+    ------
+    DsnetError
+        That names those that it holds.
+    """
+    there = list(train.manifest["predictors"])
+    if name not in there:
+        raise DsnetError(
+            f"predictor {name!r} asked of {train.path}",
+            f"one of {', '.join(there)}",
+            f"Name one of these, or train it too: dsnet train --predictors {' '.join(there)} NAME.",
+        )

@@ -9,25 +9,26 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.exchange import load_weights
+from bridge.exchange.clips import join_inputs
 from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.runs import Artifact
 from bridge.runtime.motion_predictor import FRAMES_AT_ONCE, Prediction, Road
 from bridge.runtime.onnx_builder import GraphSession
 from bridge.runtime.onnx_graphs import decoder_graph
-from bridge.runtime.streaming import StreamingPredictor
+from bridge.runtime.streaming import SteppedDsnet
 
 
 class DsnetMotionPredictor:
     """A trained DSNet, and the decoder of its latents."""
 
     def __init__(self, network: TrainedDsnet, decode: GraphSession) -> None:
-        self._predictor, self._decode = StreamingPredictor(network), decode
+        self._network, self._decode = network, decode
 
     def __call__(self, theta: NDArray, betas: NDArray) -> Prediction:
         """Offsets, and the latents (T, 100) that they are decoded from."""
-        self._predictor.reset()
-        steps = [self._predictor.step(frame[None], betas[None]) for frame in theta]
-        latents = np.concatenate(steps)
+        inputs = self._network.input_kind.of(join_inputs(theta, betas)).astype(np.float32)
+        network = SteppedDsnet(self._network)
+        latents = np.concatenate([network.step(frame[None]) for frame in inputs])
         return Prediction(self._decoded(latents), latents)
 
     def _decoded(self, latents: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
+from bridge.exchange.input_kinds import POSES
 from bridge.exchange.layouts import BATCH_NORM_EPSILON
 from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.paper import N_BETAS, THETA_SIZE
@@ -51,7 +52,7 @@ class StreamingPredictor:
     Raises
     ------
     DsnetError
-        If there is no such run, or it lacks that network.
+        If there is no such run, it lacks that network, or the network is not told of poses.
     """
 
     def __init__(
@@ -59,13 +60,17 @@ class StreamingPredictor:
     ) -> None:
         if not isinstance(run, TrainedDsnet):
             run = load_trained_dsnet(Run(os.fspath(run)).artifact("train"), predictor)
-        self._encode, self._gates, self._decode = _fold(run)
-        self._units = len(self._decode.kernel)
-        self.reset()
+        if run.input_kind != POSES:
+            raise DsnetError(
+                f"{run.name}, a network that is told of {run.input_kind.name}",
+                f"one that is told of {POSES.name}, as {POSES.size} numbers",
+                "Name another predictor, or give it whole motions: dsnet predict --motion.",
+            )
+        self._network = SteppedDsnet(run)
 
     def reset(self) -> None:
         """Forget the past; the next step may have another number of characters."""
-        self._memory = self._features_and_hidden = np.empty((0, 0), np.float32)
+        self._network.reset()
 
     def step(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
         """Advance every character by one frame (1/60 s).
@@ -86,9 +91,44 @@ class StreamingPredictor:
             If the shapes are others, or B has changed since the last `reset`.
         """
         self._check(np.shape(theta), np.shape(betas))
+        return self._network.step(np.concatenate((betas, theta), axis=1, dtype=np.float32))
+
+    def _check(self, theta: tuple[int, ...], betas: tuple[int, ...]) -> None:
+        if len(theta) != 2 or theta[1] != THETA_SIZE or betas != (theta[0], N_BETAS):
+            raise DsnetError(
+                f"theta {theta} and betas {betas}",
+                f"theta (B, {THETA_SIZE}) and betas (B, {N_BETAS})",
+                "Pass one row for each character, also for a single one.",
+            )
+        if self._network.characters not in (0, theta[0]):
+            raise DsnetError(
+                f"{theta[0]} characters after {self._network.characters}",
+                "the same characters at every step",
+                "Call reset() when characters come or go.",
+            )
+
+
+class SteppedDsnet:
+    """A trained DSNet of any kind of inputs, frame by frame; it remembers each character's past."""
+
+    def __init__(self, trained: TrainedDsnet) -> None:
+        self._encode, self._gates, self._decode = _fold(trained)
+        self._units = len(self._decode.kernel)
+        self.reset()
+
+    @property
+    def characters(self) -> int:
+        """How many it remembers."""
+        return len(self._memory)
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._memory = self._features_and_hidden = np.empty((0, 0), np.float32)
+
+    def step(self, inputs: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Latents (B, 100) of the next frame from inputs (B, I) in a motion's own units."""
         if not len(self._memory):
-            self._start(len(theta))
-        inputs = np.concatenate((betas, theta), axis=1, dtype=np.float32)
+            self._start(len(inputs))
         both, units = self._features_and_hidden, self._units
         np.tanh(self._encode(inputs), out=both[:, :-units])
         gates = self._gates(both)
@@ -107,20 +147,6 @@ class StreamingPredictor:
         self._memory = np.zeros((characters, self._units), np.float32)
         # The arguments of the gates stand side by side, so that nothing is copied at a step.
         self._features_and_hidden = np.zeros((characters, len(self._gates.kernel)), np.float32)
-
-    def _check(self, theta: tuple[int, ...], betas: tuple[int, ...]) -> None:
-        if len(theta) != 2 or theta[1] != THETA_SIZE or betas != (theta[0], N_BETAS):
-            raise DsnetError(
-                f"theta {theta} and betas {betas}",
-                f"theta (B, {THETA_SIZE}) and betas (B, {N_BETAS})",
-                "Pass one row for each character, also for a single one.",
-            )
-        if len(self._memory) not in (0, theta[0]):
-            raise DsnetError(
-                f"{theta[0]} characters after {len(self._memory)}",
-                "the same characters at every step",
-                "Call reset() when characters come or go.",
-            )
 
 
 def _fold(trained: TrainedDsnet) -> tuple[_Affine, _Affine, _Affine]:

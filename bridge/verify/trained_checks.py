@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from bridge.exchange import load_weights
 from bridge.exchange.clips import load_unpadded_clips, make_clips
-from bridge.exchange.trained_dsnet import load_trained_dsnet
+from bridge.exchange.input_kinds import POSES
+from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.runs import Artifact, Run
+from bridge.runs.processes import notify
 from bridge.verify.checks import (
     IN_FLOAT64,
     STREAM,
@@ -31,14 +33,16 @@ def trained_plan(run: Run) -> Plan:
     if run.finished("train"):
         train, encoded = run.artifact("train"), run.artifact("encode")
         for name in train.manifest["predictors"]:
-            plan = plan + _dsnet(train, encoded, name)
+            plan = plan + _dsnet(load_trained_dsnet(train, name), encoded)
     if run.finished("train-ae"):
         plan = plan + _autoencoder(run.artifact("train-ae"), run.artifact("align"))
     return plan
 
 
-def _dsnet(train: Artifact, encoded: Artifact, name: str) -> Plan:
-    trained = load_trained_dsnet(train, name)
+def _dsnet(trained: TrainedDsnet, encoded: Artifact) -> Plan:
+    if trained.input_kind != POSES:
+        notify(f"{trained.name} is not compared: it is told of {trained.input_kind.name}")
+        return Plan([], {})
     recordings = [
         *load_unpadded_clips(encoded, "validation"),
         *load_unpadded_clips(encoded, "train"),
@@ -46,7 +50,7 @@ def _dsnet(train: Artifact, encoded: Artifact, name: str) -> Plan:
     recordings = recordings[:CLIPS]
     clips = make_clips(recordings, trained.scaling, FRAMES)
     raw = [recording.inputs[: min(FRAMES, len(recordings[0].inputs))] for recording in recordings]
-    key = name.replace("_", "-")
+    key = trained.name.replace("_", "-")
     arrays = {
         key: dict(trained.weights),
         f"{key}-scaled": trained.arrays(),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bridge import paper
 from bridge.runs import read_artifact
@@ -79,23 +80,37 @@ def forged_motion(path: Path) -> Path:
 
 @pytest.mark.licensed
 @pytest.mark.skipif(not SAMPLE.exists(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
-def test_predict_reads_a_real_amass_file(smoke_runs, tmp_path, execute):
+@pytest.mark.parametrize("asked", [None, "dsnet_standardised"])
+def test_predict_reads_a_real_amass_file(smoke_runs, tmp_path, execute, asked):
     out = tmp_path / "out"
     command = ["predict", "--run", "smoke", "--motion", str(SAMPLE), "--out", str(out)]
+    command += ["--predictor", asked] if asked else []
     done = execute([".venv/bin/dsnet", *command], smoke_runs)
     assert done.returncode == 0, done.stderr
+    assert done.stderr.startswith(f"dsnet: {asked or 'dsnet_plus'} (")
     assert_is_a_standing_body(out, frames=(117, 118), floor_m=0.1)
+    if not asked:
+        assert_dies_away(read_artifact(out).array("offsets"))
+
+
+def assert_dies_away(offsets_m: NDArray) -> None:
+    """In the last 0.3 s she stands: a fifth of the largest frame's mean offset at most."""
+    mean_mm = 1e3 * np.linalg.norm(offsets_m, axis=-1).mean(axis=1)
+    assert mean_mm.max() > 1
+    assert mean_mm[-18:].mean() < mean_mm.max() / 5
 
 
 def assert_is_a_standing_body(out: Path, frames: tuple[int, int], floor_m: float) -> None:
     artifact = read_artifact(out, "prediction")
     artifact.verify()
-    latents, offsets, vertices = (artifact.array(n) for n in ("latents", "offsets", "vertices"))
-    count = len(vertices)
+    found = {name: artifact.array(name) for name in artifact.manifest["arrays"]}
+    vertices, count = found["vertices"], len(found["vertices"])
     assert count in frames
-    assert latents.shape == (count, paper.LATENT_SIZE)
-    assert offsets.shape == vertices.shape == (count, paper.N_VERTICES, 3)
-    assert all(np.isfinite(array).all() for array in (latents, offsets, vertices))
+    expected = {name: (count, paper.N_VERTICES, 3) for name in ("offsets", "vertices")}
+    if artifact.manifest["predictor"] != "dsnet_plus":
+        expected["latents"] = (count, paper.LATENT_SIZE)
+    assert {name: array.shape for name, array in found.items()} == expected
+    assert all(np.isfinite(array).all() for array in found.values())
     low, high = vertices.min(axis=1), vertices.max(axis=1)
     assert (high - low)[:, 1].min() > 1.2  # metres; a body lying down would be 0.3
     assert np.abs(low[:, 1]).min() < floor_m

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
+from bridge.exchange.trained_dsnet import check_trained
 from bridge.runs import Artifact
 from tf_dsnet.predictors.base import (
     PredictMotion,
@@ -14,13 +15,16 @@ from tf_dsnet.predictors.base import (
     PredictorTraining,
     TrainingData,
 )
+from tf_dsnet.predictors.dsnet_differences import DifferencesDsnet
 from tf_dsnet.predictors.dsnet_faithful import FaithfulDsnet
 from tf_dsnet.predictors.dsnet_standardised import StandardisedDsnet
 
 PREDICTORS: dict[str, Predictor] = {
-    entry.name: entry for entry in (StandardisedDsnet(), FaithfulDsnet())
+    entry.name: entry for entry in (StandardisedDsnet(), FaithfulDsnet(), DifferencesDsnet())
 }
-"""Every predictor by name, the best first."""
+"""Every predictor by name."""
+BOTH_PRESETS = ("dsnet_standardised", "dsnet_faithful")
+"""Those that are trained unless others are named: the paper's network."""
 
 
 def predictors_named(names: Iterable[str]) -> list[Predictor]:
@@ -36,7 +40,7 @@ def predictors_named(names: Iterable[str]) -> list[Predictor]:
         raise DsnetError(
             f"predictors {' '.join(names) or '(none)'}",
             f"some of {', '.join(PREDICTORS)}, each once",
-            f"Pass --predictors {' '.join(PREDICTORS)}.",
+            f"Pass --predictors {' '.join(BOTH_PRESETS)}.",
         )
     return [PREDICTORS[name] for name in names]
 
@@ -49,17 +53,13 @@ def load_predictor(train: Artifact, name: str) -> PredictMotion:
     DsnetError
         If the run has not trained it, or its weights are damaged.
     """
-    if name not in train.manifest["predictors"]:
-        raise DsnetError(
-            f"predictor {name!r} asked of {train.path}",
-            f"one of {', '.join(train.manifest['predictors'])}",
-            f"Train it too: dsnet train --predictors {' '.join(PREDICTORS)}.",
-        )
+    check_trained(train, name)
     (entry,) = predictors_named([name])
     return entry.load(load_weights(train.file(f"{name}.safetensors")))
 
 
 __all__ = [
+    "BOTH_PRESETS",
     "PREDICTORS",
     "PredictMotion",
     "Predictor",

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange.clips import join_inputs, make_clips
+from bridge.exchange.clips import UnpaddedClip, join_inputs, make_clips
+from bridge.exchange.input_kinds import POSES, InputKind
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
-from bridge.paper import INPUT_SIZE
 from tf_dsnet.framework import tf
 from tf_dsnet.model import assign_weights, build_dsnet
 from tf_dsnet.predictors.base import PredictorSettings, TrainingData
@@ -29,6 +29,11 @@ class DsnetPredictor(ABC):
     name: str
     label: str
     preset: str
+
+    @property
+    def input_kind(self) -> InputKind:
+        """What the network is told of a motion."""
+        return POSES
 
     @abstractmethod
     def lr(self, settings: PredictorSettings) -> float:
@@ -51,6 +56,7 @@ class DsnetPredictor(ABC):
         self, settings: PredictorSettings, data: TrainingData, checkpoint: Path
     ) -> DsnetTraining:
         """Begin training, or go on from `checkpoint` if that file is there."""
+        data = TrainingData(self._inputs(data.train), self._inputs(data.validation))
         scaling = self.scaling(settings, data)
         train, validation = (
             make_clips(part, scaling, settings.frames) for part in (data.train, data.validation)
@@ -69,6 +75,9 @@ class DsnetPredictor(ABC):
         """A trained network, applied to whole motions."""
         return DsnetOfMotions(TrainedDsnet.from_arrays(self.name, arrays))
 
+    def _inputs(self, clips: list[UnpaddedClip]) -> list[UnpaddedClip]:
+        return [replace(clip, inputs=self.input_kind.of(clip.inputs)) for clip in clips]
+
 
 class DsnetOfMotions:
     """A trained DSNet, applied to whole motions.
@@ -80,13 +89,14 @@ class DsnetOfMotions:
     """
 
     def __init__(self, trained: TrainedDsnet) -> None:
-        self._scaling = trained.scaling
-        model = build_dsnet()
+        self._trained = trained
+        input_size = trained.input_kind.size
+        model = build_dsnet(input_size=input_size)
         assign_weights(model, trained.weights)
-        signature = [tf.TensorSpec((None, None, INPUT_SIZE), tf.float32)]
+        signature = [tf.TensorSpec((None, None, input_size), tf.float32)]
         self._network = tf.function(lambda x: model(x, training=False), input_signature=signature)
 
     def __call__(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
         """Latents (T, 100) of a motion theta (T, 69) of a body of shape betas (10,)."""
-        inputs = self._scaling.inputs(join_inputs(theta, betas))
-        return self._scaling.restore(self._network(inputs[None]).numpy()[0])
+        inputs = self._trained.inputs(join_inputs(theta, betas))
+        return self._trained.scaling.restore(self._network(inputs[None]).numpy()[0])
