@@ -35,7 +35,7 @@ SWEEPS = 4
 """Of Jacobi's iteration in a step, from u+ = 2 u - u-. An even number takes back none of the true
 change of velocity for any mode, an odd one overdoes some and can make the fastest coupled grow."""
 _SETTLING = 200
-_SETTLED = 1e-9
+_SETTLED = 1e-7
 """Change of the strain, relative to the largest, at which tissue is at rest."""
 
 
@@ -101,14 +101,16 @@ class OscillatorSheet:
     def settled(self, load: NDArray) -> NDArray[np.floating]:
         """(K, 3) at rest under a constant load (K, 3): (k + c^2 L) u = f.
 
-        The strain moves half of the way each time, for in full steps it would overshoot.
+        Solved for the strain |u|^2, each node by Newton's method as if its neighbours stood still.
         """
         pull, strain = self._square / 4 * load.astype(np.float64), np.zeros((len(load), 1))
         linear = sp.csc_matrix(self._pull + sp.diags((self._spring + self._own_pull)[:, 0]))
         for _ in range(_SETTLING):
             stiffer = self._spring * self._stiffening * strain
             offset_m = splu((linear + sp.diags(stiffer[:, 0])).tocsc()).solve(pull)
-            before, strain = strain, (strain + _squared(offset_m)) / 2
+            found, held = _squared(offset_m), self._spring + self._own_pull + stiffer
+            falls = 2 * found * self._spring * self._stiffening / held
+            before, strain = strain, strain + (found - strain) / (1 + falls)
             if np.abs(strain - before).max() <= _SETTLED * strain.max():
                 break
         return offset_m.astype(np.float32)
