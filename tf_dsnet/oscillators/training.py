@@ -99,7 +99,8 @@ class PlusTraining:
         self._features = np.stack([shape_features(body, b, nodes.vertices) for b in people.betas])
         self._shares = np.stack([shares_of_people(b, people.betas) for b in people.betas])
         self.layer = OscillatorLayer(nodes, len(people.names), settings.taps, settings.without)
-        self.optimizer = keras.optimizers.Adam(settings.lr, beta_2=0.95)
+        # Keras numbers optimizers that have no name, and a checkpoint knows them by it.
+        self.optimizer = keras.optimizers.Adam(settings.lr, beta_2=0.95, name="adam")
         self.optimizer.build(self.layer.trainable_variables)
         self._step = tf.function(self._train_on, reduce_retracing=True)
 
@@ -158,6 +159,7 @@ class PlusTraining:
             "target": np.stack(
                 [self._frames(moving[r], f + 1, self.settings.window) for r, f in windows], 2
             ),
+            "counted": np.stack([self._counted(r, f) for r, f in windows], 2),
             "inertia": np.stack(
                 [self._felt(self._clips[r].load.inertia, f) for r, f in windows], 2
             ),
@@ -173,6 +175,11 @@ class PlusTraining:
         last = max(len(self._clips[row]) - self.settings.window - 1, 1)
         return row, int(rng.integers(1, last + 1))
 
+    def _counted(self, row: int, frame: int) -> NDArray:
+        """(T, 1, 1) 1 for frames of a window that the clip has, 0 after its end."""
+        frames = frame + 1 + np.arange(self.settings.window)
+        return (frames < len(self._clips[row]))[:, None, None]
+
     def _felt(self, load: NDArray, frame: int) -> NDArray:
         """Loads of a window from the oldest tap of its first step on."""
         taps, ahead = self.settings.taps, self.settings.look_ahead
@@ -186,16 +193,20 @@ class PlusTraining:
         with tf.GradientTape() as tape:
             found = self.layer(batch["inertia"], batch["gravity"], batch["now"], batch["before"],
                                batch["features"], batch["shares"])  # fmt: skip
-            loss = self._loss(found, batch["target"])
+            loss = self._loss(found, batch["target"], batch["counted"])
             total = loss + self.layer.penalty()
         gradients = tape.gradient(total, self.layer.trainable_variables)
         self.optimizer.apply(gradients, self.layer.trainable_variables)
         return loss
 
     @staticmethod
-    def _loss(found: Tensor, target: Tensor) -> Tensor:
-        """Share of the energy that is missed; quiet clips count a little more than their share."""
-        squared = tf.square(found - target)
-        overall = tf.reduce_sum(squared) / tf.reduce_sum(tf.square(target))
-        energy = tf.reduce_mean(tf.square(target), (0, 1, 3), keepdims=True)
-        return overall + _QUIET_SHARE * tf.reduce_mean(squared / (energy + _QUIET_M**2))
+    def _loss(found: Tensor, target: Tensor, counted: Tensor) -> Tensor:
+        """Share of the energy that is missed; quiet clips count a little more than their share.
+
+        Frames (T, 1, B, 1) that are `counted` as 0 do not matter.
+        """
+        missed = tf.reduce_mean(counted * tf.square(found - target), (0, 1, 3))
+        energy = tf.reduce_mean(counted * tf.square(target), (0, 1, 3))
+        quiet = tf.reduce_mean(counted, (0, 1, 3)) * _QUIET_M**2
+        overall = tf.reduce_sum(missed) / tf.reduce_sum(energy)
+        return overall + _QUIET_SHARE * tf.reduce_mean(missed / (energy + quiet))

@@ -164,7 +164,8 @@ def test_violent_load_for_minutes_gives_no_more_than_physics_allows(nodes, force
     """10,000 frames of white noise, the softest to the stiffest springs, hardly damped.
 
     A kick f dt brings f^2 dt^2 / 2 of kinetic energy on average, whatever the springs; drag takes
-    2 z w v^2 dt of it away. So in time the sum of m 2 z w <v^2> is at most that of m <f^2> dt / 2.
+    2 z w v^2 dt of it away. So over time the sum of m 2 z w <v^2> is no more than that of
+    m <f^2> dt / 2.
     And at no time is the root of twice the energy more than the sum of the kicks.
     """
     rng = np.random.default_rng(5)

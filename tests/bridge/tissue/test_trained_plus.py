@@ -1,0 +1,125 @@
+"""A trained `dsnet_plus`: its arrays, and what it says of known and new people."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge.tissue.load import node_loads
+from bridge.tissue.oscillators import OscillatorSheet
+from bridge.tissue.shape import shape_features
+from bridge.tissue.trained_plus import (
+    NODE_FIELDS,
+    StaticPart,
+    TrainedPlus,
+    Weights,
+    shares_of_people,
+    static_features,
+)
+
+PEOPLE = np.stack([np.zeros(10), np.full(10, 1.5)]).astype(np.float32)
+START = (40.0, 0.2, 500.0, 1.0, 1.1, 0.9)
+
+
+@pytest.fixture(scope="module")
+def trained(nodes) -> TrainedPlus:
+    rng = np.random.default_rng(0)
+    base = {
+        name: (np.log(value) + 0.1 * rng.normal(size=(80, 1))).astype(np.float32)
+        for name, value in zip(NODE_FIELDS, START, strict=True)
+    }
+    residual = rng.normal(scale=0.2, size=(2, 80, 1)).astype(np.float32)
+    slopes = np.float32([[-0.3], [0.2], [-0.1]])
+    weights = Weights(base, slopes, residual, np.float32([0.5, 0.3, 0.2]))
+    static = StaticPart(
+        rng.normal(scale=0.002, size=(2, 6890, 3)).astype(np.float32),
+        rng.normal(scale=0.002, size=(207, 80, 3)).astype(np.float32),
+    )
+    return TrainedPlus(nodes, weights, static, PEOPLE, look_ahead=1)
+
+
+def motion(frames: int = 20) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    rates = rng.uniform(0.05, 0.3, (1, 69))
+    return 0.3 * np.sin(rates * np.arange(frames)[:, None] + rng.uniform(0, 6, (1, 69)))
+
+
+def test_arrays_bring_the_same_model_back(trained, body):
+    again = TrainedPlus.from_arrays(trained.arrays())
+    assert again.look_ahead == 1
+    theta, betas = motion(), np.full(10, 0.4)
+    np.testing.assert_array_equal(
+        again.moving_m(body, betas, theta), trained.moving_m(body, betas, theta)
+    )
+    np.testing.assert_array_equal(
+        again.static_m(body, betas, theta), trained.static_m(body, betas, theta)
+    )
+
+
+def test_kernel_gives_known_people_themselves_and_strangers_nobody():
+    np.testing.assert_allclose(shares_of_people(PEOPLE[1], PEOPLE), [0, 1], atol=0.02)
+    np.testing.assert_allclose(shares_of_people(np.full(10, -9.0), PEOPLE), [0, 0], atol=1e-6)
+    between = shares_of_people(np.full(10, 0.75), PEOPLE)
+    assert between[0] == pytest.approx(between[1])
+    assert 0.1 < between[0] < 0.9
+
+
+def test_softness_follows_shape_and_known_people_keep_their_own(trained, body, nodes):
+    weights, far = trained.weights, np.array([-9.0] + [0.0] * 9)
+    features = shape_features(body, far, nodes.vertices)
+    stranger = trained.mechanics(body, far)
+    expected = np.exp(weights.base["omega"] + features @ weights.slopes)
+    np.testing.assert_allclose(stranger.omega, expected, rtol=1e-3)
+    known = trained.mechanics(body, PEOPLE[0])
+    own = np.exp(weights.base["omega"] + weights.residual[0])
+    np.testing.assert_allclose(known.omega, own, rtol=0.01)
+    for name in NODE_FIELDS[1:]:
+        np.testing.assert_allclose(getattr(known, name), np.exp(weights.base[name]), rtol=1e-6)
+        np.testing.assert_array_equal(getattr(known, name), getattr(stranger, name))
+
+
+def test_the_moving_part_is_the_sheet_under_the_motions_load(trained, body, nodes):
+    theta, betas = motion(), PEOPLE[1]
+    springs = trained.mechanics(body, betas)
+    load = node_loads(body, nodes.vertices, betas, theta, 60.0)
+    expected = OscillatorSheet(springs, nodes.laplacian).roll(springs.load(load))
+    found = trained.moving_m(body, betas, theta)
+    np.testing.assert_array_equal(found, expected)
+    assert 1e-4 < np.abs(found).max() < 0.2
+
+
+def test_static_part_is_the_persons_constant_and_the_poses(trained, body, nodes):
+    theta = motion(4)
+    known = trained.static_m(body, PEOPLE[1], theta)
+    by_pose = np.tensordot(static_features(body, theta), trained.static.by_pose_m, 1)
+    expected = trained.static.constant_m[1] + nodes.spread(by_pose)
+    np.testing.assert_allclose(known, expected, atol=1e-6)
+    stranger = trained.static_m(body, np.full(10, 0.7), theta)
+    np.testing.assert_allclose(stranger, nodes.spread(by_pose), atol=1e-6)
+    np.testing.assert_array_equal(static_features(body, np.zeros((1, 69))), 0.0)
+
+
+def test_a_model_without_a_static_part_has_none(trained, body):
+    nothing = StaticPart(np.zeros((2, 6890, 3), np.float32), np.zeros((207, 80, 3), np.float32))
+    without = replace(trained, static=nothing)
+    assert without.static_m(body, PEOPLE[0], motion(3)) is None
+
+
+def test_a_stranger_has_none_where_only_constants_were_found(trained, body):
+    constant = StaticPart(trained.static.constant_m, np.zeros((207, 80, 3), np.float32))
+    model = replace(trained, static=constant)
+    assert model.static_m(body, PEOPLE[0], motion(3)) is not None
+    assert model.static_m(body, np.full(10, 0.7), motion(3)) is None
+
+
+def test_other_frame_rates_are_other_steps_of_the_same_tissue(trained, body):
+    """Slow motion at 30 fps ends where the same motion at 60 fps does."""
+    phase = np.linspace(0, 2 * np.pi, 121)[:, None]
+    theta = np.zeros((121, 69))
+    theta[:, 67:68] = 0.1 * np.cos(phase)
+    fine = trained.moving_m(body, PEOPLE[0], theta, 60.0)
+    coarse = trained.moving_m(body, PEOPLE[0], theta[::2], 30.0)
+    missed = np.square(fine[::2] - coarse).sum() / np.square(fine[::2]).sum()
+    assert missed < 0.1

@@ -1,0 +1,135 @@
+"""People whose tissue is made of oscillators that a test knows, as clips and as alignments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.motion import MotionSequence, to_manifest
+from bridge.motion.sequences import Split
+from bridge.runs import write_artifact
+from bridge.tissue.load import node_loads
+from bridge.tissue.nodes import TissueNodes
+from bridge.tissue.trained_plus import (
+    NODE_FIELDS,
+    StaticPart,
+    TrainedPlus,
+    Weights,
+    static_features,
+)
+from tf_dsnet.oscillators.clips import KnownPeople, NodeClip
+
+HZ = 5.5
+TRUE = {
+    "omega": 2 * np.pi * HZ,
+    "damping_ratio": 0.2,
+    "stiffening": 400.0,
+    "wave_speed": 0.8,
+    "inertia_gain": 1.0,
+    "gravity_gain": 1.0,
+}
+"""Of every node; none of it is where training starts but for the gains."""
+SLOPES = np.float32([[-0.8], [0.0], [0.0]])
+"""Deep flesh is soft, and nothing else matters."""
+MOTIONS = ("hips", "punching", "running")
+
+
+def people_of(count: int) -> NDArray[np.float32]:
+    """(count, 10) shapes, slim and stout."""
+    betas = np.random.default_rng(7).normal(scale=0.3, size=(count, 10))
+    betas[:, 1] += np.linspace(-2.5, 2.5, count)
+    return betas.astype(np.float32)
+
+
+def true_model(nodes: TissueNodes, people: NDArray[np.float32]) -> TrainedPlus:
+    """Even tissue whose softness follows shape alone, driven without looking ahead."""
+    count = len(nodes)
+    base = {name: np.full((count, 1), np.log(TRUE[name]), np.float32) for name in NODE_FIELDS}
+    residual = np.zeros((len(people), count, 1), np.float32)
+    weights = Weights(base, SLOPES, residual, np.float32([1.0]))
+    nothing = StaticPart(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32))
+    return TrainedPlus(nodes, weights, nothing, people, look_ahead=0)
+
+
+def lively(frames: int, seed: int) -> NDArray[np.float64]:
+    """(T, 69) joints, root and place that swing at 0.5 to 2.5 Hz."""
+    rng = np.random.default_rng([11, seed])
+    hz, phases = rng.uniform(0.5, 2.5, (1, 69)), rng.uniform(0, 2 * np.pi, (1, 69))
+    size = np.concatenate([np.full(66, 0.25), [0.05, 0.12, 0.05]])
+    return size * np.sin(2 * np.pi * hz * np.arange(frames)[:, None] / 60 + phases)
+
+
+def clip_of(
+    body: BodyModelData,
+    model: TrainedPlus,
+    betas: NDArray,
+    theta: NDArray,
+    *,
+    person: int = 0,
+    motion: str = "hips",
+) -> NodeClip:
+    """A clip whose offsets are what the model makes of the motion."""
+    sequence = MotionSequence(f"{person}_{motion}", str(person), motion, 0, len(theta), 60.0)
+    load = node_loads(body, model.nodes.vertices, betas, theta, 60.0)
+    offsets_m = model.moving_m(body, betas, theta)
+    return NodeClip(sequence, person, offsets_m, load, static_features(body, theta))
+
+
+def clips_of(
+    body: BodyModelData, model: TrainedPlus, frames: int = 100
+) -> tuple[KnownPeople, list[NodeClip]]:
+    """Each known person with every kind of motion, each time another take."""
+    people = KnownPeople([str(p) for p in range(len(model.people_betas))], model.people_betas)
+    clips = [
+        clip_of(body, model, betas, lively(frames, 10 * p + m), person=p, motion=motion)
+        for p, betas in enumerate(model.people_betas)
+        for m, motion in enumerate(MOTIONS)
+    ]
+    return people, clips
+
+
+def write_aligned(
+    path: Path,
+    body: BodyModelData,
+    model: TrainedPlus,
+    *,
+    kind: str = "align_robust",
+    lengths: Sequence[int] = (50, 40, 45),
+    misfit_m: float = 0.0,
+    **record: object,
+) -> None:
+    """An alignment of every known person's motions, the last motion of the last one held out.
+
+    Offsets are the model's, and `misfit_m` along y over and over, which no load explains.
+    """
+    sequences, theta, offsets, start = [], [], [], 0
+    for person, betas in enumerate(model.people_betas):
+        for number, (motion, length) in enumerate(zip(MOTIONS, lengths, strict=True)):
+            last = person == len(model.people_betas) - 1 and number == len(MOTIONS) - 1
+            split: Split = "validation" if last else "train"
+            subject = f"5000{person}"
+            sequences.append(
+                MotionSequence(f"{subject}_{motion}", subject, motion, start, length, 60.0, split)
+            )
+            theta.append(lively(length, 10 * person + number).astype(np.float32))
+            offsets.append(model.nodes.spread(model.moving_m(body, betas, theta[-1])))
+            start += length
+    arrays = {
+        "betas": model.people_betas,
+        "theta": np.concatenate(theta),
+        "offsets": np.concatenate(offsets) + np.float32([0.0, misfit_m, 0.0]),
+    }
+    units = {"betas": "1", "theta": "rad, then m", "offsets": "m"}
+    write_artifact(
+        path,
+        kind,
+        arrays,
+        units=units,
+        data="synthetic",
+        sequences=to_manifest(sequences),
+        **record,
+    )

@@ -1,0 +1,130 @@
+"""The Keras layer against the NumPy sheet, and its gradients against differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bridge.body import BodyModelData, load_body_model
+from bridge.tissue.nodes import TissueNodes
+from bridge.tissue.oscillators import OscillatorSheet
+from bridge.tissue.shape import shape_features
+from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
+from tests.forged.oscillating import clips_of, people_of, true_model
+from tf_dsnet.framework import tf
+from tf_dsnet.oscillators.clips import NodeClip
+from tf_dsnet.oscillators.layer import OscillatorLayer
+
+NODES, PEOPLE = 60, 3
+
+
+@pytest.fixture(scope="module")
+def body() -> BodyModelData:
+    return load_body_model("embedded:female")
+
+
+@pytest.fixture(scope="module")
+def nodes(body: BodyModelData) -> TissueNodes:
+    return TissueNodes.of(body, NODES)
+
+
+def drawn_layer(nodes: TissueNodes, taps: int) -> OscillatorLayer:
+    """Weights of which none is at its start."""
+    layer = OscillatorLayer(nodes, PEOPLE, taps)
+    rng = np.random.default_rng(0)
+    for weight in layer.trainable_variables:
+        scale = 0.1 if weight.name != "taps" else 0.1 / taps
+        weight.assign_add(rng.normal(scale=scale, size=weight.shape).astype(np.float32))
+    return layer
+
+
+def window(array: np.ndarray, start: int, count: int) -> np.ndarray:
+    return array[np.clip(np.arange(start, start + count), 0, len(array) - 1)]
+
+
+def inputs(body, nodes, clips: list[NodeClip], starts, frames: int, taps: int, ahead: int):
+    """What the layer is called with, from frame 0, one clip beside the other."""
+    people = people_of(PEOPLE)
+    features = [shape_features(body, people[c.person], nodes.vertices) for c in clips]
+    shares = [shares_of_people(people[c.person], people) for c in clips]
+    felt = [
+        np.stack(
+            [window(getattr(c.load, kind), ahead - taps + 1, frames + taps - 1) for c in clips], 2
+        )
+        for kind in ("inertia", "gravity")
+    ]
+    state = np.stack(starts, 1)
+    parts = [*felt, state, state, np.stack(features, 1), np.stack(shares)]
+    return [tf.constant(part, tf.float32) for part in parts]
+
+
+@pytest.mark.parametrize(("taps", "ahead"), [(1, 0), (3, 1), (4, 0)])
+def test_layer_is_the_sheet_for_several_people_at_once(body, nodes, taps, ahead):
+    layer = drawn_layer(nodes, taps)
+    nothing = StaticPart(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32))
+    people = people_of(PEOPLE)
+    trained = TrainedPlus(nodes, layer.weights_as_arrays(), nothing, people, ahead)
+    _, clips = clips_of(body, true_model(nodes, people), frames=80)
+    chosen = [clips[0], clips[4], clips[8], clips[2]]
+    assert {c.person for c in chosen} == {0, 1, 2}
+    expected = []
+    for clip in chosen:
+        springs = trained.mechanics(body, people[clip.person])
+        expected.append(OscillatorSheet(springs, nodes.laplacian).roll(springs.load(clip.load)))
+    starts = [rolled[0] for rolled in expected]
+    found = layer(*inputs(body, nodes, chosen, starts, 79, taps, ahead)).numpy()
+    assert found.shape == (79, NODES, 4, 3)
+    for column, rolled in enumerate(expected):
+        assert np.abs(rolled).max() > 1e-3
+        np.testing.assert_allclose(found[:, :, column], rolled[1:], atol=1e-5)
+
+
+def test_weights_as_arrays_hold_each_nodes_base_and_deviation(nodes):
+    layer = drawn_layer(nodes, 3)
+    weights = layer.weights_as_arrays()
+    assert weights.taps.sum() == pytest.approx(1.0, abs=1e-6)
+    assert weights.residual.shape == (PEOPLE, NODES, 1)
+    by_path = {v.name: v.numpy() for v in layer.trainable_variables}
+    for name, array in weights.base.items():
+        assert array.shape == (NODES, 1)
+        expected = by_path[f"log_{name}"] + by_path[f"by_node_{name}"]
+        np.testing.assert_allclose(array, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["log_omega", "log_damping_ratio", "log_stiffening", "log_wave_speed", "log_inertia_gain",
+     "log_gravity_gain", "by_node_omega", "by_node_wave_speed", "slopes", "residual", "taps"],
+)  # fmt: skip
+def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
+    """Along a random direction; the step is large enough for float32 and the slope central."""
+    layer = drawn_layer(nodes, 3)
+    _, clips = clips_of(body, true_model(nodes, people_of(PEOPLE)), frames=30)
+    chosen = [clips[0], clips[5]]
+    starts = [clip.offsets_m[0] for clip in chosen]
+    given = inputs(body, nodes, chosen, starts, 12, 3, 1)
+    weight = next(v for v in layer.trainable_variables if v.name == name)
+
+    def loss() -> tf.Tensor:
+        # Millimetres, so that the sum is of order one.
+        return tf.reduce_sum(tf.square(1e3 * layer(*given)), (0, 1, 2, 3)) / 1e3
+
+    with tf.GradientTape() as tape:
+        value = loss()
+    gradient = tape.gradient(value, weight.value).numpy()
+    assert np.isfinite(gradient).all()
+    direction = np.random.default_rng(1).choice([-1.0, 1.0], size=weight.shape)
+    direction = np.where(gradient == 0, direction, np.sign(gradient)).astype(np.float32)
+    start, step = weight.numpy(), 3e-3
+    values = []
+    for side in (1, -1):
+        weight.assign(start + side * step * direction)
+        values.append(float(loss()))
+    slope = (values[0] - values[1]) / (2 * step)
+    assert slope == pytest.approx(float((gradient * direction).sum()), rel=0.01)
+    assert slope > 0
+
+
+def test_penalty_grows_with_unevenness(nodes):
+    even, uneven = OscillatorLayer(nodes, PEOPLE, 3), drawn_layer(nodes, 3)
+    assert 0.0 <= float(even.penalty()) < float(uneven.penalty())
