@@ -106,7 +106,7 @@ def assert_is_a_standing_body(out: Path, frames: tuple[int, int], floor_m: float
     found = {name: artifact.array(name) for name in artifact.manifest["arrays"]}
     vertices, count = found["vertices"], len(found["vertices"])
     assert count in frames
-    expected = {name: (count, paper.N_VERTICES, 3) for name in ("offsets", "vertices")}
+    expected = dict.fromkeys(("offsets", "vertices"), (count, paper.N_VERTICES, 3))
     if artifact.manifest["predictor"] != "dsnet_plus":
         expected["latents"] = (count, paper.LATENT_SIZE)
     assert {name: array.shape for name, array in found.items()} == expected
