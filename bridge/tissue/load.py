@@ -87,10 +87,11 @@ def node_loads(
     places, turns = SkinnedNodes(body, vertices, betas)(theta)
     acceleration = np.zeros_like(places)
     acceleration[1:-1] = (places[2:] - 2 * places[1:-1] + places[:-2]) * fps**2
-    return _in_rest_frame(acceleration, turns)
+    return in_rest_frame(acceleration, turns)
 
 
-def _in_rest_frame(acceleration: NDArray, turns: NDArray) -> Load:
+def in_rest_frame(acceleration: NDArray, turns: NDArray) -> Load:
+    """The loads of nodes that accelerate (T, K, 3), m/s^2, and are turned by (T, K, 3, 3)."""
     # R^T w is w^T R: no transposed copies.
     inertia = -np.einsum("tkx,tkxy->tky", acceleration, turns)
     gravity = np.einsum("x,tkxy->tky", GRAVITY_M_S2, turns) - GRAVITY_M_S2

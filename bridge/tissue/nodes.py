@@ -52,9 +52,9 @@ class TissueNodes:
         template, faces = np.asarray(body.v_template, np.float64), body.faces
         vertices = _farthest_points(template, count)
         areas_m2, laplacian = vertex_areas_m2(template, faces), cotangent_laplacian(template, faces)
-        bending = (laplacian @ sp.diags(1 / areas_m2) @ laplacian).tocsc()
+        bending = laplacian @ sp.diags(1 / areas_m2) @ laplacian
         owners, shares = _largest(_between(bending, vertices), _NODES_PER_VERTEX)
-        stretched = _largest(_between(laplacian.tocsc(), vertices), _NEIGHBOURS_PER_VERTEX)
+        stretched = _largest(_between(laplacian, vertices), _NEIGHBOURS_PER_VERTEX)
         edges, pulls_m2 = _node_laplacian(_as_matrix(*stretched, count), laplacian, areas_m2)
         return cls(vertices.astype(np.int32), owners, shares, areas_m2.astype(np.float32),
                    edges, pulls_m2)  # fmt: skip
@@ -79,17 +79,18 @@ class TissueNodes:
 
     @cached_property
     def _spread(self) -> sp.csr_matrix:
-        return _as_matrix(self.owners, self.shares, len(self)).astype(np.float32)
+        return _as_matrix(self.owners, self.shares, len(self))
 
     @cached_property
     def _weighted(self) -> sp.csr_matrix:
         """(K, V) transpose of `_spread`, weighted by skin area."""
-        return (sp.diags(self.areas_m2 / self.areas_m2.mean()) @ self._spread).T.tocsr()
+        return sp.csr_matrix((sp.diags(self.areas_m2 / self.areas_m2.mean()) @ self._spread).T)
 
     @cached_property
     def _inverse(self) -> NDArray[np.float64]:
         """(K, K) of the normal equations, whose condition number is about 15."""
-        return np.linalg.inv((self._weighted @ self._spread).toarray().astype(np.float64))
+        gram = sp.csr_matrix(self._weighted @ self._spread)
+        return np.linalg.inv(gram.toarray().astype(np.float64))
 
     def spread(self, at_nodes: NDArray) -> NDArray[np.float32]:
         """Offsets (T, K, 3) of the nodes to those of all vertices (T, V, 3)."""
@@ -119,9 +120,10 @@ def _farthest_points(points: NDArray, count: int) -> NDArray[np.int64]:
     return np.sort(np.array(chosen))
 
 
-def _between(energy: sp.csc_matrix, nodes: NDArray) -> NDArray[np.floating]:
+def _between(energy: sp.csr_matrix, nodes: NDArray) -> NDArray[np.floating]:
     """(V, K) each node's share of every vertex: the least `energy` with 1 at it, 0 at others."""
-    count = energy.shape[0]
+    energy = sp.csr_matrix(energy)
+    count = len(energy.indptr) - 1
     free = np.setdiff1d(np.arange(count), nodes)
     shares = np.zeros((count, len(nodes)))
     shares[nodes, np.arange(len(nodes))] = 1.0

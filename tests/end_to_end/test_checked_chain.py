@@ -46,11 +46,12 @@ def test_later_stages_refuse_another_autoencoder(copied_runs, execute, tmp_path)
     done = execute([*again, "--run", "smoke"], copied_runs)
     assert done.returncode == 0, done.stderr
     motion = str(forged_motion(tmp_path / "motion_poses.npz"))
+    predict = ["predict", "--motion", motion, "--out", str(tmp_path / "out")]
     for command in (
         ["decode"],
         ["evaluate"],
         ["report"],
-        ["predict", "--motion", motion, "--out", str(tmp_path / "out")],
+        [*predict, "--predictor", "dsnet_standardised"],
     ):
         done = execute([DSNET, *command, "--profile", "smoke"], copied_runs)
         assert done.returncode == 2, command
