@@ -12,7 +12,7 @@ from bridge.exchange import load_weights
 from bridge.exchange.clips import join_inputs
 from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.runs import Artifact
-from bridge.runtime.motion_predictor import FRAMES_AT_ONCE, Prediction, Road
+from bridge.runtime.motion_predictor import FRAMES_AT_ONCE, MotionRoad, Prediction
 from bridge.runtime.onnx_builder import GraphSession
 from bridge.runtime.onnx_graphs import decoder_graph
 from bridge.runtime.streaming import SteppedDsnet
@@ -48,5 +48,5 @@ def _open(artifacts: Mapping[str, Artifact], name: str, _: BodyModelData) -> Dsn
     return DsnetMotionPredictor(network, load_decoder(artifacts["train-ae"]))
 
 
-DSNET = Road(("train", "train-ae"), "train", _open)
+DSNET = MotionRoad(("train", "train-ae"), "train", _open)
 """The paper's: latents by DSNet, offsets by the autoencoder's decoder."""

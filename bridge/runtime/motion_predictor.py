@@ -43,7 +43,7 @@ Open = Callable[[Mapping[str, Artifact], str, BodyModelData], MotionPredictor]
 
 
 @dataclass(frozen=True)
-class Road:
+class MotionRoad:
     """Some stages of a run that together predict motions."""
 
     stages: tuple[str, ...]
@@ -64,14 +64,14 @@ class Chosen:
     """Why this one."""
     artifacts: Mapping[str, Artifact]
     """What it is made of, by stage."""
-    road: Road
+    road: MotionRoad
 
     def open(self, body: BodyModelData) -> MotionPredictor:
         """Load it."""
         return self.road.open(self.artifacts, self.name, body)
 
 
-def choose_predictor(run: Run, asked: str | None, roads: tuple[Road, ...]) -> Chosen:
+def choose_predictor(run: Run, asked: str | None, roads: tuple[MotionRoad, ...]) -> Chosen:
     """The predictor named `asked`; when None, the default of the first road that the run has.
 
     Raises
@@ -96,11 +96,11 @@ def choose_predictor(run: Run, asked: str | None, roads: tuple[Road, ...]) -> Ch
     )
 
 
-def _manifest(run: Run, road: Road) -> dict:
+def _manifest(run: Run, road: MotionRoad) -> dict:
     return read_artifact(run.path / road.stages[0]).manifest
 
 
-def _nothing_trained(run: Run, roads: tuple[Road, ...]) -> DsnetError:
+def _nothing_trained(run: Run, roads: tuple[MotionRoad, ...]) -> DsnetError:
     if not run.path.is_dir():
         run.artifact(roads[0].stages[0])  # says which runs there are
     return DsnetError(
@@ -110,5 +110,5 @@ def _nothing_trained(run: Run, roads: tuple[Road, ...]) -> DsnetError:
     )
 
 
-def _commands(run: Run, roads: tuple[Road, ...]) -> str:
+def _commands(run: Run, roads: tuple[MotionRoad, ...]) -> str:
     return " or ".join(f"`dsnet {road.command} --run {run.name}`" for road in roads)

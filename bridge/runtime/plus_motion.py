@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.runs import Artifact
-from bridge.runtime.motion_predictor import FRAMES_AT_ONCE, Prediction, Road
+from bridge.runtime.motion_predictor import FRAMES_AT_ONCE, MotionRoad, Prediction
 from bridge.tissue.load import node_loads
 from bridge.tissue.oscillators import FPS, NodeMechanics, OscillatorSheet
 from bridge.tissue.trained_plus import TrainedPlus
@@ -68,5 +68,5 @@ def _open(artifacts: Mapping[str, Artifact], _: str, body: BodyModelData) -> Plu
     return PlusMotionPredictor(TrainedPlus.load(artifacts["train_plus"]), body)
 
 
-PLUS = Road(("train_plus",), "train-plus", _open)
+PLUS = MotionRoad(("train_plus",), "train-plus", _open)
 """The better one: oscillators on the skin, learned from aligned offsets."""
