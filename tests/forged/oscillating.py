@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ TRUE = {
     "gravity_gain": 1.0,
 }
 """Of every node; none of it is where training starts but for the gains."""
-SLOPES = np.float32([[-0.8], [0.0], [0.0]])
+SLOPES = np.array([[-0.8], [0.0], [0.0]], np.float32)
 """Deep flesh is soft, and nothing else matters."""
 MOTIONS = ("hips", "punching", "running")
 
@@ -50,7 +51,7 @@ def true_model(nodes: TissueNodes, people: NDArray[np.float32]) -> TrainedPlus:
     count = len(nodes)
     base = {name: np.full((count, 1), np.log(TRUE[name]), np.float32) for name in NODE_FIELDS}
     residual = np.zeros((len(people), count, 1), np.float32)
-    weights = Weights(base, SLOPES, residual, np.float32([1.0]))
+    weights = Weights(base, SLOPES, residual, np.array([1.0], np.float32))
     nothing = StaticPart(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32))
     return TrainedPlus(nodes, weights, nothing, people, look_ahead=0)
 
@@ -100,7 +101,7 @@ def write_aligned(
     kind: str = "align_robust",
     lengths: Sequence[int] = (50, 40, 45),
     misfit_m: float = 0.0,
-    **record: object,
+    **record: Any,
 ) -> None:
     """An alignment of every known person's motions, the last motion of the last one held out.
 
@@ -121,7 +122,7 @@ def write_aligned(
     arrays = {
         "betas": model.people_betas,
         "theta": np.concatenate(theta),
-        "offsets": np.concatenate(offsets) + np.float32([0.0, misfit_m, 0.0]),
+        "offsets": np.concatenate(offsets) + np.array([0.0, misfit_m, 0.0], np.float32),
     }
     units = {"betas": "1", "theta": "rad, then m", "offsets": "m"}
     write_artifact(

@@ -79,7 +79,9 @@ def test_a_motion_that_was_left_out_is_predicted(trained, truth, body):
 
 
 def test_a_new_persons_softness_follows_from_shape(trained, truth, body):
-    betas = people_of(4)[[0, 2]].mean(0) + np.float32([0.5, 0, -0.5, 0, 0.5, 0, 0, 0, 0, 0])
+    betas = people_of(4)[[0, 2]].mean(0) + np.array(
+        [0.5, 0, -0.5, 0, 0.5, 0, 0, 0, 0, 0], np.float32
+    )
     clip = clip_of(body, truth, betas, lively(150, 998))
     assert explained(trained[0].moving_m(body, betas, lively(150, 998)), clip.offsets_m) > 0.95
 

@@ -16,7 +16,7 @@ def at_nodes(nodes: TissueNodes, frames: int = 3, seed: int = 0) -> np.ndarray:
 
 
 def test_a_body_moved_as_a_whole_stays_one(nodes):
-    moved = np.tile(np.float32([0.01, -0.02, 0.03]), (2, len(nodes), 1))
+    moved = np.tile(np.array([0.01, -0.02, 0.03], np.float32), (2, len(nodes), 1))
     everywhere = nodes.spread(moved)
     assert everywhere.shape == (2, 6890, 3)
     np.testing.assert_allclose(everywhere, np.broadcast_to(moved[0, 0], (2, 6890, 3)), rtol=1e-5)

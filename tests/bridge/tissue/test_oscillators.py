@@ -45,7 +45,7 @@ def test_free_vibration_has_the_closed_form_of_average_acceleration(hz, damping)
 def test_a_constant_load_holds_an_offset_of_force_over_stiffness(stiffening):
     omega = 2 * np.pi * 4.0
     sheet = OscillatorSheet(mechanics(hz=4.0, stiffening=stiffening), ALONE)
-    load = np.float32([[3.0, -9.81, 6.0]])
+    load = np.array([[3.0, -9.81, 6.0]], np.float32)
     offset = sheet.settled(load)
     held = omega**2 * (1 + stiffening * (offset**2).sum()) * offset
     np.testing.assert_allclose(held, load, rtol=1e-4)
@@ -79,7 +79,7 @@ def test_no_load_leaves_no_offset_at_all(nodes):
 
 def test_taps_take_frames_from_the_newest_to_the_oldest():
     felt = np.arange(6, dtype=np.float32)[:, None, None] ** 2
-    found = smoothed(felt, np.float32([0.5, 0.3, 0.2]), 1)[:, 0, 0]
+    found = smoothed(felt, np.array([0.5, 0.3, 0.2], np.float32), 1)[:, 0, 0]
     # At t: 0.5 of t + 1, 0.3 of t, 0.2 of t - 1, with the ends going on.
     np.testing.assert_allclose(found[2], 0.5 * 9 + 0.3 * 4 + 0.2 * 1)
     np.testing.assert_allclose(found[0], 0.5 * 1 + 0.0)
@@ -131,7 +131,7 @@ def energy(found: np.ndarray, springs, laplacian, masses) -> np.ndarray:
 @pytest.mark.parametrize("stiffening", [0.0, 700.0, 1e4])
 def test_without_damping_a_lone_node_keeps_its_energy(stiffening):
     springs = mechanics(hz=9.0, damping=0.0, stiffening=stiffening)
-    start = np.float32([[0.05, 0.03, -0.08]])
+    start = np.array([[0.05, 0.03, -0.08]], np.float32)
     found = vibrate(OscillatorSheet(springs, ALONE), start, np.zeros_like(start), 3000)
     kept = energy(found, springs, ALONE, np.ones(1))
     np.testing.assert_allclose(kept, kept[0], rtol=1e-3)

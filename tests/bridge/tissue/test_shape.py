@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from bridge.tissue.shape import FEATURES, distance_to_bones_m, shape_features
+from bridge.tissue.shape import SHAPE_FEATURES, distance_to_bones_m, shape_features
 
 
 def test_the_template_has_no_features(body, nodes):
     found = shape_features(body, np.zeros(10), nodes.vertices)
-    assert found.shape == (80, len(FEATURES))
+    assert found.shape == (80, len(SHAPE_FEATURES))
     np.testing.assert_array_equal(found, 0.0)
 
 

@@ -31,8 +31,8 @@ def trained(nodes) -> TrainedPlus:
         for name, value in zip(NODE_FIELDS, START, strict=True)
     }
     residual = rng.normal(scale=0.2, size=(2, 80, 1)).astype(np.float32)
-    slopes = np.float32([[-0.3], [0.2], [-0.1]])
-    weights = Weights(base, slopes, residual, np.float32([0.5, 0.3, 0.2]))
+    slopes = np.array([[-0.3], [0.2], [-0.1]], np.float32)
+    weights = Weights(base, slopes, residual, np.array([0.5, 0.3, 0.2], np.float32))
     static = StaticPart(
         rng.normal(scale=0.002, size=(2, 6890, 3)).astype(np.float32),
         rng.normal(scale=0.002, size=(207, 80, 3)).astype(np.float32),
