@@ -56,3 +56,6 @@ def be_reproducible(seed: int) -> None:
     """
     keras.utils.set_random_seed(seed)
     tf.config.experimental.enable_op_determinism()
+    # TensorFlow makes one AddN of a + b + c, and AddN begins with whichever of them another thread
+    # is done with.
+    tf.config.optimizer.set_experimental_options({"arithmetic_optimization": False})
