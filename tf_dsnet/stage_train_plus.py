@@ -115,18 +115,14 @@ class _Fit:
         return [self._static.of(clip) for clip in self._clips]
 
     def _save(self) -> None:
-        static = {
-            "static/constant": self._static.constant_m,
-            "static/by_pose": self._static.by_pose_m,
-        }
         losses = {"history/loss": np.array(self._losses)}
-        save_weights(self._checkpoint, {**self._training.state(), **static, **losses})
+        state = {**self._training.state(), **self._static.arrays(), **losses}
+        save_weights(self._checkpoint, state)
 
     def _resume(self) -> None:
         state = load_weights(self._checkpoint)
-        self._losses = state.pop("history/loss").tolist()
-        parts = [state.pop(f"static/{name}") for name in ("constant", "by_pose")]
-        self._static = NodeStatic(parts[0], parts[1], {}, "resumed")
+        self._losses = state["history/loss"].tolist()
+        self._static = NodeStatic.from_arrays(state)
         self._training.restore(state)
 
     def _store(self) -> None:

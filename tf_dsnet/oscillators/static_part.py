@@ -12,7 +12,7 @@ static part at all is one of the candidates, and the simplest that comes near th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,7 @@ RIDGES = (None, np.inf, 1e-1, 1e-2, 1e-3, 1e-4)
 _WORTH = 0.02
 """Share of the error that a less simple candidate must take away to be chosen."""
 _CONSTANT_RIDGE = 1e-4
+_ARRAYS = ("constant", "by_pose", "left_out_error", "chosen")
 
 
 @dataclass
@@ -69,6 +70,21 @@ class NodeStatic:
         return self.constant_m[clip.person] + np.tensordot(clip.features, self.by_pose_m, 1)
 
     @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> NodeStatic:
+        """The inverse of `arrays`."""
+        constant_m, by_pose_m, tried, chosen = (arrays[f"static/{name}"] for name in _ARRAYS)
+        names = [_name(ridge) for ridge in RIDGES]
+        errors = dict(zip(names[: len(tried)], tried.tolist(), strict=True))
+        return cls(constant_m, by_pose_m, errors, names[int(chosen[0])])
+
+    def arrays(self) -> dict[str, NDArray]:
+        """Everything, `static/<name>`, for a checkpoint."""
+        tried = np.array(list(self.left_out_error.values()), np.float64)
+        chosen = np.array([[_name(ridge) for ridge in RIDGES].index(self.chosen)])
+        values = (self.constant_m, self.by_pose_m, tried, chosen)
+        return {f"static/{name}": value for name, value in zip(_ARRAYS, values, strict=True)}
+
+    @classmethod
     def nothing(cls, people: int, features: int, nodes: int) -> NodeStatic:
         """No static part."""
         zeros = [np.zeros((count, nodes, 3), np.float32) for count in (people, features)]
@@ -86,9 +102,11 @@ def fit_static(clips: Sequence[NodeClip], moving_m: Sequence[NDArray], people: i
         sums, kind = _sums(clip, clip.offsets_m - moving, people), kind_of(clip.sequence.motion)
         kinds[kind] = kinds[kind] + sums if kind in kinds else sums
     total = _total(kinds.values())
-    errors = {ridge: _left_out(kinds, total, ridge, people) for ridge in RIDGES}
+    # With one kind of motion nothing says what carries over.
+    candidates = RIDGES if len(kinds) > 1 else RIDGES[:1]
+    errors = {ridge: _left_out(kinds, total, ridge, people) for ridge in candidates}
     best = min(errors.values())
-    chosen = next(r for r in RIDGES if errors[r] <= best + _WORTH * total.energy)
+    chosen = next(r for r in candidates if errors[r] <= best + _WORTH * total.energy)
     solution = _solve(total, chosen, people)
     constant, by_pose = np.split(
         solution.reshape(len(solution), -1, 3).astype(np.float32), [people]
@@ -115,8 +133,8 @@ def _total(parts) -> _Sums:
 
 def _left_out(kinds: dict[str, _Sums], total: _Sums, ridge: float | None, people: int) -> float:
     """Sum of squares left of every kind by what the other kinds say."""
-    if ridge is None or len(kinds) < 2:
-        return total.energy if ridge is None else np.inf
+    if ridge is None:
+        return total.energy
     return sum(own.error(_solve(total - own, ridge, people)) for own in kinds.values())
 
 
