@@ -1,0 +1,29 @@
+"""A run whose robust alignment is forged, and small settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bridge.body import load_body_model
+from bridge.tissue.nodes import TissueNodes
+from tests.forged.oscillating import people_of, true_model, write_aligned
+from tf_dsnet import stage_predict, stage_predict_plus, stage_train_plus
+from tf_dsnet.stage_train_plus import TrainPlusConfig
+
+TINY = TrainPlusConfig(
+    run="tiny", nodes=60, rounds=3, steps=2, window=12, batch_size=4, taps=2, look_ahead=1
+)
+PEOPLE = 2
+
+
+def forge_run(runs: Path, monkeypatch: pytest.MonkeyPatch, **aligned) -> Path:
+    """Run `tiny` with an `align_robust`; the body is the embedded one."""
+    for stage in (stage_train_plus, stage_predict_plus, stage_predict):
+        monkeypatch.setattr(stage, "body_model_path", lambda run: "embedded:female")
+    body = load_body_model("embedded:female")
+    model = true_model(TissueNodes.of(body, 60), people_of(PEOPLE))
+    path = runs / "tiny" / aligned.get("kind", "align_robust")
+    write_aligned(path, body, model, **aligned)
+    return runs / "tiny"
