@@ -1,4 +1,4 @@
-"""The static part: found where it is, not found where it is not, and decided by left-out motions."""
+"""The static part: found where it is, and only there; left-out motions decide."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """Steps of the oscillators through time in TensorFlow, with the gradient written out.
 
 The tape's own gradient of such a loop adds up three and more terms with AddN, which adds them in
-the order in which threads leave it a buffer, so that no two trainings gave the same bits. Here every
-sum has two terms. The gradient goes back through the frames that were found, and keeps nothing else.
+the order in which threads leave it a buffer, so that no two trainings gave the same bits. Here
+every sum has two terms. The gradient goes back through the frames that were found, and keeps
+nothing else.
 """
 
 from __future__ import annotations
