@@ -97,8 +97,13 @@ def test_weights_as_arrays_hold_each_nodes_base_and_deviation(nodes):
      "log_gravity_gain", "by_node_omega", "by_node_wave_speed", "slopes", "residual", "taps"],
 )  # fmt: skip
 def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
-    """Along a random direction; the step is large enough for float32 and the slope central."""
+    """All the way uphill, by a central difference whose step is large enough for float32.
+
+    Nodes pull at each other hard, else a slope could lack what goes through them unnoticed.
+    """
     layer = drawn_layer(nodes, 3)
+    speed = next(v for v in layer.trainable_variables if v.name == "log_wave_speed")
+    speed.assign([np.log(9.0)])
     _, clips = clips_of(body, true_model(nodes, people_of(PEOPLE)), frames=30)
     chosen = [clips[0], clips[5]]
     starts = [clip.offsets_m[0] for clip in chosen]
@@ -121,7 +126,7 @@ def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
         weight.assign(start + side * step * direction)
         values.append(float(loss()))
     slope = (values[0] - values[1]) / (2 * step)
-    assert slope == pytest.approx(float((gradient * direction).sum()), rel=0.01)
+    assert slope == pytest.approx(float((gradient * direction).sum()), rel=0.005)
     assert slope > 0
 
 
