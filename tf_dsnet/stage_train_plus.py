@@ -45,7 +45,7 @@ class TrainPlusConfig(PlusSettings):
 
 PROFILES = {
     "smoke": TrainPlusConfig(run="smoke", rounds=4, steps=8, nodes=300),
-    "demo": TrainPlusConfig(run="demo"),
+    "demo": TrainPlusConfig(run="demo", rounds=8),
     "paper": TrainPlusConfig(run="paper", rounds=24),
 }
 

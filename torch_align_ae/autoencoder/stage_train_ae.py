@@ -78,7 +78,7 @@ PROFILES: dict[str, TrainAutoencoderConfig] = {
     "demo": TrainAutoencoderConfig(
         run="demo",
         preset="short",
-        steps=210,
+        steps=175,
         validate_every=35,
         patience=0,
         validation_frames=256,
