@@ -106,7 +106,7 @@ def _take(options: list[str], flag: str) -> str | None:
 
 
 def _overview() -> str:
-    rows = "\n".join(f"  {name:<10}{summary}" for name, (_, summary) in COMMANDS.items())
+    rows = "\n".join(f"  {name:<14}{summary}" for name, (_, summary) in COMMANDS.items())
     return (
         "usage: dsnet COMMAND [--profile smoke|demo|paper] [--run NAME] [--seed N] ...\n\n"
         f"{rows}\n\nEvery command has its own --help; ./reproduce.sh runs them in this order."
