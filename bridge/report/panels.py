@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from matplotlib import colormaps
@@ -77,7 +78,7 @@ def draw_panels(
         for column, picture in enumerate(line):
             _show(axes[row, column], picture)
             if row == 0:
-                axes[row, column].set_title(column_titles[column], fontsize=9)
+                axes[row, column].set_title(fill(column_titles[column], 18), fontsize=9)
         if row_titles:
             axes[row, 0].set_ylabel(row_titles[row], fontsize=9)
     if colour_top_m is not None:
