@@ -140,7 +140,7 @@ def _alignment_lines(alignments: dict[str, dict[str, Any]]) -> list[str]:
             whole = alignment["absorption"]["whole"]
             text += (
                 f"; of true offsets of {whole['true_mm']:.2f} mm (root mean square) pose and shape "
-                f"absorb {100 * whole['absorbed']:.0f} %,\nand {whole['invented_mm']:.2f} mm of "
+                f"absorb {round(100 * whole['absorbed'])} %,\nand {whole['invented_mm']:.2f} mm of "
                 f"what it gives is invented: R² of its offsets is {alignment['offsets']['r2']:.2f}"
             )
         lines.append(f"{text}.")
