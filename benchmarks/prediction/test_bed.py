@@ -132,10 +132,20 @@ def _rows(found: Mapping[str, Mapping[str, Any]]) -> Iterator[list[str]]:
                 own = [s["cells"][cell][name] for s in seeds if name in s["cells"].get(cell, {})]
                 if own:
                     text = seeds[0]["labels"].get(name, name)
-                    yield [corpus, label, text, str(len(own)), *map_metrics(own)]
+                    yield [corpus, label, text, str(len(own)), *_metrics(own)]
+        yield from _real_rows(corpus, seeds)
 
 
-def map_metrics(own: list[Mapping[str, Any]]) -> Iterator[str]:
+def _real_rows(corpus: str, seeds: list[Mapping[str, Any]]) -> Iterator[list[str]]:
+    """Real motions that were given simulated tissue, one by one; they count in their cells too."""
+    for motion in seeds[0]["real_motions"]:
+        name, label = motion["name"], seeds[0]["labels"]["dsnet_plus"]
+        own = [m["errors"]["dsnet_plus"] for s in seeds for m in s["real_motions"]
+               if m["name"] == name]  # fmt: skip
+        yield [corpus, f"real motion `{name}`", label, str(len(own)), *_metrics(own)]
+
+
+def _metrics(own: list[Mapping[str, Any]]) -> Iterator[str]:
     """Each metric's mean over seeds, with the standard deviation where there are several."""
     for metric, key, form in _METRICS.values():
         values = [one[metric][key] for one in own if metric in one and key in one[metric]]
