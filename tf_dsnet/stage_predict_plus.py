@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from tqdm import tqdm
 from bridge.body import BodyModelData, load_body_model
 from bridge.motion import MotionSequence, subject_rows, to_manifest
 from bridge.motion.cuts import predict_between_cuts
+from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.processes import run_as_process
@@ -76,13 +76,12 @@ def _write(
     writer: ArtifactWriter, model: TrainedPlus, body: BodyModelData, motions: MotionSet
 ) -> None:
     chosen = decoded_sequences(motions.sequences)
-    placed = _end_to_end(chosen)
+    placed = end_to_end(chosen)
     rows = subject_rows(chosen)
     betas = {s.subject: motions.betas[subject_rows(motions.sequences)[s.subject]] for s in chosen}
     shape = (sum(s.length for s in placed), body.vertex_count, 3)
     total = writer.open_array(f"offsets_{NAME}", shape, np.float32, "m")
-    has_static = model.static.constant_m.any() or model.static.by_pose_m.any()
-    static = writer.open_array(f"static_{NAME}", shape, np.float32, "m") if has_static else None
+    static = writer.open_array(f"static_{NAME}", shape, np.float32, "m") if model.static else None
 
     def predict(model: TrainedPlus, sequence: MotionSequence) -> _Predicted:
         theta = motions.theta[sequence.frames]
@@ -110,12 +109,6 @@ def _predict(
     if static_m is not None:
         total_m += static_m
     return _Predicted(total_m, static_m)
-
-
-def _end_to_end(chosen: Sequence[MotionSequence]) -> list[MotionSequence]:
-    """The same sequences with their places in the stage's own arrays."""
-    starts = np.cumsum([0, *(sequence.length for sequence in chosen)])
-    return [replace(s, start=int(start)) for s, start in zip(chosen, starts, strict=False)]
 
 
 if __name__ == "__main__":

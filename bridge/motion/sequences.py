@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from bridge.runs.artifact import Artifact
@@ -54,3 +54,12 @@ def subjects_of(sequences: Iterable[MotionSequence]) -> list[str]:
 def subject_rows(sequences: Iterable[MotionSequence]) -> Mapping[str, int]:
     """Row of each subject in the `betas` array."""
     return {subject: row for row, subject in enumerate(subjects_of(sequences))}
+
+
+def end_to_end(chosen: Sequence[MotionSequence]) -> list[MotionSequence]:
+    """The same sequences with their places in arrays that hold just these, one after another."""
+    placed, start = [], 0
+    for sequence in chosen:
+        placed.append(replace(sequence, start=start))
+        start += sequence.length
+    return placed

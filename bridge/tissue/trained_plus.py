@@ -48,6 +48,15 @@ class StaticPart:
     by_pose_m: NDArray[np.float32]
     """(207, K, 3) of the pose features R - I, at the nodes."""
 
+    @classmethod
+    def nothing(cls) -> StaticPart:
+        """No static part."""
+        return cls(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32))
+
+    def __bool__(self) -> bool:
+        """Whether there is one."""
+        return bool(self.constant_m.any() or self.by_pose_m.any())
+
 
 @dataclass(frozen=True, eq=False)
 class TrainedPlus:

@@ -116,9 +116,7 @@ class PlusTraining:
 
     def simulate(self) -> list[NDArray[np.float32]]:
         """What the oscillators make of every clip, (T, K, 3) each."""
-        trained = self.trained(
-            StaticPart(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32))
-        )
+        trained = self.trained(StaticPart.nothing())
         found = []
         for clip in self._clips:
             mechanics = trained.mechanics(self._body, self._people.betas[clip.person])

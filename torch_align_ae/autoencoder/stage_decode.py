@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from tqdm import tqdm
 
-from bridge.motion import MotionSequence, sequences_of, to_manifest
+from bridge.motion import sequences_of, to_manifest
+from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.codec import Codec, load_codec
@@ -49,7 +49,7 @@ def main(config: DecodeConfig) -> None:
 
 def _make(predict: Artifact, encode: Artifact, codec: Codec, writer: ArtifactWriter) -> None:
     chosen = decoded_sequences(sequences_of(predict))
-    placed = _end_to_end(chosen)
+    placed = end_to_end(chosen)
     aligned = {sequence.name: sequence for sequence in sequences_of(encode)}
     shape = (sum(sequence.length for sequence in chosen), *codec.normaliser.mean_m.shape)
     predictors = predict.manifest["predictors"]
@@ -68,9 +68,3 @@ def _make(predict: Artifact, encode: Artifact, codec: Codec, writer: ArtifactWri
     writer.record(
         sequences=to_manifest(placed), predictors=predictors, default=predict.manifest["default"]
     )
-
-
-def _end_to_end(chosen: Sequence[MotionSequence]) -> list[MotionSequence]:
-    """The same sequences with their places in the stage's own arrays."""
-    starts = np.cumsum([0, *(sequence.length for sequence in chosen)])
-    return [replace(s, start=int(start)) for s, start in zip(chosen, starts, strict=False)]

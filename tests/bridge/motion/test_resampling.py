@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from bridge.motion.resampling import load_amass_motion
 from bridge.motion.theta import unpack_theta
 from tests.forged.amass import save, smplh
 
-REAL_SAMPLE = Path(__file__).parents[4] / "shared" / "data" / "amass" / "dmpl_sample.npz"
+REAL_SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
 R_YUP_ZUP = Rotation.from_euler("x", -90, degrees=True)
 
 
@@ -145,7 +146,7 @@ def test_nonsensical_rate_is_refused(target: Path) -> None:
         load_amass_motion(forge(target), fps=0)
 
 
-@pytest.mark.skipif(not REAL_SAMPLE.is_file(), reason=f"no AMASS sample at {REAL_SAMPLE}")
+@pytest.mark.skipif(not REAL_SAMPLE.is_file(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
 def test_real_sample_stands_on_its_floor() -> None:
     body = load_body_model("embedded:female")
     motion = load_amass_motion(REAL_SAMPLE, root_joint_m=body.joints[0])

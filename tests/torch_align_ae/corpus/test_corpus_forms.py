@@ -20,22 +20,8 @@ SECOND = replace(TINY, tissue="second", form="captured", gravity=False, seed=5)
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    root = tmp_path_factory.mktemp("runs")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("DSNET_RUNS", str(root))
-        stage.main(SECOND)
-    return root / "tiny"
-
-
-@pytest.fixture
-def truth(finished):
-    return read_artifact(finished / "truth", kind="truth")
-
-
-@pytest.fixture
-def corpus(finished):
-    return read_artifact(finished / "corpus", kind="corpus")
+def config():
+    return SECOND
 
 
 def test_manifests_record_law_form_and_gravity(truth, corpus):

@@ -36,31 +36,9 @@ def jump(smpl):
     return perform("one_leg_jump", "50004", skeleton, frame_count=FRAMES, fps=60.0)
 
 
-@pytest.fixture(scope="module")
-def offsets(smpl, jump):
-    """Of the heaviest and of the leanest subject, one_leg_jump, by the same pose sequence."""
-    return [tissue_of("second", smpl, who.betas).offsets(jump, 60.0) for who in (HEAVY, LEAN)]
-
-
-def test_sizes_are_plausible_and_heavier_bodies_move_more(offsets):
-    heavy, lean = (np.linalg.norm(part, axis=-1) * 1000 for part in offsets)
-    assert heavy[40:].mean() > 1.3 * lean[40:].mean()
-    assert 1.0 < heavy[40:].mean() < 5.0
-    assert 15 < heavy.max() < 60
-
-
-def test_offsets_are_smooth_over_the_surface(smpl, offsets):
-    faces, peak = smpl.data.faces, offsets[0][np.abs(offsets[0]).max((1, 2)).argmax()]
-    edges = smpl.data.v_template[faces[:, 0]] - smpl.data.v_template[faces[:, 1]]
-    steps = peak[faces[:, 0]] - peak[faces[:, 1]]
-    strain = np.linalg.norm(steps, axis=1) / np.linalg.norm(edges, axis=1)
-    assert np.quantile(strain, 0.99) < 1.2
-    assert np.linalg.norm(steps, axis=1).max() < 0.03
-
-
-def test_the_two_laws_disagree(smpl, jump, offsets):
+def test_the_two_laws_disagree(smpl, jump):
     """Neither explains the other, at any scale: they are as two measurements of two materials."""
-    first, second = tissue_of("own", smpl, HEAVY.betas).offsets(jump, 60.0), offsets[0]
+    first, second = (tissue_of(law, smpl, HEAVY.betas).offsets(jump, 60.0) for law in TISSUES)
     scale = (first * second).sum() / (first**2).sum()
     unexplained = ((second - scale * first) ** 2).sum() / (second**2).sum()
     assert 0.1 < unexplained < 0.9
@@ -73,26 +51,6 @@ def test_both_laws_find_other_parts_soft(smpl):
     first, second = (part.frequency_hz[both] for part in (deep, thick))
     assert np.corrcoef(first, second)[0, 1] < 0.8
     assert 3 < thick.frequency_hz.min() < 6
-
-
-def test_a_body_at_rest_pose_hangs_as_it_was_scanned(smpl):
-    theta = np.tile(np.linspace(0, 0.3, 69) * (np.arange(69) >= 66), (4, 1))
-    found = tissue_of("second", smpl, HEAVY.betas).offsets(theta, 60.0)
-    np.testing.assert_allclose(found, 0, atol=1e-9)
-
-
-@pytest.mark.parametrize("gravity", [True, False])
-def test_a_body_that_lies_still_hangs_and_stays(smpl, gravity):
-    theta = np.zeros((20, 69))
-    theta[:, 0] = -np.pi / 2
-    found = tissue_of("second", smpl, HEAVY.betas, gravity=gravity).offsets(theta, 60.0)
-    belly = np.linalg.norm(found[0], axis=-1).argmax()
-    if gravity:
-        # R^T g - g = (0, +g, -g): towards the head and towards the back.
-        assert 0.003 < np.linalg.norm(found[0, belly]) < 0.05
-        assert found[0, belly, 1] > 0 > found[0, belly, 2]
-    np.testing.assert_allclose(found, found[:1].repeat(20, axis=0), atol=1e-6)
-    assert gravity == bool(np.abs(found).max() > 1e-6)
 
 
 def test_in_free_fall_gravity_is_not_felt(smpl):

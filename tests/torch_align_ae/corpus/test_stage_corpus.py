@@ -37,22 +37,8 @@ TINY = stage.CorpusConfig(
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    root = tmp_path_factory.mktemp("runs")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("DSNET_RUNS", str(root))
-        stage.main(TINY)
-    return root / "tiny"
-
-
-@pytest.fixture
-def truth(finished):
-    return read_artifact(finished / "truth", kind="truth")
-
-
-@pytest.fixture
-def corpus(finished):
-    return read_artifact(finished / "corpus", kind="corpus")
+def config():
+    return TINY
 
 
 def test_unposing_the_meshes_by_the_truth_gives_the_true_offsets(corpus, truth):
