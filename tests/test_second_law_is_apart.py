@@ -33,7 +33,6 @@ def test_inside_the_corpus_only_the_registry_chooses_it():
 
 def test_it_shares_nothing_with_the_first_law_but_body_surface_and_skinning():
     allowed = {
-        "surface": {"vertex_normals"},
         "simulation": {"skin"},
         "motions.plan": {"GRAVITY_M_S2"},
     }

@@ -23,6 +23,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "no gravity among the loads": ("--no-gravity",),
     "nodes do not pull at each other": ("--no-coupling",),
     "springs do not stiffen": ("--no-stiffening",),
+    "springs alike along and across the skin": ("--no-anisotropy",),
     "shape tells nothing": ("--no-by-shape",),
     "only from the data's own past": ("--no-through-time",),
     "no static part": ("--no-static",),

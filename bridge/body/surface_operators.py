@@ -1,4 +1,4 @@
-"""Differential operators of a triangle mesh: vertex areas and the cotangent Laplacian."""
+"""Geometry of a triangle mesh: vertex areas and normals, and the cotangent Laplacian."""
 
 from __future__ import annotations
 
@@ -14,6 +14,18 @@ def vertex_areas_m2(vertices: ArrayLike, faces: NDArray[np.integer]) -> NDArray[
     areas = np.zeros(len(np.asarray(vertices)))
     np.add.at(areas, faces, np.linalg.norm(normals, axis=1)[:, None] / 6)
     return areas
+
+
+def vertex_normals(vertices: ArrayLike, faces: NDArray[np.integer]) -> NDArray[np.floating]:
+    """(V, 3) outward normals: the mean of the triangles around, weighted by area."""
+    corners = np.asarray(vertices)[faces]
+    of_faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sums = [
+        np.bincount(faces.ravel(), np.repeat(component, 3), len(np.asarray(vertices)))
+        for component in of_faces.T
+    ]
+    normals = np.stack(sums, axis=1)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def cotangent_laplacian(vertices: ArrayLike, faces: NDArray[np.integer]) -> sp.csr_matrix:

@@ -2,21 +2,24 @@
 
 Each node's offset u from its skinned place obeys, in the rest pose's frame,
 
-    u'' + 2 z w u' + w^2 (1 + a |u|^2) u + c^2 L u = f,      f = h inertia + j gravity
+    u'' + 2 z w u' + w^2 (1 + a |u|_P^2) P u + c^2 L u = f,      f = h inertia + j gravity
 
-with L the nodes' Laplacian. One step of dt is Newmark's average acceleration written in three
-frames, but for the load, which is taken at t so that the next offset needs no later pose:
+with P = I + (p - 1) n n^T: skin on firm ground is p times as stiff along its normal n, where flesh
+is pressed and pulled, as along itself, where it shears; |u|_P^2 = u^T P u. L is the nodes'
+Laplacian. One step of dt is Newmark's average acceleration written in three frames, but for the
+load, which is taken at t so that the next offset needs no later pose:
 
-    (u+ - 2 u + u-) / dt^2 + 2 z w (u+ - u-) / (2 dt) + (w^2 + c^2 L) (u+ + 2 u + u-) / 4
-        + w^2 a |u|^2 (u+ + u-) / 2 = f_t
+    (u+ - 2 u + u-) / dt^2 + 2 z w (u+ - u-) / (2 dt) + (w^2 P + c^2 L) (u+ + 2 u + u-) / 4
+        + w^2 a |u|_P^2 P (u+ + u-) / 2 = f_t
 
-Times u+ - u-, the last term on the left is w^2 a / 2 (|u|^2 |u+|^2 - |u-|^2 |u|^2): like the others
-it is what one frame's energy has more than the last one's. So without load the energy
+Times u+ - u-, the last term on the left is w^2 a / 2 (|u|_P^2 |u+|_P^2 - |u-|_P^2 |u|_P^2): like
+the others it is what one frame's energy has more than the last one's. So without load the energy
 
-    |u+ - u|^2 / dt^2 / 2 + w^2 |u+ + u|^2 / 8 + w^2 a |u+|^2 |u|^2 / 4 + that of the coupling
+    |u+ - u|^2 / dt^2 / 2 + w^2 |u+ + u|_P^2 / 8 + w^2 a |u+|_P^2 |u|_P^2 / 4 + the coupling's
 
 never grows, however stiff the springs, and a load adds to its root 2^(-1/2) dt |f| a frame at most.
-The matrix on u+ is a dominant diagonal plus dt^2 c^2 L / 4, so that a few Jacobi sweeps solve it.
+The matrix on u+ is a dominant block diagonal plus dt^2 c^2 L / 4, so that a few Jacobi sweeps solve
+it.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import bicgstab, splu
 
 from bridge.tissue.load import Load
 
@@ -37,24 +40,30 @@ change of velocity for any mode, an odd one overdoes some and can make the faste
 _SETTLING = 200
 _SETTLED = 1e-7
 """Change of the strain, relative to the largest, at which tissue is at rest."""
+_SOLVED = 1e-9
+"""Residual of a linear system, relative to its right side, at which iteration ends."""
 
 
 @dataclass(frozen=True, eq=False)
 class NodeMechanics:
-    """Coefficients of K nodes of one person, (K, 1) each."""
+    """Coefficients of K nodes of one person, (K, 1) each but for the normals."""
 
     omega: NDArray[np.float32]
-    """w: 2 pi times the frequency of a small free vibration, 1/s."""
+    """w: 2 pi times the frequency of a small free vibration along the skin, 1/s."""
     damping_ratio: NDArray[np.float32]
     """z."""
     stiffening: NDArray[np.float32]
     """a, 1/m^2."""
+    normal_ratio: NDArray[np.float32]
+    """p: stiffness along the normal over that along the skin."""
     wave_speed: NDArray[np.float32]
     """c, m/s."""
     inertia_gain: NDArray[np.float32]
     """h: 1 where tissue is as heavy as what carries it accelerates."""
     gravity_gain: NDArray[np.float32]
     """j."""
+    normals: NDArray[np.float32]
+    """(K, 3) n, outward, in the rest pose."""
     taps: NDArray[np.float32]
     """(N,) shares of f in the load of a step, from the newest frame to the oldest."""
     look_ahead: int
@@ -92,6 +101,7 @@ class OscillatorSheet:
         square = np.float32(1 / fps**2)
         self._spring = square / 4 * mechanics.omega**2
         self._stiffening = mechanics.stiffening
+        self._normals, self._beyond = mechanics.normals, mechanics.normal_ratio - 1
         self._drag = mechanics.omega * mechanics.damping_ratio / np.float32(fps)
         coupling = sp.diags(square / 4 * mechanics.wave_speed[:, 0] ** 2) @ laplacian
         self._own_pull = coupling.diagonal()[:, None].astype(np.float32)
@@ -99,16 +109,19 @@ class OscillatorSheet:
         self._square = square
 
     def settled(self, load: NDArray) -> NDArray[np.floating]:
-        """(K, 3) at rest under a constant load (K, 3): (k + c^2 L) u = f.
+        """(K, 3) at rest under a constant load (K, 3): (k P + c^2 L) u = f.
 
-        Solved for the strain |u|^2, each node by Newton's method as if its neighbours stood still.
+        Solved for the strain |u|_P^2, by Newton's method as if each node's neighbours stood still.
         """
-        pull, strain = self._square / 4 * load.astype(np.float64), np.zeros((len(load), 1))
-        linear = sp.csc_matrix(self._pull + sp.diags((self._spring + self._own_pull)[:, 0]))
+        pull = self._square / 4 * load.astype(np.float64)
+        offset_m, strain = np.zeros_like(pull), np.zeros((len(load), 1))
+        coupling = sp.kron(self._pull + sp.diags(self._own_pull[:, 0]), sp.eye(3))
         for _ in range(_SETTLING):
             stiffer = self._spring * self._stiffening * strain
-            offset_m = splu((linear + sp.diags(stiffer[:, 0])).tocsc()).solve(pull)
-            found, held = _squared(offset_m), self._spring + self._own_pull + stiffer
+            system = sp.csr_matrix(coupling + self._blocks(self._spring + stiffer))
+            offset_m = _solved(system, pull, offset_m)
+            found = _dot(offset_m, self._stretched(offset_m))
+            held = self._spring + self._own_pull + stiffer
             falls = 2 * found * self._spring * self._stiffening / held
             before, strain = strain, strain + (found - strain) / (1 + falls)
             if np.abs(strain - before).max() <= _SETTLED * strain.max():
@@ -117,15 +130,29 @@ class OscillatorSheet:
 
     def step(self, now: NDArray, before: NDArray, load: NDArray) -> NDArray[np.floating]:
         """Offsets (K, 3) a frame after `now`, which followed `before`, under load f_t (K, 3)."""
-        stiffer = 2 * self._spring * self._stiffening * _squared(now)
-        held = self._spring + self._own_pull
-        twice = 2 * now + before
-        known = self._square * load + 2 * now - before + (self._drag - stiffer) * before
-        known -= held * twice + self._pull @ twice
-        diagonal, after = 1 + self._drag + held + stiffer, 2 * now - before
+        stiffer = 2 * self._spring * self._stiffening * _dot(now, self._stretched(now))
+        twice, after = 2 * now + before, 2 * now - before
+        known = self._square * load + after + self._drag * before
+        known -= self._stretched(self._spring * twice + stiffer * before)
+        known -= self._own_pull * twice + self._pull @ twice
+        along = 1 + self._drag + self._own_pull + self._spring + stiffer
+        # Each node's block is along I + beyond n n^T; Sherman and Morrison invert it.
+        beyond = self._beyond * (self._spring + stiffer)
+        lost = beyond / (along + beyond) * self._normals
         for _ in range(SWEEPS):
-            after = (known - self._pull @ after) / diagonal
+            left = known - self._pull @ after
+            after = (left - _dot(left, self._normals) * lost) / along
         return after
+
+    def _stretched(self, offsets_m: NDArray) -> NDArray:
+        """P u."""
+        return offsets_m + self._beyond * _dot(offsets_m, self._normals) * self._normals
+
+    def _blocks(self, springs: NDArray) -> sp.bsr_matrix:
+        """(3 K, 3 K) of springs (K, 1) times P."""
+        across = self._normals[:, :, None] * self._normals[:, None, :]
+        blocks = springs[:, :, None] * (np.eye(3) + self._beyond[:, :, None] * across)
+        return sp.bsr_matrix((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1)))
 
     def roll(self, loads: NDArray) -> NDArray[np.floating]:
         """Offsets (T, K, 3) under loads (T, K, 3), from rest under the first."""
@@ -137,6 +164,15 @@ class OscillatorSheet:
         return offsets_m
 
 
-def _squared(offsets_m: NDArray) -> NDArray:
-    """(K, 1) |u|^2, m^2."""
-    return np.einsum("kx,kx->k", offsets_m, offsets_m)[:, None]
+def _solved(system: sp.csr_matrix, pull: NDArray, guess: NDArray) -> NDArray:
+    """(K, 3) with system times it = pull. Iterating from the last guess is many times faster."""
+    diagonal = sp.diags(1 / system.diagonal())
+    found, failed = bicgstab(system, pull.ravel(), guess.ravel(), rtol=_SOLVED, M=diagonal)
+    if failed:
+        found = splu(system.tocsc()).solve(pull.ravel())
+    return found.reshape(-1, 3)
+
+
+def _dot(first: NDArray, second: NDArray) -> NDArray:
+    """(K, 1) of (K, 3) twice."""
+    return np.einsum("kx,kx->k", first, second)[:, None]

@@ -1,4 +1,4 @@
-"""What of a body's shape tells how soft its tissue is, node by node."""
+"""What of a body's shape matters to its tissue: how soft it is where, and which way is out."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.posing import shaped_joints, shaped_vertices
-from bridge.body.surface_operators import vertex_areas_m2
+from bridge.body.surface_operators import vertex_areas_m2, vertex_normals
 
 SHAPE_FEATURES = ("depth", "girth", "mass")
 _LEAST_DEPTH_M = 0.01
@@ -27,6 +27,12 @@ def shape_features(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArr
     """
     person, template = (_measures(body, b, nodes) for b in (betas, np.zeros_like(betas)))
     return np.log(person / template).astype(np.float32)
+
+
+def shaped_normals(body: BodyModelData, betas: NDArray) -> NDArray[np.float32]:
+    """(V, 3) outward normals of the body of shape betas (10,) in the rest pose."""
+    vertices = shaped_vertices(body, np.asarray(betas, np.float64)[None])[0]
+    return vertex_normals(vertices, body.faces).astype(np.float32)
 
 
 def _measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.floating]:

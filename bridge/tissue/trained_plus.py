@@ -16,11 +16,12 @@ from bridge.runs import Artifact
 from bridge.tissue.load import node_loads
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import FPS, NodeMechanics, OscillatorSheet
-from bridge.tissue.shape import shape_features
+from bridge.tissue.shape import shape_features, shaped_normals
 
 NAME = "dsnet_plus"
 NODE_FIELDS = (
-    "omega", "damping_ratio", "stiffening", "wave_speed", "inertia_gain", "gravity_gain",
+    "omega", "damping_ratio", "stiffening", "normal_ratio", "wave_speed", "inertia_gain",
+    "gravity_gain",
 )  # fmt: skip
 _KERNEL_WIDTH, _KERNEL_NOISE = 2.5, 1e-2
 
@@ -112,7 +113,9 @@ class TrainedPlus:
         own = np.tensordot(share, self.weights.residual, 1)
         logs["omega"] = logs["omega"] + features @ self.weights.slopes + own
         fields = {name: np.exp(log).astype(np.float32) for name, log in logs.items()}
-        return NodeMechanics(**fields, taps=self.weights.taps, look_ahead=self.look_ahead)
+        normals = shaped_normals(body, betas)[self.nodes.vertices]
+        return NodeMechanics(**fields, normals=normals, taps=self.weights.taps,
+                             look_ahead=self.look_ahead)  # fmt: skip
 
     def moving_m(
         self, body: BodyModelData, betas: NDArray, theta: NDArray, fps: float = FPS

@@ -29,6 +29,7 @@ TRUE = {
     "omega": 2 * np.pi * HZ,
     "damping_ratio": 0.2,
     "stiffening": 400.0,
+    "normal_ratio": 1.5,
     "wave_speed": 0.8,
     "inertia_gain": 1.0,
     "gravity_gain": 1.0,

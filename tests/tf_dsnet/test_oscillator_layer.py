@@ -8,7 +8,7 @@ import pytest
 from bridge.body import BodyModelData, load_body_model
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import OscillatorSheet
-from bridge.tissue.shape import shape_features
+from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
 from tests.forged.oscillating import clips_of, people_of, true_model
 from tf_dsnet.framework import tf
@@ -46,6 +46,7 @@ def inputs(body, nodes, clips: list[NodeClip], starts, frames: int, taps: int, a
     """What the layer is called with, from frame 0, one clip beside the other."""
     people = people_of(PEOPLE)
     features = [shape_features(body, people[c.person], nodes.vertices) for c in clips]
+    normals = [shaped_normals(body, people[c.person])[nodes.vertices] for c in clips]
     shares = [shares_of_people(people[c.person], people) for c in clips]
     felt = [
         np.stack(
@@ -54,7 +55,7 @@ def inputs(body, nodes, clips: list[NodeClip], starts, frames: int, taps: int, a
         for kind in ("inertia", "gravity")
     ]
     state = np.stack(starts, 1)
-    parts = [*felt, state, state, np.stack(features, 1), np.stack(shares)]
+    parts = [*felt, state, state, np.stack(normals, 1), np.stack(features, 1), np.stack(shares)]
     return [tf.constant(part, tf.float32) for part in parts]
 
 
@@ -93,8 +94,9 @@ def test_weights_as_arrays_hold_each_nodes_base_and_deviation(nodes):
 
 @pytest.mark.parametrize(
     "name",
-    ["log_omega", "log_damping_ratio", "log_stiffening", "log_wave_speed", "log_inertia_gain",
-     "log_gravity_gain", "by_node_omega", "by_node_wave_speed", "slopes", "residual", "taps"],
+    ["log_omega", "log_damping_ratio", "log_stiffening", "log_normal_ratio", "log_wave_speed",
+     "log_inertia_gain", "log_gravity_gain", "by_node_normal_ratio", "by_node_omega",
+     "by_node_wave_speed", "slopes", "residual", "taps"],
 )  # fmt: skip
 def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
     """All the way uphill, by a central difference whose step is large enough for float32.

@@ -13,19 +13,20 @@ from bridge.tissue.oscillators import FPS
 from bridge.tissue.shape import SHAPE_FEATURES
 from bridge.tissue.trained_plus import NODE_FIELDS, Weights
 from tf_dsnet.framework import Tensor, keras, tf
-from tf_dsnet.oscillators.stepping import Springs, roll
+from tf_dsnet.oscillators.stepping import Skin, Springs, roll
 
 START = {
     "omega": 2 * np.pi * 7.0,
     "damping_ratio": 0.15,
     "stiffening": 700.0,
+    "normal_ratio": 1.2,
     "wave_speed": 1.0,
     "inertia_gain": 1.0,
     "gravity_gain": 1.0,
 }
 """Where training starts: firm flesh; the tissue's own numbers are found from the offsets."""
-_NOTHING = 1e-6
-"""What a coefficient that is left out is held at: too small to do anything."""
+_NOTHING = dict.fromkeys(NODE_FIELDS, 1e-6) | {"normal_ratio": 1.0}
+"""What a coefficient that is left out is held at: it does nothing."""
 
 
 class OscillatorLayer(keras.layers.Layer):
@@ -66,7 +67,7 @@ class OscillatorLayer(keras.layers.Layer):
         if name == "slopes":
             self._slopes.trainable = False
             return
-        self._base[name].assign([np.log(_NOTHING)])
+        self._base[name].assign([np.log(_NOTHING[name])])
         self._base[name].trainable = self._deviation[name].trainable = False
 
     def _weight(self, name: str, shape: tuple[int, ...], value: float = 0.0) -> keras.Variable:
@@ -74,7 +75,7 @@ class OscillatorLayer(keras.layers.Layer):
         return self.add_weight(name=name, shape=shape, initializer=start)
 
     def call(self, inertia: Tensor, gravity: Tensor, now: Tensor, before: Tensor,
-             features: Tensor, shares: Tensor) -> Tensor:  # fmt: skip
+             normals: Tensor, features: Tensor, shares: Tensor) -> Tensor:  # fmt: skip
         """Offsets (T, K, B, 3) of the frames that follow `now`.
 
         Parameters
@@ -82,6 +83,7 @@ class OscillatorLayer(keras.layers.Layer):
         inertia, gravity : (T + N - 1, K, B, 3) loads, m/s^2, from `N - 1` frames before the step's
             oldest tap to the newest of the last step.
         now, before : (K, B, 3) offsets to start from, metres.
+        normals : (K, B, 3) of each clip's person, in the rest pose.
         features : (K, B, 3) of `shape_features`, of each clip's person.
         shares : (B, P) of `shares_of_people`.
         """
@@ -91,14 +93,16 @@ class OscillatorLayer(keras.layers.Layer):
         coupling = square / 4 * tf.square(self._of("wave_speed"))
         springs = Springs(
             drag=self._of("damping_ratio") * omega / FPS,
-            held=spring + coupling * self._own_pull,
+            spring=spring,
             hardening=2 * spring * self._of("stiffening"),
+            normal_ratio=self._of("normal_ratio") * tf.ones_like(omega),
             coupling=coupling * tf.ones_like(omega),
         )
+        skin = Skin(normals, self._own_pull, self._others)
         taps = tf.unstack(self._shares_of_taps())
         felt = self._of("inertia_gain") * _smoothed(inertia, taps)
         felt += self._of("gravity_gain") * _smoothed(gravity, taps)
-        return roll(self._others, square * felt, now, before, springs)
+        return roll(skin, square * felt, now, before, springs)
 
     def _omega(self, features: Tensor, shares: Tensor) -> Tensor:
         """(K, B, 1) w of each clip's person."""
@@ -119,8 +123,8 @@ class OscillatorLayer(keras.layers.Layer):
 
         Strengths are per node and in units of the loss, small beside what frames of motion say.
         """
-        soft = {"omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "wave_speed": 1e-2,
-                "inertia_gain": 3e-2, "gravity_gain": 3e-2}  # fmt: skip
+        soft = {"omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "normal_ratio": 3e-3,
+                "wave_speed": 1e-2, "inertia_gain": 3e-2, "gravity_gain": 3e-2}  # fmt: skip
         terms = [w * tf.reduce_mean(tf.square(self._deviation[n])) for n, w in soft.items()]
         terms += [
             3e-2 * tf.reduce_sum(tf.square(self._base[name]))

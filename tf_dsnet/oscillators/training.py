@@ -18,7 +18,7 @@ from bridge.body import BodyModelData
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import OscillatorSheet
-from bridge.tissue.shape import shape_features
+from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.oscillators.clips import KnownPeople, NodeClip
@@ -57,6 +57,8 @@ class PlusSettings:
     """Neighbouring nodes pull at each other."""
     stiffening: bool = True
     """Springs stiffen as they are stretched."""
+    anisotropy: bool = True
+    """Springs are stiffer along the skin's normal, or softer, than along the skin."""
     by_shape: bool = True
     """The body's shape tells how soft it is where; without, new people are like known ones."""
     through_time: bool = True
@@ -72,6 +74,7 @@ class PlusSettings:
             "gravity_gain": self.gravity,
             "wave_speed": self.coupling,
             "stiffening": self.stiffening,
+            "normal_ratio": self.anisotropy,
             "slopes": self.by_shape,
         }
         return tuple(name for name, wanted in parts.items() if not wanted)
@@ -97,6 +100,7 @@ class PlusTraining:
         self.settings, self._body, self._nodes = settings, body, nodes
         self._people, self._clips = people, list(clips)
         self._features = np.stack([shape_features(body, b, nodes.vertices) for b in people.betas])
+        self._normals = np.stack([shaped_normals(body, b)[nodes.vertices] for b in people.betas])
         self._shares = np.stack([shares_of_people(b, people.betas) for b in people.betas])
         self.layer = OscillatorLayer(nodes, len(people.names), settings.taps, settings.without)
         # Keras numbers optimizers that have no name, and a checkpoint knows them by it.
@@ -164,6 +168,7 @@ class PlusTraining:
             "gravity": np.stack(
                 [self._felt(self._clips[r].load.gravity, f) for r, f in windows], 2
             ),
+            "normals": np.stack([self._normals[self._clips[r].person] for r, _ in windows], 1),
             "features": np.stack([self._features[self._clips[r].person] for r, _ in windows], 1),
             "shares": np.stack([self._shares[self._clips[r].person] for r, _ in windows], 0),
         }
@@ -190,7 +195,7 @@ class PlusTraining:
     def _train_on(self, batch: dict[str, Tensor]) -> Tensor:
         with tf.GradientTape() as tape:
             found = self.layer(batch["inertia"], batch["gravity"], batch["now"], batch["before"],
-                               batch["features"], batch["shares"])  # fmt: skip
+                               batch["normals"], batch["features"], batch["shares"])  # fmt: skip
             loss = self._loss(found, batch["target"], batch["counted"])
             total = loss + self.layer.penalty()
         gradients = tape.gradient(total, self.layer.trainable_variables)

@@ -14,9 +14,12 @@ from scipy.sparse.linalg import splu
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import shaped_vertices
-from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
+from bridge.body.surface_operators import (
+    cotangent_laplacian,
+    vertex_areas_m2,
+    vertex_normals,
+)
 from torch_align_ae.corpus.second_tissue import Array, LayerParameters
-from torch_align_ae.corpus.surface import vertex_normals
 
 _SHEAR_SPEED_M_S = 1.0
 _DENSITY_KG_M3 = 985.0

@@ -1,4 +1,4 @@
-"""Normals of a triangle mesh, and what diffuses over it."""
+"""What diffuses over a triangle mesh."""
 
 from __future__ import annotations
 
@@ -10,18 +10,6 @@ from scipy.sparse.linalg import splu
 from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 
 Array = NDArray[np.floating]
-
-
-def vertex_normals(vertices: Array, faces: NDArray[np.integer]) -> Array:
-    """(V, 3) outward normals: the mean of the triangles around, weighted by area."""
-    corners = vertices[faces]
-    of_faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sums = [
-        np.bincount(faces.ravel(), np.repeat(component, 3), len(vertices))
-        for component in of_faces.T
-    ]
-    normals = np.stack(sums, axis=1)
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def smooth_over_surface(

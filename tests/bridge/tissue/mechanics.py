@@ -18,6 +18,8 @@ def mechanics(
     damping: ArrayLike = 0.15,
     stiffening: ArrayLike = 0.0,
     wave_speed: ArrayLike = 0.0,
+    normal_ratio: ArrayLike = 1.0,
+    normals: ArrayLike = (0.0, 0.0, 1.0),
     taps: ArrayLike = (1.0,),
     look_ahead: int = 0,
 ) -> NodeMechanics:
@@ -30,9 +32,11 @@ def mechanics(
         omega=each(2 * np.pi * np.asarray(hz)),
         damping_ratio=each(damping),
         stiffening=each(stiffening),
+        normal_ratio=each(normal_ratio),
         wave_speed=each(wave_speed),
         inertia_gain=each(1.0),
         gravity_gain=each(1.0),
+        normals=np.broadcast_to(np.asarray(normals, np.float32), (count, 3)),
         taps=np.asarray(taps, np.float32),
         look_ahead=look_ahead,
     )

@@ -20,7 +20,7 @@ from bridge.tissue.trained_plus import (
 )
 
 PEOPLE = np.stack([np.zeros(10), np.full(10, 1.5)]).astype(np.float32)
-START = (40.0, 0.2, 500.0, 1.0, 1.1, 0.9)
+START = (40.0, 0.2, 500.0, 1.3, 1.0, 1.1, 0.9)
 
 
 @pytest.fixture(scope="module")

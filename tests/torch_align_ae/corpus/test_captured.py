@@ -7,9 +7,9 @@ import pytest
 
 from bridge.body import load_body_model
 from bridge.body.posing import joint_rotations, pose_features
+from bridge.body.surface_operators import vertex_normals
 from bridge.motion import unpack_theta
 from torch_align_ae.corpus.captured import CapturedForm
-from torch_align_ae.corpus.surface import vertex_normals
 
 ELBOW = slice(3 * 18, 3 * 19)
 
