@@ -22,6 +22,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "all of it": (),
     "no gravity among the loads": ("--no-gravity",),
     "nodes do not pull at each other": ("--no-coupling",),
+    "skin under tension that does not resist bending": ("--no-bending",),
     "springs do not stiffen": ("--no-stiffening",),
     "springs alike along and across the skin": ("--no-anisotropy",),
     "shape tells nothing": ("--no-by-shape",),

@@ -20,8 +20,8 @@ from bridge.tissue.shape import shape_features, shaped_normals
 
 NAME = "dsnet_plus"
 NODE_FIELDS = (
-    "omega", "damping_ratio", "stiffening", "normal_ratio", "wave_speed", "inertia_gain",
-    "gravity_gain",
+    "omega", "damping_ratio", "stiffening", "normal_ratio", "wave_speed", "bending",
+    "inertia_gain", "gravity_gain",
 )  # fmt: skip
 _KERNEL_WIDTH, _KERNEL_NOISE = 2.5, 1e-2
 
@@ -34,6 +34,9 @@ class Weights:
     """By name of `NODE_FIELDS`, (K, 1): the logarithm for the template's body."""
     slopes: NDArray[np.float32]
     """(3, 1) how log w follows `shape_features`."""
+    stiffening_power: NDArray[np.float32]
+    """(1,) how log a follows what log w of a person has besides the template's: 2 where tissue
+    stiffens by its strain, offsets over the thickness of the flesh, and thick flesh is slow."""
     residual: NDArray[np.float32]
     """(P, K, 1) what log w of the P known people has besides."""
     taps: NDArray[np.float32]
@@ -85,7 +88,8 @@ class TrainedPlus:
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> TrainedPlus:
         """The inverse of `arrays`."""
         base = {name: arrays[f"log_{name}"] for name in NODE_FIELDS}
-        weights = Weights(base, arrays["slopes"], arrays["residual"], arrays["taps"])
+        others = ("slopes", "stiffening_power", "residual", "taps")
+        weights = Weights(base, **{name: arrays[name] for name in others})
         static = StaticPart(arrays["constant_m"], arrays["by_pose_m"])
         nodes = TissueNodes.from_arrays(arrays)
         return cls(nodes, weights, static, arrays["people_betas"], int(arrays["look_ahead"][0]))
@@ -97,6 +101,7 @@ class TrainedPlus:
             **self.nodes.arrays(),
             **{f"log_{name}": array for name, array in weights.base.items()},
             "slopes": weights.slopes,
+            "stiffening_power": weights.stiffening_power,
             "residual": weights.residual,
             "taps": weights.taps,
             "constant_m": static.constant_m,
@@ -110,8 +115,9 @@ class TrainedPlus:
         features = shape_features(body, betas, self.nodes.vertices)
         share = shares_of_people(betas, self.people_betas)
         logs = dict(self.weights.base)
-        own = np.tensordot(share, self.weights.residual, 1)
-        logs["omega"] = logs["omega"] + features @ self.weights.slopes + own
+        own = features @ self.weights.slopes + np.tensordot(share, self.weights.residual, 1)
+        logs["omega"] = logs["omega"] + own
+        logs["stiffening"] = logs["stiffening"] + self.weights.stiffening_power * own
         fields = {name: np.exp(log).astype(np.float32) for name, log in logs.items()}
         normals = shaped_normals(body, betas)[self.nodes.vertices]
         return NodeMechanics(**fields, normals=normals, taps=self.weights.taps,

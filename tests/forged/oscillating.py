@@ -31,6 +31,7 @@ TRUE = {
     "stiffening": 400.0,
     "normal_ratio": 1.5,
     "wave_speed": 0.8,
+    "bending": 4e-3,
     "inertia_gain": 1.0,
     "gravity_gain": 1.0,
 }
@@ -52,7 +53,8 @@ def true_model(nodes: TissueNodes, people: NDArray[np.float32]) -> TrainedPlus:
     count = len(nodes)
     base = {name: np.full((count, 1), np.log(TRUE[name]), np.float32) for name in NODE_FIELDS}
     residual = np.zeros((len(people), count, 1), np.float32)
-    weights = Weights(base, SLOPES, residual, np.array([1.0], np.float32))
+    power, taps = np.array([2.0], np.float32), np.array([1.0], np.float32)
+    weights = Weights(base, SLOPES, power, residual, taps)
     nothing = StaticPart(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32))
     return TrainedPlus(nodes, weights, nothing, people, look_ahead=0)
 

@@ -19,7 +19,9 @@ def soft_flesh(
         "omega": 2 * np.pi * frequency_hz,
         "damping_ratio": damping_ratio,
         "stiffening": 700.0,
+        "normal_ratio": 1.3,
         "wave_speed": 1.0,
+        "bending": 1e-3,
         "inertia_gain": 1.0,
         "gravity_gain": 1.0,
     }
@@ -29,6 +31,7 @@ def soft_flesh(
     weights = Weights(
         base,
         slopes=np.array([[0.0], [0.0], [-0.3]], np.float32),
+        stiffening_power=np.array([1.0], np.float32),
         residual=np.zeros((1, nodes, 1), np.float32),
         taps=np.array([0.3, 0.4, 0.3], np.float32),
     )

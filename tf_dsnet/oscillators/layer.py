@@ -13,7 +13,7 @@ from bridge.tissue.oscillators import FPS
 from bridge.tissue.shape import SHAPE_FEATURES
 from bridge.tissue.trained_plus import NODE_FIELDS, Weights
 from tf_dsnet.framework import Tensor, keras, tf
-from tf_dsnet.oscillators.stepping import Skin, Springs, roll
+from tf_dsnet.oscillators.stepping import Springs, roll
 
 START = {
     "omega": 2 * np.pi * 7.0,
@@ -21,6 +21,7 @@ START = {
     "stiffening": 700.0,
     "normal_ratio": 1.2,
     "wave_speed": 1.0,
+    "bending": 1e-3,
     "inertia_gain": 1.0,
     "gravity_gain": 1.0,
 }
@@ -45,11 +46,10 @@ class OscillatorLayer(keras.layers.Layer):
     ) -> None:
         super().__init__(name="oscillators")
         count = len(nodes)
-        laplacian = nodes.laplacian.toarray()
-        own_pull = np.diag(laplacian).copy()
+        laplacian = nodes.laplacian.toarray().astype(np.float64)
         # Dense: with 500 nodes faster than TensorFlow's sparse product, and as exact.
-        self._others = tf.constant(laplacian - np.diag(own_pull), tf.float32)
-        self._own_pull = tf.constant(own_pull[:, None, None], tf.float32)
+        self._laplacian = tf.constant(laplacian, tf.float32)
+        self._twice_laplacian = tf.constant(laplacian @ laplacian, tf.float32)
         self._base = {
             name: self._weight(f"log_{name}", (1,), float(np.log(START[name])))
             for name in NODE_FIELDS
@@ -58,6 +58,7 @@ class OscillatorLayer(keras.layers.Layer):
             name: self._weight(f"by_node_{name}", (count, 1)) for name in NODE_FIELDS
         }
         self._slopes = self._weight("slopes", (len(SHAPE_FEATURES), 1))
+        self._stiffening_power = self._weight("stiffening_power", (1,))
         self._residual = self._weight("residual", (people, count, 1))
         self._taps = self._weight("taps", (taps,), 1.0 / taps)
         for name in without:
@@ -65,7 +66,7 @@ class OscillatorLayer(keras.layers.Layer):
 
     def _leave_out(self, name: str) -> None:
         if name == "slopes":
-            self._slopes.trainable = False
+            self._slopes.trainable = self._stiffening_power.trainable = False
             return
         self._base[name].assign([np.log(_NOTHING[name])])
         self._base[name].trainable = self._deviation[name].trainable = False
@@ -87,28 +88,35 @@ class OscillatorLayer(keras.layers.Layer):
         features : (K, B, 3) of `shape_features`, of each clip's person.
         shares : (B, P) of `shares_of_people`.
         """
-        omega = self._omega(features, shares)
+        own = self._own(features, shares)
+        omega = self._of("omega") * tf.exp(own)
+        stiffening = self._of("stiffening") * tf.exp(self._stiffening_power * own)
         square = 1 / FPS**2
         spring = square / 4 * tf.square(omega)
-        coupling = square / 4 * tf.square(self._of("wave_speed"))
+        coupling = square / 4 * self._coupling()
+        bound = tf.reduce_sum(tf.abs(coupling), 1)
         springs = Springs(
             drag=self._of("damping_ratio") * omega / FPS,
             spring=spring,
-            hardening=2 * spring * self._of("stiffening"),
+            hardening=2 * spring * stiffening,
             normal_ratio=self._of("normal_ratio") * tf.ones_like(omega),
-            coupling=coupling * tf.ones_like(omega),
+            bound=bound[:, None, None],
+            rest=tf.linalg.diag(bound) - coupling,
         )
-        skin = Skin(normals, self._own_pull, self._others)
         taps = tf.unstack(self._shares_of_taps())
         felt = self._of("inertia_gain") * _smoothed(inertia, taps)
         felt += self._of("gravity_gain") * _smoothed(gravity, taps)
-        return roll(skin, square * felt, now, before, springs)
+        return roll(normals, square * felt, now, before, springs)
 
-    def _omega(self, features: Tensor, shares: Tensor) -> Tensor:
-        """(K, B, 1) w of each clip's person."""
+    def _own(self, features: Tensor, shares: Tensor) -> Tensor:
+        """(K, B, 1) what log w of each clip's person has besides the template's."""
         by_shape = tf.tensordot(features, self._slopes, 1)
-        own = tf.einsum("bp,pkx->kbx", shares, tf.convert_to_tensor(self._residual))
-        return self._of("omega") * tf.exp(by_shape + own)
+        return by_shape + tf.einsum("bp,pkx->kbx", shares, tf.convert_to_tensor(self._residual))
+
+    def _coupling(self) -> Tensor:
+        """(K, K) C."""
+        tension, bending = tf.square(self._of("wave_speed")), self._of("bending")
+        return tension[:, 0] * self._laplacian + bending[:, 0] * self._twice_laplacian
 
     def _of(self, name: str) -> Tensor:
         """(K, 1, 1)."""
@@ -124,7 +132,8 @@ class OscillatorLayer(keras.layers.Layer):
         Strengths are per node and in units of the loss, small beside what frames of motion say.
         """
         soft = {"omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "normal_ratio": 3e-3,
-                "wave_speed": 1e-2, "inertia_gain": 3e-2, "gravity_gain": 3e-2}  # fmt: skip
+                "wave_speed": 1e-2, "bending": 1e-2, "inertia_gain": 3e-2,
+                "gravity_gain": 3e-2}  # fmt: skip
         terms = [w * tf.reduce_mean(tf.square(self._deviation[n])) for n, w in soft.items()]
         terms += [
             3e-2 * tf.reduce_sum(tf.square(self._base[name]))
@@ -141,7 +150,8 @@ class OscillatorLayer(keras.layers.Layer):
             for name in NODE_FIELDS
         }
         taps = self._shares_of_taps().numpy()
-        return Weights(base, self._slopes.numpy(), self._residual.numpy(), taps)
+        return Weights(base, self._slopes.numpy(), self._stiffening_power.numpy(),
+                       self._residual.numpy(), taps)  # fmt: skip
 
 
 def _smoothed(load: Tensor, taps: Sequence[Tensor]) -> Tensor:

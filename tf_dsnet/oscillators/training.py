@@ -55,6 +55,8 @@ class PlusSettings:
     """Gravity among the loads."""
     coupling: bool = True
     """Neighbouring nodes pull at each other."""
+    bending: bool = True
+    """The skin resists bending, besides being under tension."""
     stiffening: bool = True
     """Springs stiffen as they are stretched."""
     anisotropy: bool = True
@@ -73,6 +75,7 @@ class PlusSettings:
         parts = {
             "gravity_gain": self.gravity,
             "wave_speed": self.coupling,
+            "bending": self.coupling and self.bending,
             "stiffening": self.stiffening,
             "normal_ratio": self.anisotropy,
             "slopes": self.by_shape,

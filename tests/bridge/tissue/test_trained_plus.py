@@ -20,7 +20,7 @@ from bridge.tissue.trained_plus import (
 )
 
 PEOPLE = np.stack([np.zeros(10), np.full(10, 1.5)]).astype(np.float32)
-START = (40.0, 0.2, 500.0, 1.3, 1.0, 1.1, 0.9)
+START = (40.0, 0.2, 500.0, 1.3, 1.0, 2e-3, 1.1, 0.9)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,8 @@ def trained(nodes) -> TrainedPlus:
     }
     residual = rng.normal(scale=0.2, size=(2, 80, 1)).astype(np.float32)
     slopes = np.array([[-0.3], [0.2], [-0.1]], np.float32)
-    weights = Weights(base, slopes, residual, np.array([0.5, 0.3, 0.2], np.float32))
+    power, taps = np.array([1.5], np.float32), np.array([0.5, 0.3, 0.2], np.float32)
+    weights = Weights(base, slopes, power, residual, taps)
     static = StaticPart(
         rng.normal(scale=0.002, size=(2, 6890, 3)).astype(np.float32),
         rng.normal(scale=0.002, size=(207, 80, 3)).astype(np.float32),
@@ -75,7 +76,9 @@ def test_softness_follows_shape_and_known_people_keep_their_own(trained, body, n
     known = trained.mechanics(body, PEOPLE[0])
     own = np.exp(weights.base["omega"] + weights.residual[0])
     np.testing.assert_allclose(known.omega, own, rtol=0.01)
-    for name in NODE_FIELDS[1:]:
+    stiffer = weights.base["stiffening"] + 1.5 * weights.residual[0]
+    np.testing.assert_allclose(known.stiffening, np.exp(stiffer), rtol=0.02)
+    for name in set(NODE_FIELDS) - {"omega", "stiffening"}:
         np.testing.assert_allclose(getattr(known, name), np.exp(weights.base[name]), rtol=1e-6)
         np.testing.assert_array_equal(getattr(known, name), getattr(stranger, name))
 
