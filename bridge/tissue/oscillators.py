@@ -116,7 +116,7 @@ class OscillatorSheet:
         tension, bending = mechanics.wave_speed[:, 0] ** 2, mechanics.bending[:, 0]
         pulls = sp.diags(tension) @ laplacian + sp.diags(bending) @ laplacian @ laplacian
         self._coupling = sp.csr_matrix(square / 4 * pulls)
-        bound = np.asarray(np.abs(self._coupling).sum(1))
+        bound = np.asarray(abs(self._coupling).sum(1))
         self._bound = bound.astype(np.float32)
         # Dense: a product with few hundred nodes is faster than a sparse one with a fifth of them.
         self._rest = (np.diag(bound[:, 0]) - self._coupling).astype(np.float32)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -25,7 +27,7 @@ def vibrate(sheet: OscillatorSheet, now: np.ndarray, before: np.ndarray, frames:
     return np.array(found)
 
 
-def uneven(count: int) -> dict[str, np.ndarray]:
+def uneven(count: int) -> dict[str, Any]:
     """Normals that point anywhere, along which springs are half to four times as stiff."""
     rng = np.random.default_rng(9)
     normals = rng.normal(size=(count, 3))
