@@ -159,8 +159,8 @@ class _Fit:
 
 def _learned(trained: TrainedPlus) -> list[NDArray]:
     weights, static = trained.weights, trained.static
-    return [*weights.base.values(), weights.slopes, weights.residual, weights.taps,
-            static.constant_m, static.by_pose_m]  # fmt: skip
+    return [*weights.base.values(), weights.slopes, weights.stiffening_power, weights.residual,
+            weights.taps, static.constant_m, static.by_pose_m]  # fmt: skip
 
 
 if __name__ == "__main__":

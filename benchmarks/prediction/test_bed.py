@@ -43,8 +43,9 @@ _PAGE = """\
 {table}
 
 Scores against the simulated truth; everything was trained on the robust aligner's offsets. `second`
-is the second tissue law, on which nothing is tuned; `captured` its captured-like form, where the
-moving part is scored by itself. ± is the standard deviation over seeds where there are several.
+is the second tissue law (docs/prediction.md says what was known of it), `captured` its
+captured-like form, where the moving part is scored by itself. ± is the standard deviation over
+seeds where there are several.
 Made by `{command}`.
 """
 

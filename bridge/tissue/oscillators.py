@@ -19,6 +19,8 @@ the others it is what one frame's energy has more than the last one's. So withou
     |u+ - u|^2 / dt^2 / 2 + w^2 |u+ + u|_P^2 / 8 + w^2 a |u+|_P^2 |u|_P^2 / 4 + the coupling's
 
 never grows, however stiff the springs, and a load adds to its root 2^(-1/2) dt |f| a frame at most.
+That is so where C is symmetric up to the nodes' masses, as with even c and D; that uneven ones ring
+out too is tested, not proved.
 
 The matrix on u+ is B + dt^2 C / 4, B each node's own block. With N the sums of dt^2 |C| / 4 over
 rows, B + N bounds it from above, and relaxed Jacobi sweeps
@@ -118,7 +120,7 @@ class OscillatorSheet:
         self._coupling = sp.csr_matrix(square / 4 * pulls)
         bound = np.asarray(abs(self._coupling).sum(1))
         self._bound = bound.astype(np.float32)
-        # Dense: a product with few hundred nodes is faster than a sparse one with a fifth of them.
+        # Dense: with few hundred nodes faster than a sparse product, as L^2 fills rows.
         self._rest = (np.diag(bound[:, 0]) - self._coupling).astype(np.float32)
 
     def settled(self, load: NDArray) -> NDArray[np.floating]:

@@ -55,8 +55,7 @@ def true_model(nodes: TissueNodes, people: NDArray[np.float32]) -> TrainedPlus:
     residual = np.zeros((len(people), count, 1), np.float32)
     power, taps = np.array([2.0], np.float32), np.array([1.0], np.float32)
     weights = Weights(base, SLOPES, power, residual, taps)
-    nothing = StaticPart(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32))
-    return TrainedPlus(nodes, weights, nothing, people, look_ahead=0)
+    return TrainedPlus(nodes, weights, StaticPart.nothing(), people, look_ahead=0)
 
 
 def lively(frames: int, seed: int) -> NDArray[np.float64]:

@@ -62,9 +62,8 @@ def inputs(body, nodes, clips: list[NodeClip], starts, frames: int, taps: int, a
 @pytest.mark.parametrize(("taps", "ahead"), [(1, 0), (3, 1), (4, 0)])
 def test_layer_is_the_sheet_for_several_people_at_once(body, nodes, taps, ahead):
     layer = drawn_layer(nodes, taps)
-    nothing = StaticPart(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32))
     people = people_of(PEOPLE)
-    trained = TrainedPlus(nodes, layer.weights_as_arrays(), nothing, people, ahead)
+    trained = TrainedPlus(nodes, layer.weights_as_arrays(), StaticPart.nothing(), people, ahead)
     _, clips = clips_of(body, true_model(nodes, people), frames=80)
     chosen = [clips[0], clips[4], clips[8], clips[2]]
     assert {c.person for c in chosen} == {0, 1, 2}

@@ -17,7 +17,7 @@ NODES = 60
 SETTINGS = PlusSettings(
     nodes=NODES, rounds=6, steps=15, window=30, batch_size=9, lr=0.1, taps=2, look_ahead=1
 )
-NOTHING = StaticPart(np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 3), np.float32))
+NOTHING = StaticPart.nothing()
 
 
 @pytest.fixture(scope="module")
