@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from bridge.errors import DsnetError
+from bridge.motion.cells import CELLS
 from bridge.runs import Run
 
 CORPORA: dict[str, tuple[str, ...]] = {
@@ -77,14 +78,19 @@ def scores(run: str, profile: str) -> dict[str, Any]:
         "labels": evaluated["predictors"],
         "test_bed": evaluated["test_bed"],
         "alignments": evaluated["alignments"],
-        "real_motions": [
-            {key: one[key] for key in ("name", "cell", "errors")}
-            for one in evaluated["per_sequence"]
-            if "_amass_" in one["name"]
-        ],
+        "sequences": [_kept_of(one) for one in evaluated["per_sequence"] if one["cell"] in CELLS],
         "static": trained["static"],
         "train_s": trained["provenance"]["wall_time_s"],
     }
+
+
+def _kept_of(sequence: Mapping[str, Any]) -> dict[str, Any]:
+    kept = ("offsets", "moving", "velocity", "mesh")
+    errors = {
+        name: {kind: found[kind] for kind in kept if kind in found}
+        for name, found in sequence["errors"].items()
+    }
+    return {**{key: sequence[key] for key in ("name", "cell", "frames")}, "errors": errors}
 
 
 def dsnet(command: str, run: str, profile: str, *options: str) -> None:

@@ -59,7 +59,7 @@ def rolled(sheet: OscillatorSheet, loads: Iterable[Piece]) -> Iterator[Piece]:
             if now is None or before is None or felt is None:
                 now = before = sheet.settled(load)
             else:
-                before, now = now, sheet.step(now, before, felt)
+                now, before = sheet.frame(now, before, felt)
             found[row], felt = now, load
         yield found
 

@@ -66,8 +66,8 @@ class StreamingTissue:
         self._skinned.append((places, turns))
         self._felt.appendleft(self._felt_before())
         load = sum(tap * f for tap, f in zip(self._mechanics.taps, self._felt, strict=True))
-        before, self._before = self._before, self._now
-        self._now = self._sheet.step(self._before, before, np.asarray(load, np.float32))
+        felt = np.asarray(load, np.float32)
+        self._now, self._before = self._sheet.frame(self._now, self._before, felt)
         return self._now
 
     def spread(self, at_nodes: NDArray) -> NDArray[np.float32]:

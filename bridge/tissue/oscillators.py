@@ -7,29 +7,32 @@ Each node's offset u from its skinned place obeys, in the rest pose's frame,
 with P = I + (p - 1) n n^T: skin on firm ground is p times as stiff along its normal n, where flesh
 is pressed and pulled, as along itself, where it shears; |u|_P^2 = u^T P u. Neighbours are coupled
 by C = c^2 L + D L^2, L the nodes' Laplacian: as a skin under tension and as a plate that resists
-bending. One step of dt is Newmark's average acceleration written in three frames, but for the
+bending. One step of dt is Newmark's average acceleration written in three offsets, but for the
 load, which is taken at t so that the next offset needs no later pose:
 
     (u+ - 2 u + u-) / dt^2 + 2 z w (u+ - u-) / (2 dt) + (w^2 P + C) (u+ + 2 u + u-) / 4
         + w^2 a |u|_P^2 P (u+ + u-) / 2 = f_t
 
 Times u+ - u-, the last term on the left is w^2 a / 2 (|u|_P^2 |u+|_P^2 - |u-|_P^2 |u|_P^2): like
-the others it is what one frame's energy has more than the last one's. So without load the energy
+the others it is what one step's energy has more than the last one's. So without load the energy
 
     |u+ - u|^2 / dt^2 / 2 + w^2 |u+ + u|_P^2 / 8 + w^2 a |u+|_P^2 |u|_P^2 / 4 + the coupling's
 
-never grows, however stiff the springs, and a load adds to its root 2^(-1/2) dt |f| a frame at most.
+never grows, however stiff the springs, and a load adds to its root 2^(-1/2) dt |f| a step at most.
 That is so where C is symmetric up to the nodes' masses, as with even c and D; that uneven ones ring
 out too is tested, not proved.
 
+A step swings a node by 2 atan(w dt / 2) instead of w dt: too slowly, and the more so the stiffer an
+impact makes it. A frame is two steps: on violent motion one is not enough (docs/prediction.md).
+
 The matrix on u+ is B + dt^2 C / 4, B each node's own block. With N the sums of dt^2 |C| / 4 over
-rows, B + N bounds it from above, and relaxed Jacobi sweeps
+rows, B + N bounds it from above, and sweeps of Jacobi's kind
 
-    u+ <- u+ + r ((B + N)^-1 (known + (N - dt^2 C / 4) u+) - u+)
+    u+ <- (B + N)^-1 (known + (N - dt^2 C / 4) u+)
 
-solve it, the relaxations r being 1 and 2 in turn. Of a mode that has the share s of B + N,
-(1 - s)^2 (1 - 2 s)^2 is left after four: nothing of a lone node, a seventh at s = 1/4. As it is
-never negative, no mode's change of velocity is overdone, and what sweeps leave feeds no vibration.
+solve it. Of a mode that has the share s of B + N, (1 - s)^2 is left after two: nothing of a lone
+node, and never less than nothing, so no change of velocity is overdone, and what sweeps leave
+feeds no vibration.
 """
 
 from __future__ import annotations
@@ -44,8 +47,10 @@ from scipy.sparse.linalg import bicgstab, splu
 from bridge.tissue.load import Load
 
 FPS = 60.0
-RELAXATIONS = (1.0, 2.0, 1.0, 2.0)
-"""Of the sweeps of a step, which start from u+ = 2 u - u-."""
+STEPS = 2
+"""In a frame."""
+SWEEPS = 2
+"""In a step; they start from u+ = 2 u - u-."""
 _SETTLING = 200
 _SETTLED = 1e-7
 """Change of the strain, relative to the largest, at which tissue is at rest."""
@@ -109,11 +114,12 @@ class OscillatorSheet:
     def __init__(
         self, mechanics: NodeMechanics, laplacian: sp.csr_matrix, fps: float = FPS
     ) -> None:
-        square = np.float32(1 / fps**2)
+        step_s = 1 / (STEPS * fps)
+        square = np.float32(step_s**2)
         self._spring = square / 4 * mechanics.omega**2
         self._stiffening = mechanics.stiffening
         self._normals, self._beyond = mechanics.normals, mechanics.normal_ratio - 1
-        self._drag = mechanics.omega * mechanics.damping_ratio / np.float32(fps)
+        self._drag = mechanics.omega * mechanics.damping_ratio * np.float32(step_s)
         self._square = square
         tension, bending = mechanics.wave_speed[:, 0] ** 2, mechanics.bending[:, 0]
         pulls = sp.diags(tension) @ laplacian + sp.diags(bending) @ laplacian @ laplacian
@@ -121,7 +127,7 @@ class OscillatorSheet:
         bound = np.asarray(abs(self._coupling).sum(1))
         self._bound = bound.astype(np.float32)
         # Dense: with few hundred nodes faster than a sparse product, as L^2 fills rows.
-        self._rest = (np.diag(bound[:, 0]) - self._coupling).astype(np.float32)
+        self._rest = (np.diag(bound[:, 0]) - self._coupling.toarray()).astype(np.float32)
 
     def settled(self, load: NDArray) -> NDArray[np.floating]:
         """(K, 3) at rest under a constant load (K, 3): (k P + C) u = f.
@@ -144,8 +150,19 @@ class OscillatorSheet:
                 break
         return offset_m.astype(np.float32)
 
+    def frame(
+        self, now: NDArray, before: NDArray, load: NDArray
+    ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Offsets (K, 3) a frame after `now`, and a step before that, under load f_t (K, 3).
+
+        `before` is a step, not a frame, before `now`.
+        """
+        for _ in range(STEPS):
+            before, now = now, self.step(now, before, load)
+        return now, before
+
     def step(self, now: NDArray, before: NDArray, load: NDArray) -> NDArray[np.floating]:
-        """Offsets (K, 3) a frame after `now`, which followed `before`, under load f_t (K, 3)."""
+        """Offsets (K, 3) a step after `now`, which followed `before`, under load f_t (K, 3)."""
         stiffer = 2 * self._spring * self._stiffening * _dot(now, self._stretched(now))
         twice, after = 2 * now + before, 2 * now - before
         known = self._square * load + after + self._drag * before
@@ -155,10 +172,9 @@ class OscillatorSheet:
         # Each node's block is along I + beyond n n^T; Sherman and Morrison invert it.
         beyond = self._beyond * (self._spring + stiffer)
         lost = beyond / (along + beyond) * self._normals
-        for relaxation in RELAXATIONS:
+        for _ in range(SWEEPS):
             left = known + self._rest @ after
-            swept = (left - _dot(left, self._normals) * lost) / along
-            after += np.float32(relaxation) * (swept - after)
+            after = (left - _dot(left, self._normals) * lost) / along
         return after
 
     def _stretched(self, offsets_m: NDArray) -> NDArray:
@@ -176,7 +192,7 @@ class OscillatorSheet:
         offsets_m = np.empty_like(loads)
         before = now = offsets_m[0] = self.settled(loads[0])
         for frame in range(1, len(loads)):
-            before, now = now, self.step(now, before, loads[frame - 1])
+            now, before = self.frame(now, before, loads[frame - 1])
             offsets_m[frame] = now
         return offsets_m
 

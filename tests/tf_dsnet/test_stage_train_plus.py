@@ -112,9 +112,9 @@ def test_a_robust_alignment_in_the_papers_place_is_as_good(runs, monkeypatch):
     assert set(read_artifact(run / "train_plus").manifest["upstream"]) == {"align"}
 
 
-def test_sequences_of_two_frames_are_refused(runs, monkeypatch):
-    run = forge_run(runs, monkeypatch, lengths=(2, 2, 2))
-    with pytest.raises(DsnetError, match="at least one of three frames"):
+def test_sequences_of_two_and_three_frames_are_refused(runs, monkeypatch):
+    run = forge_run(runs, monkeypatch, lengths=(2, 3, 3))
+    with pytest.raises(DsnetError, match="at least one of four frames"):
         stage_train_plus.main(TINY)
     assert not list(run.glob("*train_plus*"))
 

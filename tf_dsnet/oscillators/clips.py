@@ -63,17 +63,17 @@ def node_clips(
     Raises
     ------
     DsnetError
-        If there are none, or all are shorter than three frames.
+        If there are none, or all are shorter than four frames.
     """
     chosen = [
         s
         for s in sequences_of(align)
-        if s.split == split and s.subject in people.names and s.length >= 3
+        if s.split == split and s.subject in people.names and s.length >= 4
     ]
     if not chosen:
         raise DsnetError(
             f"{align.path} without a sequence of split {split!r}",
-            "at least one of three frames",
+            "at least one of four frames",
             "Align more sequences.",
         )
     return [_clip(sequence, align, body, nodes, people) for sequence in chosen]

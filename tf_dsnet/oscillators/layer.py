@@ -9,7 +9,7 @@ from functools import reduce
 import numpy as np
 
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import FPS
+from bridge.tissue.oscillators import FPS, STEPS
 from bridge.tissue.shape import SHAPE_FEATURES
 from bridge.tissue.trained_plus import NODE_FIELDS, Weights
 from tf_dsnet.framework import Tensor, keras, tf
@@ -83,7 +83,7 @@ class OscillatorLayer(keras.layers.Layer):
         ----------
         inertia, gravity : (T + N - 1, K, B, 3) loads, m/s^2, from `N - 1` frames before the step's
             oldest tap to the newest of the last step.
-        now, before : (K, B, 3) offsets to start from, metres.
+        now, before : (K, B, 3) offsets to start from, a step and not a frame apart, metres.
         normals : (K, B, 3) of each clip's person, in the rest pose.
         features : (K, B, 3) of `shape_features`, of each clip's person.
         shares : (B, P) of `shares_of_people`.
@@ -91,12 +91,13 @@ class OscillatorLayer(keras.layers.Layer):
         own = self._own(features, shares)
         omega = self._of("omega") * tf.exp(own)
         stiffening = self._of("stiffening") * tf.exp(self._stiffening_power * own)
-        square = 1 / FPS**2
+        step_s = 1 / (STEPS * FPS)
+        square = step_s**2
         spring = square / 4 * tf.square(omega)
         coupling = square / 4 * self._coupling()
         bound = tf.reduce_sum(tf.abs(coupling), 1)
         springs = Springs(
-            drag=self._of("damping_ratio") * omega / FPS,
+            drag=self._of("damping_ratio") * omega * step_s,
             spring=spring,
             hardening=2 * spring * stiffening,
             normal_ratio=self._of("normal_ratio") * tf.ones_like(omega),
@@ -106,7 +107,8 @@ class OscillatorLayer(keras.layers.Layer):
         taps = tf.unstack(self._shares_of_taps())
         felt = self._of("inertia_gain") * _smoothed(inertia, taps)
         felt += self._of("gravity_gain") * _smoothed(gravity, taps)
-        return roll(normals, square * felt, now, before, springs)
+        steps = roll(normals, tf.repeat(square * felt, STEPS, 0), now, before, springs)
+        return steps[STEPS - 1 :: STEPS]
 
     def _own(self, features: Tensor, shares: Tensor) -> Tensor:
         """(K, B, 1) what log w of each clip's person has besides the template's."""

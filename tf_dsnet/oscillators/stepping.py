@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from bridge.tissue.oscillators import RELAXATIONS
+from bridge.tissue.oscillators import SWEEPS
 from tf_dsnet.framework import Tensor, tf
 
 
@@ -44,13 +44,11 @@ class _Step(NamedTuple):
     """On the diagonal of B + N along the skin, and what it has more along the normal."""
     beyond: Tensor
     guesses: list[Tensor]
-    """Of the next offset, the last of them what it is."""
-    swept: list[Tensor]
-    """What Jacobi's sweep makes of each but the last, not relaxed."""
+    """Of the next offset, before the first sweep and after each; the last is what it is."""
 
 
 def roll(normals: Tensor, loads: Tensor, now: Tensor, before: Tensor, springs: Springs) -> Tensor:
-    """Offsets (T, K, B, 3) of the frames after `now`; see `OscillatorSheet.step`.
+    """Offsets (T, K, B, 3) of the steps after `now`; see `OscillatorSheet.step`.
 
     Parameters
     ----------
@@ -95,12 +93,11 @@ def _step(normals: Tensor, load: Tensor, now: Tensor, before: Tensor, springs: S
     known += _times(springs.rest, twice) - springs.bound * twice
     spring = springs.spring + stiffer
     along, beyond = 1 + springs.drag + springs.bound + spring, normal * spring
-    guesses, swept = [straight], []
-    for relaxation in RELAXATIONS:
+    guesses = [straight]
+    for _ in range(SWEEPS):
         left = known + _times(springs.rest, guesses[-1])
-        swept.append(_divided(left, along, beyond, normals))
-        guesses.append(guesses[-1] + relaxation * (swept[-1] - guesses[-1]))
-    return _Step(twice, stretched, stiffer, sheared, along, beyond, guesses, swept)
+        guesses.append(_divided(left, along, beyond, normals))
+    return _Step(twice, stretched, stiffer, sheared, along, beyond, guesses)
 
 
 def _backward(
@@ -142,14 +139,13 @@ def _slopes(
     of_known = of_inverse = tf.zeros_like(of_after)
     of_beyond = tf.zeros_like(of_after[..., :1])
     of_guess, shares = of_after, []
-    backwards = zip(RELAXATIONS, done.swept, strict=True)
-    for relaxation, swept in reversed(list(backwards)):
-        share = _divided(relaxation * of_guess, done.along, done.beyond, normals)
+    for swept in reversed(done.guesses[1:]):
+        share = _divided(of_guess, done.along, done.beyond, normals)
         shares.append(share)
         of_known += share
         of_inverse -= share * swept
         of_beyond -= _dot(share, normals) * _dot(swept, normals)
-        of_guess = (1 - relaxation) * of_guess + _times(transposed, share)
+        of_guess = _times(transposed, share)
     of_along = tf.reduce_sum(of_inverse, -1, keepdims=True)
     of_spring = of_along + normal * of_beyond
     known = _stretched(of_known, normal, normals)

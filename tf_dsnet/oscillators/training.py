@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import OscillatorSheet
+from bridge.tissue.oscillators import STEPS, OscillatorSheet
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
@@ -43,7 +43,7 @@ class PlusSettings:
     """Adam's steps in a round."""
     window: PositiveInt = 36
     """Frames that a step simulates."""
-    batch_size: PositiveInt = 24
+    batch_size: PositiveInt = 12
     """Windows in a step."""
     lr: PositiveFloat = 0.06
     """Adam's learning rate at the start, for logarithms of coefficients; it falls to 0."""
@@ -160,7 +160,7 @@ class PlusTraining:
         windows = [self._window(int(row), rng) for row in rows]
         batch = {
             "now": np.stack([starts[r][f] for r, f in windows], 1),
-            "before": np.stack([starts[r][f - 1] for r, f in windows], 1),
+            "before": np.stack([_a_step_before(starts[r], f) for r, f in windows], 1),
             "target": np.stack(
                 [self._frames(moving[r], f + 1, self.settings.window) for r, f in windows], 2
             ),
@@ -178,8 +178,8 @@ class PlusTraining:
         return float(self._step({k: tf.constant(v, tf.float32) for k, v in batch.items()}))
 
     def _window(self, row: int, rng: np.random.Generator) -> tuple[int, int]:
-        last = max(len(self._clips[row]) - self.settings.window - 1, 1)
-        return row, int(rng.integers(1, last + 1))
+        last = max(len(self._clips[row]) - self.settings.window - 1, 2)
+        return row, int(rng.integers(2, last + 1))
 
     def _counted(self, row: int, frame: int) -> NDArray:
         """(T, 1, 1) 1 for frames of a window that the clip has, 0 after its end."""
@@ -216,3 +216,11 @@ class PlusTraining:
         quiet = tf.reduce_mean(counted, (0, 1, 3)) * _QUIET_M**2
         overall = tf.reduce_sum(missed) / tf.reduce_sum(energy)
         return overall + _QUIET_SHARE * tf.reduce_mean(missed / (energy + quiet))
+
+
+def _a_step_before(offsets_m: NDArray, frame: int) -> NDArray:
+    """(K, 3) a step before a frame, on the parabola through it and the two before it."""
+    now, before, earlier = offsets_m[frame], offsets_m[frame - 1], offsets_m[frame - 2]
+    share = 1 / STEPS
+    straight = now + share * (before - now)
+    return straight - share * (1 - share) / 2 * (now - 2 * before + earlier)
