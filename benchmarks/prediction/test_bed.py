@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean, stdev
@@ -44,8 +44,8 @@ _PAGE = """\
 
 Scores against the simulated truth; everything was trained on the robust aligner's offsets. `second`
 is the second tissue law (docs/prediction.md says what was known of it), `captured` its
-captured-like form, where the moving part is scored by itself. ± is the standard deviation over
-seeds where there are several.
+captured-like form, where the moving part is scored by itself, also in the last column. ± is the
+standard deviation over seeds where there are several.
 Made by `{command}`.
 """
 
@@ -94,8 +94,8 @@ def main(config: TestBedConfig) -> dict[str, Any]:
 
 def markdown(results: Mapping[str, Any]) -> str:
     """A page with one table: a row for each corpus, cell and predictor."""
-    head = ["corpus", "cell", "predictor", "seeds", *_METRICS]
-    rows = ["| " + " | ".join(head) + " |", "|---" * 4 + "|---:" * len(_METRICS) + "|"]
+    head = ["corpus", "cell", "predictor", "seeds", *_METRICS, "R² without real motions"]
+    rows = ["| " + " | ".join(head) + " |", "|---" * 4 + "|---:" * (len(_METRICS) + 1) + "|"]
     rows += ["| " + " | ".join(row) + " |" for row in _rows(results["scores"])]
     return _PAGE.format(table="\n".join(rows), command=results["command"])
 
@@ -130,31 +130,58 @@ def _rows(found: Mapping[str, Mapping[str, Any]]) -> Iterator[list[str]]:
         seeds = [one for one in found.values() if one["corpus"] == corpus]
         for cell, label in CELLS.items():
             for name in _SHOWN:
-                own = [s["cells"][cell][name] for s in seeds if name in s["cells"].get(cell, {})]
-                if own:
-                    text = seeds[0]["labels"].get(name, name)
-                    yield [corpus, label, text, str(len(own)), *_metrics(own)]
+                having = [s for s in seeds if name in s["cells"].get(cell, {})]
+                if having:
+                    text = having[0]["labels"].get(name, name)
+                    without = [_r2_without_real(s, cell, name) for s in having]
+                    yield [corpus, label, text, str(len(having)),
+                           *_metrics([s["cells"][cell][name] for s in having]),
+                           _summary(without, "{:.3f}")]  # fmt: skip
         yield from _real_rows(corpus, seeds)
 
 
 def _real_rows(corpus: str, seeds: list[Mapping[str, Any]]) -> Iterator[list[str]]:
     """Real motions that were given simulated tissue, one by one; they count in their cells too."""
-    for motion in seeds[0]["real_motions"]:
+    for motion in filter(_is_real, seeds[0]["sequences"]):
         name, label = motion["name"], seeds[0]["labels"]["dsnet_plus"]
-        own = [m["errors"]["dsnet_plus"] for s in seeds for m in s["real_motions"]
+        own = [m["errors"]["dsnet_plus"] for s in seeds for m in s["sequences"]
                if m["name"] == name]  # fmt: skip
-        yield [corpus, f"real motion `{name}`", label, str(len(own)), *_metrics(own)]
+        yield [corpus, f"real motion `{name}`", label, str(len(own)), *_metrics(own), ""]
 
 
 def _metrics(own: list[Mapping[str, Any]]) -> Iterator[str]:
-    """Each metric's mean over seeds, with the standard deviation where there are several."""
     for metric, key, form in _METRICS.values():
         values = [one[metric][key] for one in own if metric in one and key in one[metric]]
-        if len(values) < len(own) or any(value is None for value in values):
-            yield ""
-            continue
-        spread = f" ± {form.format(stdev(values))}" if len(values) > 1 else ""
-        yield form.format(mean(values)) + spread
+        yield _summary(values if len(values) == len(own) else [], form)
+
+
+def _r2_without_real(score: Mapping[str, Any], cell: str, name: str) -> float | None:
+    """Of the offsets, or their moving part where that is known, over the invented motions of a
+    cell; None where there is no real one beside them."""
+    inside = [one for one in score["sequences"] if one["cell"] == cell]
+    invented = [one for one in inside if not _is_real(one)]
+    if not invented or len(invented) == len(inside):
+        return None
+    kind = "moving" if "moving" in invented[0]["errors"][name] else "offsets"
+    # SMPL alone has no offsets: its error is what there is to predict.
+    missed, whole = (
+        sum(s["frames"] * s["errors"][one][kind]["rms_mm"] ** 2 for s in invented)
+        for one in (name, "smpl")
+    )
+    return 1 - missed / whole
+
+
+def _is_real(sequence: Mapping[str, Any]) -> bool:
+    return "_amass_" in sequence["name"]
+
+
+def _summary(values: Sequence[float | None], form: str) -> str:
+    """Mean over seeds, with the standard deviation where there are several."""
+    known = [value for value in values if value is not None]
+    if not known or len(known) < len(values):
+        return ""
+    spread = f" ± {form.format(stdev(known))}" if len(known) > 1 else ""
+    return form.format(mean(known)) + spread
 
 
 if __name__ == "__main__":

@@ -22,8 +22,19 @@ def score(corpus: str, seed: int, r2: float) -> dict:
         "seed": seed,
         "cells": {"new_person_unseen_motion": {"dsnet_plus": errors}},
         "labels": {"dsnet_plus": "DSNet+"},
-        "real_motions": [{"name": "50004_amass_x", "errors": {"dsnet_plus": errors}}],
+        "sequences": [
+            _sequence("50004_amass_x", errors, 300, 4.0, 5.0),
+            _sequence("50004_dancing", errors, 100, 1.0, 2.0),
+            _sequence("50004_kicking", errors, 200, 1.0, 4.0),
+        ],
     }
+
+
+def _sequence(name: str, errors: dict, frames: int, rms_mm: float, whole_mm: float) -> dict:
+    """Of the cell, with the errors' root mean square and that of what there is to predict."""
+    own = {**errors, "offsets": {**errors["offsets"], "rms_mm": rms_mm}}
+    both = {"dsnet_plus": own, "smpl": {"offsets": {"rms_mm": whole_mm}}}
+    return {"name": name, "cell": "new_person_unseen_motion", "frames": frames, "errors": both}
 
 
 @pytest.fixture
@@ -46,7 +57,7 @@ def test_finished_scores_are_tabulated_with_their_spread(tmp_path, no_training):
     ]
     assert rows[0] == (
         "| second | new person, unseen motion | DSNet+ | 2 | 0.850 ± 0.071 |  | 0.750 ± 0.071"
-        " | 1.00 ± 0.00 | 2.50 ± 0.00 |"
+        f" | 1.00 ± 0.00 | 2.50 ± 0.00 | {1 - 300 / 3600:.3f} ± 0.000 |"
     )
     assert rows[1].startswith("| second | real motion `50004_amass_x` | DSNet+ | 2 | 0.850 ± 0.071")
     assert len(rows) == 2
