@@ -89,11 +89,13 @@ def calibrate(
 
     precision = settings.precision_m
     clips = _calibration_clips(loads, recordings, settings)
-    noise = _noise(loads, clips, recordings[0].fps)
+    variance_m2 = _noise_variance(loads, clips)
+    noise = shared_noise(variance_m2, recordings[0].fps)
     seen = Observed(*(torch.cat(parts) for parts in zip(*clips, strict=True)))
     batches = list(pool.map(start, seen.split(BATCH)))
     evidence = reduce(add, pool.map(gather, batches))
-    tissue = evidence.revise(Tissue.unknown(evidence.pull.shape[1], sample.weights))
+    noise_m = np.sqrt(variance_m2) if settings.noise and variance_m2 > precision**2 else 0.0
+    tissue = evidence.revise(Tissue.unknown(evidence.pull.shape[1], sample.weights, noise_m))
     for turn in range(settings.calibration_rounds):
         tissue = reduce(add, pool.map(improve, batches)).revise(tissue)
         if settings.correct_shape and turn % _ROUNDS_PER_SHAPE == _ROUNDS_PER_SHAPE - 1:
@@ -130,10 +132,9 @@ def _calibration_clips(
     ]
 
 
-def _noise(loads: Loads, clips: Sequence[Observed], fps: float) -> float:
-    """`shared_noise` of the clip in the middle: some hardly move, some violently."""
-    found = [noise_variance(clip.vertices, loads.around) for clip in clips]
-    return shared_noise(float(np.median(found)), fps)
+def _noise_variance(loads: Loads, clips: Sequence[Observed]) -> float:
+    """m^2, of the clip in the middle: some hardly move, some violently."""
+    return float(np.median([noise_variance(clip.vertices, loads.around) for clip in clips]))
 
 
 def _shape_frames(

@@ -28,14 +28,15 @@ from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import DynaReader
 from torch_align_ae.workers import torch_workers
 
-_LEARNED = {"betas": "1", "compliance": "s^2", "deviation": "m"}
+_LEARNED = {"betas": "1", "compliance": "s^2", "deviation": "m", "noise": "m"}
 
 
 class RobustCorpusFit:
     """One corpus to align; `write` fills the artifact.
 
     Besides what every aligner gives, the artifact holds what was learned of each subject's
-    tissue: `compliance` and `deviation` (S, N) at `sample_vertices` (N,) of the mesh.
+    tissue: `compliance` (S, K, N) and `deviation` (S, N) at `sample_vertices` (N,) of the mesh, and
+    the meshes' `noise` (S,).
     """
 
     def __init__(
@@ -125,9 +126,7 @@ def _recording(reader: DynaReader, sequence: MotionSequence) -> MeshRecording:
 
 
 def _stacked(subjects: list[LearnedSubject]) -> dict[str, NDArray[np.float32]]:
-    columns = zip(
-        *((s.betas, s.tissue.compliance_s2, s.tissue.deviation_m) for s in subjects), strict=True
-    )
+    columns = zip(*((s.betas, *s.tissue) for s in subjects), strict=True)
     return {
         name: torch.stack(column).numpy() for name, column in zip(_LEARNED, columns, strict=True)
     }

@@ -32,6 +32,9 @@ class RobustSettings:
     """A term for the loads of the skin around each vertex."""
     damping: bool = True
     """A term that lets the displacement follow its load late."""
+    noise: bool = True
+    """Of noisy meshes, such as registrations of people, take what the law leaves unexplained of
+    the firmest vertices for what it leaves of all, and not for softness."""
     shape_frames: PositiveInt = 1
     """Frames that give each subject's shape; the paper uses the first. More are spread over all
     of the subject's motions."""

@@ -20,6 +20,7 @@ Both c_vk and the weights are re-estimated after each step of the pose from noth
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -29,25 +30,30 @@ from torch import Tensor
 _OVER_RELAXATION = 1.6
 # Below any load that would tell something about compliance, (m/s^2)^2 summed over frames.
 _NO_LOAD = 1e-6
+# Of noisy meshes, the part of the skin that lies on bone: its deviation is every vertex's.
+_FIRM = 0.3
 # Terms resemble one another: this share of each one's own square keeps them from cancelling.
 _RIDGE = 1e-3
 _SWEEPS = 60
 
 
-@dataclass(frozen=True)
-class Tissue:
+class Tissue(NamedTuple):
     """Mechanics of the N vertices of a sample, for one subject."""
 
     compliance_s2: Tensor
     """(K, N) displacement per load, for each of the K terms of `loads`; that of damping in s^3."""
     deviation_m: Tensor
-    """(N,) root mean square of what the law does not explain."""
+    """(N,) root mean square of what the law does not explain; where meshes are noisy, beyond what
+    it does not explain of the firmest vertices."""
+    noise_m: Tensor
+    """() standard deviation of each coordinate's noise, where it is large; else 0."""
 
     @classmethod
-    def unknown(cls, terms: int, like: Tensor) -> Tissue:
+    def unknown(cls, terms: int, like: Tensor, noise_m: float = 0.0) -> Tissue:
         """No compliance, and all vertices alike: `like` is (..., N)."""
         count = like.shape[-1]
-        return cls(like.new_zeros(terms, count), like.new_zeros(count))
+        noise = like.new_tensor(noise_m)
+        return cls(like.new_zeros(terms, count), like.new_zeros(count), noise)
 
     def unloaded(self, vertices: Tensor, terms: Tensor) -> Tensor:
         """Where the vertices (B, 3, N) would be without loads: what the pose is fitted to.
@@ -61,9 +67,10 @@ class Tissue:
     def weights(self, precision_m: float) -> Tensor:
         """(N,) weights of squared distances, 1 for a vertex that the skeleton explains fully.
 
-        `precision_m` is the deviation at which a vertex counts half.
+        `precision_m` is the deviation at which a vertex counts half; noise adds to it.
         """
-        return 1 / (1 + (self.deviation_m / precision_m).square())
+        half = torch.hypot(self.noise_m.new_tensor(precision_m), self.noise_m)
+        return 1 / (1 + (self.deviation_m / half).square())
 
 
 @dataclass
@@ -107,7 +114,9 @@ class Evidence:
 
         For u = displacement and L_k = terms of a vertex, c >= 0 minimises sum |u + c_k L_k|^2;
         what is left of it, as a mean over frames, is the squared deviation. A vertex that is
-        never loaded has c = 0.
+        never loaded has c = 0. Registrations slide, shiver and fit nowhere exactly, and beside
+        that bone and flesh would look alike: where there is noise, what is left of the firmest
+        vertices is taken off everywhere.
         """
         regression = _non_negative(self.gram, self.pull).mT.to(tissue.compliance_s2)
         compliance = tissue.compliance_s2
@@ -115,7 +124,9 @@ class Evidence:
         c = compliance.mT[..., None].double()
         left = self.displacement - 2 * (c[..., 0] * self.pull).sum(1)
         left = (left + (c.mT @ self.gram @ c)[:, 0, 0]).clamp_min(0)
-        return Tissue(compliance, (left / self.frames).sqrt().to(compliance))
+        if tissue.noise_m > 0:
+            left = (left - left.quantile(_FIRM)).clamp_min(0)
+        return Tissue(compliance, (left / self.frames).sqrt().to(compliance), tissue.noise_m)
 
 
 def _non_negative(gram: Tensor, pull: Tensor) -> Tensor:

@@ -47,6 +47,7 @@ def test_artifact_has_the_contracts_arrays_and_what_was_learned(config):
         "frame_error": (58,),
         "compliance": (2, 4, size),
         "deviation": (2, size),
+        "noise": (2,),
         "sample_vertices": (size,),
     }
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import numpy as np
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
@@ -29,7 +30,7 @@ def test_newtons_law_is_found():
 def test_target_undoes_it():
     acceleration, still = 10 * frames(20), frames(20, seed=1)
     terms = torch.stack([acceleration, frames(20, seed=2)])
-    tissue = Tissue(torch.linspace(0, 1e-3, 10).view(2, 5), torch.zeros(5))
+    tissue = Tissue(torch.linspace(0, 1e-3, 10).view(2, 5), torch.zeros(5), torch.zeros(()))
     seen = still - tissue.compliance_s2[0] * terms[0] - tissue.compliance_s2[1] * terms[1]
     torch.testing.assert_close(tissue.unloaded(seen, terms), still, rtol=0, atol=1e-6)
 
@@ -92,7 +93,7 @@ def test_evidence_may_come_in_portions(first):
 
 
 def test_weights_fall_with_deviation():
-    tissue = Tissue(torch.zeros(1, 3), torch.tensor([0.0, 1e-4, 1e-3]))
+    tissue = Tissue(torch.zeros(1, 3), torch.tensor([0.0, 1e-4, 1e-3]), torch.zeros(()))
     torch.testing.assert_close(tissue.weights(1e-4), torch.tensor([1.0, 0.5, 1 / 101]))
 
 
@@ -105,3 +106,21 @@ def test_noise_is_not_taken_for_softness():
     in_common = torch.full((1, 5), 3.0 * 4000)
     sober = believed.less_noise(in_common).revise(Tissue.unknown(1, torch.zeros(5)))
     assert sober.compliance_s2.max() < 0.05
+
+
+def test_what_all_vertices_deviate_by_tells_nothing_where_there_is_noise():
+    common_m, soft = 1e-3, torch.tensor([0.0, 0.0, 0.0, 1e-3, 3e-3])
+    displacement = common_m * frames(20_000) + soft * frames(20_000, seed=1)
+    none = torch.zeros(0, *displacement.shape)
+    believed = Evidence.of(displacement, none)
+    exact, noisy = (believed.revise(Tissue.unknown(0, torch.zeros(5), n)) for n in (0.0, 3e-4))
+    expected = np.sqrt(3) * torch.sqrt(soft.square() + common_m**2)
+    torch.testing.assert_close(exact.deviation_m, expected, rtol=0.02, atol=0)
+    torch.testing.assert_close(noisy.deviation_m, np.sqrt(3) * soft, rtol=0.02, atol=2e-4)
+    assert noisy.weights(1e-4)[:3].min() > 0.7 > 20 * noisy.weights(1e-4)[4]
+    assert exact.weights(1e-4)[:3].max() < 0.01
+
+
+def test_noise_widens_what_counts_half():
+    tissue = Tissue(torch.zeros(0, 1), torch.tensor([5e-4]), torch.tensor(4e-4))
+    torch.testing.assert_close(tissue.weights(3e-4), torch.tensor([0.5]))
