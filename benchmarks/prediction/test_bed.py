@@ -83,20 +83,22 @@ def main(config: TestBedConfig) -> dict[str, Any]:
     for corpus in config.corpora:
         _score(config, corpus)
     results = {
-        "scores": {path.stem: json.loads(path.read_text()) for path in _files(config.out)},
         "command": " ".join(["python", "-m", "benchmarks.prediction.test_bed", *sys.argv[1:]]),
+        "scores": [path.name for path in _files(config.out)],
     }
-    text = json.dumps(results, indent=1, allow_nan=False) + "\n"
+    text = json.dumps(results, indent=1) + "\n"
     write_text_atomically(config.out / "test_bed.json", text)
-    write_text_atomically(config.out / "test_bed.md", markdown(results))
+    write_text_atomically(config.out / "test_bed.md", markdown(config.out))
     return results
 
 
-def markdown(results: Mapping[str, Any]) -> str:
-    """A page with one table: a row for each corpus, cell and predictor."""
+def markdown(folder: Path) -> str:
+    """A page with one table of the folder's scores: a row for each corpus, cell and predictor."""
+    results = json.loads((folder / "test_bed.json").read_text())
+    scores = [json.loads((folder / name).read_text()) for name in results["scores"]]
     head = ["corpus", "cell", "predictor", "seeds", *_METRICS, "R² without real motions"]
     rows = ["| " + " | ".join(head) + " |", "|---" * 4 + "|---:" * (len(_METRICS) + 1) + "|"]
-    rows += ["| " + " | ".join(row) + " |" for row in _rows(results["scores"])]
+    rows += ["| " + " | ".join(row) + " |" for row in _rows(scores)]
     return _PAGE.format(table="\n".join(rows), command=results["command"])
 
 
@@ -124,10 +126,9 @@ def _files(folder: Path) -> list[Path]:
     return sorted(found, key=lambda path: (order[path.stem.rsplit("-", 1)[0]], path.stem))
 
 
-def _rows(found: Mapping[str, Mapping[str, Any]]) -> Iterator[list[str]]:
-    corpora = dict.fromkeys(one["corpus"] for one in found.values())
-    for corpus in corpora:
-        seeds = [one for one in found.values() if one["corpus"] == corpus]
+def _rows(scores: Sequence[Mapping[str, Any]]) -> Iterator[list[str]]:
+    for corpus in dict.fromkeys(one["corpus"] for one in scores):
+        seeds = [one for one in scores if one["corpus"] == corpus]
         for cell, label in CELLS.items():
             for name in _SHOWN:
                 having = [s for s in seeds if name in s["cells"].get(cell, {})]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -61,6 +62,11 @@ def test_finished_scores_are_tabulated_with_their_spread(tmp_path, no_training):
     )
     assert rows[1].startswith("| second | real motion `50004_amass_x` | DSNet+ | 2 | 0.850 ± 0.071")
     assert len(rows) == 2
+
+
+def test_the_committed_page_is_made_of_the_committed_scores():
+    folder = Path(__file__).parents[3] / "docs" / "results" / "prediction"
+    assert (folder / "test_bed.md").read_text() == test_bed.markdown(folder)
 
 
 def test_a_score_that_is_missing_is_made(tmp_path, no_training):
