@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.posing import joint_rotations, pose_features
+from bridge.errors import DsnetError
 from bridge.exchange.weights import load_weights
 from bridge.motion import unpack_theta
 from bridge.runs import Artifact
 from bridge.tissue.load import node_loads
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import FPS, NodeMechanics, OscillatorSheet
+from bridge.tissue.oscillators import FPS, STEPS, NodeMechanics, OscillatorSheet
 from bridge.tissue.shape import shape_features, shaped_normals
 
 NAME = "dsnet_plus"
@@ -80,13 +81,23 @@ class TrainedPlus:
         Raises
         ------
         DsnetError
-            If its file is damaged.
+            If its file is damaged, or it was trained with other steps through time.
         """
         return cls.from_arrays(load_weights(trained.file(f"{NAME}.safetensors")))
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> TrainedPlus:
-        """The inverse of `arrays`."""
+        """The inverse of `arrays`.
+
+        Raises
+        ------
+        DsnetError
+            If it was trained with other steps through time.
+        """
+        steps = int(arrays["steps"][0]) if "steps" in arrays else 1
+        if steps != STEPS:
+            received = f"a {NAME} that was trained with {steps} steps a frame"
+            raise DsnetError(received, f"{STEPS} steps", "Train it again: dsnet train-plus.")
         base = {name: arrays[f"log_{name}"] for name in NODE_FIELDS}
         others = ("slopes", "stiffening_power", "residual", "taps")
         weights = Weights(base, **{name: arrays[name] for name in others})
@@ -108,6 +119,7 @@ class TrainedPlus:
             "by_pose_m": static.by_pose_m,
             "people_betas": self.people_betas,
             "look_ahead": np.array([self.look_ahead], np.int32),
+            "steps": np.array([STEPS], np.int32),
         }
 
     def mechanics(self, body: BodyModelData, betas: NDArray) -> NodeMechanics:

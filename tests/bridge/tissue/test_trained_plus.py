@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bridge.errors import DsnetError
 from bridge.tissue.load import node_loads
 from bridge.tissue.oscillators import OscillatorSheet
 from bridge.tissue.shape import shape_features
@@ -45,6 +46,15 @@ def motion(frames: int = 20) -> np.ndarray:
     rng = np.random.default_rng(1)
     rates = rng.uniform(0.05, 0.3, (1, 69))
     return 0.3 * np.sin(rates * np.arange(frames)[:, None] + rng.uniform(0, 6, (1, 69)))
+
+
+@pytest.mark.parametrize("steps", [None, [1], [3]])
+def test_a_model_of_other_steps_is_refused(trained, steps):
+    arrays = {name: array for name, array in trained.arrays().items() if name != "steps"}
+    if steps is not None:
+        arrays["steps"] = np.array(steps, np.int32)
+    with pytest.raises(DsnetError, match=r"steps a frame; expected 2 steps\. Train it again"):
+        TrainedPlus.from_arrays(arrays)
 
 
 def test_arrays_bring_the_same_model_back(trained, body):
