@@ -1,4 +1,4 @@
-"""Nothing is tuned on the second tissue law: nothing outside the corpus knows it."""
+"""The second tissue law stands apart: nothing outside the corpus knows it."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ CORPORA: dict[str, tuple[str, ...]] = {
     "male": ("--gender", "male"),
     "male_second": ("--gender", "male", "--tissue", "second"),
 }
-"""Options of `dsnet corpus`. Nothing is tuned on the second law; only scores are read from it."""
+"""Options of `dsnet corpus`. docs/prediction.md says what was seen of the second law."""
 PLUS = ("train-plus", "predict-plus")
 DSNET = ("train", "predict", "decode")
 _DSNETS = ("dsnet_standardised", "dsnet_faithful", "dsnet_differences")

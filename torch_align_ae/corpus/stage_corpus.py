@@ -73,7 +73,7 @@ class CorpusConfig:
     amass_seconds: PositiveFloat = 20.0
     """Longest part of a real motion that is used, from its beginning."""
     tissue: TissueName = "own"
-    """Law of the soft tissue; nothing is tuned on `second`, which is there to test on."""
+    """Law of the soft tissue; `second` is another hand's, to test on."""
     form: Literal["clean", "captured"] = "clean"
     """`captured` adds to the meshes what registrations of scans have besides soft tissue."""
     gravity: bool = True

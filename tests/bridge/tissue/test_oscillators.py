@@ -306,7 +306,8 @@ def test_a_frame_is_two_steps_under_one_load():
     steps = driven(sheet, rest, rest, np.stack([load] * STEPS))
     now, before = sheet.frame(rest, rest, load)
     np.testing.assert_array_equal(steps[-2:], [before, now])
-    np.testing.assert_array_equal(sheet.roll(np.stack([rest, rest]))[1], rest)
+    rolled = sheet.roll(np.stack([rest, load, load]))
+    np.testing.assert_array_equal(rolled, [rest, rest, now])
 
 
 def test_frames_follow_a_fast_vibration_that_one_step_a_frame_would_slow_down():
