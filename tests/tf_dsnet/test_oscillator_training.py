@@ -108,3 +108,16 @@ def test_frames_after_a_clips_end_count_for_nothing(body, truth):
         training = PlusTraining(settings, body, truth.nodes, people, clips)
         losses += training.round(0, [np.zeros_like(clip.offsets_m) for clip in clips])
     assert losses[0] == pytest.approx(losses[1], rel=1e-4)
+
+
+def test_windows_start_with_the_datas_own_velocity(body, truth):
+    """From it the true coefficients go on as the data do; a wrong one would swing on its own."""
+    settings = replace(SETTINGS, taps=1, look_ahead=0, window=20, rounds=3, steps=1)
+    training = training_of(body, truth, settings)
+    weights = {weight.name: weight for weight in training.layer.weights}
+    for name, log in truth.weights.base.items():
+        weights[f"log_{name}"].assign(log[0])
+    weights["slopes"].assign(truth.weights.slopes)
+    weights["stiffening_power"].assign(truth.weights.stiffening_power)
+    (loss,) = rounds(training, truth, body, [0])
+    assert loss < 1e-3
