@@ -1,0 +1,106 @@
+"""How a motion changes, as the systems that DSNet is compared with are told of it.
+
+All derivatives are backward differences, so no later frame is looked at; where there is no past
+yet (a velocity's first frame, an acceleration's first two) they are 0. Angular velocities are
+logarithms of the turn from one frame to the next, which differences of axis-angle vectors are not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.body.posing import pose_features
+from bridge.motion import unpack_theta
+from bridge.paper import N_JOINTS
+from bridge.tissue.oscillators import FPS
+
+ROOT_NUMBERS = 12
+"""Velocity, acceleration, angular velocity and angular acceleration of the root."""
+JOINT_NUMBERS = 6
+"""Angular velocity and angular acceleration of each other joint."""
+KINEMATICS_SIZE = ROOT_NUMBERS + JOINT_NUMBERS * (N_JOINTS - 1)
+"""138: what `kinematics` gives of a frame."""
+POSE_SIZE = 9 * (N_JOINTS - 1)
+"""189: what `deviations_from_rest` gives of a frame."""
+
+
+def kinematics(theta: NDArray, fps: float = FPS) -> NDArray[np.float64]:
+    """What Dyna and Casas and Otaduy are told, (T, 138) of a motion theta (T, 69).
+
+    The root's velocity (m/s), acceleration (m/s^2), angular velocity (rad/s) and angular
+    acceleration (rad/s^2), seen in its own frame; then angular velocities of the 21 other joints
+    relative to their parents (63), then their angular accelerations (63). None depends on where
+    the body is or which way it faces.
+    """
+    turns, trans_m = _turns_and_places(theta)
+    velocity = rates(trans_m, fps)
+    acceleration = rates(velocity, fps, start=2)
+    linear = np.stack([velocity, acceleration], axis=1) @ turns[:, 0]  # rows w^T R are R^T w
+    angular = angular_velocities(turns, fps)
+    angular_change = rates(angular, fps, start=2)
+    frames = len(turns)
+    parts = linear, angular[:, :1], angular_change[:, :1], angular[:, 1:], angular_change[:, 1:]
+    return np.concatenate([part.reshape(frames, -1) for part in parts], axis=1)
+
+
+def descriptor(code: NDArray, theta: NDArray, fps: float = FPS) -> NDArray[np.float64]:
+    """What SoftSMPL is told, (T, 3 D + 12) of a motion theta (T, 69) whose poses have code (T, D).
+
+    The code, its velocity and acceleration; the root's velocity (m/s) and acceleration (m/s^2) in
+    the world's axes; the velocity (rad/s) and acceleration (rad/s^2) of its Euler angles. Turned
+    about the vertical, a motion keeps all but the root's velocity and acceleration.
+    """
+    turns, trans_m = _turns_and_places(theta)
+    angles = np.unwrap(euler_zxy(turns[:, 0]), axis=0)
+    code = np.asarray(code, np.float64)
+    parts = [code]
+    for values in (code, trans_m, angles):
+        velocity = rates(values, fps)
+        parts += [velocity, rates(velocity, fps, start=2)]
+    return np.concatenate(parts, axis=1)
+
+
+def deviations_from_rest(theta: NDArray) -> NDArray[np.float64]:
+    """(T, 189) entries of R - I of the joints below the root, of a motion theta (T, 69)."""
+    return pose_features(_turns_and_places(theta)[0])
+
+
+def rates(values: NDArray, fps: float, start: int = 1) -> NDArray[np.float64]:
+    """Backward differences (T, ...) of values (T, ...), in their unit by the second.
+
+    The first `start` frames are 0: a velocity has one frame without a past, its own rate two.
+    """
+    found = np.zeros(np.shape(values))
+    found[start:] = np.diff(values, axis=0)[start - 1 :] * fps
+    return found
+
+
+def angular_velocities(turns: NDArray, fps: float) -> NDArray[np.float64]:
+    """(T, J, 3) rad/s of rotations (T, J, 3, 3), in their own frames: log(R_{t-1}^T R_t) / dt."""
+    steps = turns[:-1].swapaxes(-1, -2) @ turns[1:]
+    found = np.zeros(turns.shape[:-1])
+    if len(steps):
+        logs = Rotation.from_matrix(steps.reshape(-1, 3, 3)).as_rotvec()
+        found[1:] = logs.reshape(steps.shape[:-1]) * fps
+    return found
+
+
+def euler_zxy(turns: NDArray) -> NDArray[np.float64]:
+    """(T, 3) angles z, x, y (rad) of R = R_y R_x R_z (T, 3, 3), scipy's order 'zxy'.
+
+    A turn about y, which is up, adds to the last angle alone. Not scipy's, which warns where x is
+    +-90 degrees and the other two turn about one axis.
+    """
+    x = np.arcsin(np.clip(-turns[:, 1, 2], -1.0, 1.0))
+    z = np.arctan2(turns[:, 1, 0], turns[:, 1, 1])
+    y = np.arctan2(turns[:, 0, 2], turns[:, 2, 2])
+    return np.stack([z, x, y], axis=1)
+
+
+def _turns_and_places(theta: NDArray) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
+    """Rotations (T, 22, 3, 3) of the joints to their parents and translations (T, 3), metres."""
+    pose, trans_m = unpack_theta(np.asarray(theta, np.float64))
+    turns = Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix()
+    return turns.reshape(len(pose), N_JOINTS, 3, 3), trans_m
