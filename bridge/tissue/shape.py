@@ -11,6 +11,8 @@ from bridge.body.surface_operators import vertex_areas_m2, vertex_normals
 
 SHAPE_FEATURES = ("depth", "girth", "mass")
 _LEAST_DEPTH_M = 0.01
+_DENSITY_KG_M3 = 985.0
+"""Of a person: a little less than water's."""
 
 
 def shape_features(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.float32]:
@@ -33,6 +35,12 @@ def shaped_normals(body: BodyModelData, betas: NDArray) -> NDArray[np.float32]:
     """(V, 3) outward normals of the body of shape betas (10,) in the rest pose."""
     vertices = shaped_vertices(body, np.asarray(betas, np.float64)[None])[0]
     return vertex_normals(vertices, body.faces).astype(np.float32)
+
+
+def body_mass_index(body: BodyModelData, betas: NDArray) -> float:
+    """Mass by height squared, kg/m^2, of a person of shape betas (10,) in the rest pose."""
+    vertices = shaped_vertices(body, np.asarray(betas, np.float64)[None])[0]
+    return _DENSITY_KG_M3 * _volume_m3(vertices, body.faces) / float(np.ptp(vertices[:, 1])) ** 2
 
 
 def _measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.floating]:
