@@ -10,6 +10,7 @@ is one number here because few people are trained on, `Autoregression` says how 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -67,7 +68,8 @@ class DynaLike:
         self, settings: PredictorSettings, data: TrainingData, checkpoint: Path
     ) -> FittedOnce:
         """Begin training, or go on from `checkpoint` if that file is there."""
-        return FittedOnce(self.name, partial(fit_dyna, self.name, settings, data), checkpoint)
+        fit = partial(fit_dyna, self.name, settings, data)
+        return FittedOnce(self.name, fit, math.prod(_LAW_SHAPE), checkpoint)
 
     def load(self, arrays: Mapping[str, NDArray], body: BodyModelData) -> PredictMotion:
         """A fitted law, applied to whole motions.

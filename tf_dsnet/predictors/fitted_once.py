@@ -37,11 +37,12 @@ class FittedOnce:
     ----------
     name : the predictor's, for errors.
     fit : makes it, the same at every call.
+    size : how many numbers it learns.
     checkpoint : file of an interrupted training.
     """
 
-    def __init__(self, name: str, fit: Callable[[], Fitted], checkpoint: Path) -> None:
-        self._name, self._fit, self._checkpoint = name, fit, checkpoint
+    def __init__(self, name: str, fit: Callable[[], Fitted], size: int, checkpoint: Path) -> None:
+        self._name, self._fit, self._size, self._checkpoint = name, fit, size, checkpoint
         self._found: Fitted | None = None
         self._seconds = 0.0
         self.losses: list[float] = []
@@ -91,8 +92,8 @@ class FittedOnce:
         return arrays
 
     def parameters(self) -> dict[str, int]:
-        """Numbers that the fit found."""
-        return {self._name: sum(array.size for array in self._fitted().arrays.values())}
+        """Numbers that the fit learns."""
+        return {self._name: self._size}
 
     def _fitted(self) -> Fitted:
         if self._found is None:
