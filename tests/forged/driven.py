@@ -82,4 +82,4 @@ def forged_data(
             join_inputs(theta, shapes[person]), law.latents(theta, stoutness[person])
         )
 
-    return TrainingData([clip(n) for n in range(clips)], [clip(clips)], body)
+    return TrainingData([clip(n) for n in range(clips)], [clip(clips)], lambda: body)

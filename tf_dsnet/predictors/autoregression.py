@@ -101,7 +101,7 @@ class OneStepFit:
         products, targets = np.asarray(self._products), np.asarray(self._targets)
         penalty = ridge * max(self._rows, 1) * np.eye(len(products))
         found = np.linalg.solve(products + penalty, targets)
-        return Autoregression(found.reshape(2, -1, found.shape[1]))
+        return Autoregression(found.reshape(2, -1, found.shape[1]).astype(np.float64))
 
 
 def _regressors(clip: DrivenClip) -> NDArray[np.float64]:

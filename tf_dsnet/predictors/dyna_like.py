@@ -19,15 +19,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.exchange.clips import UnpaddedClip, fit_scaling
 from bridge.exchange.codes import PCA, CodeName
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.trained_dsnet import COMPARED, Scaling, TrainedDsnet
 from bridge.paper import LATENT_SIZE, N_BETAS
 from bridge.tissue.shape import body_mass_index
 from tf_dsnet.predictors.autoregression import Autoregression, DrivenClip, OneStepFit
-from tf_dsnet.predictors.base import PredictMotion, PredictorSettings, TrainingData
+from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
 from tf_dsnet.predictors.fitted_once import Fitted, FittedOnce
 from tf_dsnet.predictors.kinematics import KINEMATICS_SIZE, kinematics
 
@@ -43,12 +42,8 @@ class DynaLike:
 
     name: str = "dyna_like"
     label: str = "Dyna-like, linear autoregression"
-    preset: str = "compared"
+    preset: str = COMPARED
     code: CodeName = PCA
-
-    def lr(self, settings: PredictorSettings) -> float:
-        """None: it is fitted in one go."""
-        return 0.0
 
     def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
         """Choices that are ours."""
@@ -71,7 +66,7 @@ class DynaLike:
         fit = partial(fit_dyna, self.name, settings, data)
         return FittedOnce(self.name, fit, math.prod(_LAW_SHAPE), checkpoint)
 
-    def load(self, arrays: Mapping[str, NDArray], body: BodyModelData) -> PredictMotion:
+    def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
         """A fitted law, applied to whole motions.
 
         Raises
@@ -117,9 +112,9 @@ class DynaLaw:
         weights = {_LAW: self.law.weights, _BMI: self.known_bmi}
         return TrainedDsnet(name, weights, self.scaling).arrays()
 
-    def latents(self, theta: NDArray, body: BodyModelData, betas: NDArray) -> NDArray[np.float32]:
+    def latents(self, theta: NDArray, body: BodyOf, betas: NDArray) -> NDArray[np.float32]:
         """Latents (T, 100) of a motion theta (T, 69) of a person of shape betas (10,)."""
-        shape = standard_shape(body_mass_index(body, betas), self.known_bmi)
+        shape = standard_shape(body_mass_index(body(), betas), self.known_bmi)
         return self.scaling.restore(self.law.roll(self.scaling.inputs(kinematics(theta)), shape))
 
 
@@ -151,12 +146,12 @@ def closed_loop_error(law: Autoregression, clips: Sequence[DrivenClip]) -> float
 def fit_dyna(name: str, settings: PredictorSettings, data: TrainingData) -> Fitted:
     """Features, scaling and law of the training clips."""
     people = {clip.betas.tobytes(): clip.betas for clip in data.train}
-    known = np.array([body_mass_index(data.body, betas) for betas in people.values()])
+    known = np.array([body_mass_index(data.body(), betas) for betas in people.values()])
     told = [_told(clip, settings.frames) for clip in data.train]
     scaling = fit_scaling(told, settings.min_input_std)
 
     def driven(clip: UnpaddedClip) -> DrivenClip:
-        shape = standard_shape(body_mass_index(data.body, clip.betas), known)
+        shape = standard_shape(body_mass_index(data.body(), clip.betas), known)
         seen = _told(clip, settings.frames)
         return DrivenClip(scaling.inputs(seen.inputs), scaling.latents(seen.latents), shape)
 

@@ -54,6 +54,11 @@ class FittedOnce:
         self._first = len(self.losses)
 
     @property
+    def lr(self) -> float:
+        """None."""
+        return 0.0
+
+    @property
     def epoch_s(self) -> float | None:
         """Mean seconds of this process's epochs; None if there were none."""
         made = len(self.losses) - self._first

@@ -22,6 +22,8 @@ JOINT_NUMBERS = 6
 """Angular velocity and angular acceleration of each other joint."""
 KINEMATICS_SIZE = ROOT_NUMBERS + JOINT_NUMBERS * (N_JOINTS - 1)
 """138: what `kinematics` gives of a frame."""
+ROOT_RATES_SIZE = 12
+"""What `root_rates` gives of a frame."""
 POSE_SIZE = 9 * (N_JOINTS - 1)
 """189: what `deviations_from_rest` gives of a frame."""
 
@@ -45,18 +47,16 @@ def kinematics(theta: NDArray, fps: float = FPS) -> NDArray[np.float64]:
     return np.concatenate([part.reshape(frames, -1) for part in parts], axis=1)
 
 
-def descriptor(code: NDArray, theta: NDArray, fps: float = FPS) -> NDArray[np.float64]:
-    """What SoftSMPL is told, (T, 3 D + 12) of a motion theta (T, 69) whose poses have code (T, D).
+def root_rates(theta: NDArray, fps: float = FPS) -> NDArray[np.float64]:
+    """What SoftSMPL is told besides a code of the pose, (T, 12) of a motion theta (T, 69).
 
-    The code, its velocity and acceleration; the root's velocity (m/s) and acceleration (m/s^2) in
-    the world's axes; the velocity (rad/s) and acceleration (rad/s^2) of its Euler angles. Turned
-    about the vertical, a motion keeps all but the root's velocity and acceleration.
+    The root's velocity (m/s) and acceleration (m/s^2) in the world's axes; the velocity (rad/s) and
+    acceleration (rad/s^2) of its Euler angles, which are the same whichever way the motion faces.
     """
     turns, trans_m = _turns_and_places(theta)
     angles = np.unwrap(euler_zxy(turns[:, 0]), axis=0)
-    code = np.asarray(code, np.float64)
-    parts = [code]
-    for values in (code, trans_m, angles):
+    parts = []
+    for values in (trans_m, angles):
         velocity = rates(values, fps)
         parts += [velocity, rates(velocity, fps, start=2)]
     return np.concatenate(parts, axis=1)
