@@ -8,6 +8,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +80,7 @@ def time_epoch(rng: np.random.Generator, epochs: int) -> dict[str, float]:
         np.ones((SEQUENCES, FRAMES), bool),
     )
     trainers = {
-        layer.__name__: Trainer(clips, lr=1e-4, lstm_layer=layer)
+        layer.__name__: Trainer(clips, lr=1e-4, build=partial(build_dsnet, lstm_layer=layer))
         for layer in (BlockLSTM, keras.layers.LSTM)
     }
     turns = [

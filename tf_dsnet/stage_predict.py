@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
+from bridge.exchange.trained_dsnet import code_of
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.amass_folder import find_amass_motions, subject_and_motion, subject_of_shape
 from bridge.motion.cuts import cut_warning, pieces_between_cuts, predict_between_cuts
@@ -67,7 +69,8 @@ def main(config: PredictStageConfig) -> None:
     default = config.predictor or trained.manifest["default"]
     # The named one first, so that a name that was never trained is refused before any work.
     names = dict.fromkeys([default, *trained.manifest["predictors"]])
-    predictors = {name: load_predictor(trained, name) for name in names}
+    body = cache(lambda: load_body_model(str(body_model_path(run))))
+    predictors = {name: load_predictor(trained, name, body) for name in names}
     files = find_motions(run, config.amass, encoded)
 
     def make(writer: ArtifactWriter) -> None:
@@ -79,6 +82,7 @@ def main(config: PredictStageConfig) -> None:
         writer.record(
             sequences=to_manifest(motions.sequences),
             predictors={name: trained.manifest["predictors"][name]["label"] for name in names},
+            codes={name: code_of(trained, name) for name in names},
             default=default,
         )
 

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from tqdm import tqdm
 
+from bridge.body import load_body_model
 from bridge.exchange import save_weights
 from bridge.exchange.clips import load_unpadded_clips
+from bridge.exchange.codes import CodeName
 from bridge.options import PositiveInt
-from bridge.runs import ArtifactWriter, Run
+from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.run import body_model_path
 from bridge.runs.worker_pool import worker_pool
 from tf_dsnet.predictors import (
     BOTH_PRESETS,
+    BodyOf,
     Predictor,
     PredictorSettings,
     PredictorTraining,
@@ -40,8 +45,6 @@ class TrainConfig(PredictorSettings):
     """Which predictors to train; the first is the one that `predict` shows. `dsnet_faithful`: raw
     inputs and latents. `dsnet_standardised`: both scaled, a departure from the silent paper.
     `dsnet_differences`: scaled, and told how poses change in place of poses."""
-    epochs: PositiveInt = 500
-    """Epochs of each predictor (the paper does not say how many)."""
     validate_every: PositiveInt = 10
     """Epochs between two validation losses."""
     checkpoint_every: PositiveInt = 100
@@ -66,13 +69,13 @@ def main(config: TrainConfig) -> None:
     chosen = predictors_named(config.predictors)
     run = Run(config.run)
     encoded = run.artifact("encode")
+    body = cache(lambda: load_body_model(str(body_model_path(run))))
 
     def make(writer: ArtifactWriter) -> None:
-        splits = (load_unpadded_clips(encoded, split) for split in ("train", "validation"))
-        data = TrainingData(*splits)
+        data = {entry.code: _clips(encoded, entry.code, body) for entry in chosen}
         trainings = {
             entry.name: entry.training(
-                config, data, writer.checkpoints / f"{entry.name}.safetensors"
+                config, data[entry.code], writer.checkpoints / f"{entry.name}.safetensors"
             )
             for entry in chosen
         }
@@ -81,9 +84,18 @@ def main(config: TrainConfig) -> None:
             _store(name, training, writer)
         # Of the one that is shown: networks of other inputs have other numbers of parameters.
         writer.record(parameters=trainings[chosen[0].name].parameters())
-        _describe(config, chosen, data, writer)
+        _describe(config, chosen, trainings, writer)
+        clips = next(iter(data.values()))
+        writer.record(
+            sequences_trained_on=len(clips.train), sequences_held_out=len(clips.validation)
+        )
 
     run.build(STAGE, config, make, data=encoded.origin, upstream={"encode": encoded})
+
+
+def _clips(encoded: Artifact, code: CodeName, body: BodyOf) -> TrainingData:
+    train = load_unpadded_clips(encoded, "train", code)
+    return TrainingData(train, load_unpadded_clips(encoded, "validation", code), body)
 
 
 def _train(trainings: Mapping[str, PredictorTraining], config: TrainConfig) -> None:
@@ -130,7 +142,10 @@ def _store(name: str, training: PredictorTraining, writer: ArtifactWriter) -> No
 
 
 def _describe(
-    config: TrainConfig, chosen: list[Predictor], data: TrainingData, writer: ArtifactWriter
+    config: TrainConfig,
+    chosen: list[Predictor],
+    trainings: Mapping[str, PredictorTraining],
+    writer: ArtifactWriter,
 ) -> None:
     epochs = [e + 1 for e in range(config.epochs) if _due(e, config.validate_every, config.epochs)]
     writer.put("validation_epochs", np.array(epochs, np.int32), "epoch")
@@ -139,12 +154,12 @@ def _describe(
         predictors={
             entry.name: {
                 "label": entry.label,
-                "lr": entry.lr(config),
+                "lr": trainings[entry.name].lr,
+                "parameters": next(iter(trainings[entry.name].parameters().values())),
                 "preset": entry.preset,
+                "code": entry.code,
                 "departures": list(entry.departures(config)),
             }
             for entry in chosen
         },
-        sequences_trained_on=len(data.train),
-        sequences_held_out=len(data.validation),
     )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,6 @@ from bridge.exchange import load_weights, save_weights
 from bridge.exchange.clips import Clips
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.exchange.weights import refuse_nonfinite
-from bridge.paper import LATENT_SIZE
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.losses import sum_of_distances
 from tf_dsnet.lstm import BlockLSTM
@@ -27,6 +27,9 @@ from tf_dsnet.model import (
     parameter_counts,
 )
 
+Build = Callable[..., keras.Model]
+"""Of `input_size`, the numbers that the network is told at each frame."""
+LossOf = Callable[[Tensor, Tensor, "Tensor | None"], Tensor]
 _OPTIMIZER = "adam"
 _REMEDY = "Train with a lower learning rate: dsnet train --help names the options."
 
@@ -44,7 +47,9 @@ class Trainer:
     batch_size : clips in a step; the last step of an epoch takes what is left.
     masked : leave padded frames out of the loss and of the batch normalisation's statistics.
     seed : of the initial weights and of the order of the clips.
-    lstm_layer : what computes the LSTM; Keras's own, which gives the same, takes longer on a CPU.
+    build : gives the network, called once the seed is set; DSNet with an LSTM that is quick on a
+        CPU when None.
+    loss_of : loss of targets, predictions (B, T, D) and, if masked, which frames are real.
     """
 
     def __init__(
@@ -55,19 +60,23 @@ class Trainer:
         batch_size: int = 16,
         masked: bool = False,
         seed: int = 0,
-        lstm_layer: type[keras.layers.LSTM] = BlockLSTM,
+        build: Build | None = None,
+        loss_of: LossOf = sum_of_distances,
     ) -> None:
         be_reproducible(seed)
+        build = build or partial(build_dsnet, masked=masked, lstm_layer=BlockLSTM)
         # On the device once; a step takes its rows there.
         self._clips, self._count = _tensors(clips), len(clips)
-        self._batch_size, self._seed, self._masked = batch_size, seed, masked
+        self._batch_size, self._seed, self._masked, self.lr = batch_size, seed, masked, lr
         input_size = clips.inputs.shape[-1]
-        self.model = build_dsnet(masked=masked, lstm_layer=lstm_layer, input_size=input_size)
+        self.model, self._loss_function = build(input_size=input_size), loss_of
         self.optimizer = keras.optimizers.Adam(lr, name=_OPTIMIZER)
         self.optimizer.build(self.model.trainable_variables)
         # Unknown sizes, so that the last, smaller batch does not build a second graph.
         self._step = tf.function(self._train_on, input_signature=[tf.TensorSpec([None], tf.int32)])
-        self._evaluate = tf.function(self._loss_at_rest, input_signature=[_any_clips(input_size)])
+        self._evaluate = tf.function(
+            self._loss_at_rest, input_signature=[_any_clips(input_size, clips.latents.shape[-1])]
+        )
 
     def trace(self) -> None:
         """Build both graphs now, so that threads which train side by side only run them."""
@@ -100,6 +109,10 @@ class Trainer:
         optimizer = {variable.path: variable.numpy() for variable in self.optimizer.variables}
         return {**named_weights(self.model), **optimizer}
 
+    def set_rate(self, lr: float) -> None:
+        """Go on with another learning rate."""
+        self.optimizer.learning_rate = self.lr = lr
+
     def restore(self, state: Mapping[str, NDArray]) -> None:
         """Go back to what `state` returned, in this process or in an earlier one."""
         own = self.optimizer.variables
@@ -126,7 +139,7 @@ class Trainer:
     def _loss_of(self, batch: dict[str, tf.Tensor], *, training: bool) -> tf.Tensor:
         motion, real = batch["motion"], batch["real"]
         predicted = self.model([motion, real] if self._masked else motion, training=training)
-        return sum_of_distances(batch["latents"], predicted, real if self._masked else None)
+        return self._loss_function(batch["latents"], predicted, real if self._masked else None)
 
 
 class DsnetTraining:
@@ -181,6 +194,11 @@ class DsnetTraining:
         save_weights(self._checkpoint, {**self.trainer.state(), **history})
 
     @property
+    def lr(self) -> float:
+        """Adam's learning rate."""
+        return self.trainer.lr
+
+    @property
     def epoch_s(self) -> float | None:
         """Mean seconds of this process's epochs; None if there were none."""
         trained = len(self.losses) - self._first
@@ -222,9 +240,9 @@ def _tensors(clips: Clips) -> dict[str, tf.Tensor]:
     return {name: tf.constant(array) for name, array in arrays.items()}
 
 
-def _any_clips(input_size: int) -> dict[str, tf.TensorSpec]:
+def _any_clips(input_size: int, latent_size: int) -> dict[str, tf.TensorSpec]:
     return {
         "motion": tf.TensorSpec((None, None, input_size), keras.config.floatx()),
-        "latents": tf.TensorSpec((None, None, LATENT_SIZE), keras.config.floatx()),
+        "latents": tf.TensorSpec((None, None, latent_size), keras.config.floatx()),
         "real": tf.TensorSpec((None, None), tf.bool),
     }

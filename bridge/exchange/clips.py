@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
+from bridge.exchange.codes import AUTOENCODER, LATENTS_OF, CodeName
 from bridge.exchange.trained_dsnet import Scaling
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.sequences import Split
+from bridge.paper import N_BETAS
 from bridge.runs import Artifact
 
 
@@ -38,6 +40,11 @@ class UnpaddedClip:
     latents: NDArray[np.floating]
     """(T, 100)."""
 
+    @property
+    def betas(self) -> NDArray[np.floating]:
+        """(10,) of `inputs` that are betas and theta."""
+        return self.inputs[0, :N_BETAS]
+
 
 def join_inputs(theta: NDArray, betas: NDArray) -> NDArray:
     """A motion theta (T, 69) and a shape betas (10,) to the network's inputs (T, 79)."""
@@ -50,8 +57,10 @@ def pad_or_clip(frames: NDArray, length: int) -> NDArray:
     return np.pad(kept, ((0, length - len(kept)), (0, 0)))
 
 
-def load_unpadded_clips(encoded: Artifact, split: Split) -> list[UnpaddedClip]:
-    """The sequences of one split from the `encode` stage's artifact.
+def load_unpadded_clips(
+    encoded: Artifact, split: Split, code: CodeName = AUTOENCODER
+) -> list[UnpaddedClip]:
+    """The sequences of one split from the `encode` stage's artifact, with latents of one code.
 
     Raises
     ------
@@ -60,7 +69,7 @@ def load_unpadded_clips(encoded: Artifact, split: Split) -> list[UnpaddedClip]:
     """
     sequences = sequences_of(encoded)
     rows = subject_rows(sequences)
-    theta, betas, latents = (encoded.array(name) for name in ("theta", "betas", "latents"))
+    theta, betas, latents = (encoded.array(name) for name in ("theta", "betas", LATENTS_OF[code]))
 
     def cut(sequence: MotionSequence) -> UnpaddedClip:
         shape = betas[rows[sequence.subject]]

@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
+from bridge.exchange.codes import AUTOENCODER, CodeName
 from bridge.exchange.input_kinds import InputKind, input_kind_of
 from bridge.exchange.weights import load_weights
 from bridge.paper import INPUT_SIZE, LATENT_SIZE
 from bridge.runs import Artifact
 
 _SCALING = "scaling/"
+COMPARED = "compared"
+"""Preset of predictors that are there to be compared with: `evaluate` knows them, nothing else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +112,28 @@ def load_trained_dsnet(train: Artifact, name: str | None = None) -> TrainedDsnet
     Raises
     ------
     DsnetError
-        If that predictor was not trained in this run.
+        If that predictor was not trained in this run, or is only there to be compared with.
     """
     chosen = name or train.manifest["default"]
     check_trained(train, chosen)
+    if chosen not in dsnets_of(train):
+        raise DsnetError(
+            f"predictor {chosen!r}, which is trained only to be compared with",
+            f"one of {', '.join(dsnets_of(train)) or '(none was trained)'}",
+            "Name one of these; `dsnet evaluate` has the errors of the others.",
+        )
     return TrainedDsnet.from_arrays(chosen, load_weights(train.file(f"{chosen}.safetensors")))
+
+
+def dsnets_of(train: Artifact) -> list[str]:
+    """Names of the predictors of a finished `train` that are DSNet as it is used."""
+    found = train.manifest["predictors"]
+    return [name for name, entry in found.items() if entry["preset"] != COMPARED]
+
+
+def code_of(train: Artifact, name: str) -> CodeName:
+    """Which code's latents a predictor of a finished `train` gives."""
+    return train.manifest["predictors"][name].get("code", AUTOENCODER)
 
 
 def check_trained(train: Artifact, name: str) -> None:

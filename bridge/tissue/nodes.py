@@ -49,7 +49,7 @@ class TissueNodes:
     def of(cls, body: BodyModelData, count: int) -> TissueNodes:
         """Spread `count` nodes evenly over the template, farthest point first."""
         template, faces = np.asarray(body.v_template, np.float64), body.faces
-        vertices = _farthest_points(template, count)
+        vertices = farthest_points(template, count)
         areas_m2, laplacian = vertex_areas_m2(template, faces), cotangent_laplacian(template, faces)
         bending = laplacian @ sp.diags(1 / areas_m2) @ laplacian
         owners, shares = _largest(_between(bending, vertices), _NODES_PER_VERTEX)
@@ -111,7 +111,8 @@ def _per_frame(matrix: sp.csr_matrix, values: NDArray[np.float32]) -> NDArray[np
     return np.ascontiguousarray((matrix @ flat).reshape(-1, count, axes).transpose(1, 0, 2))
 
 
-def _farthest_points(points: NDArray, count: int) -> NDArray[np.int64]:
+def farthest_points(points: NDArray, count: int) -> NDArray[np.int64]:
+    """(count,) which of (P, 3): spread evenly, each the farthest from those before it."""
     chosen, distance = [0], np.linalg.norm(points - points[0], axis=1)
     while len(chosen) < count:
         chosen.append(int(distance.argmax()))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bridge.exchange import load_weights
 from bridge.exchange.clips import load_unpadded_clips, make_clips
 from bridge.exchange.input_kinds import POSES
-from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
+from bridge.exchange.trained_dsnet import TrainedDsnet, dsnets_of, load_trained_dsnet
 from bridge.runs import Artifact, Run
 from bridge.runs.processes import notify
 from bridge.verify.checks import (
@@ -32,7 +32,7 @@ def trained_plan(run: Run) -> Plan:
     plan = Plan([], {})
     if run.finished("train"):
         train, encoded = run.artifact("train"), run.artifact("encode")
-        for name in train.manifest["predictors"]:
+        for name in dsnets_of(train):
             plan = plan + _dsnet(load_trained_dsnet(train, name), encoded)
     if run.finished("train-ae"):
         plan = plan + _autoencoder(run.artifact("train-ae"), run.artifact("align"))

@@ -36,8 +36,9 @@ def write_encoded(path: Path) -> None:
             "theta": theta.astype(np.float32),
             "betas": rng.normal(size=(len(SUBJECTS), 10)).astype(np.float32),
             "latents": latents.astype(np.float32),
+            "latents_pca": (1e-3 * latents[:, ::-1]).astype(np.float32),
         },
-        units={"theta": "rad, then m", "betas": "1", "latents": "latent unit"},
+        units={"theta": "rad, then m", "betas": "1", "latents": "latent unit", "latents_pca": "m"},
         data="synthetic",
         sequences=to_manifest(sequences),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from tf_dsnet.stage_predict import PredictStageConfig
 from tf_dsnet.stage_train import TrainConfig
 
 NAME = "dsnet_differences"
+NO_BODY = partial(pytest.fail, "it was not to ask for a body")
 TINY = TrainConfig(
     run="tiny", epochs=3, frames=32, validate_every=2, checkpoint_every=2, predictors=(NAME,)
 )
@@ -53,7 +55,7 @@ def test_the_papers_network_is_counted_where_both_are_trained(encoded_run):
 
 
 def test_frame_by_frame_is_the_whole_clip(trained):
-    whole = load_predictor(trained, NAME)(THETA, BETAS)
+    whole = load_predictor(trained, NAME, NO_BODY)(THETA, BETAS)
     loaded = load_trained_dsnet(trained, NAME)
     inputs = loaded.input_kind.of(join_inputs(THETA, BETAS)).astype(np.float32)
     network = SteppedDsnet(loaded)
@@ -62,7 +64,7 @@ def test_frame_by_frame_is_the_whole_clip(trained):
 
 
 def test_it_does_not_know_where_it_is(trained):
-    predict = load_predictor(trained, NAME)
+    predict = load_predictor(trained, NAME, NO_BODY)
     here, there = (predict(THETA + by, BETAS) for by in (0.0, 2.0))
     np.testing.assert_allclose(here, there, rtol=1e-3, atol=1e-3)
     assert np.abs(here - predict(2 * THETA, BETAS)).max() > 1e-2

@@ -6,9 +6,11 @@ from collections.abc import Iterable
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
+from bridge.exchange.trained_dsnet import COMPARED as COMPARED_PRESET
 from bridge.exchange.trained_dsnet import check_trained
 from bridge.runs import Artifact
 from tf_dsnet.predictors.base import (
+    BodyOf,
     PredictMotion,
     Predictor,
     PredictorSettings,
@@ -18,13 +20,17 @@ from tf_dsnet.predictors.base import (
 from tf_dsnet.predictors.dsnet_differences import DifferencesDsnet
 from tf_dsnet.predictors.dsnet_faithful import FaithfulDsnet
 from tf_dsnet.predictors.dsnet_standardised import StandardisedDsnet
+from tf_dsnet.predictors.dsnet_variants import VARIANTS
 
 PREDICTORS: dict[str, Predictor] = {
-    entry.name: entry for entry in (StandardisedDsnet(), FaithfulDsnet(), DifferencesDsnet())
+    entry.name: entry
+    for entry in (StandardisedDsnet(), FaithfulDsnet(), DifferencesDsnet(), *VARIANTS)
 }
 """Every predictor by name."""
 BOTH_PRESETS = ("dsnet_standardised", "dsnet_faithful")
 """Those that are trained unless others are named: the paper's network."""
+COMPARED = tuple(name for name, entry in PREDICTORS.items() if entry.preset == COMPARED_PRESET)
+"""Those that are there to be compared with, each given the same care."""
 
 
 def predictors_named(names: Iterable[str]) -> list[Predictor]:
@@ -45,8 +51,8 @@ def predictors_named(names: Iterable[str]) -> list[Predictor]:
     return [PREDICTORS[name] for name in names]
 
 
-def load_predictor(train: Artifact, name: str) -> PredictMotion:
-    """One predictor that the run has trained.
+def load_predictor(train: Artifact, name: str, body: BodyOf) -> PredictMotion:
+    """One predictor that the run has trained, for motions of `body`.
 
     Raises
     ------
@@ -55,12 +61,14 @@ def load_predictor(train: Artifact, name: str) -> PredictMotion:
     """
     check_trained(train, name)
     (entry,) = predictors_named([name])
-    return entry.load(load_weights(train.file(f"{name}.safetensors")))
+    return entry.load(load_weights(train.file(f"{name}.safetensors")), body)
 
 
 __all__ = [
     "BOTH_PRESETS",
+    "COMPARED",
     "PREDICTORS",
+    "BodyOf",
     "PredictMotion",
     "Predictor",
     "PredictorSettings",

@@ -9,17 +9,23 @@ from typing import Protocol
 
 from numpy.typing import NDArray
 
+from bridge.body import BodyModelData
 from bridge.exchange.clips import UnpaddedClip
+from bridge.exchange.codes import CodeName
 from bridge.options import NonNegativeFloat, PositiveFloat, PositiveInt, Seed
 
 PredictMotion = Callable[[NDArray, NDArray], NDArray]
 """Latents (T, 100) of a motion theta (T, 69) of a body of shape betas (10,)."""
+BodyOf = Callable[[], BodyModelData]
+"""Gives the run's body model; most predictors never ask."""
 
 
 @dataclass(frozen=True)
 class PredictorSettings:
     """What a user may set about how predictors are trained."""
 
+    epochs: PositiveInt = 500
+    """Epochs of each predictor (the paper does not say how many)."""
     seed: Seed = 0
     """Seed of the initial weights and of the order of the clips."""
     frames: PositiveInt = 300
@@ -38,11 +44,18 @@ class PredictorSettings:
 
 @dataclass(frozen=True)
 class TrainingData:
-    """The run's sequences, each at its own length and in its own units."""
+    """The run's sequences, each at its own length and in its own units; latents of one code."""
 
     train: list[UnpaddedClip]
     validation: list[UnpaddedClip]
     """Only looked at."""
+    body: BodyOf
+    """That `theta` moves and `betas` shape."""
+
+    @property
+    def people(self) -> int:
+        """How many shapes are trained on."""
+        return len({clip.betas.tobytes() for clip in self.train})
 
 
 class PredictorTraining(Protocol):
@@ -52,6 +65,11 @@ class PredictorTraining(Protocol):
     """Of every epoch so far; a checkpoint's are there from the start."""
     validation_losses: list[float]
     """Of every epoch that was validated."""
+
+    @property
+    def lr(self) -> float:
+        """Learning rate, the chosen one where it was searched for; 0 if there is none."""
+        ...
 
     @property
     def epoch_s(self) -> float | None:
@@ -90,11 +108,12 @@ class Predictor(Protocol):
 
     @property
     def preset(self) -> str:
-        """Which choice it makes where the paper is silent."""
+        """Which choice it makes where the paper is silent; `COMPARED` if it is only compared."""
         ...
 
-    def lr(self, settings: PredictorSettings) -> float:
-        """Learning rate."""
+    @property
+    def code(self) -> CodeName:
+        """Which latents it learns."""
         ...
 
     def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
@@ -107,6 +126,6 @@ class Predictor(Protocol):
         """Begin training, or go on from `checkpoint` if that file is there."""
         ...
 
-    def load(self, arrays: Mapping[str, NDArray]) -> PredictMotion:
+    def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
         """A trained predictor from what `PredictorTraining.arrays` gave."""
         ...

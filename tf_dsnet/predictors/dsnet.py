@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.exchange.clips import UnpaddedClip, join_inputs, make_clips
+from bridge.exchange.codes import AUTOENCODER, CodeName
 from bridge.exchange.input_kinds import POSES, InputKind
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from tf_dsnet.framework import tf
 from tf_dsnet.model import assign_weights, build_dsnet
-from tf_dsnet.predictors.base import PredictorSettings, TrainingData
+from tf_dsnet.predictors.base import BodyOf, PredictorSettings, TrainingData
 from tf_dsnet.trainer import DsnetTraining, Trainer
 
 PAPER_LR = 1e-4
@@ -29,6 +30,11 @@ class DsnetPredictor(ABC):
     name: str
     label: str
     preset: str
+
+    @property
+    def code(self) -> CodeName:
+        """The paper's."""
+        return AUTOENCODER
 
     @property
     def input_kind(self) -> InputKind:
@@ -56,7 +62,9 @@ class DsnetPredictor(ABC):
         self, settings: PredictorSettings, data: TrainingData, checkpoint: Path
     ) -> DsnetTraining:
         """Begin training, or go on from `checkpoint` if that file is there."""
-        data = TrainingData(self._inputs(data.train), self._inputs(data.validation))
+        data = replace(
+            data, train=self._inputs(data.train), validation=self._inputs(data.validation)
+        )
         scaling = self.scaling(settings, data)
         train, validation = (
             make_clips(part, scaling, settings.frames) for part in (data.train, data.validation)
@@ -71,7 +79,7 @@ class DsnetPredictor(ABC):
         trainer.trace()
         return DsnetTraining(self.name, trainer, scaling, validation, checkpoint)
 
-    def load(self, arrays: Mapping[str, NDArray]) -> DsnetOfMotions:
+    def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> DsnetOfMotions:
         """A trained network, applied to whole motions."""
         return DsnetOfMotions(TrainedDsnet.from_arrays(self.name, arrays))
 

@@ -14,9 +14,11 @@ from torch import Tensor
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
+from bridge.exchange.codes import AUTOENCODER, PCA, PCA_FILE, CodeName
 from bridge.runs import Artifact
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import Normaliser
+from torch_align_ae.autoencoder.pca import OffsetCodec, PcaCodec
 
 WEIGHTS_FILE = "autoencoder.safetensors"
 _BATCH = 64
@@ -36,6 +38,11 @@ class Codec:
     def decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
         """Latents (B, 100) to offsets (B, V, 3) in metres."""
         return _in_batches(lambda z: self.normaliser.denormalise(self.model.decode(z)), latents)
+
+    @property
+    def vertex_count(self) -> int:
+        """V."""
+        return len(self.normaliser.mean_m)
 
     def architecture(self) -> dict[str, Any]:
         """What a manifest must say so that `load_codec` can build the network again."""
@@ -63,6 +70,30 @@ def load_codec(artifact: Artifact, name: str = WEIGHTS_FILE) -> Codec:
         If the weights are missing, damaged, or of another network.
     """
     return read_codec(artifact.file(name), artifact.manifest["architecture"])
+
+
+def load_codecs(artifact: Artifact) -> dict[CodeName, OffsetCodec]:
+    """Every code of a finished `train-ae` stage.
+
+    Raises
+    ------
+    DsnetError
+        If a file is missing, damaged, or of another code.
+    """
+    return {AUTOENCODER: load_codec(artifact), PCA: read_pca(artifact.file(PCA_FILE))}
+
+
+def read_pca(path: Path) -> PcaCodec:
+    """Load the linear code from its file."""
+    arrays = load_weights(path)
+    named = set(arrays) == {"mean_m", "components"}
+    if not named or arrays["components"].shape[1:] != (arrays["mean_m"].size,):
+        raise DsnetError(
+            f"{path} with {', '.join(sorted(arrays)) or 'no arrays'}",
+            "mean_m (V, 3) and components (K, V * 3)",
+            "Delete the folder and run `dsnet train-ae` again.",
+        )
+    return PcaCodec(arrays["mean_m"], arrays["components"])
 
 
 def read_codec(path: Path, architecture: Mapping[str, Any]) -> Codec:

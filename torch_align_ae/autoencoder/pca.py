@@ -50,6 +50,15 @@ class PcaCodec:
         rotation = np.linalg.eigh(inner)[1][:, ::-1][:, :size]
         return cls(mean, np.ascontiguousarray((basis @ rotation.astype(np.float32)).T))
 
+    @property
+    def vertex_count(self) -> int:
+        """V."""
+        return len(self.mean_m)
+
+    def arrays(self) -> dict[str, NDArray[np.float32]]:
+        """What a file holds."""
+        return {"mean_m": self.mean_m, "components": self.components}
+
     def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """Offsets (B, V, 3) in metres to coefficients (B, K) in metres."""
         centred = np.asarray(offsets_m - self.mean_m, dtype=np.float32)
@@ -83,6 +92,11 @@ def _covariance_times(
 
 class OffsetCodec(Protocol):
     """Anything that turns offsets (B, V, 3) in metres into latents and back."""
+
+    @property
+    def vertex_count(self) -> int:
+        """V."""
+        ...
 
     def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """Offsets to latents."""

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from tqdm import tqdm
 
+from bridge.exchange.codes import AUTOENCODER, CodeName
 from bridge.motion import sequences_of, to_manifest
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import Artifact, ArtifactWriter, Run
-from torch_align_ae.autoencoder.codec import Codec, load_codec
-
-AUTOENCODER = "autoencoder"
-"""Name of what the autoencoder makes of the aligned offsets themselves."""
+from torch_align_ae.autoencoder.codec import load_codecs
+from torch_align_ae.autoencoder.pca import OffsetCodec
 
 
 @dataclass(frozen=True)
@@ -40,19 +40,24 @@ def main(config: DecodeConfig) -> None:
         "decode",
         config,
         lambda writer: _make(
-            upstream["predict"], upstream["encode"], load_codec(upstream["train-ae"]), writer
+            upstream["predict"], upstream["encode"], load_codecs(upstream["train-ae"]), writer
         ),
         data=upstream["encode"].origin,
         upstream=upstream,
     )
 
 
-def _make(predict: Artifact, encode: Artifact, codec: Codec, writer: ArtifactWriter) -> None:
+def _make(
+    predict: Artifact,
+    encode: Artifact,
+    codecs: Mapping[CodeName, OffsetCodec],
+    writer: ArtifactWriter,
+) -> None:
     chosen = decoded_sequences(sequences_of(predict))
     placed = end_to_end(chosen)
     aligned = {sequence.name: sequence for sequence in sequences_of(encode)}
-    shape = (sum(sequence.length for sequence in chosen), *codec.normaliser.mean_m.shape)
-    predictors = predict.manifest["predictors"]
+    shape = (sum(sequence.length for sequence in chosen), codecs[AUTOENCODER].vertex_count, 3)
+    predictors, codes = predict.manifest["predictors"], predict.manifest.get("codes", {})
     decoded = {
         name: writer.open_array(f"offsets_{name}", shape, np.float32, "m")
         for name in (*predictors, AUTOENCODER)
@@ -64,7 +69,8 @@ def _make(predict: Artifact, encode: Artifact, codec: Codec, writer: ArtifactWri
         if known := aligned.get(source.name):
             latents[AUTOENCODER] = encode.array("latents")[known.frames]
         for name, values in latents.items():
-            decoded[name][target.frames] = codec.decode(values)
+            code = codecs[codes.get(name, AUTOENCODER)]
+            decoded[name][target.frames] = code.decode(values)
     writer.record(
         sequences=to_manifest(placed), predictors=predictors, default=predict.manifest["default"]
     )

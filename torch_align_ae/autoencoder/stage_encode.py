@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from tqdm import tqdm
 
 from bridge.errors import DsnetError
+from bridge.exchange.codes import AUTOENCODER, LATENTS_OF, UNITS, CodeName
 from bridge.motion import sequences_of, to_manifest
 from bridge.paper import LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
-from torch_align_ae.autoencoder.codec import Codec, load_codec
+from torch_align_ae.autoencoder.codec import load_codecs
+from torch_align_ae.autoencoder.pca import OffsetCodec
 
 
 @dataclass(frozen=True)
 class EncodeConfig:
     """Encode all aligned offsets: about 2 ms a frame on two cores, 1 GB of memory.
 
-    Gives the latents that DSNet learns to predict, and their mean and standard deviation.
+    Gives the latents that DSNet learns to predict, with their mean and standard deviation, and
+    those of the linear code.
     """
 
     run: str = "demo"
@@ -35,18 +39,20 @@ def main(config: EncodeConfig) -> None:
     run.build(
         "encode",
         config,
-        lambda writer: _make(align, load_codec(trained), writer),
+        lambda writer: _make(align, load_codecs(trained), writer),
         data=align.origin,
         upstream={"align": align, "train-ae": trained},
     )
 
 
-def _make(align: Artifact, codec: Codec, writer: ArtifactWriter) -> None:
+def _make(align: Artifact, codecs: Mapping[CodeName, OffsetCodec], writer: ArtifactWriter) -> None:
     sequences = sequences_of(align)
     offsets_m = align.array("offsets")
-    latents = np.zeros((len(offsets_m), LATENT_SIZE), np.float32)
+    coded = {code: np.zeros((len(offsets_m), LATENT_SIZE), np.float32) for code in codecs}
     for sequence in tqdm(sequences, desc="encode", unit="sequence", disable=None):
-        latents[sequence.frames] = codec.encode(offsets_m[sequence.frames])
+        for code, codec in codecs.items():
+            coded[code][sequence.frames] = codec.encode(offsets_m[sequence.frames])
+    latents = coded[AUTOENCODER]
     training = [latents[s.frames] for s in sequences if s.split == "train"]
     if not training:
         raise DsnetError(
@@ -55,7 +61,8 @@ def _make(align: Artifact, codec: Codec, writer: ArtifactWriter) -> None:
             "Align more sequences, or name another validation sequence: dsnet align --help.",
         )
     known = np.concatenate(training).astype(np.float64)
-    writer.put("latents", latents, "1")
+    for code, unit in UNITS.items():
+        writer.put(LATENTS_OF[code], coded[code], unit)
     writer.put("latent_mean", known.mean(axis=0).astype(np.float32), "1")
     writer.put("latent_std", known.std(axis=0).astype(np.float32), "1")
     writer.put("theta", align.array("theta"), "rad, then m")

@@ -11,6 +11,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from bridge.exchange import save_weights
+from bridge.exchange.codes import PCA_FILE
 from bridge.motion import sequences_of
 from bridge.motion.splits import (
     FrameSplit,
@@ -38,8 +40,9 @@ TrialName = Literal["literal", "measured", "short", "sequence_split", "all_frame
 class TrainAutoencoderConfig:
     """Train the mesh autoencoder: about 0.9 s a step of 64 frames on two cores, 1.5 GB of memory.
 
-    Gives `autoencoder.safetensors` (weights and normaliser), the losses, and the share of the
-    validation offsets' energy that it keeps, beside PCA with as many components.
+    Gives `autoencoder.safetensors` (weights and normaliser), `pca.safetensors`, the linear code of
+    the same frames and size, the losses, and the share of the
+    validation offsets' energy that both keep.
     """
 
     run: str = "demo"
@@ -116,10 +119,12 @@ def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWrite
     codec, result, summary = _run_trial(config, _main_trial(config), align, writer)
     codec.save(writer.file_path(WEIGHTS_FILE))
     _put_losses(writer, "", result)
+    linear = _fitted_pca(config, align)
+    save_weights(writer.file_path(PCA_FILE), linear.arrays())
     writer.record(
         architecture=codec.architecture(),
         autoencoder=summary,
-        pca=_pca_baseline(config, align),
+        pca=_pca_baseline(config, align, linear),
         parameters=parameter_counts(),
     )
     del codec
@@ -237,12 +242,17 @@ def _new_model(
     return model
 
 
-def _pca_baseline(config: TrainAutoencoderConfig, align: Artifact) -> dict[str, Any]:
+def _fitted_pca(config: TrainAutoencoderConfig, align: Artifact) -> PcaCodec:
+    """Of the frames that the autoencoder is trained on."""
+    frames = _split(config, _main_trial(config), align).train
+    return PcaCodec.fit(align.array("offsets"), frames, LATENT_SIZE, seed=config.seed)
+
+
+def _pca_baseline(
+    config: TrainAutoencoderConfig, align: Artifact, codec: PcaCodec
+) -> dict[str, Any]:
     offsets_m = align.array("offsets")
-    split = _split(
-        config, Trial("pca", config.preset, config.split, config.include_held_out), align
-    )
-    codec = PcaCodec.fit(offsets_m, split.train, LATENT_SIZE, seed=config.seed)
+    split = _split(config, _main_trial(config), align)
     return {
         "components": len(codec.components),
         "r2_validation": reconstruction_r2(codec, offsets_m, split.validation),
