@@ -21,6 +21,7 @@ from tf_dsnet.predictors.base import BodyOf, PredictorSettings
 from tf_dsnet.predictors.history_noise import HistoryNoise
 from tf_dsnet.predictors.kinematics import KINEMATICS_SIZE, kinematics
 from tf_dsnet.predictors.searched import SearchedNetwork
+from tf_dsnet.trainer import LossOf
 
 HIDDEN = 512
 """Units of each of two hidden layers."""
@@ -64,11 +65,9 @@ class CasasOtaduyLike(SearchedNetwork):
         """Measure the noise."""
         model.get_layer("noise").set_spread(np.tile(second_differences(clips), PAST_FRAMES))
 
-    def loss_of(self, target: Tensor, predicted: Tensor, real: Tensor | None) -> Tensor:
-        """Mean over real frames of the squared distance of latents (B, T, 100)."""
-        squared = tf.reduce_sum(tf.square(predicted - target), axis=-1)
-        counted = tf.ones_like(squared) if real is None else tf.cast(real, squared.dtype)
-        return tf.reduce_sum(counted * squared) / tf.reduce_sum(counted)
+    def loss_for(self, clips: Clips) -> LossOf:
+        """Squares."""
+        return mean_squared_distance
 
 
 class TwoFrameNetwork(keras.Model):
@@ -110,6 +109,13 @@ class TwoFrameNetwork(keras.Model):
 
         latents, _ = tf.scan(step, tf.transpose(motion, (1, 0, 2)), (nothing, nothing))
         return tf.transpose(latents, (1, 0, 2))
+
+
+def mean_squared_distance(target: Tensor, predicted: Tensor, real: Tensor | None) -> Tensor:
+    """Mean over real frames (B, T), or all, of the squared distance of latents (B, T, 100)."""
+    squared = tf.reduce_sum(tf.square(predicted - target), axis=-1)
+    counted = tf.ones_like(squared) if real is None else tf.cast(real, squared.dtype)
+    return tf.reduce_sum(counted * squared) / tf.reduce_sum(counted)
 
 
 def second_differences(clips: Clips) -> NDArray[np.float32]:

@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange.clips import Clips, fit_scaling, join_inputs, make_clips
+from bridge.exchange.clips import Clips, UnpaddedClip, fit_scaling, join_inputs, make_clips
 from bridge.exchange.codes import CodeName
 from bridge.exchange.trained_dsnet import COMPARED, Scaling, TrainedDsnet
 from bridge.exchange.weights import refuse_nonfinite
-from tf_dsnet.framework import Tensor, keras, tf
+from tf_dsnet.framework import keras, tf
 from tf_dsnet.losses import sum_of_distances
 from tf_dsnet.model import assign_weights
 from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
 from tf_dsnet.predictors.rate_search import RATES, SEARCH_SHARE, RateSearch
-from tf_dsnet.trainer import Trainer
+from tf_dsnet.trainer import LossOf, Trainer
 
 _REMEDY = "Leave this predictor out: dsnet train --help names the others."
 
@@ -45,12 +45,20 @@ class SearchedNetwork(ABC):
     def build(self, *, input_size: int, masked: bool = False, people: int = 1) -> keras.Model:
         """The network, fresh: (B, T, I), and (B, T) real frames if masked, to (B, T, 100)."""
 
+    def scaling(self, train: list[UnpaddedClip], settings: PredictorSettings) -> Scaling:
+        """How inputs and latents are scaled, of what is told of the training clips."""
+        return fit_scaling(train, settings.min_input_std)
+
+    def examples(self, clips: Clips) -> Clips:
+        """What is learned from, of scaled clips; most learn from these."""
+        return clips
+
     def prepare(self, model: keras.Model, clips: Clips) -> None:  # noqa: B027
         """Set what is not learned by descent, of the training clips; most have nothing."""
 
-    def loss_of(self, target: Tensor, predicted: Tensor, real: Tensor | None) -> Tensor:
-        """Loss of latents (B, T, 100); the paper's."""
-        return sum_of_distances(target, predicted, real)
+    def loss_for(self, clips: Clips) -> LossOf:
+        """The loss, which may depend on the training clips; the paper's does not."""
+        return sum_of_distances
 
     def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
         """Where it leaves the paper."""
@@ -74,8 +82,11 @@ class SearchedNetwork(ABC):
             [replace(clip, inputs=self.told(clip.inputs, data.body)) for clip in part]
             for part in (data.train, data.validation)
         )
-        scaling = fit_scaling(train, settings.min_input_std)
-        clips, held_out = (make_clips(p, scaling, settings.frames) for p in (train, validation))
+        scaling = self.scaling(train, settings)
+        clips, held_out = (
+            self.examples(make_clips(part, scaling, settings.frames))
+            for part in (train, validation)
+        )
         masked = self.masked or settings.masked
         trainer = Trainer(
             clips,
@@ -84,7 +95,7 @@ class SearchedNetwork(ABC):
             masked=masked,
             seed=settings.seed,
             build=partial(self.build, masked=masked, people=data.people),
-            loss_of=self.loss_of,
+            loss_of=self.loss_for(clips),
         )
         self.prepare(trainer.model, clips)
         trainer.trace()
