@@ -113,6 +113,18 @@ def test_a_law_that_would_grow_is_damped_at_every_shape_and_keeps_its_frequencie
     assert np.abs(rolled[-300:]).max() < 3 * np.abs(rolled[:300]).max()
 
 
+def test_a_law_that_grows_only_between_two_people_is_damped_too():
+    """Of two matrices with all eigenvalues 0, the mean can have one above 1."""
+    weights = np.zeros((2, 2 + 2 + 1, 2))
+    one, other = np.array([[0.0, 3.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [3.0, 0.0]])
+    weights[0, :2], weights[1, :2] = (one + other) / 2, (other - one) / 2
+    law = Autoregression(weights)
+    found = [law.spectral_radius(s) for s in (-1.0, 0.0, 1.0)]
+    np.testing.assert_allclose(found, [0.0, 1.5, 0.0], atol=1e-6)
+    calm = law.made_to_decay(-1.0, 1.0)
+    assert max(calm.spectral_radius(s) for s in np.linspace(-1, 1, 101)) <= DECAYING + 1e-9
+
+
 def test_a_law_that_decays_is_left_alone():
     law = oscillators(0.95)
     assert law.made_to_decay(-1.0, 1.5) is law

@@ -99,6 +99,16 @@ def test_the_ridge_is_that_of_the_least_error_on_its_own_past(data, body, monkey
     assert error == errors[id(found)] == min(errors.values()) < max(errors.values())
 
 
+def test_what_grows_in_the_clips_decays_in_the_law():
+    growing = Autoregression(np.zeros((2, 4, 1)))
+    growing.weights[0, :, 0] = 2 * 1.02 * np.cos(0.3), -(1.02**2), 1.0, 0.0
+    drivers = np.random.default_rng(1).normal(size=(3, 60, 1))
+    clips = [DrivenClip(x, growing.roll(x, s), s) for x, s in zip(drivers, (-1, 0, 1), strict=True)]
+    found, _ = fit_law(clips[:2], clips[2:])
+    assert [found.spectral_radius(s) < 1 for s in (-1.0, -0.5, 0.0)] == [True] * 3
+    assert found.spectral_radius(-0.5) > 0.9
+
+
 def test_no_later_frame_and_no_target_is_looked_at(trained, data, body):
     predict = ENTRY.load(trained.arrays(), lambda: body)
     theta = np.array(data.validation[0].inputs[:, N_BETAS:])
