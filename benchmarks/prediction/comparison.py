@@ -49,7 +49,8 @@ class ComparisonConfig:
     """
 
     out: Path
-    """Folder that receives a score a file, comparison.json, comparison.md and figures."""
+    """Folder that receives a score a file, comparison.json and figures; beside it lies the page,
+    of the same name with .md."""
     corpora: tuple[str, ...] = ("own",)
     """Which corpora of the test bed."""
     seeds: tuple[int, ...] = (0,)
@@ -86,7 +87,7 @@ def main(config: ComparisonConfig) -> dict[str, Any]:
     }
     text = json.dumps(results, indent=1) + "\n"
     write_text_atomically(config.out / "comparison.json", text)
-    write_text_atomically(config.out / "comparison.md", markdown(config.out))
+    write_text_atomically(page_path(config.out), markdown(config.out))
     draw_figures(config.out, read_scores(config.out))
     return results
 
@@ -94,7 +95,12 @@ def main(config: ComparisonConfig) -> dict[str, Any]:
 def markdown(folder: Path) -> str:
     """The page, of the folder's scores."""
     results = json.loads((folder / "comparison.json").read_text())
-    return page(read_scores(folder), results["command"])
+    return page(read_scores(folder), results["command"], folder.name)
+
+
+def page_path(folder: Path) -> Path:
+    """Where the folder's page is."""
+    return folder.with_name(f"{folder.name}.md")
 
 
 def read_scores(folder: Path) -> list[dict[str, Any]]:

@@ -38,8 +38,8 @@ _FIGURES = (
 )
 
 
-def page(scores: Sequence[Mapping[str, Any]], command: str) -> str:
-    """The whole page."""
+def page(scores: Sequence[Mapping[str, Any]], command: str, folder: str) -> str:
+    """The whole page, which lies beside its folder."""
     corpora = dict.fromkeys(score["corpus"] for score in scores)
     of = {corpus: [s for s in scores if s["corpus"] == corpus] for corpus in corpora}
     seeds = sorted({score["seed"] for score in scores})
@@ -47,7 +47,7 @@ def page(scores: Sequence[Mapping[str, Any]], command: str) -> str:
         sections="\n\n".join(_section(corpus, own) for corpus, own in of.items()),
         seeds=f"training seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}",
         command=command,
-        figures="\n".join(f"![{text}]({name})" for name, text in _FIGURES),
+        figures="\n".join(f"![{text}]({folder}/{name})" for name, text in _FIGURES),
         systems="\n".join(_described(scores[0])),
     )
 
