@@ -6,55 +6,33 @@ python tools/update_rates.py RUN       after `./reproduce.sh --run RUN`, with bo
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 from bridge.motion import sequences_of
-from bridge.plan.costs import Material, rate_name, works
+from bridge.plan.costs import Material, MeasuredRun, Rate, rate_name, works
 from bridge.runs import Artifact, Run, read_artifact
 from bridge.runs.folders import MANIFEST
 
-RATES = Path(__file__).parents[1] / "bridge" / "plan" / "rates.py"
+RATES_FILE = Path(__file__).parents[1] / "bridge" / "plan" / "rates.py"
 _MODULE = '''\
-"""What the stages of a measured run took; written by tools/update_rates.py, never typed."""
+"""What the stages of a finished run took; written by tools/update_rates.py, never typed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from bridge.plan.costs import MeasuredRun, Rate
 
-
-@dataclass(frozen=True)
-class Rate:
-    """One stage's cost in the measured run."""
-
-    seconds: float
-    """Wall time."""
-    amount: float
-    """Work done in it, as `bridge.plan.costs` counts it."""
-    memory_mb: int
-    """Largest resident memory."""
-
-
-@dataclass(frozen=True)
-class MeasuredRun:
-    """Where the rates are from."""
-
-    run: str
-    machine: str
-    day: str
-    """When it ended, UTC."""
-
-
-MEASURED = MeasuredRun("{run}", "{machine}", "{day}")
+MEASURED = MeasuredRun("{0.run}", "{0.machine}", "{0.day}")
 RATES = {{
-{rates}
-}}
+{1}}}
 '''
 
 
 def main() -> None:
     """Refresh the rates from the run that is named on the command line."""
     (name,) = sys.argv[1:]
-    RATES.write_text(rates_module(name, finished_stages(Run(name).path)), encoding="utf-8")
+    stages = finished_stages(Run(name).path)
+    RATES_FILE.write_text(rates_module(measured_run(name, stages), rates(stages)))
 
 
 def finished_stages(run: Path) -> dict[str, Artifact]:
@@ -63,23 +41,31 @@ def finished_stages(run: Path) -> dict[str, Artifact]:
     return {folder.name: read_artifact(folder) for folder in folders}
 
 
-def rates_module(run: str, stages: dict[str, Artifact]) -> str:
-    """The text of the module."""
+def measured_run(name: str, stages: Mapping[str, Artifact]) -> MeasuredRun:
+    """Where and when a run was made."""
+    last = stages["report"].manifest["provenance"]
+    return MeasuredRun(name, last["machine"], last["finished_utc"].partition("T")[0])
+
+
+def rates(stages: Mapping[str, Artifact]) -> dict[str, Rate]:
+    """Time, work and memory of each stage."""
     settings = {name: stage.manifest["config"] for name, stage in stages.items()}
     material = Material(sequences_of(stages["predict"]))
-    rows = []
+    found = {}
     for name, work in works(settings, material).items():
         made = stages[name].manifest["provenance"]
-        seconds, memory = made["wall_time_s"], made["peak_memory_mb"]
-        numbers = f"{seconds:.1f}, {round(work.amount)}, {memory}"
-        rows.append(f'    "{rate_name(name, settings)}": Rate({numbers}),')
-    last = stages["report"].manifest["provenance"]
-    return _MODULE.format(
-        run=run,
-        machine=last["machine"],
-        day=last["finished_utc"].partition("T")[0],
-        rates="\n".join(rows),
+        seconds, memory_mb = round(made["wall_time_s"], 1), made["peak_memory_mb"]
+        found[rate_name(name, settings)] = Rate(seconds, round(work.amount), memory_mb)
+    return found
+
+
+def rates_module(measured: MeasuredRun, found: Mapping[str, Rate]) -> str:
+    """The text of the module that holds them."""
+    rows = (
+        f'    "{name}": Rate({rate.seconds}, {rate.amount}, {rate.memory_mb}),\n'
+        for name, rate in found.items()
     )
+    return _MODULE.format(measured, "".join(rows))
 
 
 if __name__ == "__main__":

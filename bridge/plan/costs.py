@@ -44,6 +44,28 @@ class Work:
 
 
 @dataclass(frozen=True)
+class Rate:
+    """What one stage took in the measured run."""
+
+    seconds: float
+    """Wall time."""
+    amount: float
+    """Work done in it: `Work.amount`."""
+    memory_mb: int
+    """Largest resident memory."""
+
+
+@dataclass(frozen=True)
+class MeasuredRun:
+    """Where the rates are from."""
+
+    run: str
+    machine: str
+    day: str
+    """When it ended, UTC."""
+
+
+@dataclass(frozen=True)
 class Material:
     """The sequences of a run: those that are aligned, and those that are only predicted."""
 

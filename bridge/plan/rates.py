@@ -1,31 +1,8 @@
-"""What the stages of a measured run took; written by tools/update_rates.py, never typed."""
+"""What the stages of a finished run took; written by tools/update_rates.py, never typed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-
-@dataclass(frozen=True)
-class Rate:
-    """One stage's cost in the measured run."""
-
-    seconds: float
-    """Wall time."""
-    amount: float
-    """Work done in it, as `bridge.plan.costs` counts it."""
-    memory_mb: int
-    """Largest resident memory."""
-
-
-@dataclass(frozen=True)
-class MeasuredRun:
-    """Where the rates are from."""
-
-    run: str
-    machine: str
-    day: str
-    """When it ended, UTC."""
-
+from bridge.plan.costs import MeasuredRun, Rate
 
 MEASURED = MeasuredRun("demo", "Linux x86_64, 2 cores", "2026-11-22")
 RATES = {

@@ -149,7 +149,8 @@ def _table(stages: list[PlannedStage]) -> list[str]:
     for one in stages:
         cost = "-" if one.state == "done" else _duration(one.seconds)
         memory = "-" if one.state == "done" else f"{one.memory_mb / 1e3:.1f} GB"
-        rows.append((one.name, one.work.text, cost, memory, _size(one.disk_bytes), one.state))
+        disk = "-" if one.state == "done" else _size(one.disk_bytes)
+        rows.append((one.name, one.work.text, cost, memory, disk, one.state))
     left = [one for one in stages if one.state != "done"]
     rows.append(
         (
@@ -178,9 +179,10 @@ def _notes(stages: list[PlannedStage]) -> list[str]:
     verdict = "enough" if free >= needed else "NOT ENOUGH"
     notes = [
         f"Disk: {_size(needed)} needed at most, {_size(free)} free at {root}: {verdict}.",
-        "Times are estimates for two cores with nothing else to do: each stage's work at what it "
-        f"took in run {MEASURED.run!r},\nmeasured on {MEASURED.machine}, {MEASURED.day}. Memory is "
-        "that run's; stages read large arrays in pieces, so that it hardly grows.",
+        "Times are estimates for two cores with nothing else to do: each stage's work at what it",
+        f"took in run {MEASURED.run!r}, measured on {MEASURED.machine}, {MEASURED.day}. Short runs take",
+        "longer, for a stage needs seconds to start. Memory is that run's: stages read large arrays",
+        "in pieces.",
     ]
     if any(one.state == "begun" for one in stages):
         notes.append(
