@@ -76,7 +76,7 @@ existing() {
 
 run_stages() {
     local profile=demo run="" seed=0 gender="" corpus=() align=() dyna=() predict=() licensed="" path
-    local plan=""
+    local aligner="" plan=""
     while (($#)); do
         case $1 in
             --plan) plan=yes && shift && continue ;;
@@ -96,7 +96,7 @@ run_stages() {
             --aligner)
                 [[ $2 == sgd || $2 == robust || $2 == both ]] ||
                     refuse "--aligner $2; expected sgd, robust or both."
-                align+=(--aligner "$2")
+                align+=(--aligner "$2") aligner=$2
                 ;;
             --smpl)
                 path=$(existing "$2")
@@ -130,6 +130,8 @@ run_stages() {
     fi
     for stage in corpus align train-ae encode train train-plus predict predict-plus decode evaluate report; do
         [[ $stage == corpus && -n $licensed ]] && continue
+        # The best road begins at the robust aligner's offsets.
+        [[ $stage == *-plus && $aligner == sgd ]] && continue
         echo "== dsnet $stage" >&2
         case $stage in
             corpus) .venv/bin/dsnet corpus "${common[@]}" ${corpus[@]+"${corpus[@]}"} ;;

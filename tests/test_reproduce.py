@@ -83,6 +83,7 @@ def test_aligner_is_handed_on(reproduce: Reproduce) -> None:
     for aligner in ("sgd", "robust", "both"):
         called = stages(reproduce("--aligner", aligner))
         assert called.pop("align").endswith(f"--aligner {aligner}")
+        assert ("train-plus" in called) == ("predict-plus" in called) == (aligner != "sgd")
     assert not any("aligner" in options for options in called.values())
 
 

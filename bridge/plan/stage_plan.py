@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+import textwrap
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -34,6 +35,7 @@ PROFILES = {
 }
 # Each imports its own framework, so that they are processes.
 _SIDES = ("torch_align_ae.plan", "tf_dsnet.plan")
+_LINE = 100
 _BEST_ROAD = ("train_plus", "predict_plus")
 State = Literal["", "begun", "done"]
 
@@ -177,12 +179,15 @@ def _notes(stages: list[PlannedStage]) -> list[str]:
     root = runs_root().resolve()
     free = shutil.disk_usage(next(p for p in (root, *root.parents) if p.is_dir())).free
     verdict = "enough" if free >= needed else "NOT ENOUGH"
+    estimates = (
+        "Times are estimates for two cores with nothing else to do: each stage's work at what it "
+        f"took in run {MEASURED.run!r}, measured on {MEASURED.machine}, {MEASURED.day}. Short runs "
+        "take longer, for a stage needs seconds to start. Memory is that run's: stages read large "
+        "arrays in pieces."
+    )
     notes = [
         f"Disk: {_size(needed)} needed at most, {_size(free)} free at {root}: {verdict}.",
-        "Times are estimates for two cores with nothing else to do: each stage's work at what it",
-        f"took in run {MEASURED.run!r}, measured on {MEASURED.machine}, {MEASURED.day}. Short runs take",
-        "longer, for a stage needs seconds to start. Memory is that run's: stages read large arrays",
-        "in pieces.",
+        *textwrap.wrap(estimates, _LINE),
     ]
     if any(one.state == "begun" for one in stages):
         notes.append(
