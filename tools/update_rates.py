@@ -54,8 +54,9 @@ def rates(stages: Mapping[str, Artifact]) -> dict[str, Rate]:
     found = {}
     for name, work in works(settings, material).items():
         made = stages[name].manifest["provenance"]
-        seconds, memory_mb = round(made["wall_time_s"], 1), made["peak_memory_mb"]
-        found[rate_name(name, settings)] = Rate(seconds, round(work.amount), memory_mb)
+        memory_mb = made["peak_memory_mb"] - work.mapped_bytes // 2**20
+        rate = Rate(round(made["wall_time_s"], 1), round(work.amount), memory_mb)
+        found[rate_name(name, settings)] = rate
     return found
 
 

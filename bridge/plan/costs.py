@@ -41,6 +41,8 @@ class Work:
     """Size of the artifact; what is less than a megabyte may be left out."""
     scratch_bytes: int = 0
     """What lies there besides only while the stage runs."""
+    mapped_bytes: int = 0
+    """Arrays in files that the stage maps into memory, and so may be resident."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class Rate:
     amount: float
     """Work done in it: `Work.amount`."""
     memory_mb: int
-    """Largest resident memory."""
+    """Largest resident memory besides `Work.mapped_bytes`, MiB."""
 
 
 @dataclass(frozen=True)
@@ -105,12 +107,15 @@ def frames_of(sequences: Iterable[MotionSequence]) -> int:
 def _truth(settings: Settings, material: Material) -> Work:
     frames = frames_of(material.sequences)
     arrays = 2 if settings["truth"]["form"] == "captured" else 1
-    return Work(frames, f"{frames:,} frames", arrays * frames * MESH_BYTES)
+    size = arrays * frames * MESH_BYTES
+    return Work(frames, f"{frames:,} frames", size, mapped_bytes=size)
 
 
 def _corpus(settings: Settings, material: Material) -> Work:
     frames = frames_of(material.aligned)
-    return Work(frames, f"{frames:,} frames", frames * MESH_BYTES)
+    # One process makes both, and the largest memory of a process is never forgotten.
+    mapped = _truth(settings, material).mapped_bytes
+    return Work(frames, f"{frames:,} frames", frames * MESH_BYTES, mapped_bytes=mapped)
 
 
 def _align(settings: Settings, material: Material) -> Work:
@@ -123,12 +128,14 @@ def _align(settings: Settings, material: Material) -> Work:
         + own["first_frame_steps"] * sequences
         + own["shape_steps"] * len(subjects_of(material.aligned))
     )
-    return Work(descent, f"{frames:,} frames of {own['steps']} steps", frames * MESH_BYTES)
+    size = frames * MESH_BYTES
+    return Work(descent, f"{frames:,} frames of {own['steps']} steps", size, mapped_bytes=size)
 
 
 def _align_robust(settings: Settings, material: Material) -> Work:
     frames = frames_of(material.aligned)
-    return Work(frames, f"{frames:,} frames", frames * MESH_BYTES)
+    size = frames * MESH_BYTES
+    return Work(frames, f"{frames:,} frames", size, mapped_bytes=size)
 
 
 def _train_ae(settings: Settings, material: Material) -> Work:
@@ -149,7 +156,11 @@ def _train_ae(settings: Settings, material: Material) -> Work:
     text += "".join(f", {name} {compared:,}" for name in own["comparisons"])
     weights = _FLOAT_BYTES * _autoencoder_parameters()
     amount = passes(steps) + len(own["comparisons"]) * passes(compared)
-    return Work(amount, text, weights, _CHECKPOINT_COPIES * weights)
+    return Work(amount, text, weights, _CHECKPOINT_COPIES * weights, _aligned_bytes(material))
+
+
+def _aligned_bytes(material: Material) -> int:
+    return frames_of(material.aligned) * MESH_BYTES
 
 
 def _autoencoder_parameters() -> int:
@@ -161,7 +172,8 @@ def _autoencoder_parameters() -> int:
 def _encode(settings: Settings, material: Material) -> Work:
     frames = frames_of(material.aligned)
     width = LATENT_SIZE + THETA_SIZE
-    return Work(frames, f"{frames:,} frames", _FLOAT_BYTES * width * frames)
+    size, mapped = _FLOAT_BYTES * width * frames, _aligned_bytes(material)
+    return Work(frames, f"{frames:,} frames", size, mapped_bytes=mapped)
 
 
 def _train(settings: Settings, material: Material) -> Work:
@@ -176,7 +188,8 @@ def _train_plus(settings: Settings, material: Material) -> Work:
     simulated = frames_of(material.trained)
     a_round = learned + _FORWARD_SHARE * simulated
     text = f"{own['rounds']} rounds of {own['steps']} steps"
-    return Work(own["rounds"] * a_round * own["nodes"], text)
+    amount = own["rounds"] * a_round * own["nodes"]
+    return Work(amount, text, mapped_bytes=_aligned_bytes(material))
 
 
 def _predict(settings: Settings, material: Material) -> Work:
@@ -187,13 +200,15 @@ def _predict(settings: Settings, material: Material) -> Work:
 
 def _predict_plus(settings: Settings, material: Material) -> Work:
     frames, arrays = frames_of(material.decoded), 1 + settings["train_plus"]["static"]
-    return Work(frames, f"{frames:,} frames", arrays * frames * MESH_BYTES)
+    size = arrays * frames * MESH_BYTES
+    return Work(frames, f"{frames:,} frames", size, mapped_bytes=size)
 
 
 def _decode(settings: Settings, material: Material) -> Work:
     # Besides each network's offsets those of the autoencoder itself.
     frames, arrays = frames_of(material.decoded), 1 + len(settings["train"]["predictors"])
-    return Work(frames * arrays, _in_arrays(frames, arrays), arrays * frames * MESH_BYTES)
+    size = arrays * frames * MESH_BYTES
+    return Work(frames * arrays, _in_arrays(frames, arrays), size, mapped_bytes=size)
 
 
 def _evaluate(settings: Settings, material: Material) -> Work:

@@ -48,8 +48,8 @@ class PlannedStage:
     work: Work
     seconds: float
     """Estimated; 0 if the stage is done."""
-    memory_mb: int
-    """Largest resident memory of the measured run."""
+    memory_bytes: int
+    """Largest resident memory, estimated; mapped files count."""
     state: State
 
     @property
@@ -117,7 +117,8 @@ def _planned(folder: Path, settings: Settings, material: Material) -> list[Plann
         state = _state(folder / name, settings, done)
         rate = RATES[rate_name(name, settings)]
         seconds = 0.0 if state == "done" else rate.seconds * work.amount / rate.amount
-        stages.append(PlannedStage(name, work, seconds, rate.memory_mb, state))
+        memory = rate.memory_mb * 2**20 + work.mapped_bytes
+        stages.append(PlannedStage(name, work, seconds, memory, state))
         done |= {name} if state == "done" else set()
     return stages
 
@@ -150,7 +151,7 @@ def _table(stages: list[PlannedStage]) -> list[str]:
     rows: list[tuple[str, ...]] = [("stage", "work", "time", "memory", "disk", "")]
     for one in stages:
         cost = "-" if one.state == "done" else _duration(one.seconds)
-        memory = "-" if one.state == "done" else f"{one.memory_mb / 1e3:.1f} GB"
+        memory = "-" if one.state == "done" else _size(one.memory_bytes)
         disk = "-" if one.state == "done" else _size(one.disk_bytes)
         rows.append((one.name, one.work.text, cost, memory, disk, one.state))
     left = [one for one in stages if one.state != "done"]
@@ -159,7 +160,7 @@ def _table(stages: list[PlannedStage]) -> list[str]:
             "together",
             "",
             _duration(sum(one.seconds for one in left)),
-            f"{max((one.memory_mb for one in left), default=0) / 1e3:.1f} GB",
+            _size(max((one.memory_bytes for one in left), default=0)),
             _size(sum(one.disk_bytes for one in left)),
             "",
         )
@@ -182,8 +183,8 @@ def _notes(stages: list[PlannedStage]) -> list[str]:
     estimates = (
         "Times are estimates for two cores with nothing else to do: each stage's work at what it "
         f"took in run {MEASURED.run!r}, measured on {MEASURED.machine}, {MEASURED.day}. Short runs "
-        "take longer, for a stage needs seconds to start. Memory is that run's: stages read large "
-        "arrays in pieces."
+        "take longer, for a stage needs seconds to start. Memory counts files that are mapped into "
+        "it, whose pages the system takes back when it is short."
     )
     notes = [
         f"Disk: {_size(needed)} needed at most, {_size(free)} free at {root}: {verdict}.",

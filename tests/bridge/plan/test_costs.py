@@ -91,6 +91,14 @@ def test_disk(found: dict[str, Work]) -> None:
     assert found["train-ae"].scratch_bytes > 4 * found["train-ae"].disk_bytes
 
 
+def test_mapped_files(found: dict[str, Work]) -> None:
+    meshes = {name: work.mapped_bytes / MESH_BYTES for name, work in found.items()}
+    assert meshes["truth"] == meshes["corpus"] == 150
+    assert meshes["train-ae"] == meshes["encode"] == meshes["train_plus"] == 110
+    assert meshes["decode"] == 300
+    assert meshes["evaluate"] == 0
+
+
 def test_as_many_steps_as_are_asked_for() -> None:
     asked = {"steps": 12, "comparisons": [], "validate_every": 5, "validation_frames": 9}
     work = works({"train-ae": TRAIN_AE | asked}, MATERIAL)["train-ae"]
