@@ -3,6 +3,7 @@
 #   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--aligner sgd|robust|both]
 #                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR]]      (licensed files: docs/data.md)
+#                  [--plan]            (what that would cost, stage by stage; nothing is run)
 #   ./reproduce.sh setup                the environment alone
 #   ./reproduce.sh test                 the environment, then linters, types and tests
 #   ./reproduce.sh test --slow          the tests that take minutes each, which `test` leaves out
@@ -75,8 +76,10 @@ existing() {
 
 run_stages() {
     local profile=demo run="" seed=0 gender="" corpus=() align=() dyna=() predict=() licensed="" path
+    local aligner="" plan=""
     while (($#)); do
         case $1 in
+            --plan) plan=yes && shift && continue ;;
             --profile | --run | --seed | --gender | --aligner | --smpl | --dyna | --amass) ;;
             *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
@@ -93,7 +96,7 @@ run_stages() {
             --aligner)
                 [[ $2 == sgd || $2 == robust || $2 == both ]] ||
                     refuse "--aligner $2; expected sgd, robust or both."
-                align+=(--aligner "$2")
+                align+=(--aligner "$2") aligner=$2
                 ;;
             --smpl)
                 path=$(existing "$2")
@@ -120,8 +123,15 @@ run_stages() {
         refuse "--gender $gender with licensed files; expected one of the two. The body model of --smpl has its gender."
     [[ -n $run ]] || run=$profile$([[ $gender != male ]] || echo _male)
     local common=(--profile "$profile" --run "$run" --seed "$seed")
+    if [[ -n $plan ]]; then
+        .venv/bin/dsnet plan "${common[@]}" ${corpus[@]+"${corpus[@]}"} ${align[@]+"${align[@]}"} \
+            ${predict[@]+"${predict[@]}"}
+        return
+    fi
     for stage in corpus align train-ae encode train train-plus predict predict-plus decode evaluate report; do
         [[ $stage == corpus && -n $licensed ]] && continue
+        # The best road begins at the robust aligner's offsets.
+        [[ $stage == *-plus && $aligner == sgd ]] && continue
         echo "== dsnet $stage" >&2
         case $stage in
             corpus) .venv/bin/dsnet corpus "${common[@]}" ${corpus[@]+"${corpus[@]}"} ;;

@@ -90,6 +90,7 @@ NUMBERS: tuple[PaperNumber, ...] = (
     PaperNumber("ae_input_range", "5", "range of the autoencoder's input", (-1, 1)),
     PaperNumber("ae_batch", "5", "batch size of the autoencoder", 64),
     PaperNumber("ae_lr", "5", "learning rate of the autoencoder's Adam", 0.0001),
+    PaperNumber("ae_epochs", "5", "epochs of the autoencoder's training", None),
     PaperNumber("ae_r2", "4.1", "R2 of the autoencoder on validation meshes", None),
     PaperNumber("clip_frames", "5, Figure 6", "frames to which motions are padded or clipped", 300),
     PaperNumber("dsnet_input", "5", "input of DSNet, 10 + 69", 79),

@@ -19,6 +19,7 @@ FORBIDDEN = {
 # A folder imports those before it; what lies in none (paper, errors, options) imports no folder.
 ORDER = [
     "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "verify",
+    "plan",
 ]  # fmt: skip
 COMMANDS = {"cli.py", "bench.py"}
 THIRD_PARTIES = {
@@ -31,6 +32,7 @@ THIRD_PARTIES = {
     "runtime": {"numpy", "onnx", "onnxruntime"},
     "measure": {"numpy", "scipy", "tqdm"},
     "verify": {"numpy", "onnx", "safetensors", "tqdm"},
+    "plan": set(),
     "report": {"jinja2", "markdown_it", "matplotlib", "mitsuba", "numpy", "tqdm"},
 }
 

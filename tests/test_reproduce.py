@@ -83,6 +83,7 @@ def test_aligner_is_handed_on(reproduce: Reproduce) -> None:
     for aligner in ("sgd", "robust", "both"):
         called = stages(reproduce("--aligner", aligner))
         assert called.pop("align").endswith(f"--aligner {aligner}")
+        assert ("train-plus" in called) == ("predict-plus" in called) == (aligner != "sgd")
     assert not any("aligner" in options for options in called.values())
 
 
@@ -98,6 +99,19 @@ def test_men_are_a_run_of_their_own(reproduce: Reproduce) -> None:
     assert named["align"] == "--profile demo --run men --seed 0"
 
 
+def test_a_plan_takes_the_same_options_and_runs_no_stage(
+    reproduce: Reproduce, tmp_path: Path
+) -> None:
+    planned = stages(reproduce("--plan", "--gender", "male", "--aligner", "sgd", "--seed", "3"))
+    common = "--profile demo --run demo_male --seed 3"
+    assert planned == {"plan": f"{common} --gender male --aligner sgd"}
+    files = ("--smpl", "body f.pkl", "--dyna", "women.h5", "men.h5", "--amass", "amass")
+    planned = stages(reproduce("--profile", "paper", *files, "--plan"))
+    at = tmp_path / "caller"
+    paths = f"--smpl {at}/body f.pkl --dyna {at}/women.h5 {at}/men.h5 --amass {at}/amass"
+    assert planned == {"plan": f"--profile paper --run paper --seed 0 {paths}"}
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -109,6 +123,7 @@ def test_men_are_a_run_of_their_own(reproduce: Reproduce) -> None:
         (["--amass", "nowhere"], "nowhere does not exist"),
         (["--smpl"], "--smpl needs a value"),
         (["--dynamics"], "unknown option --dynamics"),
+        (["--plan", "--dynamics"], "unknown option --dynamics"),
         (["--aligner", "x"], "--aligner x; expected sgd, robust or both"),
     ],
 )

@@ -54,7 +54,7 @@ class TrainConfig(PredictorSettings):
 PROFILES: dict[str, TrainConfig] = {
     "smoke": TrainConfig(run="smoke", epochs=20),
     "demo": TrainConfig(run="demo"),
-    "paper": TrainConfig(run="paper", epochs=20_000, checkpoint_every=500),
+    "paper": TrainConfig(run="paper", epochs=10_000, checkpoint_every=500),
 }
 
 

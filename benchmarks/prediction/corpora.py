@@ -23,7 +23,8 @@ CORPORA: dict[str, tuple[str, ...]] = {
 """Options of `dsnet corpus`. docs/prediction.md says what was seen of the second law."""
 PLUS = ("train-plus", "predict-plus")
 DSNET = ("train", "predict", "decode")
-_DSNETS = ("dsnet_standardised", "dsnet_faithful", "dsnet_differences")
+DSNETS = ("dsnet_standardised", "dsnet_faithful", "dsnet_differences")
+"""DSNet as the package uses it."""
 
 
 def check_names(names: Sequence[str], known: Sequence[str], what: str) -> None:
@@ -55,9 +56,12 @@ def prepare_dsnet(run: str, profile: str) -> None:
     dsnet("encode", run, profile)
 
 
-def train_dsnet(run: str, profile: str, seed: int) -> None:
-    """DSNet's presets, and DSNet on pose differences, on the robust aligner's offsets."""
-    dsnet("train", run, profile, "--seed", str(seed), "--predictors", *_DSNETS)
+def train_dsnet(
+    run: str, profile: str, seed: int, names: Sequence[str] = DSNETS, epochs: int | None = None
+) -> None:
+    """The named predictors on the robust aligner's offsets."""
+    length = () if epochs is None else ("--epochs", str(epochs))
+    dsnet("train", run, profile, "--seed", str(seed), *length, "--predictors", *names)
     dsnet("predict", run, profile)
     dsnet("decode", run, profile)
 

@@ -12,7 +12,6 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import mean, stdev
 from typing import Any
 
 from benchmarks.prediction.corpora import (
@@ -24,6 +23,7 @@ from benchmarks.prediction.corpora import (
     train_dsnet,
     train_plus,
 )
+from benchmarks.prediction.over_seeds import is_real, r2_of, summary, without_real
 from bridge.motion.cells import CELLS
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
@@ -137,13 +137,13 @@ def _rows(scores: Sequence[Mapping[str, Any]]) -> Iterator[list[str]]:
                     without = [_r2_without_real(s, cell, name) for s in having]
                     yield [corpus, label, text, str(len(having)),
                            *_metrics([s["cells"][cell][name] for s in having]),
-                           _summary(without, "{:.3f}")]  # fmt: skip
+                           summary(without, "{:.3f}")]  # fmt: skip
         yield from _real_rows(corpus, seeds)
 
 
 def _real_rows(corpus: str, seeds: list[Mapping[str, Any]]) -> Iterator[list[str]]:
     """Real motions that were given simulated tissue, one by one; they count in their cells too."""
-    for motion in filter(_is_real, seeds[0]["sequences"]):
+    for motion in filter(is_real, seeds[0]["sequences"]):
         name, label = motion["name"], seeds[0]["labels"]["dsnet_plus"]
         own = [m["errors"]["dsnet_plus"] for s in seeds for m in s["sequences"]
                if m["name"] == name]  # fmt: skip
@@ -153,36 +153,18 @@ def _real_rows(corpus: str, seeds: list[Mapping[str, Any]]) -> Iterator[list[str
 def _metrics(own: list[Mapping[str, Any]]) -> Iterator[str]:
     for metric, key, form in _METRICS.values():
         values = [one[metric][key] for one in own if metric in one and key in one[metric]]
-        yield _summary(values if len(values) == len(own) else [], form)
+        yield summary(values if len(values) == len(own) else [], form)
 
 
 def _r2_without_real(score: Mapping[str, Any], cell: str, name: str) -> float | None:
-    """Of the offsets, or their moving part where that is known, over the invented motions of a
-    cell; None where there is no real one beside them."""
-    inside = [one for one in score["sequences"] if one["cell"] == cell]
-    invented = [one for one in inside if not _is_real(one)]
-    if not invented or len(invented) == len(inside):
-        return None
-    kind = "moving" if "moving" in invented[0]["errors"][name] else "offsets"
+    """Of the offsets, or their moving part where that is known, over a cell's invented motions."""
+    invented = without_real(score, cell)
+    kind = "moving" if invented and "moving" in invented[0]["errors"][name] else "offsets"
     # SMPL alone has no offsets: its error is what there is to predict.
-    missed, whole = (
-        sum(s["frames"] * s["errors"][one][kind]["rms_mm"] ** 2 for s in invented)
-        for one in (name, "smpl")
+    parts = (
+        (s["frames"], *(s["errors"][n][kind]["rms_mm"] for n in (name, "smpl"))) for s in invented
     )
-    return 1 - missed / whole
-
-
-def _is_real(sequence: Mapping[str, Any]) -> bool:
-    return "_amass_" in sequence["name"]
-
-
-def _summary(values: Sequence[float | None], form: str) -> str:
-    """Mean over seeds, with the standard deviation where there are several."""
-    known = [value for value in values if value is not None]
-    if not known or len(known) < len(values):
-        return ""
-    spread = f" ± {form.format(stdev(known))}" if len(known) > 1 else ""
-    return form.format(mean(known)) + spread
+    return r2_of(list(parts))
 
 
 if __name__ == "__main__":

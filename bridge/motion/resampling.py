@@ -18,6 +18,8 @@ from bridge.motion.theta import pack_theta, unpack_theta
 
 UpAxis = Literal["y", "z"]
 _R_YUP_ZUP = Rotation.from_euler("x", -90, degrees=True)
+DEFAULT_FPS = 60.0
+"""Dyna's rate, to which the paper resamples all motions (Table 1)."""
 # Files store rates such as 120.00004577636719; a last frame must not be lost to that.
 _FRAME_TOLERANCE = 1e-3
 
@@ -67,7 +69,7 @@ def load_amass_motion(
     path: Path | str,
     *,
     root_joint_m: ArrayLike | None = None,
-    fps: float = 60.0,
+    fps: float = DEFAULT_FPS,
     up: UpAxis = "y",
 ) -> Motion:
     """Read an AMASS `.npz` (SMPL-H or SMPL-X), resample it and turn it upright.
@@ -111,6 +113,12 @@ def load_amass_motion(
         dmpls=dmpls,
     )
     return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
+
+
+def resampled_frames(frame_count: int, source_fps: float, fps: float = DEFAULT_FPS) -> int:
+    """How many frames a motion of `frame_count` frames has at `fps`."""
+    duration_s = (frame_count - 1) / source_fps
+    return int(np.floor(duration_s * fps + _FRAME_TOLERANCE)) + 1
 
 
 def _resample(
@@ -157,8 +165,7 @@ def _and_next_value(values: NDArray[np.float64], goes_on: bool) -> NDArray[np.fl
 
 def _sample_times_s(frame_count: int, source_fps: float, fps: float) -> NDArray[np.float64]:
     duration_s = (frame_count - 1) / source_fps
-    count = int(np.floor(duration_s * fps + _FRAME_TOLERANCE)) + 1
-    return np.minimum(np.arange(count) / fps, duration_s)
+    return np.minimum(np.arange(resampled_frames(frame_count, source_fps, fps)) / fps, duration_s)
 
 
 def _resample_rotations(

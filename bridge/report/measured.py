@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
@@ -138,6 +139,7 @@ def _autoencoder(stages: Stages) -> dict[str, Measured]:
     manifest = stages["train-ae"].manifest
     trained, counts = manifest["autoencoder"], parameter_counts(stages)
     train, validation = trained["train_frames"], trained["validation_frames"]
+    steps_an_epoch = math.ceil(train / manifest["config"]["batch_size"])
     share = 100 * counts["autoencoder"] / counts["casas_otaduy"]
     frames = f"floor(0.7 n) and the rest of this run's {train + validation:,} meshes"
     standard = "values leave [-1, 1]: see `autoencoder` under departures"
@@ -156,6 +158,7 @@ def _autoencoder(stages: Stages) -> dict[str, Measured]:
         "ae_input_range": Measured((-1, 1)) if literal else Measured(None, standard),
         "ae_batch": Measured(manifest["config"]["batch_size"], "set by the run"),
         "ae_lr": Measured(trained["learning_rate"], "set by the run"),
+        "ae_epochs": Measured(round(trained["steps_taken"] / steps_an_epoch, 1)),
         "ae_r2": Measured(round(trained["r2_validation"], 4)),
     }
 

@@ -31,6 +31,21 @@ def run_module(module: str, *arguments: str) -> None:
         sys.exit(status)
 
 
+def answer_of_module(module: str, *arguments: str) -> str:
+    """What `python -m module arguments` prints; a child that failed has said why.
+
+    Raises
+    ------
+    SystemExit
+        With the child's exit status when it is not 0.
+    """
+    command = [sys.executable, "-m", module, *arguments]
+    child = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+    if child.returncode:
+        sys.exit(child.returncode)
+    return child.stdout
+
+
 def run_as_process(config_type: type[Config], main: Callable[[Config], Any]) -> None:
     """The other end of `run_module`: a `main` whose configuration's fields are the options."""
     with exit_with_one_line():

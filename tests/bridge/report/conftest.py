@@ -156,6 +156,7 @@ def _forge_train_ae(root: Path) -> None:
             "train_frames": 15,
             "validation_frames": 7,
             "best_step": 40,
+            "steps_taken": 40,
             "r2_initial": 0.5,
             "r2_validation": 0.9,
         },

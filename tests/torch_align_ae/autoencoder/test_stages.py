@@ -85,6 +85,19 @@ def test_training_records_what_it_did(run):
     assert not summary["include_held_out"]
 
 
+def test_comparisons_may_be_shorter(run):
+    config = replace(CONFIG, run="compared", comparisons=("literal",), comparison_epochs=1)
+    other = Run(config.run)
+    _write_align(other)
+    stage_train_ae.main(config)
+    (compared,) = other.artifact("train-ae").manifest["comparisons"]
+    assert compared["preset"] == "literal"
+    assert compared["steps_taken"] == 22 // 16 + 1
+    stage_train_ae.main(replace(config, steps=1, comparison_epochs=0))
+    (compared,) = other.artifact("train-ae").manifest["comparisons"]
+    assert compared["steps_taken"] == 1
+
+
 def test_the_held_out_clip_changes_nothing_that_is_trained(run):
     """Its frames reach neither normaliser nor initialisation, gradients or choice of weights."""
     other = Run("garbled")
