@@ -60,9 +60,11 @@ def assign_weights(model: keras.Model, weights: Mapping[str, NDArray]) -> None:
     wanted = {name: tuple(variable.shape) for name, variable in variables.items()}
     given = {name: array.shape for name, array in weights.items()}
     if odd := sorted(set(wanted.items()) ^ set(given.items())):
+        first = next(iter(wanted))
         raise DsnetError(
-            f"weights that differ from DSNet's in {', '.join(sorted({name for name, _ in odd}))}",
-            f"{len(wanted)} arrays such as fc_enc_1/kernel {wanted['fc_enc_1/kernel']}",
+            f"weights that differ from {model.name}'s in "
+            f"{', '.join(sorted({name for name, _ in odd}))}",
+            f"{len(wanted)} arrays such as {first} {wanted[first]}",
             "Pass weights written by `dsnet train`.",
         )
     for name, variable in variables.items():

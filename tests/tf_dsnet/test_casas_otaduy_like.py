@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model
 from bridge.exchange import load_weights, save_weights
 from bridge.exchange.clips import Clips
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, people
 from tf_dsnet.framework import be_reproducible, tf
@@ -182,6 +184,13 @@ def test_training_that_was_killed_goes_on_bit_identically(trained, data, tmp_pat
     for name, array in again.arrays().items():
         np.testing.assert_array_equal(array, expected[name], err_msg=name)
     assert again.trainer.state()["noise/draws"] == trained.trainer.state()["noise/draws"] > 0
+
+
+def test_another_networks_weights_are_refused_in_one_line():
+    other = TrainedDsnet("other", {"fc_1/kernel": np.zeros((3, 3))}, Scaling.identity(211))
+    with pytest.raises(DsnetError, match="differ from casas_otaduy_like's in") as caught:
+        ENTRY.load(other.arrays(), lambda: pytest.fail("no body is needed"))
+    assert "\n" not in str(caught.value)
 
 
 def test_it_says_what_is_ours():

@@ -9,10 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model
 from bridge.exchange import load_weights, save_weights
 from bridge.exchange.clips import Clips, join_inputs
-from bridge.exchange.trained_dsnet import TrainedDsnet
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.motion import pack_theta, unpack_theta
 from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, motion, people
@@ -182,6 +183,13 @@ def test_training_that_was_killed_goes_on_bit_identically(trained, data, tmp_pat
     expected = trained.arrays()
     for name, array in again.arrays().items():
         np.testing.assert_array_equal(array, expected[name], err_msg=name)
+
+
+def test_another_networks_weights_are_refused_in_one_line():
+    other = TrainedDsnet("other", {"fc_1/kernel": np.zeros((3, 3))}, Scaling.identity(211))
+    with pytest.raises(DsnetError, match="differ from softsmpl_like's in") as caught:
+        ENTRY.load(other.arrays(), lambda: pytest.fail("no body is needed"))
+    assert "\n" not in str(caught.value)
 
 
 def test_it_says_what_is_ours():
