@@ -27,7 +27,7 @@ from bridge.paper import LATENT_SIZE, N_BETAS
 from bridge.tissue.shape import body_mass_index
 from tf_dsnet.predictors.autoregression import Autoregression, DrivenClip, OneStepFit
 from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
-from tf_dsnet.predictors.fitted_once import Fitted, FittedOnce
+from tf_dsnet.predictors.fitted_once import FitOutcome, FittedOnce
 from tf_dsnet.predictors.kinematics import KINEMATICS_SIZE, kinematics
 
 RIDGES = (1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
@@ -143,7 +143,7 @@ def closed_loop_error(law: Autoregression, clips: Sequence[DrivenClip]) -> float
     return float(np.mean([np.linalg.norm(states, axis=1).sum() for states in missed]))
 
 
-def fit_dyna(name: str, settings: PredictorSettings, data: TrainingData) -> Fitted:
+def fit_dyna(name: str, settings: PredictorSettings, data: TrainingData) -> FitOutcome:
     """Features, scaling and law of the training clips."""
     people = {clip.betas.tobytes(): clip.betas for clip in data.train}
     known = np.array([body_mass_index(data.body(), betas) for betas in people.values()])
@@ -158,7 +158,7 @@ def fit_dyna(name: str, settings: PredictorSettings, data: TrainingData) -> Fitt
     train, validation = ([driven(clip) for clip in part] for part in (data.train, data.validation))
     law, validation_loss = fit_law(train, validation)
     arrays = DynaLaw(law, scaling, known).arrays(name)
-    return Fitted(arrays, closed_loop_error(law, train), validation_loss)
+    return FitOutcome(arrays, closed_loop_error(law, train), validation_loss)
 
 
 def _told(clip: UnpaddedClip, frames: int) -> UnpaddedClip:

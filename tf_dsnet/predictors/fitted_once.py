@@ -19,7 +19,7 @@ _REMEDY = "Leave this predictor out: dsnet train --help names the others."
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FitOutcome:
     """What a fit found."""
 
     arrays: dict[str, NDArray]
@@ -41,9 +41,11 @@ class FittedOnce:
     checkpoint : file of an interrupted training.
     """
 
-    def __init__(self, name: str, fit: Callable[[], Fitted], size: int, checkpoint: Path) -> None:
+    def __init__(
+        self, name: str, fit: Callable[[], FitOutcome], size: int, checkpoint: Path
+    ) -> None:
         self._name, self._fit, self._size, self._checkpoint = name, fit, size, checkpoint
-        self._found: Fitted | None = None
+        self._found: FitOutcome | None = None
         self._seconds = 0.0
         self.losses: list[float] = []
         """The fit's own, for every epoch."""
@@ -100,7 +102,7 @@ class FittedOnce:
         """Numbers that the fit learns."""
         return {self._name: self._size}
 
-    def _fitted(self) -> Fitted:
+    def _fitted(self) -> FitOutcome:
         if self._found is None:
             raise DsnetError(f"{self._name} before its first epoch", "a fit", "Train an epoch.")
         return self._found
@@ -110,4 +112,4 @@ class FittedOnce:
         self.losses, self.validation_losses, of_fit = (
             arrays.pop(_HISTORY + name).tolist() for name in ("loss", "validation_loss", "of_fit")
         )
-        self._found = Fitted(arrays, *of_fit)
+        self._found = FitOutcome(arrays, *of_fit)
