@@ -17,14 +17,25 @@ from tf_dsnet.predictors.base import (
     PredictorTraining,
     TrainingData,
 )
+from tf_dsnet.predictors.casas_otaduy_like import CasasOtaduyLike
 from tf_dsnet.predictors.dsnet_differences import DifferencesDsnet
 from tf_dsnet.predictors.dsnet_faithful import FaithfulDsnet
 from tf_dsnet.predictors.dsnet_standardised import StandardisedDsnet
 from tf_dsnet.predictors.dsnet_variants import VARIANTS
+from tf_dsnet.predictors.dyna_like import DynaLike
+from tf_dsnet.predictors.softsmpl_like import SoftSmplLike
 
 PREDICTORS: dict[str, Predictor] = {
     entry.name: entry
-    for entry in (StandardisedDsnet(), FaithfulDsnet(), DifferencesDsnet(), *VARIANTS)
+    for entry in (
+        StandardisedDsnet(),
+        FaithfulDsnet(),
+        DifferencesDsnet(),
+        *VARIANTS,
+        DynaLike(),
+        CasasOtaduyLike(),
+        SoftSmplLike(),
+    )
 }
 """Every predictor by name."""
 BOTH_PRESETS = ("dsnet_standardised", "dsnet_faithful")
