@@ -3,8 +3,9 @@
 Source: Casas and Otaduy, "Learning Nonlinear Soft-Tissue Dynamics for Interactive Avatars",
 PACMCGIT 1(1), article 10, 2018. The abstract of patent US 2021/0035347 on the same work names
 joint-angle velocities and accelerations and earlier dynamic components as inputs; DSNet's paper
-(Sections 2 and 5) says that shape is not among them. Hidden layers, losses and how it is trained
-were not found and are ours, as stands in `CasasOtaduyLike.departures`.
+(Sections 2 and 5) says that shape is not among them. That the root's rates are, the hidden layers,
+losses and how it is trained were not found: they are ours, as stands in
+`CasasOtaduyLike.departures`.
 """
 
 from __future__ import annotations

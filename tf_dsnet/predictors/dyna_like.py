@@ -30,7 +30,7 @@ from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, T
 from tf_dsnet.predictors.fitted_once import FitOutcome, FittedOnce
 from tf_dsnet.predictors.kinematics import KINEMATICS_SIZE, kinematics
 
-RIDGES = (1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
+RIDGES = (1e-6, 1e-4, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 10.0)
 """Penalties of a frame that are tried, where inputs and latents have a spread of 1."""
 _LAW, _BMI = "law", "bmi_kg_m2"
 _LAW_SHAPE = (2, 2 * LATENT_SIZE + KINEMATICS_SIZE + 1, LATENT_SIZE)

@@ -3,9 +3,10 @@
 Source: Santesteban, Garces, Otaduy and Casas, "SoftSMPL: Data-driven Modeling of Nonlinear
 Soft-tissue Dynamics for Parametric Humans", Eurographics 2020 (abstract and introduction: shape and
 a motion descriptor; a deshaped static pose; a GRU; an autoencoder of offsets). The descriptor's 42
-numbers are those of the first author's later code (vto-garment-collisions, `src/model.py`), the
-pose code as `pose_code` says. The GRU's width, the loss and its weights were not found. The
-transfer of motions between people, by which its training data were enlarged, is left out.
+numbers are those of the first author's later code (vto-garment-collisions, `src/model.py`), which
+SoftSMPL is only thought to share; the pose code is as `pose_code` says. The GRU's width, the loss
+and its weights were not found. The transfer of motions between people, by which its training data
+were enlarged, is left out.
 """
 
 from __future__ import annotations
