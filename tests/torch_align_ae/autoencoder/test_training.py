@@ -123,9 +123,10 @@ def test_a_kill_between_best_weights_and_checkpoint_changes_nothing(tmp_path, mo
             raise _KilledError
         save_checkpoint(*arguments)
 
-    with monkeypatch.context() as patch, pytest.raises(_KilledError):
+    with monkeypatch.context() as patch:
         patch.setattr("torch_align_ae.autoencoder.training.save_checkpoint", dies)
-        training(tmp_path / "killed", plan).run()
+        with pytest.raises(_KilledError):
+            training(tmp_path / "killed", plan).run()
     resumed = training(tmp_path / "killed", plan)
     resumed.run()
     assert len(resumed.step_s) == plan.steps - 2 * kept
