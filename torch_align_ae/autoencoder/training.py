@@ -113,9 +113,7 @@ class Training(Generic[Network]):
         self._normaliser = self.normaliser.to(self._device)
         # One fused pass over weights and moments; it is bit-reproducible and twice as fast.
         self._adam = torch.optim.Adam(self.model.parameters(), self.learning_rate, fused=True)
-        count = len(self.split.validation)
-        wanted = min(self.plan.validation_frames or count, count)
-        self._scored = self.split.validation[np.linspace(0, count - 1, wanted).astype(int)]
+        self._scored = scored_frames(self.split, self.plan.validation_frames)
 
     def run(self) -> TrainingResult:
         """Train to the end of the plan, from the checkpoint if there is one.
@@ -227,6 +225,12 @@ class Training(Generic[Network]):
     def _keep_best(self) -> None:
         weights = {name: _numpy(value) for name, value in self.model.named_parameters()}
         save_weights(self.best_file, weights)
+
+
+def scored_frames(split: FrameSplit, wanted: int) -> NDArray[np.int64]:
+    """So many validation frames, evenly spaced; all if `wanted` is 0 or more than there are."""
+    count = len(split.validation)
+    return split.validation[np.linspace(0, count - 1, min(wanted or count, count)).astype(int)]
 
 
 def save_checkpoint(
