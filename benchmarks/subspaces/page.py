@@ -27,7 +27,7 @@ the sequences that nothing was fitted to. *Numbers*: kept of a mesh. PCA's param
 and its components. Every network takes {steps} steps of {batch_size} frames in the same order, and
 is scored with its weights of the least validation loss ({validation_frames} frames, every
 {validate_every} steps). Where the rate is searched for, {search_steps} steps are taken at each of
-{rates}, and the least validation loss decides. Seconds and milliseconds are medians on
+{rates}, and the least validation loss after them decides. Seconds and milliseconds are medians on
 {machine}, with {threads}; the machine's load was {load}.
 Run `{run}`, seed {seed}. Made by `{command}`.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -66,7 +66,7 @@ class UntrainedCode:
         return float(min(finite, key=lambda rate: finite[rate]))
 
     def search(self) -> dict[str, float | None]:
-        """Least validation loss of a short training at each rate; None where it diverged."""
+        """Validation loss after a short training at each rate; None where it diverged."""
         if not self.code.searched:
             return {}
         known = self.checkpoint.with_suffix(".search.json")
@@ -77,7 +77,7 @@ class UntrainedCode:
                 own = self.checkpoint.with_name(
                     f"{self.checkpoint.stem}-at-{name}{self.checkpoint.suffix}"
                 )
-                tried[name] = _least_loss(self.training(rate, self.budget.search_steps, own))
+                tried[name] = _last_loss(self.training(rate, self.budget.search_steps, own))
                 write_text_atomically(known, json.dumps(tried, allow_nan=False))
                 remove_all(own)
         return tried
@@ -107,9 +107,10 @@ def remove_all(checkpoint: Path) -> None:
         path.unlink()
 
 
-def _least_loss(training: OffsetTraining) -> float | None:
+def _last_loss(training: OffsetTraining) -> float | None:
+    # Validated once, at the end: each validation writes a checkpoint, gigabytes for Casas-Otaduy.
+    training.plan = replace(training.plan, validate_every=training.plan.steps)
     try:
-        # The first is that of the beginning, which is the same at every rate.
-        return float(training.run().validation_losses[1:].min())
+        return float(training.run().validation_losses[-1])
     except DsnetError:  # a loss or a weight that is no number
         return None
