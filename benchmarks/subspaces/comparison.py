@@ -3,8 +3,8 @@
 Each code of each size is a file in DIR, made when it is finished; what is there is kept, and a
 killed training goes on from DIR/.checkpoints. The cheap codes come first: seconds for PCA, then at
 the default number of steps on one idle core two minutes for the residual autoencoder, six for each
-of the paper's, twice that where a rate is searched for, and twenty minutes, 5.5 GB of memory besides
-the files that it reads and 4.6 GB of disk for Casas-Otaduy.
+of the paper's, twice that where a rate is searched for, and twenty minutes for Casas-Otaduy, which
+needs 5.5 GB of memory besides the files that it reads, and 4.6 GB of disk.
 """
 
 from __future__ import annotations
