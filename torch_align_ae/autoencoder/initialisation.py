@@ -121,9 +121,10 @@ def _latent_code(vertices: int, size: int, generator: torch.Generator) -> Tensor
 
 
 def _with_features(weight: Tensor, vertices: int, generator: torch.Generator) -> Tensor:
-    """The decoder's first weight (vertices * 9, n), in which no spare feature stays zero.
+    """The decoder's first weight (vertices * 9, n), in which no spare feature is zero.
 
-    Where no latent was spare they would be, and as nothing reads them at first, never learn.
+    Where no latent was spare they would all be, and so learn one and the same. Nothing reads them
+    at first: the code stays linear.
     """
     weight = weight.clone().view(vertices, FEATURES[-1], -1)
     spare = weight[:, FEATURES[0] :]

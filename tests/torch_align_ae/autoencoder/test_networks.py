@@ -114,7 +114,7 @@ def test_fewer_latents_begin_with_the_leading_vertex_modes():
 
 
 @pytest.mark.parametrize("size", [10, 100])
-def test_modes_leave_no_weight_without_a_gradient_after_one_step(size):
+def test_modes_leave_no_weight_without_a_gradient_and_no_feature_a_copy(size):
     torch.manual_seed(0)
     sample = torch.randn(64, 60, 3)
     model = MeshAutoencoder(SMALL, latent_size=size)
@@ -127,6 +127,8 @@ def test_modes_leave_no_weight_without_a_gradient_after_one_step(size):
     for name, parameter in model.named_parameters():
         assert parameter.grad is not None
         assert (parameter.grad != 0).all(), name
+    weight = model.get_parameter("decoder.linear_1.weight")
+    assert len(weight.unique(dim=1).T) == weight.shape[1]
 
 
 def test_vertex_basis_is_orthonormal():
