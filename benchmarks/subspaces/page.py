@@ -55,7 +55,7 @@ def draw(path: Path, folder: Path) -> None:
     size = max((row["size"] for row in rows), default=0)
     shown = [row for row in rows if row["size"] == size]
     origin = summary["settings"]["data"]
-    figure = new_figure(8.5, 4.6, title=f"Codes of {size} numbers in training", origin=origin)
+    figure = new_figure(12.0, 4.6, title=f"Codes of {size} numbers in training", origin=origin)
     axes = figure.subplots()
     styles = zip(cycle(_COLOURS), cycle(_LINES), strict=False)
     for row, (colour, line) in zip((r for r in shown if "curve" in r), styles, strict=False):
@@ -66,7 +66,8 @@ def draw(path: Path, folder: Path) -> None:
             axes.axhline(1 - row["scored_r2"], color="black", linestyle="--", label=row["label"])
     if shown:
         axes.set_yscale("log")
-    finish_axes(axes, "step", "1 - R² of validation frames", legend=bool(shown))
+    finish_axes(axes, "step", "1 - R² of validation frames", legend=False)
+    figure.legend(loc="outside right center", fontsize=8, frameon=False)
     save_figure(figure, path)
 
 
