@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from torch import Tensor, nn
 
-from bridge.paper import CASAS_OTADUY_WIDTHS
+from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
 
 
 class CasasOtaduyAutoencoder(nn.Module):
@@ -15,20 +15,27 @@ class CasasOtaduyAutoencoder(nn.Module):
     Parameters
     ----------
     widths : tuple of int
-        Input size, then the outputs of the encoder's layers.
+        Input size, then the outputs of the encoder's layers but the last.
+    latent_size : int
+        Numbers kept of a mesh, n; the paper's is 100.
     """
 
-    def __init__(self, widths: tuple[int, ...] = CASAS_OTADUY_WIDTHS) -> None:
+    def __init__(
+        self,
+        widths: tuple[int, ...] = CASAS_OTADUY_WIDTHS[:-1],
+        latent_size: int = LATENT_SIZE,
+    ) -> None:
         super().__init__()
+        widths = (*widths, latent_size)
         self.encoder = _fully_connected(widths)
         self.decoder = _fully_connected(widths[::-1])
 
     def encode(self, offsets: Tensor) -> Tensor:
-        """Normalised offsets (B, V, 3) to latents (B, 100)."""
+        """Normalised offsets (B, V, 3) to latents (B, n)."""
         return self.encoder(offsets.flatten(1))
 
     def decode(self, latents: Tensor) -> Tensor:
-        """Latents (B, 100) to normalised offsets (B, V, 3)."""
+        """Latents (B, n) to normalised offsets (B, V, 3)."""
         return self.decoder(latents).unflatten(1, (-1, 3))
 
     def forward(self, offsets: Tensor) -> Tensor:

@@ -25,7 +25,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from bridge.paper import FEATURES, LATENT_SIZE
+from bridge.paper import FEATURES
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 
 InitialisationName = Literal["torch", "modes"]
@@ -51,7 +51,7 @@ def initialise_with_modes(model: MeshAutoencoder, sample: Tensor, seed: int) -> 
     generator = torch.Generator().manual_seed(seed)
     _vertices, fine, middle, coarse, coarsest = model.widths
     basis = vertex_basis(sample, count=coarsest, size=fine, generator=generator)
-    code = _latent_code(coarsest, generator)
+    code = _latent_code(coarsest, model.latent_size, generator)
     gain = model.negative_slope**-0.5
     encoder, decoder = model.encoder, model.decoder
 
@@ -63,7 +63,7 @@ def initialise_with_modes(model: MeshAutoencoder, sample: Tensor, seed: int) -> 
     _set(encoder.conv_4, -gain * torch.eye(coarsest, coarse))
     _set(model.to_latent, code)
 
-    _set(model.from_latent, gain * code.T)
+    _set(model.from_latent, gain * _with_features(code.T, coarsest, generator))
     _set(decoder.conv_1, -gain * torch.eye(coarse, coarsest))
     _set(decoder.conv_2, gain * torch.eye(middle, coarse))
     _set(decoder.conv_3, -gain * torch.eye(fine, middle))
@@ -102,18 +102,32 @@ def _features(generator: torch.Generator, rows: int, columns: int) -> Tensor:
     return torch.cat([torch.eye(columns), extra])
 
 
-def _latent_code(vertices: int, generator: torch.Generator) -> Tensor:
-    """(100, vertices * 9): rotated latents of the linear features; the rest see the random ones.
+def _latent_code(vertices: int, size: int, generator: torch.Generator) -> Tensor:
+    """(size, vertices * 9): rotated latents of the linear features; the rest see the random ones.
 
-    Were the spare latents and the spare features zero on both sides, no
-    gradient would ever reach them; hence their small random weights.
+    Where there are fewer latents than linear features, the leading modes have them. Were the spare
+    latents and the spare features zero on both sides, no gradient would ever reach them; hence
+    their small random weights.
     """
     coordinates = FEATURES[0]
-    linear = min(vertices * coordinates, LATENT_SIZE)
-    code = torch.zeros(LATENT_SIZE, vertices, FEATURES[-1])
+    linear = min(vertices * coordinates, size)
+    code = torch.zeros(size, vertices, FEATURES[-1])
     picked = torch.eye(linear, vertices * coordinates)
     code[:linear, :, :coordinates] = picked.view(linear, vertices, coordinates)
     spare = code[linear:, :, coordinates:]
     spare.copy_(torch.randn(spare.shape, generator=generator) / spare[0:1].numel() ** 0.5)
-    square = torch.randn(LATENT_SIZE, LATENT_SIZE, generator=generator)
+    square = torch.randn(size, size, generator=generator)
     return torch.linalg.qr(square).Q @ code.flatten(1)
+
+
+def _with_features(weight: Tensor, vertices: int, generator: torch.Generator) -> Tensor:
+    """The decoder's first weight (vertices * 9, n), in which no spare feature is zero.
+
+    Where no latent was spare they would all be, and so learn one and the same. Nothing reads them
+    at first: the code stays linear.
+    """
+    weight = weight.clone().view(vertices, FEATURES[-1], -1)
+    spare = weight[:, FEATURES[0] :]
+    if not spare.any():
+        spare.copy_(torch.randn(spare.shape, generator=generator) / weight.shape[-1] ** 0.5)
+    return weight.flatten(0, 1)

@@ -61,6 +61,8 @@ class MeshAutoencoder(nn.Module):
         The paper does not name it.
     negative_slope : float
         Slope of `leaky_relu` below zero.
+    latent_size : int
+        Numbers kept of a mesh, n; the paper's is 100.
     """
 
     def __init__(
@@ -68,17 +70,19 @@ class MeshAutoencoder(nn.Module):
         widths: tuple[int, ...] = INFERRED_WIDTHS,
         activation: ActivationName = "leaky_relu",
         negative_slope: float = 0.1,
+        latent_size: int = LATENT_SIZE,
     ) -> None:
         super().__init__()
         self.widths, self.activation, self.negative_slope = widths, activation, negative_slope
+        self.latent_size = latent_size
         coarse = widths[-1] * FEATURES[-1]
         self.encoder = self._stack(
             ("linear_1", nn.Linear(FEATURES[0], FEATURES[1])),
             ("linear_2", nn.Linear(FEATURES[1], FEATURES[2])),
             *_convolutions(widths),
         )
-        self.to_latent = nn.Linear(coarse, LATENT_SIZE)
-        self.from_latent = nn.Linear(LATENT_SIZE, coarse)
+        self.to_latent = nn.Linear(coarse, latent_size)
+        self.from_latent = nn.Linear(latent_size, coarse)
         self.decoder = self._stack(
             *_convolutions(widths[::-1]),
             ("linear_1", nn.Linear(FEATURES[2], FEATURES[1])),
@@ -95,7 +99,7 @@ class MeshAutoencoder(nn.Module):
         return nn.Sequential(steps)
 
     def encode(self, offsets: Tensor) -> Tensor:
-        """Normalised offsets (B, V, 3) to latents (B, 100).
+        """Normalised offsets (B, V, 3) to latents (B, n).
 
         Raises
         ------
@@ -107,7 +111,7 @@ class MeshAutoencoder(nn.Module):
         return self.to_latent(coarse.transpose(0, 1).flatten(1))
 
     def decode(self, latents: Tensor) -> Tensor:
-        """Latents (B, 100) to normalised offsets (B, V, 3)."""
+        """Latents (B, n) to normalised offsets (B, V, 3)."""
         coarse = self.activate(self.from_latent(latents))  # (B, 270)
         coarse = coarse.view(-1, self.widths[-1], FEATURES[-1]).transpose(0, 1).contiguous()
         return self.to_coordinates(self.decoder(coarse)).transpose(0, 1)

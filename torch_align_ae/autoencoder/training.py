@@ -1,4 +1,4 @@
-"""Training of the mesh autoencoder: Adam on the mean squared error of normalised offsets.
+"""Training of an autoencoder: Adam on the mean squared error of normalised offsets.
 
 The paper gives optimiser, learning rate, batch size and split (Section 5) but
 not the loss; the mean squared error is the usual one, and ours.
@@ -7,9 +7,11 @@ not the loss; the mean squared error is the usual one, and ours.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
 import torch
@@ -21,13 +23,15 @@ from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
 from bridge.exchange.weights import refuse_nonfinite
 from bridge.motion.splits import FrameSplit, chunks
-from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import Normaliser
 from torch_align_ae.determinism import reproducible
 
 _VALIDATION_BATCH = 64
 _MOMENTS = ("exp_avg", "exp_avg_sq")
 _REMEDY = "Train with another --preset, whose learning rate is lower."
+
+Network = TypeVar("Network", bound=nn.Module)
+"""Reconstructs normalised offsets (B, V, 3)."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +87,14 @@ class TrainingResult:
 
 
 @dataclass
-class Training:
-    """One model on its way through a plan; `run` may be killed and called again anywhere."""
+class Training(Generic[Network]):
+    """One model on its way through a plan; `run` may be killed and called again anywhere.
 
-    model: MeshAutoencoder
+    The best weights so far lie in a file beside the checkpoint, not in memory, of which Casas and
+    Otaduy's autoencoder takes four times its own size as it is: weights, gradients, Adam's moments.
+    """
+
+    model: Network
     normaliser: Normaliser
     offsets_m: NDArray[np.float32]
     split: FrameSplit
@@ -96,6 +104,8 @@ class Training:
 
     learning_rate: float = field(init=False)
     """The largest one."""
+    step_s: list[float] = field(init=False, default_factory=list)
+    """Seconds of each step that this process took; of a GPU only the time to ask for it."""
 
     def __post_init__(self) -> None:
         self.learning_rate = self.plan.learning_rate
@@ -103,9 +113,7 @@ class Training:
         self._normaliser = self.normaliser.to(self._device)
         # One fused pass over weights and moments; it is bit-reproducible and twice as fast.
         self._adam = torch.optim.Adam(self.model.parameters(), self.learning_rate, fused=True)
-        count = len(self.split.validation)
-        wanted = min(self.plan.validation_frames or count, count)
-        self._scored = self.split.validation[np.linspace(0, count - 1, wanted).astype(int)]
+        self._scored = scored_frames(self.split, self.plan.validation_frames)
 
     def run(self) -> TrainingResult:
         """Train to the end of the plan, from the checkpoint if there is one.
@@ -115,7 +123,7 @@ class Training:
         DsnetError
             If a loss or a weight is no longer finite.
         """
-        best, result = self._start()
+        result = self._start()
         if self.plan.learning_rate_of_loss:
             self.learning_rate = self.plan.learning_rate_of_loss * result.validation_losses[0]
         done = int(result.steps[-1])
@@ -127,22 +135,29 @@ class Training:
                 done = upto
                 result = self._extended(result, loss, self.validation_loss(), done)
                 if result.best == len(result.losses):
-                    best = self._weights()
-                save_checkpoint(self.checkpoint, self.model, self._adam, best, result)
+                    self._keep_best()
+                save_checkpoint(self.checkpoint, self.model, self._adam, result)
                 bar.set_postfix(validation=f"{result.validation_losses[-1]:.4f}")
-        refuse_nonfinite({n: w.numpy() for n, w in best.items()}, self.label, _REMEDY)
-        self.model.load_state_dict(best)
+        best = load_weights(self.best_file)
+        refuse_nonfinite(best, self.label, _REMEDY)
+        _assign(self.model, best)
         return result
+
+    @property
+    def best_file(self) -> Path:
+        """Weights of the least validation loss so far."""
+        return self.checkpoint.with_suffix(f".best{self.checkpoint.suffix}")
 
     @property
     def _epoch_steps(self) -> int:
         return math.ceil(len(self.split.train) / self.plan.batch_size)
 
-    def _start(self) -> tuple[dict[str, Tensor], TrainingResult]:
-        if self.checkpoint.is_file():
+    def _start(self) -> TrainingResult:
+        if self.checkpoint.is_file() and self.best_file.is_file():
             return load_checkpoint(self.checkpoint, self.model, self._adam)
         loss = self._finite(self.validation_loss(), "validation loss", 0)
-        return self._weights(), TrainingResult(np.empty(0), np.array([loss]), np.array([0]))
+        self._keep_best()
+        return TrainingResult(np.empty(0), np.array([loss]), np.array([0]))
 
     def _extended(
         self, result: TrainingResult, loss: float, validation_loss: float, step: int
@@ -170,6 +185,7 @@ class Training:
         self.model.train()
         total = torch.zeros((), dtype=torch.float64, device=self._device)
         for step, batch in zip(steps, self._batches(steps.start), strict=False):
+            started = time.perf_counter()
             for group in self._adam.param_groups:
                 group["lr"] = self.learning_rate * self.plan.share_at(step)
             self._adam.zero_grad()
@@ -177,7 +193,9 @@ class Training:
             loss.backward()
             self._adam.step()
             total += loss.detach()
+            self.step_s.append(time.perf_counter() - started)
             bar.update()
+        self._adam.zero_grad()  # validation and checkpoint need the memory, not the gradients
         return total.item() / len(steps)
 
     def _batches(self, start: int) -> Iterator[Tensor]:
@@ -204,23 +222,29 @@ class Training:
             total += self._loss(torch.from_numpy(part).to(self._device)).item() * len(part)
         return total / len(self._scored)
 
-    def _weights(self) -> dict[str, Tensor]:
-        return {name: value.detach().cpu().clone() for name, value in self.model.named_parameters()}
+    def _keep_best(self) -> None:
+        weights = {name: _numpy(value) for name, value in self.model.named_parameters()}
+        save_weights(self.best_file, weights)
+
+
+def scored_frames(split: FrameSplit, wanted: int) -> NDArray[np.int64]:
+    """So many validation frames, evenly spaced; all if `wanted` is 0 or more than there are."""
+    count = len(split.validation)
+    return split.validation[np.linspace(0, count - 1, min(wanted or count, count)).astype(int)]
 
 
 def save_checkpoint(
     path: Path,
     model: nn.Module,
     optimizer: torch.optim.Adam,
-    best: dict[str, Tensor],
     result: TrainingResult,
 ) -> None:
-    """Write weights, Adam's moments, the best weights so far and the losses atomically.
+    """Write weights, Adam's moments and the losses atomically.
 
     No random state is kept: each epoch's order follows from the seed and the
     epoch's number, and nothing else is drawn.
     """
-    arrays: dict[str, NDArray] = {f"best.{k}": _numpy(value) for k, value in best.items()}
+    arrays: dict[str, NDArray] = {}
     for name, parameter in model.named_parameters():
         arrays[f"model.{name}"] = _numpy(parameter)
         for moment in _MOMENTS:
@@ -229,25 +253,23 @@ def save_checkpoint(
     save_weights(path, {**arrays, **history})
 
 
-def load_checkpoint(
-    path: Path, model: nn.Module, optimizer: torch.optim.Adam
-) -> tuple[dict[str, Tensor], TrainingResult]:
-    """Restore `model` and `optimizer`; return the best weights and the losses."""
+def load_checkpoint(path: Path, model: nn.Module, optimizer: torch.optim.Adam) -> TrainingResult:
+    """Restore `model` and `optimizer`; return the losses."""
     arrays = load_weights(path)
     result = TrainingResult(*(arrays[f"history.{f.name}"] for f in fields(TrainingResult)))
-    with torch.no_grad():
-        for name, parameter in model.named_parameters():
-            parameter.copy_(torch.from_numpy(arrays[f"model.{name}"]))
-            state = optimizer.state[parameter]
-            state["step"] = torch.tensor(float(result.steps[-1]), device=parameter.device)
-            for moment in _MOMENTS:
-                state[moment] = torch.from_numpy(arrays[f"{moment}.{name}"]).to(parameter.device)
-    best = {
-        name.removeprefix("best."): torch.from_numpy(value)
-        for name, value in arrays.items()
-        if name.startswith("best.")
-    }
-    return best, result
+    _assign(model, {name: arrays.pop(f"model.{name}") for name, _ in model.named_parameters()})
+    for name, parameter in model.named_parameters():
+        state = optimizer.state[parameter]
+        state["step"] = torch.tensor(float(result.steps[-1]), device=parameter.device)
+        for moment in _MOMENTS:
+            state[moment] = torch.from_numpy(arrays[f"{moment}.{name}"]).to(parameter.device)
+    return result
+
+
+@torch.no_grad()
+def _assign(model: nn.Module, weights: dict[str, NDArray]) -> None:
+    for name, parameter in model.named_parameters():
+        parameter.copy_(torch.from_numpy(weights[name]))
 
 
 def _numpy(tensor: Tensor) -> NDArray[np.float32]:

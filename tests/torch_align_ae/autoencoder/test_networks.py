@@ -48,8 +48,29 @@ def test_the_paper_sized_network_encodes_and_decodes_each_frame_alone():
     np.testing.assert_allclose(alone, latents[1:2], atol=1e-5)
 
 
+@pytest.mark.parametrize("size", [25, 50])
+def test_a_smaller_code_costs_its_own_weights_only(size):
+    with torch.device("meta"):
+        mesh, mesh_less = MeshAutoencoder(), MeshAutoencoder(latent_size=size)
+        casas, casas_less = CasasOtaduyAutoencoder(), CasasOtaduyAutoencoder(latent_size=size)
+    less = 100 - size
+    assert parameter_count(mesh) - parameter_count(mesh_less) == less * (2 * 30 * 9 + 1)
+    assert parameter_count(casas) - parameter_count(casas_less) == less * (2 * 3000 + 1)
+
+
+@pytest.mark.parametrize("size", [5, 40])
+def test_codes_have_the_size_asked_for(size):
+    offsets = torch.ones(2, 60, 3)
+    for model in (
+        MeshAutoencoder(SMALL, latent_size=size),
+        CasasOtaduyAutoencoder((180, 40), latent_size=size),
+    ):
+        assert model.encode(offsets).shape == (2, size)
+        assert model(offsets).shape == offsets.shape
+
+
 def test_casas_otaduy_keeps_shapes():
-    model = CasasOtaduyAutoencoder((180, 40, 20, 10))
+    model = CasasOtaduyAutoencoder((180, 40, 20), latent_size=10)
     latents = model.encode(torch.ones(2, 60, 3))
     assert latents.shape == (2, 10)
     assert model.decode(latents).shape == (2, 60, 3)
@@ -80,10 +101,23 @@ def test_modes_begin_as_an_exactly_linear_code_of_the_leading_vertex_modes(slope
     np.testing.assert_allclose(latents.square().mean().sqrt(), 1, rtol=1e-5)
 
 
-def test_modes_leave_no_weight_without_a_gradient_after_one_step():
+def test_fewer_latents_begin_with_the_leading_vertex_modes():
+    generator = torch.Generator().manual_seed(1)
+    sample = torch.randn(50, 60, 3, generator=generator) * torch.linspace(3, 0.1, 60)[:, None]
+    model = MeshAutoencoder(SMALL, latent_size=6)
+    initialise_with_modes(model, sample, seed=0)
+    left, _, _ = np.linalg.svd(sample.transpose(0, 1).flatten(1).double().numpy())
+    projector = left[:, :2] @ left[:, :2].T  # two modes of three coordinates
+    expected = np.einsum("uv,bvc->buc", projector, sample.numpy())
+    with torch.inference_mode():
+        np.testing.assert_allclose(model(sample), expected, atol=2e-4)
+
+
+@pytest.mark.parametrize("size", [10, 100])
+def test_modes_leave_no_weight_without_a_gradient_and_no_feature_a_copy(size):
     torch.manual_seed(0)
     sample = torch.randn(64, 60, 3)
-    model = MeshAutoencoder(SMALL)
+    model = MeshAutoencoder(SMALL, latent_size=size)
     initialise_with_modes(model, sample, seed=0)
     adam = torch.optim.Adam(model.parameters(), 1e-3)
     for _ in range(3):
@@ -93,6 +127,8 @@ def test_modes_leave_no_weight_without_a_gradient_after_one_step():
     for name, parameter in model.named_parameters():
         assert parameter.grad is not None
         assert (parameter.grad != 0).all(), name
+    weight = model.get_parameter("decoder.linear_1.weight")
+    assert len(weight.unique(dim=1).T) == weight.shape[1]
 
 
 def test_vertex_basis_is_orthonormal():

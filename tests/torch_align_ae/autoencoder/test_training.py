@@ -18,7 +18,7 @@ from torch_align_ae.autoencoder.initialisation import initialise_with_modes
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import fit_normaliser
 from torch_align_ae.autoencoder.pca import reconstruction_r2
-from torch_align_ae.autoencoder.training import Training, TrainingPlan
+from torch_align_ae.autoencoder.training import Training, TrainingPlan, save_checkpoint
 
 SMALL = (60, 40, 30, 20, 12)
 
@@ -105,6 +105,32 @@ def test_a_killed_training_resumes_with_the_same_bits(tmp_path, monkeypatch, eve
     for name, array in vars(expected).items():
         np.testing.assert_array_equal(vars(found)[name], array, err_msg=name)
     for name, value in weights(whole).items():
+        np.testing.assert_array_equal(weights(resumed)[name], value, err_msg=name)
+
+
+@pytest.mark.parametrize("kept", [0, 1, 3])
+def test_a_kill_between_best_weights_and_checkpoint_changes_nothing(tmp_path, monkeypatch, kept):
+    plan = TrainingPlan(steps=8, batch_size=64, learning_rate=1e-3, validate_every=2)
+    expected = training(tmp_path / "whole", plan)
+    (tmp_path / "whole").mkdir()
+    (tmp_path / "killed").mkdir()
+    expected.run()
+    calls = []
+
+    def dies(*arguments) -> None:
+        calls.append(arguments)
+        if len(calls) > kept:
+            raise _KilledError
+        save_checkpoint(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("torch_align_ae.autoencoder.training.save_checkpoint", dies)
+        with pytest.raises(_KilledError):
+            training(tmp_path / "killed", plan).run()
+    resumed = training(tmp_path / "killed", plan)
+    resumed.run()
+    assert len(resumed.step_s) == plan.steps - 2 * kept
+    for name, value in weights(expected).items():
         np.testing.assert_array_equal(weights(resumed)[name], value, err_msg=name)
 
 

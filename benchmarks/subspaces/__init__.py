@@ -1,0 +1,1 @@
+"""Subspaces of soft-tissue offsets compared: PCA, the paper's autoencoder and its peers."""

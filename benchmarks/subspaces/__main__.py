@@ -1,0 +1,9 @@
+"""`python -m benchmarks.subspaces --out DIR --run RUN`: see `benchmarks.subspaces.comparison`."""
+
+from __future__ import annotations
+
+from benchmarks.subspaces.comparison import SubspacesConfig, main
+from bridge.runs.processes import run_as_process
+
+if __name__ == "__main__":
+    run_as_process(SubspacesConfig, main)

@@ -1,0 +1,101 @@
+"""The codes that are compared, and how the network of each is built and begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+import torch
+
+from benchmarks.subspaces.data import SubspaceData
+from bridge.paper import ALTERNATIVE_WIDTHS, CASAS_OTADUY_WIDTHS, INFERRED_WIDTHS
+from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
+from torch_align_ae.autoencoder.initialisation import SAMPLE_FRAMES, initialise_with_modes
+from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
+from torch_align_ae.autoencoder.normaliser import Normaliser, fit_normaliser
+from torch_align_ae.autoencoder.presets import PRESETS, PresetName
+from torch_align_ae.autoencoder.residual import (
+    RESIDUAL_WIDTH,
+    ResidualAutoencoder,
+    initialise_with_pca,
+)
+
+OffsetAutoencoder: TypeAlias = MeshAutoencoder | CasasOtaduyAutoencoder | ResidualAutoencoder
+
+
+@dataclass(frozen=True)
+class SubspaceCode:
+    """One code; its size is not part of it."""
+
+    label: str
+    """As in tables."""
+    kind: Literal["pca", "mesh", "casas_otaduy", "residual"]
+    """Which network."""
+    widths: tuple[int, ...] = ()
+    """Of the network's layers between offsets and latents."""
+    preset: PresetName = "measured"
+    """Whose normalisation and schedule it is trained with; of a mesh autoencoder also its
+    activation and how its weights begin."""
+    searched: bool = True
+    """Whether its learning rate is searched for, instead of the preset's."""
+
+
+def _joined(widths: tuple[int, ...]) -> str:
+    return "-".join(map(str, widths))
+
+
+def _mesh(widths: tuple[int, ...], preset: PresetName, *, searched: bool = False) -> SubspaceCode:
+    rate = "rate searched" if searched else "the paper's rate"
+    inner = widths[1:]
+    label = f"mesh autoencoder {_joined(inner)}, `{preset}`, {rate}"
+    return SubspaceCode(label, "mesh", inner, preset, searched)
+
+
+CODES: dict[str, SubspaceCode] = {
+    "pca": SubspaceCode("PCA", "pca", searched=False),
+    "residual": SubspaceCode(
+        "residual autoencoder from PCA (SoftSMPL-like; widths ours)", "residual", (RESIDUAL_WIDTH,)
+    ),
+    "mesh_measured": _mesh(INFERRED_WIDTHS, "measured"),
+    "mesh_literal": _mesh(INFERRED_WIDTHS, "literal"),
+    "mesh_searched": _mesh(INFERRED_WIDTHS, "measured", searched=True),
+    "mesh_alternative_measured": _mesh(ALTERNATIVE_WIDTHS, "measured"),
+    "mesh_alternative_literal": _mesh(ALTERNATIVE_WIDTHS, "literal"),
+    "casas_otaduy": SubspaceCode(
+        f"Casas-Otaduy {_joined(CASAS_OTADUY_WIDTHS[1:-1])}",
+        "casas_otaduy",
+        CASAS_OTADUY_WIDTHS[1:-1],
+    ),
+}
+"""The cheap ones first; `measured` and `literal` are the readings of the paper in `presets.py`."""
+
+
+def new_network(
+    code: SubspaceCode, size: int, data: SubspaceData
+) -> tuple[OffsetAutoencoder, Normaliser]:
+    """A network with `size` latents as it begins, and the normaliser of what it is given."""
+    preset = PRESETS[code.preset]
+    normaliser = fit_normaliser(preset.normalisation, data.offsets_m, data.split.train)
+    vertices = data.offsets_m.shape[1]
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(data.seed)
+        if code.kind == "casas_otaduy":
+            return CasasOtaduyAutoencoder((3 * vertices, *code.widths), size), normaliser
+        if code.kind == "residual":
+            network = ResidualAutoencoder(vertices, size, len(data.pca.components))
+            initialise_with_pca(network, data.pca, normaliser)
+            return network, normaliser
+        widths = (vertices, *code.widths)
+        mesh = MeshAutoencoder(widths, preset.activation, preset.negative_slope, size)
+    if preset.initialisation == "modes":
+        initialise_with_modes(mesh, normaliser.normalise(_sample(data)), data.seed)
+    return mesh, normaliser
+
+
+def _sample(data: SubspaceData) -> torch.Tensor:
+    """Training frames (frames, V, 3) in metres from which the modes are computed."""
+    train = data.split.train
+    count = min(SAMPLE_FRAMES, len(train))
+    frames = np.random.default_rng(data.seed).choice(train, count, replace=False)
+    return torch.from_numpy(np.asarray(data.offsets_m[np.sort(frames)], dtype=np.float32))
