@@ -35,27 +35,36 @@ def relative_error(score: Mapping[str, Any], cell: str, name: str) -> float:
 
 
 def _draw_cost(path: Path, of: Mapping[str, Scores]) -> None:
-    figure = new_figure(5.2 * len(of), 4.6, title="Size against error on what is new",
+    figure = new_figure(5.2 * len(of), 4.4, title="Size against error on what is new",
                         origin="synthetic")  # fmt: skip
     cell = list(CELLS)[-1]
     for axis, (corpus, scores) in zip(
         figure.subplots(1, len(of), squeeze=False)[0], of.items(), strict=True
     ):
-        names = [name for name in systems_of(scores) if name in scores[0]["systems"]]
-        for name in names:
-            size = scores[0]["systems"][name]["parameters"]
+        for name in (name for name in systems_of(scores) if name in scores[0]["systems"]):
             error = mean(relative_error(score, cell, name) for score in scores)
-            axis.plot(size, np.clip(error, _LEAST, _MOST), "o", color=_KNOWN)
-            label = scores[0]["labels"][name].replace("DSNet on PCA latents", "PCA")
-            axis.annotate(label, (size, np.clip(error, _LEAST, _MOST)), fontsize=5.5,
-                          xytext=(3, 3), textcoords="offset points")  # fmt: skip
+            _point(axis, scores[0], name, float(np.clip(error, _LEAST, _MOST)))
         best = mean(relative_error(score, cell, BEST) for score in scores)
-        axis.axhline(best, color=_PLUS, label="DSNet+")
+        axis.axhline(best, color=_PLUS, label="DSNet+ (no network)")
         axis.axhline(1, color="grey", linestyle=":", label="SMPL alone")
-        axis.set(xscale="log", yscale="log", title=corpus, xlabel="parameters")
+        axis.set(xscale="log", yscale="log", title=corpus, xlabel="parameters", xlim=(4e4, 2e6))
         axis.set_ylabel("error over size of the offsets")
-        axis.legend(fontsize=7)
+        handles = dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
+        axis.legend(handles.values(), handles.keys(), fontsize=7)
     save_figure(figure, path)
+
+
+def _point(axis: Axes, score: Mapping[str, Any], name: str, error: float) -> None:
+    """Variants of DSNet by colour, for their names would cover each other; others by name."""
+    size = score["systems"][name]["parameters"]
+    if not name.startswith("dsnet_"):
+        axis.plot(size, error, "s", color="black", markersize=5)
+        label = score["labels"][name].partition(",")[0]
+        axis.annotate(label, (size, error), (6, -3), fontsize=8, textcoords="offset points")
+        return
+    change = score["systems"][name]["code"] == "pca"
+    label, colour = ("DSNet, changed", _NEW) if change else ("DSNet", _KNOWN)
+    axis.plot(size, error, "o", color=colour, label=label)
 
 
 def _draw_cells(path: Path, of: Mapping[str, Scores]) -> None:

@@ -31,6 +31,11 @@ class NetworkCodec:
     model: OffsetAutoencoder
     normaliser: Normaliser
 
+    @property
+    def vertex_count(self) -> int:
+        """V."""
+        return len(self.normaliser.mean_m)
+
     def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """Offsets (B, V, 3) in metres to latents (B, n)."""
         return _applied(lambda x: self.model.encode(self.normaliser.normalise(x)), offsets_m)

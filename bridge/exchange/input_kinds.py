@@ -18,7 +18,9 @@ from bridge.paper import INPUT_SIZE, N_BETAS, THETA_SIZE
 
 CHANGE_FRAMES = 6
 """Differences are scaled to what they amount to in 0.1 s at 60 fps, which brings them to the size
-of poses: rad and m."""
+of poses: rad and m. One least spread then suits all inputs: a joint that hardly moved in training
+is not magnified until a motion in which it does is beyond all bounds."""
+CHANGE_S = CHANGE_FRAMES / 60
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from bridge.motion import pack_theta, unpack_theta
 from tf_dsnet.predictors.kinematics import (
     KINEMATICS_SIZE,
     ROOT_RATES_SIZE,
+    changes,
     deviations_from_rest,
     euler_zxy,
     kinematics,
@@ -120,6 +121,15 @@ def test_a_spin_has_one_rate_past_half_a_turn():
 def test_euler_angles_are_scipys():
     turns = Rotation.random(200, random_state=3)
     np.testing.assert_allclose(euler_zxy(turns.as_matrix()), turns.as_euler("zxy"), atol=1e-7)
+
+
+def test_changes_are_what_rates_amount_to_in_a_tenth_of_a_second():
+    theta = lively(8)
+    rates, told = kinematics(theta), changes(theta)
+    for velocity in (slice(0, 3), slice(6, 9), slice(12, 75)):
+        np.testing.assert_allclose(told[:, velocity], 0.1 * rates[:, velocity], rtol=1e-12)
+    for acceleration in (slice(3, 6), slice(9, 12), slice(75, 138)):
+        np.testing.assert_allclose(told[:, acceleration], 0.01 * rates[:, acceleration], rtol=1e-12)
 
 
 @pytest.mark.parametrize("features", [kinematics, root_rates, deviations_from_rest])

@@ -20,7 +20,7 @@ from bridge.paper import LATENT_SIZE, N_BETAS
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.predictors.base import BodyOf, PredictorSettings
 from tf_dsnet.predictors.history_noise import HistoryNoise
-from tf_dsnet.predictors.kinematics import KINEMATICS_SIZE, kinematics
+from tf_dsnet.predictors.kinematics import KINEMATICS_SIZE, changes
 from tf_dsnet.predictors.searched import SearchedNetwork
 from tf_dsnet.trainer import LossOf
 
@@ -41,7 +41,7 @@ class CasasOtaduyLike(SearchedNetwork):
         """Choices that are ours."""
         return (
             "138 inputs: the root's rates in its own frame, the joints' in theirs, by backward "
-            "differences; and the latents of two frames",
+            "differences, each as what it amounts to in 0.1 s; and the latents of two frames",
             f"two hidden layers of {HIDDEN} units, ReLU; one network for all people, told no betas",
             "squared distances of latents; learns single frames from two given ones, to which "
             "noise is added: each latent's own second difference, what going on as before misses",
@@ -51,7 +51,7 @@ class CasasOtaduyLike(SearchedNetwork):
 
     def told(self, joined: NDArray, body: BodyOf) -> NDArray:
         """How the motion changes, (T, 138), of betas and theta (T, 79)."""
-        return kinematics(joined[:, N_BETAS:])
+        return changes(joined[:, N_BETAS:])
 
     def examples(self, clips: Clips) -> Clips:
         """With the latents of the two frames before each, (N, T, 138 + 200)."""

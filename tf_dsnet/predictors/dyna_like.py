@@ -28,7 +28,7 @@ from bridge.tissue.shape import body_mass_index
 from tf_dsnet.predictors.autoregression import Autoregression, DrivenClip, OneStepFit
 from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
 from tf_dsnet.predictors.fitted_once import FitOutcome, FittedOnce
-from tf_dsnet.predictors.kinematics import KINEMATICS_SIZE, kinematics
+from tf_dsnet.predictors.kinematics import KINEMATICS_SIZE, changes
 
 RIDGES = (1e-6, 1e-4, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 10.0)
 """Penalties of a frame that are tried, where inputs and latents have a spread of 1."""
@@ -51,7 +51,7 @@ class DynaLike:
             "components of vertex offsets in the rest pose, as DMPL has them, in place of Dyna's "
             "of triangle deformations",
             "138 inputs: the root's rates in its own frame, the joints' in theirs, by backward "
-            "differences",
+            "differences, each as what it amounts to in 0.1 s",
             "coefficients linear in the body mass index, of the mesh's volume and height, held "
             "to the range of the training people",
             f"ridge regression of one frame from two, by the ridge of {len(RIDGES)} with the "
@@ -115,7 +115,7 @@ class DynaLaw:
     def latents(self, theta: NDArray, body: BodyOf, betas: NDArray) -> NDArray[np.float32]:
         """Latents (T, 100) of a motion theta (T, 69) of a person of shape betas (10,)."""
         shape = standard_shape(body_mass_index(body(), betas), self.known_bmi)
-        return self.scaling.restore(self.law.roll(self.scaling.inputs(kinematics(theta)), shape))
+        return self.scaling.restore(self.law.roll(self.scaling.inputs(changes(theta)), shape))
 
 
 def standard_shape(bmi: float, known_bmi: NDArray) -> float:
@@ -163,4 +163,4 @@ def fit_dyna(name: str, settings: PredictorSettings, data: TrainingData) -> FitO
 
 def _told(clip: UnpaddedClip, frames: int) -> UnpaddedClip:
     """The features and latents of the frames that every predictor is trained on."""
-    return UnpaddedClip(kinematics(clip.inputs[:frames, N_BETAS:]), clip.latents[:frames])
+    return UnpaddedClip(changes(clip.inputs[:frames, N_BETAS:]), clip.latents[:frames])

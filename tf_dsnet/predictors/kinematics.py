@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body.posing import pose_features
+from bridge.exchange.input_kinds import CHANGE_S
 from bridge.motion import unpack_theta
 from bridge.paper import N_JOINTS
 from bridge.tissue.oscillators import FPS
@@ -45,6 +46,17 @@ def kinematics(theta: NDArray, fps: float = FPS) -> NDArray[np.float64]:
     frames = len(turns)
     parts = linear, angular[:, :1], angular_change[:, :1], angular[:, 1:], angular_change[:, 1:]
     return np.concatenate([part.reshape(frames, -1) for part in parts], axis=1)
+
+
+def changes(theta: NDArray) -> NDArray[np.float64]:
+    """`kinematics` (T, 138) as what each amounts to in 0.1 s, m and rad: what is learned from."""
+    rates_and_changes_of_rates = np.array([CHANGE_S, CHANGE_S**2])
+    others = JOINT_NUMBERS // 2 * (N_JOINTS - 1)
+    factors = np.concatenate([
+        np.repeat(np.tile(rates_and_changes_of_rates, 2), 3),
+        np.repeat(rates_and_changes_of_rates, others),
+    ])  # fmt: skip
+    return kinematics(theta) * factors
 
 
 def root_rates(theta: NDArray, fps: float = FPS) -> NDArray[np.float64]:
