@@ -44,7 +44,8 @@ class TrainConfig(PredictorSettings):
     predictors: tuple[str, ...] = BOTH_PRESETS
     """Which predictors to train; the first is the one that `predict` shows. `dsnet_faithful`: raw
     inputs and latents. `dsnet_standardised`: both scaled, a departure from the silent paper.
-    `dsnet_differences`: scaled, and told how poses change in place of poses."""
+    `dsnet_differences`: scaled, and told how poses change in place of poses. The others are there
+    to be compared with: docs/results/comparison.md says what each of them is."""
     validate_every: PositiveInt = 10
     """Epochs between two validation losses."""
     checkpoint_every: PositiveInt = 100

@@ -16,7 +16,7 @@ from bridge.paper import INPUT_SIZE, LATENT_SIZE
 from bridge.runs import Artifact
 
 _SCALING = "scaling/"
-COMPARED = "compared"
+COMPARED_PRESET = "compared"
 """Preset of predictors that are there to be compared with: `evaluate` knows them, nothing else."""
 
 
@@ -128,7 +128,7 @@ def load_trained_dsnet(train: Artifact, name: str | None = None) -> TrainedDsnet
 def dsnets_of(train: Artifact) -> list[str]:
     """Names of the predictors of a finished `train` that are DSNet as it is used."""
     found = train.manifest["predictors"]
-    return [name for name, entry in found.items() if entry.get("preset") != COMPARED]
+    return [name for name, entry in found.items() if entry.get("preset") != COMPARED_PRESET]
 
 
 def code_of(train: Artifact, name: str) -> CodeName:

@@ -18,14 +18,14 @@ from tests.forged.driven import forged_data, people
 from tf_dsnet.framework import be_reproducible, tf
 from tf_dsnet.model import assign_weights, named_weights
 from tf_dsnet.predictors.base import PredictorSettings, TrainingData
-from tf_dsnet.predictors.casas_otaduy_like import (
+from tf_dsnet.predictors.compared.casas_otaduy_like import (
     CasasOtaduyLike,
     TwoFrameNetwork,
     mean_squared_distance,
     second_differences,
 )
-from tf_dsnet.predictors.history_noise import HistoryNoise
-from tf_dsnet.predictors.rate_search import RateSearch
+from tf_dsnet.predictors.compared.history_noise import HistoryNoise
+from tf_dsnet.predictors.compared.rate_search import RateSearch
 
 SETTINGS = PredictorSettings(epochs=12, frames=64, batch_size=4)
 ENTRY = CasasOtaduyLike()

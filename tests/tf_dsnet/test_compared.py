@@ -17,8 +17,8 @@ from bridge.runs import Artifact, read_artifact
 from tests.forged.encoded import write_encoded
 from tf_dsnet import stage_predict, stage_train
 from tf_dsnet.predictors import COMPARED, PREDICTORS, load_predictor
-from tf_dsnet.predictors.loads import loads_on_skin
-from tf_dsnet.predictors.rate_search import RATES, RateSearch
+from tf_dsnet.predictors.compared.loads import loads_on_skin
+from tf_dsnet.predictors.compared.rate_search import RATES, RateSearch
 from tf_dsnet.stage_predict import PredictStageConfig
 from tf_dsnet.stage_train import TrainConfig
 

@@ -14,9 +14,9 @@ from bridge.exchange import load_weights, save_weights
 from bridge.paper import N_BETAS
 from bridge.tissue.shape import body_mass_index
 from tests.forged.driven import forged_data, people
-from tf_dsnet.predictors.autoregression import Autoregression, DrivenClip
 from tf_dsnet.predictors.base import PredictorSettings, TrainingData
-from tf_dsnet.predictors.dyna_like import (
+from tf_dsnet.predictors.compared.autoregression import Autoregression, DrivenClip
+from tf_dsnet.predictors.compared.dyna_like import (
     RIDGES,
     DynaLaw,
     DynaLike,
@@ -24,11 +24,11 @@ from tf_dsnet.predictors.dyna_like import (
     fit_law,
     standard_shape,
 )
-from tf_dsnet.predictors.fitted_once import FittedOnce
+from tf_dsnet.predictors.compared.fitted_once import FittedOnce
 
 SETTINGS = PredictorSettings(epochs=4)
 ENTRY = DynaLike()
-MODULE = "tf_dsnet.predictors.dyna_like"
+MODULE = "tf_dsnet.predictors.compared.dyna_like"
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.motion import pack_theta, unpack_theta
-from tf_dsnet.predictors.kinematics import (
+from tf_dsnet.predictors.compared.kinematics import (
     KINEMATICS_SIZE,
     ROOT_RATES_SIZE,
     changes,

@@ -19,10 +19,10 @@ from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, motion, people
 from tf_dsnet.framework import be_reproducible, keras
 from tf_dsnet.predictors.base import PredictorSettings, TrainingData
-from tf_dsnet.predictors.kinematics import deviations_from_rest, rates, root_rates
-from tf_dsnet.predictors.pose_code import ENCODER, CodeRates, learn_pose_code
-from tf_dsnet.predictors.rate_search import RateSearch
-from tf_dsnet.predictors.softsmpl_like import DynamicLoss, SoftSmplLike, mean_sizes
+from tf_dsnet.predictors.compared.kinematics import deviations_from_rest, rates, root_rates
+from tf_dsnet.predictors.compared.pose_code import ENCODER, CodeRates, learn_pose_code
+from tf_dsnet.predictors.compared.rate_search import RateSearch
+from tf_dsnet.predictors.compared.softsmpl_like import DynamicLoss, SoftSmplLike, mean_sizes
 
 SETTINGS = PredictorSettings(epochs=8, frames=40, batch_size=3)
 ENTRY = SoftSmplLike(pose_steps=60)

@@ -6,8 +6,7 @@ from collections.abc import Iterable
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
-from bridge.exchange.trained_dsnet import COMPARED as COMPARED_PRESET
-from bridge.exchange.trained_dsnet import check_trained
+from bridge.exchange.trained_dsnet import COMPARED_PRESET, check_trained
 from bridge.runs import Artifact
 from tf_dsnet.predictors.base import (
     BodyOf,
@@ -17,13 +16,13 @@ from tf_dsnet.predictors.base import (
     PredictorTraining,
     TrainingData,
 )
-from tf_dsnet.predictors.casas_otaduy_like import CasasOtaduyLike
+from tf_dsnet.predictors.compared.casas_otaduy_like import CasasOtaduyLike
+from tf_dsnet.predictors.compared.dsnet_variants import VARIANTS
+from tf_dsnet.predictors.compared.dyna_like import DynaLike
+from tf_dsnet.predictors.compared.softsmpl_like import SoftSmplLike
 from tf_dsnet.predictors.dsnet_differences import DifferencesDsnet
 from tf_dsnet.predictors.dsnet_faithful import FaithfulDsnet
 from tf_dsnet.predictors.dsnet_standardised import StandardisedDsnet
-from tf_dsnet.predictors.dsnet_variants import VARIANTS
-from tf_dsnet.predictors.dyna_like import DynaLike
-from tf_dsnet.predictors.softsmpl_like import SoftSmplLike
 
 PREDICTORS: dict[str, Predictor] = {
     entry.name: entry

@@ -19,9 +19,9 @@ from bridge.paper import DSNET_WIDTHS, N_BETAS
 from tf_dsnet.framework import Tensor, keras
 from tf_dsnet.lstm import BlockLSTM
 from tf_dsnet.predictors.base import BodyOf, PredictorSettings
-from tf_dsnet.predictors.loads import loads_on_skin
-from tf_dsnet.predictors.radial_basis import RadialBasis
-from tf_dsnet.predictors.searched import SearchedNetwork
+from tf_dsnet.predictors.compared.loads import loads_on_skin
+from tf_dsnet.predictors.compared.radial_basis import RadialBasis
+from tf_dsnet.predictors.compared.searched import SearchedNetwork
 
 Told = Callable[[NDArray, BodyOf], NDArray]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bridge.paper import N_BETAS
 from tf_dsnet.framework import Tensor, keras, tf
-from tf_dsnet.predictors.kinematics import POSE_SIZE
+from tf_dsnet.predictors.compared.kinematics import POSE_SIZE
 
 CODE_SIZE = 10
 HIDDEN = 500

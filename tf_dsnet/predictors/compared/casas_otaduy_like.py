@@ -19,9 +19,9 @@ from bridge.exchange.clips import Clips
 from bridge.paper import LATENT_SIZE, N_BETAS
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.predictors.base import BodyOf, PredictorSettings
-from tf_dsnet.predictors.history_noise import HistoryNoise
-from tf_dsnet.predictors.kinematics import KINEMATICS_SIZE, changes
-from tf_dsnet.predictors.searched import SearchedNetwork
+from tf_dsnet.predictors.compared.history_noise import HistoryNoise
+from tf_dsnet.predictors.compared.kinematics import KINEMATICS_SIZE, changes
+from tf_dsnet.predictors.compared.searched import SearchedNetwork
 from tf_dsnet.trainer import LossOf
 
 HIDDEN = 512
