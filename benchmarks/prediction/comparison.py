@@ -24,6 +24,7 @@ from benchmarks.prediction.corpora import (
     check_names,
     prepare,
     prepare_dsnet,
+    score_files,
     scores,
     train_dsnet,
     train_plus,
@@ -83,7 +84,7 @@ def main(config: ComparisonConfig) -> dict[str, Any]:
         _score(config, corpus)
     results = {
         "command": " ".join(["python", "-m", "benchmarks.prediction.comparison", *sys.argv[1:]]),
-        "scores": [path.name for path in _files(config.out)],
+        "scores": [path.name for path in score_files(config.out)],
     }
     text = json.dumps(results, indent=1) + "\n"
     write_text_atomically(config.out / "comparison.json", text)
@@ -118,7 +119,7 @@ def refuse_mixture(folder: Path) -> None:
         That names the first difference.
     """
     first: dict[str, tuple[Path, dict[str, Any]]] = {}
-    for path in _files(folder):
+    for path in score_files(folder):
         score = json.loads(path.read_text())
         known, other = first.setdefault(score["corpus"], (path, score))
         for key in _SAME:
@@ -158,12 +159,6 @@ def _score(config: ComparisonConfig, corpus: str) -> None:
             "over_time": _over_time(run),
         }
         write_text_atomically(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
-
-
-def _files(folder: Path) -> list[Path]:
-    order = {name: place for place, name in enumerate(CORPORA)}
-    found = [path for path in folder.glob("*-*.json") if path.stem.rsplit("-", 1)[0] in order]
-    return sorted(found, key=lambda path: (order[path.stem.rsplit("-", 1)[0]], path.stem))
 
 
 def _short(found: Mapping[str, Any]) -> dict[str, Any]:

@@ -88,6 +88,13 @@ def scores(run: str, profile: str) -> dict[str, Any]:
     }
 
 
+def score_files(folder: Path) -> list[Path]:
+    """Scores <corpus>-<seed>.json in a folder, by corpus and seed."""
+    order = {name: place for place, name in enumerate(CORPORA)}
+    found = [path for path in folder.glob("*-*.json") if path.stem.rsplit("-", 1)[0] in order]
+    return sorted(found, key=lambda path: (order[path.stem.rsplit("-", 1)[0]], path.stem))
+
+
 def _kept_of(sequence: Mapping[str, Any]) -> dict[str, Any]:
     kept = ("offsets", "moving", "velocity", "mesh")
     errors = {

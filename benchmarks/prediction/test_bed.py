@@ -19,6 +19,7 @@ from benchmarks.prediction.corpora import (
     check_names,
     prepare,
     prepare_dsnet,
+    score_files,
     scores,
     train_dsnet,
     train_plus,
@@ -84,7 +85,7 @@ def main(config: TestBedConfig) -> dict[str, Any]:
         _score(config, corpus)
     results = {
         "command": " ".join(["python", "-m", "benchmarks.prediction.test_bed", *sys.argv[1:]]),
-        "scores": [path.name for path in _files(config.out)],
+        "scores": [path.name for path in score_files(config.out)],
     }
     text = json.dumps(results, indent=1) + "\n"
     write_text_atomically(config.out / "test_bed.json", text)
@@ -118,12 +119,6 @@ def _score(config: TestBedConfig, corpus: str) -> None:
         train_plus(run, config.profile, seed)
         found = {"corpus": corpus, "seed": seed, **scores(run, config.profile)}
         write_text_atomically(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
-
-
-def _files(folder: Path) -> list[Path]:
-    order = {name: place for place, name in enumerate(CORPORA)}
-    found = [path for path in folder.glob("*-*.json") if path.stem.rsplit("-", 1)[0] in order]
-    return sorted(found, key=lambda path: (order[path.stem.rsplit("-", 1)[0]], path.stem))
 
 
 def _rows(scores: Sequence[Mapping[str, Any]]) -> Iterator[list[str]]:
