@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.prediction.comparison_clips import draw_clips
 from benchmarks.prediction.comparison_figures import draw_figures
-from benchmarks.prediction.comparison_page import page
+from benchmarks.prediction.comparison_page import FIGURES, page
 from benchmarks.prediction.corpora import (
     CORPORA,
     DSNETS,
@@ -88,15 +89,17 @@ def main(config: ComparisonConfig) -> dict[str, Any]:
     }
     text = json.dumps(results, indent=1) + "\n"
     write_text_atomically(config.out / "comparison.json", text)
-    write_text_atomically(page_path(config.out), markdown(config.out))
     draw_figures(config.out, read_scores(config.out))
+    _draw_clips(config)
+    write_text_atomically(page_path(config.out), markdown(config.out))
     return results
 
 
 def markdown(folder: Path) -> str:
     """The page, of the folder's scores."""
     results = json.loads((folder / "comparison.json").read_text())
-    return page(read_scores(folder), results["command"], folder.name)
+    figures = [name for name in FIGURES if (folder / name).exists()]
+    return page(read_scores(folder), results["command"], folder.name, figures)
 
 
 def page_path(folder: Path) -> Path:
@@ -194,6 +197,15 @@ def _numbers(errors: Mapping[str, Any]) -> dict[str, float]:
         for short, (metric, key) in kept.items()
         if metric in errors and key in errors[metric]
     }
+
+
+def _draw_clips(config: ComparisonConfig) -> None:
+    """Of the first corpus's run, if it is still there: a score is not enough to draw bodies."""
+    path, corpus = config.out / "clips.png", config.corpora[0]
+    run = Run(f"{config.prefix}_{corpus}")
+    shown = [s["over_time"] for s in read_scores(config.out) if s["corpus"] == corpus]
+    if not path.exists() and shown and run.finished("evaluate"):
+        draw_clips(path, run, shown[0]["sequence"])
 
 
 def _systems(run: str) -> dict[str, dict[str, Any]]:

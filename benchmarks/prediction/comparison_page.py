@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from statistics import mean, stdev
 from typing import Any
 
@@ -31,14 +31,17 @@ Made by `{command}`.
 
 {systems}
 """
-_FIGURES = (
-    ("cost.png", "Parameters against error"),
-    ("cells.png", "Error in each cell, known and new people"),
-    ("over_time.png", "Size of the offsets over time under every system"),
-)
+FIGURES = {
+    "cells.png": "Error in each cell, known and new people",
+    "cost.png": "Parameters against error",
+    "over_time.png": "Size of the offsets over time under every system",
+    "clips.png": "A motion that is new to all: the truth, and several systems",
+}
 
 
-def page(scores: Sequence[Mapping[str, Any]], command: str, folder: str) -> str:
+def page(
+    scores: Sequence[Mapping[str, Any]], command: str, folder: str, figures: Iterable[str]
+) -> str:
     """The whole page, which lies beside its folder."""
     corpora = dict.fromkeys(score["corpus"] for score in scores)
     of = {corpus: [s for s in scores if s["corpus"] == corpus] for corpus in corpora}
@@ -47,7 +50,7 @@ def page(scores: Sequence[Mapping[str, Any]], command: str, folder: str) -> str:
         sections="\n\n".join(_section(corpus, own) for corpus, own in of.items()),
         seeds=f"training seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}",
         command=command,
-        figures="\n".join(f"![{text}]({folder}/{name})" for name, text in _FIGURES),
+        figures="\n".join(f"![{FIGURES[name]}]({folder}/{name})" for name in figures),
         systems="\n".join(_described(scores[0])),
     )
 

@@ -54,8 +54,9 @@ def _sequence(name: str, frames: int, missed_mm: float, whole_mm: float) -> dict
 
 
 @pytest.fixture
-def no_training(monkeypatch):
-    """Whatever would start a stage is a mistake."""
+def no_training(monkeypatch, tmp_path):
+    """Whatever would start a stage is a mistake, and there is no run to draw bodies of."""
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
 
     def refuse(*arguments: str) -> None:
         raise AssertionError(arguments)
