@@ -21,10 +21,10 @@ from benchmarks.prediction.comparison_figures import draw_figures
 from benchmarks.prediction.comparison_page import FIGURES, page
 from benchmarks.prediction.corpora import (
     CORPORA,
-    DSNETS,
     check_names,
     prepare,
     prepare_dsnet,
+    registered,
     score_files,
     scores,
     train_dsnet,
@@ -36,9 +36,7 @@ from bridge.motion.cells import CELLS
 from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
-from tf_dsnet.predictors import COMPARED
 
-SYSTEMS = (*DSNETS, *COMPARED)
 _SAME = ("profile", "epochs", "test_bed", "sequences")
 """What scores of one corpus have in common."""
 
@@ -57,8 +55,9 @@ class ComparisonConfig:
     """Which corpora of the test bed."""
     seeds: tuple[int, ...] = (0,)
     """Training seeds."""
-    systems: tuple[str, ...] = SYSTEMS
-    """Which predictors of `dsnet train`; `dsnet_plus` and what learns nothing are always there."""
+    systems: tuple[str, ...] = ()
+    """Which predictors of `dsnet train`, all if none is named; `dsnet_plus` and what learns nothing
+    are always there."""
     epochs: int = 500
     """Of every predictor of `dsnet train`; those that search spend a part of them on it."""
     profile: str = "demo"
@@ -78,7 +77,8 @@ def main(config: ComparisonConfig) -> dict[str, Any]:
         If a corpus or system is unknown, or scores in the folder are of another corpus or effort.
     """
     check_names(config.corpora, tuple(CORPORA), "corpora")
-    check_names(config.systems, SYSTEMS, "systems")
+    if config.systems:
+        check_names(config.systems, registered(), "systems")
     config.out.mkdir(parents=True, exist_ok=True)
     refuse_mixture(config.out)
     for corpus in config.corpora:
@@ -150,7 +150,7 @@ def _score(config: ComparisonConfig, corpus: str) -> None:
             prepare(run, config.profile, corpus, config.amass)
             prepare_dsnet(run, config.profile)
             ready = True
-        train_dsnet(run, config.profile, seed, config.systems, config.epochs)
+        train_dsnet(run, config.profile, seed, config.systems or registered(), config.epochs)
         train_plus(run, config.profile, seed)
         found = {
             "corpus": corpus,

@@ -23,7 +23,7 @@ CORPORA: dict[str, tuple[str, ...]] = {
 """Options of `dsnet corpus`. docs/prediction.md says what was seen of the second law."""
 PLUS = ("train-plus", "predict-plus")
 DSNET = ("train", "predict", "decode")
-DSNETS = ("dsnet_standardised", "dsnet_faithful", "dsnet_differences")
+_DSNETS = ("dsnet_standardised", "dsnet_faithful", "dsnet_differences")
 """DSNet as the package uses it."""
 
 
@@ -43,6 +43,16 @@ def check_names(names: Sequence[str], known: Sequence[str], what: str) -> None:
         )
 
 
+def registered() -> tuple[str, ...]:
+    """Every predictor of `dsnet train`, asked of a process of its own: TensorFlow and the renderer
+    abort at the end of a process that has both."""
+    ask = "from tf_dsnet.predictors import PREDICTORS; print(*PREDICTORS)"
+    done = subprocess.run(
+        [sys.executable, "-c", ask], check=True, stdout=subprocess.PIPE, text=True
+    )
+    return tuple(done.stdout.split())
+
+
 def prepare(run: str, profile: str, corpus: str, amass: Path | None) -> None:
     """Make a corpus and align it with the robust aligner; what is current is kept."""
     real = () if amass is None else ("--amass", str(amass))
@@ -57,7 +67,7 @@ def prepare_dsnet(run: str, profile: str) -> None:
 
 
 def train_dsnet(
-    run: str, profile: str, seed: int, names: Sequence[str] = DSNETS, epochs: int | None = None
+    run: str, profile: str, seed: int, names: Sequence[str] = _DSNETS, epochs: int | None = None
 ) -> None:
     """The named predictors on the robust aligner's offsets."""
     length = () if epochs is None else ("--epochs", str(epochs))

@@ -17,6 +17,7 @@ from bridge.runs import Artifact, read_artifact
 from tests.forged.encoded import write_encoded
 from tf_dsnet import stage_predict, stage_train
 from tf_dsnet.predictors import COMPARED, PREDICTORS, load_predictor
+from tf_dsnet.predictors.compared import dyna_like
 from tf_dsnet.predictors.compared.loads import loads_on_skin
 from tf_dsnet.predictors.compared.rate_search import RATES, RateSearch
 from tf_dsnet.stage_predict import PredictStageConfig
@@ -47,6 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSNET_RUNS", str(runs))
         patch.setattr(stage_train, "body_model_path", lambda run: "embedded:female")
+        patch.setattr(dyna_like, "RIDGES", dyna_like.RIDGES[-2:])
         stage_train.main(TINY)
     return runs / "tiny"
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 DECAYING = 0.999
 """Largest spectral radius that is let stand: a free mode loses 6 % a second at 60 fps or more."""
-_SHAPES_TRIED = 17
+_SHAPES_TRIED = 9
 
 
 @dataclass(frozen=True, eq=False)
