@@ -29,7 +29,7 @@ def draw_clips(path: Path, run: Run, name: str) -> None:
     Frames are the liveliest of equal parts; colour is the size of the offsets, on one scale.
     """
     stages = run.artifacts(*stages_of_roads(run), "truth")
-    scene = Scene(stages, load_body_model(str(body_model_path(run))), samples=32, panel_px=220)
+    scene = Scene(stages, load_body_model(str(body_model_path(run))), samples=36, panel_px=220)
     frames, true_m = _liveliest(scene, name)
     labels = {key: label for road in scene.roads for key, label in road.predictors.items()}
     rows = {_TRUE: true_m}
