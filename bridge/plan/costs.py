@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from bridge.exchange.codes import LATENTS_OF
 from bridge.motion import MotionSequence
 from bridge.motion.sequences import subjects_of
 from bridge.motion.splits import TRAIN_TENTHS, decoded_sequences
@@ -156,7 +157,9 @@ def _train_ae(settings: Settings, material: Material) -> Work:
     text += "".join(f", {name} {compared:,}" for name in own["comparisons"])
     weights = _FLOAT_BYTES * _autoencoder_parameters()
     amount = passes(steps) + len(own["comparisons"]) * passes(compared)
-    return Work(amount, text, weights, _CHECKPOINT_COPIES * weights, _aligned_bytes(material))
+    pca = LATENT_SIZE * MESH_BYTES
+    scratch = _CHECKPOINT_COPIES * weights
+    return Work(amount, text, weights + pca, scratch, _aligned_bytes(material))
 
 
 def _aligned_bytes(material: Material) -> int:
@@ -171,7 +174,7 @@ def _autoencoder_parameters() -> int:
 
 def _encode(settings: Settings, material: Material) -> Work:
     frames = frames_of(material.aligned)
-    width = LATENT_SIZE + THETA_SIZE
+    width = len(LATENTS_OF) * LATENT_SIZE + THETA_SIZE
     size, mapped = _FLOAT_BYTES * width * frames, _aligned_bytes(material)
     return Work(frames, f"{frames:,} frames", size, mapped_bytes=mapped)
 

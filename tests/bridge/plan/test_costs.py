@@ -87,7 +87,9 @@ def test_disk(found: dict[str, Work]) -> None:
     assert meshes["decode"] == 300
     captured = works({"truth": {"form": "captured"}}, MATERIAL)["truth"]
     assert captured.disk_bytes == 300 * MESH_BYTES
-    assert found["train-ae"].disk_bytes == 4 * 33_626_606
+    # The autoencoder, and a hundred principal components.
+    assert found["train-ae"].disk_bytes == 4 * 33_626_606 + 100 * MESH_BYTES
+    assert found["encode"].disk_bytes == 110 * 4 * (100 + 100 + 69)
     assert found["train-ae"].scratch_bytes > 4 * found["train-ae"].disk_bytes
 
 
