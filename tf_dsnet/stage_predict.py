@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
@@ -79,10 +78,7 @@ def main(config: PredictStageConfig) -> None:
         writer.put("theta", motions.theta, "rad, then m")
         writer.put("betas", motions.betas, "1")
         for name, predict in predictors.items():
-            started = time.perf_counter()
             writer.put(f"latents_{name}", predict_all(predict, motions), "latent unit")
-            frame_s = (time.perf_counter() - started) / len(motions.theta)
-            writer.record_measured(**{f"frame_ms_{name}": round(1e3 * frame_s, 5)})
         writer.record(
             sequences=to_manifest(motions.sequences),
             predictors={name: trained.manifest["predictors"][name]["label"] for name in names},

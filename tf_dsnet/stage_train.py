@@ -73,10 +73,10 @@ def main(config: TrainConfig) -> None:
     body = cache(lambda: load_body_model(str(body_model_path(run))))
 
     def make(writer: ArtifactWriter) -> None:
-        data = {entry.code: _clips(encoded, entry.code, body) for entry in chosen}
+        clips_of = cache(lambda code: _clips(encoded, code, body))
         trainings = {
             entry.name: entry.training(
-                config, data[entry.code], writer.checkpoints / f"{entry.name}.safetensors"
+                config, clips_of(entry.code), writer.checkpoints / f"{entry.name}.safetensors"
             )
             for entry in chosen
         }
@@ -86,7 +86,7 @@ def main(config: TrainConfig) -> None:
         # Of the one that is shown: networks of other inputs have other numbers of parameters.
         writer.record(parameters=trainings[chosen[0].name].parameters())
         _describe(config, chosen, trainings, writer)
-        clips = next(iter(data.values()))
+        clips = clips_of(chosen[0].code)
         writer.record(
             sequences_trained_on=len(clips.train), sequences_held_out=len(clips.validation)
         )

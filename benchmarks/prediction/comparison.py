@@ -8,8 +8,7 @@ kept: a score is a file of its own, and runs are made by `dsnet`, which resumes.
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,11 +23,13 @@ from benchmarks.prediction.corpora import (
     check_names,
     prepare,
     prepare_dsnet,
+    read_index,
     registered,
     score_files,
     scores,
     train_dsnet,
     train_plus,
+    write_index,
 )
 from bridge.errors import DsnetError
 from bridge.measure.stage_evaluate import TRUE, offset_sizes_m
@@ -37,6 +38,7 @@ from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 
+_INDEX = "comparison.json"
 _SAME = ("profile", "epochs", "test_bed", "sequences")
 """What scores of one corpus have in common."""
 
@@ -83,34 +85,24 @@ def main(config: ComparisonConfig) -> dict[str, Any]:
     refuse_mixture(config.out)
     for corpus in config.corpora:
         _score(config, corpus)
-    results = {
-        "command": " ".join(["python", "-m", "benchmarks.prediction.comparison", *sys.argv[1:]]),
-        "scores": [path.name for path in score_files(config.out)],
-    }
-    text = json.dumps(results, indent=1) + "\n"
-    write_text_atomically(config.out / "comparison.json", text)
-    draw_figures(config.out, read_scores(config.out))
-    _draw_clips(config)
+    results = write_index(config.out / _INDEX, "benchmarks.prediction.comparison")
+    scores, _ = read_index(config.out / _INDEX)
+    draw_figures(config.out, scores)
+    _draw_clips(config, scores)
     write_text_atomically(page_path(config.out), markdown(config.out))
     return results
 
 
 def markdown(folder: Path) -> str:
     """The page, of the folder's scores."""
-    results = json.loads((folder / "comparison.json").read_text())
+    scores, command = read_index(folder / _INDEX)
     figures = [name for name in FIGURES if (folder / name).exists()]
-    return page(read_scores(folder), results["command"], folder.name, figures)
+    return page(scores, command, folder.name, figures)
 
 
 def page_path(folder: Path) -> Path:
     """Where the folder's page is."""
     return folder.with_name(f"{folder.name}.md")
-
-
-def read_scores(folder: Path) -> list[dict[str, Any]]:
-    """Every score that the folder's comparison.json names."""
-    names = json.loads((folder / "comparison.json").read_text())["scores"]
-    return [json.loads((folder / name).read_text()) for name in names]
 
 
 def refuse_mixture(folder: Path) -> None:
@@ -199,24 +191,20 @@ def _numbers(errors: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-def _draw_clips(config: ComparisonConfig) -> None:
+def _draw_clips(config: ComparisonConfig, scores: Sequence[Mapping[str, Any]]) -> None:
     """Of the first corpus's run, if it is still there: a score is not enough to draw bodies."""
     path, corpus = config.out / "clips.png", config.corpora[0]
     run = Run(f"{config.prefix}_{corpus}")
-    shown = [s["over_time"] for s in read_scores(config.out) if s["corpus"] == corpus]
+    shown = [s["over_time"] for s in scores if s["corpus"] == corpus]
     if not path.exists() and shown and run.finished("evaluate"):
         draw_clips(path, run, shown[0]["sequence"])
 
 
 def _systems(run: str) -> dict[str, dict[str, Any]]:
-    """What each trained predictor learned, its size, rate, and milliseconds a frame."""
-    artifacts = Run(run).artifacts("train", "predict")
-    trained, measured = artifacts["train"].manifest, artifacts["predict"].manifest["provenance"]
+    """What each trained predictor learned, its size and its rate."""
     kept = ("label", "code", "parameters", "lr", "departures")
-    return {
-        name: {key: entry[key] for key in kept} | {"frame_ms": measured[f"frame_ms_{name}"]}
-        for name, entry in trained["predictors"].items()
-    }
+    trained = Run(run).artifact("train").manifest["predictors"]
+    return {name: {key: entry[key] for key in kept} for name, entry in trained.items()}
 
 
 def _over_time(run: str) -> dict[str, Any]:

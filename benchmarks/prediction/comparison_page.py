@@ -21,8 +21,7 @@ R² of the offsets against the simulated truth: 1 is exact, 0 is SMPL alone, bel
 SMPL alone. Mean over {seeds}; ± is the standard deviation over seeds where there are several. All
 were given the robust aligner's offsets of the same training clips. Systems of others are named
 "-like": what their sources leave open is decided here, a clause each below. Those that feed back
-their own predictions do so here too, from rest. ms a frame: latents of whole motions, one after
-another, on the machine that made the scores; `dsnet_plus` and decoding are not in it.
+their own predictions do so here too, from rest.
 Made by `{command}`.
 
 {figures}
@@ -79,7 +78,7 @@ def _section(corpus: str, scores: Sequence[Mapping[str, Any]]) -> str:
 def _table(scores: Sequence[Mapping[str, Any]]) -> str:
     metrics = [f"{label}: {what}" for label in CELLS.values() for what in ("R²", "mesh mm")]
     without = [f"{label}, without real: R²" for label in list(CELLS.values()) if "unseen" in label]
-    head = ["system", "parameters", "ms a frame", *metrics, *without]
+    head = ["system", "parameters", *metrics, *without]
     lines = ["| " + " | ".join(head) + " |", "|---" + "|---:" * (len(head) - 1) + "|"]
     for name in systems_of(scores):
         lines.append("| " + " | ".join(_row(scores, name)) + " |")
@@ -91,7 +90,6 @@ def _row(scores: Sequence[Mapping[str, Any]], name: str) -> Iterator[str]:
     entry = first["systems"].get(name, {})
     yield first["labels"].get(name, name)
     yield f"{entry['parameters']:,}" if entry else ""
-    yield f"{mean(s['systems'][name]['frame_ms'] for s in scores):.3f}" if entry else ""
     for cell in CELLS:
         own = [score["cells"][cell][name] for score in scores]
         yield summary([one["r2"] for one in own], "{:.3f}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -11,6 +12,7 @@ from typing import Any
 from bridge.errors import DsnetError
 from bridge.motion.cells import CELLS
 from bridge.runs import Run
+from bridge.runs.folders import write_text_atomically
 
 CORPORA: dict[str, tuple[str, ...]] = {
     "own": (),
@@ -103,6 +105,24 @@ def score_files(folder: Path) -> list[Path]:
     order = {name: place for place, name in enumerate(CORPORA)}
     found = [path for path in folder.glob("*-*.json") if path.stem.rsplit("-", 1)[0] in order]
     return sorted(found, key=lambda path: (order[path.stem.rsplit("-", 1)[0]], path.stem))
+
+
+def write_index(path: Path, module: str) -> dict[str, Any]:
+    """Write which command made the folder's scores, and which they are; also returns it."""
+    index = {
+        "command": " ".join(["python", "-m", module, *sys.argv[1:]]),
+        "scores": [score.name for score in score_files(path.parent)],
+    }
+    write_text_atomically(path, json.dumps(index, indent=1) + "\n")
+    return index
+
+
+def read_index(path: Path) -> tuple[list[dict[str, Any]], str]:
+    """The scores that an index names, and the command."""
+    index = json.loads(path.read_text())
+    return [json.loads((path.parent / name).read_text()) for name in index["scores"]], index[
+        "command"
+    ]
 
 
 def _kept_of(sequence: Mapping[str, Any]) -> dict[str, Any]:

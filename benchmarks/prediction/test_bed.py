@@ -8,7 +8,6 @@ a score is a file of its own, and runs are made by `dsnet`, which resumes.
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,16 +18,18 @@ from benchmarks.prediction.corpora import (
     check_names,
     prepare,
     prepare_dsnet,
-    score_files,
+    read_index,
     scores,
     train_dsnet,
     train_plus,
+    write_index,
 )
 from benchmarks.prediction.over_seeds import is_real, r2_of, summary, without_real
 from bridge.motion.cells import CELLS
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 
+_INDEX = "test_bed.json"
 _METRICS = {
     "offsets R²": ("offsets", "r2", "{:.3f}"),
     "moving R²": ("moving", "r2", "{:.3f}"),
@@ -83,24 +84,18 @@ def main(config: TestBedConfig) -> dict[str, Any]:
     config.out.mkdir(parents=True, exist_ok=True)
     for corpus in config.corpora:
         _score(config, corpus)
-    results = {
-        "command": " ".join(["python", "-m", "benchmarks.prediction.test_bed", *sys.argv[1:]]),
-        "scores": [path.name for path in score_files(config.out)],
-    }
-    text = json.dumps(results, indent=1) + "\n"
-    write_text_atomically(config.out / "test_bed.json", text)
+    results = write_index(config.out / _INDEX, "benchmarks.prediction.test_bed")
     write_text_atomically(config.out / "test_bed.md", markdown(config.out))
     return results
 
 
 def markdown(folder: Path) -> str:
     """A page with one table of the folder's scores: a row for each corpus, cell and predictor."""
-    results = json.loads((folder / "test_bed.json").read_text())
-    scores = [json.loads((folder / name).read_text()) for name in results["scores"]]
+    scores, command = read_index(folder / _INDEX)
     head = ["corpus", "cell", "predictor", "seeds", *_METRICS, "R² without real motions"]
     rows = ["| " + " | ".join(head) + " |", "|---" * 4 + "|---:" * (len(_METRICS) + 1) + "|"]
     rows += ["| " + " | ".join(row) + " |" for row in _rows(scores)]
-    return _PAGE.format(table="\n".join(rows), command=results["command"])
+    return _PAGE.format(table="\n".join(rows), command=command)
 
 
 def _score(config: TestBedConfig, corpus: str) -> None:

@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge import DsnetError
-from bridge.body import BodyModelData, load_body_model
 from bridge.exchange import load_weights, save_weights
 from bridge.exchange.clips import Clips
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
@@ -30,11 +29,6 @@ from tf_dsnet.predictors.compared.rate_search import RateSearch
 SETTINGS = PredictorSettings(epochs=12, frames=64, batch_size=4)
 ENTRY = CasasOtaduyLike()
 RNG = np.random.default_rng(3)
-
-
-@pytest.fixture(scope="module")
-def body() -> BodyModelData:
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.body import BodyModelData, load_body_model
 from bridge.exchange import load_weights, save_weights
 from bridge.paper import N_BETAS
 from bridge.tissue.shape import body_mass_index
@@ -29,11 +28,6 @@ from tf_dsnet.predictors.compared.fitted_once import FittedOnce
 SETTINGS = PredictorSettings(epochs=4)
 ENTRY = DynaLike()
 MODULE = "tf_dsnet.predictors.compared.dyna_like"
-
-
-@pytest.fixture(scope="module")
-def body() -> BodyModelData:
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")

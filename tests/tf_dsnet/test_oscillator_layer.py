@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge.body import BodyModelData, load_body_model
+from bridge.body import BodyModelData
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import OscillatorSheet
 from bridge.tissue.shape import shape_features, shaped_normals
@@ -16,11 +16,6 @@ from tf_dsnet.oscillators.clips import NodeClip
 from tf_dsnet.oscillators.layer import OscillatorLayer
 
 NODES, PEOPLE = 60, 3
-
-
-@pytest.fixture(scope="module")
-def body() -> BodyModelData:
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")

@@ -7,18 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bridge.body import BodyModelData, load_body_model
+from bridge.body import BodyModelData
 from bridge.tissue.nodes import TissueNodes
 from tests.forged.oscillating import MOTIONS, clips_of, people_of, true_model
 from tf_dsnet.oscillators.clips import NodeClip
 from tf_dsnet.oscillators.static_part import NodeStatic, fit_static
 
 NODES, PEOPLE = 60, 3
-
-
-@pytest.fixture(scope="module")
-def body() -> BodyModelData:
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")

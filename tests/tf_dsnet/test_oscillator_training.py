@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bridge.body import BodyModelData, load_body_model
+from bridge.body import BodyModelData
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus
 from tests.forged.oscillating import HZ, clip_of, clips_of, lively, people_of, true_model
@@ -18,11 +18,6 @@ SETTINGS = PlusSettings(
     nodes=NODES, rounds=6, steps=15, window=30, batch_size=9, lr=0.1, taps=2, look_ahead=1
 )
 NOTHING = StaticPart.nothing()
-
-
-@pytest.fixture(scope="module")
-def body() -> BodyModelData:
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")

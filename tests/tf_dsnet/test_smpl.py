@@ -9,16 +9,11 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.body import BodyModelData, load_body_model, pose_vertices, unpose_vertices
+from bridge.body import pose_vertices, unpose_vertices
 from bridge.body.posing import rest_vertices, shaped_joints
 from tf_dsnet.framework import tf
 from tf_dsnet.smpl import KerasSMPL
 from tf_dsnet.unposing import unpose
-
-
-@pytest.fixture(scope="module")
-def body() -> BodyModelData:
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
-from bridge.body import BodyModelData, load_body_model
 from bridge.exchange import load_weights, save_weights
 from bridge.exchange.clips import Clips, join_inputs
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
@@ -27,11 +26,6 @@ from tf_dsnet.predictors.compared.softsmpl_like import DynamicLoss, SoftSmplLike
 SETTINGS = PredictorSettings(epochs=8, frames=40, batch_size=3)
 ENTRY = SoftSmplLike(pose_steps=60)
 RNG = np.random.default_rng(3)
-
-
-@pytest.fixture(scope="module")
-def body() -> BodyModelData:
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")

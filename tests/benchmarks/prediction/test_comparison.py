@@ -19,7 +19,6 @@ RIVAL = {
     "parameters": 1234,
     "lr": 0.001,
     "departures": ["a choice"],
-    "frame_ms": 0.25,
 }
 
 
@@ -78,7 +77,7 @@ def test_finished_scores_become_a_page_and_figures(tmp_path, no_training):
     comparison.main(config(tmp_path))
     text = comparison.page_path(tmp_path).read_text()
     (row,) = (line for line in text.splitlines() if line.startswith("| Rival"))
-    assert row.startswith("| Rival | 1,234 | 0.250 | 0.600 ± 0.141 | 1.50 ± 0.00 |")
+    assert row.startswith("| Rival | 1,234 | 0.600 ± 0.141 | 1.50 ± 0.00 |")
     assert row.endswith(f"|  | {1 - 1 / 4:.3f} ± 0.000 |")
     order = [line.split(" | ")[0] for line in text.splitlines() if line.startswith("| ")]
     assert order == ["| system", "| DSNet+", "| Rival", "| mean", "| SMPL alone"]
