@@ -72,7 +72,7 @@ def _dispatch(arguments: list[str]) -> None:
     module = importlib.import_module(COMMANDS[command][0])
     default = module.PROFILES[profile]
     names = {field.name for field in dataclasses.fields(default)}
-    if "run" in names:
+    if getattr(default, "run", None):  # some need no run
         default = dataclasses.replace(default, run=profile)
     prog = f"dsnet {command} [--profile P]"
     if "seed" not in names:

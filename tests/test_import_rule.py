@@ -29,7 +29,7 @@ THIRD_PARTIES = {
     "motion": {"numpy", "scipy"},
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},
-    "runtime": {"numpy", "onnx", "onnxruntime"},
+    "runtime": {"numpy", "onnx", "onnxruntime", "tyro"},
     "measure": {"numpy", "scipy", "tqdm"},
     "verify": {"numpy", "onnx", "safetensors", "tqdm"},
     "plan": set(),

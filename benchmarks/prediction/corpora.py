@@ -13,6 +13,7 @@ from bridge.errors import DsnetError
 from bridge.motion.cells import CELLS
 from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically
+from bridge.runs.processes import run_dsnet
 
 CORPORA: dict[str, tuple[str, ...]] = {
     "own": (),
@@ -142,8 +143,4 @@ def dsnet(command: str, run: str, profile: str, *options: str) -> None:
     SystemExit
         If it fails; it has said why.
     """
-    program = [sys.executable, "-c", "from bridge.cli import main; main()"]
-    arguments = [command, "--profile", profile, "--run", run, *options]
-    status = subprocess.run([*program, *arguments], check=False).returncode
-    if status:
-        sys.exit(status)
+    run_dsnet(command, "--profile", profile, "--run", run, *options)

@@ -26,7 +26,22 @@ def run_module(module: str, *arguments: str) -> None:
     SystemExit
         With the child's exit status when it is not 0.
     """
-    status = subprocess.run([sys.executable, "-m", module, *arguments], check=False).returncode
+    _run("-m", module, *arguments)
+
+
+def run_dsnet(command: str, *arguments: str) -> None:
+    """Run `dsnet command arguments` in a process of its own.
+
+    Raises
+    ------
+    SystemExit
+        With its exit status when it is not 0; it has said why.
+    """
+    _run("-c", "from bridge.cli import main; main()", command, *arguments)
+
+
+def _run(*arguments: str) -> None:
+    status = subprocess.run([sys.executable, *arguments], check=False).returncode
     if status:
         sys.exit(status)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.runs import Artifact, Run, read_artifact
+from bridge.runs.run import body_model_path
 
 FRAMES_AT_ONCE = 64
 """Frames in a piece of offsets: what is held in memory at a time."""
@@ -62,9 +63,23 @@ class Chosen:
     """As in tables and legends."""
     why: str
     """Why this one."""
+    owner: str
+    """Whose it is, as in "run 'demo'"."""
+    body_model: str
+    """Of the body that it moves: `embedded:female`, or the path of an SMPL model file."""
     artifacts: Mapping[str, Artifact]
     """What it is made of, by stage."""
     road: MotionRoad
+
+    @property
+    def trained(self) -> Artifact:
+        """What its training made."""
+        return self.artifacts[self.road.stages[0]]
+
+    @property
+    def upstream(self) -> dict[str, str]:
+        """Digests of all that it is made of, by stage."""
+        return {stage: artifact.content_sha256 for stage, artifact in self.artifacts.items()}
 
     def open(self, body: BodyModelData) -> MotionPredictor:
         """Load it."""
@@ -87,7 +102,8 @@ def choose_predictor(run: Run, asked: str | None, roads: tuple[MotionRoad, ...])
         if name in manifest["predictors"]:
             label = manifest["predictors"][name].get("label", name)
             why = "the run's best" if asked is None else "as asked"
-            return Chosen(name, label, why, run.artifacts(*road.stages), road)
+            artifacts, body_model = run.artifacts(*road.stages), str(body_model_path(run))
+            return Chosen(name, label, why, f"run {run.name!r}", body_model, artifacts, road)
     there = [name for manifest in trained.values() for name in manifest["predictors"]]
     raise DsnetError(
         f"predictor {asked!r} asked of run {run.name!r}",

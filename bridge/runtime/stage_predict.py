@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
@@ -22,8 +23,9 @@ from bridge.runs.processes import run_module
 class PredictConfig:
     """Predict latents for the run's sequences, or a moving body for one AMASS motion."""
 
-    run: str = "demo"
-    """Run whose trained predictors predict."""
+    run: str | None = None
+    """Run whose trained predictors predict. With --motion the small model that comes with the
+    package when left out, of the motion's gender; without, the run named as the profile."""
     predictor: str | None = None
     """Which of them. With --motion the run's best when left out: `dsnet_plus` if the run has it;
     without, the network that the report shows first."""
@@ -36,9 +38,11 @@ class PredictConfig:
     """Ten comma-separated shape coefficients in place of the motion file's."""
     out: Path | None = None
     """Folder to write for --motion: a new or empty one, or that of an earlier prediction."""
+    profile: tyro.conf.Suppress[str] = "demo"
+    """Whose run it is when none is named."""
 
 
-PROFILES = {name: PredictConfig() for name in ("smoke", "demo", "paper")}
+PROFILES = {name: PredictConfig(profile=name) for name in ("smoke", "demo", "paper")}
 
 
 def main(config: PredictConfig) -> None:
@@ -56,9 +60,8 @@ def main(config: PredictConfig) -> None:
     from bridge.runtime.predict_motion import predict_motion
 
     betas = None if config.betas is None else _parse_betas(config.betas)
-    predict_motion(
-        Run(config.run), config.motion, config.out, predictor=config.predictor, betas=betas
-    )
+    run = None if config.run is None else Run(config.run)
+    predict_motion(run, config.motion, config.out, predictor=config.predictor, betas=betas)
 
 
 def _check_together(config: PredictConfig) -> None:
@@ -77,7 +80,11 @@ def _check_together(config: PredictConfig) -> None:
 
 
 def _run_stage(config: PredictConfig) -> None:
-    options = {"--run": config.run, "--predictor": config.predictor, "--amass": config.amass}
+    options = {
+        "--run": config.run or config.profile,
+        "--predictor": config.predictor,
+        "--amass": config.amass,
+    }
     given = [text for key, value in options.items() if value for text in (key, str(value))]
     run_module("tf_dsnet.stage_predict", *given)
 

@@ -147,12 +147,16 @@ class TrainedPlus:
         self, body: BodyModelData, betas: NDArray, theta: NDArray
     ) -> NDArray[np.float32] | None:
         """(T, V, 3) the static part; None where there is none. New people have no constant."""
-        constant = np.tensordot(known_person(betas, self.people_betas), self.static.constant_m, 1)
-        if not (constant.any() or self.static.by_pose_m.any()):
+        static = self.static
+        if not static:
             return None
-        features = static_features(body, theta)
-        by_pose = np.tensordot(features, self.static.by_pose_m, 1)
-        return constant.astype(np.float32) + self.nodes.spread(by_pose)
+        found = np.zeros((len(theta), len(self.nodes.owners), 3), np.float32)
+        if static.constant_m.any():
+            found += np.tensordot(known_person(betas, self.people_betas), static.constant_m, 1)
+        if static.by_pose_m.any():
+            at_nodes = np.tensordot(static_features(body, theta), static.by_pose_m, 1)
+            found += self.nodes.spread(at_nodes)
+        return found if found.any() else None
 
 
 def static_features(body: BodyModelData, theta: NDArray) -> NDArray[np.floating]:

@@ -9,8 +9,9 @@ import pytest
 from bridge import DsnetError
 from bridge.cli import main
 from bridge.runs import Run, read_artifact
+from bridge.runtime.characters import ROADS
 from bridge.runtime.motion_predictor import choose_predictor
-from bridge.runtime.predict_motion import ROADS, predict_motion
+from bridge.runtime.predict_motion import predict_motion
 from bridge.tissue.trained_plus import NAME
 from tests.forged.plus import write_plus
 

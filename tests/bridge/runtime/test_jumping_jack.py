@@ -11,7 +11,8 @@ import pytest
 from bridge.body import load_body_model
 from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
 from bridge.motion import Motion, unpack_theta
-from bridge.runtime.predict_motion import load_motion, predict_motion
+from bridge.runtime.body_motion import load_motion
+from bridge.runtime.predict_motion import predict_motion
 from bridge.tissue.load import node_loads
 from bridge.tissue.oscillators import OscillatorSheet
 
@@ -34,7 +35,7 @@ def motion() -> Motion:
 def mean_mm(plus_run, motion, tmp_path, monkeypatch) -> np.ndarray:
     """(T,) mean offset of each frame, as `dsnet predict --motion` gives it."""
     monkeypatch.setattr(
-        "bridge.runtime.predict_motion.draw_motion_strip", lambda path, *_, **__: path.touch()
+        "bridge.report.motion_strip.draw_motion_strip", lambda path, *_, **__: path.touch()
     )
     made = predict_motion(plus_run, SAMPLE, tmp_path / "out")
     assert made.manifest["starts_anew_at"] == []

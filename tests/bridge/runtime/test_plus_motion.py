@@ -11,9 +11,10 @@ import pytest
 from bridge.body import load_body_model, pose_vertices
 from bridge.cli import main
 from bridge.motion import unpack_theta
+from bridge.runtime.body_motion import load_motion
 from bridge.runtime.motion_predictor import FRAMES_AT_ONCE
 from bridge.runtime.plus_motion import PlusMotionPredictor
-from bridge.runtime.predict_motion import load_motion, predict_motion
+from bridge.runtime.predict_motion import predict_motion
 from tests.forged.amass import save, smplh
 
 BODY = load_body_model("embedded:female")

@@ -20,8 +20,9 @@ from bridge.exchange.trained_dsnet import Scaling
 from bridge.motion import unpack_theta
 from bridge.runs import write_artifact
 from bridge.runtime import stage_predict
+from bridge.runtime.body_motion import load_motion
 from bridge.runtime.dsnet_motion import DsnetMotionPredictor, load_decoder
-from bridge.runtime.predict_motion import load_motion, predict_motion
+from bridge.runtime.predict_motion import predict_motion
 from bridge.verify.reference import dsnet
 from tests.bridge.runtime.conftest import autoencoder_arrays
 from tests.forged.amass import save, smplh

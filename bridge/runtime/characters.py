@@ -1,0 +1,57 @@
+"""A body that a trained predictor moves: of a run, or of the package."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bridge.body import BodyModelData, load_body_model
+from bridge.runs import Run
+from bridge.runtime.dsnet_motion import DSNET
+from bridge.runtime.motion_predictor import Chosen, MotionPredictor, choose_predictor
+from bridge.runtime.packaged import packaged_predictor
+from bridge.runtime.plus_motion import PLUS
+
+ROADS = (PLUS, DSNET)
+"""Whose predictors can be asked for, the best first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Character:
+    """A body model, and the predictor of its offsets."""
+
+    chosen: Chosen
+    body: BodyModelData
+    predict: MotionPredictor
+
+    @classmethod
+    def of(cls, chosen: Chosen) -> Character:
+        """Load body and predictor.
+
+        Raises
+        ------
+        DsnetError
+            If a file of theirs is damaged.
+        """
+        body = load_body_model(chosen.body_model)
+        return cls(chosen, body, chosen.open(body))
+
+
+def open_character(
+    run: Run | None, predictor: str | None = None, gender: str = "unknown"
+) -> Character:
+    """The character of a run; without one, that of the package.
+
+    Parameters
+    ----------
+    run : whose predictor; None for the packaged model.
+    predictor : its name; the best there is when None.
+    gender : of the packaged body.
+
+    Raises
+    ------
+    DsnetError
+        If there is no such predictor, or what it is made of is damaged or no chain.
+    """
+    if run is None:
+        return Character.of(packaged_predictor(gender, predictor))
+    return Character.of(choose_predictor(run, predictor, ROADS))
