@@ -26,7 +26,9 @@ GIRTHS = {
     "hips": ("left_hip", "left_knee", 0.12),
 }
 """Height of each girth's plane: from one joint to another, and what part of the way."""
-_TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar", "left_hip", "right_hip")  # fmt: skip
+_TRUNK = (
+    "pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar", "left_hip", "right_hip",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,10 @@ _OF_JOINTS = {
     "calves": ("left_knee", "right_knee"),
     "feet": ("left_ankle", "right_ankle", "left_foot", "right_foot"),
 }
-PARTS = ("head", "chest", "belly", "back", "buttocks", "upper_arms", "forearms", "hands", "thighs", "calves", "feet")  # fmt: skip
+PARTS = (
+    "head", "chest", "belly", "back", "buttocks", "upper_arms", "forearms", "hands", "thighs",
+    "calves", "feet",
+)  # fmt: skip
 GROUPS = {
     "torso": ("chest", "belly", "back", "buttocks"),
     "arms": ("upper_arms", "forearms", "hands"),
@@ -38,8 +41,11 @@ _FADE = 0.025
 def part_weights(body: BodyModelData) -> NDArray[np.float64]:
     """(V, 11) how much each vertex belongs to each of `PARTS`: 0 to 1, rows sum to one."""
     skin = dict(zip(SMPL_JOINT_NAMES, body.weights.T / body.weights.sum(axis=1), strict=True))
-    parts = {name: sum(skin[joint] for joint in joints) for name, joints in _OF_JOINTS.items()}
-    trunk = 1.0 - sum(parts.values())
+    parts = {
+        name: np.sum([skin[joint] for joint in joints], axis=0)
+        for name, joints in _OF_JOINTS.items()
+    }
+    trunk = 1.0 - np.sum(list(parts.values()), axis=0)
     front = _front(body, trunk)
     # Skinning gives the seat to the thighs.
     seat = parts["thighs"] * _above(body, *_BELOW_BUTTOCKS) * (1 - front)

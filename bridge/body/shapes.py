@@ -46,14 +46,26 @@ def find_shape(body: BodyModelData, words: Sequence[str]) -> NDArray[np.float64]
     DsnetError
         If a word is unknown, or no betas give what is asked; the message has what comes nearest.
     """
+    named, stated = parse_shape(words)
     measured, betas = MeasuredBody(body), np.zeros(SHAPE_COUNT)
-    stated = _stated([word for word in words if "=" in word])
     wanted: dict[str, float] = {}
-    for factors in _named([word for word in words if "=" not in word]):
+    for factors in named:
         now = asdict(measured(betas))
         wanted |= {name: factor * now[name] for name, factor in factors.items()}
         betas = betas_that_measure(measured, wanted, betas)
     return betas_that_measure(measured, wanted | stated, betas) if stated else betas
+
+
+def parse_shape(words: Sequence[str]) -> tuple[list[Mapping[str, float]], dict[str, float]]:
+    """What words say: the rows of `SHAPES`, in its order, and measurements by name.
+
+    Raises
+    ------
+    DsnetError
+        If one is unknown or said twice.
+    """
+    named = _named([word for word in words if "=" not in word])
+    return named, _stated([word for word in words if "=" in word])
 
 
 def betas_that_measure(
