@@ -76,7 +76,7 @@ class MeasuredBody:
         """
         vertices = shaped_vertices(self._body, np.asarray(betas)[None])[0]
         joints = self._body.J_regressor @ vertices
-        heights_m = dict(zip(SMPL_JOINT_NAMES, joints[:, 1], strict=True))
+        heights_m: dict[str, float] = dict(zip(SMPL_JOINT_NAMES, joints[:, 1], strict=True))
         girths = {
             name: 100 * self._girth_m(vertices, (1 - part) * heights_m[one] + part * heights_m[two])
             for name, (one, two, part) in GIRTHS.items()

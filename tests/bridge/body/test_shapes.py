@@ -14,6 +14,7 @@ from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.body.measurements import MEASURES, MeasuredBody
 from bridge.body.shapes import SHAPES, betas_that_measure, find_shape
+from tests.sources import ROOT
 
 FEMALE = load_body_model("embedded:female")
 MEASURED = MeasuredBody(FEMALE)
@@ -104,3 +105,10 @@ def test_bad_words_are_one_line(words, said):
     with pytest.raises(DsnetError, match=said) as refused:
         find_shape(FEMALE, words)
     assert "\n" not in str(refused.value)
+
+
+def test_the_page_has_the_table():
+    page = (ROOT / "docs" / "animation.md").read_text()
+    for name, factors in SHAPES.items():
+        cells = " | ".join(f"{factors[m]:.5g}" if m in factors else "" for m in MEASURES)
+        assert f"| `{name}` | {cells} |".replace("  ", " ") in page

@@ -108,7 +108,7 @@ def test_legs_that_are_none_are_refused(recorded):
 def test_a_recorded_motion_of_another_body_stands(floor):
     """She jumps: lowest where she lands, on her toes."""
     motion = load_amass_motion(SAMPLE)
-    for betas in (None, OWN, TALL):
+    for betas in (None, TALL, -TALL):
         placed = place_motion(motion, BODY, betas)
         assert abs(posed_lowest_m(placed).min()) > 0.02
         low_m = posed_lowest_m(put_on_floor(placed, BODY, floor, motion))
