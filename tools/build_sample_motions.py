@@ -34,7 +34,7 @@ def main() -> None:
         )
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / "motion.npz"
-            write_amass_motion(whole, theta, betas=betas, gender="female", fps=FPS,
+            write_amass_motion(whole, theta.astype(np.float64), betas=betas, gender="female", fps=FPS,
                                root_joint_m=body.joints[0])  # fmt: skip
             with np.load(whole) as arrays:
                 kept = {key: arrays[key] for key in KEPT}

@@ -19,8 +19,8 @@ from bridge.runtime.out_folder import open_out_folder
 
 def predict_motion(
     run: Run | None,
-    path: Path,
-    out: Path,
+    path: Path | str,
+    out: Path | str,
     *,
     predictor: str | None = None,
     betas: NDArray[np.float64] | None = None,
@@ -35,7 +35,7 @@ def predict_motion(
     ----------
     run : whose body and predictor; None for those that come with the package, of the motion's
         gender.
-    path : AMASS `.npz`.
+    path : AMASS `.npz`, or `sample:NAME`.
     out : folder to write, see `open_out_folder`: offsets (T, V, 3) in the rest pose and vertices
         (T, V, 3), both in metres, latents (T, 100) if the predictor has them, `strip.png`,
         `manifest.json`.
@@ -49,6 +49,7 @@ def predict_motion(
         If the run lacks the predictor or its stages are no chain, the file is no motion of a
         body, or `out` holds something else.
     """
+    path, out = Path(path), Path(out)
     motion = load_amass_motion(path)
     character = open_character(run, predictor, motion.gender)
     moving = MovingBody(character, place_motion(motion, character.body, betas), gain)

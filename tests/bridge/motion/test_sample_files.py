@@ -29,7 +29,7 @@ def test_each_says_that_it_is_synthetic(name):
 
 
 def test_an_unknown_one_is_refused_with_those_that_there_are():
-    with pytest.raises(DsnetError, match="sample:flying; expected .*sample:walking"):
+    with pytest.raises(DsnetError, match=r"sample:flying; expected .*sample:walking"):
         load_amass_motion("sample:flying")
 
 
