@@ -15,7 +15,5 @@ pose, trans_m = unpack_theta(motion.theta)  # (T, 22, 3) axis-angle and (T, 3)
 print(f"{motion.source}: {len(motion.theta)} frames, {motion.duration_s:.2f} s")
 print(f"recorded at {motion.source_fps:g} frames a second, of a {motion.gender} body")
 print(f"the root rises by {100 * np.ptp(trans_m[:, 1]):.0f} cm")
-busiest = np.ptp(pose, axis=0).max(axis=-1).argmax()
-print(
-    f"joint {busiest} turns most: by {np.degrees(np.ptp(pose[:, busiest], axis=0).max()):.0f} degrees"
-)
+turns_rad = np.ptp(pose, axis=0).max(axis=-1)  # (22,)
+print(f"joint {turns_rad.argmax()} turns most: by {np.degrees(turns_rad.max()):.0f} degrees")

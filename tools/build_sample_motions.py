@@ -34,8 +34,14 @@ def main() -> None:
         )
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / "motion.npz"
-            write_amass_motion(whole, theta.astype(np.float64), betas=betas, gender="female", fps=FPS,
-                               root_joint_m=body.joints[0])  # fmt: skip
+            write_amass_motion(
+                whole,
+                theta.astype(np.float64),
+                betas=betas,
+                gender="female",
+                fps=FPS,
+                root_joint_m=body.joints[0],
+            )
             with np.load(whole) as arrays:
                 kept = {key: arrays[key] for key in KEPT}
         small = {key: a.astype(np.float32) if a.dtype == float else a for key, a in kept.items()}
