@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import venv
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Iterable, Iterator
 from importlib import metadata
 from pathlib import Path
 
@@ -21,17 +23,25 @@ pytestmark = pytest.mark.slow
 FRAMEWORKS = ("torch", "tensorflow", "keras", "h5py")
 
 
-def required(name: str, seen: set[str]) -> Iterator[metadata.Distribution]:
-    """A distribution and all that it requires without extras, as they are installed here."""
-    if name.lower() in seen:
-        return
-    seen.add(name.lower())
-    found = metadata.distribution(name)
-    yield found
-    for line in found.requires or ():
+def required(lines: Iterable[str], seen: set[str]) -> Iterator[metadata.Distribution]:
+    """What requirements without extras ask for, and what that asks for, as installed here."""
+    for line in lines:
         requirement = Requirement(line)
-        if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
-            yield from required(requirement.name, seen)
+        name = requirement.name.lower()
+        if name in seen or (requirement.marker and not requirement.marker.evaluate({"extra": ""})):
+            continue
+        seen.add(name)
+        found = metadata.distribution(name)
+        yield found
+        yield from required(found.requires or (), seen)
+
+
+def asked_by(wheel: Path) -> list[str]:
+    """Requirements in a wheel's metadata."""
+    with zipfile.ZipFile(wheel) as archive:
+        [name] = [name for name in archive.namelist() if name.endswith(".dist-info/METADATA")]
+        lines = archive.read(name).decode().splitlines()
+    return [line.split(":", 1)[1] for line in lines if line.startswith("Requires-Dist:")]
 
 
 def link(found: metadata.Distribution, site: Path) -> None:
@@ -41,6 +51,12 @@ def link(found: metadata.Distribution, site: Path) -> None:
         target = site / top
         if not target.exists():
             target.symlink_to(Path(str(found.locate_file(top))))
+
+
+def execute(command: list, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command that finds no other packages than its environment's."""
+    own = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    return subprocess.run(command, cwd=folder, env=own, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -60,26 +76,24 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     subprocess.run([*pip, *build], check=True)
     venv.create(folder / "empty", with_pip=True)
     [site] = (folder / "empty" / "lib").glob("python*/site-packages")
-    dsnet, *others = required("dsnet", set())
-    assert dsnet.name == "dsnet"
-    for found in others:
-        link(found, site)
     [wheel] = folder.glob("dsnet-*.whl")
+    for found in required(asked_by(wheel), set()):
+        link(found, site)
     install = ["-m", "pip", "--quiet", "install", "--no-deps", "--no-index", wheel]
-    subprocess.run([folder / "empty" / "bin" / "python", *install], check=True)
+    execute([folder / "empty" / "bin" / "python", *install], folder)
     return folder / "empty" / "bin"
 
 
 def test_it_holds_no_framework(environment):
     code = f"import importlib.util as u; print([n for n in {FRAMEWORKS} if u.find_spec(n)])"
-    command = [environment / "python", "-c", code]
-    assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == "[]\n"
+    assert execute([environment / "python", "-c", code], environment).stdout == "[]\n"
 
 
 def test_a_motion_moves_there(environment, tmp_path):
     motion = save(tmp_path / "a_poses.npz", smplh(40, 60.0), gender="male")
     command = [environment / "dsnet", "predict", "--motion", motion, "--out", tmp_path / "out"]
-    subprocess.run(command, check=True, cwd=tmp_path)
+    done = execute(command, tmp_path)
+    assert done.returncode == 0, done.stderr
     made = read_artifact(tmp_path / "out", "prediction")
     assert (made.origin, made.manifest["predictor"]) == ("synthetic", "dsnet_plus")
     assert made.array("vertices").shape == (40, 6890, 3)
@@ -89,7 +103,7 @@ def test_a_motion_moves_there(environment, tmp_path):
 
 def test_training_there_says_what_to_install(environment, tmp_path):
     command = [environment / "dsnet", "train", "--run", "r"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    done = execute(command, tmp_path)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert 'pip install "dsnet[train]"' in done.stderr
