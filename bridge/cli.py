@@ -16,7 +16,7 @@ import tyro
 
 from bridge.errors import DsnetError
 from bridge.options import check_options, parse_seed
-from bridge.runs.processes import exit_with_one_line
+from bridge.runs.processes import exit_with_one_line, require_packages_of
 
 COMMANDS = {
     "corpus": (
@@ -69,6 +69,7 @@ def _dispatch(arguments: list[str]) -> None:
             f"command {command!r}", f"one of {', '.join(COMMANDS)}", "See dsnet --help."
         )
     profile = _take_profile(options)
+    require_packages_of(COMMANDS[command][0])
     module = importlib.import_module(COMMANDS[command][0])
     default = module.PROFILES[profile]
     names = {field.name for field in dataclasses.fields(default)}

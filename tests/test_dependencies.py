@@ -12,17 +12,32 @@ PROVIDES = {"markdown-it-py": "markdown_it"}
 COMES_WITH = {"keras": "tensorflow"}
 
 
-def needed() -> set[str]:
-    """Packages that an installation without extras brings."""
-    text = (ROOT / "pyproject.toml").read_text()
-    listed = text.split("\ndependencies = [\n")[1].split("\n]")[0]
-    names = re.findall(r'"([\w-]+)', listed)
+FRAMEWORKS = {"h5py", "tensorflow", "torch"}
+EXTRAS = ("train",)
+
+
+def needed(listed: str = "\ndependencies = [\n") -> set[str]:
+    """Packages that an installation brings: without extras, or those of the list that begins so."""
+    text = (ROOT / "pyproject.toml").read_text().split(listed)[1].split("\n]")[0]
+    names = re.findall(r'"([\w-]+)', text)
     return {PROVIDES.get(str(name), str(name)) for name in names}
 
 
-def test_runtime_dependencies_are_those_that_the_product_imports() -> None:
+def imported(*packages: str) -> set[str]:
+    """Packages that these packages import and do not bring themselves."""
     modules = {
-        name.partition(".")[0] for p in source_files(*PACKAGES) for name in imported_modules(p)
+        name.partition(".")[0] for p in source_files(*packages) for name in imported_modules(p)
     }
     foreign = modules - set(PACKAGES) - sys.stdlib_module_names
-    assert {COMES_WITH.get(name, name) for name in foreign} == needed()
+    return {COMES_WITH.get(name, name) for name in foreign}
+
+
+def test_dependencies_are_those_that_the_product_imports() -> None:
+    extras = [needed(f"\n{extra} = [\n") for extra in EXTRAS]
+    assert imported(*PACKAGES) == needed().union(*extras)
+
+
+def test_an_installation_without_extras_has_what_prediction_needs_and_no_framework() -> None:
+    assert imported("bridge") == needed()
+    assert not needed() & FRAMEWORKS
+    assert needed("\ntrain = [\n") == FRAMEWORKS

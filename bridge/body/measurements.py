@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
@@ -85,6 +84,9 @@ class MeasuredBody:
         return Measurements(100 * float(np.ptp(vertices[:, 1])), weight_kg, **girths)
 
     def _girth_m(self, vertices: NDArray, height_m: float) -> float:
+        # Importing it takes longer than the first frames of a motion, which need no tape.
+        import trimesh
+
         # Only faces that the plane meets: handing over the whole trunk costs ten times as much.
         above = (vertices[:, 1] > height_m)[self._trunk].sum(axis=1)
         cut = trimesh.Trimesh(vertices, self._trunk[(above > 0) & (above < 3)], process=False)

@@ -7,7 +7,6 @@ from dataclasses import asdict
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from bridge.body.measurements import MEASURES, MeasuredBody, Measurements
 from bridge.body.model_data import SHAPE_COUNT, BodyModelData
@@ -84,6 +83,9 @@ def betas_that_measure(
     DsnetError
         If none come closer than `CLOSE_ENOUGH`; the message has what comes nearest.
     """
+
+    # Importing it takes longer than the first frames of a motion, which need no search.
+    from scipy.optimize import least_squares
 
     def misses(betas: NDArray) -> NDArray:
         found = asdict(measured(betas))

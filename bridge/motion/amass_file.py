@@ -19,6 +19,7 @@ from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
+from bridge.motion.sample_files import motion_path
 from bridge.paper import N_BETAS, N_JOINTS
 
 _POSE_WIDTHS = {72: "SMPL", 156: "SMPL-H", 165: "SMPL-X"}
@@ -48,7 +49,7 @@ class AmassFile:
 
 
 def read_amass_file(path: Path) -> AmassFile:
-    """Read and check one file.
+    """Read and check one file, or a sample that comes with the package (`sample:walking`).
 
     Raises
     ------
@@ -57,7 +58,7 @@ def read_amass_file(path: Path) -> AmassFile:
     """
     # Other arrays (markers) may be large or pickled; they are not touched.
     wanted = {"poses", "trans", "betas", "gender", "dmpls", *_RATE_KEYS}
-    with _opened(path) as archive:
+    with _opened(motion_path(path)) as archive:
         arrays = {key: archive[key] for key in wanted & set(archive.files)}
     pose, trans_m = _pose(path, arrays)
     return AmassFile(

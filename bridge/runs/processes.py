@@ -5,6 +5,7 @@ Each framework has a process of its own; arrays pass on disk, never in memory.
 
 from __future__ import annotations
 
+import importlib.util
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -16,6 +17,25 @@ import tyro
 from bridge.errors import DsnetError
 
 Config = TypeVar("Config")
+_FRAMEWORKS = {"torch_align_ae": ("torch", "h5py"), "tf_dsnet": ("tensorflow",)}
+"""What the extra `train` brings for each package."""
+
+
+def require_packages_of(module: str) -> None:
+    """Make sure that the framework of a module's package is installed.
+
+    Raises
+    ------
+    DsnetError
+        If it is not: an installation without the extra `train` predicts, shows and exports.
+    """
+    for framework in _FRAMEWORKS.get(module.partition(".")[0], ()):
+        if importlib.util.find_spec(framework) is None:
+            raise DsnetError(
+                f"an installation without {framework}",
+                f"{framework}, which {module} needs",
+                'Install the extra: pip install "dsnet[train]".',
+            )
 
 
 def run_module(module: str, *arguments: str) -> None:
@@ -26,6 +46,7 @@ def run_module(module: str, *arguments: str) -> None:
     SystemExit
         With the child's exit status when it is not 0.
     """
+    require_packages_of(module)
     _run("-m", module, *arguments)
 
 
@@ -54,6 +75,7 @@ def answer_of_module(module: str, *arguments: str) -> str:
     SystemExit
         With the child's exit status when it is not 0.
     """
+    require_packages_of(module)
     command = [sys.executable, "-m", module, *arguments]
     child = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
     if child.returncode:

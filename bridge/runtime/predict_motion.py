@@ -19,8 +19,8 @@ from bridge.runtime.out_folder import open_out_folder
 
 def predict_motion(
     run: Run | None,
-    path: Path,
-    out: Path,
+    path: Path | str,
+    out: Path | str,
     *,
     predictor: str | None = None,
     controls: Controls | None = None,
@@ -34,7 +34,7 @@ def predict_motion(
     ----------
     run : whose body and predictor; None for those that come with the package, of the motion's
         gender.
-    path : AMASS `.npz`.
+    path : AMASS `.npz`, or `sample:NAME`.
     out : folder to write, see `open_out_folder`: offsets (T, V, 3) in the rest pose and vertices
         (T, V, 3), both in metres, latents (T, 100) if the predictor has them, `strip.png`,
         `manifest.json`.
@@ -47,6 +47,7 @@ def predict_motion(
         If the run lacks the predictor or its stages are no chain, the file is no motion of a
         body, `out` holds something else, and what `controlled_body` raises.
     """
+    path, out = Path(path), Path(out)
     controls = Controls() if controls is None else controls
     controls.check()
     motion = load_amass_motion(path)

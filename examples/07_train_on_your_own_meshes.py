@@ -1,0 +1,25 @@
+"""Train the best predictor on registered meshes of your own (needs the extra `train`).
+
+python examples/07_train_on_your_own_meshes.py SMPL_FEMALE.npz MESHES.h5 [MESHES.h5 ...]
+
+The first file is the SMPL model whose faces the meshes share, the others hold them as Dyna's and
+D-FAUST's files do, (V, 3, T) metres at 60 frames a second: docs/data.md. What the commands make
+lies in runs/mine; stopped ones go on where they were.
+"""
+
+import sys
+
+from bridge.runs import Run
+from bridge.runs.processes import exit_with_one_line, run_dsnet
+from bridge.runtime.predict_motion import predict_motion
+
+
+def main(smpl: str, *meshes: str) -> None:
+    """Meshes to offsets, offsets to a predictor, a motion to a moving body."""
+    run_dsnet("align", "--run", "mine", "--aligner", "robust", "--smpl", smpl, "--dyna", *meshes)
+    run_dsnet("train-plus", "--run", "mine")
+    predict_motion(Run("mine"), "sample:walking", "runs/mine_walking")
+
+
+with exit_with_one_line():
+    main(*sys.argv[1:])

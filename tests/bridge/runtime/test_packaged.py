@@ -1,0 +1,65 @@
+"""The models that come with the package: whole, small, labelled, and good for any body."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.motion import Motion
+from bridge.runs import read_artifact
+from bridge.runtime.body_motion import place_motion
+from bridge.runtime.characters import open_character
+from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.packaged import KIND, packaged_folder, packaged_predictor
+
+GENDERS = ("female", "male")
+LARGEST_BYTES = 4_000_000
+
+
+@pytest.mark.parametrize("gender", GENDERS)
+def test_they_are_as_they_were_written_and_say_synthetic(gender):
+    model = read_artifact(packaged_folder(gender), KIND)
+    model.verify()
+    assert (model.origin, model.manifest["gender"]) == ("synthetic", gender)
+
+
+def test_both_together_are_small():
+    files = [path for gender in GENDERS for path in packaged_folder(gender).iterdir()]
+    assert 100_000 < sum(path.stat().st_size for path in files) <= LARGEST_BYTES
+
+
+def test_the_body_is_of_the_motions_gender():
+    assert open_character(None, gender="male").body.name == "embedded:male"
+    assert open_character(None, gender="neutral").body.name == "embedded:female"
+
+
+def test_another_predictor_needs_a_run():
+    with pytest.raises(DsnetError, match=r"'dsnet_faithful' without a run.*dsnet_plus.*--run demo"):
+        packaged_predictor("female", "dsnet_faithful")
+
+
+@pytest.fixture(scope="module")
+def hops() -> Motion:
+    """Half a second of standing, one of hops by 20 cm, half a second of standing."""
+    time = np.arange(120) / 60 - 0.5
+    theta = np.zeros((120, 69))
+    theta[:, 67] = np.where(abs(time - 0.5) < 0.5, 0.2 * np.abs(np.sin(2 * np.pi * time)), 0.0)
+    return Motion(theta, np.zeros(10), "female", 60.0, 60.0, source=None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("gender", GENDERS)
+@pytest.mark.parametrize("first_beta", [-2.0, 0.0, 2.0])
+def test_hops_shake_every_body_and_standing_stills_it(gender, first_beta, hops):
+    betas = np.zeros(10)
+    betas[0] = first_beta
+    character = open_character(None, gender=gender)
+    moving = MovingBody(character, place_motion(replace(hops, betas=betas), character.body))
+    size_mm = 1e3 * np.concatenate(
+        [np.linalg.norm(posed.offsets_m, axis=-1).mean(axis=1) for posed in moving]
+    )
+    assert size_mm[0] < 1e-3
+    assert 0.5 < size_mm.max() < 50  # no jolt, and no blow-up
+    assert size_mm[-1] < 0.5 * size_mm.max()

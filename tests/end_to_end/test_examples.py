@@ -1,0 +1,61 @@
+"""Every example runs as it stands, and is short enough to be read."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bridge.runs import read_artifact
+from tests.sources import ROOT
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+LONGEST = 40
+SAYS = {
+    "01_load_a_body.py": "6890 vertices",
+    "02_read_a_motion.py": "240 frames",
+    "03_predict.py": "3.20 to  4.00 s",
+    "07_train_on_your_own_meshes.py": "",
+    "08_verify.py": "65,140 parameters",
+}
+WITH_FRAMEWORKS = ("07", "08")
+
+
+def run_example(path: Path, folder: Path, *arguments: object) -> str:
+    """What an example prints; warnings are errors."""
+    command = [sys.executable, "-W", "error", str(path), *map(str, arguments)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_example_is_known_here_and_short() -> None:
+    assert [path.name for path in EXAMPLES] == list(SAYS)
+    assert all(len(path.read_text().splitlines()) <= LONGEST for path in EXAMPLES)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in EXAMPLES if not path.name.startswith(WITH_FRAMEWORKS)],
+    ids=lambda path: path.stem,
+)
+def test_it_runs(path: Path, tmp_path: Path) -> None:
+    assert SAYS[path.name] in run_example(path, tmp_path)
+
+
+@pytest.mark.slow
+def test_verification_runs(tmp_path: Path) -> None:
+    path = ROOT / "examples" / "08_verify.py"
+    assert SAYS[path.name] in run_example(path, tmp_path)
+
+
+@pytest.mark.slow
+def test_training_on_meshes_of_ones_own_runs(smoke_runs: Path, tmp_path: Path) -> None:
+    corpus = smoke_runs / "smoke" / "corpus"
+    files = corpus / "SMPL_FEMALE.npz", corpus / "dyna_female.h5"
+    run_example(ROOT / "examples" / "07_train_on_your_own_meshes.py", tmp_path, *files)
+    made = read_artifact(tmp_path / "runs" / "mine_walking", "prediction")
+    assert made.array("vertices").shape == (240, 6890, 3)
+    assert made.manifest["predictor"] == "dsnet_plus"
