@@ -13,7 +13,7 @@ import griffe
 import pytest
 
 from tests.sources import PACKAGES, ROOT
-from tools.site import hook
+from tools.site import docstrings, hook
 
 BUILD = (sys.executable, "tools/build_site.py")
 # What a browser fetches by itself; `a` only leads away.
@@ -108,7 +108,7 @@ def test_prose_in_docstrings_describes() -> None:
     parameters = "Parameters\n----------\na, b : (B, 3) both,\n    metres."
     text = f"It.\n\n{parameters}\n\nReturns\n-------\n(B,) sums."
     function = griffe.Function("f", docstring=griffe.Docstring(text))
-    hook.ProseSections().on_object(obj=function)
+    docstrings.ProseSections().on_object(obj=function)
     assert function.docstring
     lines = function.docstring.value.splitlines()
     assert lines[4:7] == ["a, b", "    (B, 3) both,", "    metres."]

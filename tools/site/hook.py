@@ -9,10 +9,8 @@ from __future__ import annotations
 import posixpath
 import re
 from pathlib import Path, PurePosixPath
-from textwrap import indent
 from typing import Any
 
-import griffe
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -31,8 +29,6 @@ STAND_INS = {
 }
 _LINK = re.compile(r'(?:(?<=\[)`(?P<name>[\w.]+)`)?(?:\]\(|src="|href=")(?P<to>[^)#"\s]+)')
 _ENTRY = re.compile(r"^(?:## (?P<section>.+)|- \[(?P<title>[^\]]+)\]\((?P<to>[^)\s]+)\).*)$", re.M)
-_ITEM = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) : (.+)", re.M)
-_RETURNED = re.compile(r"^((?:Returns|Yields)\n-+\n)((?:\S.*(?:\n|\Z))+)(?=\n|\Z)", re.M)
 
 Menu = list[dict[str, Any]]
 
@@ -137,31 +133,5 @@ def modules_menu() -> Menu:
 
 def examples_page(scripts: list[Path]) -> str:
     """Every example with its source, in reading order."""
-    shown = (f"## {path.name}\n\n```python\n{path.read_text()}```\n" for path in scripts)
-    return "# Examples\n\nIn reading order, run from the root of the repository.\n\n" + "\n".join(
-        shown
-    )
-
-
-class ProseSections(griffe.Extension):
-    """Reads `name : what it is` and prose under `Returns`; types come from the annotations."""
-
-    def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
-        """Give a docstring the form that numpydoc prescribes."""
-        if obj.docstring:
-            items = _ITEM.sub(r"\1\n    \2", obj.docstring.value)
-            obj.docstring.value = _RETURNED.sub(lambda m: f"{m[1]}:\n{indent(m[2], '    ')}", items)
-
-    def on_module(self, *, mod: griffe.Module, **_: Any) -> None:
-        """Name what a package hands on, which has its place on the page of its own module."""
-        exported = [mod.members[str(name)] for name in mod.exports or () if mod.is_init_module]
-        handed_on = [
-            member
-            for member in exported
-            if isinstance(member, griffe.Alias) and member.target_path.startswith(PACKAGES)
-        ]
-        for member in handed_on:
-            member.public = False
-        if handed_on and mod.docstring:
-            names = ", ".join(f"[`{one.name}`][{mod.path}.{one.name}]" for one in handed_on)
-            mod.docstring.value += f"\n\nTo be imported from here: {names}."
+    shown = [f"## {path.name}\n\n```python\n{path.read_text()}```" for path in scripts]
+    return "\n\n".join(["# Examples", "Scripts of `examples/`, in reading order.", *shown])
