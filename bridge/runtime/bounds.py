@@ -27,9 +27,12 @@ def numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
         If it holds anything else.
     """
     try:
-        array = np.asarray(values, np.float64)
+        found = np.asarray(values)
     except (TypeError, ValueError) as error:
-        raise DsnetError(f"{name} of {type(values).__name__}", "numbers", str(error)) from error
+        raise _no_numbers(name, f"rows that fit no array ({error})") from error
+    if found.dtype.kind not in "iuf":
+        raise _no_numbers(name, f"values of type {found.dtype}")
+    array = found.astype(np.float64)
     if not np.isfinite(array).all():
         raise DsnetError(
             f"{name} with {int((~np.isfinite(array)).sum())} of {array.size} numbers not finite",
@@ -37,6 +40,10 @@ def numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
             "Leave the frame out or repeat the last one; nothing has moved.",
         )
     return array
+
+
+def _no_numbers(name: str, flaw: str) -> DsnetError:
+    return DsnetError(f"{name} with {flaw}", "an array of numbers", "Pass finite real numbers.")
 
 
 def check_poses(name: str, theta: NDArray[np.float64]) -> None:

@@ -18,6 +18,7 @@ from bridge.report.motion_strip import draw_motion_strip
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify
 from bridge.runs.run import body_model_path
+from bridge.runtime.bounds import FARTHEST_M, LARGEST_BODY_M
 from bridge.runtime.dsnet_motion import DSNET
 from bridge.runtime.motion_predictor import MotionPredictor, choose_predictor
 from bridge.runtime.out_folder import open_out_folder
@@ -26,8 +27,6 @@ from bridge.runtime.skinning import ShapedBody
 
 ROADS = (PLUS, DSNET)
 """Whose predictors can be asked for, the best first."""
-LARGEST_BODY_M, FARTHEST_M = 10.0, 1000.0
-"""A shape larger than this is no person's, and a place farther off no motion's."""
 
 
 def predict_motion(

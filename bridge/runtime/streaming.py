@@ -92,8 +92,8 @@ class StreamingPredictor:
             If the shapes are others, B has changed since the last `reset`, a number is not finite,
             or a pose or shape is no person's. Then nothing has moved: go on with the next frame.
         """
-        self._check(np.shape(theta), np.shape(betas))
         theta, betas = numbers("theta", theta), numbers("betas", betas)
+        self._check(theta.shape, betas.shape)
         check_poses("theta", theta)
         check_shapes("betas", betas)
         return self._network.step(np.concatenate((betas, theta), axis=1, dtype=np.float32))

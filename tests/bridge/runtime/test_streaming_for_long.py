@@ -86,9 +86,8 @@ class Company:
         return len(pickle.dumps(self.bodies._characters))
 
 
-@pytest.mark.parametrize("fps", [60, 90])
-def test_bodies(round_body, fps):
-    company = Company(round_body, fps)
+def test_bodies(round_body):
+    company = Company(round_body, 90)
     assert growth_bytes(company.step, 2000, company.held_bytes) < 2000 * ALLOWED_BYTES
     assert 1e-3 < company.largest_m < 0.2
 
