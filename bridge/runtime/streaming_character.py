@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.motion.cuts import is_cut
-from bridge.runtime.frame_clock import FrameClock, between, going_on
+from bridge.motion.interpolation import between, going_on
+from bridge.runtime.frame_clock import FrameClock
 from bridge.runtime.skinning import ShapedBody
 from bridge.runtime.streaming_model import StreamingModel
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.paper import THETA_SIZE
+from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.tissue.load import Load, SkinnedNodes, in_rest_frame
 from bridge.tissue.oscillators import FPS, NodeMechanics, OscillatorSheet
 from bridge.tissue.trained_plus import TrainedPlus, static_features
@@ -77,6 +77,7 @@ class StreamingTissue:
         self.look_ahead = model.look_ahead
         self._model, self._body = model, body
         self._by_pose = bool(model.static.by_pose_m.any())
+        self._skin = SkinnedNodes(body, model.nodes.vertices, np.zeros(N_BETAS))
         self._sheet: OscillatorSheet | None = None
         self._together = lru_cache(_GROUPS_KEPT)(self._side_by_side)
 
@@ -86,7 +87,7 @@ class StreamingTissue:
         static_m = model.static_m(body, betas, np.zeros((1, THETA_SIZE)))
         return TissueOfPerson(
             mechanics=model.mechanics(body, betas),
-            skin=SkinnedNodes(body, model.nodes.vertices, betas),
+            skin=self._skin.of_person(betas),
             constant_m=None if static_m is None or not static_m.any() else static_m[0],
         )
 

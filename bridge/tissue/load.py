@@ -50,12 +50,21 @@ class SkinnedNodes:
     """
 
     def __init__(self, body: BodyModelData, vertices: NDArray, betas: NDArray) -> None:
-        betas = np.asarray(betas, np.float64)
-        self._body = body
-        self._joints = shaped_joints(body, betas[None])
-        self._rest = body.v_template[vertices] + body.shapedirs[vertices] @ betas
+        self._body, self._vertices = body, vertices
         self._posedirs = body.posedirs[vertices]
         self._weights = body.weights[vertices]
+        self._take(betas)
+
+    def _take(self, betas: NDArray) -> None:
+        betas, vertices = np.asarray(betas, np.float64), self._vertices
+        self._joints = shaped_joints(self._body, betas[None])
+        self._rest = self._body.v_template[vertices] + self._body.shapedirs[vertices] @ betas
+
+    def of_person(self, betas: NDArray) -> SkinnedNodes:
+        """The same vertices of another person (10,); what all persons share is stored once."""
+        other = copy(self)
+        other._take(betas)
+        return other
 
     def __call__(self, theta: NDArray) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """Places (T, K, 3), metres, and skinning rotations (T, K, 3, 3) of a motion (T, 69)."""

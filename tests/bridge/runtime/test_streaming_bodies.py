@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -135,7 +136,7 @@ def broken(pose: np.ndarray, row: int, value: float) -> np.ndarray:
 
 
 POSE = swaying(TIMES_S[:1])[0]
-REFUSED = {
+REFUSED: dict[str, Any] = {
     "nan": broken(POSE, 5, np.nan),
     "inf": broken(POSE, 67, np.inf),
     "minus inf": broken(POSE, 0, -np.inf),
