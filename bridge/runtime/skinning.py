@@ -20,8 +20,8 @@ from bridge.body.posing import (
     shaped_vertices,
 )
 
-_BODIES_AT_ONCE = 8
-"""What these need besides fits a processor's cache."""
+_BODIES_AT_ONCE = 64
+"""A product for many rows costs each of them less; the others wait, so that memory is bounded."""
 
 
 class BodySkin:

@@ -25,7 +25,8 @@ def test_posed_vertices_are_the_oracles(joints):
     np.testing.assert_array_equal(offsets, kept)
 
 
-def test_several_persons_are_posed_as_each_alone():
+def test_several_persons_are_posed_as_each_alone(monkeypatch):
+    monkeypatch.setattr("bridge.runtime.skinning._BODIES_AT_ONCE", 4)
     rng = np.random.default_rng(3)
     body, betas = load_body_model("embedded:female"), rng.normal(size=(11, 10))
     pose, trans = rng.normal(0, 0.7, (11, 22, 3)), rng.normal(0, 3, (11, 3))
