@@ -60,7 +60,7 @@ class StreamingBodies:
     `load_amass_motion` resamples, and what is made of ticks to frames. Answers are `latency_frames`
     late: the model looks ahead by some ticks, and a frame needs the ticks before and after it.
 
-    What is remembered of a person does not grow: with 500 nodes some 0.2 MB, her rest shape included.
+    What is remembered of a person does not grow: with 500 nodes some 0.2 MB.
 
     Parameters
     ----------

@@ -82,3 +82,16 @@ def test_frames_between_ticks_are_between_their_offsets(flesh, fps):
     jerks = np.abs(np.diff(found, n=3, axis=0)).max()
     # A frame that repeated its tick's offsets would jump by a frame's change.
     assert jerks < 0.8 * np.abs(np.diff(found, axis=0)).max()
+
+
+@pytest.mark.parametrize("fps", [90, 240])
+@pytest.mark.parametrize("cut", [17, 18, 19, 20])
+def test_no_frame_mixes_both_sides_of_a_cut(flesh, fps, cut):
+    """She hangs askew, then stands as she was scanned, elsewhere: without any offset."""
+    theta = np.tile(swaying(np.zeros(1)), (40, 1))
+    theta[cut:] = 0
+    theta[cut:, 66] = 3.0
+    sizes_m = np.abs(streamed(flesh, theta, fps)).max(axis=(1, 2))
+    np.testing.assert_allclose(sizes_m[:cut], sizes_m[0], rtol=0.02)
+    np.testing.assert_allclose(sizes_m[cut:], 0.0, atol=1e-7)
+    assert sizes_m[0] > 1e-3
