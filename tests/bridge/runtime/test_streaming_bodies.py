@@ -156,7 +156,8 @@ def test_poses_that_are_none_are_refused_and_nothing_has_moved(flesh):
     theta = swaying(TIMES_S[: len(REFUSED)])
     disturbed, undisturbed = (StreamingBodies(flesh, body=BODY) for _ in range(2))
     pairs = [[bodies.join(BETAS) for _ in range(2)] for bodies in (disturbed, undisturbed)]
-    for pose, refused in zip(theta, REFUSED.values(), strict=True):
+    for row, refused in enumerate(REFUSED.values()):
+        pose: np.ndarray = theta[row]
         with pytest.raises(DsnetError, match=f"character {pairs[0][1]}") as no:
             disturbed.step({pairs[0][0]: pose, pairs[0][1]: refused})
         assert "\n" not in str(no.value)
