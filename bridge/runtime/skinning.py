@@ -106,11 +106,12 @@ class ShapedBody:
         ----------
         pose : (T, 22, 3) or (T, 24, 3) axis-angle, radians.
         trans : (T, 3) translation, metres.
-        offsets : (T, V, 3) displacement in the rest pose, metres.
+        offsets : (T, V, 3) displacement in the rest pose, metres; or (1, 1, 3) for all.
 
         Returns
         -------
         (T, V, 3) vertices, metres.
         """
-        rest = (offsets + self.vertices_m).astype(np.float32, copy=False)
+        rest = np.empty((len(pose), *self.vertices_m.shape), np.float32)
+        np.add(offsets, self.vertices_m, out=rest, casting="same_kind")
         return self._skin.posed(rest, self.joints_m, pose, trans)
