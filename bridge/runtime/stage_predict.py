@@ -59,7 +59,7 @@ def main(config: PredictConfig) -> None:
         return
     from bridge.runtime.predict_motion import predict_motion
 
-    betas = None if config.betas is None else _parse_betas(config.betas)
+    betas = None if config.betas is None else parse_betas(config.betas)
     run = None if config.run is None else Run(config.run)
     predict_motion(run, config.motion, config.out, predictor=config.predictor, betas=betas)
 
@@ -89,7 +89,14 @@ def _run_stage(config: PredictConfig) -> None:
     run_module("tf_dsnet.stage_predict", *given)
 
 
-def _parse_betas(text: str) -> NDArray[np.float64]:
+def parse_betas(text: str) -> NDArray[np.float64]:
+    """The ten numbers of `--betas a,b,...`.
+
+    Raises
+    ------
+    DsnetError
+        If they are other than ten finite numbers.
+    """
     try:
         betas = np.array([float(part) for part in text.split(",")])
     except ValueError:
