@@ -61,7 +61,8 @@ def set_stage(moving: MovingBody, step: int, width_px: int) -> ClipStage:
             low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
             sizes_m.append(np.linalg.norm(posed.offsets_m[row, ::_VERTICES_SKIPPED], axis=1))
     apart_m = high[0] - low[0] + _GAP_M
-    corners = np.array(list(product(*zip(low, high + [apart_m, 0, 0], strict=True))))
+    high[0] += apart_m
+    corners = np.array(list(product(*zip(low, high, strict=True))))
     camera = _camera(corners, width_px)
     return ClipStage(turn, path_m, apart_m, camera, scale_top_m(np.concatenate(sizes_m)))
 

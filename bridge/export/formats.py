@@ -66,7 +66,7 @@ def chosen_format(name: str, out: Path) -> Format:
         raise DsnetError(
             f"--to {name} without {form.package}",
             f"an installation with the extra {form.extra!r}",
-            f"pip install 'dsnet[{form.extra}]'",
+            f'Install the extra: pip install "dsnet[{form.extra}]".',
         )
     if form.suffixes and out.suffix.lower() not in form.suffixes:
         raise DsnetError(

@@ -45,10 +45,13 @@ def meshes(moving: MovingBody) -> Iterator[tuple[int, trimesh.Trimesh]]:
             numbers, posed.offsets_m, posed.vertices_m, strict=True
         ):
             size_m = np.linalg.norm(offsets_m, axis=1)
-            yield number, trimesh.Trimesh(
-                vertices_m,
-                body.faces,
-                vertex_normals=normals(vertices_m),
-                vertex_attributes={"offset_m": size_m},
-                process=False,
+            yield (
+                number,
+                trimesh.Trimesh(
+                    vertices_m,
+                    body.faces,
+                    vertex_normals=normals(vertices_m),
+                    vertex_attributes={"offset_m": size_m},
+                    process=False,
+                ),
             )
