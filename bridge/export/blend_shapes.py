@@ -37,8 +37,9 @@ class RestBodies:
     def __call__(self, posed: PosedFrames) -> NDArray[np.float32]:
         """(T', 3V) displacement of each frame's rest pose from the shaped body, metres."""
         rotations = joint_rotations(self._body, unpack_theta(self._theta[posed.frames])[0])
-        blended = pose_features(rotations).astype(np.float32) @ self._posedirs
-        return blended + posed.offsets_m.reshape(len(posed), -1)
+        moved_m = posed.offsets_m.reshape(len(posed), -1).copy()
+        moved_m += pose_features(rotations).astype(np.float32) @ self._posedirs
+        return moved_m
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,7 @@ class BlendShapes:
 
     def weights_m(self, moved_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """(T', K) of displacements (T', 3V)."""
-        return (moved_m - self.mean_m) @ self.directions.T
+        return np.asarray((moved_m - self.mean_m) @ self.directions.T, np.float32)
 
     def error_m(self, moved_m: NDArray[np.float32], weights_m: NDArray[np.float32]) -> float:
         """Largest distance of a vertex from where it should be, metres."""

@@ -7,6 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
@@ -42,16 +43,9 @@ class ClipPage:
         self._font = ImageFont.load_default(12)
         figure = Figure(figsize=(self.size_px[0] / _DPI, self.size_px[1] / _DPI), dpi=_DPI)
         for title, x_px in zip(titles, (width_px / 4, 3 * width_px / 4), strict=True):
-            figure.text(*self._place(x_px, 8), title, fontsize=13 * _POINTS_A_PX, **_MIDDLE)
-        foot = _TITLE_PX + height_px + 5
-        figure.text(
-            *self._place(self.size_px[0] / 2, foot),
-            FOOTERS[origin],
-            fontsize=11 * _POINTS_A_PX,
-            color="#8a4b00",
-            style="italic",
-            **_MIDDLE,
-        )
+            self._write(figure, x_px, 8, title)
+        foot = self._write(figure, self.size_px[0] / 2, _TITLE_PX + height_px + 5, FOOTERS[origin])
+        foot.set(fontsize=11 * _POINTS_A_PX, color="#8a4b00", style="italic")
         self._draw_bar(figure, top_m)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
@@ -69,6 +63,10 @@ class ClipPage:
         """A place from the left and the top as parts of the page, from the bottom."""
         return x_px / self.size_px[0], 1 - y_px / self.size_px[1]
 
+    def _write(self, figure: Figure, middle_px: float, top_px: float, text: str) -> Text:
+        x, y = self._place(middle_px, top_px)
+        return figure.text(x, y, text, fontsize=12 * _POINTS_A_PX, ha="center", va="top")
+
     def _draw_bar(self, figure: Figure, top_m: float) -> None:
         width_px, height_px = self._picture_px
         left, bottom = self._place(width_px + 6, _TITLE_PX + 0.85 * height_px)
@@ -77,6 +75,3 @@ class ClipPage:
         bar = figure.colorbar(scale, cax=figure.add_axes((left, bottom, *size)), extend="max")
         bar.set_label("skin offset [cm]", fontsize=11 * _POINTS_A_PX)
         bar.ax.tick_params(labelsize=10 * _POINTS_A_PX)
-
-
-_MIDDLE = {"ha": "center", "va": "top"}

@@ -23,6 +23,8 @@ _SMOOTH_S = 0.5
 _ASIDE_RAD = 0.35
 _GAP_M = 0.15
 _VERTICES_SKIPPED = 10
+_FRAMES_MEASURED = 300
+"""At most so many frames say how large offsets are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +55,15 @@ def set_stage(moving: MovingBody, step: int, width_px: int) -> ClipStage:
     path_m = path_m * [1.0, 0.0, 1.0]
     ahead = Rotation.from_rotvec(pose[:, 0]).apply([0.0, 0.0, 1.0]).mean(axis=0)
     turn = Rotation.from_euler("y", _ASIDE_RAD - np.arctan2(ahead[0], ahead[2]))
+    looked_at = -(-len(moving) // (step * _FRAMES_MEASURED))
     low, high, sizes_m = np.full(3, np.inf), np.full(3, -np.inf), []
     for posed in moving:
         for row in range(-posed.frames.start % step, len(posed), step):
             path_here_m = path_m[posed.frames.start + row]
             seen = turn.apply(posed.vertices_m[row, ::_VERTICES_SKIPPED] - path_here_m)
             low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
-            sizes_m.append(np.linalg.norm(posed.offsets_m[row, ::_VERTICES_SKIPPED], axis=1))
+            if (posed.frames.start + row) // step % looked_at == 0:
+                sizes_m.append(np.linalg.norm(posed.offsets_m[row, ::_VERTICES_SKIPPED], axis=1))
     apart_m = high[0] - low[0] + _GAP_M
     high[0] += apart_m
     corners = np.array(list(product(*zip(low, high, strict=True))))

@@ -5,6 +5,9 @@ normals, the extent and `primvars:offset_m`, the size of each skin offset, of ev
 `skeleton` (`usd_skeleton`) is small, can be retargeted, and a fraction of a millimetre off.
 """
 
+# USD's modules are compiled and come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 from pathlib import Path

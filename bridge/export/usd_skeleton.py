@@ -5,6 +5,9 @@ skinning becomes blend shapes with a weight a frame (`blend_shapes`), each scale
 weight stays within 1. The largest error that this makes is written into the prim's custom data.
 """
 
+# USD's modules are compiled and come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import numpy as np

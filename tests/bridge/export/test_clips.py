@@ -32,10 +32,11 @@ def test_gif(short, tmp_path, monkeypatch):
     path = tmp_path / "body.gif"
     gif.write(path, short)
     with Image.open(path) as clip:
-        assert (clip.n_frames, clip.size[0], clip.info["loop"]) == (3, 302, 0)
+        count = getattr(clip, "n_frames", 1)
+        assert (count, clip.size[0], clip.info["loop"]) == (3, 302, 0)
         assert clip.info["comment"].startswith(b"synthetic")
         durations_ms, pages = [], []
-        for number in range(clip.n_frames):
+        for number in range(count):
             clip.seek(number)
             durations_ms.append(clip.info["duration"])
             pages.append(np.asarray(clip.convert("RGB")).astype(int))
@@ -70,7 +71,7 @@ def test_mp4(short, tmp_path, monkeypatch):
     assert "h264" in said
     assert "30 fps" in said
     assert re.search(r"comment +: synthetic data", said)
-    height = int(re.search(r" 302x(\d+)", said)[1])
+    (height,) = map(int, set(re.findall(r" 302x(\d+)", said)))
     pages = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, 302, 3).astype(int)
     assert len(pages) == 4
     assert_bodies_side_by_side(pages[0], bar_px=62)

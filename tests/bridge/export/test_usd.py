@@ -1,5 +1,8 @@
 """USD as its own library reads it: metadata, points, normals, and the skeleton it skins itself."""
 
+# USD's modules are compiled and come without types.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 from pathlib import Path
