@@ -115,6 +115,22 @@ def test_blend_shapes_are_orthonormal_and_all_that_a_short_motion_needs(characte
     assert np.linalg.norm(moved_m - shapes.mean_m, axis=1).max() > 100 * ENOUGH_M
 
 
+def test_frames_go_to_the_disk_while_others_are_predicted(character, tmp_path, monkeypatch):
+    monkeypatch.setattr("bridge.runtime.plus_motion.FRAMES_AT_ONCE", 4)
+    moving, path, on_disk = moving_body(character, 12), tmp_path / "body.usd", []
+    pieces = list(moving)
+
+    def watched(_):
+        for piece in pieces:
+            on_disk.append(path.stat().st_size if path.exists() else 0)
+            yield piece
+
+    monkeypatch.setattr(type(moving), "__iter__", watched)
+    usd.write(path, moving)
+    _, _, *while_writing = on_disk[len(pieces) :]
+    assert np.diff([0, *while_writing]).min() > 100_000
+
+
 def test_a_text_file_by_its_suffix(performed, tmp_path, monkeypatch):
     monkeypatch.setattr(
         "bridge.export.stage_export._moving_body",
