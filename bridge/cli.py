@@ -35,6 +35,10 @@ COMMANDS = {
         "Fit dsnet_plus, oscillators on the skin, to offsets.",
     ),
     "predict": ("bridge.runtime.stage_predict", "Predict latents; with --motion, a moving body."),
+    "export": (
+        "bridge.export.stage_export",
+        "Write a moving body for Blender, Maya, Houdini, Unreal.",
+    ),
     "predict-plus": (
         "tf_dsnet.stage_predict_plus",
         "Predict offsets with dsnet_plus.",

@@ -7,13 +7,20 @@ import sys
 
 from tests.sources import PACKAGES, ROOT, imported_modules, source_files
 
-PROVIDES = {"markdown-it-py": "markdown_it"}
+PROVIDES = {
+    "imageio-ffmpeg": "imageio_ffmpeg",
+    "markdown-it-py": "markdown_it",
+    "pillow": "PIL",
+    "usd-core": "pxr",
+}
 # Keras comes with TensorFlow, which fixes its version.
 COMES_WITH = {"keras": "tensorflow"}
 
 
 FRAMEWORKS = {"h5py", "tensorflow", "torch"}
-EXTRAS = ("train",)
+# What one format of `dsnet export` needs, or one command.
+OF_ONE_COMMAND = ("usd", "clip")
+EXTRAS = ("train", *OF_ONE_COMMAND)
 
 
 def needed(listed: str = "\ndependencies = [\n") -> set[str]:
@@ -21,6 +28,11 @@ def needed(listed: str = "\ndependencies = [\n") -> set[str]:
     text = (ROOT / "pyproject.toml").read_text().split(listed)[1].split("\n]")[0]
     names = re.findall(r'"([\w-]+)', text)
     return {PROVIDES.get(str(name), str(name)) for name in names}
+
+
+def extra(name: str) -> set[str]:
+    """Packages that an extra brings."""
+    return needed(f"\n{name} = [\n")
 
 
 def imported(*packages: str) -> set[str]:
@@ -33,11 +45,11 @@ def imported(*packages: str) -> set[str]:
 
 
 def test_dependencies_are_those_that_the_product_imports() -> None:
-    extras = [needed(f"\n{extra} = [\n") for extra in EXTRAS]
-    assert imported(*PACKAGES) == needed().union(*extras)
+    assert imported(*PACKAGES) == needed().union(*map(extra, EXTRAS))
 
 
 def test_an_installation_without_extras_has_what_prediction_needs_and_no_framework() -> None:
-    assert imported("bridge") == needed()
+    assert imported("bridge") == needed().union(*map(extra, OF_ONE_COMMAND))
+    assert not needed() & set().union(*map(extra, EXTRAS))
     assert not needed() & FRAMEWORKS
-    assert needed("\ntrain = [\n") == FRAMEWORKS
+    assert extra("train") == FRAMEWORKS

@@ -14,7 +14,8 @@ _SKY, _KEY, _KEY_WIDTH_RAD = 0.4, 5.0, 0.3
 _FLOOR_ALBEDO = 0.9
 # The floor reflects light onto the bodies; without this, bright colours would burn out.
 _BODY_EXPOSURE = 0.75
-_KEY_DIRECTION = np.array([-0.5, 1.0, 0.75]) / np.linalg.norm([-0.5, 1.0, 0.75])
+KEY_DIRECTION = np.array([-0.5, 1.0, 0.75]) / np.linalg.norm([-0.5, 1.0, 0.75])
+"""From the bodies to the lamp."""
 
 
 @dataclass(frozen=True)
@@ -100,14 +101,14 @@ def render_bodies(
     -------
     (height, width, 3) sRGB picture.
     """
-    mi = _mitsuba()
+    mi = load_mitsuba()
     painted = colours if colours is not None else [None] * len(bodies)
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": 3, "hide_emitters": True},
         "light": {"type": "envmap", "bitmap": mi.Bitmap(_environment()), "scale": 1.0},
-        "floor": _floor(mi, camera),
-        "camera": _sensor(mi, camera, samples),
+        "floor": floor_under(mi, camera),
+        "camera": camera_sensor(mi, camera, samples),
     }
     for index, (body, colour) in enumerate(zip(bodies, painted, strict=True)):
         scene[f"body_{index}"] = _mesh(mi, np.asarray(body), np.asarray(faces), colour)
@@ -130,7 +131,8 @@ def linear_to_srgb(light: ArrayLike) -> NDArray[np.float64]:
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-def _mitsuba() -> Any:
+def load_mitsuba() -> Any:
+    """The renderer's module, with the variant that needs no accelerator."""
     # Imported late: it takes half a second and chooses a variant for the whole process.
     import mitsuba as mi
 
@@ -169,7 +171,7 @@ def _environment(height: int = 64) -> NDArray[np.float32]:
         ),
         axis=-1,
     )
-    angle = np.arccos(np.clip(direction @ _KEY_DIRECTION, -1, 1))
+    angle = np.arccos(np.clip(direction @ KEY_DIRECTION, -1, 1))
     light = _SKY + _KEY * np.exp(-0.5 * (angle / _KEY_WIDTH_RAD) ** 2)
     on_floor = np.clip(direction[..., 1], 0, None) * sine * (np.pi / height) ** 2
     # An unshaded floor is a shade brighter than the paper around the picture: both clip to white.
@@ -177,7 +179,8 @@ def _environment(height: int = 64) -> NDArray[np.float32]:
     return np.repeat(light[..., None], 3, axis=-1).astype(np.float32)
 
 
-def _floor(mi: Any, camera: Camera) -> dict[str, Any]:
+def floor_under(mi: Any, camera: Camera) -> dict[str, Any]:
+    """A white floor that reaches out of every picture."""
     transform = mi.ScalarTransform4f
     placed = transform().translate([camera.target_m[0], camera.floor_m, camera.target_m[2]])
     return {
@@ -190,7 +193,8 @@ def _floor(mi: Any, camera: Camera) -> dict[str, Any]:
     }
 
 
-def _sensor(mi: Any, camera: Camera, samples: int) -> dict[str, Any]:
+def camera_sensor(mi: Any, camera: Camera, samples: int) -> dict[str, Any]:
+    """The renderer's description of a camera."""
     view = mi.ScalarTransform4f().look_at(camera.origin_m, camera.target_m, [0, 1, 0])
     return {
         "type": "perspective",

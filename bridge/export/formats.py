@@ -1,0 +1,77 @@
+"""What `dsnet export --to` can write: one entry a format, which names the module that does it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+from bridge.errors import DsnetError
+from bridge.runtime.moving_body import MovingBody
+
+Writer = Callable[[Path, MovingBody], None]
+"""Writes a moving body to a new file, or into an empty folder; holds some frames at a time."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """One way to write a moving body."""
+
+    module: str
+    """Which holds its `write`, a `Writer`."""
+    suffixes: tuple[str, ...] = ()
+    """What the name of its one file may end in; none if it is a folder of files."""
+    package: str | None = None
+    """What it needs beyond the installation without extras, as it is imported."""
+    extra: str | None = None
+    """The extra that brings it."""
+
+    @property
+    def is_folder(self) -> bool:
+        """Whether it is a folder of files."""
+        return not self.suffixes
+
+    def writer(self) -> Writer:
+        """Its `write`, whose module is imported now."""
+        return import_module(self.module).write
+
+
+FORMATS = {
+    "usd": Format("bridge.export.usd", (".usd", ".usdc", ".usda"), "pxr", "usd"),
+    "pc2": Format("bridge.export.pc2"),
+    "mdd": Format("bridge.export.mdd"),
+    "obj": Format("bridge.export.obj"),
+    "ply": Format("bridge.export.ply"),
+    "npz": Format("bridge.export.smpl_npz", (".npz",)),
+    "gif": Format("bridge.export.gif", (".gif",)),
+    "mp4": Format("bridge.export.mp4", (".mp4",), "imageio_ffmpeg", "clip"),
+}
+
+
+def chosen_format(name: str, out: Path) -> Format:
+    """The format `name`, which can be written here to a path like `out`.
+
+    Raises
+    ------
+    DsnetError
+        If there is no such format, its extra is not installed, or `out` has another suffix.
+    """
+    if name not in FORMATS:
+        known = ", ".join(FORMATS)
+        raise DsnetError(f"--to {name}", f"one of {known}", "Pass one of these.")
+    form = FORMATS[name]
+    if form.package and find_spec(form.package) is None:
+        raise DsnetError(
+            f"--to {name} without {form.package}",
+            f"an installation with the extra {form.extra!r}",
+            f'Install the extra: pip install "dsnet[{form.extra}]".',
+        )
+    if form.suffixes and out.suffix.lower() not in form.suffixes:
+        raise DsnetError(
+            f"--out {out} with --to {name}",
+            f"a file whose name ends in {' or '.join(form.suffixes)}",
+            f"Pass --out {out.with_suffix(form.suffixes[0])}.",
+        )
+    return form

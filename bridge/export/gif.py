@@ -1,0 +1,43 @@
+"""An animated GIF of a moving body: 20 pictures a second, all in the same colours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PIL import Image
+
+from bridge.errors import DsnetError
+from bridge.export.about import about_in_a_line
+from bridge.export.clip import Clip
+from bridge.runtime.moving_body import MovingBody
+
+LONGEST_S = 60.0
+"""A GIF is held in memory as a whole; a longer one would also be too large for any use."""
+_FPS, _WIDTH_PX = 20.0, 480
+
+
+def write(path: Path, moving: MovingBody) -> None:
+    """Write the file.
+
+    Raises
+    ------
+    DsnetError
+        If the motion lasts longer than a GIF may.
+    """
+    if moving.motion.duration_s > LONGEST_S:
+        raise DsnetError(
+            f"--to gif of {moving.motion.duration_s:.0f} s",
+            f"at most {LONGEST_S:.0f} s",
+            "Pass --to mp4, or a shorter motion.",
+        )
+    clip = Clip(moving, fps=_FPS, width_px=_WIDTH_PX)
+    palette = clip.with_all_colours().quantize(method=Image.Quantize.MAXCOVERAGE)
+    pages = (page.quantize(palette=palette, dither=Image.Dither.NONE) for page in clip)
+    next(pages).save(
+        path,
+        save_all=True,
+        append_images=pages,
+        duration=round(1000 / clip.fps),
+        loop=0,
+        comment=about_in_a_line(moving).encode("ascii"),
+    )

@@ -1,0 +1,83 @@
+"""SMPL parameters and skin offsets: an `.npz` with AMASS's keys, and those that AMASS lacks.
+
+`poses` and `trans` are AMASS's and have z up as all of AMASS, so that its readers, ours among them,
+find the body upright. `theta` is the paper's pose vector of the same motion with y up, as in
+everything else that is written here. Offsets lie in the rest pose, which no up axis turns.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.body.model_data import JOINT_COUNT
+from bridge.body.posing import shaped_joints
+from bridge.export.about import about
+from bridge.motion import unpack_theta
+from bridge.runtime.moving_body import MovingBody
+
+_R_ZUP_YUP = Rotation.from_euler("x", 90, degrees=True)
+
+
+def write(path: Path, moving: MovingBody) -> None:
+    """Write `poses` (T, 72) and `trans` (T, 3), z up; `theta` (T, 69), y up; `offsets` (T, V, 3).
+
+    Beside these stand `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest
+    position that the root turns about, and facts of the export as texts.
+    """
+    shape = (len(moving), moving.character.body.vertex_count, 3)
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, value in _parameters(moving).items():
+            with archive.open(f"{name}.npy", "w") as file:
+                npy.write_array(file, np.asarray(value), allow_pickle=False)
+        with archive.open("offsets.npy", "w", force_zip64=True) as file:
+            header = {"descr": "<f4", "fortran_order": False, "shape": shape}
+            npy.write_array_header_2_0(file, header)
+            for piece in _offsets(moving):
+                file.write(piece)
+
+
+def _parameters(moving: MovingBody) -> dict[str, Any]:
+    facts, motion = about(moving), moving.motion
+    root_joint_m = shaped_joints(moving.character.body, motion.betas[None])[0, 0]
+    poses, trans_m = _z_up(motion.theta, root_joint_m)
+    return {
+        "poses": poses,
+        "trans": trans_m,
+        "betas": motion.betas,
+        "gender": facts["gender"],
+        "mocap_framerate": motion.fps,
+        "up_axis": "z",
+        "theta": motion.theta,
+        "theta_up_axis": motion.up,
+        "root_joint": root_joint_m,
+        "length_unit": "m",
+        "angle_unit": "rad",
+        **{key: facts[key] for key in ("data", "made_by", "predictor", "model", "body_model")},
+        "motion": facts["motion"],
+    }
+
+
+def _z_up(theta: NDArray, root_joint_m: NDArray) -> tuple[NDArray, NDArray]:
+    """AMASS's poses (T, 72) and translation (T, 3) of a motion (T, 69) with y up.
+
+    The root turns about its joint J, which lies at J + trans: turning the world turns that sum.
+    """
+    pose, trans_m = unpack_theta(theta)
+    full = np.zeros((len(pose), JOINT_COUNT, 3))
+    full[:, : pose.shape[1]] = pose
+    full[:, 0] = (_R_ZUP_YUP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
+    turned_m = _R_ZUP_YUP.apply(trans_m + root_joint_m) - root_joint_m
+    return full.reshape(len(pose), -1), turned_m
+
+
+def _offsets(moving: MovingBody) -> Iterator[bytes]:
+    for posed in moving:
+        yield np.ascontiguousarray(posed.offsets_m, "<f4").tobytes()

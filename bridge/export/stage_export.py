@@ -1,0 +1,79 @@
+"""`dsnet export`: a moving body as a file that Blender, Maya, Houdini, Unreal and others open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from bridge.errors import DsnetError
+from bridge.export.formats import FORMATS, chosen_format
+from bridge.export.new_path import new_path, refuse_taken
+from bridge.motion import load_amass_motion
+from bridge.motion.cuts import cut_warning
+from bridge.runs import Run
+from bridge.runs.processes import notify
+from bridge.runtime.characters import open_character
+from bridge.runtime.controls import Controls, controlled_body
+from bridge.runtime.moving_body import MovingBody
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportConfig(Controls):
+    """Write a body that performs a motion as a file for another tool: 60 fps, metres, y up."""
+
+    to: str | None = None
+    """Format: usd, pc2, mdd, obj, ply, npz, gif or mp4. docs/export.md says how to open each."""
+    motion: Path | None = None
+    """One AMASS `.npz`."""
+    run: str | None = None
+    """Run whose predictor moves the skin; the small model that comes with the package when left
+    out, of the motion's gender."""
+    predictor: str | None = None
+    """Which of the run's; its best when left out."""
+    out: Path | None = None
+    """File to write, or for pc2, mdd, obj and ply a folder; it must not exist."""
+
+
+PROFILES = {name: ExportConfig() for name in ("smoke", "demo", "paper")}
+
+
+def main(config: ExportConfig) -> None:
+    """Write the export.
+
+    Raises
+    ------
+    DsnetError
+        If an option is missing, the format is unknown or not installed, `out` exists or cannot
+        be written, or the motion or its predictor cannot be used.
+    """
+    to, out = config.to, config.out
+    if to is None:
+        raise DsnetError("export without --to", f"one of {', '.join(FORMATS)}", "Pass --to FORMAT.")
+    if out is None:
+        raise DsnetError("export without --out", "a path to write", "Pass --out PATH.")
+    form = chosen_format(to, out)
+    config.check()
+    refuse_taken(out)
+    moving = _moving_body(config)
+    with new_path(out) as path:
+        _say_who_predicts(moving)
+        if form.is_folder:
+            path.mkdir()
+        form.writer()(path, moving)
+
+
+def _moving_body(config: ExportConfig) -> MovingBody:
+    """The character that was asked for, in its motion."""
+    if config.motion is None:
+        raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
+    motion = load_amass_motion(config.motion)
+    run = None if config.run is None else Run(config.run)
+    character = open_character(run, config.predictor, motion.gender)
+    return controlled_body(character, motion, config)
+
+
+def _say_who_predicts(moving: MovingBody) -> None:
+    chosen, motion = moving.character.chosen, moving.motion
+    notify(f"{chosen.name} ({chosen.label}) of {chosen.owner} predicts: {chosen.why}")
+    if warning := cut_warning(motion.source, moving.pieces, motion.fps):
+        notify(warning)

@@ -1,0 +1,117 @@
+"""OpenUSD: one mesh whose points move, and the same as a skeleton with blend shapes.
+
+The variant set `deformation` of the one root prim `/Body` chooses: `points` has the points, their
+normals, the extent and `primvars:offset_m`, the size of each skin offset, of every frame, exactly;
+`skeleton` (`usd_skeleton`) is small, can be retargeted, and a fraction of a millimetre off.
+"""
+
+# USD's modules are compiled and come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Tf, Usd, UsdGeom, Vt
+
+from bridge.errors import DsnetError
+from bridge.export.about import about, about_in_a_line
+from bridge.export.surface_frames import VertexNormals
+from bridge.export.usd_skeleton import SkeletonVariant
+from bridge.runtime.moving_body import MovedFrames, MovingBody
+
+ROOT, MESH, VARIANTS = "/Body", "/Body/Mesh", "deformation"
+POINTS, SKELETON = "points", "skeleton"
+
+
+def write(path: Path, moving: MovingBody) -> None:
+    """Write a USD file: one time code a frame from 0, 60 a second, metres, y up.
+
+    Raises
+    ------
+    DsnetError
+        If the file cannot be written.
+    """
+    try:
+        stage = _new_stage(path, moving)
+        _write_frames(stage, moving)
+        stage.Save()
+    except Tf.ErrorException as error:
+        raise DsnetError(
+            f"--out, which USD cannot write ({str(error).splitlines()[-1].strip()})",
+            "a path that can be made, on a disk with room",
+            "Name another path.",
+        ) from error
+
+
+def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
+    stage, facts = Usd.Stage.CreateNew(str(path)), about(moving)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
+    stage.SetTimeCodesPerSecond(moving.motion.fps)
+    stage.SetFramesPerSecond(moving.motion.fps)
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(len(moving) - 1)
+    layer = stage.GetRootLayer()
+    layer.comment = about_in_a_line(moving)
+    layer.customLayerData = {"dsnet": facts | {"betas": Vt.DoubleArray(facts["betas"])}}
+    root = stage.DefinePrim(ROOT)
+    stage.SetDefaultPrim(root)
+    Usd.ModelAPI(root).SetKind("component")
+    mesh, faces = UsdGeom.Mesh.Define(stage, MESH), moving.character.body.faces
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+    return stage
+
+
+def _write_frames(stage: Usd.Stage, moving: MovingBody) -> None:
+    variants = stage.GetPrimAtPath(ROOT).GetVariantSets().AddVariantSet(VARIANTS)
+    for name in (POINTS, SKELETON):
+        variants.AddVariant(name)
+    skeleton = SkeletonVariant(moving)
+    variants.SetVariantSelection(POINTS)
+    with variants.GetVariantEditContext():
+        UsdGeom.Xform.Define(stage, ROOT)
+        points = _MovingPoints(stage, moving)
+        for posed in moving:
+            points.add(posed)
+            skeleton.add(posed)
+            # What is saved is no longer held in memory.
+            stage.Save()
+    variants.SetVariantSelection(SKELETON)
+    with variants.GetVariantEditContext():
+        skeleton.write(stage, ROOT, MESH)
+    variants.SetVariantSelection(POINTS)
+
+
+class _MovingPoints:
+    """The mesh's attributes that have a sample a frame."""
+
+    def __init__(self, stage: Usd.Stage, moving: MovingBody) -> None:
+        body = moving.character.body
+        mesh = UsdGeom.Mesh.Get(stage, MESH)
+        self._points, self._normals = mesh.CreatePointsAttr(), mesh.CreateNormalsAttr()
+        self._extent = mesh.CreateExtentAttr()
+        self._size = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+            "offset_m", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex
+        )
+        self._normals_of = VertexNormals(body.faces, body.vertex_count)
+
+    def add(self, posed: MovedFrames) -> None:
+        """Set the samples of some frames."""
+        sizes_m = np.linalg.norm(posed.offsets_m, axis=-1)
+        for row, time in enumerate(range(posed.frames.start, posed.frames.stop)):
+            vertices_m = posed.vertices_m[row]
+            self._points.Set(_vectors(vertices_m), time)
+            self._normals.Set(_vectors(self._normals_of(vertices_m)), time)
+            corners = np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])
+            self._extent.Set(_vectors(corners), time)
+            self._size.Set(Vt.FloatArray.FromNumpy(sizes_m[row]), time)
+
+
+def _vectors(array: np.ndarray) -> Any:
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(array, np.float32))

@@ -1,0 +1,50 @@
+"""A body in motion by the model that comes with the package, and what it does frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bridge.motion import load_amass_motion
+from bridge.runtime.body_motion import place_motion
+from bridge.runtime.characters import Character, open_character
+from bridge.runtime.moving_body import MovingBody
+
+FRAMES = 66
+"""More than one piece."""
+
+
+@dataclass(frozen=True, eq=False)
+class Performed:
+    """A moving body and all of its frames."""
+
+    moving: MovingBody
+    offsets_m: NDArray[np.float32]
+    vertices_m: NDArray[np.float32]
+
+
+@pytest.fixture(scope="session")
+def character() -> Character:
+    return open_character(None, gender="female")
+
+
+def moving_body(character: Character, frames: int) -> MovingBody:
+    """The sample of jumping jacks, once they are under way."""
+    motion = load_amass_motion("sample:jumping_jacks")
+    motion = replace(motion, theta=motion.theta[30 : 30 + frames])
+    return MovingBody(character, place_motion(motion, character.body))
+
+
+@pytest.fixture(scope="session")
+def performed(character: Character) -> Performed:
+    moving = moving_body(character, FRAMES)
+    pieces = list(moving)
+    assert len(pieces) > 1
+    return Performed(
+        moving,
+        np.concatenate([piece.offsets_m for piece in pieces]),
+        np.concatenate([piece.vertices_m for piece in pieces]),
+    )

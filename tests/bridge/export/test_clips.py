@@ -1,0 +1,128 @@
+"""Clips, opened again: rate, length, whose data it is, and what is seen in them."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from bridge import DsnetError
+from bridge.body.posing import shaped_joints
+from bridge.export import gif
+from bridge.export.clip_stage import set_stage
+from bridge.motion import pack_theta, unpack_theta
+from bridge.runtime.moving_body import MovingBody
+from tests.bridge.export.conftest import moving_body
+
+FRAMES = 7
+
+
+@pytest.fixture(scope="module")
+def short(character):
+    return moving_body(character, FRAMES)
+
+
+def test_gif(short, tmp_path, monkeypatch):
+    monkeypatch.setattr(gif, "_WIDTH_PX", 302)
+    path = tmp_path / "body.gif"
+    gif.write(path, short)
+    with Image.open(path) as clip:
+        count = getattr(clip, "n_frames", 1)
+        assert (count, clip.size[0], clip.info["loop"]) == (3, 302, 0)
+        assert clip.info["comment"].startswith(b"synthetic")
+        durations_ms, pages = [], []
+        for number in range(count):
+            clip.seek(number)
+            durations_ms.append(clip.info["duration"])
+            pages.append(np.asarray(clip.convert("RGB")).astype(int))
+    assert durations_ms == [50, 50, 50]
+    assert path.stat().st_size < 3 * 30_000
+    assert_bodies_side_by_side(pages[0], bar_px=62)
+    assert np.abs(pages[2] - pages[0]).max() > 100
+
+
+def assert_bodies_side_by_side(page, bar_px):
+    """Clay on the left, colours on the right, and the footer's brown below."""
+    height, width = page.shape[0], page.shape[1] - bar_px
+    left, right = page[30:-25, : width // 2], page[30:-25, width // 2 : width]
+    saturation = [np.ptp(half, axis=-1) for half in (left, right)]
+    covered = [(half.min(axis=-1) < 230).mean() for half in (left, right)]
+    assert min(covered) > 0.05
+    assert np.quantile(saturation[0], 0.99) < 50 < np.quantile(saturation[1], 0.97)
+    foot = page[height - 20 :].reshape(-1, 3)
+    assert ((foot[:, 0] - foot[:, 2]) > 60).any()
+
+
+def test_mp4(short, tmp_path, monkeypatch):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    from bridge.export import mp4
+
+    monkeypatch.setattr(mp4, "_WIDTH_PX", 302)
+    path = tmp_path / "body.mp4"
+    mp4.write(path, short)
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run([ffmpeg, "-i", str(path), *raw], capture_output=True, check=True)
+    said = done.stderr.decode()
+    assert "h264" in said
+    assert "30 fps" in said
+    assert re.search(r"comment +: synthetic data", said)
+    (height,) = map(int, set(re.findall(r" 302x(\d+)", said)))
+    pages = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, 302, 3).astype(int)
+    assert len(pages) == 4
+    assert_bodies_side_by_side(pages[0], bar_px=62)
+
+
+def test_an_encoder_that_fails_says_why(short, tmp_path, monkeypatch):
+    pytest.importorskip("imageio_ffmpeg")
+    from bridge.export import mp4
+
+    monkeypatch.setattr(mp4, "_WIDTH_PX", 102)
+    with pytest.raises(OSError, match="No such file or directory"):
+        mp4.write(tmp_path / "nowhere" / "body.mp4", short)
+
+
+def test_every_body_of_the_motion_is_in_the_picture(performed):
+    stage = set_stage(performed.moving, step=2, width_px=400)
+    camera = stage.camera
+    target, origin = np.array(camera.target_m), np.array(camera.origin_m)
+    half = np.tan(np.radians(camera.field_of_view_deg) / 2)
+    back = origin - target
+    distance = np.linalg.norm(back)
+    back /= distance
+    right = np.array([1.0, 0.0, 0.0])
+    up = np.cross(back, right)
+    for frame in range(0, len(performed.vertices_m), 2):
+        for column in (0, 1):
+            placed = stage.place(performed.vertices_m[frame], frame, column) - target
+            depth = distance - placed @ back
+            assert (np.abs(placed @ right) / depth).max() < half
+            assert (np.abs(placed @ up) / depth).max() < half * camera.height_px / camera.width_px
+
+
+def test_a_body_that_turned_and_went_away_is_drawn_where_it_was(short):
+    (posed,) = short
+    turn = Rotation.from_euler("y", 130, degrees=True)
+    pose, trans_m = unpack_theta(short.motion.theta)
+    pose = pose.copy()
+    pose[:, 0] = (turn * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
+    joint_m = shaped_joints(short.character.body, short.motion.betas[None])[0, 0]
+    trans_m = turn.apply(trans_m + joint_m) - joint_m + [20.0, 0.0, -7.0]
+    motion = replace(short.motion, theta=pack_theta(pose, trans_m))
+    elsewhere = MovingBody(short.character, motion)
+    (turned,) = elsewhere
+    np.testing.assert_allclose(
+        set_stage(elsewhere, 2, 400).place(turned.vertices_m[3], 3, 1),
+        set_stage(short, 2, 400).place(posed.vertices_m[3], 3, 1),
+        atol=2e-2,
+    )
+
+
+def test_a_gif_of_a_long_motion_is_refused(short, tmp_path, monkeypatch):
+    monkeypatch.setattr(gif, "LONGEST_S", 0.05)
+    with pytest.raises(DsnetError, match=r"--to gif of .* expected at most .* --to mp4"):
+        gif.write(tmp_path / "body.gif", short)

@@ -1,0 +1,87 @@
+"""PC2, MDD, OBJ and PLY, read again by readers that know the formats and not their writers."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import numpy as np
+import pytest
+import trimesh
+
+from bridge.export import mdd, obj, pc2, ply
+from tests.bridge.export.conftest import FRAMES, moving_body
+
+
+def test_pc2(performed, tmp_path):
+    pc2.write(tmp_path, performed.moving)
+    data = (tmp_path / "body.pc2").read_bytes()
+    assert data[:12] == b"POINTCACHE2\0"
+    version, points, start, rate, samples = struct.unpack("<iiffi", data[12:32])
+    assert (version, points, start, rate, samples) == (1, 6890, 0.0, 1.0, FRAMES)
+    stored = np.frombuffer(data[32:], "<f4").reshape(samples, points, 3)
+    np.testing.assert_array_equal(stored, performed.vertices_m)
+
+
+def test_mdd(performed, tmp_path):
+    mdd.write(tmp_path, performed.moving)
+    data = (tmp_path / "body.mdd").read_bytes()
+    frames, points = struct.unpack(">ii", data[:8])
+    assert (frames, points) == (FRAMES, 6890)
+    times_s = np.frombuffer(data, ">f4", frames, 8)
+    np.testing.assert_allclose(np.diff(times_s), 1 / 60, rtol=1e-5)
+    assert times_s[0] == 0
+    stored = np.frombuffer(data, ">f4", offset=8 + 4 * frames).reshape(frames, points, 3)
+    np.testing.assert_array_equal(stored, performed.vertices_m)
+
+
+@pytest.mark.parametrize("write", [pc2.write, mdd.write])
+def test_a_caches_base_mesh_has_its_points_in_their_order(performed, tmp_path, write):
+    write(tmp_path, performed.moving)
+    base = trimesh.load_mesh(tmp_path / "body.obj", process=False, maintain_order=True)
+    np.testing.assert_allclose(base.vertices, performed.vertices_m[0], atol=1e-6)
+    np.testing.assert_array_equal(base.faces, performed.moving.character.body.faces)
+    assert (tmp_path / "body.obj").read_text().startswith("# base mesh of a point cache: synthetic")
+    facts = json.loads((tmp_path / "about.json").read_text())
+    stated = [facts[key] for key in ("data", "fps", "length_unit", "up_axis", "frames")]
+    assert stated == ["synthetic", 60.0, "m", "y", FRAMES]
+
+
+def test_obj(character, tmp_path):
+    moving = moving_body(character, 3)
+    obj.write(tmp_path, moving)
+    (posed,) = moving
+    paths = sorted(tmp_path.iterdir())
+    assert [path.name for path in paths] == [f"frame_{n:05d}.obj" for n in range(3)]
+    for path, vertices_m in zip(paths, posed.vertices_m, strict=True):
+        assert "synthetic" in path.read_text().partition("\n")[0]
+        mesh = trimesh.load_mesh(path, process=False, maintain_order=True)
+        np.testing.assert_allclose(mesh.vertices, vertices_m, atol=1e-6)
+        np.testing.assert_array_equal(mesh.faces, character.body.faces)
+        lines = [line.split()[1:] for line in path.read_text().splitlines() if line[:3] == "vn "]
+        np.testing.assert_allclose(np.array(lines, float), _normals(mesh), atol=1e-3)
+
+
+def test_ply(performed, tmp_path):
+    ply.write(tmp_path, performed.moving)
+    paths = sorted(tmp_path.iterdir())
+    assert [path.name for path in paths] == [f"frame_{n:05d}.ply" for n in range(FRAMES)]
+    for number in (0, FRAMES - 1):
+        assert b"comment frame %d of synthetic" % number in paths[number].read_bytes()[:200]
+        mesh = trimesh.load_mesh(paths[number], process=False)
+        np.testing.assert_array_equal(mesh.vertices, performed.vertices_m[number])
+        np.testing.assert_array_equal(mesh.faces, performed.moving.character.body.faces)
+        stored = mesh.metadata["_ply_raw"]["vertex"]["data"]
+        normals = np.column_stack([np.ravel(stored[axis]) for axis in ("nx", "ny", "nz")])
+        np.testing.assert_allclose(normals, _normals(mesh), atol=1e-4)
+        size_m = stored["offset_m"]
+        expected_m = np.linalg.norm(performed.offsets_m[number], axis=1)
+        np.testing.assert_allclose(np.ravel(size_m), expected_m, rtol=1e-5)
+
+
+def _normals(mesh: trimesh.Trimesh) -> np.ndarray:
+    """The mean of the faces' normals by their areas, another way."""
+    found = np.zeros((len(mesh.vertices), 3))
+    for corner in mesh.faces.T:
+        np.add.at(found, corner, mesh.face_normals * mesh.area_faces[:, None])
+    return found / np.linalg.norm(found, axis=1, keepdims=True)

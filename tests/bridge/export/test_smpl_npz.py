@@ -1,0 +1,62 @@
+"""SMPL parameters and offsets, as AMASS's readers take them and as the paper has them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bridge.body import pose_vertices
+from bridge.export import smpl_npz
+from bridge.motion import unpack_theta
+from bridge.runtime.body_motion import load_motion
+from tests.bridge.export.conftest import FRAMES
+
+
+@pytest.fixture(scope="module")
+def path(performed, tmp_path_factory):
+    path = tmp_path_factory.mktemp("npz") / "walk.npz"
+    smpl_npz.write(path, performed.moving)
+    return path
+
+
+@pytest.fixture(scope="module")
+def stored(path):
+    with np.load(path, allow_pickle=False) as archive:
+        return dict(archive)
+
+
+def posed(body, stored, pose, trans_m):
+    betas = np.tile(stored["betas"], (FRAMES, 1))
+    return pose_vertices(body, betas, pose, trans_m, stored["offsets"])
+
+
+def test_it_says_what_it_is(stored):
+    texts = ("data", "up_axis", "theta_up_axis", "length_unit", "angle_unit", "gender")
+    assert [str(stored[key]) for key in texts] == ["synthetic", "z", "y", "m", "rad", "female"]
+    assert stored["mocap_framerate"] == 60.0
+    assert stored["poses"].shape == (FRAMES, 72)
+    assert stored["offsets"].dtype == np.float32
+
+
+def test_theta_and_offsets_give_the_body_with_y_up(performed, stored):
+    body = performed.moving.character.body
+    vertices_m = posed(body, stored, *unpack_theta(stored["theta"]))
+    np.testing.assert_allclose(vertices_m, performed.vertices_m, atol=1e-5)
+
+
+def test_poses_and_offsets_give_the_body_with_z_up(performed, stored):
+    body = performed.moving.character.body
+    vertices_m = posed(body, stored, stored["poses"].reshape(FRAMES, 24, 3), stored["trans"])
+    x, y, z = np.moveaxis(performed.vertices_m, -1, 0)
+    np.testing.assert_allclose(vertices_m, np.stack([x, -z, y], axis=-1), atol=1e-5)
+
+
+def test_an_exported_motion_can_be_predicted_again(performed, path):
+    motion = load_motion(path, performed.moving.character.body, None)
+    before, after = (unpack_theta(m.theta) for m in (performed.moving.motion, motion))
+    np.testing.assert_allclose(after[1], before[1], atol=1e-9)
+    turns = [Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix() for pose, _ in (before, after)]
+    np.testing.assert_allclose(turns[1], turns[0], atol=1e-9)
+    np.testing.assert_array_equal(motion.betas, performed.moving.motion.betas)
+    assert motion.gender == "female"

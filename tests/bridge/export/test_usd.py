@@ -1,0 +1,147 @@
+"""USD as its own library reads it: metadata, points, normals, and the skeleton it skins itself."""
+
+# USD's modules are compiled and come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from bridge import DsnetError
+from bridge.export.blend_shapes import ENOUGH_M, RestBodies, fit_blend_shapes
+from bridge.export.stage_export import ExportConfig, main
+from tests.bridge.export.conftest import FRAMES, moving_body
+
+pytest.importorskip("pxr")
+from pxr import Gf, Usd, UsdGeom, UsdSkel, UsdValidation
+
+from bridge.export import usd
+
+
+@pytest.fixture(scope="module")
+def path(performed, tmp_path_factory):
+    path = tmp_path_factory.mktemp("usd") / "body.usd"
+    usd.write(path, performed.moving)
+    return path
+
+
+@pytest.fixture
+def stage(path):
+    return Usd.Stage.Open(str(path))
+
+
+def select(stage, variant):
+    stage.GetDefaultPrim().GetVariantSets().GetVariantSet("deformation").SetVariantSelection(
+        variant
+    )
+    return UsdGeom.Mesh(stage.GetPrimAtPath("/Body/Mesh"))
+
+
+def samples(attribute, times=range(FRAMES)):
+    return np.array([np.array(attribute.Get(time)) for time in times])
+
+
+def test_rate_units_axis_and_origin(stage):
+    assert UsdGeom.GetStageUpAxis(stage) == "Y"
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
+    assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 60.0
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0, FRAMES - 1)
+    assert stage.GetDefaultPrim().GetPath() == "/Body"
+    layer = stage.GetRootLayer()
+    assert layer.comment.startswith("synthetic")
+    assert layer.customLayerData["dsnet"]["data"] == "synthetic"
+
+
+@pytest.mark.parametrize("variant", ["points", "skeleton"])
+def test_it_is_valid(stage, variant):
+    select(stage, variant)
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert validators
+    assert [error.GetMessage() for error in errors] == []
+
+
+def test_points_normals_extent_and_offsets(performed, stage):
+    mesh = select(stage, "points")
+    assert mesh.GetPrim().GetStage().GetDefaultPrim().GetTypeName() == "Xform"
+    np.testing.assert_array_equal(samples(mesh.GetPointsAttr()), performed.vertices_m)
+    faces = np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
+    np.testing.assert_array_equal(faces, performed.moving.character.body.faces)
+    assert set(mesh.GetFaceVertexCountsAttr().Get()) == {3}
+    assert mesh.GetNormalsInterpolation() == "vertex"
+    last = FRAMES - 1
+    peer = trimesh.Trimesh(performed.vertices_m[last], faces, process=False).vertex_normals
+    normals = np.array(mesh.GetNormalsAttr().Get(last))
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-5)
+    assert np.median(np.einsum("vx,vx->v", normals, peer)) > 0.99
+    extents = samples(mesh.GetExtentAttr())
+    bounds = np.stack([performed.vertices_m.min(1), performed.vertices_m.max(1)], axis=1)
+    np.testing.assert_array_equal(extents, bounds)
+    size = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("offset_m")
+    assert size.GetInterpolation() == "vertex"
+    expected_m = np.linalg.norm(performed.offsets_m, axis=-1)
+    np.testing.assert_allclose(samples(size), expected_m, rtol=1e-6)
+
+
+def test_usds_own_skinning_gives_the_body_within_the_error_that_it_states(performed, stage):
+    mesh = select(stage, "skeleton")
+    root = stage.GetDefaultPrim()
+    stated_m = 1e-3 * root.GetCustomDataByKey("largest_error_mm")
+    assert root.GetTypeName() == "SkelRoot"
+    weights = samples(UsdSkel.Animation.Get(stage, "/Body/Animation").GetBlendShapeWeightsAttr())
+    assert np.abs(weights).max() == pytest.approx(1.0)
+    assert UsdSkel.BakeSkinning(UsdSkel.Root(root), Gf.Interval(0, FRAMES - 1))
+    baked = samples(mesh.GetPointsAttr())
+    error_m = np.linalg.norm(baked - performed.vertices_m, axis=-1)
+    assert stated_m < 2e-3
+    assert error_m.max() <= stated_m + 2e-5
+    moved_m = np.abs(np.diff(performed.vertices_m, axis=0)).max()
+    assert moved_m > 20 * stated_m
+
+
+def test_blend_shapes_are_orthonormal_and_all_that_a_short_motion_needs(character):
+    moving = moving_body(character, 12)
+    rest = RestBodies(moving)
+    shapes = fit_blend_shapes(moving, rest)
+    products = shapes.directions @ shapes.directions.T
+    np.testing.assert_allclose(products, np.eye(len(products)), atol=1e-5)
+    (posed,) = moving
+    moved_m = rest(posed)
+    assert shapes.error_m(moved_m, shapes.weights_m(moved_m)) <= ENOUGH_M
+    assert np.linalg.norm(moved_m - shapes.mean_m, axis=1).max() > 100 * ENOUGH_M
+
+
+def test_frames_go_to_the_disk_while_others_are_predicted(character, tmp_path, monkeypatch):
+    monkeypatch.setattr("bridge.runtime.plus_motion.FRAMES_AT_ONCE", 4)
+    moving, path, on_disk = moving_body(character, 12), tmp_path / "body.usd", []
+    pieces = list(moving)
+
+    def watched(_):
+        for piece in pieces:
+            on_disk.append(path.stat().st_size if path.exists() else 0)
+            yield piece
+
+    monkeypatch.setattr(type(moving), "__iter__", watched)
+    usd.write(path, moving)
+    _, _, *while_writing = on_disk[len(pieces) :]
+    assert np.diff([0, *while_writing]).min() > 100_000
+
+
+def test_a_text_file_by_its_suffix(performed, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "bridge.export.stage_export._moving_body",
+        lambda config: moving_body(performed.moving.character, 2),
+    )
+    out = tmp_path / "body.usda"
+    main(ExportConfig(to="usd", out=out))
+    assert out.read_text().startswith("#usda")
+    assert [path.name for path in tmp_path.iterdir()] == ["body.usda"]
+
+
+def test_a_place_that_usd_cannot_write_is_one_line(performed):
+    with pytest.raises(DsnetError, match="which USD cannot write"):
+        usd.write(Path("/proc/body.usd"), performed.moving)
