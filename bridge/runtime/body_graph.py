@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.paper import N_JOINTS, THETA_SIZE
+from bridge.runtime.onnx_kernels import Precision, Product, product
 from bridge.runtime.onnx_values import Value, ValueGraph
 
 BONES = N_JOINTS + 1
@@ -38,16 +39,19 @@ class PosedBones:
 class Surface:
     """Some vertices of a body as arrays of a graph."""
 
-    kernel: Value
-    """(F, 3 V) what each feature of a rest pose moves."""
+    by_pose: Product
+    """(B, 189) R - I to what they move, (B, 3 V)."""
+    shapes: Value
+    """(10 + E, 3 V) what betas move, and what else there is."""
     template: Value
     """(3 V,)."""
     weights: Value
     """(23, V) of the bones."""
 
-    def rest(self, features: Value) -> Value:
-        """(B, 3, V) the rest pose, metres, of features (B, F)."""
-        return (features @ self.kernel + self.template).reshape(0, 3, -1)
+    def rest(self, turning: Value, shape: Value) -> Value:
+        """(B, 3, V) the rest pose, metres, of R - I (B, 189) and betas (B, 10 + E)."""
+        shaped = shape @ self.shapes + self.template
+        return (self.by_pose(turning) + shaped).reshape(0, 3, -1)
 
     def skinned(self, bones: Value, rest: Value) -> Value:
         """(B, 3, V) a rest pose, turned and moved by bones (B, 12, 23)."""
@@ -67,15 +71,20 @@ def turned(columns: list[Value], shift: Value, rest: Value) -> Value:
 
 
 def surface(
-    graph: ValueGraph, body: BodyModelData, vertices: slice | NDArray, extra: NDArray | None = None
+    graph: ValueGraph,
+    body: BodyModelData,
+    vertices: slice | NDArray,
+    extra: NDArray | None = None,
+    precision: Precision = "float32",
 ) -> Surface:
-    """The features are R - I (189), betas (10), and what `extra` (E, V, 3) has."""
-    posedirs = body.posedirs[vertices].transpose(2, 1, 0)[:TURNING]  # (189, 3, V)
-    shapedirs = body.shapedirs[vertices].transpose(2, 1, 0)
-    parts = [posedirs, shapedirs] + ([] if extra is None else [extra.transpose(0, 2, 1)])
-    kernel = np.concatenate(parts).reshape(sum(map(len, parts)), -1)
+    """Some vertices of a body; `extra` (E, V, 3) moves them as the shapes of betas do."""
+    by_pose = body.posedirs[vertices].transpose(2, 1, 0)[:TURNING]  # (189, 3, V)
+    shapes = body.shapedirs[vertices].transpose(2, 1, 0)
+    if extra is not None:
+        shapes = np.concatenate([shapes, extra.transpose(0, 2, 1)])
     return Surface(
-        graph.array("kernel", kernel),
+        product(graph, "posedirs", by_pose.reshape(TURNING, -1), precision),
+        graph.array("shapedirs", shapes.reshape(len(shapes), -1)),
         graph.array("template", body.v_template[vertices].T.ravel()),
         graph.array("weights", bone_weights(body)[vertices].T),
     )

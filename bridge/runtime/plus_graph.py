@@ -30,6 +30,7 @@ from bridge.runtime.body_graph import (
     translation,
     turned,
 )
+from bridge.runtime.onnx_kernels import Precision
 from bridge.runtime.onnx_values import Value, ValueGraph
 from bridge.runtime.shape_graph import known_people, person_of
 from bridge.runtime.state_layout import StateLayout
@@ -69,15 +70,21 @@ def plus_layout(model: TrainedPlus) -> StateLayout:
 
 
 def plus_graph(
-    model: TrainedPlus, body: BodyModelData, metadata: Mapping[str, str] | None = None
+    model: TrainedPlus,
+    body: BodyModelData,
+    metadata: Mapping[str, str] | None = None,
+    precision: Precision = "float32",
 ) -> onnx.ModelProto:
-    """The graph of a trained `dsnet_plus` on the body model that it was trained with."""
-    return _PlusGraph(model, body).build(metadata or {})
+    """The graph of a trained `dsnet_plus` on the body model that it was trained with.
+
+    Of its kernels only the pose blend shapes are large; `precision` is theirs.
+    """
+    return _PlusGraph(model, body, precision).build(metadata or {})
 
 
 class _PlusGraph:
-    def __init__(self, model: TrainedPlus, body: BodyModelData) -> None:
-        self._model, self._body = model, body
+    def __init__(self, model: TrainedPlus, body: BodyModelData, precision: Precision) -> None:
+        self._model, self._body, self._precision = model, body, precision
         self._graph, self._layout = ValueGraph(), plus_layout(model)
         sheet = OscillatorSheet(model.mechanics(body, np.zeros(N_BETAS)), model.nodes.laplacian)
         self._sheet = SheetGraph(self._graph, model, sheet)
@@ -114,7 +121,7 @@ class _PlusGraph:
             nodes = surface(graph, self._body, self._model.nodes.vertices)
             blended = self._as_if_whole(bones.bones @ nodes.weights)
             *columns, shift = blended.split(1, [3, 3, 3, 3])
-            rest = nodes.rest(graph.concat([bones.features, betas], 1))
+            rest = nodes.rest(bones.features, betas)
             return {
                 "places": turned(columns, shift, rest),
                 "turns": graph.concat(columns, 1),
@@ -211,11 +218,11 @@ class _PlusGraph:
         """(B, V, 3) the shown pose with its offsets, and what is static of them."""
         graph, model, body = self._graph, self._model, self._body
         with graph.section("skin"):
-            features, constant = [shown["features"], betas], None
+            shape, constant = betas, None
             if model.static.constant_m.any():
-                features, constant = [*features, past["known"]], model.static.constant_m
-            skin = surface(graph, _with_static(body, model), slice(None), constant)
-            rest = skin.rest(graph.concat(features, 1))
+                shape, constant = graph.concat([betas, past["known"]], 1), model.static.constant_m
+            skin = surface(graph, _with_static(body, model), slice(None), constant, self._precision)
+            rest = skin.rest(shown["features"], shape)
         with graph.section("spread"):
             rest = rest + spread(graph, model.nodes, offsets_m)
         with graph.section("skin"):
