@@ -22,8 +22,9 @@ Product = Callable[[Value], Value]
 """(..., I) to (..., O)."""
 _LEAST = 1 << 16
 """Numbers below which a kernel stays float32: it costs nothing."""
-_MIDDLE, _REACH = 128, 127.0
-"""The byte of zero, and the steps from there to the largest number."""
+_MIDDLE, _REACH, _STEPS, _TINY = 128, 127.0, 254.0, 1e-30
+"""A kernel's byte of zero, and the steps from there to its largest number; steps from a row's
+least number to its largest, one fewer than bytes have, as both ends are rounded; and none."""
 
 
 def product(graph: ValueGraph, name: str, kernel: ArrayLike, precision: Precision) -> Product:
@@ -39,22 +40,30 @@ def product(graph: ValueGraph, name: str, kernel: ArrayLike, precision: Precisio
 
 
 def _in_bytes(graph: ValueGraph, name: str, kernel: NDArray[np.float32]) -> Product:
-    """Kernel and features as bytes: a scale for each column of one and each row of the other.
+    """Kernel and features as bytes: steps for each column of one and each row of the other.
 
-    A row's scale is its own, so that characters of one batch do not change each other. Bytes of
-    both are unsigned: signed ones overflow in the instructions of processors without VNNI.
+    A row's steps, from its least number to its largest, are its own, so that characters of one
+    batch do not change each other. Bytes of both are unsigned: sums of signed ones overflow in the
+    instructions of processors without VNNI.
     """
-    steps = np.maximum(np.abs(kernel).max(axis=0), np.finfo(np.float32).tiny) / _REACH
-    held = graph.raw(name, (np.rint(kernel / steps) + _MIDDLE).astype(np.uint8))
-    column_steps = graph.array(f"{name}_steps", steps)
+    steps = np.maximum(np.abs(kernel).max(axis=0), _TINY) / _REACH
+    counts = np.rint(kernel / steps)
+    held = graph.raw(name, (counts + _MIDDLE).astype(np.uint8))
     middle = graph.raw(f"{name}_zero", np.array(_MIDDLE, np.uint8))
+    nothing = graph.raw(f"{name}_least", np.array(0, np.uint8))
+    column_steps = graph.array(f"{name}_steps", steps)
+    column_sums = graph.array(f"{name}_sums", counts.sum(axis=0))
 
     def apply(features: Value) -> Value:
-        largest = graph.apply("Abs", features).max(-1)
-        row_steps = graph.apply("Max", largest, 1e-30) / _REACH
-        rounded = graph.apply("Round", features / row_steps) + float(_MIDDLE)
-        counted = graph.apply("Cast", rounded, to=TensorProto.UINT8)
-        summed = graph.apply("MatMulInteger", counted, held, middle, middle)
-        return graph.apply("Cast", summed, to=TensorProto.FLOAT) * row_steps * column_steps
+        least = graph.apply("Min", features.min(-1), 0.0)
+        most = graph.apply("Max", features.max(-1), 0.0)
+        row_steps = graph.apply("Max", most - least, _TINY) / _STEPS
+        # Zero is a whole number of steps from the least: what does not move stays unmoved.
+        zero = graph.apply("Round", -least / row_steps)
+        counted = graph.apply("Round", features / row_steps) + zero
+        counted = graph.apply("Cast", counted, to=TensorProto.UINT8)
+        summed = graph.apply("MatMulInteger", counted, held, nothing, middle)
+        summed = graph.apply("Cast", summed, to=TensorProto.FLOAT)
+        return (summed - zero * column_sums) * row_steps * column_steps
 
     return apply
