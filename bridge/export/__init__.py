@@ -1,0 +1,1 @@
+"""Predictions and predictors in the formats of other tools."""
