@@ -49,7 +49,7 @@ def plus_layout(model: TrainedPlus) -> StateLayout:
     """What a character's row holds; K nodes, N taps, P known people, L frames of latency."""
     nodes = len(model.nodes)
     shapes: dict[str, tuple[int, ...]] = {
-        "started": (1,),
+        "age": (1,),
         "betas": (N_BETAS,),
         "omega": (1, nodes),
         "stiffening": (1, nodes),
@@ -140,9 +140,9 @@ class _PlusGraph:
         """The state, where those without a past have been given one."""
         graph = self._graph
         with graph.section("past"):
-            started, betas_before = state.part(1, 0, 1), state.part(1, 1, 1 + N_BETAS)
+            age, betas_before = state.part(1, 0, 1), state.part(1, 1, 1 + N_BETAS)
             apart = graph.apply("Abs", betas - betas_before).max(1)
-            new = (apart + (1.0 + -started)) > 0.0  # (B, 1)
+            new = graph.apply("Max", apart, 1.0 + -age) > 0.0  # (B, 1)
             count = graph.apply("Cast", new, to=1).max(0, 1).reshape()
 
             def begun() -> Value:
@@ -162,7 +162,7 @@ class _PlusGraph:
             offsets_m = self._sheet.settled(person, felt)
             nothing = 0.0 * present["trans"]
             begun = {
-                "started": 1.0 + nothing.part(1, 0, 1),
+                "age": nothing.part(1, 0, 1),
                 "betas": betas,
                 "omega": person.omega,
                 "stiffening": person.stiffening,
@@ -185,12 +185,16 @@ class _PlusGraph:
         """What the next frame must know, and loads, the newest first: of the frame before this.
 
         Places are about the root, whose own way is differenced apart: far from the origin a sum
-        of both would have lost the digits that accelerations are made of.
+        of both would have lost the digits that accelerations are made of. What moves in her first
+        frame moved before it too, as in whole clips, so that frame has no acceleration.
         """
         graph, (nodes, count) = self._graph, (len(self._model.nodes), len(self._model.weights.taps))
         steps = (present["trans"] - past["trans"]).reshape(0, 3, 1)
         moves = (present["places"] - past["places"]) + steps
-        acceleration = FPS**2 * (moves - past["moves"])
+        young = past["age"].reshape(0, 1, 1)  # 0, 1, then 2: what has an acceleration
+        counts = FPS**2 * graph.apply("Max", young - 1.0, 0.0)
+        acceleration = counts * (moves - past["moves"])
+        age = graph.apply("Min", past["age"] + 1.0, 2.0)
         newest = self._sheet.felt(acceleration, past["turns"].split(1, [3, 3, 3]))
         loads = [newest]
         if count > 1:
@@ -198,7 +202,7 @@ class _PlusGraph:
             loads += older.split(1, [3] * (count - 1))
         after = {name: present[name] for name in ("places", "turns", "trans")}
         kept = {"felt": graph.concat(loads[: count - 1], 1)} if count > 1 else {}
-        return {**after, "moves": moves, **kept}, loads
+        return {**after, "age": age, "moves": moves, **kept}, loads
 
     def _shown(self, past: Arrays, present: Arrays) -> tuple[Arrays, Arrays]:
         """The pose that is shown, and what the next frame must know of later ones."""
