@@ -111,6 +111,9 @@ class GraphSession:
             model.SerializeToString(), providers=["CPUExecutionProvider"]
         )
         self._names = [output.name for output in self._session.get_outputs()]
+        self.input_shapes: dict[str, list[int | str]] = {
+            given.name: given.shape for given in self._session.get_inputs()
+        }
 
     def __call__(self, **inputs: NDArray) -> dict[str, NDArray]:
         """The graph's outputs, and its inputs, are arrays by name."""
