@@ -18,8 +18,8 @@ FORBIDDEN = {
 }
 # A folder imports those before it; what lies in none (paper, errors, options) imports no folder.
 ORDER = [
-    "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "verify",
-    "plan",
+    "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "export",
+    "verify", "plan",
 ]  # fmt: skip
 COMMANDS = {"cli.py", "bench.py"}
 THIRD_PARTIES = {
@@ -30,6 +30,7 @@ THIRD_PARTIES = {
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},
     "runtime": {"numpy", "onnx", "onnxruntime"},
+    "export": {"numpy", "onnx", "onnxruntime"},
     "measure": {"numpy", "scipy", "tqdm"},
     "verify": {"numpy", "onnx", "safetensors", "tqdm"},
     "plan": set(),

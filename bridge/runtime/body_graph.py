@@ -100,9 +100,7 @@ def bone_weights(body: BodyModelData) -> NDArray[np.float64]:
     return weights
 
 
-def posed_bones(
-    graph: ValueGraph, body: BodyModelData, theta: Value, betas: Value
-) -> PosedBones:
+def posed_bones(graph: ValueGraph, body: BodyModelData, theta: Value, betas: Value) -> PosedBones:
     """Bones and pose features of theta (B, 69) and betas (B, 10)."""
     with graph.section("bones"):
         rotations = _rotations(graph, theta)  # (B, 23, 3, 3)

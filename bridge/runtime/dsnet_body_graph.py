@@ -158,9 +158,7 @@ def _keras_dense(
     return features @ kernel + bias
 
 
-def _dense(
-    graph: ValueGraph, weights: Mapping[str, NDArray], layer: str, features: Value
-) -> Value:
+def _dense(graph: ValueGraph, weights: Mapping[str, NDArray], layer: str, features: Value) -> Value:
     """PyTorch's linear layer on the last axis."""
     kernel = graph.array(f"{layer}.kernel", weights[f"{layer}.weight"].T)
     return features @ kernel + graph.array(f"{layer}.bias", weights[f"{layer}.bias"])

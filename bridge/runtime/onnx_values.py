@@ -174,9 +174,7 @@ class ValueGraph:
         outputs += [_info(value.name, TensorProto.FLOAT) for value in results[1:]]
         graph = helper.make_graph(nodes, f"{self._section}/body", inputs, outputs)
         forever = self._constant(np.array(True))
-        return self.apply_many(
-            "Loop", len(start), self.integers(most), forever, *start, body=graph
-        )
+        return self.apply_many("Loop", len(start), self.integers(most), forever, *start, body=graph)
 
     def model(
         self,

@@ -16,7 +16,6 @@ from dataclasses import replace
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.paper import N_BETAS, THETA_SIZE

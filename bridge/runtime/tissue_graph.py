@@ -64,9 +64,7 @@ class SheetGraph:
 
         with graph.section("sheet"):
             self._damping = per_node("damping_ratio")
-            self._inertia_gain, self._gravity_gain = map(
-                per_node, ("inertia_gain", "gravity_gain")
-            )
+            self._inertia_gain, self._gravity_gain = map(per_node, ("inertia_gain", "gravity_gain"))
             self._beyond = graph.array("beyond", np.exp(base["normal_ratio"][:, 0]) - 1)
             self._bound = graph.array("bound", sheet.bound[:, 0])
             self._own_pull = graph.array("own_pull", sheet.coupling.diagonal())
@@ -94,9 +92,7 @@ class SheetGraph:
             first = first + other
         return first
 
-    def frame(
-        self, person: Person, now: Value, before: Value, load: Value
-    ) -> tuple[Value, Value]:
+    def frame(self, person: Person, now: Value, before: Value, load: Value) -> tuple[Value, Value]:
         """Offsets (B, 3, K) a frame after `now`, and a step before that."""
         springs = self._springs(person)
         for _ in range(STEPS):

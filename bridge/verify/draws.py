@@ -93,8 +93,16 @@ def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
     pulls = np.repeat(np.array([-1.0, 2.0, -1.0], np.float32) * 1e3, nodes)
     first = np.sort(rng.integers(0, nodes, vertices))
     shares = rng.dirichlet(np.ones(8), vertices)
-    flesh = {"omega": 30.0, "damping_ratio": 0.15, "stiffening": 500.0, "normal_ratio": 1.4,
-             "wave_speed": 1.0, "bending": 1e-4, "inertia_gain": 0.9, "gravity_gain": 1.1}  # fmt: skip
+    flesh = {
+        "omega": 30.0,
+        "damping_ratio": 0.15,
+        "stiffening": 500.0,
+        "normal_ratio": 1.4,
+        "wave_speed": 1.0,
+        "bending": 1e-4,
+        "inertia_gain": 0.9,
+        "gravity_gain": 1.1,
+    }
     return {
         "nodes/vertices": np.sort(rng.choice(vertices, nodes, replace=False)).astype(np.int32),
         "nodes/owners": np.sort((first[:, None] + np.arange(8)) % nodes, axis=1).astype(np.int32),
@@ -103,7 +111,7 @@ def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
         "nodes/edges": np.concatenate(beside).astype(np.int32),
         "nodes/pulls_m2": pulls,
         **{
-            f"log_{name}": np.log(value) + _normal(rng, (nodes, 1), 0.2)
+            f"log_{name}": math.log(value) + _normal(rng, (nodes, 1), 0.2)
             for name, value in flesh.items()
         },
         "slopes": _normal(rng, (3, 1), 0.2),
