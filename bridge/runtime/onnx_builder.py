@@ -111,7 +111,7 @@ class GraphSession:
             model.SerializeToString(), providers=["CPUExecutionProvider"]
         )
         self._names = [output.name for output in self._session.get_outputs()]
-        self.input_shapes: dict[str, list[int | str]] = {
+        self.input_shapes: dict[str, list[Any]] = {
             given.name: given.shape for given in self._session.get_inputs()
         }
 

@@ -56,8 +56,9 @@ def test_frame_by_frame_is_the_whole_clip(trained, mesh_decoder, activation):
 
 
 def test_fewer_bits_cost_little(trained, mesh_decoder):
-    exact = clip(dsnet_body_graph(trained, *mesh_decoder, BODY))
-    found = clip(dsnet_body_graph(trained, *mesh_decoder, BODY, precision="int8"))
+    decoder, architecture = mesh_decoder
+    exact = clip(dsnet_body_graph(trained, decoder, architecture, BODY))
+    found = clip(dsnet_body_graph(trained, decoder, architecture, BODY, precision="int8"))
     error_mm = 1e3 * np.linalg.norm(found - exact, axis=-1)
     assert 0 < error_mm.mean() < 0.2
 
@@ -65,8 +66,9 @@ def test_fewer_bits_cost_little(trained, mesh_decoder):
 def test_a_network_of_other_inputs_is_refused(trained, mesh_decoder):
     kernel = {"fc_enc_1/kernel": np.zeros((DIFFERENCES.size, 64), np.float32)}
     other = replace(trained, weights={**trained.weights, **kernel})
+    decoder, architecture = mesh_decoder
     with pytest.raises(DsnetError, match="told of pose differences"):
-        dsnet_body_graph(other, *mesh_decoder, BODY)
+        dsnet_body_graph(other, decoder, architecture, BODY)
 
 
 def test_a_decoder_of_another_body_is_refused(trained, mesh_decoder):

@@ -11,6 +11,7 @@ import pytest
 
 from bridge.body import load_body_model, pose_vertices
 from bridge.motion import unpack_theta
+from bridge.runtime.onnx_kernels import Precision
 from bridge.runtime.plus_graph import plus_graph, plus_layout
 from bridge.runtime.plus_motion import PlusMotionPredictor
 from bridge.tissue.trained_plus import TrainedPlus
@@ -161,7 +162,7 @@ def test_far_from_the_origin_tissue_moves_the_same(flesh, stepped):
 
 
 @pytest.mark.parametrize("precision", ["float16", "int8"])
-def test_fewer_bits_cost_little(flesh, stepped, precision):
+def test_fewer_bits_cost_little(flesh, stepped, precision: Precision):
     theta = two()[:8]
     exact = stepped.clip(theta, BETAS)
     small = plus_graph(flesh, BODY, precision=precision)
