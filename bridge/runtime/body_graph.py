@@ -47,6 +47,8 @@ class Surface:
     """(3 V,)."""
     weights: Value
     """(23, V) of the bones."""
+    count: int
+    """V."""
 
     def rest(self, turning: Value, shape: Value) -> Value:
         """(B, 3, V) the rest pose, metres, of R - I (B, 189) and betas (B, 10 + E)."""
@@ -54,18 +56,18 @@ class Surface:
         return (self.by_pose(turning) + shaped).reshape(0, 3, -1)
 
     def skinned(self, bones: Value, rest: Value) -> Value:
-        """(B, 3, V) a rest pose, turned and moved by bones (B, 12, 23)."""
-        return turned(*self.blended(bones), rest)
+        """(B, V, 3) a rest pose (B, 3, V), turned and moved by bones (B, 12, 23)."""
 
-    def blended(self, bones: Value) -> tuple[list[Value], Value]:
-        """What bones (B, 12, 23) do at each vertex: the columns of R and t, (B, 3, V) each."""
-        *columns, shift = (bones @ self.weights).split(1, [3, 3, 3, 3])
-        return columns, shift
+        def one(bones: Value, rest: Value) -> Value:
+            *columns, shift = (bones @ self.weights).split(0, [3, 3, 3, 3])
+            return turned(columns, shift, rest, axis=0).transpose(1, 0)
+
+        return rest.graph.for_each([bones, rest], one, (self.count, 3))
 
 
-def turned(columns: list[Value], shift: Value, rest: Value) -> Value:
-    """R x + t of places (B, 3, V), where `columns` are those of R."""
-    for column, coordinate in zip(columns, rest.split(1, [1, 1, 1]), strict=True):
+def turned(columns: list[Value], shift: Value, rest: Value, axis: int) -> Value:
+    """R x + t of places, where `columns` are those of R; `axis` is that of x, y, z."""
+    for column, coordinate in zip(columns, rest.split(axis, [1, 1, 1]), strict=True):
         shift = shift + column * coordinate
     return shift
 
@@ -87,6 +89,7 @@ def surface(
         graph.array("shapedirs", shapes.reshape(len(shapes), -1)),
         graph.array("template", body.v_template[vertices].T.ravel()),
         graph.array("weights", bone_weights(body)[vertices].T),
+        by_pose.shape[-1],
     )
 
 

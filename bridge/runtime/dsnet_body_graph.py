@@ -66,7 +66,7 @@ def dsnet_body_graph(
         skin = surface(graph, body, slice(None), precision=precision)
         rest = skin.rest(posed.features, betas) + offsets_m
         bones = translated(graph, posed.bones, translation(theta))
-        vertices = skin.skinned(bones, rest).transpose(0, 2, 1)
+        vertices = skin.skinned(bones, rest)
     return graph.model(
         "dsnet",
         {"vertices": vertices, "next_state": layout.written(graph, after)},

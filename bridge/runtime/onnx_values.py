@@ -176,6 +176,31 @@ class ValueGraph:
         forever = self._constant(np.array(True))
         return self.apply_many("Loop", len(start), self.integers(most), forever, *start, body=graph)
 
+    def for_each(
+        self, values: Sequence[Value], block: Callable[..., Value], shape: Shape
+    ) -> Value:
+        """(B, ...) what a block makes of each row of values (B, ...), one row after another.
+
+        With many rows faster than all at once where a row's own work fills a processor's cache.
+
+        Parameters
+        ----------
+        block : from one row of each value, without its first axis.
+        shape : of what it gives.
+        """
+        count = self.apply("Shape", values[0], start=0, end=1).reshape()
+        row, go_on = Value(self, self._name("row")), Value(self, self._name("go_on"))
+        with self._builder.inner() as nodes:
+            found = self.apply("Identity", block(*(value.gather(row, axis=0) for value in values)))
+            still = self.apply("Identity", go_on)
+        graph = helper.make_graph(
+            nodes,
+            f"{self._section}/row",
+            [_info(row.name, TensorProto.INT64, []), _info(go_on.name, TensorProto.BOOL, [])],
+            [_info(still.name, TensorProto.BOOL, []), _info(found.name, TensorProto.FLOAT, shape)],
+        )
+        return self.apply("Loop", count, self._constant(np.array(True)), body=graph)
+
     def model(
         self,
         name: str,

@@ -83,7 +83,8 @@ def plus_graph(
 
 class _PlusGraph:
     def __init__(self, model: TrainedPlus, body: BodyModelData, precision: Precision) -> None:
-        self._model, self._body, self._precision = model, body, precision
+        self._model, self._body = model, body
+        self._precision: Precision = precision
         self._graph, self._layout = ValueGraph(), plus_layout(model)
         sheet = OscillatorSheet(model.mechanics(body, np.zeros(N_BETAS)), model.nodes.laplacian)
         self._sheet = SheetGraph(self._graph, model, sheet)
@@ -122,7 +123,7 @@ class _PlusGraph:
             *columns, shift = blended.split(1, [3, 3, 3, 3])
             rest = nodes.rest(bones.features, betas)
             return {
-                "places": turned(columns, shift, rest),
+                "places": turned(columns, shift, rest, axis=1),
                 "turns": graph.concat(columns, 1),
                 "trans": translation(theta),
                 "bones": bones.bones,
@@ -230,7 +231,7 @@ class _PlusGraph:
             rest = rest + spread(graph, model.nodes, offsets_m)
         with graph.section("skin"):
             bones = translated(graph, shown["bones"], shown["trans"])
-            return skin.skinned(bones, rest).transpose(0, 2, 1)
+            return skin.skinned(bones, rest)
 
 
 def spread(graph: ValueGraph, nodes: TissueNodes, at_nodes: Value) -> Value:
@@ -247,8 +248,10 @@ def spread(graph: ValueGraph, nodes: TissueNodes, at_nodes: Value) -> Value:
         vertices = np.arange(block * _BLOCK, min((block + 1) * _BLOCK, vertex_count))
         rows = np.searchsorted(mine, nodes.owners[vertices])  # (106, 8)
         shares[block, rows, (vertices % _BLOCK)[:, None]] = nodes.shares[vertices]
-    values = at_nodes.gather(gathered.ravel(), axis=2).reshape(-1, blocks, most)
-    products = values.transpose(1, 0, 2) @ graph.array("shares", shares)  # (blocks, 3 B, 106)
+    # Rows of all characters are gathered at once: copying single numbers would take longest.
+    by_node = at_nodes.transpose(2, 0, 1).reshape(len(nodes), -1)  # (K, 3 B)
+    values = by_node.gather(gathered.ravel(), axis=0).reshape(blocks, most, -1)
+    products = values.transpose(0, 2, 1) @ graph.array("shares", shares)  # (blocks, 3 B, 106)
     whole = products.transpose(1, 0, 2).reshape(-1, 3, blocks * _BLOCK)
     return whole if blocks * _BLOCK == vertex_count else whole.part(2, 0, vertex_count)
 

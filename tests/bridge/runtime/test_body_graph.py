@@ -20,7 +20,7 @@ def posed(body: BodyModelData, theta: np.ndarray, betas: np.ndarray) -> np.ndarr
     bones = posed_bones(graph, body, given, shape)
     skin = surface(graph, body, slice(None))
     moved = translated(graph, bones.bones, translation(given))
-    vertices = skin.skinned(moved, skin.rest(bones.features, shape)).transpose(0, 2, 1)
+    vertices = skin.skinned(moved, skin.rest(bones.features, shape))
     model = graph.model("body", {"vertices": vertices}, {"vertices": ("B", body.vertex_count, 3)})
     session = onnxruntime.InferenceSession(
         model.SerializeToString(), providers=["CPUExecutionProvider"]
