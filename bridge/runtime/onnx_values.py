@@ -176,9 +176,7 @@ class ValueGraph:
         forever = self._constant(np.array(True))
         return self.apply_many("Loop", len(start), self.integers(most), forever, *start, body=graph)
 
-    def for_each(
-        self, values: Sequence[Value], block: Callable[..., Value], shape: Shape
-    ) -> Value:
+    def for_each(self, values: Sequence[Value], block: Callable[..., Value], shape: Shape) -> Value:
         """(B, ...) what a block makes of each row of values (B, ...), one row after another.
 
         With many rows faster than all at once where a row's own work fills a processor's cache.
