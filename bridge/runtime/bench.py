@@ -31,6 +31,7 @@ from bridge.paper import (
     DSNET_WIDTHS,
     FEATURES,
     INFERRED_WIDTHS,
+    INPUT_SIZE,
     LATENT_SIZE,
     N_BETAS,
     N_VERTICES,
@@ -285,8 +286,9 @@ def _multiplications(nodes: int) -> dict[str, int]:
     skinning, spreading = N_VERTICES * posing, 8 * 3 * N_VERTICES
     widths = INFERRED_WIDTHS[::-1]
     decoder = FEATURES[-1] * (sum(a * b for a, b in pairwise(widths)) + LATENT_SIZE * widths[0])
-    units = DSNET_WIDTHS["lstm"]
-    network = 79 * 64 + 64 * 128 + 4 * units * (128 + units) + units * LATENT_SIZE
+    first, second, units = (DSNET_WIDTHS[name] for name in ("fc_enc_1", "fc_enc_2", "lstm"))
+    network = INPUT_SIZE * first + first * second
+    network += 4 * units * (second + units) + units * LATENT_SIZE
     return {
         "load": load,
         "step": step,
