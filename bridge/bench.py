@@ -1,4 +1,4 @@
-"""`dsnet bench`: each framework's timings, taken in a process of its own."""
+"""`dsnet bench`: each framework's timings and the runtime's, each taken in a process of its own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from bridge.runs.processes import run_module
 
 @dataclass(frozen=True)
 class BenchConfig:
-    """Time the autoencoder and DSNet; results go to runs/<run>/bench/{torch,tensorflow}.json."""
+    """Time training and streaming, and from a pose to the posed skin.
+
+    Results go to runs/<run>/bench/{torch,tensorflow,runtime}.json.
+    """
 
     run: str = "demo"
     """Folder under runs/ that receives the results."""
@@ -26,8 +29,8 @@ PROFILES = {name: BenchConfig() for name in ("smoke", "demo", "paper")}
 
 
 def main(config: BenchConfig) -> None:
-    """Run both benchmarks one after the other, so that neither disturbs the other."""
-    for module in ("torch_align_ae.bench", "tf_dsnet.bench"):
+    """Run the benchmarks one after the other, so that none disturbs another."""
+    for module in ("torch_align_ae.bench", "tf_dsnet.bench", "bridge.runtime.bench"):
         run_module(module, "--run", config.run, "--seed", str(config.seed))
     for path in sorted((Run(config.run).path / "bench").glob("*.json")):
         sys.stdout.write(f"{path}\n{_summary(json.loads(path.read_text()))}\n")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,19 +41,36 @@ class GraphBuilder:
     def hold(self, arrays: Mapping[str, NDArray]) -> None:
         """Store arrays in the graph."""
         for name, array in arrays.items():
-            self._initialisers.append(numpy_helper.from_array(np.ascontiguousarray(array), name))
+            self._initialisers.append(numpy_helper.from_array(np.asarray(array, order="C"), name))
 
     def node(self, op: str, inputs: Sequence[str], *outputs: str, **attributes: Any) -> str:
         """Apply one operation; the name of its first output."""
         self._nodes.append(helper.make_node(op, inputs, outputs, **attributes))
         return next(output for output in outputs if output)
 
+    @contextmanager
+    def inner(self) -> Iterator[list[onnx.NodeProto]]:
+        """Put what is applied meanwhile into a list of its own, for a branch or a loop's body."""
+        outer, self._nodes = self._nodes, []
+        try:
+            yield self._nodes
+        finally:
+            self._nodes = outer
+
     def linear(self, features: str, layer: str, output: str = "") -> str:
         """A linear layer on the last axis with the arrays `<layer>/kernel` and `<layer>/bias`."""
         product = self.node("MatMul", [features, f"{layer}/kernel"], f"{layer}/product")
         return self.node("Add", [product, f"{layer}/bias"], output or layer)
 
-    def model(self, name: str, outputs: Mapping[str, str], *, trace: bool) -> onnx.ModelProto:
+    def model(
+        self,
+        name: str,
+        outputs: Mapping[str, str],
+        *,
+        trace: bool = False,
+        shapes: Mapping[str, Shape] | None = None,
+        metadata: Mapping[str, str] | None = None,
+    ) -> onnx.ModelProto:
         """The checked model.
 
         Parameters
@@ -60,12 +78,18 @@ class GraphBuilder:
         name : the graph's name.
         outputs : the tensor of each output.
         trace : give every layer's output too, by the layer's name.
+        shapes : of outputs, where they are to be declared.
+        metadata : what else a reader should know, texts by name.
         """
         layers = [name for node in self._nodes for name in node.output if name and "/" not in name]
         for output, tensor in outputs.items():
             self.node("Identity", [tensor], output)
         named = [*outputs, *(layer for layer in layers if trace)]
-        infos = [helper.make_tensor_value_info(output, self._type, None) for output in named]
+        declared = shapes or {}
+        infos = [
+            helper.make_tensor_value_info(output, self._type, declared.get(output))
+            for output in named
+        ]
         graph = helper.make_graph(self._nodes, name, self._inputs, infos, self._initialisers)
         model = helper.make_model(
             graph,
@@ -73,6 +97,7 @@ class GraphBuilder:
             opset_imports=[helper.make_opsetid("", OPSET)],
             producer_name="dsnet",
         )
+        helper.set_model_props(model, dict(metadata or {}))
         model = onnx.shape_inference.infer_shapes(model)
         onnx.checker.check_model(model)
         return model
@@ -86,6 +111,9 @@ class GraphSession:
             model.SerializeToString(), providers=["CPUExecutionProvider"]
         )
         self._names = [output.name for output in self._session.get_outputs()]
+        self.input_shapes: dict[str, list[Any]] = {
+            given.name: given.shape for given in self._session.get_inputs()
+        }
 
     def __call__(self, **inputs: NDArray) -> dict[str, NDArray]:
         """The graph's outputs, and its inputs, are arrays by name."""

@@ -25,7 +25,8 @@ from bridge.paper import FEATURES
 from bridge.runtime.onnx_builder import GraphBuilder
 
 _ENCODER, _DECODER = ("encoder.", "to_latent."), ("from_latent.", "decoder.", "to_coordinates.")
-_ACTIVATIONS = {"leaky_relu": "LeakyRelu", "elu": "Elu", "tanh": "Tanh", "relu": "Relu"}
+ACTIVATIONS = {"leaky_relu": "LeakyRelu", "elu": "Elu", "tanh": "Tanh", "relu": "Relu"}
+"""ONNX's names of the nonlinearities."""
 
 
 def dsnet_graph(weights: Mapping[str, NDArray], *, trace: bool = False) -> onnx.ModelProto:
@@ -159,4 +160,4 @@ def _activated(
     activation = architecture["activation"]
     slope = {"alpha": architecture["negative_slope"]} if activation == "leaky_relu" else {}
     features = graph.linear(features, layer)
-    return graph.node(_ACTIVATIONS[activation], [features], f"{layer}_activation", **slope)
+    return graph.node(ACTIVATIONS[activation], [features], f"{layer}_activation", **slope)

@@ -152,6 +152,21 @@ class OscillatorSheet:
         several._bound = self._bound[:, None]
         return several
 
+    @property
+    def coupling(self) -> sp.csr_matrix:
+        """(K, K) dt^2 C / 4."""
+        return self._coupling
+
+    @property
+    def bound(self) -> NDArray[np.float32]:
+        """(K, 1) N."""
+        return self._bound
+
+    @property
+    def pulled(self) -> NDArray[np.float32]:
+        """(K, K) N - dt^2 C / 4."""
+        return self._rest
+
     def settled(self, load: NDArray) -> NDArray[np.floating]:
         """(K, 3) at rest under a constant load (K, 3): (k P + C) u = f.
 

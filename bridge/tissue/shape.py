@@ -11,7 +11,8 @@ from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.body.surface_operators import vertex_areas_m2, vertex_normals, volume_m3
 
 SHAPE_FEATURES = ("depth", "girth", "mass")
-_LEAST_DEPTH_M = 0.01
+LEAST_DEPTH_M = 0.01
+"""Of a node that lies nearer to a bone's axis: a depth has a logarithm."""
 
 
 def shape_features(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.float32]:
@@ -26,7 +27,7 @@ def shape_features(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArr
     betas : (10,) shape.
     nodes : (K,) vertices.
     """
-    person, template = (_measures(body, b, nodes) for b in (betas, np.zeros_like(betas)))
+    person, template = (shape_measures(body, b, nodes) for b in (betas, np.zeros_like(betas)))
     return np.log(person / template).astype(np.float32)
 
 
@@ -42,10 +43,11 @@ def body_mass_index(body: BodyModelData, betas: NDArray) -> float:
     return DENSITY_KG_M3 * volume_m3(vertices, body.faces) / float(np.ptp(vertices[:, 1])) ** 2
 
 
-def _measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.floating]:
+def shape_measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.floating]:
+    """(K, 3) what `shape_features` compares: metres, square metres, and a ratio."""
     shape = np.asarray(betas, np.float64)[None]
     vertices, joints = shaped_vertices(body, shape)[0], shaped_joints(body, shape)[0]
-    depth_m = np.maximum(distance_to_bones_m(vertices[nodes], joints, body.parents), _LEAST_DEPTH_M)
+    depth_m = np.maximum(distance_to_bones_m(vertices[nodes], joints, body.parents), LEAST_DEPTH_M)
     area_m2 = vertex_areas_m2(vertices, body.faces)[nodes]
     stature = volume_m3(vertices, body.faces) / np.ptp(vertices[:, 1]) ** 3
     return np.stack([depth_m, area_m2, np.full(len(nodes), stature)], axis=1)

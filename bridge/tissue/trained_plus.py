@@ -24,7 +24,8 @@ NODE_FIELDS = (
     "omega", "damping_ratio", "stiffening", "normal_ratio", "wave_speed", "bending",
     "inertia_gain", "gravity_gain",
 )  # fmt: skip
-_KERNEL_WIDTH, _KERNEL_NOISE = 2.5, 1e-2
+KERNEL_WIDTH, _KERNEL_NOISE = 2.5, 1e-2
+"""Of the Gaussian between two shapes' betas."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,8 +174,13 @@ def shares_of_people(betas: NDArray, people: NDArray) -> NDArray[np.floating]:
     About 1 for oneself, 0 for everybody far away, where shape alone speaks.
     """
     people = np.asarray(people, np.float64)
-    inner = _kernel(people, people) + _KERNEL_NOISE * np.eye(len(people))
-    return np.linalg.solve(inner, _kernel(people, np.asarray(betas, np.float64)[None]))[:, 0]
+    nearness = _kernel(people, np.asarray(betas, np.float64)[None])
+    return np.linalg.solve(people_kernel(people), nearness)[:, 0]
+
+
+def people_kernel(people: NDArray) -> NDArray[np.floating]:
+    """(P, P) the regression's matrix of known people (P, 10)."""
+    return _kernel(people, people) + _KERNEL_NOISE * np.eye(len(people))
 
 
 def known_person(betas: NDArray, people: NDArray) -> NDArray[np.floating]:
@@ -185,4 +191,4 @@ def known_person(betas: NDArray, people: NDArray) -> NDArray[np.floating]:
 
 def _kernel(first: NDArray, second: NDArray) -> NDArray[np.floating]:
     squared = np.square(first[:, None] - second[None]).sum(-1)
-    return np.exp(-squared / (2 * _KERNEL_WIDTH**2))
+    return np.exp(-squared / (2 * KERNEL_WIDTH**2))

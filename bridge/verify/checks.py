@@ -20,6 +20,7 @@ FRAMEWORKS: Engines = {"torch": BOTH, "keras": BOTH}
 WITH_ONNX: Engines = {**FRAMEWORKS, "onnx": ("float32",)}
 FILES: Engines = {"torch": ("float32",), "keras": ("float32",), "onnx": ("float32",)}
 IN_FLOAT64: Engines = {"torch": ("float64",), "keras": ("float64",)}
+ONNX: Engines = {"onnx": ("float32",)}
 STREAM: Engines = {"stream": ("float32",)}
 
 
@@ -73,6 +74,19 @@ def autoencoder_options(
     """The part of an autoencoder's options that says which network it is."""
     architecture = {"widths": widths, "activation": activation, "negative_slope": negative_slope}
     return {"architecture": architecture}
+
+
+def dsnet_graph_check(
+    name: str, weights: str, inputs: str, body: str, **architecture: Any
+) -> Check:
+    """The deployable graph of DSNet and a decoder, from poses to the posed skin."""
+    options = {"body": body, **autoencoder_options(**architecture)}
+    return Check(name, "dsnet_graph", ONNX, weights, inputs, options)
+
+
+def plus_graph_check(name: str, weights: str, inputs: str, body: str) -> Check:
+    """The deployable graph of `dsnet_plus`, from poses to the posed skin."""
+    return Check(name, "plus_graph", ONNX, weights, inputs, {"body": body})
 
 
 def cases_of(checks: Sequence[Check]) -> list[Case]:

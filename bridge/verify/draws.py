@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, pose_vertices
+from bridge.body.model_data import POSE_FEATURE_COUNT
 from bridge.exchange.layouts import Shapes, autoencoder_shapes, dsnet_shapes
-from bridge.paper import DSNET_WIDTHS, INPUT_SIZE, LATENT_SIZE, N_BETAS
+from bridge.paper import DSNET_WIDTHS, INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
+from bridge.tissue.oscillators import STEPS
 
 Arrays = dict[str, NDArray[Any]]
 SMALL_WIDTHS = (40, 24, 24, 12, 6)
@@ -70,6 +72,58 @@ def bodies(seed: int, body: BodyModelData, pose: NDArray) -> Arrays:
     noise = _normal(rng, surface, 0.005)
     mesh = (pose_vertices(body, **given) + noise).astype(np.float32)
     return {**given, "mesh": mesh, "probe": _normal(rng, surface, 1.0)}
+
+
+def stream(seed: int, frames: int, characters: int) -> Arrays:
+    """Characters that sway and hop some metres apart: theta (T, B, 69), betas (B, 10)."""
+    rng = np.random.default_rng([seed, 8])
+    sway = np.cumsum(_normal(rng, (frames, characters, THETA_SIZE), 0.02), axis=0)
+    start = _normal(rng, (characters, THETA_SIZE), 0.3)
+    return {
+        "theta": (start + sway).astype(np.float32),
+        "betas": _normal(rng, (characters, N_BETAS), 1.0),
+    }
+
+
+def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
+    """A `dsnet_plus` that nobody trained: soft flesh on a ring of nodes, and a static part."""
+    rng = np.random.default_rng([seed, 9])
+    vertices, ring = body.vertex_count, np.arange(nodes)
+    beside = [np.stack([ring, (ring + step) % nodes], axis=1) for step in (-1, 0, 1)]
+    pulls = np.repeat(np.array([-1.0, 2.0, -1.0], np.float32) * 1e3, nodes)
+    first = np.sort(rng.integers(0, nodes, vertices))
+    shares = rng.dirichlet(np.ones(8), vertices)
+    flesh = {
+        "omega": 30.0,
+        "damping_ratio": 0.15,
+        "stiffening": 500.0,
+        "normal_ratio": 1.4,
+        "wave_speed": 1.0,
+        "bending": 1e-4,
+        "inertia_gain": 0.9,
+        "gravity_gain": 1.1,
+    }
+    return {
+        "nodes/vertices": np.sort(rng.choice(vertices, nodes, replace=False)).astype(np.int32),
+        "nodes/owners": np.sort((first[:, None] + np.arange(8)) % nodes, axis=1).astype(np.int32),
+        "nodes/shares": shares.astype(np.float32),
+        "nodes/areas_m2": rng.uniform(1e-4, 4e-4, vertices).astype(np.float32),
+        "nodes/edges": np.concatenate(beside).astype(np.int32),
+        "nodes/pulls_m2": pulls,
+        **{
+            f"log_{name}": math.log(value) + _normal(rng, (nodes, 1), 0.2)
+            for name, value in flesh.items()
+        },
+        "slopes": _normal(rng, (3, 1), 0.2),
+        "stiffening_power": np.array([1.5], np.float32),
+        "residual": _normal(rng, (2, nodes, 1), 0.1),
+        "taps": np.array([0.5, 0.3, 0.2], np.float32),
+        "constant_m": _normal(rng, (2, vertices, 3), 1e-3),
+        "by_pose_m": _normal(rng, (POSE_FEATURE_COUNT, nodes, 3), 1e-4),
+        "people_betas": _normal(rng, (2, N_BETAS), 1.0),
+        "look_ahead": np.array([1], np.int32),
+        "steps": np.array([STEPS], np.int32),
+    }
 
 
 def poses(seed: int, count: int, joints: int, angle: float) -> NDArray[np.float64]:

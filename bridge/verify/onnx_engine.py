@@ -13,9 +13,14 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
+from bridge.body import load_body_model
+from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.paper import DSNET_WIDTHS
 from bridge.runtime import onnx_graphs
+from bridge.runtime.dsnet_body_graph import dsnet_body_graph
 from bridge.runtime.onnx_builder import GraphSession, held_arrays, save_graph
+from bridge.runtime.plus_graph import plus_graph as plus_body_graph
+from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.answers import joined, layers, prefixed
 from bridge.verify.protocol import Case, Tensors, serve
 
@@ -56,6 +61,29 @@ def ae_forward(case: Case) -> Tensors:
     return layers(case, run, next(iter(case.inputs().values())))
 
 
+def dsnet_graph(case: Case) -> Tensors:
+    """The whole graph of DSNet, frame by frame."""
+    weights, body = case.weights(), load_body_model(case.options["body"])
+    network = TrainedDsnet.from_arrays("dsnet", weights)
+    return _stepped(case, dsnet_body_graph(network, weights, case.options["architecture"], body))
+
+
+def plus_graph(case: Case) -> Tensors:
+    """The whole graph of `dsnet_plus`, frame by frame."""
+    model, body = TrainedPlus.from_arrays(case.weights()), load_body_model(case.options["body"])
+    return _stepped(case, plus_body_graph(model, body))
+
+
+def _stepped(case: Case, model: onnx.ModelProto) -> Tensors:
+    run, given, frames = GraphSession(model), case.inputs(), []
+    state = np.zeros((len(given["betas"]), run.input_shapes["state"][1]), np.float32)
+    for theta in given["theta"]:
+        outputs = run(theta=theta, betas=given["betas"], state=state)
+        state = outputs["next_state"]
+        frames.append(outputs["vertices"])
+    return {"layer/vertices": np.stack(frames)}
+
+
 def formats(case: Case) -> Tensors:
     """Weights as the saved graphs hold them."""
     weights, path = case.weights(), case.scratch / "network.onnx"
@@ -85,6 +113,12 @@ def _through_file(model: onnx.ModelProto, path: Path) -> dict[str, NDArray]:
 
 if __name__ == "__main__":
     serve(
-        {"dsnet_forward": dsnet_forward, "ae_forward": ae_forward, "formats": formats},
+        {
+            "dsnet_forward": dsnet_forward,
+            "ae_forward": ae_forward,
+            "dsnet_graph": dsnet_graph,
+            "plus_graph": plus_graph,
+            "formats": formats,
+        },
         packages=("onnx", "onnxruntime"),
     )

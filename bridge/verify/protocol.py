@@ -51,7 +51,7 @@ class Case:
     """Where the engine may write files of its own."""
 
     def weights(self) -> Tensors:
-        """Canonical weights in the case's precision."""
+        """Canonical weights in the case's precision; integers stay what they are."""
         return self._load(self.weights_file)
 
     def inputs(self) -> Tensors:
@@ -60,7 +60,8 @@ class Case:
 
     def _load(self, name: str) -> Tensors:
         arrays = load_weights(self.folder / name) if name else {}
-        return {key: a if a.dtype == bool else a.astype(self.dtype) for key, a in arrays.items()}
+        exact = "bi"
+        return {k: a if a.dtype.kind in exact else a.astype(self.dtype) for k, a in arrays.items()}
 
 
 Operations = Mapping[str, Callable[[Case], Mapping[str, NDArray[Any]]]]

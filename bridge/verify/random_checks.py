@@ -20,14 +20,16 @@ from bridge.verify.checks import (
     Plan,
     autoencoder_checks,
     autoencoder_options,
+    dsnet_graph_check,
     dsnet_training,
+    plus_graph_check,
 )
 from bridge.verify.draws import SMALL_WIDTHS
 
 
 def random_plan(seed: int, body: str) -> Plan:
     """Everything that needs no run: random weights in small, and the extremes."""
-    return _dsnet(seed) + _autoencoder(seed) + _smpl(seed, body) + _files()
+    return _dsnet(seed) + _autoencoder(seed) + _smpl(seed, body) + _graphs(seed, body) + _files()
 
 
 def full_size_plan(seed: int) -> Plan:
@@ -119,6 +121,29 @@ def _smpl(seed: int, body: str) -> Plan:
             leave_out=("layer/unposed",) if name in collapsing else (),
         )
         for name in poses
+    ]
+    return Plan(checks, arrays)
+
+
+def _graphs(seed: int, body: str) -> Plan:
+    """Whole deployable graphs: two characters for eight frames, the second of them a known one."""
+    data = load_body_model(body)
+    widths = (data.vertex_count, *SMALL_WIDTHS[1:])
+    normaliser = {
+        "normaliser.mean_m": np.full((data.vertex_count, 3), 1e-3, np.float32),
+        "normaliser.scale_m": np.full((data.vertex_count, 3), 2e-3, np.float32),
+    }
+    decoder = {**draws.autoencoder_weights(seed, widths), **normaliser}
+    tissue, poses = draws.tissue(seed, data), draws.stream(seed, 8, 2)
+    poses["betas"][1] = tissue["people_betas"][0]
+    arrays = {
+        "dsnet-graph": {**draws.dsnet_weights(seed), **decoder},
+        "plus-graph": tissue,
+        "stream": poses,
+    }
+    checks = [
+        dsnet_graph_check("dsnet-graph", "dsnet-graph", "stream", body, widths=widths),
+        plus_graph_check("plus-graph", "plus-graph", "stream", body),
     ]
     return Plan(checks, arrays)
 

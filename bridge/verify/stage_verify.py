@@ -1,8 +1,8 @@
 """`dsnet verify`: the engines compute the same, or the command fails.
 
 PyTorch and Keras are compared with the NumPy reference in layers, losses, gradients, training
-steps, SMPL and files; ONNX in float32 forward passes of both networks and in files; the streaming
-predictor in its latents.
+steps, SMPL and files; ONNX in float32 forward passes of both networks, in files, and in the graphs
+that are exported, from poses to the posed skin; the streaming predictor in its latents.
 """
 
 from __future__ import annotations
@@ -162,5 +162,5 @@ def _body(run: Run) -> str:
 
 def _sources(config: VerifyConfig, run: Run) -> dict[str, Artifact]:
     """The stages whose results are compared, those that there are."""
-    stages = ("align", "encode", "train-ae", "train") if config.trained else ("align",)
-    return {stage: run.artifact(stage) for stage in stages if run.finished(stage)}
+    trained = ("encode", "train-ae", "train", "train_plus") if config.trained else ()
+    return {stage: run.artifact(stage) for stage in ("align", *trained) if run.finished(stage)}

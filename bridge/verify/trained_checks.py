@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,11 @@ from bridge.exchange import load_weights
 from bridge.exchange.clips import load_unpadded_clips, make_clips
 from bridge.exchange.input_kinds import POSES
 from bridge.exchange.trained_dsnet import TrainedDsnet, dsnets_of, load_trained_dsnet
+from bridge.paper import N_VERTICES
 from bridge.runs import Artifact, Run
 from bridge.runs.processes import notify
+from bridge.runs.run import body_model_path
+from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.checks import (
     IN_FLOAT64,
     STREAM,
@@ -20,10 +24,12 @@ from bridge.verify.checks import (
     Check,
     Plan,
     autoencoder_checks,
+    dsnet_graph_check,
     dsnet_training,
+    plus_graph_check,
 )
 
-CLIPS, FRAMES, MESHES = 2, 120, 2
+CLIPS, FRAMES, MESHES, GRAPH_FRAMES = 2, 120, 2, 8
 _NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 
 
@@ -36,7 +42,7 @@ def trained_plan(run: Run) -> Plan:
             plan = plan + _dsnet(load_trained_dsnet(train, name), encoded)
     if run.finished("train-ae"):
         plan = plan + _autoencoder(run.artifact("train-ae"), run.artifact("align"))
-    return plan
+    return plan + _graphs(run)
 
 
 def _dsnet(trained: TrainedDsnet, encoded: Artifact) -> Plan:
@@ -73,9 +79,51 @@ def _dsnet(trained: TrainedDsnet, encoded: Artifact) -> Plan:
     return Plan(checks, arrays)
 
 
-def _autoencoder(train_ae: Artifact, align: Artifact) -> Plan:
+def _graphs(run: Run) -> Plan:
+    """The deployable graphs that the run has the parts of, on its own poses and persons."""
+    plan = Plan([], {})
+    if run.finished("train_plus"):
+        weights = TrainedPlus.load(run.artifact("train_plus")).arrays()
+        body = str(body_model_path(run))
+        check = plus_graph_check("plus-graph-trained", "plus-trained", "stream-trained", body)
+        plan = plan + Plan([check], {"plus-trained": weights})
+    if run.finished("train") and run.finished("train-ae"):
+        codec, train = run.artifact("train-ae"), run.artifact("train")
+        network = load_trained_dsnet(train, train.manifest["default"])
+        of_the_body = codec.manifest["architecture"]["widths"][0] == N_VERTICES
+        if of_the_body and network.input_kind == POSES:
+            weights = {**network.arrays(), **_autoencoder_weights(codec)}
+            check = dsnet_graph_check(
+                "dsnet-graph-trained", "dsnet-graph-trained", "stream-trained",
+                str(body_model_path(run)), **_architecture(codec),
+            )  # fmt: skip
+            plan = plan + Plan([check], {"dsnet-graph-trained": weights})
+    if plan.checks:
+        plan = plan + Plan([], {"stream-trained": _stream(run.artifact("align"))})
+    return plan
+
+
+def _stream(align: Artifact) -> dict[str, NDArray]:
+    """Two characters, eight frames from two places of the corpus."""
+    theta, betas = align.array("theta"), align.array("betas")
+    starts = (len(theta) // 4, len(theta) // 2)
+    clips = [np.asarray(theta[start : start + GRAPH_FRAMES], np.float32) for start in starts]
+    persons = np.asarray(betas, np.float32)[[0, -1]]
+    return {"theta": np.stack(clips, axis=1), "betas": persons}
+
+
+def _autoencoder_weights(train_ae: Artifact) -> dict[str, NDArray]:
     stored = load_weights(train_ae.file("autoencoder.safetensors"))
-    weights = {name.removeprefix("model."): array for name, array in stored.items()}
+    return {name.removeprefix("model."): array for name, array in stored.items()}
+
+
+def _architecture(train_ae: Artifact) -> dict[str, Any]:
+    architecture = dict(train_ae.manifest["architecture"])
+    return {**architecture, "widths": tuple(architecture["widths"])}
+
+
+def _autoencoder(train_ae: Artifact, align: Artifact) -> Plan:
+    weights = _autoencoder_weights(train_ae)
     mean_m, scale_m = (weights[name] for name in _NORMALISER)
     offsets_m = _spread_frames(align.array("offsets"), MESHES)
     rng = np.random.default_rng(0)
@@ -90,10 +138,8 @@ def _autoencoder(train_ae: Artifact, align: Artifact) -> Plan:
             "target": rng.normal(size=offsets_m.shape).astype(np.float32),
         },
     }
-    architecture = dict(train_ae.manifest["architecture"])
-    architecture["widths"] = tuple(architecture["widths"])
     forward, gradients = autoencoder_checks(
-        "ae-trained", "ae-trained", "values-trained", **architecture
+        "ae-trained", "ae-trained", "values-trained", **_architecture(train_ae)
     )
     in_metres = replace(
         forward,

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bridge.body import load_body_model
+from bridge.body import load_body_model, pose_vertices
 from bridge.exchange.layouts import AdamRule
+from bridge.motion import unpack_theta
+from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.protocol import Case, Tensors, serve
-from bridge.verify.reference import adam, dsnet, mesh_autoencoder, smpl
+from bridge.verify.reference import adam, dsnet, mesh_autoencoder, smpl, tissue
 
 
 def dsnet_forward(case: Case) -> Tensors:
@@ -21,13 +23,7 @@ def dsnet_forward(case: Case) -> Tensors:
 
 def dsnet_stream(case: Case) -> Tensors:
     """Latents of motions in their own units, from `scaling/...` beside the weights if there is."""
-    w, motion = case.weights(), case.inputs()["motion"]
-    if "scaling/input_mean" in w:
-        motion = (motion - w["scaling/input_mean"]) / w["scaling/input_std"]
-    latents = dsnet.predict_by_frames(w, motion)["fc_enc_3"]
-    if "scaling/latent_mean" in w:
-        latents = latents * w["scaling/latent_std"] + w["scaling/latent_mean"]
-    return {"layer/latents": latents}
+    return {"layer/latents": _latents(case.weights(), case.inputs()["motion"])}
 
 
 def dsnet_train(case: Case) -> Tensors:
@@ -77,6 +73,40 @@ def posed_bodies(case: Case) -> Tensors:
     return {**_layers(smpl.forward(bodies, given["mesh"])), **gradients}
 
 
+def dsnet_graph(case: Case) -> Tensors:
+    """From poses to the posed skin, by DSNet and the decoder."""
+    weights, given, body = case.weights(), case.inputs(), load_body_model(case.options["body"])
+    theta, betas = given["theta"], given["betas"]
+    joined = np.concatenate([np.broadcast_to(betas, (len(theta), *betas.shape)), theta], axis=-1)
+    latents = _latents(weights, joined.swapaxes(0, 1)).swapaxes(0, 1)
+    mean_m, scale_m = weights["normaliser.mean_m"], weights["normaliser.scale_m"]
+    frames = []
+    for pose, codes in zip(theta, latents, strict=True):
+        values = mesh_autoencoder.decode(weights, codes, _architecture(case))
+        posed = pose_vertices(body, betas, *unpack_theta(pose), values * scale_m + mean_m)
+        frames.append(posed)
+    return {"layer/vertices": np.stack(frames)}
+
+
+def plus_graph(case: Case) -> Tensors:
+    """From poses to the posed skin, by `dsnet_plus`."""
+    model, given = TrainedPlus.from_arrays(case.weights()), case.inputs()
+    body = load_body_model(case.options["body"])
+    characters = zip(given["theta"].swapaxes(0, 1), given["betas"], strict=True)
+    clips = [tissue.posed(model, body, theta, betas) for theta, betas in characters]
+    return {"layer/vertices": np.stack(clips, axis=1)}
+
+
+def _latents(w: Tensors, motion: np.ndarray) -> np.ndarray:
+    """Of motions (B, T, 79) in their own units, frame by frame."""
+    if "scaling/input_mean" in w:
+        motion = (motion - w["scaling/input_mean"]) / w["scaling/input_std"]
+    latents = dsnet.predict_by_frames(w, motion)["fc_enc_3"]
+    if "scaling/latent_mean" in w:
+        latents = latents * w["scaling/latent_std"] + w["scaling/latent_mean"]
+    return latents
+
+
 def _layers(outputs: Mapping[str, np.ndarray]) -> Tensors:
     return {f"layer/{name}": array for name, array in outputs.items()}
 
@@ -99,6 +129,8 @@ OPERATIONS = {
     "ae_forward": ae_forward,
     "ae_train": ae_train,
     "smpl": posed_bodies,
+    "dsnet_graph": dsnet_graph,
+    "plus_graph": plus_graph,
 }
 
 if __name__ == "__main__":

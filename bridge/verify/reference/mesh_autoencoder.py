@@ -5,6 +5,7 @@ The network is a chain, so both directions are one loop over its list of layers.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -58,8 +59,15 @@ class Architecture:
 
 def run(weights: Arrays, values: np.ndarray, architecture: Architecture) -> Arrays:
     """Every layer's output, before and after its nonlinearity, for values (B, V, 3)."""
-    outputs, _given = _forward(weights, values, architecture)
+    outputs, _given = _forward(weights, values, architecture.chain, architecture)
     return outputs
+
+
+def decode(weights: Arrays, latents: np.ndarray, architecture: Architecture) -> np.ndarray:
+    """Normalised offsets (B, V, 3) of latents (B, 100)."""
+    chain = architecture.chain
+    second_half = chain[[layer.name for layer in chain].index("from_latent") :]
+    return _forward(weights, latents, second_half, architecture)[0]["to_coordinates"]
 
 
 def learn(
@@ -69,7 +77,7 @@ def learn(
 
     In training the target is the values themselves.
     """
-    outputs, given = _forward(weights, values, architecture)
+    outputs, given = _forward(weights, values, architecture.chain, architecture)
     loss, dy = mean_squared_error(target, outputs["to_coordinates"])
     gradients: Arrays = {}
     for layer in reversed(architecture.chain):
@@ -82,12 +90,14 @@ def learn(
     return Pass(loss, gradients, {})
 
 
-def _forward(w: Arrays, values: np.ndarray, architecture: Architecture) -> tuple[Arrays, Arrays]:
+def _forward(
+    w: Arrays, values: np.ndarray, chain: Sequence[Layer], architecture: Architecture
+) -> tuple[Arrays, Arrays]:
     """Outputs by name (activated ones as `<layer>_activation`), and each layer's own input."""
     outputs: Arrays = {}
     given: Arrays = {}
     features = values
-    for layer in architecture.chain:
+    for layer in chain:
         given[layer.name] = features = _as_input_of(layer, features)
         weight, bias = w[f"{layer.name}.weight"], w[f"{layer.name}.bias"]
         if layer.kind == "linear":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,6 +29,13 @@ def autoencoder_arrays() -> dict[str, NDArray]:
         "normaliser.mean_m": np.full((WIDTHS[0], 3), 1e-3, np.float32),
         "normaliser.scale_m": np.full((WIDTHS[0], 3), 2e-3, np.float32),
     }
+
+
+@pytest.fixture(scope="session")
+def mesh_decoder() -> tuple[dict[str, NDArray], dict[str, Any]]:
+    """The decoder's weights under PyTorch's names, and its architecture."""
+    weights = {name.removeprefix("model."): a for name, a in autoencoder_arrays().items()}
+    return weights, {"widths": WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1}
 
 
 @pytest.fixture(scope="session")

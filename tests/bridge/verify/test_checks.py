@@ -10,17 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bridge.body import load_body_model
 from bridge.exchange import save_weights
 from bridge.exchange.input_kinds import DIFFERENCES
 from bridge.exchange.layouts import autoencoder_shapes, dsnet_shapes
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import ArtifactWriter, Run, write_artifact
+from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws, trained_checks
 from bridge.verify.checks import cases_of
 from bridge.verify.draws import SMALL_WIDTHS
 from bridge.verify.random_checks import full_size_plan, random_plan
 from bridge.verify.runner import verify
 from bridge.verify.trained_checks import trained_plan
+from tests.forged.plus import write_plus
 
 
 def count(shapes: dict[str, tuple[int, ...]]) -> int:
@@ -42,7 +45,8 @@ def test_every_check_names_arrays_that_are_there_and_names_are_unique():
     assert max(Counter(check.name for check in plan.checks).values()) == 1
     named = {n for check in plan.checks for n in (check.weights, check.inputs) if n}
     assert named == set(plan.arrays)
-    assert all(a.dtype in (np.float32, bool) for s in plan.arrays.values() for a in s.values())
+    kinds = (np.float32, np.int32, bool)
+    assert all(a.dtype in kinds for s in plan.arrays.values() for a in s.values())
 
 
 def test_the_reference_answers_each_check_once_and_in_float64():
@@ -153,3 +157,26 @@ def test_a_network_of_other_inputs_is_left_out_and_told(trained_run, monkeypatch
 def test_a_run_without_networks_has_no_checks_of_its_own(tmp_path, monkeypatch):
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
     assert trained_plan(Run("none")).checks == []
+
+
+def test_graphs_of_a_runs_own_predictors_are_checked(tmp_path, monkeypatch, ask_reference):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    rng, body = np.random.default_rng(1), load_body_model("embedded:female")
+    arrays = {
+        "theta": rng.normal(0, 0.2, (40, 69)).astype(np.float32),
+        "betas": rng.normal(size=(2, 10)).astype(np.float32),
+    }
+    write_artifact(
+        tmp_path / "r" / "align",
+        "align",
+        arrays,
+        units=dict.fromkeys(arrays, "1"),
+        data="synthetic",
+        config={"smpl": "embedded:female"},
+    )
+    write_plus(Run("r"), TrainedPlus.from_arrays(draws.tissue(0, body)))
+    plan = trained_plan(Run("r"))
+    assert [check.op for check in plan.checks] == ["plus_graph"]
+    (row,), answers = verify(plan, tmp_path / "work", run_engine=ask_reference)
+    assert row.passed
+    assert answers["numpy"].order == {"plus-graph-trained.float64": ["layer/vertices"]}

@@ -1,0 +1,239 @@
+"""A predictor with its body as one `.onnx` file that ONNX Runtime alone can run.
+
+The file says of itself, in its metadata, all that a user must know to feed it; what its inputs,
+outputs and state are stands in `bridge.runtime.plus_graph` and `bridge.runtime.dsnet_body_graph`.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import onnxruntime
+from numpy.typing import ArrayLike, NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.errors import DsnetError
+from bridge.exchange import load_weights
+from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
+from bridge.export.precision_error import precision_error
+from bridge.paper import N_BETAS, N_JOINTS, THETA_SIZE
+from bridge.runs import Artifact
+from bridge.runs.artifact import DataOrigin
+from bridge.runtime.dsnet_body_graph import dsnet_body_graph
+from bridge.runtime.onnx_kernels import PRECISIONS, Precision
+from bridge.runtime.plus_graph import plus_graph
+from bridge.tissue.oscillators import FPS
+from bridge.tissue.trained_plus import NAME, TrainedPlus
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedDsnet:
+    """A trained DSNet and the decoder of its latents."""
+
+    network: TrainedDsnet
+    decoder: Mapping[str, NDArray]
+    """Named as by PyTorch, the normaliser's included."""
+    architecture: Mapping[str, Any]
+    """As in the manifest of `train-ae`."""
+
+
+Exportable = TrainedPlus | DecodedDsnet
+
+
+def load_exportable(artifacts: Mapping[str, Artifact], predictor: str) -> Exportable:
+    """A predictor from the artifacts of the road that it is on, by stage.
+
+    Raises
+    ------
+    DsnetError
+        If they hold no predictor of that name, or a damaged one.
+    """
+    if "train_plus" in artifacts:
+        return TrainedPlus.load(artifacts["train_plus"])
+    codec = artifacts["train-ae"]
+    stored = load_weights(codec.file("autoencoder.safetensors"))
+    decoder = {name.removeprefix("model."): array for name, array in stored.items()}
+    network = load_trained_dsnet(artifacts["train"], predictor)
+    return DecodedDsnet(network, decoder, codec.manifest["architecture"])
+
+
+def export_onnx(
+    model: Exportable,
+    body: BodyModelData,
+    path: Path,
+    *,
+    origin: DataOrigin,
+    run: str = "",
+    precision: Precision = "float32",
+) -> Path:
+    """Write one predictor with the body that it moves, whole or not at all.
+
+    Costs a second, or with fewer bits some ten.
+
+    Parameters
+    ----------
+    path : a new file, `.onnx`.
+    origin : of what it was trained on; a synthetic body makes it synthetic too.
+    run : name of the run that it is from.
+    precision : of the large kernels (`bridge.runtime.onnx_kernels`). What fewer bits cost is
+        measured and written into the file: `error_mm`, see `bridge.export.precision_error`.
+
+    Raises
+    ------
+    DsnetError
+        If the file exists or cannot be written, the precision is none, or predictor and body do not
+        fit.
+    """
+    if precision not in PRECISIONS:
+        raise DsnetError(f"precision {precision!r}", f"one of {', '.join(PRECISIONS)}",
+                         "Name one of these.")  # fmt: skip
+    _refuse(path)
+    about = _about(model, body, origin, run, precision)
+    made = _graph(model, body, about, precision)
+    if precision != "float32":
+        error = precision_error(_graph(model, body, {}, "float32"), made)
+        about["error_mm"] = json.dumps({name: round(mm, 4) for name, mm in asdict(error).items()})
+        made = _graph(model, body, about, precision)
+    _write(path, made)
+    return path
+
+
+class OnnxCharacters:
+    """An exported predictor, run frame by frame; it remembers each character's past.
+
+    Parameters
+    ----------
+    path : a file that `export_onnx` wrote.
+    threads : of ONNX Runtime; its own choice when 0.
+
+    Raises
+    ------
+    DsnetError
+        If it is no such file.
+    """
+
+    def __init__(self, path: Path, threads: int = 0) -> None:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        try:
+            self._session = onnxruntime.InferenceSession(
+                os.fspath(path), options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # the runtime's own have no common base
+            raise _foreign(path, type(error).__name__) from error
+        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        """What the file says of itself."""
+        if "state_layout" not in self.metadata:
+            raise _foreign(path, "without a state_layout")
+        self._state_size = self._session.get_inputs()[2].shape[1]
+        self.reset()
+
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        """(F, 3) triangles of the vertices."""
+        stored = np.frombuffer(base64.b64decode(self.metadata["faces"]), "<u4")
+        return stored.reshape(-1, 3).astype(np.int64)
+
+    def reset(self) -> None:
+        """Forget the past; the next step may have another number of characters."""
+        self._state = np.zeros((0, self._state_size), np.float32)
+
+    def step(self, theta: ArrayLike, betas: ArrayLike) -> NDArray[np.float32]:
+        """Posed vertices (B, V, 3), metres, of the poses theta (B, 69) of B characters (B, 10).
+
+        Raises
+        ------
+        DsnetError
+            If the shapes are others, or B has changed since the last `reset`.
+        """
+        theta, betas = np.asarray(theta, np.float32), np.asarray(betas, np.float32)
+        count = len(theta) if theta.ndim else 0
+        if theta.shape != (count, THETA_SIZE) or betas.shape != (count, N_BETAS):
+            raise DsnetError(
+                f"theta {theta.shape} and betas {betas.shape}",
+                f"theta (B, {THETA_SIZE}) and betas (B, {N_BETAS})",
+                "Pass one row for each character, also for a single one.",
+            )
+        if len(self._state) not in (0, count):
+            raise DsnetError(
+                f"{count} characters after {len(self._state)}",
+                "the same characters at every step",
+                "Call reset() when characters come or go.",
+            )
+        past = self._state if len(self._state) else np.zeros((count, self._state_size), np.float32)
+        given = {"theta": theta, "betas": betas, "state": past}
+        vertices, self._state = map(np.asarray, self._session.run(None, given))
+        return vertices
+
+
+def _graph(
+    model: Exportable, body: BodyModelData, about: Mapping[str, str], precision: Precision
+) -> onnx.ModelProto:
+    if isinstance(model, TrainedPlus):
+        return plus_graph(model, body, about, precision)
+    network, decoder = model.network, model.decoder
+    return dsnet_body_graph(network, decoder, model.architecture, body, about, precision)
+
+
+def _about(
+    model: Exportable, body: BodyModelData, origin: DataOrigin, run: str, precision: Precision
+) -> dict[str, str]:
+    plus = isinstance(model, TrainedPlus)
+    synthetic = "synthetic" in (origin, body.source)
+    return {
+        "run": run,
+        "predictor": NAME if plus else model.network.name,
+        "data": "synthetic" if synthetic else origin,
+        "body": body.name,
+        "gender": body.gender,
+        "precision": precision,
+        "fps": f"{FPS:g}",
+        "up": "y",
+        "units": "metres, radians",
+        "joints": json.dumps(SMPL_JOINT_NAMES[:N_JOINTS]),
+        "theta": "axis-angle of each joint relative to its parent, then the root's translation",
+        "state": "zeros for a character that begins; then next_state of the frame before",
+        "faces": base64.b64encode(body.faces.astype("<u4").tobytes()).decode("ascii"),
+    }
+
+
+def _refuse(path: Path) -> None:
+    if path.exists():
+        raise DsnetError(f"--out {path}, which exists", "a new file", "Name another one.")
+    if path.suffix != ".onnx":
+        raise DsnetError(f"--out {path}", "a name that ends in .onnx", "Name such a file.")
+
+
+def _write(path: Path, model: onnx.ModelProto) -> None:
+    """Beside the file's place, and renamed into it."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            onnx.save_model(model, partial)
+            os.replace(partial, path)
+        finally:
+            partial.unlink(missing_ok=True)
+    except OSError as error:
+        raise DsnetError(
+            f"--out {path}, which cannot be written ({error.strerror or error})",
+            "a file in a folder that can be written, on a disk with room",
+            "Name another file.",
+        ) from error
+
+
+def _foreign(path: Path, why: str) -> DsnetError:
+    return DsnetError(
+        f"{path}, which is no predictor ({why})",
+        "a file that `dsnet export --to onnx` wrote",
+        "Export it again, or name another file.",
+    )

@@ -1,0 +1,179 @@
+"""The paper's DSNet as one ONNX graph: a pose in, the posed skin with its offsets out.
+
+Inputs `theta` (B, 69), `betas` (B, 10) and `state` (B, 120); outputs `vertices` (B, V, 3), metres,
+and `next_state` (B, 120). A row is the LSTM's memory of one character, zero where she begins, as in
+training: the network itself takes the first pose for one that was held (Section 4.2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.errors import DsnetError
+from bridge.exchange.input_kinds import POSES
+from bridge.exchange.layouts import BATCH_NORM_EPSILON
+from bridge.exchange.trained_dsnet import TrainedDsnet
+from bridge.paper import FEATURES, N_BETAS, THETA_SIZE
+from bridge.runtime.body_graph import posed_bones, surface, translated, translation
+from bridge.runtime.onnx_graphs import ACTIVATIONS
+from bridge.runtime.onnx_kernels import Precision, product
+from bridge.runtime.onnx_values import Value, ValueGraph
+from bridge.runtime.state_layout import StateLayout
+
+
+def dsnet_layout(network: TrainedDsnet) -> StateLayout:
+    """What a character's row holds."""
+    units = len(network.weights["batch_norm/gamma"])
+    return StateLayout({"hidden": (units,), "cell": (units,)})
+
+
+def dsnet_body_graph(
+    network: TrainedDsnet,
+    decoder: Mapping[str, NDArray],
+    architecture: Mapping[str, Any],
+    body: BodyModelData,
+    metadata: Mapping[str, str] | None = None,
+    precision: Precision = "float32",
+) -> onnx.ModelProto:
+    """The graph of a trained DSNet and its autoencoder's decoder.
+
+    Parameters
+    ----------
+    decoder : weights named as by PyTorch, with `normaliser.mean_m` and `normaliser.scale_m`.
+    architecture : as in the manifest of `train-ae`.
+    precision : of the large kernels.
+
+    Raises
+    ------
+    DsnetError
+        If the network is not told of poses, or the decoder is of another body.
+    """
+    _check(network, architecture, body)
+    graph, layout = ValueGraph(), dsnet_layout(network)
+    theta = graph.input("theta", ("B", THETA_SIZE))
+    betas = graph.input("betas", ("B", N_BETAS))
+    past = layout.read(graph.input("state", ("B", layout.size)))
+    latents, after = _stepped(graph, network, graph.concat([betas, theta], 1), past)
+    offsets_m = decoded(graph, decoder, architecture, latents, precision)
+    posed = posed_bones(graph, body, theta, betas)
+    with graph.section("skin"):
+        skin = surface(graph, body, slice(None), precision=precision)
+        rest = skin.rest(posed.features, betas) + offsets_m
+        bones = translated(graph, posed.bones, translation(theta))
+        vertices = skin.skinned(bones, rest)
+    return graph.model(
+        "dsnet",
+        {"vertices": vertices, "next_state": layout.written(graph, after)},
+        {"vertices": ("B", body.vertex_count, 3), "next_state": ("B", layout.size)},
+        {**(metadata or {}), "latency_frames": "0", "state_layout": layout.as_text()},
+    )
+
+
+def decoded(
+    graph: ValueGraph,
+    weights: Mapping[str, NDArray],
+    architecture: Mapping[str, Any],
+    latents: Value,
+    precision: Precision = "float32",
+) -> Value:
+    """Offsets (B, 3, V), metres, of latents (B, 100), by the decoder of Section 4.1.
+
+    Vertices stay the last axis throughout: nine rows a character of each convolution's product,
+    and of the largest, 55 MB, every number is read once however many characters there are.
+    """
+    with graph.section("decoder"):
+        row = _activated(graph, architecture, _dense(graph, weights, "from_latent", latents))
+        features = row.reshape(0, architecture["widths"][-1], FEATURES[-1]).transpose(0, 2, 1)
+        for number in range(1, len(architecture["widths"])):
+            layer = f"decoder.conv_{number}"
+            kernel = product(graph, f"{layer}.kernel", weights[f"{layer}.weight"][..., 0].T,
+                             precision)  # fmt: skip
+            mixed = kernel(features) + graph.array(f"{layer}.bias", weights[f"{layer}.bias"])
+            features = _activated(graph, architecture, mixed)
+        features = _activated(graph, architecture, _across(graph, weights, "decoder.linear_1",
+                                                           features))  # fmt: skip
+        values = _across(graph, weights, "to_coordinates", features)
+        scale_m, mean_m = (weights[f"normaliser.{name}"].T for name in ("scale_m", "mean_m"))
+        return values * graph.array("scale_m", scale_m) + graph.array("mean_m", mean_m)
+
+
+def _check(network: TrainedDsnet, architecture: Mapping[str, Any], body: BodyModelData) -> None:
+    if network.input_kind != POSES:
+        raise DsnetError(
+            f"{network.name}, a network that is told of {network.input_kind.name}",
+            f"one that is told of {POSES.name}, as {POSES.size} numbers",
+            "Name another predictor.",
+        )
+    if architecture["widths"][0] != body.vertex_count:
+        raise DsnetError(
+            f"a decoder of {architecture['widths'][0]} vertices",
+            f"one of the body's {body.vertex_count}",
+            "Name the body model that the run was aligned with.",
+        )
+
+
+def _stepped(
+    graph: ValueGraph, network: TrainedDsnet, inputs: Value, past: Mapping[str, Value]
+) -> tuple[Value, dict[str, Value]]:
+    """Latents (B, 100) of inputs (B, 79) in a motion's own units, and the memory after them."""
+    scaling, w = network.scaling, network.weights
+    with graph.section("dsnet"):
+        scaled = (inputs - graph.array("input_mean", scaling.input_mean)) / graph.array(
+            "input_std", scaling.input_std
+        )
+        encoded = _keras_dense(graph, w, "fc_enc_2", _keras_dense(graph, w, "fc_enc_1", scaled))
+        features = graph.apply("Tanh", encoded)
+        gates = (
+            features @ graph.array("lstm/kernel", w["lstm/kernel"])
+            + past["hidden"] @ graph.array("lstm/recurrent_kernel", w["lstm/recurrent_kernel"])
+            + graph.array("lstm/bias", w["lstm/bias"])
+        )
+        # Keras's order: input, forget, candidate, output.
+        i, f, c, o = gates.split(1, [len(w["batch_norm/gamma"])] * 4)
+        i, f, o = (graph.apply("Sigmoid", gate) for gate in (i, f, o))
+        cell = f * past["cell"] + i * graph.apply("Tanh", c)
+        hidden = o * graph.apply("Tanh", cell)
+        gain = w["batch_norm/gamma"] / np.sqrt(w["batch_norm/moving_variance"] + BATCH_NORM_EPSILON)
+        centred = hidden - graph.array("batch_norm/mean", w["batch_norm/moving_mean"])
+        normalised = centred * graph.array("batch_norm/gain", gain)
+        normalised = normalised + graph.array("batch_norm/beta", w["batch_norm/beta"])
+        found = _keras_dense(graph, w, "fc_enc_3", normalised)
+        restored = found * graph.array("latent_std", scaling.latent_std)
+        latents = restored + graph.array("latent_mean", scaling.latent_mean)
+        return latents, {"hidden": hidden, "cell": cell}
+
+
+def _keras_dense(
+    graph: ValueGraph, weights: Mapping[str, NDArray], layer: str, features: Value
+) -> Value:
+    kernel, bias = (
+        graph.array(f"{layer}/{name}", weights[f"{layer}/{name}"]) for name in ("kernel", "bias")
+    )
+    return features @ kernel + bias
+
+
+def _dense(graph: ValueGraph, weights: Mapping[str, NDArray], layer: str, features: Value) -> Value:
+    """PyTorch's linear layer on the last axis."""
+    kernel = graph.array(f"{layer}.kernel", weights[f"{layer}.weight"].T)
+    return features @ kernel + graph.array(f"{layer}.bias", weights[f"{layer}.bias"])
+
+
+def _across(
+    graph: ValueGraph, weights: Mapping[str, NDArray], layer: str, features: Value
+) -> Value:
+    """A linear layer of each vertex's features (B, in, V)."""
+    kernel = graph.array(f"{layer}.kernel", weights[f"{layer}.weight"])
+    bias = graph.array(f"{layer}.bias", weights[f"{layer}.bias"][:, None])
+    return graph.apply("MatMul", kernel, features) + bias
+
+
+def _activated(graph: ValueGraph, architecture: Mapping[str, Any], features: Value) -> Value:
+    activation = architecture["activation"]
+    slope = {"alpha": architecture["negative_slope"]} if activation == "leaky_relu" else {}
+    return graph.apply(ACTIVATIONS[activation], features, **slope)

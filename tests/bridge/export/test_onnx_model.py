@@ -1,0 +1,164 @@
+"""An exported predictor: one file that says what it is, and that ONNX Runtime alone runs."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+
+from bridge import DsnetError
+from bridge.body import load_body_model
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.export.onnx_model import DecodedDsnet, OnnxCharacters, export_onnx, load_exportable
+from bridge.export.precision_error import PrecisionError, precision_error
+from bridge.runs import Run, write_artifact
+from bridge.tissue.trained_plus import TrainedPlus
+from bridge.verify import draws
+from tests.forged.plus import write_plus
+
+BODY = load_body_model("embedded:female")
+WIDTHS = (6890, 12, 8, 6, 4)
+EXAMPLE = Path(__file__).parents[3] / "examples" / "onnx_runtime_only.py"
+BETAS = np.zeros((2, 10), np.float32)
+
+
+@pytest.fixture(scope="module")
+def plus() -> TrainedPlus:
+    return TrainedPlus.from_arrays(draws.tissue(1, BODY))
+
+
+@pytest.fixture(scope="module")
+def exported(plus, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("exported") / "new" / "plus.onnx"
+    return export_onnx(plus, BODY, path, origin="synthetic", run="demo")
+
+
+def decoded_dsnet() -> DecodedDsnet:
+    decoder = draws.autoencoder_weights(1, WIDTHS)
+    decoder["normaliser.mean_m"] = np.zeros((6890, 3), np.float32)
+    decoder["normaliser.scale_m"] = np.full((6890, 3), 1e-3, np.float32)
+    network = TrainedDsnet("dsnet_faithful", draws.dsnet_weights(2), Scaling.identity())
+    architecture = {"widths": WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1}
+    return DecodedDsnet(network, decoder, architecture)
+
+
+def test_the_file_says_what_it_is(exported):
+    onnx.checker.check_model(onnx.load_model(exported))
+    characters = OnnxCharacters(exported)
+    about = characters.metadata
+    wanted = {"run": "demo", "predictor": "dsnet_plus", "data": "synthetic", "gender": "female",
+              "fps": "60", "up": "y", "units": "metres, radians", "precision": "float32",
+              "latency_frames": "1"}  # fmt: skip
+    assert {name: about[name] for name in wanted} == wanted
+    assert json.loads(about["joints"])[15] == "head"
+    assert len(json.loads(about["joints"])) == 22
+    np.testing.assert_array_equal(characters.faces, BODY.faces)
+    assert [path.name for path in exported.parent.iterdir()] == ["plus.onnx"]
+
+
+def test_the_layout_names_every_column_of_the_state(exported):
+    session = OnnxCharacters(exported)._session
+    (theta, betas, state), (vertices, after) = session.get_inputs(), session.get_outputs()
+    assert (theta.shape, betas.shape) == (["B", 69], ["B", 10])
+    assert (vertices.shape, after.shape) == (["B", 6890, 3], ["B", state.shape[1]])
+    layout = json.loads(session.get_modelmeta().custom_metadata_map["state_layout"])
+    ends = [start + int(np.prod(shape)) for _, start, shape in layout]
+    assert [0, *ends] == [start for _, start, _ in layout] + [state.shape[1]]
+    assert [name for name, _, _ in layout[:2]] == ["age", "betas"]
+
+
+def test_characters_step_and_are_refused_when_they_change(exported):
+    characters = OnnxCharacters(exported, threads=1)
+    theta = np.zeros((2, 69))
+    first = characters.step(theta, BETAS)
+    assert first.shape == (2, 6890, 3)
+    theta[:, 67] = 0.05
+    moved = [characters.step(theta, BETAS) for _ in range(4)][-1]
+    assert np.abs(moved - [0, 0.05, 0] - first).max() > 1e-3
+    with pytest.raises(DsnetError, match="1 characters after 2"):
+        characters.step(theta[:1], BETAS[:1])
+    characters.reset()
+    np.testing.assert_allclose(characters.step(theta[:1] * 0, BETAS[:1]), first[:1], atol=1e-6)
+    with pytest.raises(DsnetError, match=r"\(B, 69\)"):
+        characters.step(theta[0], BETAS[0])
+
+
+def test_the_papers_network_is_exported_too(tmp_path):
+    path = export_onnx(decoded_dsnet(), BODY, tmp_path / "a.onnx", origin="licensed",
+                       precision="float16")  # fmt: skip
+    characters = OnnxCharacters(path)
+    assert characters.metadata["predictor"] == "dsnet_faithful"
+    # Trained on licensed data, but the body is invented.
+    assert characters.metadata["data"] == "synthetic"
+    assert np.isfinite(characters.step(np.zeros((1, 69)), BETAS[:1])).all()
+
+
+def test_fewer_bits_are_measured_and_the_file_says_so(tmp_path):
+    path = export_onnx(decoded_dsnet(), BODY, tmp_path / "a.onnx", origin="synthetic",
+                       precision="int8")  # fmt: skip
+    about = OnnxCharacters(path).metadata
+    error = json.loads(about["error_mm"])
+    assert 0 < error["mean_mm"] < error["percentile_99_mm"] < error["max_mm"] < 1.0
+    exact = precision_error(*[onnx.load_model(path)] * 2)
+    assert exact == PrecisionError(0.0, 0.0, 0.0)
+
+
+def test_a_run_is_exported_by_its_artifacts(plus, tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    write_artifact(tmp_path / "r" / "align", "align", {}, units={}, data="synthetic")
+    made = write_plus(Run("r"), plus)
+    loaded = load_exportable({"train_plus": made}, "dsnet_plus")
+    assert isinstance(loaded, TrainedPlus)
+    for name, array in plus.arrays().items():
+        np.testing.assert_array_equal(loaded.arrays()[name], array)
+
+
+def test_what_cannot_be_written_is_one_line_and_leaves_nothing(plus, exported, tmp_path):
+    before = exported.read_bytes()
+    with pytest.raises(DsnetError, match="exists"):
+        export_onnx(plus, BODY, exported, origin="synthetic")
+    assert exported.read_bytes() == before
+    with pytest.raises(DsnetError, match=r"ends in \.onnx"):
+        export_onnx(plus, BODY, tmp_path / "a.npz", origin="synthetic")
+    with pytest.raises(DsnetError, match="float16"):
+        export_onnx(plus, BODY, tmp_path / "a.onnx", origin="synthetic", precision="int4")  # pyright: ignore[reportArgumentType]
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DsnetError, match="cannot be written"):
+        export_onnx(plus, BODY, tmp_path / "file" / "a.onnx", origin="synthetic")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("content", [None, b"", b"not a model"])
+def test_a_foreign_file_is_one_line(tmp_path, content):
+    path = tmp_path / "a.onnx"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(DsnetError, match="no predictor"):
+        OnnxCharacters(path)
+
+
+def test_another_model_is_one_line(tmp_path):
+    from bridge.runtime.onnx_builder import save_graph
+    from bridge.runtime.onnx_graphs import dsnet_graph
+
+    save_graph(tmp_path / "a.onnx", dsnet_graph(draws.dsnet_weights(0)))
+    with pytest.raises(DsnetError, match="state_layout"):
+        OnnxCharacters(tmp_path / "a.onnx")
+
+
+def test_the_example_runs_with_numpy_and_onnxruntime_alone(exported):
+    source = EXAMPLE.read_text()
+    assert len(source.splitlines()) <= 40
+    assert "bridge" not in source
+    done = subprocess.run(
+        [sys.executable, "-I", str(EXAMPLE), str(exported)],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    first, *frames = done.stdout.splitlines()
+    assert first == "dsnet_plus of run 'demo', synthetic data, female"
+    assert len(frames) == 6
