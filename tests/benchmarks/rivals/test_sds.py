@@ -127,12 +127,13 @@ def test_offsets_are_what_the_springs_add_in_the_rest_pose(body, checkout):
     rival.choose([Clip(betas, theta, fps, below)])
     # From motion to motion springs start at rest, and a body at rest stays as it is.
     np.testing.assert_array_equal(rival.offsets_m(betas, still, fps), 0)
-    # All turned by half a turn about the vertical, the rest pose's offsets are the same.
-    turned = theta.copy()
-    turned[:, :3] = 0
-    once = rival.offsets_m(betas, turned, fps)
-    assert np.abs(once).max() > 1e-4
-    turned[:, 1] = np.pi
+    # Body and path turned by half a turn about the vertical, the rest pose's offsets are the same.
+    straight = theta.copy()
+    straight[:, :3], straight[:, 66] = 0, theta[:, 67]
+    once = rival.offsets_m(betas, straight, fps)
+    assert np.abs(once[..., 0]).max() > 1e-4
+    turned = straight.copy()
+    turned[:, 1], turned[:, 66] = np.pi, -straight[:, 66]
     np.testing.assert_allclose(rival.offsets_m(betas, turned, fps), once, atol=1e-7)
 
 
