@@ -65,7 +65,10 @@ def page(
 def _made_by(command: str, *of_rivals: str) -> str:
     lines = [f"Made by `{command}`."]
     if of_rivals:
-        lines.append("Open rivals are run, not trained, so that they are the same for every seed:")
+        lines.append(
+            "Open rivals run as they are and are not trained, so that no seed changes them; their"
+        )
+        lines.append("settings are chosen on the validation clip:")
         lines.append(", ".join(f"`{one}`" for one in of_rivals) + ".")
     return "\n".join(lines)
 

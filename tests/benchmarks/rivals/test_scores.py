@@ -115,7 +115,7 @@ def test_a_rival_is_scored_in_the_four_cells_and_gets_a_row(run):
     assert rows == ["| system", "| DSNet+", "| Halfway", "| mean", "| SMPL alone"]
     assert "| Halfway |  | 0.750 |" in text
     assert "- **Halfway** (`halfway`): half of it." in text
-    assert "they are the same for every seed:\n`python -m benchmarks.rivals" in text
+    assert "their settings are chosen on the validation clip:\n`python -m benchmarks.rivals" in text
 
 
 @pytest.mark.parametrize(("key", "value"), [("test_bed", {"tissue": "second"}), ("sequences", [])])
