@@ -66,9 +66,9 @@ def _made_by(command: str, *of_rivals: str) -> str:
     lines = [f"Made by `{command}`."]
     if of_rivals:
         lines.append(
-            "Open rivals run as they are and are not trained, so that no seed changes them; their"
+            "Open rivals run as they are and are not trained, so that no seed changes them;"
         )
-        lines.append("settings are chosen on the validation clip:")
+        lines.append("their settings are chosen on the validation clip:")
         lines.append(", ".join(f"`{one}`" for one in of_rivals) + ".")
     return "\n".join(lines)
 

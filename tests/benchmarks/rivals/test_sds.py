@@ -101,7 +101,7 @@ def test_tips_go_with_one_bone(body):
 def test_settings_that_made_the_offsets_are_found_again(body, checkout):
     theta, fps = motion()
     betas, shape = np.zeros(10), (len(theta), len(body.v_template), 3)
-    below = np.broadcast_to(np.float32([0, -1e-2, 0]), shape)
+    below = np.broadcast_to(np.array([0, -1e-2, 0], np.float32), shape)
     maker = SpringDecomposedSkinning(checkout, body, Grid(
         helpers=(12,), powers=(2.0,), stiffness=(4000.0,), damping=(0.0,), mass_dscale=(0.5,),
         compliance=(None,),
@@ -123,7 +123,7 @@ def test_offsets_are_what_the_springs_add_in_the_rest_pose(body, checkout):
     still = np.repeat(theta[:1], 5, axis=0)
     betas, shape = np.zeros(10), (len(theta), len(body.v_template), 3)
     rival = SpringDecomposedSkinning(checkout, body, GRID)
-    below = np.broadcast_to(np.float32([0, -1e-2, 0]), shape)
+    below = np.broadcast_to(np.array([0, -1e-2, 0], np.float32), shape)
     rival.choose([Clip(betas, theta, fps, below)])
     # From motion to motion springs start at rest, and a body at rest stays as it is.
     np.testing.assert_array_equal(rival.offsets_m(betas, still, fps), 0)
