@@ -8,16 +8,10 @@ added is how far the springs leave a tip behind, not its step from the last fram
 
 from __future__ import annotations
 
-import contextlib
-import importlib
-import io
 import itertools
-import sys
-import types
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +19,7 @@ from tqdm import tqdm
 
 from benchmarks.rivals.rig import HelperRig, carried_by_skeleton, helper_rig
 from benchmarks.rivals.rival import Clip
+from benchmarks.rivals.springs import HelperSprings, SpringSettings
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.measure.posed_meshes import PosedBody
@@ -32,24 +27,8 @@ from bridge.motion.cuts import predict_between_cuts
 from bridge.tissue.nodes import farthest_points
 
 NAME, LABEL = "sds", "Spring-Decomposed Skinning, helper bones"
-_PACKAGE = "src"
-_ASKED = ("skeleton", "helper_handler")
-_NEEDED = (*_ASKED, "mass_spring")
-_LARGEST_M = 5.0
 _COMPARED_VERTICES = 600
 _BLOCK_FRAMES = 64
-
-
-@dataclass(frozen=True)
-class SpringSettings:
-    """The method's own settings, named as there where they are its."""
-
-    stiffness: float
-    damping: float
-    mass_dscale: float
-    """What is left of a mass's velocity after each frame."""
-    compliance: float | None
-    """Of the constraint that pulls a spring's ends together; None for no constraint."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +80,7 @@ class SpringDecomposedSkinning:
 
     def __init__(self, code: Path, body: BodyModelData, grid: Grid | None = None) -> None:
         self._body, self._grid = body, grid or Grid()
-        self._code = import_checkout(code)
+        self._springs = HelperSprings(code, body.parents)
         self._chosen: HelperSettings | None = None
         self._rigs = {count: helper_rig(body, count) for count in self._grid.helpers}
 
@@ -122,7 +101,7 @@ class SpringDecomposedSkinning:
         trials = [_Trial(self._body, rig, clip, self._grid.powers) for clip in clips]
         for springs in self._grid.springs():
             progress.update()
-            lags_m = [self._lag_m(rig, *trial.motion, springs) for trial in trials]
+            lags_m = [self._springs.lag_m(rig, *trial.motion, springs) for trial in trials]
             stayed = [
                 (t, lag_m) for t, lag_m in zip(trials, lags_m, strict=True) if lag_m is not None
             ]
@@ -141,7 +120,7 @@ class SpringDecomposedSkinning:
             raise ValueError("no settings were chosen")
         rig = self._rigs[self._chosen.helpers]
         motion = (*carried_by_skeleton(rig, self._body, betas, theta), fps)
-        lag_m = self._lag_m(rig, *motion, self._chosen.springs)
+        lag_m = self._springs.lag_m(rig, *motion, self._chosen.springs)
         if lag_m is None:
             raise DsnetError(
                 f"{self._chosen.springs}, with which springs fly apart in a motion",
@@ -156,38 +135,6 @@ class SpringDecomposedSkinning:
             linear = posed.pose(theta[rows]).linear
             parts.append(np.linalg.solve(linear, world_m[..., None])[..., 0].astype(np.float32))
         return np.concatenate(parts)
-
-    def _lag_m(
-        self, rig: HelperRig, joints_m: NDArray, tips_m: NDArray, fps: float, set_: SpringSettings
-    ) -> NDArray[np.float64] | None:
-        """(T, H, 3) from where the skeleton has the tips to where springs do; None if they fly."""
-        try:
-            with np.errstate(all="ignore"), contextlib.redirect_stdout(io.StringIO()):
-                lag_m = self._simulated(rig, joints_m, tips_m, fps, set_) - tips_m
-        except AssertionError:  # its own check of forces
-            return None
-        return lag_m if np.isfinite(lag_m).all() and np.abs(lag_m).max() < _LARGEST_M else None
-
-    def _simulated(
-        self, rig: HelperRig, joints_m: NDArray, tips_m: NDArray, fps: float, set_: SpringSettings
-    ) -> NDArray[np.float64]:
-        skeleton_module, handler_module = self._code
-        tree = np.array([(p, j) for j, p in enumerate(self._body.parents) if p >= 0])
-        skeleton = skeleton_module.create_skeleton(joints_m[0], tree)
-        parents = [int(parent) for parent in rig.parents]
-        helpers = np.array(skeleton_module.add_helper_bones(skeleton, list(tips_m[0]), parents))
-        springs = handler_module.HelperBonesHandler(
-            skeleton, helpers, point_spring=True, mass=1.0, stiffness=set_.stiffness,
-            damping=set_.damping, mass_dscale=set_.mass_dscale, spring_dscale=1.0, dt=1 / fps,
-            edge_constraint=set_.compliance is not None, compliance=set_.compliance or 0.0,
-        )  # fmt: skip
-        moved_m = np.empty_like(tips_m)
-        for frame, (joints, tips) in enumerate(zip(joints_m, tips_m, strict=True)):
-            # Two rows a bone, its ends; of bones that are no helpers the springs ask nothing.
-            ends = np.zeros((2 * len(skeleton.rest_bones), 3))
-            ends[2 * helpers], ends[2 * helpers + 1] = joints[rig.parents], tips
-            moved_m[frame] = springs.update_bones(ends)[2 * helpers + 1]
-        return moved_m
 
     def _clauses(self, chosen: HelperSettings, r2: float) -> list[str]:
         springs = chosen.springs
@@ -232,36 +179,3 @@ def _fit(pairs: Sequence[tuple[NDArray, NDArray]]) -> tuple[float, float]:
     gain = max(common / size, 0.0) if size else 0.0
     missed = sum(float(np.square(gain * made - true).sum()) for made, true in pairs)
     return 1 - missed / sum(float(np.square(true).sum()) for _, true in pairs), gain
-
-
-def import_checkout(code: Path) -> tuple[Any, Any]:
-    """Its modules `skeleton` and `helper_handler`.
-
-    Raises
-    ------
-    DsnetError
-        If they do not lie there, or import what is not installed.
-    """
-    if missing := [n for n in _NEEDED if not (code / _PACKAGE / f"{n}.py").is_file()]:
-        raise DsnetError(
-            f"--code {code} without {_PACKAGE}/{missing[0]}.py",
-            "a checkout of Spring-Decomposed Skinning",
-            "Clone github.com/bartuakyurek/Spring-Decomposed-Skinning and pass its folder.",
-        )
-    # It draws springs with PyVista, which nothing here asks for.
-    sys.modules.setdefault("pyvista", types.ModuleType("pyvista"))
-    sys.path.insert(0, str(code.resolve()))
-    try:
-        skeleton, handler = (importlib.import_module(f"{_PACKAGE}.{n}") for n in _ASKED)
-        return skeleton, handler
-    except ImportError as error:
-        raise DsnetError(
-            f"--code {code}, which does not import ({error})",
-            "its modules with what they need installed",
-            "Install what is missing, or pass another checkout.",
-        ) from error
-    finally:
-        sys.path.remove(str(code.resolve()))
-        # So common a name must not stand in the way of another package's.
-        for name in [n for n in sys.modules if n.partition(".")[0] == _PACKAGE]:
-            del sys.modules[name]

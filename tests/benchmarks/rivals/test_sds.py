@@ -9,7 +9,8 @@ import pytest
 
 from benchmarks.rivals.rig import carried_by_skeleton, helper_rig
 from benchmarks.rivals.rival import Clip
-from benchmarks.rivals.sds import Grid, SpringDecomposedSkinning, import_checkout
+from benchmarks.rivals.sds import Grid, SpringDecomposedSkinning
+from benchmarks.rivals.springs import import_checkout
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import pose_vertices, shaped_vertices
