@@ -18,6 +18,7 @@ import numpy as np
 from benchmarks.prediction.comparison_clips import draw_clips
 from benchmarks.prediction.comparison_figures import draw_figures
 from benchmarks.prediction.comparison_page import FIGURES, page
+from benchmarks.prediction.comparison_rivals import commands_of_rivals, with_rivals
 from benchmarks.prediction.corpora import (
     CORPORA,
     check_names,
@@ -34,7 +35,7 @@ from benchmarks.prediction.corpora import (
 from bridge.errors import DsnetError
 from bridge.measure.stage_evaluate import TRUE, offset_sizes_m
 from bridge.motion.cells import CELLS
-from bridge.runs import Run
+from bridge.runs import Artifact, Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 
@@ -86,7 +87,7 @@ def main(config: ComparisonConfig) -> dict[str, Any]:
     for corpus in config.corpora:
         _score(config, corpus)
     results = write_index(config.out / _INDEX, "benchmarks.prediction.comparison")
-    scores, _ = read_index(config.out / _INDEX)
+    scores = with_rivals(config.out, read_index(config.out / _INDEX)[0])
     draw_figures(config.out, scores)
     _draw_clips(config, scores)
     write_text_atomically(page_path(config.out), markdown(config.out))
@@ -96,8 +97,9 @@ def main(config: ComparisonConfig) -> dict[str, Any]:
 def markdown(folder: Path) -> str:
     """The page, of the folder's scores."""
     scores, command = read_index(folder / _INDEX)
+    commands = [command, *commands_of_rivals(folder, scores)]
     figures = [name for name in FIGURES if (folder / name).exists()]
-    return page(scores, command, folder.name, figures)
+    return page(with_rivals(folder, scores), commands, folder.name, figures)
 
 
 def page_path(folder: Path) -> Path:
@@ -149,14 +151,14 @@ def _score(config: ComparisonConfig, corpus: str) -> None:
             "seed": seed,
             "profile": config.profile,
             "epochs": config.epochs,
-            **_short(scores(run, config.profile)),
+            **short(scores(run, config.profile)),
             "systems": _systems(run),
-            "over_time": _over_time(run),
+            "over_time": sizes_over_time(Run(run).artifact("evaluate")),
         }
         write_text_atomically(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
 
 
-def _short(found: Mapping[str, Any]) -> dict[str, Any]:
+def short(found: Mapping[str, Any]) -> dict[str, Any]:
     """Of the scores what the page shows."""
     cells = {cell: errors for cell, errors in found["cells"].items() if cell in CELLS}
     return {
@@ -207,9 +209,8 @@ def _systems(run: str) -> dict[str, dict[str, Any]]:
     return {name: {key: entry[key] for key in kept} for name, entry in trained.items()}
 
 
-def _over_time(run: str) -> dict[str, Any]:
+def sizes_over_time(evaluated: Artifact) -> dict[str, Any]:
     """Size of the offsets in each frame of one motion that is new to all: a real one if any."""
-    evaluated = Run(run).artifact("evaluate")
     unseen = [s for s in evaluated.manifest["per_sequence"] if s["cell"] == list(CELLS)[-1]]
     if not unseen:
         return {}

@@ -41,7 +41,9 @@ def _draw_cost(path: Path, of: Mapping[str, Scores]) -> None:
     for axis, (corpus, scores) in zip(
         figure.subplots(1, len(of), squeeze=False)[0], of.items(), strict=True
     ):
-        for name in (name for name in systems_of(scores) if name in scores[0]["systems"]):
+        entries = scores[0]["systems"]
+        sized = [n for n in systems_of(scores) if entries.get(n, {}).get("parameters")]
+        for name in sized:
             error = mean(relative_error(score, cell, name) for score in scores)
             _point(axis, scores[0], name, float(np.clip(error, _LEAST, _MOST)))
         best = mean(relative_error(score, cell, BEST) for score in scores)

@@ -22,7 +22,7 @@ SMPL alone. Mean over {seeds}; ± is the standard deviation over seeds where the
 were given the robust aligner's offsets of the same training clips. Systems of others are named
 "-like": what their sources leave open is decided here, a clause each below. Those that feed back
 their own predictions do so here too, from rest.
-Made by `{command}`.
+{made}
 
 {figures}
 
@@ -39,19 +39,38 @@ FIGURES = {
 
 
 def page(
-    scores: Sequence[Mapping[str, Any]], command: str, folder: str, figures: Iterable[str]
+    scores: Sequence[Mapping[str, Any]],
+    commands: Sequence[str],
+    folder: str,
+    figures: Iterable[str],
 ) -> str:
-    """The whole page, which lies beside its folder."""
+    """The whole page, which lies beside its folder.
+
+    Parameters
+    ----------
+    commands : the one that made the scores, and those that added rivals.
+    """
     corpora = dict.fromkeys(score["corpus"] for score in scores)
     of = {corpus: [s for s in scores if s["corpus"] == corpus] for corpus in corpora}
     seeds = sorted({score["seed"] for score in scores})
     return _PAGE.format(
         sections="\n\n".join(_section(corpus, own) for corpus, own in of.items()),
         seeds=f"training seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))}",
-        command=command,
+        made=_made_by(*commands),
         figures="\n".join(f"![{FIGURES[name]}]({folder}/{name})" for name in figures),
         systems="\n".join(_described(scores[0])),
     )
+
+
+def _made_by(command: str, *of_rivals: str) -> str:
+    lines = [f"Made by `{command}`."]
+    if of_rivals:
+        lines.append(
+            "Open rivals run as they are and are not trained, so that no seed changes them;"
+        )
+        lines.append("their settings are chosen on the validation clip:")
+        lines.append(", ".join(f"`{one}`" for one in of_rivals) + ".")
+    return "\n".join(lines)
 
 
 def systems_of(scores: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -89,7 +108,7 @@ def _row(scores: Sequence[Mapping[str, Any]], name: str) -> Iterator[str]:
     first = scores[0]
     entry = first["systems"].get(name, {})
     yield first["labels"].get(name, name)
-    yield f"{entry['parameters']:,}" if entry else ""
+    yield f"{entry['parameters']:,}" if entry.get("parameters") else ""
     for cell in CELLS:
         own = [score["cells"][cell][name] for score in scores]
         yield summary([one["r2"] for one in own], "{:.3f}")

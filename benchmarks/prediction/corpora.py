@@ -11,7 +11,7 @@ from typing import Any
 
 from bridge.errors import DsnetError
 from bridge.motion.cells import CELLS
-from bridge.runs import Run
+from bridge.runs import Artifact, Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_dsnet
 
@@ -89,15 +89,23 @@ def scores(run: str, profile: str) -> dict[str, Any]:
     """Evaluate, and give back what the page needs of it."""
     dsnet("evaluate", run, profile)
     artifacts = Run(run).artifacts("evaluate", "train_plus")
-    evaluated, trained = (artifacts[name].manifest for name in ("evaluate", "train_plus"))
+    trained = artifacts["train_plus"].manifest
     return {
-        "cells": evaluated["cells"],
-        "labels": evaluated["predictors"],
-        "test_bed": evaluated["test_bed"],
-        "alignments": evaluated["alignments"],
-        "sequences": [_kept_of(one) for one in evaluated["per_sequence"] if one["cell"] in CELLS],
+        **scores_of(artifacts["evaluate"]),
         "static": trained["static"],
         "train_s": trained["provenance"]["wall_time_s"],
+    }
+
+
+def scores_of(evaluated: Artifact) -> dict[str, Any]:
+    """What the page needs of an evaluation."""
+    found = evaluated.manifest
+    return {
+        "cells": found["cells"],
+        "labels": found["predictors"],
+        "test_bed": found["test_bed"],
+        "alignments": found["alignments"],
+        "sequences": [_kept_of(one) for one in found["per_sequence"] if one["cell"] in CELLS],
     }
 
 

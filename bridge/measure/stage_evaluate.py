@@ -62,15 +62,16 @@ def main(config: EvaluateConfig) -> None:
     run.build(
         "evaluate",
         config,
-        lambda writer: _evaluate(writer, roads, upstream.get("truth"), body),
+        lambda writer: evaluate_roads(writer, roads, upstream.get("truth"), body),
         data=origin,
         upstream=upstream,
     )
 
 
-def _evaluate(
+def evaluate_roads(
     writer: ArtifactWriter, roads: Sequence[Road], truth: Artifact | None, body: BodyModelData
 ) -> None:
+    """Fill an artifact with the errors of every predictor of some roads, the first road's first."""
     evaluation = Evaluation(roads, truth, body)
     found = _compared(evaluation)
     _write_frames(writer, MESH_ERROR, _mesh_errors_m(found), "m, mean over vertices")

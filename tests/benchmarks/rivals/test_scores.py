@@ -1,0 +1,146 @@
+"""A toy rival from a forged run to the comparison's page."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks.prediction import comparison
+from benchmarks.prediction.comparison_rivals import rival_path, with_rivals
+from benchmarks.rivals import __main__ as command
+from bridge.body import load_body_model
+from bridge.errors import DsnetError
+from bridge.motion import MotionSequence, to_manifest
+from bridge.motion.cells import CELLS
+from bridge.runs import Run, write_artifact
+
+SEQUENCES = [
+    MotionSequence("50004_one_leg_jump", "50004", "one_leg_jump", 0, 8, 60.0, "validation"),
+    MotionSequence("50004_hips", "50004", "hips", 8, 8, 60.0),
+    MotionSequence("50004_hips_take2", "50004", "hips_take2", 16, 9, 60.0, "test"),
+    MotionSequence("50004_kicking", "50004", "kicking", 25, 9, 60.0, "test"),
+    MotionSequence("99001_hips", "99001", "hips", 34, 9, 60.0, "test"),
+    MotionSequence("99001_kicking", "99001", "kicking", 43, 9, 60.0, "test"),
+]
+ALIGNED, FRAMES = 16, 52
+
+
+class Halfway:
+    """Makes half of the true offsets, which swing with the root's height."""
+
+    name, label = "halfway", "Halfway"
+
+    def __init__(self, code, body):
+        self.code, self.seen = code, []
+
+    def choose(self, clips):
+        self.seen = list(clips)
+        (clip,) = clips
+        np.testing.assert_allclose(clip.offsets_m, swing_m(clip.theta), atol=1e-7)
+        return ["half of it"]
+
+    def offsets_m(self, betas, theta, fps):
+        assert self.seen
+        assert fps == 60.0
+        return 0.5 * swing_m(theta)
+
+
+def swing_m(theta):
+    shape = 2e-3 * np.cos(4 * load_body_model("embedded:female").v_template)
+    return (theta[:, 67, None, None] * shape).astype(np.float32)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Truth, alignment and motions of four cells."""
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
+    monkeypatch.setattr(command, "body_model_path", lambda run: "embedded:female")
+    monkeypatch.setitem(command.RIVALS, "halfway", Halfway)
+    rng = np.random.default_rng(0)
+    theta = np.zeros((FRAMES, 69), np.float32)
+    theta[:, 67] = rng.normal(size=FRAMES).cumsum() / 20
+    betas, offsets = rng.normal(size=(2, 10)).astype(np.float32), swing_m(theta)
+    put("truth", {"theta": theta, "betas": betas, "offsets": offsets}, SEQUENCES)
+    aligned = {"theta": theta[:ALIGNED], "betas": betas[:1], "offsets": offsets[:ALIGNED]}
+    aligned["frame_error"] = np.zeros(ALIGNED, np.float32)
+    put("align", aligned, SEQUENCES[:2], aligner="robust")
+    put("predict_plus", {"theta": theta, "betas": betas}, SEQUENCES)
+    return tmp_path
+
+
+def put(stage, arrays, sequences, **extra):
+    write_artifact(
+        Run("toy").path / stage, stage, arrays, units=dict.fromkeys(arrays, "1"),
+        data="synthetic", sequences=to_manifest(sequences), config={"smpl": None}, **extra,
+    )  # fmt: skip
+
+
+def config(folder, **options):
+    given = {"rival": "halfway", "code": folder, "run": "toy", "out": folder / "out"} | options
+    return command.RivalsConfig(**given)
+
+
+def of_the_comparison(found):
+    """Scores of the comparison on the same clips, where `dsnet_plus` misses a tenth."""
+    nothing = {name: {"r2": 0.0, "rms_mm": 2.0} for name in ("person_mean", "smpl")}
+    nothing["person_mean"]["r2"] = 0.1
+    systems = nothing | {"dsnet_plus": {"r2": 0.99, "rms_mm": 0.2}}
+    return {
+        "corpus": "own", "seed": 0, "profile": "demo", "epochs": 5, "test_bed": found["test_bed"],
+        "labels": {"dsnet_plus": "DSNet+", "person_mean": "mean", "smpl": "SMPL alone"},
+        "cells": dict.fromkeys(CELLS, systems), "systems": {},
+        "sequences": [one | {"errors": systems} for one in found["sequences"]],
+        "over_time": {"sequence": "99001_kicking", "mm": {"true": [1.0] * 9}},
+    }  # fmt: skip
+
+
+def test_a_rival_is_scored_in_the_four_cells_and_gets_a_row(run):
+    found = command.main(config(run))
+    assert found == json.loads(rival_path(run / "out", "own", "halfway").read_text())
+    for cell in CELLS:
+        assert found["cells"][cell]["halfway"]["r2"] == pytest.approx(0.75, abs=1e-5)
+    assert [one["name"] for one in found["sequences"]] == [s.name for s in SEQUENCES[2:]]
+    score = of_the_comparison(found)
+    (merged,) = with_rivals(run / "out", [score])
+    assert merged["over_time"]["mm"]["halfway"] == found["over_time"]["mm"]["halfway"]
+    assert "halfway" not in score["systems"]
+    (run / "out" / "own-0.json").write_text(json.dumps(score))
+    (run / "out" / "comparison.json").write_text(
+        json.dumps({"command": "compare", "scores": ["own-0.json"]})
+    )
+    text = comparison.markdown(run / "out")
+    rows = [line.split(" | ")[0] for line in text.splitlines() if line.startswith("| ")]
+    assert rows == ["| system", "| DSNet+", "| Halfway", "| mean", "| SMPL alone"]
+    assert "| Halfway |  | 0.750 |" in text
+    assert "- **Halfway** (`halfway`): half of it." in text
+    assert "their settings are chosen on the validation clip:\n`python -m benchmarks.rivals" in text
+
+
+@pytest.mark.parametrize(("key", "value"), [("test_bed", {"tissue": "second"}), ("sequences", [])])
+def test_a_rival_on_other_clips_is_refused(run, key, value):
+    score = of_the_comparison(command.main(config(run))) | {key: value}
+    with pytest.raises(DsnetError, match=rf"halfway\.json with other {key} than own-0\.json"):
+        with_rivals(run / "out", [score])
+
+
+def test_a_folder_without_rivals_stays_as_it_is(tmp_path):
+    score = {"corpus": "own", "seed": 0}
+    assert with_rivals(tmp_path, [score]) == [score]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"rival": "none"}, "rival none; expected some of sds"),
+        ({"corpus": "third"}, "corpora third; expected some of own"),
+        ({"rival": "sds"}, r"without src/skeleton\.py; expected a checkout"),
+        ({"run": "unmade"}, "unknown run 'unmade'"),
+    ],
+)
+def test_what_is_not_there_is_one_line(run, options, said):
+    with pytest.raises(DsnetError, match=said) as refused:
+        command.main(config(run, **options))
+    assert "\n" not in str(refused.value)
+    assert not (run / "out").exists()
