@@ -18,8 +18,8 @@ FORBIDDEN = {
 }
 # A folder imports those before it; what lies in none (paper, errors, options) imports no folder.
 ORDER = [
-    "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "verify",
-    "plan",
+    "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "view",
+    "verify", "plan",
 ]  # fmt: skip
 COMMANDS = {"cli.py", "bench.py"}
 THIRD_PARTIES = {
@@ -30,6 +30,7 @@ THIRD_PARTIES = {
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},
     "runtime": {"numpy", "onnx", "onnxruntime", "tyro"},
+    "view": {"numpy", "viser"},
     "measure": {"numpy", "scipy", "tqdm"},
     "verify": {"numpy", "onnx", "safetensors", "tqdm"},
     "plan": set(),
@@ -91,6 +92,7 @@ def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
         ("bridge.cli", "torch tensorflow keras"),
         ("bridge.exchange", "torch tensorflow keras"),
         ("bridge.runtime.stage_predict", "torch tensorflow keras"),
+        ("bridge.view.stage_view", "torch tensorflow keras viser"),
         ("torch_align_ae", "tensorflow keras"),
         ("tf_dsnet", "torch"),
     ],
