@@ -35,6 +35,6 @@ def faces_by_band(
     return np.split(faces[order], ends)
 
 
-def band_edges_cm(full_m: float) -> NDArray[np.float64]:
+def band_edges_cm(full_m: float) -> NDArray[np.floating]:
     """(BANDS + 1,) where the bands begin and the last ends, centimetres."""
     return np.linspace(0.0, 100.0 * full_m, BANDS + 1)

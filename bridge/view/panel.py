@@ -9,9 +9,10 @@ import numpy as np
 import viser
 
 from bridge.paper import N_BETAS
-from bridge.view.performances import LABELS, SMPL_ALONE, TRUTH, Performances
+from bridge.view.performances import LABELS, SMPL_ALONE, Performances
 from bridge.view.selection import COLOURINGS, LAYOUTS, Selection
 from bridge.view.timeline import Timeline
+from bridge.view.truth import TRUTH
 
 _SPEEDS = {"0.1": 0.1, "0.25": 0.25, "0.5": 0.5, "1": 1.0, "2": 2.0}
 _OWN_PERSON = "who moved"

@@ -14,10 +14,10 @@ from bridge.motion.cuts import pieces_between_cuts
 from bridge.runtime.skinning import ShapedBody
 from bridge.view.latest_work import LatestWork, Steps
 from bridge.view.repertoire import Repertoire
-from bridge.view.truth import TrueMotion
+from bridge.view.truth import TRUTH, TrueMotion
 
-SMPL_ALONE, TRUTH = "smpl", "truth"
-LABELS = {SMPL_ALONE: "SMPL alone", TRUTH: "truth"}
+SMPL_ALONE = "smpl"
+LABELS = {SMPL_ALONE: "SMPL alone", TRUTH: TRUTH}
 _MOST_BYTES = 1_500_000_000
 _FRAMES_AT_ONCE = 64
 
@@ -115,7 +115,7 @@ class Performances:
             curve = asked, gain if asked.predictor != SMPL_ALONE else 1.0
             known = self.knows_truth(asked.take, asked.betas)
             if known and asked.predictor != TRUTH and curve not in self._errors:
-                work["error", *curve] = partial(self._compare, *curve)
+                work[("error", *curve)] = partial(self._compare, *curve)
         self._forget(keep=len(wanted))
         self.worker.want(work)
 

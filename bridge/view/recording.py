@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from bridge.view.live_scene import LiveScene
 from bridge.view.performances import Performances
-from bridge.view.scene import Scene
 from bridge.view.selection import Selection, Shown
 from bridge.view.serving import serving
 
@@ -28,7 +28,7 @@ def record(performances: Performances, selection: Selection) -> str:
     repertoire = performances.repertoire
     # A server of its own: those who look on meanwhile see nothing of it.
     with serving("127.0.0.1", 0) as server:
-        scene = Scene(server, repertoire.body.faces, repertoire.origin)
+        scene = LiveScene(server, repertoire.body.faces, repertoire.origin)
         scene.frame_bodies(len(shown.asked))
         scene.draw(list(shown.posed(0)), selection)
         serializer = server.get_scene_serializer()

@@ -28,13 +28,11 @@ AVERAGE = "average shape"
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
+class ViewedMotion:
     """One motion that can be chosen."""
 
     read: Callable[[NDArray | None], Motion]
     """The motion for a shape (10,), or for that of its own person."""
-    person: str
-    """Who moved."""
     truth: str | None = None
     """Name of its sequence in the truth, where that is known."""
     frames: int | None = None
@@ -54,7 +52,7 @@ class Repertoire:
     """Labels by name, the best first."""
     open: Callable[[str], Character]
     """A predictor by name."""
-    takes: Mapping[str, Take]
+    takes: Mapping[str, ViewedMotion]
     """By what the picker calls them, the first to be shown first."""
     people: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     """Shapes (10,) by name, besides each motion's own person."""
@@ -117,22 +115,22 @@ def _labels_of(run: Run) -> dict[str, str]:
     return found
 
 
-def _of_motion(motion: Motion, body: BodyModelData) -> Take:
+def _of_motion(motion: Motion, body: BodyModelData) -> ViewedMotion:
     place_motion(motion, body)  # refuses what is no person's motion before anything is shown
-    return Take(lambda betas: place_motion(motion, body, betas), f"{motion.source.stem}'s person")
+    return ViewedMotion(lambda betas: place_motion(motion, body, betas))
 
 
-def _of_file(path: Path, body: BodyModelData, person: str) -> Take:
-    return Take(lambda betas: place_motion(load_amass_motion(path), body, betas), person)
+def _of_file(path: Path, body: BodyModelData) -> ViewedMotion:
+    return ViewedMotion(lambda betas: place_motion(load_amass_motion(path), body, betas))
 
 
-def _with_truth(take: Take, sequence: str, known: Mapping[str, int]) -> Take:
+def _with_truth(take: ViewedMotion, sequence: str, known: Mapping[str, int]) -> ViewedMotion:
     return replace(take, truth=sequence, frames=known[sequence]) if sequence in known else take
 
 
-def _samples(body: BodyModelData) -> dict[str, Take]:
+def _samples(body: BodyModelData) -> dict[str, ViewedMotion]:
     paths = {name: Path(SAMPLE_PREFIX + name) for name in SAMPLES}
-    return {name: _of_file(path, body, "the sample's person") for name, path in paths.items()}
+    return {name: _of_file(path, body) for name, path in paths.items()}
 
 
 def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:
@@ -140,7 +138,9 @@ def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:
     return {name: betas[row].astype(np.float64) for name, row in rows.items()}
 
 
-def _aligned(align: Artifact, body: BodyModelData, known: Mapping[str, int]) -> dict[str, Take]:
+def _aligned(
+    align: Artifact, body: BodyModelData, known: Mapping[str, int]
+) -> dict[str, ViewedMotion]:
     """The sequences that the run's meshes show, as alignment saw them; those held out first."""
     people, theta = _people(align), align.array("theta")
     takes = {}
@@ -153,7 +153,7 @@ def _aligned(align: Artifact, body: BodyModelData, known: Mapping[str, int]) -> 
             source_fps=one.fps,
             source=Path(one.name),
         )
-        take = Take(partial(_shaped, motion), one.subject)
+        take = ViewedMotion(partial(_shaped, motion))
         takes[_titled(one.name, one.split)] = _with_truth(take, one.name, known)
     return takes
 
@@ -164,7 +164,7 @@ def _shaped(motion: Motion, betas: NDArray | None) -> Motion:
 
 def _unseen(
     run: Run, align: Artifact, body: BodyModelData, known: Mapping[str, int]
-) -> dict[str, Take]:
+) -> dict[str, ViewedMotion]:
     """The corpus's motions without meshes, on which predictors are tested."""
     if "corpus" not in align.manifest["upstream"]:
         return {}
@@ -175,7 +175,7 @@ def _unseen(
             path = corpus.file(name)
             subject, motion = subject_and_motion(path)
             sequence = f"{subject}_{motion}"
-            take = _of_file(path, body, subject)
+            take = _of_file(path, body)
             takes[_titled(sequence, "test")] = _with_truth(take, sequence, known)
     return takes
 

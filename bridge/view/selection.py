@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.view.performances import LABELS, TRUTH, Asked, Performances
+from bridge.view.performances import LABELS, Asked, Performances
+from bridge.view.truth import TRUTH
 
 SIDE_BY_SIDE, OVERLAID = "side by side", "overlaid"
 LAYOUTS = (SIDE_BY_SIDE, OVERLAID)

@@ -28,7 +28,7 @@ class ViewConfig:
     motion: Path | None = None
     """AMASS `.npz`, or a sample such as `sample:walking`, that is shown first."""
     host: str = "127.0.0.1"
-    """Address to serve on; with another one, others on the network can look on and change things."""
+    """Address to serve on; at another one, others on the network can look on too."""
     port: Annotated[int, Bounds(0, 65535)] = 8080
     """Port to serve on; 0 takes any that is free."""
     seconds: PositiveFloat = 20.0
@@ -138,4 +138,4 @@ def _serve(config: ViewConfig, performances: Performances) -> None:
         try:
             viewer.run()
         finally:
-            viewer.stop()
+            performances.worker.stop()

@@ -27,6 +27,8 @@ class TrueMotion:
     """(T, V, 3) true offsets in the rest pose, metres."""
 
 
+TRUTH = "truth"
+"""The name by which it is shown, as predictors have theirs; that of its artifact."""
 ReadTruth = Callable[[str], TrueMotion]
 """The truth of a sequence by name."""
 
@@ -43,9 +45,9 @@ def open_truth(run: Run, origin: str) -> tuple[Mapping[str, int], ReadTruth]:
     DsnetError
         If the truth is damaged.
     """
-    if origin != "synthetic" or not run.finished("truth"):
+    if origin != "synthetic" or not run.finished(TRUTH):
         return {}, _no_truth
-    truth = MotionArrays.of(run.artifact("truth"))
+    truth = MotionArrays.of(run.artifact(TRUTH))
 
     def read(name: str) -> TrueMotion:
         frames = slice(0, truth.places[name].length)

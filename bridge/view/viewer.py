@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.view.error_plot import ErrorPlot
+from bridge.view.live_scene import LiveScene
 from bridge.view.panel import Panel
-from bridge.view.performances import LABELS, SMPL_ALONE, TRUTH, Performances
+from bridge.view.performances import LABELS, SMPL_ALONE, Performances
 from bridge.view.recording import record
-from bridge.view.scene import Scene
 from bridge.view.selection import Selection, Shown
 from bridge.view.timeline import Timeline
+from bridge.view.truth import TRUTH
 
 _DRAWN_HZ = 30.0
 
@@ -37,7 +38,7 @@ class Viewer:
         repertoire, selection = performances.repertoire, first_selection(performances)
         self._shown = Shown(performances, selection)
         self.timeline = Timeline(self._shown.frames)
-        self.scene = Scene(server, repertoire.body.faces, repertoire.origin)
+        self.scene = LiveScene(server, repertoire.body.faces, repertoire.origin)
         self.scene.frame_bodies(len(self._shown.asked))
         self.panel = Panel(server, performances, selection, self.timeline, self._recording)
         self._plot = ErrorPlot(server.gui)
@@ -56,9 +57,8 @@ class Viewer:
             self._stopped.wait(max(1 / _DRAWN_HZ - (time.monotonic() - now_s), 0.001))
 
     def stop(self) -> None:
-        """End `run`, and what is computed in the background."""
+        """End `run`."""
         self._stopped.set()
-        self.performances.worker.stop()
 
     def draw(self, passed_s: float) -> None:
         """Let time pass and draw the bodies as they are then."""

@@ -71,7 +71,7 @@ class Figure:
         self.root.visible = visible
 
 
-class Scene:
+class LiveScene:
     """What is drawn of a selection.
 
     Parameters
