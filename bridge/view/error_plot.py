@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from viser import uplot
 
 _STROKES = ("#777777", "#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#8c564b")
-_TITLE = "Error over time: mean distance to the true mesh"
+_TITLE = "Mean distance to the true mesh"
 _HEIGHT_PX, _WIDTH_PX = 150, 560
 
 
@@ -19,7 +19,7 @@ class ErrorPlot:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._gui, self._panel, self._plot = gui, gui.add_panel(visible=False), None
-        self._tab = self._panel.add_tab(_TITLE, viser.Icon.CHART_LINE)
+        self._tab = self._panel.add_tab("Error over time", viser.Icon.CHART_LINE)
         self._panel.float(x=15, y=-15, width=_WIDTH_PX)
         self._curves: dict[str, NDArray] = {}
 
@@ -62,5 +62,6 @@ class ErrorPlot:
                 ({"label": "time, s"}, passed, *curves),
                 scales={"x": {"time": False}},
                 axes=axes,
+                title=_TITLE,
                 height=_HEIGHT_PX,
             )

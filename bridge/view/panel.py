@@ -96,16 +96,11 @@ class Panel:
 
     def _on_scrub(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:  # a hand, not the clock
-            self._pause(True)
+            self._timeline.playing = False
             self._timeline.go_to(self._frame.value)
 
     def _on_play(self, _: viser.GuiEvent[Any]) -> None:
-        self._pause(self._timeline.playing)
-
-    def _pause(self, pause: bool) -> None:
-        self._timeline.playing = not pause
-        self._play.label = "Play" if pause else "Pause"
-        self._play.icon = viser.Icon.PLAYER_PLAY if pause else viser.Icon.PLAYER_PAUSE
+        self._timeline.playing = not self._timeline.playing
 
     def _on_speed(self, _: viser.GuiEvent[Any]) -> None:
         self._timeline.speed = _SPEEDS[self._speed.value]
@@ -147,6 +142,8 @@ class Panel:
 
     def tell(self, frame: int, status: str) -> None:
         """Show the present frame, and one line of what is going on."""
-        self._frame.value = frame
+        self._frame.value, playing = frame, self._timeline.playing
+        self._play.label = "Pause" if playing else "Play"
+        self._play.icon = viser.Icon.PLAYER_PAUSE if playing else viser.Icon.PLAYER_PLAY
         if status != self._status.content:
             self._status.content = status
