@@ -93,8 +93,8 @@ class LiveScene:
 
     def frame_bodies(self, count: int) -> None:
         """Have new clients see that many bodies side by side, and the window under them."""
-        camera, away_m = self._server.initial_camera, 2.4 + 1.1 * count
-        camera.position, camera.look_at = (-0.35, 1.2, away_m), (-0.35, 0.7, 0.0)
+        camera, away_m = self._server.initial_camera, 2.6 + 1.2 * count
+        camera.position, camera.look_at = (-0.3, 1.0, away_m), (-0.3, 0.4, 0.0)
 
     def draw(self, bodies: Sequence[Posed], selection: Selection) -> None:
         """Draw one frame of all bodies; clients see all of it at once."""

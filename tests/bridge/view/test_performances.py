@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.runtime.moving_body import MovingBody
-from bridge.view.performances import SMPL_ALONE, Asked, Performances
+from bridge.view.performances import SMPL_ALONE, Asked, Clip, Performances
 from bridge.view.repertoire import open_repertoire
 from bridge.view.selection import ERRORS, Selection, Shown
 from bridge.view.truth import TRUTH
@@ -14,6 +14,12 @@ from tests.bridge.view.conftest import FRAMES, JUMP
 
 SHOWN = FRAMES - 10
 """Frames that have a truth."""
+
+
+def clip_of(performances: Performances, asked: Asked) -> Clip:
+    found = performances.clip(asked)
+    assert found is not None
+    return found
 
 
 def moved(performances: Performances, asked: Asked, gain: float):
@@ -31,7 +37,7 @@ def test_it_is_the_motion_that_prediction_makes(performances, own):
     performances.want([asked])
     assert performances.worker.wait(30)
     offsets_m, vertices_m = moved(performances, asked, 0.5)
-    clip = performances.clip(asked)
+    clip = clip_of(performances, asked)
     assert clip.complete
     assert len(clip.offsets_m) == SHOWN
     assert np.abs(clip.offsets_m).max() > 1e-3
@@ -45,7 +51,8 @@ def test_frames_that_are_not_there_yet_are_smpl_alone(performances):
     early = Performances(performances.repertoire)
     shown = Shown(early, Selection(JUMP, betas, ("dsnet_plus", SMPL_ALONE)))
     early.worker.stop()
-    whole, clip = performances.clip(Asked(JUMP, "dsnet_plus", betas)), early.clip(shown.asked[0])
+    whole = clip_of(performances, Asked(JUMP, "dsnet_plus", betas))
+    clip = clip_of(early, shown.asked[0])
     clip.offsets_m[:40], clip.offsets_m[40:], clip.ready = whole.offsets_m[:40], 0, 40
     predicted, alone = shown.posed(50)
     assert "57 % computed" in predicted.label
@@ -63,9 +70,12 @@ def test_errors_are_distances_to_the_true_mesh(performances):
     # Skin that is turned and not stretched carries an offset with its length.
     expected_m = np.full(SHOWN, np.sqrt(3) * 0.01)
     errors_m = performances.errors_m(shown.asked[0], 3.0)
+    assert errors_m is not None
     np.testing.assert_allclose(errors_m, expected_m, rtol=1e-3)
     assert performances.errors_m(shown.asked[1], 3.0) is None
     alone, true = shown.posed(20)
+    assert alone.values_m is not None
+    assert true.values_m is not None
     assert alone.values_m.mean() == pytest.approx(np.sqrt(3) * 0.01, rel=1e-3)
     assert true.values_m.max() == 0
 
@@ -83,9 +93,10 @@ def test_colours_are_sizes_of_what_is_shown(performances):
     chosen = Selection(JUMP, performances.own_betas(JUMP), ("dsnet_plus",), gain=2.0)
     shown = Shown(performances, chosen)
     assert performances.worker.wait(30)
-    clip = performances.clip(shown.asked[0])
+    clip = clip_of(performances, shown.asked[0])
     (posed,) = shown.posed(20)
     expected_m = 2 * np.linalg.norm(clip.offsets_m[20], axis=-1)
+    assert posed.values_m is not None
     np.testing.assert_allclose(posed.values_m, expected_m, rtol=1e-6)
 
 

@@ -35,7 +35,7 @@ def drawn_m(viewer: Viewer, name: str) -> np.ndarray:
     return next(mesh.vertices for mesh in figure.bands if mesh.visible).copy()
 
 
-def change(viewer: Viewer, **values: float) -> None:
+def change(viewer: Viewer, **values: float | str) -> None:
     """Move controls and draw the same frame again, when everything is computed."""
     for name, value in values.items():
         handle = getattr(viewer.panel, f"_{name}")
