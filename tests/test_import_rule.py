@@ -19,7 +19,7 @@ FORBIDDEN = {
 # A folder imports those before it; what lies in none (paper, errors, options) imports no folder.
 ORDER = [
     "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "export",
-    "verify", "plan",
+    "view", "verify", "plan",
 ]  # fmt: skip
 COMMANDS = {"cli.py", "bench.py"}
 THIRD_PARTIES = {
@@ -41,6 +41,7 @@ THIRD_PARTIES = {
         "scipy",
         "trimesh",
     },
+    "view": {"numpy", "viser"},
     "measure": {"numpy", "scipy", "tqdm"},
     "verify": {"numpy", "onnx", "safetensors", "tqdm"},
     "plan": set(),
@@ -103,6 +104,7 @@ def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
         ("bridge.exchange", "torch tensorflow keras"),
         ("bridge.runtime.stage_predict", "torch tensorflow keras"),
         ("bridge.export.stage_export", "torch tensorflow keras pxr imageio_ffmpeg mitsuba"),
+        ("bridge.view.stage_view", "torch tensorflow keras viser"),
         ("torch_align_ae", "tensorflow keras"),
         ("tf_dsnet", "torch"),
     ],

@@ -1,4 +1,4 @@
-"""The simulated truth is made by the corpus stage and read by evaluation, by no other."""
+"""The simulated truth is made by the corpus stage and read by evaluation; the viewer shows it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 MAKES_IT = "torch_align_ae/corpus/stage_corpus.py"
 READS_IT = "bridge/measure/stage_evaluate.py"
+# To be looked at beside predictions, and for their errors over time; no predictor is given any.
+SHOWS_IT = "bridge/view/truth.py"
 LISTS_ITS_WALL_TIME = "bridge/report/stage_report.py"
 NAMES_ITS_COMMAND = "bridge/runs/chain.py"
 PLAN_ITS_COST = {"bridge/plan/costs.py", "bridge/plan/rates.py", "torch_align_ae/plan.py"}
@@ -21,12 +23,18 @@ def test_no_other_module_names_the_truth_artifact():
     naming = {
         path.relative_to(ROOT).as_posix() for path in sources if '"truth"' in path.read_text()
     }
-    assert naming == {MAKES_IT, READS_IT, LISTS_ITS_WALL_TIME, NAMES_ITS_COMMAND, *PLAN_ITS_COST}
+    mention = {LISTS_ITS_WALL_TIME, NAMES_ITS_COMMAND, *PLAN_ITS_COST}
+    assert naming == {MAKES_IT, READS_IT, SHOWS_IT} | mention
 
 
 def test_neither_chain_nor_plan_opens_an_array():
     for path in (NAMES_ITS_COMMAND, *PLAN_ITS_COST):
         assert ".array(" not in (ROOT / path).read_text()
+
+
+def test_the_viewer_reads_it_in_one_place():
+    readers = [p for p in (ROOT / "bridge" / "view").glob("*.py") if "open_truth" in p.read_text()]
+    assert {path.name for path in readers} == {"truth.py", "repertoire.py"}
 
 
 def test_the_report_asks_the_truth_for_no_array():

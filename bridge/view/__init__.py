@@ -1,0 +1,1 @@
+"""Seeing predictions in a browser, as they move: `dsnet view`, and recordings of it."""

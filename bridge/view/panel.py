@@ -1,0 +1,149 @@
+"""The controls: motion and person, who is shown and how, shape, gain, time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import viser
+
+from bridge.paper import N_BETAS
+from bridge.view.performances import LABELS, SMPL_ALONE, Performances
+from bridge.view.selection import COLOURINGS, LAYOUTS, Selection
+from bridge.view.timeline import Timeline
+from bridge.view.truth import TRUTH
+
+_SPEEDS = {"0.1": 0.1, "0.25": 0.25, "0.5": 0.5, "1": 1.0, "2": 2.0}
+_OWN_PERSON = "who moved"
+_MOST_BETA = 5.0
+
+
+class Panel:
+    """Controls of one viewer; what they say now is `selection`, and time is in `timeline`.
+
+    Parameters
+    ----------
+    record : makes the recording of a selection, HTML; for the button.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        performances: Performances,
+        start: Selection,
+        timeline: Timeline,
+        record: Callable[[Selection], str],
+    ) -> None:
+        self._performances, self._timeline = performances, timeline
+        self._record, self._own = record, start.betas
+        gui, repertoire = server.gui, performances.repertoire
+        gui.set_panel_label(f"dsnet view · {repertoire.origin}")
+        gui.main_panel.dock_right()
+        gui.configure_theme(show_share_button=False, show_logo=False)
+        gui.add_markdown(f"Predictors of {repertoire.owner}; **{repertoire.origin}** data.")
+        self._status = gui.add_markdown("")
+        self._add_time(gui)
+        with gui.add_folder("Motion and person"):
+            self._take = gui.add_dropdown(
+                "Motion", tuple(repertoire.takes), initial_value=start.take
+            )
+            self._person = gui.add_dropdown("Person", (_OWN_PERSON, *repertoire.people))
+        with gui.add_folder("Shown"):
+            labels = {SMPL_ALONE: LABELS[SMPL_ALONE]} | dict(repertoire.predictors)
+            if repertoire.read_truth is not None:
+                labels[TRUTH] = LABELS[TRUTH]
+            self._shown = {
+                name: gui.add_checkbox(label, name in start.shown) for name, label in labels.items()
+            }
+            self._layout = gui.add_dropdown("Layout", LAYOUTS, initial_value=start.layout)
+            self._colouring = gui.add_dropdown("Colours", COLOURINGS, initial_value=start.colouring)
+            self._full_cm = gui.add_slider("Last colour, cm", 0.1, 10.0, 0.1, start.full_cm)
+            self._in_place = gui.add_checkbox("Stay in place", start.in_place)
+        with gui.add_folder("Dynamics and shape"):
+            self._gain = gui.add_slider("Gain", 0.0, 5.0, 0.05, start.gain)
+            self._betas = [self._add_beta(gui, number) for number in range(N_BETAS)]
+            gui.add_button("Shape of the person").on_click(self._on_person)
+        self._add_recording(gui)
+        self._set_betas(start.betas)
+        self._take.on_update(self._on_take)
+        self._person.on_update(self._on_person)
+
+    def _add_time(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("Time"):
+            self._frame = gui.add_slider("Frame", 0, max(self._timeline.frames - 1, 1), 1, 0)
+            self._play = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
+            self._speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1")
+        self._frame.on_update(self._on_scrub)
+        self._play.on_click(self._on_play)
+        self._speed.on_update(self._on_speed)
+
+    def _add_beta(self, gui: viser.GuiApi, number: int) -> viser.GuiSliderHandle[float]:
+        return gui.add_slider(f"Beta {number + 1}", -_MOST_BETA, _MOST_BETA, 0.05, 0.0)
+
+    def _add_recording(self, gui: viser.GuiApi) -> None:
+        button = gui.add_button("Recording (HTML)", icon=viser.Icon.DOWNLOAD)
+
+        @button.on_click
+        def _(event: viser.GuiEvent[Any]) -> None:
+            button.disabled = True
+            try:
+                html = self._record(self.selection)
+                if event.client is not None:
+                    event.client.send_file_download("dsnet.html", html.encode())
+            finally:
+                button.disabled = False
+
+    def _on_scrub(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:  # a hand, not the clock
+            self._timeline.playing = False
+            self._timeline.go_to(self._frame.value)
+
+    def _on_play(self, _: viser.GuiEvent[Any]) -> None:
+        self._timeline.playing = not self._timeline.playing
+
+    def _on_speed(self, _: viser.GuiEvent[Any]) -> None:
+        self._timeline.speed = _SPEEDS[self._speed.value]
+
+    def _on_take(self, _: viser.GuiEvent[Any]) -> None:
+        self._person.value = _OWN_PERSON
+        self._on_person(_)
+
+    def _on_person(self, _: viser.GuiEvent[Any]) -> None:
+        people, name = self._performances.repertoire.people, self._person.value
+        own = self._performances.own_betas(self._take.value)
+        self._set_betas(tuple(map(float, people[name])) if name in people else own)
+
+    def _set_betas(self, betas: tuple[float, ...]) -> None:
+        """Set the sliders to a person's shape, which lies between their steps."""
+        self._own = betas
+        for slider, value in zip(self._betas, betas, strict=True):
+            slider.value = float(np.clip(round(value, 2), -_MOST_BETA, _MOST_BETA))
+        self._rounded = tuple(slider.value for slider in self._betas)
+
+    @property
+    def selection(self) -> Selection:
+        """What is chosen now."""
+        betas = tuple(slider.value for slider in self._betas)
+        return Selection(
+            take=self._take.value,
+            betas=self._own if betas == self._rounded else betas,
+            shown=tuple(name for name, box in self._shown.items() if box.value),
+            gain=self._gain.value,
+            layout=self._layout.value,
+            colouring=self._colouring.value,
+            full_cm=self._full_cm.value,
+            in_place=self._in_place.value,
+        )
+
+    def begin(self, frames: int) -> None:
+        """Take the length of another motion."""
+        self._frame.max = max(frames - 1, 1)
+
+    def tell(self, frame: int, status: str) -> None:
+        """Show the present frame, and one line of what is going on."""
+        self._frame.value, playing = frame, self._timeline.playing
+        self._play.label = "Pause" if playing else "Play"
+        self._play.icon = viser.Icon.PLAYER_PAUSE if playing else viser.Icon.PLAYER_PLAY
+        if status != self._status.content:
+            self._status.content = status

@@ -1,0 +1,185 @@
+"""What there is to be seen: motions, people and predictors, of a run or of the package."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.errors import DsnetError
+from bridge.exchange.trained_dsnet import dsnets_of
+from bridge.motion import Motion, load_amass_motion, sequences_of, subject_rows
+from bridge.motion.amass_folder import subject_and_motion
+from bridge.motion.resampling import DEFAULT_FPS
+from bridge.motion.sample_files import SAMPLE_PREFIX, SAMPLES
+from bridge.paper import N_BETAS
+from bridge.runs import Artifact, Run
+from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
+from bridge.runtime.body_motion import place_motion
+from bridge.runtime.characters import ROADS, Character, open_character
+from bridge.view.truth import ReadTruth, open_truth
+
+AVERAGE = "average shape"
+
+
+@dataclass(frozen=True, eq=False)
+class ViewedMotion:
+    """One motion that can be chosen."""
+
+    read: Callable[[NDArray | None], Motion]
+    """The motion for a shape (10,), or for that of its own person."""
+    truth: str | None = None
+    """Name of its sequence in the truth, where that is known."""
+    frames: int | None = None
+    """How many of its frames the truth has."""
+
+
+@dataclass(frozen=True, eq=False)
+class Repertoire:
+    """Everything that one viewer can show; all of it moves the same body model."""
+
+    owner: str
+    """Whose predictors they are, for people."""
+    origin: str
+    """`synthetic` or `licensed`."""
+    body: BodyModelData
+    predictors: Mapping[str, str]
+    """Labels by name, the best first."""
+    open: Callable[[str], Character]
+    """A predictor by name."""
+    takes: Mapping[str, ViewedMotion]
+    """By what the picker calls them, the first to be shown first."""
+    people: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Shapes (10,) by name, besides each motion's own person."""
+    read_truth: ReadTruth | None = None
+
+
+def open_repertoire(run: Run | None, path: Path | None) -> Repertoire:
+    """Everything that can be shown with a run's predictors, or with the packaged one.
+
+    Parameters
+    ----------
+    path : a motion to be shown first: an AMASS `.npz`, or a sample such as `sample:walking`.
+
+    Raises
+    ------
+    DsnetError
+        If the file is no motion of a body, the run has no trained predictor, or nothing to show.
+    """
+    given = None if path is None else load_amass_motion(path)
+    gender = "unknown" if given is None else given.gender
+    best = open_character(run, None, gender)
+    named = {} if given is None else {given.source.stem: _of_motion(given, best.body)}
+    opened = {best.chosen.name: best}
+
+    def character(name: str) -> Character:
+        if name not in opened:
+            opened[name] = open_character(run, name, gender)
+        return opened[name]
+
+    origin = best.chosen.trained.origin
+    found = partial(Repertoire, best.chosen.owner, origin, best.body, open=character)
+    if run is None:
+        takes = named | _samples(best.body)
+        return found(predictors=_labels(best), takes=takes, people={AVERAGE: np.zeros(N_BETAS)})
+    known, read = open_truth(run, origin)
+    align = run.artifact(ROBUST_ALIGNMENT if run.finished(ROBUST_ALIGNMENT) else ALIGNMENT)
+    takes = named | _aligned(align, best.body, known) | _unseen(run, align, best.body, known)
+    if not takes:
+        raise DsnetError(f"run {run.name!r} without motions", "a motion", "Pass --motion FILE.")
+    return found(
+        predictors=_labels(best) | _labels_of(run),
+        takes=takes,
+        people=_people(align) | {AVERAGE: np.zeros(N_BETAS)},
+        read_truth=read if known else None,
+    )
+
+
+def _labels(best: Character) -> dict[str, str]:
+    return {best.chosen.name: best.chosen.label}
+
+
+def _labels_of(run: Run) -> dict[str, str]:
+    """Labels of all predictors that move single motions, of every road that the run has."""
+    found: dict[str, str] = {}
+    for road in ROADS:
+        if all(run.finished(stage) for stage in road.stages):
+            trained = run.artifact(road.stages[0])
+            entries = trained.manifest["predictors"]
+            found |= {name: entries[name].get("label", name) for name in dsnets_of(trained)}
+    return found
+
+
+def _of_motion(motion: Motion, body: BodyModelData) -> ViewedMotion:
+    place_motion(motion, body)  # refuses what is no person's motion before anything is shown
+    return ViewedMotion(lambda betas: place_motion(motion, body, betas))
+
+
+def _of_file(path: Path, body: BodyModelData) -> ViewedMotion:
+    return ViewedMotion(lambda betas: place_motion(load_amass_motion(path), body, betas))
+
+
+def _with_truth(take: ViewedMotion, sequence: str, known: Mapping[str, int]) -> ViewedMotion:
+    return replace(take, truth=sequence, frames=known[sequence]) if sequence in known else take
+
+
+def _samples(body: BodyModelData) -> dict[str, ViewedMotion]:
+    paths = {name: Path(SAMPLE_PREFIX + name) for name in SAMPLES}
+    return {name: _of_file(path, body) for name, path in paths.items()}
+
+
+def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:
+    betas, rows = align.array("betas"), subject_rows(sequences_of(align))
+    return {name: betas[row].astype(np.float64) for name, row in rows.items()}
+
+
+def _aligned(
+    align: Artifact, body: BodyModelData, known: Mapping[str, int]
+) -> dict[str, ViewedMotion]:
+    """The sequences that the run's meshes show, as alignment saw them; those held out first."""
+    people, theta = _people(align), align.array("theta")
+    takes = {}
+    for one in sorted(sequences_of(align), key=lambda one: one.split != "validation"):
+        motion = Motion(
+            theta=theta[one.frames].astype(np.float64),
+            betas=people[one.subject],
+            gender=body.gender,
+            fps=DEFAULT_FPS,
+            source_fps=one.fps,
+            source=Path(one.name),
+        )
+        take = ViewedMotion(partial(_shaped, motion))
+        takes[_titled(one.name, one.split)] = _with_truth(take, one.name, known)
+    return takes
+
+
+def _shaped(motion: Motion, betas: NDArray | None) -> Motion:
+    return motion if betas is None else replace(motion, betas=betas)
+
+
+def _unseen(
+    run: Run, align: Artifact, body: BodyModelData, known: Mapping[str, int]
+) -> dict[str, ViewedMotion]:
+    """The corpus's motions without meshes, on which predictors are tested."""
+    if "corpus" not in align.manifest["upstream"]:
+        return {}
+    corpus = run.artifact("corpus")
+    takes = {}
+    for name in sorted(corpus.manifest["files"]):
+        if name.endswith("_poses.npz"):
+            path = corpus.file(name)
+            subject, motion = subject_and_motion(path)
+            sequence = f"{subject}_{motion}"
+            take = _of_file(path, body)
+            takes[_titled(sequence, "test")] = _with_truth(take, sequence, known)
+    return takes
+
+
+def _titled(sequence: str, split: str) -> str:
+    kinds = {"train": "trained on", "validation": "held out", "test": "unseen"}
+    return f"{sequence} ({kinds[split]})"

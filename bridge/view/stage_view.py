@@ -1,0 +1,141 @@
+"""`dsnet view`: predictions in a browser, as they move."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import socket
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from bridge.errors import DsnetError
+from bridge.options import Bounds, PositiveFloat
+from bridge.runs import Run
+from bridge.runs.processes import notify
+from bridge.view.performances import Performances
+from bridge.view.repertoire import open_repertoire
+
+
+@dataclass(frozen=True)
+class ViewConfig:
+    """Show truth, SMPL alone and predictors in a browser, and let them be played with."""
+
+    run: str | None = None
+    """Run whose predictors and motions are shown; the small model that comes with the package
+    when left out, of the motion's gender."""
+    motion: Path | None = None
+    """AMASS `.npz`, or a sample such as `sample:walking`, that is shown first."""
+    host: str = "127.0.0.1"
+    """Address to serve on; at another one, others on the network can look on too."""
+    port: Annotated[int, Bounds(0, 65535)] = 8080
+    """Port to serve on; 0 takes any that is free."""
+    seconds: PositiveFloat = 20.0
+    """How much of each motion is shown; 5 MB of memory a second for each predictor."""
+    record: Path | None = None
+    """Write a recording of what is shown at the start, one self-contained HTML file, and end."""
+
+
+PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ViewConfig())
+
+
+def main(config: ViewConfig) -> None:
+    """Serve the viewer until it is interrupted, or write the recording.
+
+    Raises
+    ------
+    DsnetError
+        If the extra `viewer` is not installed, the port is taken, the run has no trained model,
+        or the file is no motion of a body.
+    """
+    require_viser()
+    check_address(config.host, config.port)
+    run = None if config.run is None else Run(config.run)
+    performances = Performances(open_repertoire(run, config.motion), config.seconds)
+    if config.record is not None:
+        write_recording(config.record, performances)
+    else:
+        _serve(config, performances)
+
+
+def require_viser() -> None:
+    """Make sure that the extra `viewer` is installed.
+
+    Raises
+    ------
+    DsnetError
+        If it is not.
+    """
+    if importlib.util.find_spec("viser") is None:
+        raise DsnetError(
+            "an installation without viser",
+            "viser, which shows things in a browser",
+            'Install the extra: pip install "dsnet[viewer]".',
+        )
+
+
+def check_address(host: str, port: int) -> None:
+    """Make sure that one can serve there.
+
+    Raises
+    ------
+    DsnetError
+        If the port is taken or the address is not this machine's.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM
+        )[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        raise DsnetError(
+            f"--host {host} --port {port}, where nothing can be served ({error.strerror})",
+            "an address of this machine and a free port",
+            "Pass --port 0 for any free port, or end what serves there.",
+        ) from error
+
+
+def write_recording(path: Path, performances: Performances) -> None:
+    """Write the recording of what is shown first; all or nothing.
+
+    Raises
+    ------
+    DsnetError
+        If the file exists or cannot be written.
+    """
+    from bridge.view.recording import record
+    from bridge.view.viewer import first_selection
+
+    if path.exists() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise DsnetError(
+            f"--record {path}, which exists or cannot be written",
+            "a new file in a folder that is there",
+            "Pass another path.",
+        )
+    try:
+        page = record(performances, first_selection(performances))
+    finally:
+        performances.worker.stop()
+    with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".partial", delete=False) as file:
+        file.write(page)
+    Path(file.name).chmod(0o644)
+    os.replace(file.name, path)
+    notify(f"{path}: {len(page) / 1e6:.1f} MB; open it in any browser")
+
+
+def _serve(config: ViewConfig, performances: Performances) -> None:
+    from bridge.view.serving import serving
+    from bridge.view.viewer import Viewer
+
+    with serving(config.host, config.port) as server:
+        viewer = Viewer(server, performances)
+        owner = performances.repertoire.owner
+        address = f"http://{config.host}:{server.get_port()}"
+        notify(f"{owner}: open {address} in a browser; Ctrl-C ends it")
+        try:
+            viewer.run()
+        finally:
+            performances.worker.stop()

@@ -1,0 +1,119 @@
+"""The viewer and its recording in a real browser: they load, play, and do what controls say."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from bridge.view.performances import SMPL_ALONE, Performances
+from bridge.view.repertoire import open_repertoire
+from tools.headless_chromium import PATIENCE_MS, OpenPage, chromium, open_page, why_missing
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+pytest.importorskip("viser", reason="viser is not installed")
+from bridge.view.serving import serving
+from bridge.view.stage_view import write_recording
+from bridge.view.viewer import Viewer
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(why_missing() is not None, reason=why_missing() or ""),
+]
+
+
+def until(true: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + PATIENCE_MS / 1000
+    while not true():
+        assert time.monotonic() < end_s, "waited in vain"
+        time.sleep(0.2)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def viewer(run, browser) -> Iterator[tuple[Viewer, OpenPage]]:
+    performances = Performances(open_repertoire(run, None))
+    with serving("127.0.0.1", 0) as server:
+        found = Viewer(server, performances)
+        drawing = threading.Thread(target=found.run)
+        drawing.start()
+        try:
+            with open_page(browser, f"http://127.0.0.1:{server.get_port()}") as opened:
+                opened.page.get_by_role("button", name="Pause").wait_for()
+                yield found, opened
+                assert opened.errors == []
+        finally:
+            found.stop()
+            drawing.join()
+            performances.worker.stop()
+
+
+def picture(opened: OpenPage) -> bytes:
+    return opened.page.screenshot(timeout=PATIENCE_MS)
+
+
+def vertices_m(viewer: Viewer) -> np.ndarray:
+    bands = viewer.scene.figures[SMPL_ALONE].bands
+    return next(mesh.vertices for mesh in bands if mesh.visible).copy()
+
+
+def set_number(opened: OpenPage, label: str, text: str) -> None:
+    opened.number(label).fill(text)
+
+
+def test_it_loads_says_synthetic_and_has_drawn_something(viewer):
+    _, opened = viewer
+    assert opened.page.get_by_text("synthetic").count() >= 1
+    assert opened.page.locator("canvas").first.is_visible()
+    assert opened.page.get_by_text("Error over time").first.is_visible()
+
+
+def test_it_plays_pauses_and_is_scrubbed(viewer):
+    found, opened = viewer
+    frame = opened.number("Frame")
+    first = frame.input_value()
+    until(lambda: frame.input_value() != first)
+    opened.press("Pause")
+    until(lambda: not found.timeline.playing)
+    set_number(opened, "Frame", "17")
+    until(lambda: found.timeline.frame == 17)
+    opened.page.get_by_role("button", name="Play").wait_for()
+
+
+def test_a_slider_changes_the_mesh_and_the_picture(viewer):
+    found, opened = viewer
+    before, seen = vertices_m(found), picture(opened)
+    set_number(opened, "Beta 1", "4")
+    until(lambda: found.panel.selection.betas[0] == 4.0)
+    until(lambda: bool(np.abs(vertices_m(found) - before).max() > 0.02))
+    until(lambda: picture(opened) != seen)
+
+
+def test_gain_changes_the_predicted_body(viewer):
+    found, opened = viewer
+    set_number(opened, "Gain", "3")
+    until(lambda: found.panel.selection.gain == 3.0)
+
+
+def test_a_recording_plays_from_a_file_without_any_server(tmp_path: Path, browser):
+    path = tmp_path / "recording.html"
+    write_recording(path, Performances(open_repertoire(None, None), most_s=0.5))
+    with open_page(browser, path.as_uri()) as opened:
+        played = opened.page.locator("input").first
+        played.wait_for()
+        until(lambda: float(played.input_value()) > 0.0)
+        opened.page.keyboard.press("Space")
+        assert len(picture(opened)) > 10_000
+        assert opened.errors == []

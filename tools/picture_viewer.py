@@ -1,0 +1,82 @@
+"""Take the picture of the viewer in docs/viewer.md, in a headless Chromium.
+
+    python tools/picture_viewer.py --run RUN
+
+Without --run it shows the packaged model, whose samples have no truth beside them.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from bridge.errors import DsnetError
+from bridge.runs import Run
+from bridge.runs.processes import run_as_process
+from bridge.view.performances import Performances
+from bridge.view.repertoire import open_repertoire
+from bridge.view.serving import serving
+from bridge.view.viewer import Viewer
+from tools.headless_chromium import PATIENCE_MS, chromium, open_page, why_missing
+
+PICTURE = Path(__file__).parents[1] / "docs" / "images" / "viewer.jpg"
+_SETTLED_S = 15.0
+"""After the last change, until pictures that move by themselves have come to rest."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What is to be seen."""
+
+    run: str | None = None
+    """Run whose first motion is shown; the packaged model when left out."""
+    motion: Path | None = None
+    """Motion to show instead."""
+    frame: int = 44
+    """Which of its frames."""
+    out: Path = PICTURE
+    """Where to write it."""
+
+
+def main(config: Picture) -> None:
+    """Show the viewer at one frame, and write what the browser shows.
+
+    Raises
+    ------
+    DsnetError
+        If the browser, or what is to be seen, is missing.
+    """
+    if why := why_missing():
+        raise DsnetError(why, "a browser", "Install it.")
+    run = None if config.run is None else Run(config.run)
+    performances = Performances(open_repertoire(run, config.motion))
+    with serving("127.0.0.1", 0) as server:
+        viewer = Viewer(server, performances)
+        viewer.timeline.playing = False
+        viewer.timeline.go_to(config.frame)
+        performances.worker.wait()
+        drawing = threading.Thread(target=viewer.run)
+        drawing.start()
+        try:
+            _take(f"http://127.0.0.1:{server.get_port()}", config.out)
+        finally:
+            viewer.stop()
+            drawing.join()
+            performances.worker.stop()
+
+
+def _take(address: str, path: Path) -> None:
+    with chromium() as browser, open_page(browser, address, 1200, 750) as opened:
+        opened.page.get_by_text("computing").wait_for(state="hidden")
+        # The browser's remark that no graphics card is there is no part of the viewer.
+        close = opened.page.locator(".mantine-Notification-closeButton")
+        close.first.dispatch_event("click")
+        time.sleep(_SETTLED_S)
+        path.parent.mkdir(exist_ok=True)
+        opened.page.screenshot(path=path, type="jpeg", quality=85, timeout=PATIENCE_MS)
+
+
+if __name__ == "__main__":
+    run_as_process(Picture, main)
