@@ -33,7 +33,7 @@ setup() {
     echo "setting up .venv (once)" >&2
     [[ -x .venv/bin/python ]] || "$(find_python)" -m venv .venv
     .venv/bin/python -m pip install --quiet --disable-pip-version-check \
-        --constraint constraints.txt --editable '.[train,usd,clip,dev]'
+        --constraint constraints.txt --editable '.[train,viewer,usd,clip,dev,docs]'
     cat pyproject.toml constraints.txt >"$stamp"
 }
 

@@ -110,6 +110,7 @@ NUMBERS: tuple[PaperNumber, ...] = (
     PaperNumber("figure8_error", "6, Figure 8", "error over time", (0.004, 0.023), _UNSTATED),
     PaperNumber("dsnet_r2", "6", "R2 of DSNet's offsets on that sequence", None),
 )
+"""Every number that the paper prints, and those that it leaves out."""
 
 
 def number(key: str) -> PaperNumber:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from bridge.runtime.streaming import StreamingPredictor
 
 if TYPE_CHECKING:
+    from bridge.runtime.streaming_bodies import StreamingBodies
     from tf_dsnet.codec import load_codec
     from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder
     from tf_dsnet.model import build_dsnet
@@ -15,22 +16,24 @@ if TYPE_CHECKING:
 __all__ = [
     "KerasMeshAutoencoder",
     "KerasSMPL",
+    "StreamingBodies",
     "StreamingPredictor",
     "build_dsnet",
     "load_codec",
     "unpose",
 ]
-_NEED_TENSORFLOW = {
-    "KerasSMPL": "smpl",
-    "KerasMeshAutoencoder": "mesh_autoencoder",
-    "build_dsnet": "model",
-    "load_codec": "codec",
-    "unpose": "unposing",
+_LOADED_LATE = {
+    "KerasSMPL": "tf_dsnet.smpl",
+    "KerasMeshAutoencoder": "tf_dsnet.mesh_autoencoder",
+    "StreamingBodies": "bridge.runtime.streaming_bodies",
+    "build_dsnet": "tf_dsnet.model",
+    "load_codec": "tf_dsnet.codec",
+    "unpose": "tf_dsnet.unposing",
 }
 
 
 def __getattr__(name: str) -> Any:
-    # Streaming needs NumPy alone, so TensorFlow is loaded only for what computes with it.
-    if name in _NEED_TENSORFLOW:
-        return getattr(import_module(f"tf_dsnet.{_NEED_TENSORFLOW[name]}"), name)
+    # Latents need NumPy alone, so TensorFlow and ONNX are loaded only for what computes with them.
+    if name in _LOADED_LATE:
+        return getattr(import_module(_LOADED_LATE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,10 +1,16 @@
-"""Geometry of a triangle mesh: vertex areas and normals, and the cotangent Laplacian."""
+"""Geometry of a triangle mesh: volume, vertex areas and normals, and the cotangent Laplacian."""
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
+
+
+def volume_m3(vertices: NDArray, faces: NDArray[np.integer]) -> float:
+    """Volume within a closed surface, wound counter-clockwise seen from outside."""
+    first, second, third = (vertices[faces[:, corner]] for corner in range(3))
+    return float(np.einsum("fx,fx->", first, np.cross(second, third)) / 6)
 
 
 def vertex_areas_m2(vertices: ArrayLike, faces: NDArray[np.integer]) -> NDArray[np.floating]:

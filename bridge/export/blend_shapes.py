@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.body.posing import joint_rotations, pose_features, shaped_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.moving_body import MovingBody, PosedFrames
+from bridge.runtime.moving_body import MovedFrames, MovingBody
 
 FRAMES_FITTED = 256
 """At most so many frames, evenly spaced, are looked at for directions."""
@@ -34,7 +34,7 @@ class RestBodies:
         self.shaped_m = shaped_vertices(body, moving.motion.betas[None])[0]
         self._posedirs = body.posedirs.reshape(-1, body.posedirs.shape[-1]).T.astype(np.float32)
 
-    def __call__(self, posed: PosedFrames) -> NDArray[np.float32]:
+    def __call__(self, posed: MovedFrames) -> NDArray[np.float32]:
         """(T', 3V) displacement of each frame's rest pose from the shaped body, metres."""
         rotations = joint_rotations(self._body, unpack_theta(self._theta[posed.frames])[0])
         moved_m = posed.offsets_m.reshape(len(posed), -1).copy()

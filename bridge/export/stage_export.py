@@ -12,14 +12,13 @@ from bridge.motion import load_amass_motion
 from bridge.motion.cuts import cut_warning
 from bridge.runs import Run
 from bridge.runs.processes import notify
-from bridge.runtime.body_motion import place_motion
 from bridge.runtime.characters import open_character
+from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.stage_predict import parse_betas
 
 
-@dataclass(frozen=True)
-class ExportConfig:
+@dataclass(frozen=True, kw_only=True)
+class ExportConfig(Controls):
     """Write a body that performs a motion as a file for another tool: 60 fps, metres, y up."""
 
     to: str | None = None
@@ -31,8 +30,6 @@ class ExportConfig:
     out, of the motion's gender."""
     predictor: str | None = None
     """Which of the run's; its best when left out."""
-    betas: str | None = None
-    """Ten comma-separated shape coefficients in place of the motion file's."""
     out: Path | None = None
     """File to write, or for pc2, mdd, obj and ply a folder; it must not exist."""
 
@@ -55,6 +52,7 @@ def main(config: ExportConfig) -> None:
     if out is None:
         raise DsnetError("export without --out", "a path to write", "Pass --out PATH.")
     form = chosen_format(to, out)
+    config.check()
     refuse_taken(out)
     moving = _moving_body(config)
     with new_path(out) as path:
@@ -68,11 +66,10 @@ def _moving_body(config: ExportConfig) -> MovingBody:
     """The character that was asked for, in its motion."""
     if config.motion is None:
         raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
-    betas = None if config.betas is None else parse_betas(config.betas)
     motion = load_amass_motion(config.motion)
     run = None if config.run is None else Run(config.run)
     character = open_character(run, config.predictor, motion.gender)
-    return MovingBody(character, place_motion(motion, character.body, betas))
+    return controlled_body(character, motion, config)
 
 
 def _say_who_predicts(moving: MovingBody) -> None:

@@ -20,7 +20,7 @@ from bridge.errors import DsnetError
 from bridge.export.about import about, about_in_a_line
 from bridge.export.surface_frames import VertexNormals
 from bridge.export.usd_skeleton import SkeletonVariant
-from bridge.runtime.moving_body import MovingBody, PosedFrames
+from bridge.runtime.moving_body import MovedFrames, MovingBody
 
 ROOT, MESH, VARIANTS = "/Body", "/Body/Mesh", "deformation"
 POINTS, SKELETON = "points", "skeleton"
@@ -101,7 +101,7 @@ class _MovingPoints:
         )
         self._normals_of = VertexNormals(body.faces, body.vertex_count)
 
-    def add(self, posed: PosedFrames) -> None:
+    def add(self, posed: MovedFrames) -> None:
         """Set the samples of some frames."""
         sizes_m = np.linalg.norm(posed.offsets_m, axis=-1)
         for row, time in enumerate(range(posed.frames.start, posed.frames.stop)):

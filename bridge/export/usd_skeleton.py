@@ -20,7 +20,7 @@ from bridge.body.posing import joint_rotations, shaped_joints
 from bridge.export.blend_shapes import RestBodies, fit_blend_shapes
 from bridge.export.surface_frames import VertexNormals
 from bridge.motion import unpack_theta
-from bridge.runtime.moving_body import MovingBody, PosedFrames
+from bridge.runtime.moving_body import MovedFrames, MovingBody
 
 
 class SkeletonVariant:
@@ -34,7 +34,7 @@ class SkeletonVariant:
         self.error_m = 0.0
         """Largest distance of a vertex from the predicted one in the rest pose so far, metres."""
 
-    def add(self, posed: PosedFrames) -> None:
+    def add(self, posed: MovedFrames) -> None:
         """The next frames: their weights, and the error that is left."""
         moved_m = self._rest(posed)
         weights_m = self._shapes.weights_m(moved_m)

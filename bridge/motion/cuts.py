@@ -35,8 +35,18 @@ def find_cuts(pose: ArrayLike, trans_m: ArrayLike) -> list[int]:
     trans_m : (T, 3) translation of the root, metres.
     """
     pose, trans_m = np.asarray(pose, np.float64), np.asarray(trans_m, np.float64)
-    far = np.linalg.norm(np.diff(trans_m, axis=0), axis=1) >= CUT_M
-    return [int(frame) + 1 for frame in np.flatnonzero(far | (_largest_turn(pose) >= CUT_RAD))]
+    cuts: list[int] = []
+    for first in range(0, len(pose) - 1, _FRAMES_AT_ONCE):
+        frames = slice(first, first + _FRAMES_AT_ONCE)
+        after = pose[1:][frames], trans_m[1:][frames]
+        jumps = _jumps(pose[:-1][frames], trans_m[:-1][frames], *after)
+        cuts.extend((np.flatnonzero(jumps) + first + 1).tolist())
+    return cuts
+
+
+def is_cut(before: NDArray, after: NDArray) -> NDArray[np.bool_]:
+    """(N,) whether there is a cut from theta (N, 69) to the frame after it (N, 69)."""
+    return _jumps(*unpack_theta(before), *unpack_theta(after))
 
 
 def pieces_between_cuts(theta: NDArray) -> list[slice]:
@@ -63,11 +73,11 @@ def cut_warning(source: Path, pieces: Sequence[slice], fps: float) -> str:
     )
 
 
-def _largest_turn(pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(T - 1,) largest angle of any joint (T, J, 3) between neighbouring frames, radians."""
-    turns = [np.empty(0)]
-    for start in range(0, len(pose) - 1, _FRAMES_AT_ONCE):
-        part = pose[start : start + _FRAMES_AT_ONCE + 1]
-        before, after = (Rotation.from_rotvec(p.reshape(-1, 3)) for p in (part[:-1], part[1:]))
-        turns.append((before.inv() * after).magnitude().reshape(len(part) - 1, -1).max(axis=1))
-    return np.concatenate(turns)
+def _jumps(
+    pose: NDArray, trans_m: NDArray, next_pose: NDArray, next_trans_m: NDArray
+) -> NDArray[np.bool_]:
+    """(N,) for joint rotations (N, J, 3) and translations (N, 3) of frames and those after them."""
+    before, after = (Rotation.from_rotvec(p.reshape(-1, 3)) for p in (pose, next_pose))
+    turn_rad = (before.inv() * after).magnitude().reshape(len(pose), -1).max(axis=1)
+    far_m = np.linalg.norm(next_trans_m - trans_m, axis=1)
+    return (far_m >= CUT_M) | (turn_rad >= CUT_RAD)

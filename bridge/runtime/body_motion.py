@@ -12,9 +12,7 @@ from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.motion import Motion, load_amass_motion, unpack_theta
 from bridge.runs.processes import notify
-
-LARGEST_BODY_M, FARTHEST_M = 10.0, 1000.0
-"""A shape larger than this is no person's, and a place farther off no motion's."""
+from bridge.runtime.bounds import FARTHEST_M, LARGEST_BODY_M
 
 
 def place_motion(

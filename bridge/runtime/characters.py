@@ -36,10 +36,8 @@ class Character:
         return cls(chosen, body, chosen.open(body))
 
 
-def open_character(
-    run: Run | None, predictor: str | None = None, gender: str = "unknown"
-) -> Character:
-    """The character of a run; without one, that of the package.
+def choose(run: Run | None, predictor: str | None = None, gender: str = "unknown") -> Chosen:
+    """A predictor of a run; without one, that of the package.
 
     Parameters
     ----------
@@ -50,8 +48,21 @@ def open_character(
     Raises
     ------
     DsnetError
-        If there is no such predictor, or what it is made of is damaged or no chain.
+        If there is no such predictor, or what it is made of is no chain.
     """
     if run is None:
-        return Character.of(packaged_predictor(gender, predictor))
-    return Character.of(choose_predictor(run, predictor, ROADS))
+        return packaged_predictor(gender, predictor)
+    return choose_predictor(run, predictor, ROADS)
+
+
+def open_character(
+    run: Run | None, predictor: str | None = None, gender: str = "unknown"
+) -> Character:
+    """The character that `choose` names, loaded.
+
+    Raises
+    ------
+    DsnetError
+        If there is none, or a file of hers is damaged.
+    """
+    return Character.of(choose(run, predictor, gender))

@@ -21,7 +21,7 @@ from bridge.runtime.skinning import ShapedBody
 
 
 @dataclass(frozen=True, eq=False)
-class PosedFrames:
+class MovedFrames:
     """T' frames that follow one another."""
 
     frames: slice
@@ -36,7 +36,7 @@ class PosedFrames:
 
 
 class MovingBody:
-    """A character that performs a motion; iterating gives `PosedFrames` from first to last.
+    """A character that performs a motion; iterating gives `MovedFrames` from first to last.
 
     The body begins from rest, settled in its first pose, there and after every cut.
 
@@ -71,7 +71,7 @@ class MovingBody:
         betas = self.motion.betas
         return [self.character.predict(self.motion.theta[piece], betas) for piece in self.pieces]
 
-    def __iter__(self) -> Iterator[PosedFrames]:
+    def __iter__(self) -> Iterator[MovedFrames]:
         pose, trans = unpack_theta(self.motion.theta)
         shaped, start = ShapedBody(self.character.body, self.motion.betas), 0
         for found_m in chain.from_iterable(found.offsets_m for found in self._predictions()):
@@ -84,5 +84,5 @@ class MovingBody:
                     "a predictor that gives finite offsets",
                     "Train the run again, or pass another --run.",
                 )
-            yield PosedFrames(frames, offsets_m, vertices_m)
+            yield MovedFrames(frames, offsets_m, vertices_m)
             start = frames.stop

@@ -30,8 +30,9 @@ class PlusMotionPredictor:
     def _offsets_m(self, theta: NDArray, betas: NDArray) -> Iterator[Piece]:
         mechanics = self._model.mechanics(self._body, betas)
         sheet = OscillatorSheet(mechanics, self._model.nodes.laplacian)
-        start = 0
-        for at_nodes in rolled(sheet, self._loads(mechanics, theta, betas)):
+        first = node_loads(self._body, self._model.nodes.vertices, betas, theta[:1], FPS)
+        rest, start = mechanics.felt(first)[0], 0
+        for at_nodes in rolled(sheet, self._loads(mechanics, theta, betas), rest):
             part = theta[start : start + len(at_nodes)]
             offsets_m = self._model.nodes.spread(at_nodes)
             static_m = self._model.static_m(self._body, betas, part)
@@ -50,15 +51,14 @@ class PlusMotionPredictor:
             yield load[start - first :][:FRAMES_AT_ONCE]
 
 
-def rolled(sheet: OscillatorSheet, loads: Iterable[Piece]) -> Iterator[Piece]:
-    """What `sheet.roll` gives for pieces of loads (T', K, 3), from rest under the very first."""
-    now = before = felt = None
+def rolled(sheet: OscillatorSheet, loads: Iterable[Piece], rest: NDArray) -> Iterator[Piece]:
+    """What `sheet.roll` gives for pieces of loads (T', K, 3), from rest under `rest` (K, 3)."""
+    now = before = sheet.settled(rest)
+    felt = None
     for piece in loads:
         found = np.empty_like(piece)
         for row, load in enumerate(piece):
-            if now is None or before is None or felt is None:
-                now = before = sheet.settled(load)
-            else:
+            if felt is not None:
                 now, before = sheet.frame(now, before, felt)
             found[row], felt = now, load
         yield found

@@ -11,8 +11,8 @@ from bridge.motion import load_amass_motion
 from bridge.motion.cuts import cut_warning
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify
-from bridge.runtime.body_motion import place_motion
 from bridge.runtime.characters import open_character
+from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.out_folder import open_out_folder
 
@@ -23,8 +23,7 @@ def predict_motion(
     out: Path | str,
     *,
     predictor: str | None = None,
-    betas: NDArray[np.float64] | None = None,
-    gain: float | NDArray[np.floating] = 1.0,
+    controls: Controls | None = None,
 ) -> Artifact:
     """Predict how a body moves in one motion, at 60 fps with y up.
 
@@ -40,19 +39,20 @@ def predict_motion(
         (T, V, 3), both in metres, latents (T, 100) if the predictor has them, `strip.png`,
         `manifest.json`.
     predictor : which of the run's; the run's best when None.
-    betas : (10,) shape in place of the motion file's.
-    gain : of the offsets, see `MovingBody`.
+    controls : what an animator asks for; nothing when None.
 
     Raises
     ------
     DsnetError
         If the run lacks the predictor or its stages are no chain, the file is no motion of a
-        body, or `out` holds something else.
+        body, `out` holds something else, and what `controlled_body` raises.
     """
     path, out = Path(path), Path(out)
+    controls = Controls() if controls is None else controls
+    controls.check()
     motion = load_amass_motion(path)
     character = open_character(run, predictor, motion.gender)
-    moving = MovingBody(character, place_motion(motion, character.body, betas), gain)
+    moving = controlled_body(character, motion, controls)
     chosen, motion = character.chosen, moving.motion
     with open_out_folder(out, chosen.trained.origin) as writer:
         notify(f"{chosen.name} ({chosen.label}) of {chosen.owner} predicts: {chosen.why}")
@@ -68,6 +68,7 @@ def predict_motion(
             fps=motion.fps,
             up=motion.up,
             betas=motion.betas.tolist(),
+            controls=controls.given(),
             starts_anew_at=[piece.start for piece in moving.pieces[1:]],
         )
         return writer.finish(config={"run": run and run.name}, upstream=chosen.upstream)

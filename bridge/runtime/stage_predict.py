@@ -9,19 +9,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import tyro
-from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.paper import N_BETAS
 from bridge.runs import Run
 from bridge.runs.processes import run_module
+from bridge.runtime.controls import Controls
 
 
 @dataclass(frozen=True)
-class PredictConfig:
-    """Predict latents for the run's sequences, or a moving body for one AMASS motion."""
+class PredictConfig(Controls):
+    """Predict latents for the run's sequences, or a moving body for one AMASS motion.
+
+    What says how a body moves goes with --motion."""
 
     run: str | None = None
     """Run whose trained predictors predict. With --motion the small model that comes with the
@@ -34,8 +34,6 @@ class PredictConfig:
     when left out). What is no motion, or of the other gender, is left out and counted."""
     motion: Path | None = None
     """One AMASS `.npz`; with it, vertices are written to --out."""
-    betas: str | None = None
-    """Ten comma-separated shape coefficients in place of the motion file's."""
     out: Path | None = None
     """Folder to write for --motion: a new or empty one, or that of an earlier prediction."""
     profile: tyro.conf.Suppress[str] = "demo"
@@ -59,18 +57,17 @@ def main(config: PredictConfig) -> None:
         return
     from bridge.runtime.predict_motion import predict_motion
 
-    betas = None if config.betas is None else parse_betas(config.betas)
     run = None if config.run is None else Run(config.run)
-    predict_motion(run, config.motion, config.out, predictor=config.predictor, betas=betas)
+    predict_motion(run, config.motion, config.out, predictor=config.predictor, controls=config)
 
 
 def _check_together(config: PredictConfig) -> None:
     if config.motion is None:
-        for name in ("out", "betas"):
-            if getattr(config, name) is not None:
-                raise DsnetError(
-                    f"--{name} without --motion", f"--{name} with one motion", "Pass --motion FILE."
-                )
+        for name in (*(["out"] if config.out else []), *config.given()):
+            flag = f"--{name.replace('_', '-')}"
+            raise DsnetError(
+                f"{flag} without --motion", f"{flag} with one motion", "Pass --motion FILE."
+            )
     elif config.out is None:
         raise DsnetError("--motion without --out", "a folder to write", "Pass --out DIR.")
     elif config.amass is not None:
@@ -87,22 +84,3 @@ def _run_stage(config: PredictConfig) -> None:
     }
     given = [text for key, value in options.items() if value for text in (key, str(value))]
     run_module("tf_dsnet.stage_predict", *given)
-
-
-def parse_betas(text: str) -> NDArray[np.float64]:
-    """The ten numbers of `--betas a,b,...`.
-
-    Raises
-    ------
-    DsnetError
-        If they are other than ten finite numbers.
-    """
-    try:
-        betas = np.array([float(part) for part in text.split(",")])
-    except ValueError:
-        betas = np.empty(0)
-    if betas.shape != (N_BETAS,) or not np.isfinite(betas).all():
-        raise DsnetError(
-            f"--betas {text}", f"{N_BETAS} finite numbers", "Separate them by commas, no spaces."
-        )
-    return betas

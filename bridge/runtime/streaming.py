@@ -22,6 +22,7 @@ from bridge.exchange.layouts import BATCH_NORM_EPSILON
 from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runs import Run
+from bridge.runtime.bounds import check_poses, check_shapes, numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +89,13 @@ class StreamingPredictor:
         Raises
         ------
         DsnetError
-            If the shapes are others, or B has changed since the last `reset`.
+            If the shapes are others, B has changed since the last `reset`, a number is not finite,
+            or a pose or shape is no person's. Then nothing has moved: go on with the next frame.
         """
-        self._check(np.shape(theta), np.shape(betas))
+        theta, betas = numbers("theta", theta), numbers("betas", betas)
+        self._check(theta.shape, betas.shape)
+        check_poses("theta", theta)
+        check_shapes("betas", betas)
         return self._network.step(np.concatenate((betas, theta), axis=1, dtype=np.float32))
 
     def _check(self, theta: tuple[int, ...], betas: tuple[int, ...]) -> None:
@@ -120,6 +125,17 @@ class SteppedDsnet:
     def characters(self) -> int:
         """How many it remembers."""
         return len(self._memory)
+
+    def remembered(self) -> NDArray[np.float32]:
+        """(2, B, 60) the LSTM's cells and hidden state after the last step."""
+        return np.stack([self._memory, self._features_and_hidden[:, -self._units :]])
+
+    def recall(self, remembered: NDArray[np.float32] | None) -> None:
+        """Go on from what was `remembered`, of the same or other characters; None: from nothing."""
+        self.reset()
+        if remembered is not None:
+            self._start(remembered.shape[1])
+            self._memory[:], self._features_and_hidden[:, -self._units :] = remembered
 
     def reset(self) -> None:
         """Forget the past."""

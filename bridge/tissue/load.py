@@ -11,6 +11,8 @@ holds for others.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,26 +50,44 @@ class SkinnedNodes:
     """
 
     def __init__(self, body: BodyModelData, vertices: NDArray, betas: NDArray) -> None:
-        betas = np.asarray(betas, np.float64)
-        self._body = body
-        self._joints = shaped_joints(body, betas[None])
-        self._rest = body.v_template[vertices] + body.shapedirs[vertices] @ betas
+        self._body, self._vertices = body, vertices
         self._posedirs = body.posedirs[vertices]
         self._weights = body.weights[vertices]
+        self._take(betas)
+
+    def _take(self, betas: NDArray) -> None:
+        betas, vertices = np.asarray(betas, np.float64), self._vertices
+        self._joints = shaped_joints(self._body, betas[None])
+        self._rest = self._body.v_template[vertices] + self._body.shapedirs[vertices] @ betas
+
+    def of_person(self, betas: NDArray) -> SkinnedNodes:
+        """The same vertices of another person (10,); what all persons share is stored once."""
+        other = copy(self)
+        other._take(betas)
+        return other
 
     def __call__(self, theta: NDArray) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """Places (T, K, 3), metres, and skinning rotations (T, K, 3, 3) of a motion (T, 69)."""
         parts = [
-            self._skin(theta[start : start + _FRAMES_AT_ONCE])
+            self.skin(theta[start : start + _FRAMES_AT_ONCE])
             for start in range(0, len(theta), _FRAMES_AT_ONCE)
         ]
         places, turns = zip(*parts, strict=True)
         return np.concatenate(places), np.concatenate(turns)
 
-    def _skin(self, theta: NDArray) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    @classmethod
+    def of_people(cls, people: Sequence[SkinnedNodes]) -> SkinnedNodes:
+        """The same vertices of B persons, for `skin` alone, whose rows are then theirs."""
+        several = copy(people[0])
+        several._joints = np.concatenate([person._joints for person in people])
+        several._rest = np.stack([person._rest for person in people])
+        return several
+
+    def skin(self, theta: NDArray) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """The same, all at once."""
         pose, trans = unpack_theta(np.asarray(theta, np.float64))
         rotations = joint_rotations(self._body, pose)
-        joints = self._joints.repeat(len(theta), axis=0)
+        joints = np.broadcast_to(self._joints, (len(theta), *self._joints.shape[1:]))
         bones = joint_transforms(rotations, joints, self._body.parents, trans)
         # Weights sum to 1 only up to rounding; blended this way, standing is no turn exactly.
         flat = (bones[:, :, :3] - np.eye(3, 4)).reshape(len(theta), len(joints[0]), 12)

@@ -37,7 +37,9 @@ feeds no vibration.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -87,8 +89,11 @@ class NodeMechanics:
 
     def load(self, load: Load) -> NDArray[np.floating]:
         """f (T, K, 3), m/s^2, smoothed in time by the taps."""
-        felt = self.inertia_gain * load.inertia + self.gravity_gain * load.gravity
-        return smoothed(felt, self.taps, self.look_ahead)
+        return smoothed(self.felt(load), self.taps, self.look_ahead)
+
+    def felt(self, load: Load) -> NDArray[np.floating]:
+        """f (T, K, 3), m/s^2, of each frame alone."""
+        return self.inertia_gain * load.inertia + self.gravity_gain * load.gravity
 
 
 def smoothed(felt: NDArray, taps: NDArray, look_ahead: int) -> NDArray[np.floating]:
@@ -116,11 +121,8 @@ class OscillatorSheet:
     ) -> None:
         step_s = 1 / (STEPS * fps)
         square = np.float32(step_s**2)
-        self._spring = square / 4 * mechanics.omega**2
-        self._stiffening = mechanics.stiffening
-        self._normals, self._beyond = mechanics.normals, mechanics.normal_ratio - 1
-        self._drag = mechanics.omega * mechanics.damping_ratio * np.float32(step_s)
-        self._square = square
+        self._step_s, self._square = np.float32(step_s), square
+        self._take(mechanics)
         tension, bending = mechanics.wave_speed[:, 0] ** 2, mechanics.bending[:, 0]
         pulls = sp.diags(tension) @ laplacian + sp.diags(bending) @ laplacian @ laplacian
         self._coupling = sp.csr_matrix(square / 4 * pulls)
@@ -128,6 +130,27 @@ class OscillatorSheet:
         self._bound = bound.astype(np.float32)
         # Dense: with few hundred nodes faster than a sparse product, as L^2 fills rows.
         self._rest = (np.diag(bound[:, 0]) - self._coupling.toarray()).astype(np.float32)
+
+    def _take(self, mechanics: NodeMechanics) -> None:
+        self._spring = self._square / 4 * mechanics.omega**2
+        self._stiffening = mechanics.stiffening
+        self._normals, self._beyond = mechanics.normals, mechanics.normal_ratio - 1
+        self._drag = mechanics.omega * mechanics.damping_ratio * self._step_s
+
+    def of_people(self, people: Sequence[NodeMechanics]) -> OscillatorSheet:
+        """The nodes of B persons side by side, for `frame` and `step` alone: offsets and loads are
+        (K, B, 3), and one matrix product serves all.
+
+        Neighbours must be coupled as in this sheet, as in everybody of one trained model.
+        """
+        fields = {
+            name: np.stack([getattr(person, name) for person in people], axis=1)
+            for name in ("omega", "damping_ratio", "stiffening", "normal_ratio", "normals")
+        }
+        several = copy(self)
+        several._take(replace(people[0], **fields))
+        several._bound = self._bound[:, None]
+        return several
 
     def settled(self, load: NDArray) -> NDArray[np.floating]:
         """(K, 3) at rest under a constant load (K, 3): (k P + C) u = f.
@@ -167,15 +190,19 @@ class OscillatorSheet:
         twice, after = 2 * now + before, 2 * now - before
         known = self._square * load + after + self._drag * before
         known -= self._stretched(self._spring * twice + stiffer * before)
-        known += self._rest @ twice - self._bound * twice
+        known += self._pulled(twice) - self._bound * twice
         along = 1 + self._drag + self._bound + self._spring + stiffer
         # Each node's block is along I + beyond n n^T; Sherman and Morrison invert it.
         beyond = self._beyond * (self._spring + stiffer)
         lost = beyond / (along + beyond) * self._normals
         for _ in range(SWEEPS):
-            left = known + self._rest @ after
+            left = known + self._pulled(after)
             after = (left - _dot(left, self._normals) * lost) / along
         return after
+
+    def _pulled(self, offsets_m: NDArray) -> NDArray:
+        """(N - dt^2 C / 4) u."""
+        return (self._rest @ offsets_m.reshape(len(offsets_m), -1)).reshape(offsets_m.shape)
 
     def _stretched(self, offsets_m: NDArray) -> NDArray:
         """P u."""
@@ -187,10 +214,10 @@ class OscillatorSheet:
         blocks = springs[:, :, None] * (np.eye(3) + self._beyond[:, :, None] * across)
         return sp.bsr_matrix((blocks, np.arange(len(blocks)), np.arange(len(blocks) + 1)))
 
-    def roll(self, loads: NDArray) -> NDArray[np.floating]:
-        """Offsets (T, K, 3) under loads (T, K, 3), from rest under the first."""
+    def roll(self, loads: NDArray, rest: NDArray | None = None) -> NDArray[np.floating]:
+        """Offsets (T, K, 3) under loads (T, K, 3), from rest under `rest` (K, 3) or the first."""
         offsets_m = np.empty_like(loads)
-        before = now = offsets_m[0] = self.settled(loads[0])
+        before = now = offsets_m[0] = self.settled(loads[0] if rest is None else rest)
         for frame in range(1, len(loads)):
             now, before = self.frame(now, before, loads[frame - 1])
             offsets_m[frame] = now
@@ -207,5 +234,5 @@ def _solved(system: sp.csr_matrix, pull: NDArray, guess: NDArray) -> NDArray:
 
 
 def _dot(first: NDArray, second: NDArray) -> NDArray:
-    """(K, 1) of (K, 3) twice."""
-    return np.einsum("kx,kx->k", first, second)[:, None]
+    """(..., 1) of (..., 3) twice."""
+    return np.einsum("...x,...x->...", first, second)[..., None]

@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
+from bridge.body.measurements import DENSITY_KG_M3
 from bridge.body.posing import shaped_joints, shaped_vertices
-from bridge.body.surface_operators import vertex_areas_m2, vertex_normals
+from bridge.body.surface_operators import vertex_areas_m2, vertex_normals, volume_m3
 
 SHAPE_FEATURES = ("depth", "girth", "mass")
 _LEAST_DEPTH_M = 0.01
-_DENSITY_KG_M3 = 985.0
-"""Of a person: a little less than water's."""
 
 
 def shape_features(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.float32]:
@@ -40,7 +39,7 @@ def shaped_normals(body: BodyModelData, betas: NDArray) -> NDArray[np.float32]:
 def body_mass_index(body: BodyModelData, betas: NDArray) -> float:
     """Mass by height squared, kg/m^2, of a person of shape betas (10,) in the rest pose."""
     vertices = shaped_vertices(body, np.asarray(betas, np.float64)[None])[0]
-    return _DENSITY_KG_M3 * _volume_m3(vertices, body.faces) / float(np.ptp(vertices[:, 1])) ** 2
+    return DENSITY_KG_M3 * volume_m3(vertices, body.faces) / float(np.ptp(vertices[:, 1])) ** 2
 
 
 def _measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.floating]:
@@ -48,7 +47,7 @@ def _measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np
     vertices, joints = shaped_vertices(body, shape)[0], shaped_joints(body, shape)[0]
     depth_m = np.maximum(distance_to_bones_m(vertices[nodes], joints, body.parents), _LEAST_DEPTH_M)
     area_m2 = vertex_areas_m2(vertices, body.faces)[nodes]
-    stature = _volume_m3(vertices, body.faces) / np.ptp(vertices[:, 1]) ** 3
+    stature = volume_m3(vertices, body.faces) / np.ptp(vertices[:, 1]) ** 3
     return np.stack([depth_m, area_m2, np.full(len(nodes), stature)], axis=1)
 
 
@@ -62,8 +61,3 @@ def distance_to_bones_m(points: NDArray, joints: NDArray, parents: NDArray) -> N
             away = points - joints[parent] - along[:, None] * bone
             nearest = np.minimum(nearest, np.linalg.norm(away, axis=1))
     return nearest
-
-
-def _volume_m3(vertices: NDArray, faces: NDArray) -> float:
-    first, second, third = (vertices[faces[:, corner]] for corner in range(3))
-    return float(np.einsum("fx,fx->", first, np.cross(second, third)) / 6)

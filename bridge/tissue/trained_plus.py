@@ -138,10 +138,12 @@ class TrainedPlus:
     def moving_m(
         self, body: BodyModelData, betas: NDArray, theta: NDArray, fps: float = FPS
     ) -> NDArray[np.floating]:
-        """(T, K, 3) what the loads of a motion theta (T, 69) make of the nodes."""
+        """(T, K, 3) what the loads of a motion theta (T, 69) make of the nodes, which begin at rest
+        in its first pose."""
         mechanics = self.mechanics(body, betas)
         load = node_loads(body, self.nodes.vertices, betas, theta, fps)
-        return OscillatorSheet(mechanics, self.nodes.laplacian, fps).roll(mechanics.load(load))
+        sheet = OscillatorSheet(mechanics, self.nodes.laplacian, fps)
+        return sheet.roll(mechanics.load(load), mechanics.felt(load[:1])[0])
 
     def static_m(
         self, body: BodyModelData, betas: NDArray, theta: NDArray

@@ -79,3 +79,4 @@ PRESETS: dict[PresetName, TrainingPreset] = {
         ),
     ),
 }
+"""The paper's words taken literally, and what learns on these data."""

@@ -146,15 +146,15 @@ class FleshLayer:
     ) -> LayerState:
         """Advance by `dt_s`.
 
+        Both stages and the end are states on lines through what implicit Euler finds:
+
+            Y1 = y + gamma dt Y1',    Y2 = y + (1 - gamma) dt Y1' + gamma dt Y2',    y1 = Y2.
+
         Parameters
         ----------
         state : at the step's start.
         loads_m_s2 : f (N, 3) at `stage_times` of the step.
         tension : a (N, 1), constant in the step.
-
-        Both stages and the end are states on lines through what implicit Euler finds:
-
-            Y1 = y + gamma dt Y1',    Y2 = y + (1 - gamma) dt Y1' + gamma dt Y2',    y1 = Y2.
         """
         first = self._euler(state, loads_m_s2[0], tension)
         start = state.ahead(first, (1 - _GAMMA) / _GAMMA)

@@ -11,10 +11,12 @@ from bridge.motion import load_amass_motion, unpack_theta
 from bridge.motion.cuts import (
     cut_warning,
     find_cuts,
+    is_cut,
     pieces_between_cuts,
     predict_between_cuts,
 )
 from tests.forged.amass import save, smplh
+from tests.forged.swaying import swaying
 
 
 def still(frames: int = 40) -> tuple[np.ndarray, np.ndarray]:
@@ -120,3 +122,11 @@ def test_a_frame_astray_between_two_samples_is_gone(tmp_path):
     np.testing.assert_allclose(motion.theta, np.zeros((61, 69)), atol=1e-12)
     assert motion.dmpls is not None
     assert motion.dmpls.shape == (61, 8)
+
+
+def test_a_cut_between_two_poses():
+    pose = swaying(np.zeros(3))
+    other = pose.copy()
+    other[1, 66] += 0.51
+    other[2, 9:12] = pose[2, 9:12] + [0, 0, 2.7]
+    assert is_cut(pose, other).tolist() == [False, True, True]

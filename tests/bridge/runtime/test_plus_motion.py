@@ -61,6 +61,14 @@ def test_what_is_static_is_added(flesh, tmp_path):
     np.testing.assert_allclose(added, model.static_m(BODY, betas, theta), atol=1e-6)
 
 
+def test_a_motion_begins_at_rest_in_its_first_pose(flesh, tmp_path):
+    """Also one that is cut out of a jump: its first load has no acceleration."""
+    theta, betas = theta_of(hopping(tmp_path / "hop.npz", 60))
+    predict = PlusMotionPredictor(flesh, BODY)
+    standing = whole(predict(theta[30:31].repeat(3, axis=0), betas))
+    np.testing.assert_allclose(whole(predict(theta[30:], betas))[0], standing[0], atol=1e-7)
+
+
 def test_who_stands_as_she_was_scanned_is_not_moved(flesh):
     found = whole(PlusMotionPredictor(flesh, BODY)(np.zeros((90, 69)), np.zeros(10)))
     np.testing.assert_allclose(found, 0.0, atol=1e-9)

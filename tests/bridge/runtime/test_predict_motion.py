@@ -21,6 +21,7 @@ from bridge.motion import unpack_theta
 from bridge.runs import write_artifact
 from bridge.runtime import stage_predict
 from bridge.runtime.body_motion import load_motion
+from bridge.runtime.controls import Controls
 from bridge.runtime.dsnet_motion import DsnetMotionPredictor, load_decoder
 from bridge.runtime.predict_motion import predict_motion
 from bridge.verify.reference import dsnet
@@ -73,7 +74,9 @@ def decoded(latents: NDArray) -> NDArray:
 
 @pytest.mark.usefixtures("blank_strip")
 def test_another_network_and_shape_can_be_asked_for(trained_run, motion, tmp_path):
-    chosen = predict_motion(trained_run, motion, tmp_path / "a", betas=np.ones(10))
+    chosen = predict_motion(
+        trained_run, motion, tmp_path / "a", controls=Controls(betas="1" + ",1" * 9)
+    )
     assert chosen.manifest["predictor"] == "dsnet_standardised"
     assert chosen.manifest["betas"] == [1.0] * 10
     other = predict_motion(trained_run, motion, tmp_path / "b", predictor="dsnet_faithful")
@@ -193,6 +196,6 @@ def test_without_a_motion_the_stage_is_a_process(monkeypatch):
     asked = []
     monkeypatch.setattr(stage_predict, "run_module", lambda *arguments: asked.append(arguments))
     stage_predict.main(stage_predict.PredictConfig("r"))
-    stage_predict.main(stage_predict.PredictConfig("r", "p", Path("a")))
+    stage_predict.main(stage_predict.PredictConfig(run="r", predictor="p", amass=Path("a")))
     first = ("tf_dsnet.stage_predict", "--run", "r")
     assert asked == [first, (*first, "--predictor", "p", "--amass", "a")]

@@ -60,6 +60,46 @@ def test_other_number_of_characters_is_refused_until_reset(trained):
     assert predictor.step(THETA[:2, 0], BETAS[:2]).shape == (2, 100)
 
 
+REFUSED = {
+    "nan": (5, np.nan),
+    "inf": (67, np.inf),
+    "minus inf": (0, -np.inf),
+    "a turn of 1e4 rad": (4, 1e4),
+    "a kilometre off": (66, 1001.0),
+    "beyond float32": (66, 1e300),
+}
+
+
+@pytest.mark.parametrize(("column", "value"), REFUSED.values(), ids=REFUSED)
+def test_one_characters_pose_that_is_none_is_refused_and_nothing_has_moved(trained, column, value):
+    disturbed, undisturbed = StreamingPredictor(trained), StreamingPredictor(trained)
+    broken = THETA[:, 0].copy()
+    broken[1, column] = value
+    for frame in THETA[:, :9].swapaxes(0, 1):
+        with pytest.raises(DsnetError, match="theta with") as no:
+            disturbed.step(broken, BETAS)
+        assert "\n" not in str(no.value)
+        np.testing.assert_array_equal(disturbed.step(frame, BETAS), undisturbed.step(frame, BETAS))
+
+
+@pytest.mark.parametrize("value", [np.nan, -np.inf, 1e4, 1e300])
+def test_a_shape_that_is_nobodys_is_refused_and_nothing_has_moved(trained, value):
+    predictor, broken = StreamingPredictor(trained), BETAS.copy()
+    broken[2, 9] = value
+    with pytest.raises(DsnetError, match="betas with"):
+        predictor.step(THETA[:, 0], broken)
+    found = steps(predictor, THETA, BETAS)
+    np.testing.assert_array_equal(found, steps(StreamingPredictor(trained), THETA, BETAS))
+
+
+@pytest.mark.parametrize(
+    "theta", [None, "stand", [["a"] * 69], [[None] * 69], [[1j] * 69], [[1], []]]
+)
+def test_what_holds_no_numbers_is_refused(trained, theta):
+    with pytest.raises(DsnetError, match="theta"):
+        StreamingPredictor(trained).step(theta, np.zeros((1, 10)))
+
+
 @pytest.mark.parametrize("as_type", [str, Path])
 def test_a_run_by_its_name(trained_run, trained: TrainedDsnet, as_type):
     by_name = steps(StreamingPredictor(as_type("r")), THETA, BETAS)

@@ -38,6 +38,16 @@ def loads(body, theta: np.ndarray) -> Load:
     return node_loads(body, SKIN, BETAS, theta, FPS)
 
 
+def test_persons_side_by_side_are_skinned_as_each_alone(body):
+    shapes, theta = np.random.default_rng(1).normal(size=(4, 10)), moving(4)
+    people = [SkinnedNodes(body, SKIN, betas) for betas in shapes]
+    together = SkinnedNodes.of_people(people).skin(theta)
+    np.testing.assert_array_equal(people[0].of_person(shapes[1])(theta)[0], people[1](theta)[0])
+    alone = [person.skin(pose[None]) for person, pose in zip(people, theta, strict=True)]
+    for found, expected in zip(together, zip(*alone, strict=True), strict=True):
+        np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-12)
+
+
 def test_standing_as_scanned_is_no_load_at_all(body):
     load = loads(body, held(Rotation.identity()))
     assert len(load) == 5

@@ -320,3 +320,28 @@ def test_frames_follow_a_fast_vibration_that_one_step_a_frame_would_slow_down():
         found.append(now[0, 0])
     spectrum = np.abs(np.fft.rfft(np.hanning(120) * found, 2400))
     assert np.fft.rfftfreq(2400, 1 / FPS)[spectrum.argmax()] == pytest.approx(14.3, abs=0.3)
+
+
+def test_people_side_by_side_move_as_each_alone(nodes):
+    """They differ in all that is theirs; neighbours are coupled alike."""
+    rng = np.random.default_rng(4)
+    coupled = {"wave_speed": 1.5, "bending": 3e-3, "stiffening": 500.0}
+    people = [
+        mechanics(len(nodes), hz=hz, damping=0.05 * hz, **coupled, **uneven(len(nodes)))
+        for hz in (2.0, 4.0, 6.0)
+    ]
+    sheets = [OscillatorSheet(person, nodes.laplacian) for person in people]
+    now, before, load = rng.normal(0, [[[[0.01]]], [[[0.01]]], [[[5.0]]]], (3, len(nodes), 3, 3))
+    found = sheets[1].of_people(people).frame(now, before, load)
+    for row, sheet in enumerate(sheets):
+        expected = sheet.frame(now[:, row], before[:, row], load[:, row])
+        np.testing.assert_allclose([part[:, row] for part in found], expected, atol=1e-6)
+
+
+def test_a_roll_begins_at_rest_under_what_it_is_told(nodes):
+    sheet = OscillatorSheet(mechanics(len(nodes), wave_speed=1.0), nodes.laplacian)
+    rest, loads = np.ones((len(nodes), 3)), np.zeros((3, len(nodes), 3), np.float32)
+    found = sheet.roll(loads, rest)
+    np.testing.assert_allclose(found[0], sheet.settled(rest), atol=1e-9)
+    assert not sheet.roll(loads).any()
+    assert np.abs(found[1]).max() < np.abs(found[0]).max()

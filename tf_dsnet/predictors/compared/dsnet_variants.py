@@ -119,3 +119,4 @@ VARIANTS = (
         change="is told betas and the inertia and gravity that act on the skin, not theta",
     ),
 )  # fmt: skip
+"""DSNet with its rate and epoch chosen, and changed in one way at a time."""

@@ -1,0 +1,202 @@
+"""What an animator may ask of a moving body, as the options of every command that moves one.
+
+A command's configuration inherits `Controls`, and `controlled_body` makes of them what prediction,
+export and the viewer iterate over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import Field, dataclass, fields, replace
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.parts import GROUPS, PARTS, part_weights
+from bridge.body.shapes import find_shape, parse_shape
+from bridge.errors import DsnetError
+from bridge.motion import Motion
+from bridge.motion.loops import close_lap
+from bridge.options import Bounds, check_options
+from bridge.paper import N_BETAS
+from bridge.runs.processes import notify
+from bridge.runtime.body_motion import place_motion
+from bridge.runtime.characters import Character
+from bridge.runtime.floor import Floor, put_on_floor, root_joint_m
+from bridge.runtime.looped import LoopedPredictor
+from bridge.runtime.moving_body import MovingBody
+
+_GAINS = Bounds(0, 20)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Controls:
+    """How a body moves; what is left at its default changes nothing."""
+
+    gain: Annotated[float, _GAINS] = 1.0
+    """Multiplies the skin's dynamics: 0 is SMPL alone, 1 what was predicted."""
+    part_gain: tuple[str, ...] = ()
+    """The same for parts of the body, on top of --gain, as in `belly=2 chest=0.5`: head, chest,
+    belly, back, buttocks, upper_arms, forearms, hands, thighs, calves, feet; torso, arms, legs."""
+    floor: Floor = "keep"
+    """`shift` moves the whole motion up or down until the feet stand on the floor; `scale` also
+    fits its strides to the body's legs; `keep` leaves heights as the file has them."""
+    loop: bool = False
+    """The motion repeats: the skin's last frame leads into its first."""
+    shape: tuple[str, ...] = ()
+    """Body shape in place of the motion file's, by name: tall, short, heavy, slim, pear, apple;
+    by measurement, in cm and kg: height=182 weight=80 chest=100 waist=90 hips=105; or both."""
+    betas: str | None = None
+    """Body shape in place of the motion file's: ten comma-separated coefficients."""
+
+    def check(self) -> None:
+        """Refuse what needs no body to be refused.
+
+        Raises
+        ------
+        DsnetError
+            If something asked for does not exist, is no number or does not go together.
+        """
+        check_options(self)
+        list(_part_gains(self.part_gain))
+        if self.betas is not None and self.shape:
+            raise DsnetError(
+                "--betas with --shape", "one way to say a shape", "Leave one of them out."
+            )
+        if self.betas is not None:
+            parse_betas(self.betas)
+        if self.shape and not self.words():
+            raise DsnetError("an empty --shape", "names or measurements", "Pass --shape tall.")
+        parse_shape(self.words())
+
+    def words(self) -> list[str]:
+        """The shape's, one by one."""
+        return [word for text in self.shape for word in text.replace(",", " ").split()]
+
+    def given(self) -> dict[str, Any]:
+        """Those that are not left at their default, by name."""
+        values = [(field.name, getattr(self, field.name), field.default) for field in _fields()]
+        return {name: value for name, value, default in values if value != default}
+
+
+def _fields() -> tuple[Field, ...]:
+    """Of `Controls` alone: a command's configuration has more."""
+    return fields(Controls)
+
+
+def controlled_body(character: Character, motion: Motion, controls: Controls) -> MovingBody:
+    """A character that performs a motion as an animator asks.
+
+    Parameters
+    ----------
+    character : who moves.
+    motion : as its file has it.
+    controls : what is asked.
+
+    Raises
+    ------
+    DsnetError
+        If something asked for does not exist, is out of reach or does not go together, or the
+        motion is not one of a body of a person's size.
+    """
+    controls.check()
+    body = character.body
+    gain = vertex_gain(body, controls.gain, controls.part_gain)
+    placed = place_motion(motion, body, asked_betas(body, controls))
+    placed = put_on_floor(placed, body, controls.floor, motion)
+    if controls.loop:
+        lap = close_lap(placed.theta, root_joint_m(body, placed.betas))
+        if lap.dropped:
+            notify(f"the last frame of {motion.source} is its first again: left out of the loop")
+        placed = replace(placed, theta=lap.theta)
+        character = replace(character, predict=LoopedPredictor(character.predict, lap))
+    return MovingBody(character, placed, gain)
+
+
+def asked_betas(body: BodyModelData, controls: Controls) -> NDArray[np.float64] | None:
+    """(10,) betas of the shape that is asked for; None where the motion's own is meant.
+
+    Raises
+    ------
+    DsnetError
+        If they are no ten numbers, or the shape is unknown or out of reach.
+    """
+    if controls.betas is not None:
+        return parse_betas(controls.betas)
+    return find_shape(body, controls.words()) if controls.shape else None
+
+
+def vertex_gain(
+    body: BodyModelData, gain: float, part_gain: Sequence[str] = ()
+) -> float | NDArray[np.float32]:
+    """The gain of all vertices, or of each (V,).
+
+    Parameters
+    ----------
+    gain : of all.
+    part_gain : `part=gain` of `PARTS` and `GROUPS`, on top of it; a part's own counts more than
+        its group's, and gains fade into each other where parts do.
+
+    Raises
+    ------
+    DsnetError
+        If a part is unknown or said twice, or a gain is no number from 0 to 20.
+    """
+    if not part_gain:
+        return gain
+    said = dict(_part_gains(part_gain))
+    of_parts = np.ones(len(PARTS))
+    for group, parts in GROUPS.items():
+        of_parts[[PARTS.index(part) for part in parts]] *= said.get(group, 1.0)
+    for index, part in enumerate(PARTS):
+        of_parts[index] = said.get(part, of_parts[index])
+    return (gain * part_weights(body) @ of_parts).astype(np.float32)
+
+
+def parse_betas(text: str) -> NDArray[np.float64]:
+    """(10,) numbers of the text of `--betas`.
+
+    Raises
+    ------
+    DsnetError
+        If they are not ten, or not finite.
+    """
+    try:
+        betas = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        betas = np.empty(0)
+    if betas.shape != (N_BETAS,) or not np.isfinite(betas).all():
+        raise DsnetError(
+            f"--betas {text}", f"{N_BETAS} finite numbers", "Separate them by commas, no spaces."
+        )
+    return betas
+
+
+def _part_gains(words: Sequence[str]) -> Iterator[tuple[str, float]]:
+    met: set[str] = set()
+    for word in words:
+        part, _, text = word.partition("=")
+        known = part in PARTS or part in GROUPS
+        if not known or part in met:
+            again = ", said before" if part in met else ""
+            raise DsnetError(
+                f"--part-gain {word}{again}",
+                f"each of {', '.join((*PARTS, *GROUPS))} at most once",
+                "Pass --part-gain belly=2 chest=0.5.",
+            )
+        met.add(part)
+        yield part, _gain(word, text)
+
+
+def _gain(word: str, text: str) -> float:
+    try:
+        gain = float(text)
+    except ValueError:
+        gain = np.nan
+    if not _GAINS.hold(gain):
+        raise DsnetError(
+            f"--part-gain {word}", f"a gain of {_GAINS}", "Pass --part-gain belly=2 chest=0.5."
+        )
+    return gain

@@ -1,0 +1,151 @@
+"""One character of a stream: what it was given, what came of it, and what it owes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.motion.cuts import is_cut
+from bridge.motion.interpolation import between, going_on
+from bridge.runtime.frame_clock import FrameClock
+from bridge.runtime.skinning import ShapedBody
+from bridge.runtime.streaming_model import StreamingModel
+
+
+@dataclass(frozen=True, eq=False)
+class StreamedCharacter:
+    """All that one's future depends on; replaced, never changed, so that a refused step is none."""
+
+    shaped: ShapedBody
+    person: Any
+    """What the model knows of her."""
+    frames: int = 0
+    """That she was given."""
+    poses: tuple[NDArray, ...] = ()
+    """The newest of them, (69,) each."""
+    since_cut: int = 0
+    """How many frames."""
+    past: Any = None
+    """The model's, up to the newest tick."""
+    first: int = 0
+    """Number of the first tick that is kept."""
+    ticks: tuple[NDArray, ...] = ()
+    """Poses (69,) from that tick on."""
+    begins: tuple[bool, ...] = ()
+    """Whether the tissue begins there, at rest."""
+    codes: tuple[NDArray, ...] = ()
+    """What the model made of them; of the newest it may not be known yet."""
+
+    def code_at(self, frame: int, clock: FrameClock) -> NDArray:
+        """Of a frame, between those of the ticks about it, but not across a cut."""
+        tick, share = clock.place(frame)
+        row = tick - self.first
+        here, there = self.codes[row], self.codes[row + 1 : row + 2]
+        if not (share and there):
+            return here
+        if not self.begins[row + 1]:
+            return here + np.float32(share) * (there[0] - here)
+        pose = self.pose_at(frame)
+        return here if is_cut(pose[None], self.ticks[row + 1][None])[0] else there[0]
+
+    def pose_at(self, frame: int) -> NDArray:
+        """(69,) one of the newest."""
+        return self.poses[frame - self.frames]
+
+    def finished(self, model: StreamingModel) -> StreamedCharacter:
+        """With all codes, for there are no more frames."""
+        return replace(self, codes=(*self.codes, *model.finish(self.past)))
+
+    def without(self, frame: int, clock: FrameClock) -> StreamedCharacter:
+        """Only with what frames from this one on need, and what tells a cut to the next."""
+        tick, _ = clock.place(frame)
+        old = min(tick - self.first, len(self.ticks) - 1)
+        return replace(
+            self,
+            poses=self.poses[min(frame - self.frames, -2) :],
+            first=self.first + old,
+            ticks=self.ticks[old:],
+            begins=self.begins[old:],
+            codes=self.codes[old:],
+        )
+
+
+def advanced(
+    characters: Sequence[StreamedCharacter],
+    theta: NDArray,
+    clock: FrameClock,
+    model: StreamingModel,
+) -> list[StreamedCharacter]:
+    """Each given one frame more, of theta (B, 69), and all ticks up to it."""
+    found = list(characters)
+    before = np.array(
+        [c.poses[-1] if c.poses else row for c, row in zip(found, theta, strict=True)]
+    )
+    cut = is_cut(before, theta)
+    # Ticks before a cut's frame are still the old motion's, which goes on as it did.
+    towards = np.array([
+        going_on(c.poses[-min(c.since_cut, 2)], c.poses[-1]) if jumps else row
+        for c, row, jumps in zip(found, theta, cut, strict=True)
+    ])  # fmt: skip
+    ticks = [clock.ticks(c.frames) for c in found]
+    for turn in range(max(map(len, ticks))):
+        rows = [row for row, numbers in enumerate(ticks) if turn < len(numbers)]
+        share = np.array([clock.share(ticks[row][turn], found[row].frames) for row in rows])
+        after = np.where(share[:, None] == 1, theta[rows], towards[rows])
+        given = _ticked([found[row] for row in rows], between(before[rows], after, share), model)
+        for row, character in zip(rows, given, strict=True):
+            found[row] = character
+    return [
+        replace(
+            c,
+            frames=c.frames + 1,
+            poses=(*c.poses, pose),
+            since_cut=1 if jumps else c.since_cut + 1,
+        )
+        for c, pose, jumps in zip(found, theta, cut, strict=True)
+    ]
+
+
+def _ticked(
+    characters: Sequence[StreamedCharacter], theta: NDArray, model: StreamingModel
+) -> list[StreamedCharacter]:
+    """Each given one tick more, of theta (B, 69); after a cut its tissue begins anew."""
+    found = list(characters)
+    before = np.array(
+        [c.ticks[-1] if c.ticks else row for c, row in zip(found, theta, strict=True)]
+    )
+    begins = [
+        jumps or c.past is None for c, jumps in zip(found, is_cut(before, theta), strict=True)
+    ]
+    goes_on = [row for row, begin in enumerate(begins) if not begin]
+    if goes_on:
+        pasts = [found[row].past for row in goes_on]
+        for row, (past, code) in zip(goes_on, model.advance(pasts, theta[goes_on]), strict=True):
+            found[row] = _with_tick(found[row], theta[row], past, [] if code is None else [code])
+    for row, begin in enumerate(begins):
+        if begin:
+            owed = [] if found[row].past is None else model.finish(found[row].past)
+            past, code = model.begin(found[row].person, theta[row])
+            found[row] = _with_tick(found[row], theta[row], past, [*owed, code], begins=True)
+    return found
+
+
+def _with_tick(
+    character: StreamedCharacter,
+    theta: NDArray,
+    past: Any,
+    codes: Sequence[NDArray],
+    *,
+    begins: bool = False,
+) -> StreamedCharacter:
+    return replace(
+        character,
+        past=past,
+        ticks=(*character.ticks, theta),
+        begins=(*character.begins, begins),
+        codes=(*character.codes, *codes),
+    )

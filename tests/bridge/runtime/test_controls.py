@@ -1,0 +1,199 @@
+"""What an animator asks for reaches the body that moves, or is refused before anything is made."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.body.measurements import MeasuredBody
+from bridge.body.parts import PARTS, part_weights
+from bridge.cli import main
+from bridge.motion import Motion, load_amass_motion
+from bridge.runs import Run
+from bridge.runtime.body_motion import place_motion
+from bridge.runtime.characters import Character, open_character
+from bridge.runtime.controls import Controls, controlled_body, vertex_gain
+from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.predict_motion import predict_motion
+from tests.forged.cyclic import save_on_the_spot
+
+LAP = 30
+
+
+@pytest.fixture
+def character(plus_run: Run) -> Character:
+    return open_character(plus_run)
+
+
+@pytest.fixture
+def bouncing(tmp_path: Path) -> Motion:
+    return load_amass_motion(save_on_the_spot(tmp_path / "given" / "bounce.npz", LAP + 1, LAP))
+
+
+def offsets_of(moving: MovingBody) -> np.ndarray:
+    return np.concatenate([posed.offsets_m for posed in moving])
+
+
+def controlled(character: Character, motion: Motion, **asked) -> np.ndarray:
+    return offsets_of(controlled_body(character, motion, Controls(**asked)))
+
+
+def test_nothing_asked_is_the_motion_as_it_is(character, bouncing):
+    plain = offsets_of(MovingBody(character, place_motion(bouncing, character.body)))
+    np.testing.assert_array_equal(controlled(character, bouncing), plain)
+    assert Controls().given() == {}
+
+
+def test_gain_multiplies_the_skin_alone(character, bouncing):
+    one, two, none = (
+        next(iter(controlled_body(character, bouncing, Controls(gain=gain))))
+        for gain in (1.0, 2.0, 0.0)
+    )
+    np.testing.assert_allclose(two.offsets_m, 2 * one.offsets_m, rtol=1e-6)
+    assert not none.offsets_m.any()
+    np.testing.assert_allclose(
+        two.vertices_m - none.vertices_m, 2 * (one.vertices_m - none.vertices_m), atol=1e-6
+    )
+
+
+def test_the_gain_of_a_part_is_its_own(character):
+    body = character.body
+    gain = vertex_gain(body, 2.0, ["belly=3", "arms=0", "hands=1"])
+    assert isinstance(gain, np.ndarray)
+    weights = part_weights(body)
+    expected = {"belly": 6.0, "forearms": 0.0, "hands": 2.0, "thighs": 2.0}
+    for part, value in expected.items():
+        inside = weights[:, PARTS.index(part)] > 0.999
+        assert inside.sum() > 50
+        np.testing.assert_allclose(gain[inside], value, atol=0.01)
+    assert gain.min() >= 0.0
+    assert gain.max() <= 6.0
+
+
+def test_gains_of_parts_move_them_alone(character, bouncing):
+    plain, more = (
+        controlled(character, bouncing),
+        controlled(character, bouncing, part_gain=("belly=2",)),
+    )
+    belly = part_weights(character.body)[:, PARTS.index("belly")]
+    np.testing.assert_allclose(more, plain * (1 + belly[:, None]), atol=1e-6)
+    assert np.abs(more - plain).max() > 1e-3
+
+
+def test_a_loop_gives_one_lap_that_follows_on_itself(character, bouncing, capsys):
+    moving = controlled_body(character, bouncing, Controls(loop=True))
+    assert "the last frame of" in capsys.readouterr().err
+    found = offsets_of(moving)
+    assert len(found) == len(moving) == LAP
+    steps = np.linalg.norm(np.diff(found, axis=0, append=found[:1]), axis=-1).max(axis=1)
+    assert steps[-1] < 1.2 * steps[:-1].max()
+
+
+def test_a_still_motion_starts_settled(character, bouncing):
+    """No jolt at the first frame: tissue hangs there as it does for ever after."""
+    still = replace(bouncing, theta=np.repeat(bouncing.theta[7:8], 60, axis=0))
+    offsets_m = controlled(character, still)
+    assert np.abs(offsets_m[0]).max() > 1e-3
+    np.testing.assert_allclose(offsets_m, np.tile(offsets_m[:1], (60, 1, 1)), atol=1e-5)
+
+
+def test_a_moving_start_is_no_jolt(character, bouncing):
+    offsets_m = controlled(character, bouncing)
+    steps = np.linalg.norm(np.diff(offsets_m, axis=0), axis=-1).max(axis=1)
+    assert steps[0] < steps[1:].max() / 4
+
+
+def test_shape_floor_and_betas_reach_the_body(character, bouncing):
+    asked = Controls(shape=("height=175",), floor="shift")
+    moving = controlled_body(character, bouncing, asked)
+    assert MeasuredBody(character.body)(moving.motion.betas).height == pytest.approx(175, abs=0.5)
+    low = min(posed.vertices_m[..., 1].min() for posed in moving)
+    assert abs(low) < 0.01
+    betas = controlled_body(character, bouncing, Controls(betas="1" + ",0" * 9)).motion.betas
+    np.testing.assert_array_equal(betas, [1.0] + [0.0] * 9)
+
+
+@pytest.mark.usefixtures("blank_strip")
+def test_the_command_takes_and_records_them(plus_run, tmp_path):
+    path = save_on_the_spot(tmp_path / "given" / "bounce.npz", LAP, LAP)
+    out = tmp_path / "out"
+    options = "--gain 2 --part-gain belly=2 arms=0.5 --floor scale --loop"
+    shape = "--betas=1,0,0,0,0,0,0,0,0,0"
+    main(
+        ["predict", "--run", "r", "--motion", str(path), "--out", str(out), *options.split(), shape]
+    )
+    made = json.loads((out / "manifest.json").read_text())
+    assert made["controls"] == {
+        "gain": 2.0,
+        "part_gain": ["belly=2", "arms=0.5"],
+        "floor": "scale",
+        "loop": True,
+        "betas": "1,0,0,0,0,0,0,0,0,0",
+    }
+    asked = Controls(
+        gain=2.0, part_gain=("belly=2", "arms=0.5"), floor="scale", loop=True, betas=shape[8:]
+    )
+    again = predict_motion(plus_run, path, tmp_path / "again", controls=asked)
+    np.testing.assert_array_equal(again.array("offsets"), np.load(out / "offsets.npy"))
+
+
+REFUSED = [
+    ("--gain -1", "0 to 20"),
+    ("--gain nan", "0 to 20"),
+    ("--part-gain nose=2", "each of head, chest"),
+    ("--part-gain belly=2 belly=3", "said before"),
+    ("--part-gain belly", "a gain of 0 to 20"),
+    ("--part-gain belly=nan", "a gain of 0 to 20"),
+    ("--part-gain belly=1e6", "a gain of 0 to 20"),
+    ("--shape huge", "tall, short, heavy"),
+    ("--shape ,", "an empty --shape"),
+    ("--shape height=300", "nearest has height=19"),
+    ("--shape tall --betas 0,0,0,0,0,0,0,0,0,0", "--betas with --shape"),
+    ("--betas 1,2", "10 finite numbers"),
+]
+
+
+@pytest.mark.usefixtures("plus_run")
+@pytest.mark.parametrize(("options", "said"), REFUSED)
+def test_what_cannot_be_is_one_line(bouncing, tmp_path, capsys, options, said):
+    out = tmp_path / "out"
+    given = ["--motion", str(bouncing.source), "--out", str(out), *options.split()]
+    with pytest.raises(SystemExit) as stopped:
+        main(["predict", "--run", "r", *given])
+    printed = capsys.readouterr().err
+    assert (stopped.value.code, printed.count("\n")) == (2, 1)
+    assert said in printed
+    assert not list(tmp_path.glob("*out*"))
+
+
+@pytest.mark.parametrize("asked", ["gain", "part_gain", "floor", "loop", "shape", "betas"])
+def test_a_motion_is_needed(asked, capsys):
+    options = {
+        "gain": "--gain 2",
+        "part_gain": "--part-gain belly=2",
+        "floor": "--floor shift",
+        "loop": "--loop",
+        "shape": "--shape tall",
+        "betas": "--betas 1,2",
+    }
+    with pytest.raises(SystemExit) as stopped:
+        main(["predict", "--run", "r", *options[asked].split()])
+    printed = capsys.readouterr().err
+    assert (stopped.value.code, printed.count("\n")) == (2, 1)
+    assert f"--{asked.replace('_', '-')} without --motion" in printed
+
+
+def test_a_part_of_a_lap_is_refused(character, bouncing):
+    part = replace(bouncing, theta=bouncing.theta[: LAP // 3])
+    with pytest.raises(DsnetError, match=r"--loop with a motion whose \w+ jerks"):
+        controlled_body(character, part, Controls(loop=True))
+
+
+def test_a_gain_that_is_none_is_refused_in_python_too(character, bouncing):
+    with pytest.raises(DsnetError, match="--gain inf"):
+        controlled_body(character, bouncing, Controls(gain=float("inf")))
