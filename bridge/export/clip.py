@@ -19,7 +19,7 @@ from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.skinning import ShapedBody
 
 
-class Clip:
+class RenderedClip:
     """Pages of a clip, in order when iterated; predicts the motion twice.
 
     Parameters

@@ -28,6 +28,9 @@ class Format:
     extra: str | None = None
     """The extra that brings it."""
 
+    of_motion: bool = True
+    """Whether it shows a motion; else it holds a predictor and its body, for motions to come."""
+
     @property
     def is_folder(self) -> bool:
         """Whether it is a folder of files."""
@@ -39,6 +42,7 @@ class Format:
 
 
 FORMATS = {
+    "onnx": Format("bridge.export.onnx_model", (".onnx",), of_motion=False),
     "usd": Format("bridge.export.usd", (".usd", ".usdc", ".usda"), "pxr", "usd"),
     "pc2": Format("bridge.export.pc2"),
     "mdd": Format("bridge.export.mdd"),

@@ -8,7 +8,7 @@ from PIL import Image
 
 from bridge.errors import DsnetError
 from bridge.export.about import about_in_a_line
-from bridge.export.clip import Clip
+from bridge.export.clip import RenderedClip
 from bridge.runtime.moving_body import MovingBody
 
 LONGEST_S = 60.0
@@ -30,7 +30,7 @@ def write(path: Path, moving: MovingBody) -> None:
             f"at most {LONGEST_S:.0f} s",
             "Pass --to mp4, or a shorter motion.",
         )
-    clip = Clip(moving, fps=_FPS, width_px=_WIDTH_PX)
+    clip = RenderedClip(moving, fps=_FPS, width_px=_WIDTH_PX)
     palette = clip.with_all_colours().quantize(method=Image.Quantize.MAXCOVERAGE)
     pages = (page.quantize(palette=palette, dither=Image.Dither.NONE) for page in clip)
     next(pages).save(

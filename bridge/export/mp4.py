@@ -8,7 +8,7 @@ from pathlib import Path
 import imageio_ffmpeg
 
 from bridge.export.about import about_in_a_line
-from bridge.export.clip import Clip
+from bridge.export.clip import RenderedClip
 from bridge.runtime.moving_body import MovingBody
 
 _FPS, _WIDTH_PX = 30.0, 640
@@ -22,7 +22,7 @@ def write(path: Path, moving: MovingBody) -> None:
     OSError
         If the encoder fails, with what it said.
     """
-    clip = Clip(moving, fps=_FPS, width_px=_WIDTH_PX)
+    clip = RenderedClip(moving, fps=_FPS, width_px=_WIDTH_PX)
     command = _command(clip, path, about_in_a_line(moving))
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
         assert encoder.stdin is not None
@@ -41,7 +41,7 @@ def write(path: Path, moving: MovingBody) -> None:
         raise OSError(said.splitlines()[-1] if said else f"ffmpeg ended with {encoder.returncode}")
 
 
-def _command(clip: Clip, path: Path, comment: str) -> list[str]:
+def _command(clip: RenderedClip, path: Path, comment: str) -> list[str]:
     """What encodes raw pictures from its standard input."""
     size = "x".join(map(str, clip.size_px))
     given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{clip.fps:g}", "-i", "-"]

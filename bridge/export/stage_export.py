@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
+from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.export.formats import FORMATS, chosen_format
 from bridge.export.new_path import new_path, refuse_taken
@@ -12,7 +14,7 @@ from bridge.motion import load_amass_motion
 from bridge.motion.cuts import cut_warning
 from bridge.runs import Run
 from bridge.runs.processes import notify
-from bridge.runtime.characters import open_character
+from bridge.runtime.characters import choose, open_character
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody
 
@@ -22,14 +24,19 @@ class ExportConfig(Controls):
     """Write a body that performs a motion as a file for another tool: 60 fps, metres, y up."""
 
     to: str | None = None
-    """Format: usd, pc2, mdd, obj, ply, npz, gif or mp4. docs/export.md says how to open each."""
+    """Format: usd, pc2, mdd, obj, ply, npz, gif or mp4 of a motion; or onnx, the predictor with
+    its body as one graph. docs/export.md says how to open each."""
     motion: Path | None = None
-    """One AMASS `.npz`."""
+    """One AMASS `.npz`, or `sample:walking`; for all but onnx."""
     run: str | None = None
     """Run whose predictor moves the skin; the small model that comes with the package when left
     out, of the motion's gender."""
     predictor: str | None = None
     """Which of the run's; its best when left out."""
+    precision: Literal["float32", "float16", "int8"] = "float32"
+    """Of the large kernels of an onnx graph; what fewer bits cost is written into the file."""
+    gender: Literal["female", "male"] = "female"
+    """Of the packaged model, for onnx without --run."""
     out: Path | None = None
     """File to write, or for pc2, mdd, obj and ply a folder; it must not exist."""
 
@@ -54,12 +61,38 @@ def main(config: ExportConfig) -> None:
     form = chosen_format(to, out)
     config.check()
     refuse_taken(out)
+    if not form.of_motion:
+        _export_predictor(config, out)
+        return
     moving = _moving_body(config)
     with new_path(out) as path:
         _say_who_predicts(moving)
         if form.is_folder:
             path.mkdir()
         form.writer()(path, moving)
+
+
+def _export_predictor(config: ExportConfig, out: Path) -> None:
+    """The predictor that was asked for, for any motion."""
+    from bridge.export.onnx_model import export_onnx, load_exportable
+
+    if config.motion is not None or config.given():
+        raise DsnetError(
+            "--to onnx with a motion or what moves it",
+            "a predictor alone: the graph takes any motion and shape",
+            "Leave out --motion, --gain, --betas and the like.",
+        )
+    run = None if config.run is None else Run(config.run)
+    chosen = choose(run, config.predictor, config.gender)
+    notify(f"{chosen.name} ({chosen.label}) of {chosen.owner}: {chosen.why}")
+    export_onnx(
+        load_exportable(chosen.artifacts, chosen.name),
+        load_body_model(chosen.body_model),
+        out,
+        origin=chosen.trained.origin,
+        run=config.run or "",
+        precision=config.precision,
+    )
 
 
 def _moving_body(config: ExportConfig) -> MovingBody:

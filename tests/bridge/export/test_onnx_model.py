@@ -23,7 +23,7 @@ from tests.forged.plus import write_plus
 
 BODY = load_body_model("embedded:female")
 WIDTHS = (6890, 12, 8, 6, 4)
-EXAMPLE = Path(__file__).parents[3] / "examples" / "onnx_runtime_only.py"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "09_onnx_runtime_only.py"
 BETAS = np.zeros((2, 10), np.float32)
 
 

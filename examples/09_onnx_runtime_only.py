@@ -1,6 +1,6 @@
 """An exported predictor with NumPy and ONNX Runtime alone: a jump, and how far the skin swings.
 
-python examples/onnx_runtime_only.py MODEL.onnx
+python examples/09_onnx_runtime_only.py MODEL.onnx
 """
 
 import sys
