@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)
-class Clip:
+class MotionClip:
     """One motion of one person, with the aligned offsets that settings are chosen by."""
 
     betas: NDArray
@@ -29,7 +29,7 @@ class Rival(Protocol):
     name: str
     label: str
 
-    def choose(self, clips: Sequence[Clip]) -> list[str]:
+    def choose(self, clips: Sequence[MotionClip]) -> list[str]:
         """Choose the settings that fit the clips best; what was chosen, a clause each."""
         ...
 

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from benchmarks.prediction.comparison import short, sizes_over_time
 from benchmarks.prediction.corpora import scores_of
-from benchmarks.rivals.rival import Clip, Rival
+from benchmarks.rivals.rival import MotionClip, Rival
 from bridge.body import BodyModelData
 from bridge.measure.references import MotionArrays
 from bridge.measure.roads import BEST, Road
@@ -21,11 +21,11 @@ from bridge.motion.sequences import end_to_end
 from bridge.runs import Artifact, ArtifactWriter
 
 
-def validation_clips(align: Artifact) -> list[Clip]:
+def validation_clips(align: Artifact) -> list[MotionClip]:
     """The clips that other systems choose their rates and epochs by, as they were aligned."""
     rows, betas = subject_rows(sequences_of(align)), align.array("betas")
     return [
-        Clip(
+        MotionClip(
             betas=np.array(betas[rows[one.subject]]),
             theta=np.array(align.array("theta")[one.frames]),
             fps=one.fps,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from benchmarks.rivals.rig import HelperRig, carried_by_skeleton, helper_rig
-from benchmarks.rivals.rival import Clip
+from benchmarks.rivals.rival import MotionClip
 from benchmarks.rivals.springs import HelperSprings, SpringSettings
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
@@ -84,7 +84,7 @@ class SpringDecomposedSkinning:
         self._chosen: HelperSettings | None = None
         self._rigs = {count: helper_rig(body, count) for count in self._grid.helpers}
 
-    def choose(self, clips: Sequence[Clip]) -> list[str]:
+    def choose(self, clips: Sequence[MotionClip]) -> list[str]:
         """Try the grid; the gain is each setting's best one."""
         with tqdm(total=len(self._grid), desc=NAME, unit="setting", disable=None) as progress:
             found = [one for count in self._rigs for one in self._tried(count, clips, progress)]
@@ -94,7 +94,7 @@ class SpringDecomposedSkinning:
         return self._clauses(self._chosen, r2)
 
     def _tried(
-        self, count: int, clips: Sequence[Clip], progress: tqdm
+        self, count: int, clips: Sequence[MotionClip], progress: tqdm
     ) -> Iterator[tuple[float, HelperSettings]]:
         """R² on the clips of every setting with which no spring flies apart."""
         rig = self._rigs[count]
@@ -156,7 +156,7 @@ class _Trial:
     """A clip at some vertices: enough to tell settings apart."""
 
     def __init__(
-        self, body: BodyModelData, rig: HelperRig, clip: Clip, powers: Sequence[float]
+        self, body: BodyModelData, rig: HelperRig, clip: MotionClip, powers: Sequence[float]
     ) -> None:
         count = min(_COMPARED_VERTICES, len(body.v_template))
         chosen = farthest_points(np.asarray(body.v_template, np.float64), count)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.rivals.rig import carried_by_skeleton, helper_rig
-from benchmarks.rivals.rival import Clip
+from benchmarks.rivals.rival import MotionClip
 from benchmarks.rivals.sds import Grid, SpringDecomposedSkinning
 from benchmarks.rivals.springs import import_checkout
 from bridge.body import load_body_model
@@ -107,11 +107,11 @@ def test_settings_that_made_the_offsets_are_found_again(body, checkout):
         helpers=(12,), powers=(2.0,), stiffness=(4000.0,), damping=(0.0,), mass_dscale=(0.5,),
         compliance=(None,),
     ))  # fmt: skip
-    maker.choose([Clip(betas, theta, fps, below)])
+    maker.choose([MotionClip(betas, theta, fps, below)])
     made = maker.offsets_m(betas, theta, fps)
     assert np.abs(made).max() > 1e-6
     rival = SpringDecomposedSkinning(checkout, body, GRID)
-    clauses = rival.choose([Clip(betas, theta, fps, made)])
+    clauses = rival.choose([MotionClip(betas, theta, fps, made)])
     assert "12 helpers" in clauses[1]
     assert "power 2" in clauses[1]
     assert "stiffness 4000" in clauses[2]
@@ -125,7 +125,7 @@ def test_offsets_are_what_the_springs_add_in_the_rest_pose(body, checkout):
     betas, shape = np.zeros(10), (len(theta), len(body.v_template), 3)
     rival = SpringDecomposedSkinning(checkout, body, GRID)
     below = np.broadcast_to(np.array([0, -1e-2, 0], np.float32), shape)
-    rival.choose([Clip(betas, theta, fps, below)])
+    rival.choose([MotionClip(betas, theta, fps, below)])
     # From motion to motion springs start at rest, and a body at rest stays as it is.
     np.testing.assert_array_equal(rival.offsets_m(betas, still, fps), 0)
     # Body and path turned by half a turn about the vertical, the rest pose's offsets are the same.
