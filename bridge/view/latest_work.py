@@ -23,8 +23,7 @@ class LatestWork:
     def want(self, work: Mapping[Hashable, Steps]) -> None:
         """Do this and nothing else; what is under way and still wanted goes on where it is."""
         with self._changed:
-            new = {key: steps for key, steps in work.items() if key not in self.failed}
-            self._wanted = {key: self._wanted.get(key, steps) for key, steps in new.items()}
+            self._wanted = {key: one for key, one in work.items() if key not in self.failed}
             self._changed.notify_all()
 
     def wait(self, timeout_s: float | None = None) -> bool:
