@@ -70,6 +70,7 @@ class Panel:
         self._person.on_update(self._on_person)
 
     def _add_time(self, gui: viser.GuiApi) -> None:
+        self._told = 0
         with gui.add_folder("Time"):
             self._frame = gui.add_slider("Frame", 0, max(self._timeline.frames - 1, 1), 1, 0)
             self._play = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
@@ -94,7 +95,8 @@ class Panel:
             finally:
                 button.disabled = False
 
-    def _on_scrub(self, event: viser.GuiEvent[Any]) -> None:
+    async def _on_scrub(self, event: viser.GuiEvent[Any]) -> None:
+        # As a coroutine it reads the hand's value before the clock can write over it.
         if event.client is not None:  # a hand, not the clock
             self._timeline.playing = False
             self._timeline.go_to(self._frame.value)
@@ -142,7 +144,9 @@ class Panel:
 
     def tell(self, frame: int, status: str) -> None:
         """Show the present frame, and one line of what is going on."""
-        self._frame.value, playing = frame, self._timeline.playing
+        playing = self._timeline.playing
+        if frame != self._told:
+            self._frame.value = self._told = frame
         self._play.label = "Pause" if playing else "Play"
         self._play.icon = viser.Icon.PLAYER_PAUSE if playing else viser.Icon.PLAYER_PLAY
         if status != self._status.content:
