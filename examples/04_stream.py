@@ -1,0 +1,24 @@
+"""Characters whose poses come frame by frame, as in a game: they join, move, and leave."""
+
+import numpy as np
+
+from bridge.motion import load_amass_motion
+from bridge.runtime.streaming_bodies import StreamingBodies
+
+bodies = StreamingBodies(fps=60)  # of the package; StreamingBodies("demo") takes that run's best
+theta = load_amass_motion("sample:jumping_jacks").theta
+
+anna = bodies.join(np.zeros(10))
+bella = None
+print(f"answers are {1000 * bodies.latency_s:.0f} ms late")
+for frame in range(120):
+    if frame == 60:
+        bella = bodies.join(np.array([2.0, *np.zeros(9)]))
+    poses = {who: theta[frame] for who in (anna, bella) if who is not None}
+    moved = bodies.step(poses)
+    if frame % 30 == 29:
+        for who, body in moved.items():
+            offset_mm = 1e3 * np.linalg.norm(body.offsets_m, axis=-1).max()
+            print(f"frame {frame:3d}, character {who}: skin off by up to {offset_mm:.1f} mm")
+bodies.leave(anna)
+print(f"still there: {bodies.characters}")
