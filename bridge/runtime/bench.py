@@ -206,6 +206,8 @@ def _call(
 ) -> Callable[[], object]:
     """One frame of a graph; a state goes on from frame to frame."""
     options = onnxruntime.SessionOptions()
+    # Threads of a session that has just run spin for a while: in the way of the one that is timed.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.intra_op_num_threads = threads
     options.log_severity_level = 3  # a part leaves arrays of the whole unused, and would be told so
     session = onnxruntime.InferenceSession(
