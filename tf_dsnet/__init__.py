@@ -3,10 +3,10 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from bridge.runtime.streaming import StreamingPredictor
+from bridge.runtime.streams.streaming import StreamingPredictor
 
 if TYPE_CHECKING:
-    from bridge.runtime.streaming_bodies import StreamingBodies
+    from bridge.runtime.streams.streaming_bodies import StreamingBodies
     from tf_dsnet.codec import load_codec
     from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder
     from tf_dsnet.model import build_dsnet
@@ -25,7 +25,7 @@ __all__ = [
 _LOADED_LATE = {
     "KerasSMPL": "tf_dsnet.smpl",
     "KerasMeshAutoencoder": "tf_dsnet.mesh_autoencoder",
-    "StreamingBodies": "bridge.runtime.streaming_bodies",
+    "StreamingBodies": "bridge.runtime.streams.streaming_bodies",
     "build_dsnet": "tf_dsnet.model",
     "load_codec": "tf_dsnet.codec",
     "unpose": "tf_dsnet.unposing",

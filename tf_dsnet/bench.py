@@ -19,7 +19,7 @@ from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
-from bridge.runtime.streaming import StreamingPredictor
+from bridge.runtime.streams.streaming import StreamingPredictor
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.lstm import BlockLSTM
 from tf_dsnet.model import build_dsnet, named_weights

@@ -40,7 +40,7 @@ from bridge.paper import (
 from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
-from bridge.runtime.body_graph import (
+from bridge.runtime.graphs.body_graph import (
     BONES,
     TURNING,
     posed_bones,
@@ -49,10 +49,10 @@ from bridge.runtime.body_graph import (
     translation,
     turned,
 )
-from bridge.runtime.dsnet_body_graph import decoded, dsnet_body_graph
-from bridge.runtime.onnx_values import Value, ValueGraph
-from bridge.runtime.plus_graph import plus_graph, spread
-from bridge.runtime.tissue_graph import Person, SheetGraph
+from bridge.runtime.graphs.dsnet_body_graph import decoded, dsnet_body_graph
+from bridge.runtime.graphs.onnx_values import Value, ValueGraph
+from bridge.runtime.graphs.plus_graph import plus_graph, spread
+from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import OscillatorSheet
 from bridge.tissue.trained_plus import TrainedPlus

@@ -12,10 +12,10 @@ from bridge.exchange import load_weights
 from bridge.exchange.clips import join_inputs
 from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.runs import Artifact
+from bridge.runtime.graphs.onnx_builder import GraphSession
+from bridge.runtime.graphs.onnx_graphs import decoder_graph
 from bridge.runtime.motion_predictor import FRAMES_AT_ONCE, MotionRoad, Prediction
-from bridge.runtime.onnx_builder import GraphSession
-from bridge.runtime.onnx_graphs import decoder_graph
-from bridge.runtime.streaming import SteppedDsnet
+from bridge.runtime.streams.streaming import SteppedDsnet
 
 
 class DsnetMotionPredictor:

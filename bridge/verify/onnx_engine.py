@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from bridge.body import load_body_model
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.paper import DSNET_WIDTHS
-from bridge.runtime import onnx_graphs
-from bridge.runtime.dsnet_body_graph import dsnet_body_graph
-from bridge.runtime.onnx_builder import GraphSession, held_arrays, save_graph
-from bridge.runtime.plus_graph import plus_graph as plus_body_graph
+from bridge.runtime.graphs import onnx_graphs
+from bridge.runtime.graphs.dsnet_body_graph import dsnet_body_graph
+from bridge.runtime.graphs.onnx_builder import GraphSession, held_arrays, save_graph
+from bridge.runtime.graphs.plus_graph import plus_graph as plus_body_graph
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.answers import joined, layers, prefixed
 from bridge.verify.protocol import Case, Tensors, serve

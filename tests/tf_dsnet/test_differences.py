@@ -13,7 +13,7 @@ from bridge import DsnetError
 from bridge.exchange.clips import join_inputs
 from bridge.exchange.trained_dsnet import load_trained_dsnet
 from bridge.runs import Artifact, read_artifact
-from bridge.runtime.streaming import SteppedDsnet, StreamingPredictor
+from bridge.runtime.streams.streaming import SteppedDsnet, StreamingPredictor
 from tf_dsnet import stage_predict, stage_train
 from tf_dsnet.predictors import BOTH_PRESETS, PREDICTORS, load_predictor
 from tf_dsnet.stage_predict import PredictStageConfig

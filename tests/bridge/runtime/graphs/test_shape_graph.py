@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from bridge.body import load_body_model
-from bridge.runtime.onnx_builder import GraphSession
-from bridge.runtime.onnx_values import ValueGraph
-from bridge.runtime.shape_graph import known_people, person_of
-from bridge.runtime.tissue_graph import Person, SheetGraph
+from bridge.runtime.graphs.onnx_builder import GraphSession
+from bridge.runtime.graphs.onnx_values import ValueGraph
+from bridge.runtime.graphs.shape_graph import known_people, person_of
+from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
 from bridge.tissue.oscillators import OscillatorSheet
 from bridge.tissue.trained_plus import TrainedPlus, known_person
 from bridge.verify import draws

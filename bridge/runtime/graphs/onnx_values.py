@@ -12,7 +12,7 @@ import onnx
 from numpy.typing import ArrayLike, NDArray
 from onnx import TensorProto, helper
 
-from bridge.runtime.onnx_builder import GraphBuilder, Shape
+from bridge.runtime.graphs.onnx_builder import GraphBuilder, Shape
 
 
 @dataclass(frozen=True, eq=False)

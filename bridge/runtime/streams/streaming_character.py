@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from bridge.motion.cuts import is_cut
 from bridge.motion.interpolation import between, going_on
-from bridge.runtime.frame_clock import FrameClock
 from bridge.runtime.skinning import ShapedBody
-from bridge.runtime.streaming_model import StreamingModel
+from bridge.runtime.streams.frame_clock import FrameClock
+from bridge.runtime.streams.streaming_model import StreamingModel
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,9 +6,9 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from bridge.runtime import onnx_kernels
-from bridge.runtime.onnx_kernels import PRECISIONS, product
-from bridge.runtime.onnx_values import ValueGraph
+from bridge.runtime.graphs import onnx_kernels
+from bridge.runtime.graphs.onnx_kernels import PRECISIONS, product
+from bridge.runtime.graphs.onnx_values import ValueGraph
 
 RNG = np.random.default_rng(0)
 KERNEL = RNG.normal(size=(300, 400)).astype(np.float32)

@@ -22,7 +22,7 @@ from bridge.exchange.layouts import (
     mesh_autoencoder_to_keras,
 )
 from bridge.paper import FEATURES
-from bridge.runtime.onnx_builder import GraphBuilder
+from bridge.runtime.graphs.onnx_builder import GraphBuilder
 
 _ENCODER, _DECODER = ("encoder.", "to_latent."), ("from_latent.", "decoder.", "to_coordinates.")
 ACTIVATIONS = {"leaky_relu": "LeakyRelu", "elu": "Elu", "tanh": "Tanh", "relu": "Relu"}

@@ -18,8 +18,8 @@ from bridge.motion.cuts import pieces_between_cuts
 from bridge.runtime.dsnet_motion import DsnetMotionPredictor, load_decoder
 from bridge.runtime.plus_motion import PlusMotionPredictor
 from bridge.runtime.skinning import ShapedBody
-from bridge.runtime.streaming_bodies import MovedBody, StreamingBodies
-from bridge.runtime.streaming_latents import StreamingLatents
+from bridge.runtime.streams.streaming_bodies import MovedBody, StreamingBodies
+from bridge.runtime.streams.streaming_latents import StreamingLatents
 from tests.forged.swaying import swaying
 
 BODY = load_body_model("embedded:female")

@@ -19,7 +19,7 @@ import onnx
 
 from bridge.body import BodyModelData
 from bridge.paper import N_BETAS, THETA_SIZE
-from bridge.runtime.body_graph import (
+from bridge.runtime.graphs.body_graph import (
     BONES,
     TURNING,
     PosedBones,
@@ -29,11 +29,11 @@ from bridge.runtime.body_graph import (
     translation,
     turned,
 )
-from bridge.runtime.onnx_kernels import Precision
-from bridge.runtime.onnx_values import Value, ValueGraph
-from bridge.runtime.shape_graph import known_people, person_of
-from bridge.runtime.state_layout import StateLayout
-from bridge.runtime.tissue_graph import Person, SheetGraph
+from bridge.runtime.graphs.onnx_kernels import Precision
+from bridge.runtime.graphs.onnx_values import Value, ValueGraph
+from bridge.runtime.graphs.shape_graph import known_people, person_of
+from bridge.runtime.graphs.state_layout import StateLayout
+from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import FPS, OscillatorSheet
 from bridge.tissue.trained_plus import TrainedPlus

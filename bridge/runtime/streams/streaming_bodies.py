@@ -24,14 +24,14 @@ from bridge.runs import Run
 from bridge.runtime.bounds import checked_betas, checked_pose
 from bridge.runtime.characters import choose
 from bridge.runtime.dsnet_motion import load_decoder
-from bridge.runtime.frame_clock import FrameClock
 from bridge.runtime.motion_predictor import Chosen
 from bridge.runtime.plus_motion import PLUS
 from bridge.runtime.skinning import BodySkin
-from bridge.runtime.streaming_character import StreamedCharacter, advanced
-from bridge.runtime.streaming_latents import StreamingLatents
-from bridge.runtime.streaming_model import StreamingModel
-from bridge.runtime.streaming_tissue import StreamingTissue
+from bridge.runtime.streams.frame_clock import FrameClock
+from bridge.runtime.streams.streaming_character import StreamedCharacter, advanced
+from bridge.runtime.streams.streaming_latents import StreamingLatents
+from bridge.runtime.streams.streaming_model import StreamingModel
+from bridge.runtime.streams.streaming_tissue import StreamingTissue
 from bridge.tissue.trained_plus import TrainedPlus
 
 

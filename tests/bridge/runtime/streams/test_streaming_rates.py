@@ -11,7 +11,7 @@ from bridge.body import load_body_model
 from bridge.motion import load_amass_motion, pack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.runtime.plus_motion import PlusMotionPredictor
-from bridge.runtime.streaming_bodies import StreamingBodies
+from bridge.runtime.streams.streaming_bodies import StreamingBodies
 from tests.forged.amass import save, smplh
 from tests.forged.swaying import swaying
 

@@ -11,8 +11,8 @@ import pytest
 
 from bridge.body import load_body_model, pose_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.onnx_kernels import Precision
-from bridge.runtime.plus_graph import plus_graph, plus_layout
+from bridge.runtime.graphs.onnx_kernels import Precision
+from bridge.runtime.graphs.plus_graph import plus_graph, plus_layout
 from bridge.runtime.plus_motion import PlusMotionPredictor
 from bridge.tissue.trained_plus import TrainedPlus
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bridge.runtime.onnx_values import Value, ValueGraph
+from bridge.runtime.graphs.onnx_values import Value, ValueGraph
 from bridge.tissue.load import GRAVITY_M_S2
 from bridge.tissue.oscillators import FPS, STEPS, SWEEPS, OscillatorSheet
 from bridge.tissue.trained_plus import TrainedPlus

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.paper import N_JOINTS, THETA_SIZE
-from bridge.runtime.onnx_kernels import Precision, Product, product
-from bridge.runtime.onnx_values import Value, ValueGraph
+from bridge.runtime.graphs.onnx_kernels import Precision, Product, product
+from bridge.runtime.graphs.onnx_values import Value, ValueGraph
 
 BONES = N_JOINTS + 1
 """The joints of theta, and one that never moves: the root's parent."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.exchange.clips import join_inputs
 from bridge.exchange.trained_dsnet import TrainedDsnet
-from bridge.runtime.streaming import SteppedDsnet
+from bridge.runtime.streams.streaming import SteppedDsnet
 
 _POSES_TOLD = 3
 """That a kind of inputs looks at, at most."""

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge import DsnetError
-from bridge.runtime import onnx_graphs
-from bridge.runtime.onnx_builder import held_arrays, save_graph
+from bridge.runtime.graphs import onnx_graphs
+from bridge.runtime.graphs.onnx_builder import held_arrays, save_graph
 from bridge.verify import draws
 from bridge.verify.draws import SMALL_WIDTHS
 from bridge.verify.reference import dsnet, mesh_autoencoder

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.runtime.onnx_values import Value, ValueGraph
-from bridge.runtime.tissue_graph import Person
+from bridge.runtime.graphs.onnx_values import Value, ValueGraph
+from bridge.runtime.graphs.tissue_graph import Person
 from bridge.tissue.shape import LEAST_DEPTH_M, shape_measures
 from bridge.tissue.trained_plus import KERNEL_WIDTH, TrainedPlus, people_kernel
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from onnx import TensorProto
 
-from bridge.runtime.onnx_values import Value, ValueGraph
+from bridge.runtime.graphs.onnx_values import Value, ValueGraph
 
 Precision = Literal["float32", "float16", "int8"]
 PRECISIONS: tuple[Precision, ...] = get_args(Precision)

@@ -12,10 +12,10 @@ from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.exchange.input_kinds import DIFFERENCES
 from bridge.motion import unpack_theta
-from bridge.runtime.dsnet_body_graph import dsnet_body_graph
 from bridge.runtime.dsnet_motion import DsnetMotionPredictor
-from bridge.runtime.onnx_builder import GraphSession
-from bridge.runtime.onnx_graphs import decoder_graph
+from bridge.runtime.graphs.dsnet_body_graph import dsnet_body_graph
+from bridge.runtime.graphs.onnx_builder import GraphSession
+from bridge.runtime.graphs.onnx_graphs import decoder_graph
 
 BODY = load_body_model("embedded:female")
 BETAS = np.random.default_rng(5).normal(size=(2, 10)).astype(np.float32)

@@ -8,8 +8,8 @@ import pytest
 
 from bridge.body import BodyModelData, load_body_model, pose_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.body_graph import posed_bones, surface, translated, translation
-from bridge.runtime.onnx_values import ValueGraph
+from bridge.runtime.graphs.body_graph import posed_bones, surface, translated, translation
+from bridge.runtime.graphs.onnx_values import ValueGraph
 
 BODY = load_body_model("embedded:female")
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from bridge.runtime.onnx_values import Value, ValueGraph
+from bridge.runtime.graphs.onnx_values import Value, ValueGraph
 
 
 @dataclass(frozen=True)

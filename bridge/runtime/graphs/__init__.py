@@ -1,0 +1,1 @@
+"""Networks, tissue and bodies as ONNX graphs, written straight from named arrays."""
