@@ -10,11 +10,10 @@ from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.export.formats import FORMATS, chosen_format
 from bridge.export.new_path import new_path, refuse_taken
-from bridge.motion import load_amass_motion
 from bridge.motion.cuts import cut_warning
 from bridge.runs import Run
 from bridge.runs.processes import notify
-from bridge.runtime.characters import choose, open_character
+from bridge.runtime.characters import choose, open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody
 
@@ -99,9 +98,8 @@ def _moving_body(config: ExportConfig) -> MovingBody:
     """The character that was asked for, in its motion."""
     if config.motion is None:
         raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
-    motion = load_amass_motion(config.motion)
     run = None if config.run is None else Run(config.run)
-    character = open_character(run, config.predictor, motion.gender)
+    character, motion = open_for_motion(run, config.predictor, config.motion)
     return controlled_body(character, motion, config)
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from bridge.body import BodyModelData, load_body_model
+from bridge.motion import Motion, load_amass_motion
 from bridge.runs import Run
 from bridge.runtime.dsnet_motion import DSNET
 from bridge.runtime.motion_predictor import Chosen, MotionPredictor, choose_predictor
@@ -66,3 +68,20 @@ def open_character(
         If there is none, or a file of hers is damaged.
     """
     return Character.of(choose(run, predictor, gender))
+
+
+def open_for_motion(run: Run | None, predictor: str | None, path: Path) -> tuple[Character, Motion]:
+    """The character that `choose` names, and the motion of a file as it has it.
+
+    Without a run she is of the motion's gender; a run that cannot predict is told before the file
+    is read.
+
+    Raises
+    ------
+    DsnetError
+        If there is no such character, or the file is no motion.
+    """
+    if run is not None:
+        return open_character(run, predictor), load_amass_motion(path)
+    motion = load_amass_motion(path)
+    return open_character(None, predictor, motion.gender), motion

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.motion import load_amass_motion
 from bridge.motion.cuts import cut_warning
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify
-from bridge.runtime.characters import open_character
+from bridge.runtime.characters import open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.out_folder import open_out_folder
@@ -50,8 +49,7 @@ def predict_motion(
     path, out = Path(path), Path(out)
     controls = Controls() if controls is None else controls
     controls.check()
-    motion = load_amass_motion(path)
-    character = open_character(run, predictor, motion.gender)
+    character, motion = open_for_motion(run, predictor, path)
     moving = controlled_body(character, motion, controls)
     chosen, motion = character.chosen, moving.motion
     with open_out_folder(out, chosen.trained.origin) as writer:

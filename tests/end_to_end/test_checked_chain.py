@@ -41,6 +41,7 @@ def test_a_changed_byte_is_named(copied_runs, execute) -> None:
     assert execute([DSNET, "check", "--run", "smoke"], copied_runs).returncode == 0
 
 
+@pytest.mark.slow
 def test_later_stages_refuse_another_autoencoder(copied_runs, execute, tmp_path) -> None:
     again = [DSNET, "train-ae", "--profile", "smoke", "--seed", "1", "--steps", "1"]
     done = execute([*again, "--run", "smoke"], copied_runs)
@@ -53,7 +54,7 @@ def test_later_stages_refuse_another_autoencoder(copied_runs, execute, tmp_path)
         ["report"],
         [*predict, "--predictor", "dsnet_standardised"],
     ):
-        done = execute([DSNET, *command, "--profile", "smoke"], copied_runs)
+        done = execute([DSNET, *command, "--run", "smoke"], copied_runs)
         assert done.returncode == 2, command
         assert done.stderr.count("\n") == 1, done.stderr
         assert "dsnet encode" in done.stderr, done.stderr

@@ -23,7 +23,10 @@ offsets = torch.full((2, 6890, 3), 0.01)
 """,
 }
 HOLDS = {
-    "tf_dsnet": "assert latents.shape == (2, 100) and numpy.isfinite(latents).all()",
+    "tf_dsnet": """
+assert moved.vertices_m.shape == (6890, 3)
+assert latents.shape == (2, 100) and numpy.isfinite(latents).all()
+""",
     "torch_align_ae": """
 assert vertices.shape == (2, 6890, 3)
 torch.testing.assert_close(rest, smpl.rest_vertices(betas, pose) + offsets, atol=1e-5, rtol=0)

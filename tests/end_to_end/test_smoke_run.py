@@ -61,6 +61,7 @@ def test_report_says_synthetic_and_shows_every_figure(smoke_runs):
     assert len(shown) >= 6
 
 
+@pytest.mark.slow
 def test_a_second_run_makes_nothing_again(smoke_runs, execute):
     manifests = [smoke_runs / "smoke" / stage / "manifest.json" for stage in STAGES]
     before = [path.stat().st_mtime_ns for path in manifests]
@@ -68,6 +69,7 @@ def test_a_second_run_makes_nothing_again(smoke_runs, execute):
     assert [path.stat().st_mtime_ns for path in manifests] == before
 
 
+@pytest.mark.slow
 def test_the_plan_knew_the_work_of_every_stage(smoke_runs, execute):
     """Before, by the settings alone; by the finished run's manifests it is the same."""
     made = finished_stages(smoke_runs / "smoke")
@@ -172,12 +174,20 @@ def readme_commands() -> list[str]:
     return [line for line in lines if "dsnet" in line and "git clone" not in line]
 
 
-@pytest.mark.parametrize("command", readme_commands())
+def marked(command: str) -> object:
+    """A recording of all predictors takes half a minute."""
+    return pytest.param(command, marks=[pytest.mark.slow] if "dsnet view" in command else [])
+
+
+@pytest.mark.parametrize("command", map(marked, readme_commands()))
 def test_the_readmes_own_commands_work(smoke_runs, tmp_path, execute, command):
     motion, out = forged_motion(tmp_path / "motion_poses.npz"), tmp_path / "new" / "out"
     line = command.replace("--run demo", "--run smoke --profile smoke")
     line = line.replace("MOTION.npz", str(motion)).replace("OUT", str(out))
+    if "dsnet view" in line:  # which serves until it is stopped; a recording shows the same
+        line += f" --record {tmp_path / 'seen.html'}"
     done = execute(shlex.split(line), smoke_runs)
     assert done.returncode == 0, done.stderr
     if "predict" in command:
-        assert_is_a_standing_body(out, frames=(120, 121), floor_m=0.3)
+        frames = (240, 240) if "sample:" in command else (120, 121)
+        assert_is_a_standing_body(out, frames=frames, floor_m=0.3)

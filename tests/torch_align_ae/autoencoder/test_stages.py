@@ -85,6 +85,7 @@ def test_training_records_what_it_did(run):
     assert not summary["include_held_out"]
 
 
+@pytest.mark.slow
 def test_comparisons_may_be_shorter(run):
     config = replace(CONFIG, run="compared", comparisons=("literal",), comparison_epochs=1)
     other = Run(config.run)
