@@ -179,7 +179,7 @@ def marked(command: str) -> object:
     return pytest.param(command, marks=[pytest.mark.slow] if "dsnet view" in command else [])
 
 
-@pytest.mark.parametrize("command", map(marked, readme_commands()))
+@pytest.mark.parametrize("command", [marked(line) for line in readme_commands()])
 def test_the_readmes_own_commands_work(smoke_runs, tmp_path, execute, command):
     motion, out = forged_motion(tmp_path / "motion_poses.npz"), tmp_path / "new" / "out"
     line = command.replace("--run demo", "--run smoke --profile smoke")
