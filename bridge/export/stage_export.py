@@ -89,7 +89,7 @@ def _export_predictor(config: ExportConfig, out: Path) -> None:
         load_body_model(chosen.body_model),
         out,
         origin=chosen.trained.origin,
-        run=config.run or "",
+        run=config.run or "packaged",
         precision=config.precision,
     )
 

@@ -27,7 +27,7 @@ def predict_motion(
     """Predict how a body moves in one motion, at 60 fps with y up.
 
     Says on stderr which predictor it took, and where the motion has cuts: there it starts anew.
-    Costs some seconds to start and to draw, and about 10 ms a frame.
+    To start and to draw the strip takes longer than a short motion's frames.
 
     Parameters
     ----------
