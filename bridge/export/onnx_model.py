@@ -24,6 +24,7 @@ from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
 from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
+from bridge.export.new_path import new_path, refuse_taken
 from bridge.export.precision_error import precision_error
 from bridge.paper import N_BETAS, N_JOINTS, THETA_SIZE
 from bridge.runs import Artifact
@@ -96,14 +97,17 @@ def export_onnx(
     if precision not in PRECISIONS:
         raise DsnetError(f"precision {precision!r}", f"one of {', '.join(PRECISIONS)}",
                          "Name one of these.")  # fmt: skip
-    _refuse(path)
+    if path.suffix != ".onnx":
+        raise DsnetError(f"--out {path}", "a name that ends in .onnx", "Name such a file.")
+    refuse_taken(path)
     about = _about(model, body, origin, run, precision)
     made = _graph(model, body, about, precision)
     if precision != "float32":
         error = precision_error(_graph(model, body, {}, "float32"), made)
         about["error_mm"] = json.dumps({name: round(mm, 4) for name, mm in asdict(error).items()})
         made = _graph(model, body, about, precision)
-    _write(path, made)
+    with new_path(path) as partial:
+        onnx.save_model(made, partial)
     return path
 
 
@@ -204,31 +208,6 @@ def _about(
         "state": "zeros for a character that begins; then next_state of the frame before",
         "faces": base64.b64encode(body.faces.astype("<u4").tobytes()).decode("ascii"),
     }
-
-
-def _refuse(path: Path) -> None:
-    if path.exists():
-        raise DsnetError(f"--out {path}, which exists", "a new file", "Name another one.")
-    if path.suffix != ".onnx":
-        raise DsnetError(f"--out {path}", "a name that ends in .onnx", "Name such a file.")
-
-
-def _write(path: Path, model: onnx.ModelProto) -> None:
-    """Beside the file's place, and renamed into it."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            onnx.save_model(model, partial)
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
-    except OSError as error:
-        raise DsnetError(
-            f"--out {path}, which cannot be written ({error.strerror or error})",
-            "a file in a folder that can be written, on a disk with room",
-            "Name another file.",
-        ) from error
 
 
 def _foreign(path: Path, why: str) -> DsnetError:

@@ -10,12 +10,11 @@ from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.export.formats import FORMATS, chosen_format
 from bridge.export.new_path import new_path, refuse_taken
-from bridge.motion.cuts import cut_warning
 from bridge.runs import Run
 from bridge.runs.processes import notify
 from bridge.runtime.characters import choose, open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.moving_body import MovingBody, announce
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +64,7 @@ def main(config: ExportConfig) -> None:
         return
     moving = _moving_body(config)
     with new_path(out) as path:
-        _say_who_predicts(moving)
+        announce(moving)
         if form.is_folder:
             path.mkdir()
         form.writer()(path, moving)
@@ -101,10 +100,3 @@ def _moving_body(config: ExportConfig) -> MovingBody:
     run = None if config.run is None else Run(config.run)
     character, motion = open_for_motion(run, config.predictor, config.motion)
     return controlled_body(character, motion, config)
-
-
-def _say_who_predicts(moving: MovingBody) -> None:
-    chosen, motion = moving.character.chosen, moving.motion
-    notify(f"{chosen.name} ({chosen.label}) of {chosen.owner} predicts: {chosen.why}")
-    if warning := cut_warning(motion.source, moving.pieces, motion.fps):
-        notify(warning)

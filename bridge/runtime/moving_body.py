@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.motion import Motion, unpack_theta
-from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.cuts import cut_warning, pieces_between_cuts
+from bridge.runs.processes import notify
 from bridge.runtime.characters import Character
 from bridge.runtime.motion_predictor import Prediction
 from bridge.runtime.skinning import ShapedBody
@@ -86,3 +87,11 @@ class MovingBody:
                 )
             yield MovedFrames(frames, offsets_m, vertices_m)
             start = frames.stop
+
+
+def announce(moving: MovingBody) -> None:
+    """Say on stderr which predictor moves the body, and where the motion has cuts."""
+    chosen, motion = moving.character.chosen, moving.motion
+    notify(f"{chosen.name} ({chosen.label}) of {chosen.owner} predicts: {chosen.why}")
+    if warning := cut_warning(motion.source, moving.pieces, motion.fps):
+        notify(warning)

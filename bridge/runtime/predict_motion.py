@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.motion.cuts import cut_warning
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.processes import notify
 from bridge.runtime.characters import open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.moving_body import MovingBody, announce
 from bridge.runtime.out_folder import open_out_folder
 
 
@@ -53,9 +51,7 @@ def predict_motion(
     moving = controlled_body(character, motion, controls)
     chosen, motion = character.chosen, moving.motion
     with open_out_folder(out, chosen.trained.origin) as writer:
-        notify(f"{chosen.name} ({chosen.label}) of {chosen.owner} predicts: {chosen.why}")
-        if warning := cut_warning(path, moving.pieces, motion.fps):
-            notify(warning)
+        announce(moving)
         _draw(writer, *_write_frames(moving, writer), moving)
         writer.record(
             predictor=chosen.name,
