@@ -60,7 +60,7 @@ class StreamingBodies:
     `load_amass_motion` resamples, and what is made of ticks to frames. Answers are `latency_frames`
     late: the model looks ahead by some ticks, and a frame needs the ticks before and after it.
 
-    What is remembered of a person does not grow: with 500 nodes some 0.2 MB.
+    What is remembered of a person does not grow.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class StreamingBodies:
     def join(self, betas: ArrayLike) -> int:
         """Let a person of shape betas (10,) in; the number is hers, and never anybody else's.
 
-        Costs, with her first step, some 50 ms with `dsnet_plus`.
+        Takes, with her first step, longer than the steps after it: her tissue is brought to rest.
 
         Raises
         ------
