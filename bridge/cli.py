@@ -16,6 +16,7 @@ import tyro
 
 from bridge.errors import DsnetError
 from bridge.options import check_options, parse_seed
+from bridge.runs.engines import use_engine
 from bridge.runs.processes import exit_with_one_line, require_packages_of
 
 COMMANDS = {
@@ -74,13 +75,14 @@ def _dispatch(arguments: list[str]) -> None:
             f"command {command!r}", f"one of {', '.join(COMMANDS)}", "See dsnet --help."
         )
     profile = _take_profile(options)
+    engine, address = _take(options, "--engine"), _take(options, "--address")
     require_packages_of(COMMANDS[command][0])
     module = importlib.import_module(COMMANDS[command][0])
     default = module.PROFILES[profile]
     names = {field.name for field in dataclasses.fields(default)}
     if getattr(default, "run", None):  # some need no run
         default = dataclasses.replace(default, run=profile)
-    prog = f"dsnet {command} [--profile P]"
+    prog = f"dsnet {command} [--profile P] [--engine local|ray [--address HOST:PORT]]"
     if "seed" not in names:
         # ./reproduce.sh hands one seed to every command.
         prog += " [--seed N]"
@@ -88,7 +90,8 @@ def _dispatch(arguments: list[str]) -> None:
             parse_seed(seed)
     config = tyro.cli(type(default), args=options, default=default, prog=prog)
     check_options(config)
-    module.main(config)
+    with use_engine("local" if engine is None else engine, address):
+        module.main(config)
 
 
 def _take_profile(options: list[str]) -> str:

@@ -17,7 +17,7 @@ from bridge.motion.splits import decoded_sequences
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.processes import run_as_process
 from bridge.runs.run import best_alignment, body_model_path
-from bridge.runs.worker_pool import worker_pool
+from bridge.runs.worker_pool import on_any_node, worker_pool
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 from tf_dsnet.stage_predict import MotionSet, find_motions, gather
 
@@ -80,20 +80,22 @@ def _write(
     rows = subject_rows(chosen)
     betas = {s.subject: motions.betas[subject_rows(motions.sequences)[s.subject]] for s in chosen}
     shape = (sum(s.length for s in placed), body.vertex_count, 3)
-    total = writer.open_array(f"offsets_{NAME}", shape, np.float32, "m")
-    static = writer.open_array(f"static_{NAME}", shape, np.float32, "m") if model.static else None
+    total = writer.array_file(f"offsets_{NAME}", shape, np.float32, "m")
+    static = writer.array_file(f"static_{NAME}", shape, np.float32, "m") if model.static else None
 
-    def predict(model: TrainedPlus, sequence: MotionSequence) -> _Predicted:
+    def predict(model: TrainedPlus, pair: tuple[MotionSequence, MotionSequence]) -> None:
+        sequence, place = pair
         theta = motions.theta[sequence.frames]
-        return _predict(model, body, betas[sequence.subject], theta, sequence.fps)
+        found = _predict(model, body, betas[sequence.subject], theta, sequence.fps)
+        total.write(place.start, found.total_m)
+        if static is not None and found.static_m is not None:
+            static.write(place.start, found.static_m)
 
-    with worker_pool("threads", model) as pool:
-        found = tqdm(pool.map(predict, chosen), desc=NAME, total=len(chosen), unit="sequence",
-                     disable=None)  # fmt: skip
-        for place, one in zip(placed, found, strict=True):
-            total[place.frames] = one.total_m
-            if static is not None and one.static_m is not None:
-                static[place.frames] = one.static_m
+    pairs = list(zip(chosen, placed, strict=True))
+    with worker_pool(on_any_node("threads"), model) as pool:
+        for _ in tqdm(pool.map(predict, pairs), desc=NAME, total=len(pairs), unit="sequence",
+                      disable=None):  # fmt: skip
+            pass
     theta = np.concatenate([motions.theta[sequence.frames] for sequence in chosen])
     writer.put("theta", theta, "rad, then m")
     writer.put("betas", np.stack([betas[subject] for subject in rows]), "1")

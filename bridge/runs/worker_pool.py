@@ -3,7 +3,9 @@
 A kind of pool is a way to begin one piece of work and a way to end everything. `serial` begins a
 piece when its result is taken. `threads` begin at once and share memory: right for large
 operations, during which Python's lock is free. `processes` have a lock and a copy of the tools
-each: right for many small operations, between which threads would wait for one another.
+each: right for many small operations, between which threads would wait for one another. `ray` is a
+process on any node of a cluster: there work writes what is large into files (`ArrayFile`) itself,
+and its results are small.
 """
 
 from __future__ import annotations
@@ -21,15 +23,17 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from bridge.errors import InterruptedWorkError
+from bridge.runs.engines import chosen_engine
 
 Tools = TypeVar("Tools")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-Kind = Literal["serial", "threads", "processes"]
+Kind = Literal["serial", "threads", "processes", "ray"]
 Work = Callable[[Any, Any], Any]
 # Pieces that wait, computed or begun, while one is taken: bounds memory.
 _AHEAD_PER_WORKER = 2
+_workers_by_default: int | None = None
 
 
 class _Job(Protocol):
@@ -63,6 +67,17 @@ class WorkerPool(Generic[Tools]):
                 job.cancel()
 
 
+def on_any_node(kind: Kind) -> Kind:
+    """`ray` if that engine is chosen, for work that can leave this machine; else `kind`."""
+    return "ray" if chosen_engine() == "ray" else kind
+
+
+def one_worker_only() -> None:
+    """From now on pools of this process have one worker unless told otherwise."""
+    global _workers_by_default
+    _workers_by_default = 1
+
+
 def worker_pool(
     kind: Kind,
     tools: Tools,
@@ -74,7 +89,8 @@ def worker_pool(
     Parameters
     ----------
     tools : what all work needs; threads share it, each process has a copy.
-    n_workers : threads or processes; one a core when None. No result depends on it.
+    n_workers : threads or processes; one a core when None. No result depends on it. A cluster has
+        one for each of its cores.
     initializer : called once in each thread or process before its work; a function of a module.
 
     Raises
@@ -82,9 +98,13 @@ def worker_pool(
     InterruptedWorkError
         If the system ends a process, as it does when memory runs out.
     """
-    count = n_workers or os.cpu_count() or 1
+    count = n_workers or _workers_by_default or os.cpu_count() or 1
     if kind == "serial":
         return _serial(tools, initializer)
+    if kind == "ray":
+        from bridge.runs.ray_pool import ray_pool
+
+        return ray_pool(tools, initializer)
     make = _threads if kind == "threads" else _processes
     return make(tools, count, initializer)
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from bridge.errors import DsnetError
+from bridge.runs.array_file import ArrayFile
 from bridge.runs.artifact import (
     SCHEMA_VERSION,
     WRITERS_KEYS,
@@ -90,6 +91,16 @@ class ArtifactWriter:
         array = np.lib.format.open_memmap(new, mode="w+", dtype=np.dtype(dtype), shape=shape)
         new.rename(path)
         return array
+
+    def array_file(
+        self, name: str, shape: tuple[int, ...], dtype: DTypeLike, unit: str
+    ) -> ArrayFile:
+        """As `open_array`, for workers that write their own pieces."""
+        array = self.open_array(name, shape, dtype, unit)
+        # Without an element there is no map, and nothing will be written.
+        header_bytes = getattr(array, "offset", 0)
+        path = (self._partial / f"{name}.npy").resolve()
+        return ArrayFile(path, array.shape, array.dtype.str, header_bytes)
 
     def file_path(self, name: str) -> Path:
         """Where to write a file that is not an array (weights, HDF5, PNG)."""

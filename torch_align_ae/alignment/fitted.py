@@ -1,4 +1,4 @@
-"""What every aligner gives: fitted frames, and the artifact's arrays that they are written to."""
+"""What every aligner gives: fitted frames, and the artifact's files that they are written to."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from bridge.errors import DsnetError
-from bridge.motion import MotionSequence, pack_theta
+from bridge.motion import MotionSequence
 from bridge.paper import THETA_SIZE
 from bridge.runs import ArtifactWriter
+from bridge.runs.array_file import ArrayFile
 from torch_align_ae.body import SMPL, rest_pose_offsets
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
@@ -20,8 +20,8 @@ _WORST_MEAN_M = 0.2
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """Consecutive frames of one sequence, fitted."""
+class FittedPoses:
+    """Poses of consecutive frames of one sequence."""
 
     track: int
     """Index of the sequence."""
@@ -31,6 +31,12 @@ class Fitted:
     """(n, 22, 3) axis-angle, radians."""
     trans: Tensor
     """(n, 3) metres."""
+
+
+@dataclass(frozen=True)
+class Fitted(FittedPoses):
+    """Consecutive frames of one sequence, fitted."""
+
     offsets: Tensor
     """(n, V, 3) metres in the rest pose, Eq. 5."""
     frame_error: Tensor
@@ -77,41 +83,40 @@ def check_distances(name: str, start: int, distances_m: Tensor) -> None:
         )
 
 
-class AlignedArrays:
-    """`theta`, `offsets` and `frame_error` of the artifact, memory-mapped.
+@dataclass(frozen=True)
+class AlignedFiles:
+    """`theta`, `offsets` and `frame_error` of the artifact, which workers anywhere fill."""
 
-    Pages of a map count as memory until it is closed, so open it anew for every few frames.
-    """
+    theta: ArrayFile
+    """(F, 69) radians, and metres."""
+    offsets: ArrayFile
+    """(F, V, 3) metres."""
+    frame_error: ArrayFile
+    """(F,) metres."""
 
-    def __init__(
-        self, writer: ArtifactWriter, sequences: list[MotionSequence], vertex_count: int
-    ) -> None:
-        self._sequences = sequences
+    @classmethod
+    def of(
+        cls, writer: ArtifactWriter, sequences: list[MotionSequence], vertex_count: int
+    ) -> AlignedFiles:
+        """Those of the artifact being written; what they hold already stays."""
         frames = sequences[-1].frames.stop
         vertices = (frames, vertex_count, 3)
-        self._theta = writer.open_array("theta", (frames, THETA_SIZE), np.float32, "rad and m")
-        self._offsets = writer.open_array("offsets", vertices, np.float32, "m")
-        self._frame_error = writer.open_array("frame_error", (frames,), np.float32, "m")
+        return cls(
+            writer.array_file("theta", (frames, THETA_SIZE), np.float32, "rad and m"),
+            writer.array_file("offsets", vertices, np.float32, "m"),
+            writer.array_file("frame_error", (frames,), np.float32, "m"),
+        )
 
-    def write(self, fitted: Fitted) -> NDArray[np.float32]:
-        """Store the rows of some frames; returns the last one's theta (69,).
+    def store(self, sequence: MotionSequence, fitted: Fitted) -> FittedPoses:
+        """Write what is large; what is left is small enough to be sent.
 
         Raises
         ------
         DsnetError
             If the fit of a frame is none.
         """
-        sequence = self._sequences[fitted.track]
         check_distances(sequence.name, fitted.start, fitted.frame_error)
-        begin = sequence.start + fitted.start
-        rows = slice(begin, begin + len(fitted.pose))
-        self._theta[rows] = pack_theta(fitted.pose.numpy(), fitted.trans.numpy())
-        self._offsets[rows] = fitted.offsets.numpy()
-        self._frame_error[rows] = fitted.frame_error.numpy()
-        return self._theta[rows.stop - 1]
-
-    def flush(self) -> None:
-        """Bring everything that was written to the disk."""
-        for array in (self._theta, self._offsets, self._frame_error):
-            if isinstance(array, np.memmap):
-                array.flush()
+        first = sequence.start + fitted.start
+        self.offsets.write(first, fitted.offsets.numpy())
+        self.frame_error.write(first, fitted.frame_error.numpy())
+        return FittedPoses(fitted.track, fitted.start, fitted.pose, fitted.trans)

@@ -10,7 +10,9 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -30,7 +32,7 @@ from torch_align_ae.corpus.dyna_layout import (
     is_sequence,
 )
 
-__all__ = ["FPS", "DynaEntry", "DynaReader", "DynaWriter", "write_dyna"]
+__all__ = ["FPS", "DynaEntry", "DynaReader", "DynaWriter", "MeshClip", "write_dyna"]
 
 # Windows of an alignment are read in steps of this many frames: 1.3 MB a chunk.
 FRAMES_PER_CHUNK = 16
@@ -89,6 +91,14 @@ class DynaReader:
         check_frames(Path(dataset.file.filename), name, start, frames)
         return frames
 
+    def clip(self, name: str) -> MeshClip:
+        """One sequence, to be read now or in another process."""
+        return MeshClip(self, name)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        paths = tuple(Path(file.filename).resolve() for file in self._files)
+        return _opened_again, (paths, self.entries)
+
     def __iter__(self) -> Iterator[tuple[DynaEntry, NDArray[np.float32]]]:
         for entry in self.entries:
             yield entry, self.frames(entry.name)
@@ -112,7 +122,7 @@ class DynaReader:
             kind = "a folder" if path.is_dir() else "no such file"
             raise DsnetError(f"mesh file {path}: {kind}", LAYOUT, "Check the path.")
         with _damage_named(path):
-            file = h5py.File(path, "r", rdcc_nbytes=_CHUNK_CACHE_BYTES)
+            file = _open(path)
             self._files.append(file)
             found = [(name, item) for name, item in file.items() if is_sequence(name, item)]
             if not found:
@@ -131,6 +141,36 @@ class DynaReader:
         self._datasets[entry.name] = dataset
         self.entries.append(entry)
         check_upright(entry.path, entry.name, self.frames(entry.name, 0, 1)[0])
+
+
+@dataclass(frozen=True)
+class MeshClip:
+    """A sequence of meshes in a file. Sent to another process it opens the file there."""
+
+    reader: DynaReader
+    name: str
+
+    def read(self, start: int, stop: int) -> NDArray[np.float32]:
+        """Frames [start, stop) as (n, 6890, 3) metres; errors as `DynaReader.frames`."""
+        return self.reader.frames(self.name, start, stop)
+
+
+def _opened_again(paths: tuple[Path, ...], entries: list[DynaEntry]) -> DynaReader:
+    """A reader of files that were checked when they were first opened."""
+    reader = DynaReader.__new__(DynaReader)
+    reader._files = [_open(path) for path in paths]
+    reader._datasets = {
+        name: item
+        for file in reader._files
+        for name, item in file.items()
+        if is_sequence(name, item)
+    }
+    reader.entries = entries
+    return reader
+
+
+def _open(path: Path) -> h5py.File:
+    return h5py.File(path, "r", rdcc_nbytes=_CHUNK_CACHE_BYTES)
 
 
 class DynaWriter:

@@ -16,7 +16,8 @@ from bridge.body import load_body_model
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.worker_pool import worker_pool
+from bridge.runs.array_file import ArrayFile
+from bridge.runs.worker_pool import on_any_node, worker_pool
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.captured import CapturedForm
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna
@@ -26,7 +27,7 @@ from torch_align_ae.corpus.sequences import Crossing
 from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
 from torch_align_ae.corpus.subjects import Gender, Subject
 from torch_align_ae.corpus.takes import Takes
-from torch_align_ae.corpus.tissue_laws import Simulator, TissueName, tissue_of
+from torch_align_ae.corpus.tissue_laws import TissueName, tissue_of
 
 _NOTICE = """\
 Synthetic data. Bodies, motions and soft tissue are computed; no person was measured.
@@ -144,7 +145,7 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, takes: Takes) -> N
     subjects = list(dict.fromkeys(take.subject for take in takes.all))
     writer.put("betas", np.array([subject.betas for subject in subjects], np.float32), "1")
     shape = (frames, smpl.vertex_count, 3)
-    offsets = writer.open_array("offsets", shape, np.float32, "m")
+    offsets = writer.array_file("offsets", shape, np.float32, "m")
     if config.form == "captured":
         form = CapturedForm(smpl.data, config.seed)
         static = writer.open_array("static", shape, np.float32, "m")
@@ -159,35 +160,38 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, takes: Takes) -> N
         form=config.form,
         gravity=config.gravity,
     )
-    with tqdm(total=frames, desc="soft tissue", unit="frame", disable=None) as progress:
-
-        def simulate(smpl: SMPL, subject: Subject) -> None:
-            own = [sequence for sequence in sequences if sequence.subject == subject.name]
-            tissue = tissue_of(config.tissue, smpl, subject.betas, gravity=config.gravity)
-            _simulate_subject(tissue, own, thetas, offsets, writer.checkpoints, progress)
-
-        # A subject a core: the sparse solves release Python's lock, and no subject needs another.
-        with worker_pool("threads", smpl) as pool:
-            for _ in pool.map(simulate, subjects):
-                pass
+    work = _TissueWork(config, sequences, thetas, offsets, writer.checkpoints.resolve())
+    # A subject a core: the sparse solves release Python's lock, and no subject needs another.
+    with (
+        tqdm(total=frames, desc="soft tissue", unit="frame", disable=None) as progress,
+        worker_pool(on_any_node("threads"), smpl) as pool,
+    ):
+        for done in pool.map(work.simulate, subjects):
+            progress.update(done)
 
 
-def _simulate_subject(
-    simulator: Simulator,
-    sequences: list[MotionSequence],
-    thetas: dict[str, NDArray[np.float32]],
-    offsets: NDArray[np.float32],
-    checkpoints: Path,
-    progress: tqdm,
-) -> None:
-    for sequence in sequences:
-        done = checkpoints / f"{sequence.name}.done"
-        if not done.exists():
-            theta = thetas[sequence.name].astype(np.float64)
-            offsets[sequence.frames] = simulator.offsets(theta, FPS)
-            offsets.flush()  # type: ignore[attr-defined]
-            done.touch()
-        progress.update(sequence.length)
+@dataclass(frozen=True, eq=False)
+class _TissueWork:
+    """What moving a subject's flesh needs, wherever it is done."""
+
+    config: CorpusConfig
+    sequences: list[MotionSequence]
+    thetas: dict[str, NDArray[np.float32]]
+    offsets: ArrayFile
+    checkpoints: Path
+
+    def simulate(self, smpl: SMPL, subject: Subject) -> int:
+        """Write the offsets of all sequences of a subject that are not done; gives their frames."""
+        own = [sequence for sequence in self.sequences if sequence.subject == subject.name]
+        law, gravity = self.config.tissue, self.config.gravity
+        tissue = tissue_of(law, smpl, subject.betas, gravity=gravity)
+        for sequence in own:
+            done = self.checkpoints / f"{sequence.name}.done"
+            if not done.exists():
+                theta = self.thetas[sequence.name].astype(np.float64)
+                self.offsets.write(sequence.start, tissue.offsets(theta, FPS))
+                done.touch()
+        return sum(sequence.length for sequence in own)
 
 
 def _index(takes: Takes, thetas: dict[str, NDArray[np.float32]]) -> Iterator[MotionSequence]:

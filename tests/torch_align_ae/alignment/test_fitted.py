@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from bridge.errors import DsnetError
-from bridge.motion import MotionSequence, unpack_theta
+from bridge.motion import MotionSequence
 from bridge.runs import ArtifactWriter
-from torch_align_ae.alignment.fitted import AlignedArrays, Fitted, measure
+from torch_align_ae.alignment.fitted import AlignedFiles, Fitted, measure
 
 SEQUENCES = [
     MotionSequence("50004_hips", "50004", "hips", 0, 4, 60.0),
@@ -44,26 +44,25 @@ def test_rows_beyond_the_mesh_are_cut_off(fitted, smpl, motion):
 def test_rows_land_behind_the_sequences_before(fitted, tmp_path):
     found: Fitted = fitted[0]
     writer = ArtifactWriter(tmp_path / "align", "align", data="synthetic")
-    arrays = AlignedArrays(writer, SEQUENCES, 6890)
-    last = arrays.write(found)
-    arrays.flush()
+    poses = AlignedFiles.of(writer, SEQUENCES, 6890).store(SEQUENCES[1], found)
     theta, offsets, frame_error = (
         np.load(writer.file_path(f"{name}.npy")) for name in ("theta", "offsets", "frame_error")
     )
     assert (theta.shape, offsets.shape, frame_error.shape) == ((7, 69), (7, 6890, 3), (7,))
-    np.testing.assert_array_equal(unpack_theta(theta[5:])[0], found.pose)
-    np.testing.assert_array_equal(theta[6], last)
+    np.testing.assert_array_equal(poses.pose, found.pose)
+    assert (poses.track, poses.start) == (1, 1)
     np.testing.assert_array_equal(offsets[5:], found.offsets)
     np.testing.assert_array_equal(frame_error[5:], found.frame_error)
-    assert not theta[:5].any()
     assert not offsets[:5].any()
 
 
 def test_opened_again_it_keeps_what_was_written(fitted, tmp_path):
+    found: Fitted = fitted[0]
     writer = ArtifactWriter(tmp_path / "align", "align", data="synthetic")
-    last = AlignedArrays(writer, SEQUENCES, 6890).write(fitted[0]).copy()
-    AlignedArrays(writer, SEQUENCES, 6890).flush()
-    np.testing.assert_array_equal(np.load(writer.file_path("theta.npy"))[6], last)
+    AlignedFiles.of(writer, SEQUENCES, 6890).store(SEQUENCES[1], found)
+    AlignedFiles.of(writer, SEQUENCES, 6890)
+    offsets = np.load(writer.file_path("offsets.npy"))
+    np.testing.assert_array_equal(offsets[5:], found.offsets)
 
 
 @pytest.mark.parametrize("bad", [0.3, float("inf"), float("nan")])
@@ -71,7 +70,7 @@ def test_a_frame_that_fits_no_body_is_named_and_not_stored(fitted, tmp_path, bad
     found: Fitted = fitted[0]
     spoilt = replace(found, frame_error=torch.tensor([0.1, bad]))
     writer = ArtifactWriter(tmp_path / "align", "align", data="synthetic")
-    arrays = AlignedArrays(writer, SEQUENCES, 6890)
+    files = AlignedFiles.of(writer, SEQUENCES, 6890)
     with pytest.raises(DsnetError, match="50020_knees, whose frame 2 stays"):
-        arrays.write(spoilt)
-    assert not np.load(writer.file_path("theta.npy")).any()
+        files.store(SEQUENCES[1], spoilt)
+    assert not np.load(writer.file_path("offsets.npy")).any()

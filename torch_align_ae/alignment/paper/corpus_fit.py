@@ -16,8 +16,8 @@ from tqdm import tqdm
 from bridge.exchange import load_weights, save_weights
 from bridge.motion import MotionSequence, pack_theta, subject_rows, to_manifest, unpack_theta
 from bridge.runs import ArtifactWriter
-from bridge.runs.worker_pool import WorkerPool
-from torch_align_ae.alignment.fitted import AlignedArrays, check_distances
+from bridge.runs.worker_pool import WorkerPool, on_any_node
+from torch_align_ae.alignment.fitted import AlignedFiles, check_distances
 from torch_align_ae.alignment.paper.objective import MeshDistance
 from torch_align_ae.alignment.paper.sgd import Descent, fit_pose, fit_shape_and_pose, rigid_start
 from torch_align_ae.alignment.paper.tracking import FRAMES_PER_WINDOW, Track, follow, groups
@@ -99,22 +99,23 @@ class CorpusFit:
                 state = self._first_frames(pool)
                 _save(writer, state)
             tracks = [self._track(index, state.betas) for index in range(len(self._sequences))]
-            longest = max(track.length for track in tracks)
+            files = AlignedFiles.of(writer, self._sequences, self._objective.smpl.vertex_count)
+            longest = max(sequence.length for sequence in self._sequences)
             with self._progress(state.next_frame) as progress:
                 while state.next_frame < longest:
-                    self._write_window(writer, pool, tracks, state, progress)
+                    self._write_window(files, pool, tracks, state, progress)
                     _save(writer, state)
-        self._open_arrays(writer)
         writer.put("betas", state.betas, "1")
         writer.record(sequences=to_manifest(self._sequences))
 
     def _workers(self) -> AbstractContextManager[WorkerPool[MeshDistance]]:
-        """A step is some hundred small operations: processes, unless there is little to do."""
+        """A step is some hundred small operations: processes, or nodes, unless there is little to
+        do."""
         steps = self._effort.frame * sum(sequence.length for sequence in self._sequences)
         if steps < _STEPS_WORTH_PROCESSES:
             return torch_workers("serial", self._objective)
         n_workers = min(os.cpu_count() or 1, len(groups(len(self._sequences))))
-        return torch_workers("processes", self._objective, n_workers)
+        return torch_workers(on_any_node("processes"), self._objective, n_workers)
 
     def _first_frames(self, pool: WorkerPool[MeshDistance]) -> _State:
         """Shape of every subject, and pose of every sequence's first frame."""
@@ -159,37 +160,24 @@ class CorpusFit:
     def _track(self, index: int, betas: NDArray[np.float32]) -> Track:
         sequence = self._sequences[index]
         shape = torch.from_numpy(betas[self._subject_of[index]])
-
-        def read(start: int, stop: int) -> NDArray[np.float32]:
-            return self._reader.frames(sequence.name, start, stop)
-
-        return Track(read, sequence.length, shape)
+        return Track(sequence, self._reader.clip(sequence.name), shape)
 
     def _write_window(
         self,
-        writer: ArtifactWriter,
+        files: AlignedFiles,
         pool: WorkerPool[MeshDistance],
         tracks: list[Track],
         state: _State,
         progress: tqdm,
     ) -> None:
-        arrays = self._open_arrays(writer)
         pose, trans = (torch.from_numpy(part.copy()) for part in unpack_theta(state.theta))
-        for fitted in follow(
-            pool,
-            tracks,
-            state.next_frame,
-            (pose, trans),
-            self._effort.frame,
-            self._descent,
-        ):
-            state.theta[fitted.track] = arrays.write(fitted)
-            progress.update(len(fitted.pose))
-        arrays.flush()
+        start, steps, descent = state.next_frame, self._effort.frame, self._descent
+        for fitted in follow(pool, tracks, start, (pose, trans), steps, descent, files):
+            theta = pack_theta(fitted.pose.numpy(), fitted.trans.numpy())
+            files.theta.write(self._sequences[fitted.track].start + fitted.start, theta)
+            state.theta[fitted.track] = theta[-1]
+            progress.update(len(theta))
         state.next_frame += FRAMES_PER_WINDOW
-
-    def _open_arrays(self, writer: ArtifactWriter) -> AlignedArrays:
-        return AlignedArrays(writer, self._sequences, self._objective.smpl.vertex_count)
 
     def _progress(self, done: int) -> tqdm:
         total = sum(sequence.length for sequence in self._sequences)

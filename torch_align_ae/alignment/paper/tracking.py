@@ -7,18 +7,19 @@ window they are shared out in groups that advance frame by frame as one batch.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from bridge.motion import MotionSequence
 from bridge.runs.worker_pool import WorkerPool
-from torch_align_ae.alignment.fitted import Fitted, measure
+from torch_align_ae.alignment.fitted import AlignedFiles, FittedPoses, measure
 from torch_align_ae.alignment.paper.objective import MeshDistance
 from torch_align_ae.alignment.paper.sgd import Descent, fit_pose
+from torch_align_ae.corpus.dyna_files import MeshClip
 
 # Read, fitted and written between two checkpoints: two chunks of the corpus's files.
 FRAMES_PER_WINDOW = 32
@@ -31,26 +32,27 @@ _BODIES_PER_GROUP = 40
 class Track:
     """One sequence to follow."""
 
-    read: Callable[[int, int], NDArray[np.float32]]
-    """Frames [start, stop) as (n, V, 3) metres."""
-    length: int
-    """Number of frames."""
+    sequence: MotionSequence
+    meshes: MeshClip
     betas: Tensor
     """(10,) shape of its subject."""
+
+    def window(self, start: int) -> Tensor:
+        """(n, V, 3) meshes of a window, metres."""
+        stop = min(start + FRAMES_PER_WINDOW, self.sequence.length)
+        return torch.from_numpy(self.meshes.read(start, stop))
 
 
 @dataclass(frozen=True)
 class GroupWindow:
     """Consecutive frames of a group of sequences, and what their fit begins with."""
 
-    tracks: list[int]
+    rows: list[int]
     """Which sequences, longest first."""
+    tracks: list[Track]
+    """These sequences."""
     start: int
     """First frame, counted within each sequence."""
-    meshes: list[Tensor]
-    """(n, V, 3) of each sequence, metres; n may differ."""
-    betas: Tensor
-    """(B, 10) shapes."""
     pose: Tensor
     """(B, 22, 3) of the frame before the first, radians."""
     trans: Tensor
@@ -59,6 +61,8 @@ class GroupWindow:
     """For each frame."""
     descent: Descent
     """How to descend."""
+    files: AlignedFiles
+    """Where offsets and errors go."""
 
 
 def follow(
@@ -68,7 +72,8 @@ def follow(
     before: tuple[Tensor, Tensor],
     steps: int,
     descent: Descent,
-) -> Iterator[Fitted]:
+    files: AlignedFiles,
+) -> Iterator[FittedPoses]:
     """Fit one window of every sequence that is long enough, group by group.
 
     Parameters
@@ -79,21 +84,22 @@ def follow(
     before : pose (N, 22, 3) and translation (N, 3) of frame `start - 1` of each sequence, or of
         frame 0 when `start` is 0.
     steps, descent : how to fit each frame.
+    files : to which the workers write offsets and errors.
 
     Yields
     ------
     The window of each sequence, longest sequence first.
     """
-    active = [index for index, track in enumerate(tracks) if track.length > start]
+    lengths = [track.sequence.length for track in tracks]
+    active = [row for row, length in enumerate(lengths) if length > start]
     # Longest first, so that those that end together share a group.
-    active.sort(key=lambda index: -tracks[index].length)
+    active.sort(key=lambda row: -lengths[row])
 
     def window(rows: list[int]) -> GroupWindow:
         group = [active[row] for row in rows]
-        meshes = [_read(tracks[index], start) for index in group]
-        betas = torch.stack([tracks[index].betas for index in group])
+        own = [tracks[row] for row in group]
         pose, trans = before[0][group], before[1][group]
-        return GroupWindow(group, start, meshes, betas, pose, trans, steps, descent)
+        return GroupWindow(group, own, start, pose, trans, steps, descent, files)
 
     for fitted in pool.map(fit_window, map(window, groups(len(active)))):
         yield from fitted
@@ -108,23 +114,21 @@ def groups(count: int) -> list[list[int]]:
     return [group.tolist() for group in np.array_split(np.arange(count), max(number, 1))]
 
 
-def _read(track: Track, start: int) -> Tensor:
-    return torch.from_numpy(track.read(start, min(start + FRAMES_PER_WINDOW, track.length)))
-
-
-def fit_window(objective: MeshDistance, window: GroupWindow) -> list[Fitted]:
-    """Fit frame after frame of all sequences of a window at once."""
-    lengths = [len(mesh) for mesh in window.meshes]
+def fit_window(objective: MeshDistance, window: GroupWindow) -> list[FittedPoses]:
+    """Fit frame after frame of all sequences of a window at once; read and write their files."""
+    meshes = [track.window(window.start) for track in window.tracks]
+    betas = torch.stack([track.betas for track in window.tracks])
+    lengths = [len(mesh) for mesh in meshes]
     pose, trans = window.pose, window.trans
     poses = pose.new_zeros(len(pose), max(lengths), *pose.shape[1:])
     translations = trans.new_zeros(len(trans), max(lengths), 3)
-    shapes = objective.shapes(window.betas)
+    shapes = objective.shapes(betas)
     for frame in range(max(lengths)):
         # Sorted by length, so the sequences that go on are the first ones.
         going = sum(length > frame for length in lengths)
         pose, trans = pose[:going], trans[:going]
         if window.start + frame > 0:
-            target = objective.arrange(torch.stack([m[frame] for m in window.meshes[:going]]))
+            target = objective.arrange(torch.stack([mesh[frame] for mesh in meshes[:going]]))
             pose, trans = fit_pose(
                 objective,
                 shapes.rows(slice(going)),
@@ -134,5 +138,9 @@ def fit_window(objective: MeshDistance, window: GroupWindow) -> list[Fitted]:
                 window.descent,
             )
         poses[:going, frame], translations[:going, frame] = pose, trans
-    rows = zip(window.tracks, window.betas, poses, translations, window.meshes, strict=True)
-    return [measure(objective.smpl, track, window.start, *row) for track, *row in rows]
+    fitted = [
+        measure(objective.smpl, row, window.start, *parts)
+        for row, *parts in zip(window.rows, betas, poses, translations, meshes, strict=True)
+    ]
+    sequences = (track.sequence for track in window.tracks)
+    return [window.files.store(*pair) for pair in zip(sequences, fitted, strict=True)]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
 
@@ -13,10 +12,10 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from bridge.exchange import load_weights, save_weights
-from bridge.motion import MotionSequence, subject_rows, to_manifest, unpack_theta
+from bridge.motion import MotionSequence, subject_rows, to_manifest
 from bridge.runs import ArtifactWriter
-from bridge.runs.worker_pool import WorkerPool
-from torch_align_ae.alignment.fitted import AlignedArrays, Fitted, measure
+from bridge.runs.worker_pool import on_any_node, worker_pool
+from torch_align_ae.alignment.fitted import AlignedFiles, FittedPoses, measure
 from torch_align_ae.alignment.robust.align import FRAMES_PER_WINDOW, continued_theta, fit_frames
 from torch_align_ae.alignment.robust.calibration import LearnedSubject, calibrate
 from torch_align_ae.alignment.robust.loads import Loads
@@ -49,80 +48,88 @@ class RobustCorpusFit:
         self._smpl, self._settings, self._sequences = smpl, settings, sequences
         self._sample = SkinSample(smpl, settings.vertices)
         self._loads = Loads.of(self._sample, settings)
-        self._recordings = [_recording(reader, sequence) for sequence in sequences]
+        self._recordings = [
+            MeshRecording(reader.clip(sequence.name).read, sequence.length, sequence.fps)
+            for sequence in sequences
+        ]
         self._row_of_subject = subject_rows(sequences)
 
     def write(self, writer: ArtifactWriter) -> None:
         """Write all arrays, or the part that is missing; sequences are checkpoints."""
-        with torch_workers("threads", self._sample) as pool:
-            learned = self._learned(writer, pool)
-            fitted = self._fit(writer, _subjects(learned), pool)
-            with self._progress(writer) as bar:
-                for row, windows_of_one in groupby(fitted, lambda window: window.track):
-                    self._store(writer, windows_of_one, bar)
-                    _done(writer, row).touch()
-        AlignedArrays(writer, self._sequences, self._smpl.vertex_count)
+        learned = self._learned(writer)
+        files = AlignedFiles.of(writer, self._sequences, self._smpl.vertex_count)
+        with (
+            torch_workers(on_any_node("threads"), self._sample) as pool,
+            self._progress(writer) as bar,
+        ):
+            fitted = pool.map(self._window_fit(_subjects(learned), files), self._open(writer))
+            for row, windows_of_one in groupby(fitted, lambda window: window.track):
+                self._store_theta(files, windows_of_one, bar)
+                _done(writer, row).touch()
         for name, unit in _LEARNED.items():
             writer.put(name, learned[name], unit)
         writer.put("sample_vertices", self._sample.vertices.numpy(), "index")
         writer.record(sequences=to_manifest(self._sequences))
 
-    def _learned(self, writer: ArtifactWriter, pool: WorkerPool[SkinSample]) -> dict[str, NDArray]:
+    def _learned(self, writer: ArtifactWriter) -> dict[str, NDArray]:
         """`betas`, `compliance` and `deviation` of all subjects, learned unless they were."""
         path = writer.checkpoints / "subjects.safetensors"
         if not path.is_file():
-            names = tqdm(self._row_of_subject, desc="subjects", unit="subject", disable=None)
-            save_weights(path, _stacked([self._learn(name, pool) for name in names]))
+            # Here all cores work on one person; on a cluster each node has people of its own.
+            with worker_pool(on_any_node("serial"), self._sample) as pool:
+                found = pool.map(self._learn, self._row_of_subject)
+                names = len(self._row_of_subject)
+                bar = tqdm(found, total=names, desc="subjects", unit="subject", disable=None)
+                save_weights(path, _stacked(list(bar)))
         stored = load_weights(path)
         return {name: stored[name] for name in _LEARNED}
 
-    def _learn(self, name: str, pool: WorkerPool[SkinSample]) -> LearnedSubject:
+    def _learn(self, sample: SkinSample, name: str) -> LearnedSubject:
         pairs = zip(self._recordings, self._sequences, strict=True)
         own = [recording for recording, sequence in pairs if sequence.subject == name]
-        return calibrate(self._sample, self._loads, own, self._settings, pool)
+        with torch_workers("threads", sample) as pool:
+            return calibrate(sample, self._loads, own, self._settings, pool)
 
-    def _fit(
-        self, writer: ArtifactWriter, subjects: list[LearnedSubject], pool: WorkerPool[SkinSample]
-    ) -> Iterator[Fitted]:
+    def _open(self, writer: ArtifactWriter) -> list[FrameWindow]:
         """All windows of the sequences that are not done, in order."""
-
-        def fit(sample: SkinSample, window: FrameWindow) -> Fitted:
-            row = self._row_of_subject[self._sequences[window.row].subject]
-            recording = self._recordings[window.row]
-            meshes, seen = self._loads.observe(recording, window.start, window.stop)
-            pose, trans = fit_frames(sample, self._loads, subjects[row], seen, self._settings)
-            betas = subjects[row].betas
-            return measure(self._smpl, window.row, window.start, betas, pose, trans, meshes)
-
         lengths = [recording.length for recording in self._recordings]
-        open_windows = [
+        return [
             window
             for window in windows(lengths, FRAMES_PER_WINDOW)
             if not _done(writer, window.row).exists()
         ]
-        return pool.map(fit, open_windows)
 
-    def _store(self, writer: ArtifactWriter, sequence: Iterator[Fitted], bar: tqdm) -> None:
-        # Opened anew for each sequence: pages of a map count as memory until it is closed.
-        arrays, before = AlignedArrays(writer, self._sequences, self._smpl.vertex_count), None
+    def _window_fit(
+        self, subjects: list[LearnedSubject], files: AlignedFiles
+    ) -> Callable[[SkinSample, FrameWindow], FittedPoses]:
+        """The work that fits a window and writes its offsets."""
+
+        def fit(sample: SkinSample, window: FrameWindow) -> FittedPoses:
+            sequence = self._sequences[window.row]
+            subject = subjects[self._row_of_subject[sequence.subject]]
+            recording = self._recordings[window.row]
+            meshes, seen = self._loads.observe(recording, window.start, window.stop)
+            pose, trans = fit_frames(sample, self._loads, subject, seen, self._settings)
+            fitted = measure(
+                self._smpl, window.row, window.start, subject.betas, pose, trans, meshes
+            )
+            return files.store(sequence, fitted)
+
+        return fit
+
+    def _store_theta(self, files: AlignedFiles, sequence: Iterator[FittedPoses], bar: tqdm) -> None:
+        """Poses of a sequence's windows; each goes on from the one before."""
+        before = None
         for fitted in sequence:
             theta = continued_theta(fitted.pose, fitted.trans, before)
-            pose = torch.from_numpy(unpack_theta(theta)[0].copy())
-            before = arrays.write(replace(fitted, pose=pose))
-            bar.update(len(pose))
-        arrays.flush()
+            files.theta.write(self._sequences[fitted.track].start + fitted.start, theta)
+            before = theta[-1]
+            bar.update(len(theta))
 
     def _progress(self, writer: ArtifactWriter) -> tqdm:
         lengths = [recording.length for recording in self._recordings]
         done = sum(length for row, length in enumerate(lengths) if _done(writer, row).exists())
         return tqdm(total=sum(lengths), initial=done, desc="align", unit="frame", disable=None)
-
-
-def _recording(reader: DynaReader, sequence: MotionSequence) -> MeshRecording:
-    def read(start: int, stop: int) -> NDArray[np.float32]:
-        return reader.frames(sequence.name, start, stop)
-
-    return MeshRecording(read, sequence.length, sequence.fps)
 
 
 def _stacked(subjects: list[LearnedSubject]) -> dict[str, NDArray[np.float32]]:
