@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -73,7 +74,7 @@ def _connected(address: str | None) -> Iterator[None]:
             address=address or "local",
             runtime_env={"env_vars": variables},
             log_to_driver=False,
-            logging_level="error",
+            logging_level=logging.CRITICAL,
             **own,
         )
     except ConnectionError as error:

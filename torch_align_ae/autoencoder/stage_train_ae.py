@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -32,6 +33,7 @@ from torch_align_ae.autoencoder.normaliser import Normaliser, fit_normaliser
 from torch_align_ae.autoencoder.pca import PcaCodec, reconstruction_r2
 from torch_align_ae.autoencoder.presets import PRESETS, PresetName, TrainingPreset
 from torch_align_ae.autoencoder.training import Training, TrainingPlan, TrainingResult
+from torch_align_ae.processes import Processes, started_by_torchrun
 
 TrialName = Literal["literal", "measured", "short", "sequence_split", "all_frames"]
 
@@ -39,6 +41,9 @@ TrialName = Literal["literal", "measured", "short", "sequence_split", "all_frame
 @dataclass(frozen=True)
 class TrainAutoencoderConfig:
     """Train the mesh autoencoder: about 0.9 s a step of 64 frames on two cores, 1.5 GB of memory.
+
+    Several processes, on several machines that see the same runs, share each batch when torchrun
+    starts them: `torchrun --nproc-per-node 2 --no-python dsnet train-ae --run RUN`.
 
     Gives `autoencoder.safetensors` (weights and normaliser), `pca.safetensors`, the linear code of
     the same frames and size, the losses, and the share of the
@@ -105,21 +110,44 @@ class Trial:
     include_held_out: bool
 
 
+@dataclass(frozen=True)
+class _Job:
+    """What the leader of several processes is about to train."""
+
+    config: TrainAutoencoderConfig
+    trial: Trial
+    checkpoint: Path
+
+
 def main(config: TrainAutoencoderConfig) -> None:
     """Run the stage: a result that is current is kept, one that was interrupted is continued."""
     align = Run(config.run).artifact("align")
     keep_freed_memory()
-    Run(config.run).build(
-        "train-ae",
-        config,
-        lambda writer: _make(config, align, writer),
-        data=align.origin,
-        upstream={"align": align},
-    )
+    with started_by_torchrun() as processes:
+        if not processes.leads:
+            _follow(align, processes)
+            return
+        Run(config.run).build(
+            "train-ae",
+            config,
+            lambda writer: _make(config, align, writer, processes),
+            data=align.origin,
+            upstream={"align": align},
+        )
+        processes.told(None)
 
 
-def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter) -> None:
-    codec, result, summary = _run_trial(config, _main_trial(config), align, writer)
+def _follow(align: Artifact, processes: Processes) -> None:
+    """Share the leader's work until it says that there is no more."""
+    nothing: _Job | None = None
+    while job := processes.told(nothing):
+        _training(job, _beginning(job, align), processes).run()
+
+
+def _make(
+    config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter, processes: Processes
+) -> None:
+    codec, result, summary = _run_trial(config, _main_trial(config), align, writer, processes)
     codec.save(writer.file_path(WEIGHTS_FILE))
     _put_losses(writer, "", result)
     linear = _fitted_pca(config, align)
@@ -133,7 +161,8 @@ def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWrite
     del codec
     compared, length = [], _length_of_comparisons(config)
     for name in config.comparisons:
-        _codec, result, summary = _run_trial(length, _comparison(config, name), align, writer)
+        trial = _comparison(config, name)
+        _codec, result, summary = _run_trial(length, trial, align, writer, processes)
         _put_losses(writer, f"_{name}", result)
         compared.append(summary)
     writer.record(comparisons=compared)
@@ -163,32 +192,59 @@ def _comparison(config: TrainAutoencoderConfig, name: TrialName) -> Trial:
     return Trial(name, name, config.split, config.include_held_out)
 
 
-def _run_trial(
-    config: TrainAutoencoderConfig, trial: Trial, align: Artifact, writer: ArtifactWriter
-) -> tuple[Codec, TrainingResult, dict[str, Any]]:
+@dataclass(frozen=True)
+class _Beginning:
+    """A network before its first step, and what it will see."""
+
+    codec: Codec
+    offsets_m: NDArray[np.float32]
+    split: FrameSplit
+
+
+def _beginning(job: _Job, align: Artifact) -> _Beginning:
+    config, trial = job.config, job.trial
     offsets_m, preset = align.array("offsets"), PRESETS[trial.preset]
     split = _split(config, trial, align)
     normaliser = fit_normaliser(preset.normalisation, offsets_m, split.train)
     model = _new_model(config, preset, normaliser, offsets_m, split)
-    codec = Codec(model, normaliser)
-    initial_r2 = reconstruction_r2(codec, offsets_m, split.validation)
-    training = Training(
-        model.to("cuda" if torch.cuda.is_available() else "cpu"),
-        normaliser,
-        offsets_m,
+    return _Beginning(Codec(model, normaliser), offsets_m, split)
+
+
+def _training(job: _Job, beginning: _Beginning, processes: Processes) -> Training[MeshAutoencoder]:
+    trial, split = job.trial, beginning.split
+    return Training(
+        beginning.codec.model.to("cuda" if torch.cuda.is_available() else "cpu"),
+        beginning.codec.normaliser,
+        beginning.offsets_m,
         split,
-        plan_of(config, preset, len(split.train)),
-        writer.checkpoints / f"{trial.name}.safetensors",
+        plan_of(job.config, PRESETS[trial.preset], len(split.train)),
+        job.checkpoint,
         label=f"train-ae {trial.name}",
+        processes=processes,
     )
+
+
+def _run_trial(
+    config: TrainAutoencoderConfig,
+    trial: Trial,
+    align: Artifact,
+    writer: ArtifactWriter,
+    processes: Processes,
+) -> tuple[Codec, TrainingResult, dict[str, Any]]:
+    checkpoint = writer.checkpoints.resolve() / f"{trial.name}.safetensors"
+    job = processes.told(_Job(config, trial, checkpoint))
+    beginning = _beginning(job, align)
+    codec, offsets_m, split = beginning.codec, beginning.offsets_m, beginning.split
+    initial_r2 = reconstruction_r2(codec, offsets_m, split.validation)
+    training = _training(job, beginning, processes)
     started = time.perf_counter()
     result = training.run()
     writer.record_measured(**{f"{trial.name}_training_s": round(time.perf_counter() - started, 2)})
-    model.cpu().eval()
+    codec.model.cpu().eval()
     summary = {
         "name": trial.name,
         "preset": trial.preset,
-        **asdict(preset),
+        **asdict(PRESETS[trial.preset]),
         "loss": "mean squared error of normalised offsets",
         "split": trial.split,
         "train_frames": len(split.train),

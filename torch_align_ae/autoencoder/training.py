@@ -25,9 +25,11 @@ from bridge.exchange.weights import refuse_nonfinite
 from bridge.motion.splits import FrameSplit, chunks
 from torch_align_ae.autoencoder.normaliser import Normaliser
 from torch_align_ae.determinism import reproducible
+from torch_align_ae.processes import Processes
 
 _VALIDATION_BATCH = 64
 _MOMENTS = ("exp_avg", "exp_avg_sq")
+ALONE = Processes()
 _REMEDY = "Train with another --preset, whose learning rate is lower."
 
 Network = TypeVar("Network", bound=nn.Module)
@@ -101,6 +103,8 @@ class Training(Generic[Network]):
     plan: TrainingPlan
     checkpoint: Path
     label: str = "autoencoder"
+    processes: Processes = ALONE
+    """Those that share each batch."""
 
     learning_rate: float = field(init=False)
     """The largest one."""
@@ -113,6 +117,7 @@ class Training(Generic[Network]):
         self._normaliser = self.normaliser.to(self._device)
         # One fused pass over weights and moments; it is bit-reproducible and twice as fast.
         self._adam = torch.optim.Adam(self.model.parameters(), self.learning_rate, fused=True)
+        self._network = self.processes.replicated(self.model)
         self._scored = scored_frames(self.split, self.plan.validation_frames)
 
     def run(self) -> TrainingResult:
@@ -136,8 +141,10 @@ class Training(Generic[Network]):
                 result = self._extended(result, loss, self.validation_loss(), done)
                 if result.best == len(result.losses):
                     self._keep_best()
-                save_checkpoint(self.checkpoint, self.model, self._adam, result)
+                if self.processes.leads:
+                    save_checkpoint(self.checkpoint, self.model, self._adam, result)
                 bar.set_postfix(validation=f"{result.validation_losses[-1]:.4f}")
+        self.processes.told(None)  # that its last file is whole
         best = load_weights(self.best_file)
         refuse_nonfinite(best, self.label, _REMEDY)
         _assign(self.model, best)
@@ -189,14 +196,15 @@ class Training(Generic[Network]):
             for group in self._adam.param_groups:
                 group["lr"] = self.learning_rate * self.plan.share_at(step)
             self._adam.zero_grad()
-            loss = self._loss(batch)
+            part, factor = self.processes.part(batch)
+            loss = factor * self._loss(self._network, part)
             loss.backward()
             self._adam.step()
             total += loss.detach()
             self.step_s.append(time.perf_counter() - started)
             bar.update()
         self._adam.zero_grad()  # validation and checkpoint need the memory, not the gradients
-        return total.item() / len(steps)
+        return self.processes.mean(total).item() / len(steps)
 
     def _batches(self, start: int) -> Iterator[Tensor]:
         """Batches from step `start` on, in orders that the epoch's number and the seed decide."""
@@ -209,9 +217,9 @@ class Training(Generic[Network]):
                 yield torch.from_numpy(part).to(self._device)
             skipped = 0
 
-    def _loss(self, offsets_m: Tensor) -> Tensor:
+    def _loss(self, network: nn.Module, offsets_m: Tensor) -> Tensor:
         values = self._normaliser.normalise(offsets_m)
-        return nn.functional.mse_loss(self.model(values), values)
+        return nn.functional.mse_loss(network(values), values)
 
     @torch.inference_mode()
     def validation_loss(self) -> float:
@@ -219,10 +227,13 @@ class Training(Generic[Network]):
         self.model.eval()
         total = 0.0
         for part in chunks(self.offsets_m, self._scored, _VALIDATION_BATCH):
-            total += self._loss(torch.from_numpy(part).to(self._device)).item() * len(part)
-        return total / len(self._scored)
+            offsets_m = torch.from_numpy(part).to(self._device)
+            total += self._loss(self.model, offsets_m).item() * len(part)
+        return self.processes.told(total / len(self._scored))
 
     def _keep_best(self) -> None:
+        if not self.processes.leads:
+            return
         weights = {name: _numpy(value) for name, value in self.model.named_parameters()}
         save_weights(self.best_file, weights)
 

@@ -1,0 +1,59 @@
+"""Stages on a real cluster of two nodes give what they give here, also when a node is lost."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bridge.runs.artifact import read_artifact
+from tests.cluster.nodes import TwoNodes, ended_well, start_dsnet
+
+pytestmark = pytest.mark.cluster
+pytest.importorskip("ray", reason="Ray is not installed: extra ray")
+
+STAGES = ("corpus", "align", "train-plus", "predict-plus")
+MADE = ("truth", "corpus", "align", "align_robust", "train_plus", "predict_plus")
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> Path:
+    """With a run made without Ray."""
+    folder = tmp_path_factory.mktemp("cluster")
+    for stage in STAGES:
+        ended_well(start_dsnet(folder, stage, "--profile", "smoke", "--run", "here"))
+    return folder
+
+
+@pytest.fixture
+def nodes() -> Iterator[TwoNodes]:
+    # Names of sockets must be short.
+    with tempfile.TemporaryDirectory(prefix="ray", dir="/tmp") as folder:
+        nodes = TwoNodes(Path(folder))
+        yield nodes
+        nodes.close()
+
+
+def test_a_node_killed_in_every_long_stage_changes_no_bit(runs, nodes):
+    on_nodes = ("--profile", "smoke", "--run", "there", "--engine", "ray")
+    on_nodes += ("--address", nodes.address)
+    stage, rest = STAGES[0], STAGES[1:]
+    process = start_dsnet(runs, stage, *on_nodes)
+    _wait_for(runs / "there" / ".truth.partial" / "checkpoints", "*.done", process)
+    nodes.kill_one()
+    ended_well(process)
+    for stage in rest:
+        ended_well(start_dsnet(runs, stage, *on_nodes))
+    for name in MADE:
+        here, there = (read_artifact(runs / run / name) for run in ("here", "there"))
+        assert here.content_sha256 == there.content_sha256, name
+
+
+def _wait_for(folder: Path, pattern: str, process) -> None:
+    """Until work has begun to arrive, and is not over."""
+    while not any(folder.glob(pattern)):
+        assert process.poll() is None, process.communicate()[0]
+        time.sleep(0.05)
