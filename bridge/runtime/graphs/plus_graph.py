@@ -103,6 +103,7 @@ class _PlusGraph:
             person = Person(past["omega"], past["stiffening"], past["normals"])
             load = self._sheet.smoothed(felt)
             now, before = self._sheet.frame(person, past["now"], past["before"], load)
+            now, before = self._from_the_first_frame_on(past, now, before)
         after |= {"now": now, "before": before}
         shown, late = self._shown(past, present)
         vertices = self._vertices(shown, past, betas, now)
@@ -191,10 +192,10 @@ class _PlusGraph:
         graph, (nodes, count) = self._graph, (len(self._model.nodes), len(self._model.weights.taps))
         steps = (present["trans"] - past["trans"]).reshape(0, 3, 1)
         moves = (present["places"] - past["places"]) + steps
-        young = past["age"].reshape(0, 1, 1)  # 0, 1, then 2: what has an acceleration
-        counts = FPS**2 * graph.apply("Max", young - 1.0, 0.0)
+        young = past["age"].reshape(0, 1, 1)  # 0, 1, then what has an acceleration
+        counts = FPS**2 * graph.apply("Min", graph.apply("Max", young - 1.0, 0.0), 1.0)
         acceleration = counts * (moves - past["moves"])
-        age = graph.apply("Min", past["age"] + 1.0, 2.0)
+        age = graph.apply("Min", past["age"] + 1.0, float(max(2, self._model.look_ahead + 1)))
         newest = self._sheet.felt(acceleration, past["turns"].split(1, [3, 3, 3]))
         loads = [newest]
         if count > 1:
@@ -203,6 +204,18 @@ class _PlusGraph:
         after = {name: present[name] for name in ("places", "turns", "trans")}
         kept = {"felt": graph.concat(loads[: count - 1], 1)} if count > 1 else {}
         return {**after, "age": age, "moves": moves, **kept}, loads
+
+    def _from_the_first_frame_on(
+        self, past: Arrays, now: Value, before: Value
+    ) -> tuple[Value, Value]:
+        """Offsets that rest until the first frame is shown: loads are known so much earlier."""
+        frames, graph = self._model.look_ahead, self._graph
+        if frames < 2:  # the loads of rest are all that was known
+            return now, before
+        going = graph.apply("Min", graph.apply("Max", past["age"] + -float(frames), 0.0), 1.0)
+        going = going.reshape(0, 1, 1)
+        held, held_before = past["now"], past["before"]
+        return held + going * (now - held), held_before + going * (before - held_before)
 
     def _shown(self, past: Arrays, present: Arrays) -> tuple[Arrays, Arrays]:
         """The pose that is shown, and what the next frame must know of later ones."""
