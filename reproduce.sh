@@ -2,6 +2,7 @@
 # One command from body model to report; see README.md.
 #   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--aligner sgd|robust|both]
 #                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
+#                  [--engine ray [--address HOST:PORT]]       (on a cluster: docs/scaling.md)
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR]]      (licensed files: docs/data.md)
 #                  [--plan]            (what that would cost, stage by stage; nothing is run)
 #   ./reproduce.sh setup                the environment alone
@@ -33,7 +34,7 @@ setup() {
     echo "setting up .venv (once)" >&2
     [[ -x .venv/bin/python ]] || "$(find_python)" -m venv .venv
     .venv/bin/python -m pip install --quiet --disable-pip-version-check \
-        --constraint constraints.txt --editable '.[train,viewer,usd,clip,dev,docs]'
+        --constraint constraints.txt --editable '.[train,viewer,usd,clip,ray,dev,docs]'
     cat pyproject.toml constraints.txt >"$stamp"
 }
 
@@ -76,11 +77,11 @@ existing() {
 
 run_stages() {
     local profile=demo run="" seed=0 gender="" corpus=() align=() dyna=() predict=() licensed="" path
-    local aligner="" plan=""
+    local aligner="" plan="" engine=()
     while (($#)); do
         case $1 in
             --plan) plan=yes && shift && continue ;;
-            --profile | --run | --seed | --gender | --aligner | --smpl | --dyna | --amass) ;;
+            --profile | --run | --seed | --gender | --aligner | --smpl | --dyna | --amass | --engine | --address) ;;
             *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
         [[ -n ${2-} ]] || refuse "$1 needs a value."
@@ -88,6 +89,7 @@ run_stages() {
             --profile) profile=$2 ;;
             --run) run=$2 ;;
             --seed) seed=$2 ;;
+            --engine | --address) engine+=("$1" "$2") ;;
             --gender)
                 [[ $2 == female || $2 == male ]] || refuse "--gender $2; expected female or male."
                 gender=$2
@@ -122,7 +124,7 @@ run_stages() {
     [[ -n $gender && -n $licensed ]] &&
         refuse "--gender $gender with licensed files; expected one of the two. The body model of --smpl has its gender."
     [[ -n $run ]] || run=$profile$([[ $gender != male ]] || echo _male)
-    local common=(--profile "$profile" --run "$run" --seed "$seed")
+    local common=(--profile "$profile" --run "$run" --seed "$seed" ${engine[@]+"${engine[@]}"})
     if [[ -n $plan ]]; then
         .venv/bin/dsnet plan "${common[@]}" ${corpus[@]+"${corpus[@]}"} ${align[@]+"${align[@]}"} \
             ${predict[@]+"${predict[@]}"}

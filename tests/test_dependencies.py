@@ -19,7 +19,7 @@ COMES_WITH = {"keras": "tensorflow"}
 
 FRAMEWORKS = {"h5py", "tensorflow", "torch"}
 # What one format of `dsnet export` needs, or one command.
-OF_ONE_COMMAND = ("usd", "clip", "viewer")
+OF_ONE_COMMAND = ("usd", "clip", "viewer", "ray")
 EXTRAS = ("train", *OF_ONE_COMMAND)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.util
 import logging
 import os
+import signal
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Literal, get_args
@@ -69,7 +71,9 @@ def _connected(address: str | None) -> Iterator[None]:
     # What workers make lies in files, so Ray's store of objects holds little.
     own = {} if address else {"include_dashboard": False, "object_store_memory": 256 << 20}
     variables = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
+    at_end = signal.getsignal(signal.SIGTERM)
     try:
+        _knock(address)
         ray.init(
             address=address or "local",
             runtime_env={"env_vars": variables},
@@ -77,13 +81,21 @@ def _connected(address: str | None) -> Iterator[None]:
             logging_level=logging.CRITICAL,
             **own,
         )
-    except ConnectionError as error:
+    except (OSError, ValueError) as error:
         raise DsnetError(
             f"--address {address}, where no Ray cluster answers",
             "HOST:PORT of its head node, or auto on one of its nodes",
             "Start one with `ray start --head`.",
         ) from error
+    signal.signal(signal.SIGTERM, at_end)  # Ray's own exits with another status
     try:
         yield
     finally:
         ray.shutdown()
+
+
+def _knock(address: str | None) -> None:
+    """Ray itself tries for minutes."""
+    host, colon, port = (address or "").rpartition(":")
+    if colon:
+        socket.create_connection((host, int(port)), timeout=10).close()
