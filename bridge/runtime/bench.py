@@ -40,14 +40,13 @@ from bridge.paper import (
 from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
-from bridge.runtime.graphs.body_graph import (
+from bridge.runtime.graphs.body_graph import surface, turned
+from bridge.runtime.graphs.bones_graph import (
     BONES,
     TURNING,
     posed_bones,
-    surface,
     translated,
     translation,
-    turned,
 )
 from bridge.runtime.graphs.dsnet_body_graph import decoded, dsnet_body_graph
 from bridge.runtime.graphs.onnx_values import Value, ValueGraph
