@@ -27,7 +27,7 @@ from bridge.runtime.graphs.onnx_values import Value, ValueGraph
 Clock = Literal["wall", "processor"]
 _SQUARE = 1024
 _WARMING_TURNS = 2
-_PAUSE_S = 0.002
+_PAUSE_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def _interleaved(
     seconds: dict[str, list[float]] = {name: [] for name in calls}
     for turn in range(rounds + _WARMING_TURNS):
         for name, call in calls.items():
-            time.sleep(_PAUSE_S)  # until the threads of the one before sleep
+            time.sleep(_PAUSE_S)  # OpenMP threads of the one before wait busily for some ms
             started = now()
             call()
             if turn >= _WARMING_TURNS:
