@@ -14,9 +14,9 @@ from bridge.runs.processes import run_module
 
 @dataclass(frozen=True)
 class BenchConfig:
-    """Time training and streaming, and from a pose to the posed skin.
+    """Time training and streaming, and from a pose to the posed skin, beside peers that are there.
 
-    Results go to runs/<run>/bench/{torch,tensorflow,runtime}.json.
+    Results go to runs/<run>/bench/{torch,tensorflow,runtime,peers}.json.
     """
 
     run: str = "demo"
@@ -25,12 +25,18 @@ class BenchConfig:
     """Seed of the random inputs."""
 
 
+MODULES = (
+    "torch_align_ae.bench",
+    "tf_dsnet.bench",
+    "bridge.runtime.bench",
+    "torch_align_ae.bench_peers",
+)
 PROFILES = {name: BenchConfig() for name in ("smoke", "demo", "paper")}
 
 
 def main(config: BenchConfig) -> None:
     """Run the benchmarks one after the other, so that none disturbs another."""
-    for module in ("torch_align_ae.bench", "tf_dsnet.bench", "bridge.runtime.bench"):
+    for module in MODULES:
         run_module(module, "--run", config.run, "--seed", str(config.seed))
     for path in sorted((Run(config.run).path / "bench").glob("*.json")):
         sys.stdout.write(f"{path}\n{_summary(json.loads(path.read_text()))}\n")

@@ -21,7 +21,7 @@ ORDER = [
     "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "export",
     "view", "verify", "plan",
 ]  # fmt: skip
-COMMANDS = {"cli.py", "bench.py"}
+COMMANDS = {"cli.py", "bench.py", "bench_graphs.py"}
 THIRD_PARTIES = {
     "": {"tyro"},
     "runs": {"numpy", "tyro"},

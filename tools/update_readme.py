@@ -1,6 +1,6 @@
 """Copy finished reports into docs/results and write the numbers of `demo` into the pages.
 
-    python tools/update_readme.py RUN ...       after `./reproduce.sh --run RUN`
+    python -m tools.update_readme RUN ...       after `./reproduce.sh --run RUN`
 
 The blocks between `<!-- NAME: ... -->` and `<!-- end -->` are generated, never typed;
 `tests/test_readme.py` compares them with docs/results/demo/results.json.
@@ -18,6 +18,7 @@ from typing import Any
 from bridge.measure.roads import TRAIN_PLUS
 from bridge.motion.cells import CELLS
 from bridge.runs import Run
+from tools.runtime_tables import peers_block, runtime_block
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", ROOT / "docs" / "performance.md")
@@ -66,6 +67,7 @@ def with_results(page: str, results: dict[str, Any]) -> str:
         "results": lambda: results_block(results),
         "speed": lambda: speed_block(results["bench"]),
         "runtime": lambda: runtime_block(results["bench"]["runtime"]),
+        "peers": lambda: peers_block(results["bench"].get("peers")),
     }
     return _BLOCK.sub(lambda found: found[1] + blocks[found["name"]](), page)
 
@@ -173,47 +175,6 @@ def speed_block(bench: dict[str, Any]) -> str:
     return (
         f"Medians on {torch['machine']}, {torch['threads']} threads; written by `dsnet bench`.\n\n"
         f"| what | measured |\n|---|---:|\n{table}\n"
-    )
-
-
-PARTS = {
-    "load": "`dsnet_plus`: load on its nodes",
-    "step": "`dsnet_plus`: step of its oscillators",
-    "spread": "`dsnet_plus`: from nodes to vertices",
-    "decoder": "the paper's decoder",
-    "skinning": "pose blend shapes and skinning",
-    "dsnet_plus": "pose to posed mesh, `dsnet_plus`",
-    "dsnet_plus_int8": "the same, int8",
-    "dsnet": "pose to posed mesh, DSNet and decoder",
-    "dsnet_int8": "the same, int8",
-}
-
-
-def runtime_block(bench: dict[str, Any]) -> str:
-    """From a pose to the posed skin in ONNX Runtime, beside the machine's two limits."""
-    measured = {
-        key.removeprefix("characters_"): found
-        for key, found in bench.items()
-        if key.startswith("characters_")
-    }
-    titles = [f"{count} character{'s' * (count != '1')}" for count in measured]
-    rows = [
-        [title, *(_limits_and_ms(found[part]) for found in measured.values())]
-        for part, title in PARTS.items()
-    ]
-    lines = [["part", *titles], ["---", *("---:" for _ in titles)], *rows]
-    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    return (
-        f"Medians on {bench['machine']}, {bench['cores']} cores, one frame of all characters; each "
-        "cell: times as long as\nreading its weights from memory once, times as long as a square "
-        f"matrix product of the same arithmetic, ms.\n\n{table}\n"
-    )
-
-
-def _limits_and_ms(found: dict[str, float]) -> str:
-    return (
-        f"{found['times_reading_weights']:.1f}, {found['times_multiplying']:.1f}, "
-        f"{found['ms']:.1f} ms"
     )
 
 

@@ -20,7 +20,8 @@ from bridge.exchange.input_kinds import POSES
 from bridge.exchange.layouts import BATCH_NORM_EPSILON
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.paper import FEATURES, N_BETAS, THETA_SIZE
-from bridge.runtime.graphs.body_graph import posed_bones, surface, translated, translation
+from bridge.runtime.graphs.body_graph import surface
+from bridge.runtime.graphs.bones_graph import posed_bones, translated, translation
 from bridge.runtime.graphs.onnx_graphs import ACTIVATIONS
 from bridge.runtime.graphs.onnx_kernels import Precision, product
 from bridge.runtime.graphs.onnx_values import Value, ValueGraph

@@ -88,6 +88,7 @@ class Value:
 
 
 Operand = Value | float
+_GROUP = 4
 
 
 class ValueGraph:
@@ -176,28 +177,35 @@ class ValueGraph:
         forever = self._constant(np.array(True))
         return self.apply_many("Loop", len(start), self.integers(most), forever, *start, body=graph)
 
-    def for_each(self, values: Sequence[Value], block: Callable[..., Value], shape: Shape) -> Value:
-        """(B, ...) what a block makes of each row of values (B, ...), one row after another.
+    def in_groups(
+        self, values: Sequence[Value], block: Callable[..., Value], shape: Sequence[int]
+    ) -> Value:
+        """(B, ...) what a block makes of values (B, ...), some rows of each at a time.
 
-        With many rows faster than all at once where a row's own work fills a processor's cache.
+        Rows of a group are as many as divide B, four at most: few enough that what a block makes
+        meanwhile stays in a processor's cache, enough for its threads to share.
 
         Parameters
         ----------
-        block : from one row of each value, without its first axis.
-        shape : of what it gives.
+        block : from G rows of each value.
+        shape : of what it gives, without G.
         """
-        count = self.apply("Shape", values[0], start=0, end=1).reshape()
-        row, go_on = Value(self, self._name("row")), Value(self, self._name("go_on"))
+        rows = self.apply("Shape", values[0], start=0, end=1)
+        sizes = self.integers(range(1, _GROUP + 1))
+        left = self.apply("Mod", rows, sizes)
+        fitting = self.apply("Where", self.apply("Equal", left, self.integers(0)), sizes,
+                             self.integers(1))  # fmt: skip
+        size = self.apply("ReduceMax", fitting, keepdims=1)
+        leading = [self.apply("Div", rows, size), size]
+        grouped = [self._led_by(leading, value) for value in values]
         with self._builder.inner() as nodes:
-            found = self.apply("Identity", block(*(value.gather(row, axis=0) for value in values)))
-            still = self.apply("Identity", go_on)
-        graph = helper.make_graph(
-            nodes,
-            f"{self._section}/row",
-            [_info(row.name, TensorProto.INT64, []), _info(go_on.name, TensorProto.BOOL, [])],
-            [_info(still.name, TensorProto.BOOL, []), _info(found.name, TensorProto.FLOAT, shape)],
-        )
-        return self.apply("Loop", count, self._constant(np.array(True)), body=graph)
+            given = [Value(self, self._name("group")) for _ in values]
+            found = self.apply("Identity", block(*given))
+        inputs = [_info(value.name, TensorProto.FLOAT) for value in given]
+        outputs = [_info(found.name, TensorProto.FLOAT, ("G", *shape))]
+        body = helper.make_graph(nodes, f"{self._section}/group", inputs, outputs)
+        whole = self.apply("Scan", *grouped, body=body, num_scan_inputs=len(values))
+        return whole.reshape(-1, *shape)
 
     def model(
         self,
@@ -209,6 +217,11 @@ class ValueGraph:
         """The checked model."""
         named = {output: value.name for output, value in outputs.items()}
         return self._builder.model(name, named, shapes=shapes, metadata=metadata)
+
+    def _led_by(self, leading: Sequence[Value], value: Value) -> Value:
+        """A value (B, ...) whose first axis is split into others."""
+        own = self.apply("Shape", value, start=1)
+        return self.apply("Reshape", value, self.concat([*leading, own], 0))
 
     def _value(self, operand: Operand) -> Value:
         if isinstance(operand, Value):

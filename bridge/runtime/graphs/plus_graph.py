@@ -19,15 +19,14 @@ import onnx
 
 from bridge.body import BodyModelData
 from bridge.paper import N_BETAS, THETA_SIZE
-from bridge.runtime.graphs.body_graph import (
+from bridge.runtime.graphs.body_graph import surface, turned
+from bridge.runtime.graphs.bones_graph import (
     BONES,
     TURNING,
     PosedBones,
     posed_bones,
-    surface,
     translated,
     translation,
-    turned,
 )
 from bridge.runtime.graphs.onnx_kernels import Precision
 from bridge.runtime.graphs.onnx_values import Value, ValueGraph

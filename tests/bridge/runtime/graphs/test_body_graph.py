@@ -8,7 +8,8 @@ import pytest
 
 from bridge.body import BodyModelData, load_body_model, pose_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.graphs.body_graph import posed_bones, surface, translated, translation
+from bridge.runtime.graphs.body_graph import surface
+from bridge.runtime.graphs.bones_graph import posed_bones, translated, translation
 from bridge.runtime.graphs.onnx_values import ValueGraph
 
 BODY = load_body_model("embedded:female")
@@ -54,3 +55,11 @@ def test_batch_is_singles():
     theta, betas = rng.normal(0, 0.5, (4, 69)), rng.normal(size=(4, 10))
     singles = [posed(BODY, theta[k : k + 1], betas[k : k + 1])[0] for k in (0, 3)]
     np.testing.assert_allclose(posed(BODY, theta, betas)[[0, 3]], singles, atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [5, 6, 8])
+def test_groups_of_any_size_give_every_character_her_own(count):
+    rng = np.random.default_rng(count)
+    theta, betas = rng.normal(0, 0.5, (count, 69)), rng.normal(size=(count, 10))
+    expected = pose_vertices(BODY, betas, *unpack_theta(theta))
+    np.testing.assert_allclose(posed(BODY, theta, betas), expected, atol=5e-6)
