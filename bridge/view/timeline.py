@@ -39,6 +39,11 @@ class Timeline:
         """Jump to a frame; beyond the ends, to the first or last."""
         self._at = float(min(max(frame, 0), self.frames - 1))
 
+    def take_length(self, frames: int) -> None:
+        """Go on where it is in the same motion with more frames or fewer."""
+        self.frames = frames
+        self.go_to(self.frame)
+
     def begin(self, frames: int, fps: float) -> None:
         """Take another motion, from its first frame on."""
         self.frames, self.fps, self._at = frames, fps, 0.0

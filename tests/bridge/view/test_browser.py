@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from bridge.view.performances import SMPL_ALONE, Performances
+from bridge.view.clips import SMPL_ALONE
+from bridge.view.performances import Performances
 from bridge.view.repertoire import open_repertoire
 from tools.headless_chromium import PATIENCE_MS, OpenPage, chromium, open_page, why_missing
 
