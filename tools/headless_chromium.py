@@ -76,11 +76,17 @@ def chromium() -> Iterator[Browser]:
 
 @contextmanager
 def open_page(
-    browser: Browser, address: str, width_px: int = 900, height_px: int = 600
+    browser: Browser, address: str, width_px: int = 900, height_px: int = 600, before: str = ""
 ) -> Iterator[OpenPage]:
-    """A page; addresses on other machines than its own are not reached, and are errors."""
+    """A page; addresses on other machines than its own are not reached, and are errors.
+
+    Parameters
+    ----------
+    before : a script that the page runs before its own.
+    """
     page = browser.new_page(viewport={"width": width_px, "height": height_px})
     page.set_default_timeout(PATIENCE_MS)
+    page.add_init_script(before)
     opened = OpenPage(page)
     page.on("console", opened.note)
     page.on("pageerror", lambda error: opened.errors.append(str(error)))
