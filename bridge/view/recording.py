@@ -29,7 +29,7 @@ def record(performances: Performances, selection: Selection) -> str:
     repertoire = performances.repertoire
     # A server of its own: those who look on meanwhile see nothing of it.
     with serving("127.0.0.1", 0) as server:
-        scene = LiveScene(server, repertoire.body.faces, repertoire.origin)
+        scene = LiveScene(server, repertoire.body.faces, repertoire.origin, sparse=False)
         scene.frame_bodies(len(shown.asked))
         scene.draw(list(shown.posed(0)), selection)
         serializer = server.get_scene_serializer()

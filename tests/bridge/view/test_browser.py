@@ -66,8 +66,7 @@ def picture(opened: OpenPage) -> bytes:
 
 
 def vertices_m(viewer: Viewer) -> np.ndarray:
-    bands = viewer.scene.figures[SMPL_ALONE].bands
-    return next(mesh.vertices for mesh in bands if mesh.visible).copy()
+    return viewer.scene.figures[SMPL_ALONE].vertices_m.copy()
 
 
 def set_number(opened: OpenPage, label: str, text: str) -> None:

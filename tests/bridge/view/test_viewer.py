@@ -36,9 +36,8 @@ def viewer(performances) -> Iterator[Viewer]:
 
 
 def drawn_m(viewer: Viewer, name: str) -> np.ndarray:
-    """(V, 3) the vertices of a body as clients have them; those of its first mesh with faces."""
-    figure = viewer.scene.figures[name]
-    return next(mesh.vertices for mesh in figure.bands if mesh.visible).copy()
+    """(V, 3) the vertices of a body that is shown."""
+    return viewer.scene.figures[name].vertices_m.copy()
 
 
 def change(viewer: Viewer, **values: float | str) -> None:
@@ -57,9 +56,14 @@ def _broken(*_: object) -> None:
 
 def test_at_first_there_are_smpl_alone_the_predictor_and_the_truth(viewer):
     assert list(viewer.scene.figures) == [SMPL_ALONE, "dsnet_plus", "truth"]
+    faces = viewer.performances.repertoire.body.faces
     for figure in viewer.scene.figures.values():
-        faces = [tuple(f) for mesh in figure.bands if mesh.visible for f in mesh.faces.tolist()]
-        assert len(set(faces)) == len(viewer.performances.repertoire.body.faces)
+        meshes = [mesh for mesh in figure.bands if mesh.visible]
+        corners_m = np.concatenate([mesh.vertices[mesh.faces] for mesh in meshes])
+        expected_m = figure.vertices_m[faces]
+        assert sorted(corners_m.tolist()) == sorted(expected_m.tolist())
+        for mesh in meshes:
+            assert len(mesh.vertices) == len(np.unique(mesh.faces))
     apart_m = drawn_m(viewer, "dsnet_plus") - drawn_m(viewer, SMPL_ALONE)
     assert np.abs(apart_m).max() > 1e-3
 
