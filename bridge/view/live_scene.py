@@ -113,6 +113,7 @@ class LiveScene:
         scene.add_grid("/floor", 20.0, 20.0, plane="xz", cell_size=0.5, section_size=1.0)
         server.initial_camera.up = (0.0, 1.0, 0.0)
         server.initial_camera.fov = np.radians(_FIELD_OF_VIEW_DEG)
+        self._shadows = True
         self._legend: tuple[object, ...] | None = None
         self._scale: list[viser.SceneNodeHandle] = []
 
@@ -124,6 +125,9 @@ class LiveScene:
     def draw(self, bodies: Sequence[Posed], selection: Selection) -> None:
         """Draw one frame of all bodies; clients see all of it at once."""
         with self._server.atomic():
+            if selection.shadows != self._shadows:
+                self._shadows = selection.shadows
+                self._server.scene.configure_default_lights(cast_shadow=self._shadows)
             self._draw_legend(selection, len(bodies))
             for name, figure in self.figures.items():
                 figure.visible = name in {one.name for one in bodies}

@@ -70,6 +70,7 @@ class Panel:
             self._colouring = gui.add_dropdown("Colours", COLOURINGS, initial_value=start.colouring)
             self._full_cm = gui.add_slider("Last colour, cm", 0.1, 10.0, 0.1, start.full_cm)
             self._in_place = gui.add_checkbox("Stay in place", start.in_place)
+            self._shadows = gui.add_checkbox("Shadows", start.shadows)
         with gui.add_folder("Dynamics"):
             self._gain = _add_gain(gui, "Gain", start.gains.of_all)
             with gui.add_folder("Gain by part", expand_by_default=False):
@@ -85,7 +86,8 @@ class Panel:
         self._person.on_update(self._on_person)
 
     def _add_time(self, gui: viser.GuiApi) -> None:
-        self._told = 0
+        self._told: int | None = 0
+        """The frame that pages show, if they do not lag."""
         with gui.add_folder("Time"):
             self._frame = gui.add_slider("Frame", 0, max(self._timeline.frames - 1, 1), 1, 0)
             self._play = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
@@ -112,8 +114,8 @@ class Panel:
     async def _on_scrub(self, event: viser.GuiEvent[Any]) -> None:
         # As a coroutine it reads the hand's value before the clock can write over it.
         if event.client is not None:  # a hand, not the clock
-            self._timeline.playing = False
-            self._timeline.go_to(self._frame.value)
+            self._timeline.stop_at(self._frame.value)
+            self._told = None
 
     def _on_play(self, _: viser.GuiEvent[Any]) -> None:
         self._timeline.playing = not self._timeline.playing
@@ -153,6 +155,7 @@ class Panel:
             colouring=self._colouring.value,
             full_cm=self._full_cm.value,
             in_place=self._in_place.value,
+            shadows=self._shadows.value,
         )
 
     def begin(self, frames: int) -> None:
@@ -163,6 +166,9 @@ class Panel:
         """Show the present frame, and one line of what is going on."""
         playing = self._timeline.playing
         if frame != self._told:
+            if frame == self._frame.value:
+                # A hand's own value is not sent, but frames on their way to the page come after it.
+                self._frame.value = frame + 1 if frame == 0 else frame - 1
             self._frame.value = self._told = frame
         self._play.label = "Pause" if playing else "Play"
         self._play.icon = viser.Icon.PLAYER_PAUSE if playing else viser.Icon.PLAYER_PLAY

@@ -43,6 +43,8 @@ class Selection:
     """What has the last colour, centimetres."""
     in_place: bool = False
     """Whether the root's way over the ground is left out."""
+    shadows: bool = True
+    """Whether bodies cast them: most of the cost of drawing without a graphics card."""
 
     @property
     def way(self) -> Way:

@@ -212,6 +212,7 @@ def test_a_motion_that_cannot_be_read_leaves_the_last_one(viewer, monkeypatch):
 
 def test_a_recording_holds_the_scene_and_its_client(performances):
     selection = Selection(JUMP, performances.own_betas(JUMP), (SMPL_ALONE,))
+    performances.worker.failed["elsewhere"] = DsnetError("nothing", "something", "Look away.")
     page = record(performances, selection)
     assert page.lower().startswith("<!doctype html>")
     assert "__VISER_EMBED_DATA__" in page
