@@ -55,6 +55,21 @@ class OpenPage:
         box = "input[contains(@class, 'NumberInput')]"
         return self.page.locator(f"//label[.='{label}']/{row}//{box}")
 
+    def slider(self, label: str) -> Locator:
+        """The thumb of a slider, which takes keys."""
+        row = "ancestor::*[contains(@class, 'mantine-Flex-root')][1]"
+        return self.page.locator(f"//label[.='{label}']/{row}//*[@role='slider']")
+
+    def choose(self, label: str, option: str) -> None:
+        """Choose one of a drop-down list."""
+        row = "ancestor::*[contains(@class, 'mantine-Flex-root')][1]"
+        self.page.locator(f"//label[.='{label}']/{row}//input").first.dispatch_event("click")
+        self.page.get_by_role("option", name=option, exact=True).dispatch_event("click")
+
+    def open_folder(self, label: str) -> None:
+        """Open a folder that is closed."""
+        self.page.get_by_text(label, exact=True).dispatch_event("click")
+
     def press(self, label: str) -> None:
         """Press a button; not with the mouse, which waits until nothing moves."""
         self.page.get_by_role("button", name=label).dispatch_event("click")
@@ -76,11 +91,17 @@ def chromium() -> Iterator[Browser]:
 
 @contextmanager
 def open_page(
-    browser: Browser, address: str, width_px: int = 900, height_px: int = 600
+    browser: Browser, address: str, width_px: int = 900, height_px: int = 600, before: str = ""
 ) -> Iterator[OpenPage]:
-    """A page; addresses on other machines than its own are not reached, and are errors."""
+    """A page; addresses on other machines than its own are not reached, and are errors.
+
+    Parameters
+    ----------
+    before : a script that the page runs before its own.
+    """
     page = browser.new_page(viewport={"width": width_px, "height": height_px})
     page.set_default_timeout(PATIENCE_MS)
+    page.add_init_script(before)
     opened = OpenPage(page)
     page.on("console", opened.note)
     page.on("pageerror", lambda error: opened.errors.append(str(error)))

@@ -11,6 +11,7 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bridge.errors import DsnetError
 from bridge.runs import Run
@@ -21,9 +22,13 @@ from bridge.view.serving import serving
 from bridge.view.viewer import Viewer
 from tools.headless_chromium import PATIENCE_MS, chromium, open_page, why_missing
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
 PICTURE = Path(__file__).parents[1] / "docs" / "images" / "viewer.jpg"
-_SETTLED_S = 15.0
-"""After the last change, until pictures that move by themselves have come to rest."""
+_SIZE_PX = 1400, 900
+_APART_S, _ALIKE = 5.0, 3
+"""So many pictures in a row are the same when what fades in and moves by itself is at rest."""
 
 
 @dataclass(frozen=True)
@@ -68,14 +73,23 @@ def main(config: Picture) -> None:
 
 
 def _take(address: str, path: Path) -> None:
-    with chromium() as browser, open_page(browser, address, 1200, 750) as opened:
+    with chromium() as browser, open_page(browser, address, *_SIZE_PX) as opened:
+        opened.page.get_by_role("button", name="Play").wait_for()
         opened.page.get_by_text("computing").wait_for(state="hidden")
         # The browser's remark that no graphics card is there is no part of the viewer.
         close = opened.page.locator(".mantine-Notification-closeButton")
         close.first.dispatch_event("click")
-        time.sleep(_SETTLED_S)
         path.parent.mkdir(exist_ok=True)
-        opened.page.screenshot(path=path, type="jpeg", quality=85, timeout=PATIENCE_MS)
+        path.write_bytes(_at_rest(opened.page))
+
+
+def _at_rest(page: Page) -> bytes:
+    """A JPEG of the page when nothing in it moves any more."""
+    pictures: list[bytes] = []
+    while len(pictures) < _ALIKE or len(set(pictures[-_ALIKE:])) > 1:
+        time.sleep(_APART_S)
+        pictures.append(page.screenshot(type="jpeg", quality=85, timeout=PATIENCE_MS))
+    return pictures[-1]
 
 
 if __name__ == "__main__":

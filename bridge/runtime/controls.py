@@ -6,7 +6,6 @@ export and the viewer iterate over.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import Field, dataclass, fields, replace
 from typing import Annotated, Any
 
@@ -14,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.parts import GROUPS, PARTS, part_weights
 from bridge.body.shapes import find_shape, parse_shape
 from bridge.errors import DsnetError
 from bridge.motion import Motion
-from bridge.motion.loops import close_lap
-from bridge.options import Bounds, check_options
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.loops import Lap, close_lap
+from bridge.options import check_options
 from bridge.paper import N_BETAS
 from bridge.runs.processes import notify
 from bridge.runtime.body_motion import place_motion
@@ -27,15 +26,14 @@ from bridge.runtime.characters import Character
 from bridge.runtime.floor import Floor, put_on_floor, root_joint_m
 from bridge.runtime.looped import LoopedPredictor
 from bridge.runtime.moving_body import MovingBody
-
-_GAINS = Bounds(0, 20)
+from bridge.runtime.part_gains import GAINS, gains_of_parts, vertex_gain
 
 
 @dataclass(frozen=True, kw_only=True)
 class Controls:
     """How a body moves; what is left at its default changes nothing."""
 
-    gain: Annotated[float, _GAINS] = 1.0
+    gain: Annotated[float, GAINS] = 1.0
     """Multiplies the skin's dynamics: 0 is SMPL alone, 1 what was predicted."""
     part_gain: tuple[str, ...] = ()
     """The same for parts of the body, on top of --gain, as in `belly=2 chest=0.5`: head, chest,
@@ -60,7 +58,7 @@ class Controls:
             If something asked for does not exist, is no number or does not go together.
         """
         check_options(self)
-        list(_part_gains(self.part_gain))
+        gains_of_parts(self.part_gain)
         if self.betas is not None and self.shape:
             raise DsnetError(
                 "--betas with --shape", "one way to say a shape", "Leave one of them out."
@@ -105,14 +103,42 @@ def controlled_body(character: Character, motion: Motion, controls: Controls) ->
     body = character.body
     gain = vertex_gain(body, controls.gain, controls.part_gain)
     placed = place_motion(motion, body, asked_betas(body, controls))
-    placed = put_on_floor(placed, body, controls.floor, motion)
-    if controls.loop:
-        lap = close_lap(placed.theta, root_joint_m(body, placed.betas))
+    own = motion.about_root_joint(root_joint_m(body, motion.betas))
+    placed, lap = stage_motion(placed, body, own, controls.floor, controls.loop)
+    if lap is not None:
         if lap.dropped:
             notify(f"the last frame of {motion.source} is its first again: left out of the loop")
-        placed = replace(placed, theta=lap.theta)
         character = replace(character, predict=LoopedPredictor(character.predict, lap))
     return MovingBody(character, placed, gain)
+
+
+def stage_motion(
+    placed: Motion, body: BodyModelData, own: Motion, floor: Floor, loop: bool
+) -> tuple[Motion, Lap | None]:
+    """A motion as it stands on the floor, and as one lap if it is to repeat, with that lap.
+
+    Parameters
+    ----------
+    placed : y up, about the root joint of the body that performs it.
+    body : the model of that body.
+    own : the same motion of the body whose it is.
+
+    Raises
+    ------
+    DsnetError
+        If the motion cannot repeat, or is of a body without legs.
+    """
+    placed = put_on_floor(placed, body, floor, own)
+    if not loop:
+        return placed, None
+    if len(pieces := pieces_between_cuts(placed.theta)) > 1:
+        raise DsnetError(
+            f"--loop with {placed.source}, which jumps at frame {pieces[1].start}",
+            "a motion without cuts",
+            "Cut the motion to whole laps, or leave out --loop.",
+        )
+    lap = close_lap(placed.theta, root_joint_m(body, placed.betas))
+    return replace(placed, theta=lap.theta), lap
 
 
 def asked_betas(body: BodyModelData, controls: Controls) -> NDArray[np.float64] | None:
@@ -126,33 +152,6 @@ def asked_betas(body: BodyModelData, controls: Controls) -> NDArray[np.float64] 
     if controls.betas is not None:
         return parse_betas(controls.betas)
     return find_shape(body, controls.words()) if controls.shape else None
-
-
-def vertex_gain(
-    body: BodyModelData, gain: float, part_gain: Sequence[str] = ()
-) -> float | NDArray[np.float32]:
-    """The gain of all vertices, or of each (V,).
-
-    Parameters
-    ----------
-    gain : of all.
-    part_gain : `part=gain` of `PARTS` and `GROUPS`, on top of it; a part's own counts more than
-        its group's, and gains fade into each other where parts do.
-
-    Raises
-    ------
-    DsnetError
-        If a part is unknown or said twice, or a gain is no number from 0 to 20.
-    """
-    if not part_gain:
-        return gain
-    said = dict(_part_gains(part_gain))
-    of_parts = np.ones(len(PARTS))
-    for group, parts in GROUPS.items():
-        of_parts[[PARTS.index(part) for part in parts]] *= said.get(group, 1.0)
-    for index, part in enumerate(PARTS):
-        of_parts[index] = said.get(part, of_parts[index])
-    return (gain * part_weights(body) @ of_parts).astype(np.float32)
 
 
 def parse_betas(text: str) -> NDArray[np.float64]:
@@ -172,31 +171,3 @@ def parse_betas(text: str) -> NDArray[np.float64]:
             f"--betas {text}", f"{N_BETAS} finite numbers", "Separate them by commas, no spaces."
         )
     return betas
-
-
-def _part_gains(words: Sequence[str]) -> Iterator[tuple[str, float]]:
-    met: set[str] = set()
-    for word in words:
-        part, _, text = word.partition("=")
-        known = part in PARTS or part in GROUPS
-        if not known or part in met:
-            again = ", said before" if part in met else ""
-            raise DsnetError(
-                f"--part-gain {word}{again}",
-                f"each of {', '.join((*PARTS, *GROUPS))} at most once",
-                "Pass --part-gain belly=2 chest=0.5.",
-            )
-        met.add(part)
-        yield part, _gain(word, text)
-
-
-def _gain(word: str, text: str) -> float:
-    try:
-        gain = float(text)
-    except ValueError:
-        gain = np.nan
-    if not _GAINS.hold(gain):
-        raise DsnetError(
-            f"--part-gain {word}", f"a gain of {_GAINS}", "Pass --part-gain belly=2 chest=0.5."
-        )
-    return gain

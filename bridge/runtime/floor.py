@@ -24,7 +24,7 @@ _EVERY = 8
 """Vertices of the rest of the body, of which fewer are looked at than of the feet."""
 
 
-def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, recorded: Motion) -> Motion:
+def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own: Motion) -> Motion:
     """A motion whose lowest point stands on the floor, at height 0.
 
     Parameters
@@ -34,7 +34,7 @@ def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, recorded: Mo
     floor : `keep` changes nothing; `shift` adds one number to all heights, so that jumps take the
         time they take; `scale` first multiplies the root's travel and height by the ratio of leg
         lengths, so that strides fit.
-    recorded : the same motion as its file has it, of the file's body: for `scale`.
+    own : the same motion of the body whose it is, about its root joint: for `scale`.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, recorded: Mo
     if floor == "keep":
         return motion
     if floor == "scale":
-        motion = _strides_fitted(motion, body, recorded)
+        motion = _strides_fitted(motion, body, own)
     low_m = np.percentile(lowest_points_m(motion, body), _SOLE_PERCENTILE)
     pose, trans_m = unpack_theta(motion.theta)
     return replace(motion, theta=pack_theta(pose, trans_m - [0.0, low_m, 0.0]))
@@ -65,8 +65,8 @@ def leg_length_m(body: BodyModelData, betas: NDArray) -> float:
     return float(hips.mean() - shaped_vertices(body, betas)[0, :, 1].min())
 
 
-def _strides_fitted(motion: Motion, body: BodyModelData, recorded: Motion) -> Motion:
-    own_m = leg_length_m(body, recorded.betas)
+def _strides_fitted(motion: Motion, body: BodyModelData, own: Motion) -> Motion:
+    own_m = leg_length_m(body, own.betas)
     if not 0.1 < own_m < 10.0:
         raise DsnetError(
             f"--floor scale with {motion.source}, whose betas are of legs of {own_m:.3g} m",
@@ -74,9 +74,8 @@ def _strides_fitted(motion: Motion, body: BodyModelData, recorded: Motion) -> Mo
             "Pass --floor shift.",
         )
     ratio = leg_length_m(body, motion.betas) / own_m
-    own_joint_m = root_joint_m(body, recorded.betas)
-    _, own_trans_m = unpack_theta(recorded.about_root_joint(own_joint_m).theta)
-    places_m = own_trans_m + own_joint_m
+    _, own_trans_m = unpack_theta(own.theta)
+    places_m = own_trans_m + root_joint_m(body, own.betas)
     start_m = places_m[:1] * [1.0, 0.0, 1.0]
     trans_m = start_m + ratio * (places_m - start_m) - root_joint_m(body, motion.betas)
     pose, _ = unpack_theta(motion.theta)

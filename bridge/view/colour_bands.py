@@ -1,7 +1,7 @@
 """A mesh in bands of colour: viser's meshes that can move have one colour each.
 
-So a body is as many meshes as there are bands; they share the vertices, and a face belongs to the
-band of its value, the mean over its corners.
+So a body is as many meshes as there are bands, and a face belongs to the band of its value, the
+mean over its corners.
 """
 
 from __future__ import annotations
@@ -28,11 +28,22 @@ def faces_by_band(
     values_m : (V,) what the colours show, at each vertex, metres.
     full_m : from which on a face has the last colour, metres.
     """
-    of_face = values_m[faces].mean(axis=-1)
+    first, second, third = values_m[faces.T]
+    of_face = (first + second + third) / 3
     band = np.minimum((of_face * (BANDS / full_m)).astype(np.int64), BANDS - 1)
     order = np.argsort(band, kind="stable")
     ends = np.cumsum(np.bincount(band, minlength=BANDS))[:-1]
     return np.split(faces[order], ends)
+
+
+def own_vertices(
+    faces: NDArray[np.uint32], count: int
+) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
+    """Which of `count` vertices faces (F, 3) have, ascending, and the same faces among those."""
+    used = np.zeros(count, bool)
+    used[faces] = True
+    places = np.cumsum(used, dtype=np.uint32) - np.uint32(1)
+    return np.flatnonzero(used), places[faces]
 
 
 def band_edges_cm(full_m: float) -> NDArray[np.floating]:

@@ -9,6 +9,10 @@ Steps = Callable[[], Iterator[None]]
 """Work in steps of well under a second: between two of them it can be dropped."""
 
 
+class Dropped(Exception):
+    """Nobody wants the work any more that was under way."""
+
+
 class LatestWork:
     """Does pieces of work one after another, in the order in which they were last asked for."""
 
@@ -25,6 +29,17 @@ class LatestWork:
         with self._changed:
             self._wanted = {key: one for key, one in work.items() if key not in self.failed}
             self._changed.notify_all()
+
+    def go_on(self, key: Hashable) -> None:
+        """For work within one of its steps, where that is long.
+
+        Raises
+        ------
+        Dropped
+            If nobody wants it any more.
+        """
+        if key not in self._wanted:
+            raise Dropped
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait until nothing is left to do; False if that took too long."""
@@ -52,6 +67,8 @@ class LatestWork:
             for _ in steps() if steps else ():
                 if key not in self._wanted:
                     return False
+        except Dropped:
+            return False
         # A thread that dies would leave a viewer that waits for ever.
         except Exception as error:
             self.failed[key] = error

@@ -8,7 +8,14 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from bridge.view.colour_bands import BANDS, CLAY, COLOURS, band_edges_cm, faces_by_band
+from bridge.view.colour_bands import (
+    BANDS,
+    CLAY,
+    COLOURS,
+    band_edges_cm,
+    faces_by_band,
+    own_vertices,
+)
 from bridge.view.selection import OVERLAID, PLAIN, Posed, Selection
 
 _APART_M = 1.3
@@ -24,16 +31,22 @@ class Figure:
     Parameters
     ----------
     faces : (F, 3).
+    sparse : whether a band's mesh has no vertices but its own: less to send and to draw, but
+        others every time, so that a recording, which keeps once what meshes share, grows.
     """
 
-    def __init__(self, scene: viser.SceneApi, name: str, faces: NDArray[np.uint32]) -> None:
-        self._faces = faces
+    def __init__(
+        self, scene: viser.SceneApi, name: str, faces: NDArray[np.uint32], *, sparse: bool
+    ) -> None:
+        self._faces, self._sparse = faces, sparse
         self.root = scene.add_frame(f"/bodies/{name}", show_axes=False)
-        start = np.zeros((int(faces.max()) + 1, 3), np.float32)
+        self.vertices_m = np.zeros((int(faces.max()) + 1, 3), np.float32)
+        """(V, 3) what is shown, about the body's own place."""
 
         def mesh(part: str, colour: tuple[int, int, int], opacity: float | None = None):
+            path, start = f"/bodies/{name}/{part}", self.vertices_m
             return scene.add_mesh_simple(
-                f"/bodies/{name}/{part}", start, faces, color=colour, opacity=opacity, visible=False
+                path, start, faces, color=colour, opacity=opacity, visible=False
             )
 
         self.bands = [mesh(f"band{number}", COLOURS[number]) for number in range(BANDS)]
@@ -46,6 +59,7 @@ class Figure:
     def show(self, posed: Posed, full_m: float, ghost: bool, label: str, label_m: NDArray) -> None:
         """Show one frame; as a ghost one looks through it and it has no colours."""
         vertices_m = np.round(posed.vertices_m / _GRID_M).astype(np.float32) * np.float32(_GRID_M)
+        self.vertices_m = vertices_m
         values_m = None if ghost else posed.values_m
         by_band = [self._faces[:0]] * BANDS
         if values_m is not None:
@@ -57,9 +71,16 @@ class Figure:
             (self._ghost, self._faces[: None if ghost else 0]),
         ):
             if len(faces):
-                mesh.vertices, mesh.faces = vertices_m, faces
+                mesh.vertices, mesh.faces = self._of(faces)
             mesh.visible = bool(len(faces))
         self._label.text, self._label.position = label, label_m
+
+    def _of(self, faces: NDArray[np.uint32]) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+        """Vertices and faces of the mesh that shows some of the body's faces."""
+        if not self._sparse:
+            return self.vertices_m, faces
+        own, among_own = own_vertices(faces, len(self.vertices_m))
+        return self.vertices_m[own], among_own
 
     @property
     def visible(self) -> bool:
@@ -78,16 +99,21 @@ class LiveScene:
     ----------
     faces : (F, 3) of the body.
     origin : `synthetic` or `licensed`: it stands in the scene, so that every picture of it says so.
+    sparse : see `Figure`; False for what is recorded.
     """
 
-    def __init__(self, server: viser.ViserServer, faces: NDArray, origin: str) -> None:
+    def __init__(
+        self, server: viser.ViserServer, faces: NDArray, origin: str, *, sparse: bool = True
+    ) -> None:
         self._server, self._faces, self._origin = server, faces.astype(np.uint32), origin
+        self._sparse = sparse
         self.figures: dict[str, Figure] = {}
         scene = server.scene
         scene.set_up_direction("+y")
         scene.add_grid("/floor", 20.0, 20.0, plane="xz", cell_size=0.5, section_size=1.0)
         server.initial_camera.up = (0.0, 1.0, 0.0)
         server.initial_camera.fov = np.radians(_FIELD_OF_VIEW_DEG)
+        self._shadows = True
         self._legend: tuple[object, ...] | None = None
         self._scale: list[viser.SceneNodeHandle] = []
 
@@ -99,6 +125,9 @@ class LiveScene:
     def draw(self, bodies: Sequence[Posed], selection: Selection) -> None:
         """Draw one frame of all bodies; clients see all of it at once."""
         with self._server.atomic():
+            if selection.shadows != self._shadows:
+                self._shadows = selection.shadows
+                self._server.scene.configure_default_lights(cast_shadow=self._shadows)
             self._draw_legend(selection, len(bodies))
             for name, figure in self.figures.items():
                 figure.visible = name in {one.name for one in bodies}
@@ -107,7 +136,9 @@ class LiveScene:
 
     def _draw_body(self, posed: Posed, number: int, count: int, selection: Selection) -> None:
         if posed.name not in self.figures:
-            self.figures[posed.name] = Figure(self._server.scene, posed.name, self._faces)
+            self.figures[posed.name] = Figure(
+                self._server.scene, posed.name, self._faces, sparse=self._sparse
+            )
         figure, overlaid = self.figures[posed.name], selection.layout == OVERLAID
         left_m = 0.0 if overlaid else _APART_M * (number - (count - 1) / 2)
         figure.root.position = (left_m, 0.0, 0.0)

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import viser
 
+from bridge.body.parts import PARTS
+from bridge.body.shapes import SHAPES
+from bridge.errors import DsnetError
 from bridge.paper import N_BETAS
-from bridge.view.performances import LABELS, SMPL_ALONE, Performances
+from bridge.runtime.floor import Floor
+from bridge.view.clips import LABELS, SMPL_ALONE, Gains
+from bridge.view.performances import Performances
+from bridge.view.repertoire import AS_ASKED
 from bridge.view.selection import COLOURINGS, LAYOUTS, Selection
 from bridge.view.timeline import Timeline
 from bridge.view.truth import TRUTH
 
 _SPEEDS = {"0.1": 0.1, "0.25": 0.25, "0.5": 0.5, "1": 1.0, "2": 2.0}
 _OWN_PERSON = "who moved"
-_MOST_BETA = 5.0
+_MOST_BETA, _MOST_GAIN = 5.0, 5.0
 
 
 class Panel:
@@ -36,7 +42,7 @@ class Panel:
         record: Callable[[Selection], str],
     ) -> None:
         self._performances, self._timeline = performances, timeline
-        self._record, self._own = record, start.betas
+        self._record, self._own, self.problem = record, start.betas, ""
         gui, repertoire = server.gui, performances.repertoire
         gui.set_panel_label(f"dsnet view · {repertoire.origin}")
         gui.main_panel.dock_right()
@@ -48,7 +54,11 @@ class Panel:
             self._take = gui.add_dropdown(
                 "Motion", tuple(repertoire.takes), initial_value=start.take
             )
-            self._person = gui.add_dropdown("Person", (_OWN_PERSON, *repertoire.people))
+            people = (_OWN_PERSON, *repertoire.people, *SHAPES)
+            asked = AS_ASKED if AS_ASKED in people else _OWN_PERSON
+            self._person = gui.add_dropdown("Person", people, initial_value=asked)
+            self._floor = gui.add_dropdown("Floor", get_args(Floor), initial_value=start.floor)
+            self._loop = gui.add_checkbox("Loop", start.loop)
         with gui.add_folder("Shown"):
             labels = {SMPL_ALONE: LABELS[SMPL_ALONE]} | dict(repertoire.predictors)
             if repertoire.read_truth is not None:
@@ -60,17 +70,24 @@ class Panel:
             self._colouring = gui.add_dropdown("Colours", COLOURINGS, initial_value=start.colouring)
             self._full_cm = gui.add_slider("Last colour, cm", 0.1, 10.0, 0.1, start.full_cm)
             self._in_place = gui.add_checkbox("Stay in place", start.in_place)
-        with gui.add_folder("Dynamics and shape"):
-            self._gain = gui.add_slider("Gain", 0.0, 5.0, 0.05, start.gain)
-            self._betas = [self._add_beta(gui, number) for number in range(N_BETAS)]
+            self._shadows = gui.add_checkbox("Shadows", start.shadows)
+        with gui.add_folder("Dynamics"):
+            self._gain = _add_gain(gui, "Gain", start.gains.of_all)
+            with gui.add_folder("Gain by part", expand_by_default=False):
+                names = [part.replace("_", " ") for part in PARTS]
+                gains = zip(names, start.gains.of_parts, strict=True)
+                self._part_gains = [_add_gain(gui, name, gain) for name, gain in gains]
+        with gui.add_folder("Betas", expand_by_default=False):
+            self._betas = [_add_beta(gui, number) for number in range(N_BETAS)]
             gui.add_button("Shape of the person").on_click(self._on_person)
         self._add_recording(gui)
         self._set_betas(start.betas)
-        self._take.on_update(self._on_take)
+        self._take.on_update(self._on_person)
         self._person.on_update(self._on_person)
 
     def _add_time(self, gui: viser.GuiApi) -> None:
-        self._told = 0
+        self._told: int | None = 0
+        """The frame that pages show, if they do not lag."""
         with gui.add_folder("Time"):
             self._frame = gui.add_slider("Frame", 0, max(self._timeline.frames - 1, 1), 1, 0)
             self._play = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
@@ -79,27 +96,26 @@ class Panel:
         self._play.on_click(self._on_play)
         self._speed.on_update(self._on_speed)
 
-    def _add_beta(self, gui: viser.GuiApi, number: int) -> viser.GuiSliderHandle[float]:
-        return gui.add_slider(f"Beta {number + 1}", -_MOST_BETA, _MOST_BETA, 0.05, 0.0)
-
     def _add_recording(self, gui: viser.GuiApi) -> None:
         button = gui.add_button("Recording (HTML)", icon=viser.Icon.DOWNLOAD)
 
         @button.on_click
         def _(event: viser.GuiEvent[Any]) -> None:
-            button.disabled = True
+            button.disabled, self.problem = True, ""
             try:
                 html = self._record(self.selection)
                 if event.client is not None:
                     event.client.send_file_download("dsnet.html", html.encode())
+            except DsnetError as error:
+                self.problem = str(error)
             finally:
                 button.disabled = False
 
     async def _on_scrub(self, event: viser.GuiEvent[Any]) -> None:
         # As a coroutine it reads the hand's value before the clock can write over it.
         if event.client is not None:  # a hand, not the clock
-            self._timeline.playing = False
-            self._timeline.go_to(self._frame.value)
+            self._timeline.stop_at(self._frame.value)
+            self._told = None
 
     def _on_play(self, _: viser.GuiEvent[Any]) -> None:
         self._timeline.playing = not self._timeline.playing
@@ -107,14 +123,15 @@ class Panel:
     def _on_speed(self, _: viser.GuiEvent[Any]) -> None:
         self._timeline.speed = _SPEEDS[self._speed.value]
 
-    def _on_take(self, _: viser.GuiEvent[Any]) -> None:
-        self._person.value = _OWN_PERSON
-        self._on_person(_)
-
     def _on_person(self, _: viser.GuiEvent[Any]) -> None:
-        people, name = self._performances.repertoire.people, self._person.value
-        own = self._performances.own_betas(self._take.value)
-        self._set_betas(tuple(map(float, people[name])) if name in people else own)
+        performances, name, self.problem = self._performances, self._person.value, ""
+        if name == _OWN_PERSON:
+            self._set_betas(performances.own_betas(self._take.value))
+            return
+        try:
+            self._set_betas(performances.person_betas(name))
+        except DsnetError as error:
+            self.problem = str(error)
 
     def _set_betas(self, betas: tuple[float, ...]) -> None:
         """Set the sliders to a person's shape, which lies between their steps."""
@@ -131,11 +148,14 @@ class Panel:
             take=self._take.value,
             betas=self._own if betas == self._rounded else betas,
             shown=tuple(name for name, box in self._shown.items() if box.value),
-            gain=self._gain.value,
+            gains=Gains(self._gain.value, tuple(slider.value for slider in self._part_gains)),
+            floor=self._floor.value,
+            loop=self._loop.value,
             layout=self._layout.value,
             colouring=self._colouring.value,
             full_cm=self._full_cm.value,
             in_place=self._in_place.value,
+            shadows=self._shadows.value,
         )
 
     def begin(self, frames: int) -> None:
@@ -146,8 +166,19 @@ class Panel:
         """Show the present frame, and one line of what is going on."""
         playing = self._timeline.playing
         if frame != self._told:
+            if frame == self._frame.value:
+                # A hand's own value is not sent, but frames on their way to the page come after it.
+                self._frame.value = frame + 1 if frame == 0 else frame - 1
             self._frame.value = self._told = frame
         self._play.label = "Pause" if playing else "Play"
         self._play.icon = viser.Icon.PLAYER_PAUSE if playing else viser.Icon.PLAYER_PLAY
         if status != self._status.content:
             self._status.content = status
+
+
+def _add_gain(gui: viser.GuiApi, label: str, gain: float) -> viser.GuiSliderHandle[float]:
+    return gui.add_slider(label, 0.0, max(_MOST_GAIN, gain), 0.05, gain)
+
+
+def _add_beta(gui: viser.GuiApi, number: int) -> viser.GuiSliderHandle[float]:
+    return gui.add_slider(f"Beta {number + 1}", -_MOST_BETA, _MOST_BETA, 0.05, 0.0)

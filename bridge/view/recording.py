@@ -23,16 +23,17 @@ def record(performances: Performances, selection: Selection) -> str:
     """
     shown = Shown(performances, selection)
     performances.worker.wait()
-    for failure in performances.worker.failed.values():
-        raise failure
+    for asked in shown.asked:
+        if failure := performances.worker.failed.get(asked):
+            raise failure
     repertoire = performances.repertoire
     # A server of its own: those who look on meanwhile see nothing of it.
     with serving("127.0.0.1", 0) as server:
-        scene = LiveScene(server, repertoire.body.faces, repertoire.origin)
+        scene = LiveScene(server, repertoire.body.faces, repertoire.origin, sparse=False)
         scene.frame_bodies(len(shown.asked))
         scene.draw(list(shown.posed(0)), selection)
         serializer = server.get_scene_serializer()
-        step = max(round(performances.motion(selection.take, selection.betas).fps / FPS), 1)
+        step = max(round(performances.motion(selection.way).fps / FPS), 1)
         for frame in range(0, shown.frames, step):
             scene.draw(list(shown.posed(frame)), selection)
             serializer.insert_sleep(1 / FPS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +22,10 @@ from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
 from bridge.runtime.body_motion import place_motion
 from bridge.runtime.characters import ROADS, Character, open_character
+from bridge.runtime.controls import Controls, asked_betas
 from bridge.view.truth import ReadTruth, open_truth
 
-AVERAGE = "average shape"
+AVERAGE, AS_ASKED = "average shape", "as asked"
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,17 +60,21 @@ class Repertoire:
     read_truth: ReadTruth | None = None
 
 
-def open_repertoire(run: Run | None, path: Path | None) -> Repertoire:
+def open_repertoire(
+    run: Run | None, path: Path | None, controls: Controls | None = None
+) -> Repertoire:
     """Everything that can be shown with a run's predictors, or with the packaged one.
 
     Parameters
     ----------
     path : a motion to be shown first: an AMASS `.npz`, or a sample such as `sample:walking`.
+    controls : a shape that they ask for is one of the people, `AS_ASKED`.
 
     Raises
     ------
     DsnetError
-        If the file is no motion of a body, the run has no trained predictor, or nothing to show.
+        If the file is no motion of a body, the run has no trained predictor, or nothing to show,
+        or the body has no such shape.
     """
     given = None if path is None else load_amass_motion(path)
     gender = "unknown" if given is None else given.gender
@@ -84,9 +89,10 @@ def open_repertoire(run: Run | None, path: Path | None) -> Repertoire:
 
     origin = best.chosen.trained.origin
     found = partial(Repertoire, best.chosen.owner, origin, best.body, open=character)
+    people = _asked(best.body, controls) | {AVERAGE: np.zeros(N_BETAS)}
     if run is None:
         takes = named | _samples(best.body)
-        return found(predictors=_labels(best), takes=takes, people={AVERAGE: np.zeros(N_BETAS)})
+        return found(predictors=_labels(best), takes=takes, people=people)
     known, read = open_truth(run, origin)
     align = run.artifact(ROBUST_ALIGNMENT if run.finished(ROBUST_ALIGNMENT) else ALIGNMENT)
     takes = named | _aligned(align, best.body, known) | _unseen(run, align, best.body, known)
@@ -95,9 +101,14 @@ def open_repertoire(run: Run | None, path: Path | None) -> Repertoire:
     return found(
         predictors=_labels(best) | _labels_of(run),
         takes=takes,
-        people=_people(align) | {AVERAGE: np.zeros(N_BETAS)},
+        people=_people(align) | people,
         read_truth=read if known else None,
     )
+
+
+def _asked(body: BodyModelData, controls: Controls | None) -> dict[str, NDArray[np.float64]]:
+    betas = None if controls is None else asked_betas(body, controls)
+    return {} if betas is None else {AS_ASKED: betas}
 
 
 def _labels(best: Character) -> dict[str, str]:
@@ -121,7 +132,8 @@ def _of_motion(motion: Motion, body: BodyModelData) -> ViewedMotion:
 
 
 def _of_file(path: Path, body: BodyModelData) -> ViewedMotion:
-    return ViewedMotion(lambda betas: place_motion(load_amass_motion(path), body, betas))
+    load = lru_cache(1)(partial(load_amass_motion, path))
+    return ViewedMotion(lambda betas: place_motion(load(), body, betas))
 
 
 def _with_truth(take: ViewedMotion, sequence: str, known: Mapping[str, int]) -> ViewedMotion:

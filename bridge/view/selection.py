@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.view.performances import LABELS, Asked, Performances
+from bridge.runtime.floor import Floor
+from bridge.view.clips import AS_PREDICTED, LABELS, Asked, Gains, Way
+from bridge.view.performances import Performances
 from bridge.view.truth import TRUTH
 
 SIDE_BY_SIDE, OVERLAID = "side by side", "overlaid"
@@ -27,8 +29,12 @@ class Selection:
     """Ten shape coefficients."""
     shown: tuple[str, ...]
     """Predictors, `smpl`, `truth`: who stands there, from left to right."""
-    gain: float = 1.0
+    gains: Gains = AS_PREDICTED
     """Of predicted offsets."""
+    floor: Floor = "keep"
+    """Where the motion stands."""
+    loop: bool = False
+    """Whether the motion repeats."""
     layout: str = SIDE_BY_SIDE
     """One of `LAYOUTS`."""
     colouring: str = OFFSETS
@@ -37,11 +43,17 @@ class Selection:
     """What has the last colour, centimetres."""
     in_place: bool = False
     """Whether the root's way over the ground is left out."""
+    shadows: bool = True
+    """Whether bodies cast them: most of the cost of drawing without a graphics card."""
+
+    @property
+    def way(self) -> Way:
+        """How somebody moves."""
+        return Way(self.take, self.betas, self.floor, self.loop)
 
     def asked(self, known: bool) -> list[Asked]:
         """Keys of the performances that it needs; the truth only where it is known."""
-        shown = [name for name in self.shown if known or name != TRUTH]
-        return [Asked(self.take, name, self.betas) for name in shown]
+        return [Asked(self.way, name) for name in self.shown if known or name != TRUTH]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +81,14 @@ class Shown:
 
     def __init__(self, performances: Performances, selection: Selection) -> None:
         self.performances, self.selection = performances, selection
-        self.knows_truth = performances.knows_truth(selection.take, selection.betas)
+        self.knows_truth = performances.knows_truth(selection.way)
         self.asked = selection.asked(self.knows_truth)
-        performances.want(self.asked, selection.gain)
+        performances.want(self.asked, selection.gains)
 
     @property
     def frames(self) -> int:
         """How many there are to be seen."""
-        return len(self.performances.motion(self.selection.take, self.selection.betas).theta)
+        return len(self.performances.motion(self.selection.way).theta)
 
     def ready(self) -> float:
         """The part of all frames that has been computed, 0 to 1."""
@@ -86,11 +98,11 @@ class Shown:
     def posed(self, frame: int) -> Iterator[Posed]:
         """Every body in one frame; those that are not computed yet as SMPL alone, and say so."""
         selection = self.selection
-        true = Asked(selection.take, TRUTH, selection.betas)
+        true = Asked(selection.way, TRUTH)
         root_m = self._root_m(frame)
         for asked in self.asked:
             one = slice(frame, frame + 1)
-            vertices_m = self.performances.vertices_m(asked, one, selection.gain)[0]
+            vertices_m = self.performances.vertices_m(asked, one, selection.gains)[0]
             values_m = None
             if selection.colouring == OFFSETS:
                 values_m = self._size_m(asked, frame)
@@ -105,15 +117,15 @@ class Shown:
 
     def _root_m(self, frame: int) -> NDArray[np.float32]:
         """(3,) the way over the ground that is left out."""
-        motion = self.performances.motion(self.selection.take, self.selection.betas)
+        motion = self.performances.motion(self.selection.way)
         way_m = motion.theta[frame, -3:] * [1, 0, 1]
         return (way_m if self.selection.in_place else np.zeros(3)).astype(np.float32)
 
     def _size_m(self, asked: Asked, frame: int) -> NDArray[np.float32]:
         clip = self.performances.clip(asked)
         assert clip is not None
-        gain = 1.0 if asked.predictor == TRUTH else self.selection.gain
-        return abs(gain) * np.linalg.norm(clip.offsets_m[frame], axis=-1)
+        gain = self.performances.gain(asked, self.selection.gains)
+        return np.linalg.norm(gain * clip.offsets_m[frame], axis=-1)
 
     def _label(self, asked: Asked, frame: int) -> str:
         labels = {**LABELS, **self.performances.repertoire.predictors}

@@ -14,13 +14,16 @@ from bridge.errors import DsnetError
 from bridge.options import Bounds, PositiveFloat
 from bridge.runs import Run
 from bridge.runs.processes import notify
+from bridge.runtime.controls import Controls
 from bridge.view.performances import Performances
 from bridge.view.repertoire import open_repertoire
 
 
 @dataclass(frozen=True)
-class ViewConfig:
-    """Show truth, SMPL alone and predictors in a browser, and let them be played with."""
+class ViewConfig(Controls):
+    """Show truth, SMPL alone and predictors in a browser, and let them be played with.
+
+    What says how a body moves is where the controls stand at the start."""
 
     run: str | None = None
     """Run whose predictors and motions are shown; the small model that comes with the package
@@ -47,14 +50,16 @@ def main(config: ViewConfig) -> None:
     ------
     DsnetError
         If the extra `viewer` is not installed, the port is taken, the run has no trained model,
-        or the file is no motion of a body.
+        or the file is no motion of a body, and what `controlled_body` raises.
     """
+    config.check()
     require_viser()
     check_address(config.host, config.port)
     run = None if config.run is None else Run(config.run)
-    performances = Performances(open_repertoire(run, config.motion), config.seconds)
+    repertoire = open_repertoire(run, config.motion, config)
+    performances = Performances(repertoire, config.seconds)
     if config.record is not None:
-        write_recording(config.record, performances)
+        write_recording(config.record, performances, config)
     else:
         _serve(config, performances)
 
@@ -98,7 +103,9 @@ def check_address(host: str, port: int) -> None:
         ) from error
 
 
-def write_recording(path: Path, performances: Performances) -> None:
+def write_recording(
+    path: Path, performances: Performances, controls: Controls | None = None
+) -> None:
     """Write the recording of what is shown first; all or nothing.
 
     Raises
@@ -116,7 +123,7 @@ def write_recording(path: Path, performances: Performances) -> None:
             "Pass another path.",
         )
     try:
-        page = record(performances, first_selection(performances))
+        page = record(performances, first_selection(performances, controls))
     finally:
         performances.worker.stop()
     with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".partial", delete=False) as file:
@@ -131,7 +138,7 @@ def _serve(config: ViewConfig, performances: Performances) -> None:
     from bridge.view.viewer import Viewer
 
     with serving(config.host, config.port) as server:
-        viewer = Viewer(server, performances)
+        viewer = Viewer(server, performances, config)
         owner = performances.repertoire.owner
         address = f"http://{config.host}:{server.get_port()}"
         notify(f"{owner}: open {address} in a browser; Ctrl-C ends it")

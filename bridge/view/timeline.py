@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import threading
+from dataclasses import dataclass, field
 
 
 @dataclass
@@ -18,6 +19,8 @@ class Timeline:
     playing: bool = True
     """Whether time passes."""
     _at: float = 0.0
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    """A hand moves it in another thread than the clock."""
 
     @property
     def frame(self) -> int:
@@ -31,13 +34,25 @@ class Timeline:
 
     def pass_time(self, seconds: float) -> int:
         """Let time pass, and say which frame is to be seen then."""
-        if self.playing:
-            self._at = (self._at + seconds * self.speed * self.fps) % self.frames
-        return self.frame
+        with self._lock:
+            if self.playing:
+                self._at = (self._at + seconds * self.speed * self.fps) % self.frames
+            return self.frame
 
     def go_to(self, frame: int) -> None:
         """Jump to a frame; beyond the ends, to the first or last."""
-        self._at = float(min(max(frame, 0), self.frames - 1))
+        with self._lock:
+            self._at = float(min(max(frame, 0), self.frames - 1))
+
+    def stop_at(self, frame: int) -> None:
+        """Pause at a frame."""
+        self.playing = False
+        self.go_to(frame)
+
+    def take_length(self, frames: int) -> None:
+        """Go on where it is in the same motion with more frames or fewer."""
+        self.frames = frames
+        self.go_to(self.frame)
 
     def begin(self, frames: int, fps: float) -> None:
         """Take another motion, from its first frame on."""

@@ -17,8 +17,9 @@ from bridge.motion import Motion, load_amass_motion
 from bridge.runs import Run
 from bridge.runtime.body_motion import place_motion
 from bridge.runtime.characters import Character, open_character
-from bridge.runtime.controls import Controls, controlled_body, vertex_gain
+from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.part_gains import vertex_gain
 from bridge.runtime.predict_motion import predict_motion
 from tests.forged.cyclic import save_on_the_spot
 
@@ -92,6 +93,13 @@ def test_a_loop_gives_one_lap_that_follows_on_itself(character, bouncing, capsys
     assert len(found) == len(moving) == LAP
     steps = np.linalg.norm(np.diff(found, axis=0, append=found[:1]), axis=-1).max(axis=1)
     assert steps[-1] < 1.2 * steps[:-1].max()
+
+
+def test_a_loop_with_a_cut_is_refused(character, bouncing):
+    theta = bouncing.theta.copy()
+    theta[10:20, -3] += 3.0
+    with pytest.raises(DsnetError, match=r"--loop with .*bounce\.npz, which jumps at frame 10"):
+        controlled_body(character, replace(bouncing, theta=theta), Controls(loop=True))
 
 
 def test_a_still_motion_starts_settled(character, bouncing):

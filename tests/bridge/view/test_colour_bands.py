@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.report.panels import MAGNITUDE_COLOURS
-from bridge.view.colour_bands import BANDS, COLOURS, band_edges_cm, faces_by_band
+from bridge.view.colour_bands import BANDS, COLOURS, band_edges_cm, faces_by_band, own_vertices
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-3, 0.1))
@@ -33,3 +33,11 @@ def test_no_value_has_the_first_colour():
 def test_colours_are_the_reports():
     report = 255 * np.asarray(MAGNITUDE_COLOURS(np.linspace(0, 1, BANDS)))[:, :3]
     np.testing.assert_allclose(COLOURS, report, atol=3.0)
+
+
+def test_faces_have_the_same_corners_among_their_own_vertices():
+    faces = np.array([[7, 2, 5], [5, 2, 9]], np.uint32)
+    own, among_own = own_vertices(faces, 12)
+    assert own.tolist() == [2, 5, 7, 9]
+    np.testing.assert_array_equal(own[among_own], faces)
+    assert among_own.dtype == np.uint32

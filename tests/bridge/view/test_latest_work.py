@@ -55,6 +55,27 @@ def test_what_is_under_way_is_dropped_or_goes_on(worker):
     assert begun == ["a", "short"]
 
 
+def test_a_long_step_can_be_dropped_within(worker):
+    begun, done = threading.Event(), []
+
+    def long() -> Iterator[None]:
+        begun.set()
+        while True:
+            worker.go_on("long")
+        yield
+
+    def short() -> Iterator[None]:
+        done.append("short")
+        yield
+
+    worker.want({"long": long})
+    assert begun.wait(5)
+    worker.want({"short": short})
+    assert worker.wait(5)
+    assert done == ["short"]
+    assert not worker.failed
+
+
 def test_a_failure_is_kept_and_the_rest_is_done(worker):
     done = []
 

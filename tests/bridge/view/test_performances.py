@@ -5,12 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bridge.body.parts import PARTS
+from bridge.motion import load_amass_motion
+from bridge.runtime.characters import open_character
+from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody
-from bridge.view.performances import SMPL_ALONE, Asked, Clip, Performances
+from bridge.runtime.part_gains import vertex_gain
+from bridge.view.clips import SMPL_ALONE, Asked, Clip, Gains, Way
+from bridge.view.performances import Performances
 from bridge.view.repertoire import open_repertoire
 from bridge.view.selection import ERRORS, Selection, Shown
 from bridge.view.truth import TRUTH
 from tests.bridge.view.conftest import FRAMES, JUMP
+from tests.forged.cyclic import save_on_the_spot
 
 SHOWN = FRAMES - 10
 """Frames that have a truth."""
@@ -22,9 +29,9 @@ def clip_of(performances: Performances, asked: Asked) -> Clip:
     return found
 
 
-def moved(performances: Performances, asked: Asked, gain: float):
+def moved(performances: Performances, asked: Asked, gain: float | np.ndarray):
     """Offsets and vertices of all frames, as prediction and export make them."""
-    motion = performances.motion(asked.take, asked.betas)
+    motion = performances.motion(asked.way)
     body = MovingBody(performances.repertoire.open(asked.predictor), motion, gain)
     frames = list(body)
     return [np.concatenate([getattr(f, n) for f in frames]) for n in ("offsets_m", "vertices_m")]
@@ -33,7 +40,7 @@ def moved(performances: Performances, asked: Asked, gain: float):
 @pytest.mark.parametrize("own", [True, False])
 def test_it_is_the_motion_that_prediction_makes(performances, own):
     betas = performances.own_betas(JUMP) if own else (2.0, *np.zeros(9))
-    asked = Asked(JUMP, "dsnet_plus", betas)
+    asked = Asked(Way(JUMP, betas), "dsnet_plus")
     performances.want([asked])
     assert performances.worker.wait(30)
     offsets_m, vertices_m = moved(performances, asked, 0.5)
@@ -42,7 +49,7 @@ def test_it_is_the_motion_that_prediction_makes(performances, own):
     assert len(clip.offsets_m) == SHOWN
     assert np.abs(clip.offsets_m).max() > 1e-3
     np.testing.assert_allclose(0.5 * clip.offsets_m, offsets_m, atol=1e-7)
-    shown_m = performances.vertices_m(asked, slice(0, SHOWN), gain=0.5)
+    shown_m = performances.vertices_m(asked, slice(0, SHOWN), gains=Gains(0.5))
     np.testing.assert_allclose(shown_m, vertices_m, atol=1e-6)
 
 
@@ -51,7 +58,7 @@ def test_frames_that_are_not_there_yet_are_smpl_alone(performances):
     early = Performances(performances.repertoire)
     shown = Shown(early, Selection(JUMP, betas, ("dsnet_plus", SMPL_ALONE)))
     early.worker.stop()
-    whole = clip_of(performances, Asked(JUMP, "dsnet_plus", betas))
+    whole = clip_of(performances, Asked(Way(JUMP, betas), "dsnet_plus"))
     clip = clip_of(early, shown.asked[0])
     clip.offsets_m[:40], clip.offsets_m[40:], clip.ready = whole.offsets_m[:40], 0, 40
     predicted, alone = shown.posed(50)
@@ -64,15 +71,15 @@ def test_frames_that_are_not_there_yet_are_smpl_alone(performances):
 
 def test_errors_are_distances_to_the_true_mesh(performances):
     betas = performances.own_betas(JUMP)
-    selection = Selection(JUMP, betas, (SMPL_ALONE, TRUTH), gain=3.0, colouring=ERRORS)
+    selection = Selection(JUMP, betas, (SMPL_ALONE, TRUTH), gains=Gains(3.0), colouring=ERRORS)
     shown = Shown(performances, selection)
     assert performances.worker.wait(30)
     # Skin that is turned and not stretched carries an offset with its length.
     expected_m = np.full(SHOWN, np.sqrt(3) * 0.01)
-    errors_m = performances.errors_m(shown.asked[0], 3.0)
+    errors_m = performances.errors_m(shown.asked[0], Gains(3.0))
     assert errors_m is not None
     np.testing.assert_allclose(errors_m, expected_m, rtol=1e-3)
-    assert performances.errors_m(shown.asked[1], 3.0) is None
+    assert performances.errors_m(shown.asked[1], Gains(3.0)) is None
     alone, true = shown.posed(20)
     assert alone.values_m is not None
     assert true.values_m is not None
@@ -86,11 +93,11 @@ def test_another_shape_and_a_motion_without_one_have_no_truth(performances, take
     shown = Shown(performances, Selection(take, betas, ("dsnet_plus", TRUTH)))
     assert performances.worker.wait(30)
     assert [one.name for one in shown.posed(0)] == ["dsnet_plus"]
-    assert performances.errors_m(shown.asked[0], 1.0) is None
+    assert performances.errors_m(shown.asked[0], Gains()) is None
 
 
 def test_colours_are_sizes_of_what_is_shown(performances):
-    chosen = Selection(JUMP, performances.own_betas(JUMP), ("dsnet_plus",), gain=2.0)
+    chosen = Selection(JUMP, performances.own_betas(JUMP), ("dsnet_plus",), gains=Gains(2.0))
     shown = Shown(performances, chosen)
     assert performances.worker.wait(30)
     clip = clip_of(performances, shown.asked[0])
@@ -100,9 +107,48 @@ def test_colours_are_sizes_of_what_is_shown(performances):
     np.testing.assert_allclose(posed.values_m, expected_m, rtol=1e-6)
 
 
+def test_parts_have_their_own_gains(performances):
+    body = performances.repertoire.body
+    gains = Gains(2.0, tuple(3.0 if part == "belly" else 1.0 for part in PARTS))
+    asked = Asked(Way(JUMP, performances.own_betas(JUMP)), "dsnet_plus")
+    performances.want([asked])
+    assert performances.worker.wait(30)
+    gain = vertex_gain(body, 2.0, ["belly=3"])
+    np.testing.assert_array_equal(performances.gain(asked, gains)[:, 0], gain)
+    _, vertices_m = moved(performances, asked, gain)
+    shown_m = performances.vertices_m(asked, slice(0, SHOWN), gains)
+    np.testing.assert_allclose(shown_m, vertices_m, atol=1e-6)
+
+
+@pytest.mark.parametrize("floor", ["shift", "scale"])
+def test_a_floor_moves_everybody_and_has_no_truth(performances, floor):
+    way = Way(JUMP, (2.0, *np.zeros(9)), floor)
+    shown = Shown(performances, Selection(JUMP, way.betas, (SMPL_ALONE, TRUTH), floor=floor))
+    assert [asked.predictor for asked in shown.asked] == [SMPL_ALONE]
+    low_m = performances.vertices_m(shown.asked[0], slice(0, SHOWN))[..., 1].min()
+    assert abs(low_m) < 0.01
+    assert not performances.knows_truth(Way(JUMP, performances.own_betas(JUMP), floor))
+
+
+def test_a_loop_is_the_one_that_prediction_makes(tmp_path):
+    path = save_on_the_spot(tmp_path / "given" / "bounce.npz", 31, 30)
+    short = Performances(open_repertoire(None, path), most_s=0.3)
+    asked = Asked(Way("bounce", short.own_betas("bounce"), loop=True), "dsnet_plus")
+    short.want([asked])
+    assert short.worker.wait(60)
+    short.worker.stop()
+    assert not short.worker.failed
+    looped = controlled_body(open_character(None), load_amass_motion(path), Controls(loop=True))
+    whole_m = np.concatenate([frames.vertices_m for frames in looped])
+    assert len(whole_m) == 30
+    shown_m = short.vertices_m(asked, slice(0, 18))
+    assert len(shown_m) == 18
+    np.testing.assert_allclose(shown_m, whole_m[:18], atol=1e-5)
+
+
 def test_no_more_of_a_motion_is_shown_than_was_asked_for(run):
     short = Performances(open_repertoire(run, None), most_s=0.5)
-    assert len(short.motion(JUMP).theta) == 30
+    assert len(short.motion(Way(JUMP, short.own_betas(JUMP))).theta) == 30
     short.worker.stop()
 
 

@@ -68,6 +68,22 @@ def test_what_is_no_motion(capsys, tmp_path):
 
 
 @needs_viser
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--part-gain", "nose=2"], "--part-gain nose=2"),
+        (["--gain", "21"], "--gain 21.0; expected 0 to 20"),
+        (["--shape", "wide"], "shape 'wide'; expected tall"),
+        (["--shape", "height=300"], "a shape of height=300"),
+        (["--betas", "1,2"], "--betas 1,2; expected 10"),
+        (["--loop", "--motion", "sample:dancing"], "--loop with a motion"),
+    ],
+)
+def test_controls_are_checked(capsys, options, message):
+    assert message in refused(capsys, *options, "--port", "0")
+
+
+@needs_viser
 def test_a_recording_overwrites_nothing(capsys, tmp_path):
     there = tmp_path / "a.html"
     there.write_text("mine")

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bridge.view.performances import SMPL_ALONE, Performances
-from bridge.view.repertoire import open_repertoire
+from bridge.body.parts import PARTS, part_weights
+from bridge.body.shapes import find_shape
+from bridge.errors import DsnetError
+from bridge.runtime.controls import Controls
+from bridge.view.clips import SMPL_ALONE
+from bridge.view.performances import Performances
+from bridge.view.repertoire import AS_ASKED, open_repertoire
 from tests.bridge.view.conftest import FRAMES, JUMP
 
 pytest.importorskip("viser", reason="viser is not installed")
@@ -30,9 +36,8 @@ def viewer(performances) -> Iterator[Viewer]:
 
 
 def drawn_m(viewer: Viewer, name: str) -> np.ndarray:
-    """(V, 3) the vertices of a body as clients have them; those of its first mesh with faces."""
-    figure = viewer.scene.figures[name]
-    return next(mesh.vertices for mesh in figure.bands if mesh.visible).copy()
+    """(V, 3) the vertices of a body that is shown."""
+    return viewer.scene.figures[name].vertices_m.copy()
 
 
 def change(viewer: Viewer, **values: float | str) -> None:
@@ -45,11 +50,20 @@ def change(viewer: Viewer, **values: float | str) -> None:
     viewer.draw(0.0)
 
 
+def _broken(*_: object) -> None:
+    raise DsnetError("no file", "one", "Pass it.")
+
+
 def test_at_first_there_are_smpl_alone_the_predictor_and_the_truth(viewer):
     assert list(viewer.scene.figures) == [SMPL_ALONE, "dsnet_plus", "truth"]
+    faces = viewer.performances.repertoire.body.faces
     for figure in viewer.scene.figures.values():
-        faces = [tuple(f) for mesh in figure.bands if mesh.visible for f in mesh.faces.tolist()]
-        assert len(set(faces)) == len(viewer.performances.repertoire.body.faces)
+        meshes = [mesh for mesh in figure.bands if mesh.visible]
+        corners_m = np.concatenate([mesh.vertices[mesh.faces] for mesh in meshes])
+        expected_m = figure.vertices_m[faces]
+        assert sorted(corners_m.tolist()) == sorted(expected_m.tolist())
+        for mesh in meshes:
+            assert len(mesh.vertices) == len(np.unique(mesh.faces))
     apart_m = drawn_m(viewer, "dsnet_plus") - drawn_m(viewer, SMPL_ALONE)
     assert np.abs(apart_m).max() > 1e-3
 
@@ -87,6 +101,81 @@ def test_a_beta_moves_every_body_and_takes_the_truth_away(viewer):
     assert viewer.scene.figures["truth"].visible
 
 
+def test_a_shape_by_name_sets_the_betas(viewer):
+    betas = find_shape(viewer.performances.repertoire.body, ["tall"])
+    viewer.panel._person.value = "tall"
+    viewer.panel._on_person(None)
+    change(viewer)
+    np.testing.assert_allclose(viewer.panel.selection.betas, betas)
+    sliders = [slider.value for slider in viewer.panel._betas]
+    np.testing.assert_allclose(sliders, betas, atol=0.0051)
+    change(viewer, take="50004_stand (trained on)")
+    viewer.panel._on_person(None)
+    np.testing.assert_allclose(viewer.panel.selection.betas, betas)
+
+
+def test_a_shape_out_of_reach_is_one_line(viewer, monkeypatch):
+    monkeypatch.setattr("bridge.view.performances.find_shape", _broken)
+    before = viewer.panel.selection.betas
+    viewer.panel._person.value = "slim"
+    viewer.panel._on_person(None)
+    change(viewer)
+    assert "no file; expected one." in viewer.panel._status.content
+    assert viewer.panel.selection.betas == before
+
+
+def test_a_part_gain_moves_that_part_alone(viewer):
+    body, before = viewer.performances.repertoire.body, drawn_m(viewer, "dsnet_plus")
+    viewer.panel._part_gains[PARTS.index("belly")].value = 4.0
+    change(viewer)
+    moved_m = np.abs(drawn_m(viewer, "dsnet_plus") - before).max(axis=1)
+    belly = part_weights(body)[:, PARTS.index("belly")]
+    assert moved_m[belly == 0].max() == 0
+    assert moved_m[belly > 0.9].max() > 1e-3
+
+
+def test_a_loop_goes_on_where_it_is_and_has_no_truth(viewer):
+    change(viewer, take="50004_stand (trained on)")
+    viewer.timeline.go_to(FRAMES - 1)
+    change(viewer, loop=True)
+    # A body that stands still ends as it began: its last frame is left out.
+    assert (viewer.timeline.frame, viewer.timeline.frames) == (FRAMES - 2, FRAMES - 1)
+    assert not viewer.performances.worker.failed
+
+
+def test_what_cannot_be_looped_stays_as_it_was(viewer, monkeypatch):
+    tried = []
+    monkeypatch.setattr(
+        "bridge.view.performances.stage_motion", lambda *_: tried.append(1) or _broken()
+    )
+    change(viewer, loop=True)
+    viewer.draw(0.0)
+    assert "no file; expected one." in viewer.panel._status.content
+    assert viewer.scene.figures["truth"].visible
+    assert len(tried) == 1
+    change(viewer, loop=False)
+    assert "no file" not in viewer.panel._status.content
+
+
+def test_it_starts_as_it_is_asked(performances):
+    betas = (1.0, *np.zeros(9))
+    controls = Controls(
+        gain=7.5, part_gain=("arms=2", "hands=3"), floor="shift", betas="1" + ",0" * 9
+    )
+    repertoire = performances.repertoire
+    asked = replace(repertoire, people={AS_ASKED: np.array(betas), **repertoire.people})
+    started = Performances(asked)
+    with serving("127.0.0.1", 0) as server:
+        panel = Viewer(server, started, controls).panel
+        found = panel.selection
+        started.worker.stop()
+    assert (found.gains.of_all, found.betas, found.floor) == (7.5, betas, "shift")
+    expected = {"upper_arms": 2.0, "forearms": 2.0, "hands": 3.0}
+    of_parts = dict(zip(PARTS, found.gains.of_parts, strict=True))
+    assert of_parts == dict.fromkeys(PARTS, 1.0) | expected
+    assert panel._person.value == AS_ASKED
+
+
 def test_another_motion_begins_at_its_first_frame(viewer):
     assert viewer.timeline.frames == FRAMES - 10
     change(viewer, take="50004_stand (trained on)")
@@ -115,12 +204,7 @@ def test_the_scale_is_in_centimetres(viewer):
 
 
 def test_a_motion_that_cannot_be_read_leaves_the_last_one(viewer, monkeypatch):
-    from bridge.errors import DsnetError
-
-    def broken(*_: object) -> None:
-        raise DsnetError("no file", "one", "Pass it.")
-
-    monkeypatch.setattr(viewer.performances, "want", broken)
+    monkeypatch.setattr(viewer.performances, "want", _broken)
     change(viewer, gain=2.0)
     assert "no file; expected one." in viewer.panel._status.content
     assert viewer.scene.figures[SMPL_ALONE].visible
@@ -128,6 +212,7 @@ def test_a_motion_that_cannot_be_read_leaves_the_last_one(viewer, monkeypatch):
 
 def test_a_recording_holds_the_scene_and_its_client(performances):
     selection = Selection(JUMP, performances.own_betas(JUMP), (SMPL_ALONE,))
+    performances.worker.failed["elsewhere"] = DsnetError("nothing", "something", "Look away.")
     page = record(performances, selection)
     assert page.lower().startswith("<!doctype html>")
     assert "__VISER_EMBED_DATA__" in page
