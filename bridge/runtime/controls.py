@@ -112,7 +112,7 @@ def controlled_body(character: Character, motion: Motion, controls: Controls) ->
             notify(f"the last frame of {motion.source} is its first again: left out of the loop")
         placed = replace(placed, theta=lap.theta)
         character = replace(character, predict=LoopedPredictor(character.predict, lap))
-    return MovingBody(character, placed, gain)
+    return MovingBody(character, placed, gain, controls.given())
 
 
 def asked_betas(body: BodyModelData, controls: Controls) -> NDArray[np.float64] | None:
