@@ -39,11 +39,17 @@ def controls_in_a_line(moving: MovingBody) -> str:
     return json.dumps(moving.controls)
 
 
-def about_in_a_line(moving: MovingBody) -> str:
-    """The same for a comment: one line of printable ASCII."""
+def about_in_a_line(moving: MovingBody, *beside: MovingBody) -> str:
+    """The same for a comment: one line of printable ASCII.
+
+    Parameters
+    ----------
+    beside : what other predictors make of the same, if they are in the same file.
+    """
     facts = about(moving)
+    predictors = ", ".join(one.character.chosen.name for one in (moving, *beside))
     text = (
-        f"{facts['data']} data; dsnet: {facts['predictor']} of {facts['model']}, body model "
+        f"{facts['data']} data; dsnet: {predictors} of {facts['model']}, body model "
         f"{facts['body_model']}, motion {facts['motion']}, controls {controls_in_a_line(moving)}; "
         f"metres, {facts['up_axis']} up, {facts['fps']:g} frames a second"
     )

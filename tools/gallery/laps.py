@@ -1,0 +1,32 @@
+"""One round of a motion that repeats itself, for a clip that loops without a jump."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.motion import unpack_theta
+
+FPS = 60
+LEAST_S = 0.7
+_STEP_WEIGHT = 5.0
+"""A step that differs by so much less than a pose is seen as easily."""
+
+
+def best_lap(theta: NDArray, multiple: int) -> slice:
+    """The frames of a motion (T, 69) after which it goes on most nearly as it did before them.
+
+    Parameters
+    ----------
+    multiple : their number is one of it: the frames from one picture of the clip to the next.
+    """
+    pose, trans_m = unpack_theta(np.asarray(theta, np.float64))
+    places = np.concatenate([pose.reshape(len(pose), -1), trans_m], axis=1)
+    steps = _STEP_WEIGHT * np.diff(places, axis=0)
+    seen = np.concatenate([places[:-1], steps], axis=1)
+    least = -(-int(LEAST_S * FPS) // multiple) * multiple
+    lengths = range(least, len(seen) - 1, multiple)
+    gaps = {count: np.abs(seen[count:] - seen[:-count]).max(axis=1) for count in lengths}
+    count = min(gaps, key=lambda one: gaps[one].min())
+    start = int(gaps[count].argmin())
+    return slice(start, start + count)
