@@ -14,6 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from bridge.errors import DsnetError
 from bridge.export import gif
 from bridge.runs import Run
@@ -76,10 +78,10 @@ def main(config: Gallery) -> None:
         print(real_motion(config, config.amass))
 
 
-def jumping_jacks(config: Gallery, path: Path) -> None:
-    """A clip of one round of jumping jacks: SMPL alone, the run's DSNet, its best predictor."""
+def jumping_jacks(config: Gallery, path: Path, kind: str = "jumping_jacks") -> None:
+    """A clip of one round of a motion: SMPL alone, the run's DSNet, its best predictor."""
     run = Run(config.run)
-    file, moving = motion_of_kind(run, "jumping_jacks"), []
+    file, moving = motion_of_kind(run, kind), []
     for name in (shown_dsnet(run), None):
         character, motion = open_for_motion(run, name, file)
         lap = best_lap(motion.theta, _FRAMES_A_PICTURE)
@@ -88,17 +90,19 @@ def jumping_jacks(config: Gallery, path: Path) -> None:
     gif.write(path, *moving, body_px=config.look.body_px)
 
 
-def landing(config: Gallery, path: Path) -> None:
-    """The moment of a jumping jack in which the true skin is farthest from SMPL's."""
-    bodies, of = _beside_the_truth(Run(config.run), "jumping_jacks")
+def landing(config: Gallery, path: Path, kind: str = "jumping_jacks") -> None:
+    """The moment of a jump in which the true skin is farthest from SMPL's."""
+    bodies, of = _beside_the_truth(Run(config.run), kind)
     frame = _most(bodies[-1])
     draw_upright(path, bodies, frame, of, "Landing from a jumping jack", config.look)
 
 
-def gravity(config: Gallery, path: Path) -> None:
+def gravity(config: Gallery, path: Path, kind: str = "lying_down_and_getting_up") -> None:
     """Somebody who lies: the load on the tissue is gravity's, in another direction than upright."""
-    bodies, of = _beside_the_truth(Run(config.run), "lying_down_and_getting_up")
-    frame = int(bodies[-1].vertices_m[..., 1].max(axis=1).argmin())
+    bodies, of = _beside_the_truth(Run(config.run), kind)
+    heights_m = np.ptp(bodies[-1].vertices_m[..., 1], axis=1)
+    # Between coming to lie and getting up, when all has come to rest.
+    frame = int(np.median(np.flatnonzero(heights_m < heights_m.min() + 0.02)))
     draw_lying(path, bodies, frame, of, "Lying: gravity pulls another way", config.look)
 
 
