@@ -17,7 +17,7 @@ from bridge.runtime.controls import Controls, controlled_body
 from tests.forged.cyclic import circling
 from tools import build_gallery
 from tools.build_gallery import MAKERS, PICTURES, Gallery, main
-from tools.gallery.laps import best_lap
+from tools.gallery.laps import best_lap, closed_lap
 from tools.gallery.performed import performed
 from tools.gallery.stills import Look, draw_lying, draw_upright
 
@@ -101,11 +101,12 @@ def test_a_lap_is_one_round_of_what_repeats():
 
 def test_a_lap_of_the_sample_closes():
     character, motion = open_for_motion(None, None, Path("sample:jumping_jacks"))
-    lap = best_lap(motion.theta, 3)
-    moving = controlled_body(
-        character, replace(motion, theta=motion.theta[lap]), Controls(loop=True)
-    )
-    assert len(moving) == lap.stop - lap.start
+    lap = closed_lap(motion.theta, 3)
+    moving = controlled_body(character, replace(motion, theta=lap), Controls(loop=True))
+    assert len(moving) == len(lap) > 40
+    # The step over the seam is as long as its neighbours'.
+    steps = np.abs(np.diff(np.concatenate([lap[-2:], lap[:2]]), axis=0)).max(axis=1)
+    assert steps[1] < 1.5 * max(steps[0], steps[2])
 
 
 def test_an_unknown_picture_is_refused(tmp_path):

@@ -23,7 +23,7 @@ from bridge.runs.processes import run_as_process
 from bridge.runtime.characters import open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody
-from tools.gallery.laps import best_lap
+from tools.gallery.laps import closed_lap
 from tools.gallery.performed import (
     Performed,
     motion_of_kind,
@@ -84,8 +84,7 @@ def jumping_jacks(config: Gallery, path: Path, kind: str = "jumping_jacks") -> N
     file, moving = motion_of_kind(run, kind), []
     for name in (shown_dsnet(run), None):
         character, motion = open_for_motion(run, name, file)
-        lap = best_lap(motion.theta, _FRAMES_A_PICTURE)
-        one_round = replace(motion, theta=motion.theta[lap])
+        one_round = replace(motion, theta=closed_lap(motion.theta, _FRAMES_A_PICTURE))
         moving.append(controlled_body(character, one_round, Controls(loop=True)))
     gif.write(path, *moving, body_px=config.look.body_px)
 

@@ -9,19 +9,30 @@ from bridge.motion import unpack_theta
 
 FPS = 60
 LEAST_S = 0.7
-_STEP_WEIGHT = 5.0
-"""A step that differs by so much less than a pose is seen as easily."""
+_STEP_WEIGHT, _PLACE_WEIGHT = 5.0, 3.0
+"""Steps from frame to frame, and metres beside radians, that differ by so much less are seen as
+easily."""
 
 
-def best_lap(theta: NDArray, multiple: int) -> slice:
-    """The frames of a motion (T, 69) after which it goes on most nearly as it did before them.
+def closed_lap(theta: NDArray, multiple: int) -> NDArray[np.float64]:
+    """(T', 69) a round of a motion (T, 69) whose last frame leads into its first.
+
+    What is left between its two ends, some degrees, is spread evenly over it.
 
     Parameters
     ----------
-    multiple : their number is one of it: the frames from one picture of the clip to the next.
+    multiple : T' is one of it: the frames from one picture of the clip to the next.
     """
+    lap = best_lap(theta, multiple)
+    done = np.linspace(0.0, 1.0, lap.stop - lap.start, endpoint=False)[:, None]
+    exact = np.asarray(theta, np.float64)
+    return exact[lap] + done * (exact[lap.start] - exact[lap.stop])
+
+
+def best_lap(theta: NDArray, multiple: int) -> slice:
+    """The frames of a motion after which it goes on most nearly as it did before them."""
     pose, trans_m = unpack_theta(np.asarray(theta, np.float64))
-    places = np.concatenate([pose.reshape(len(pose), -1), trans_m], axis=1)
+    places = np.concatenate([pose.reshape(len(pose), -1), _PLACE_WEIGHT * trans_m], axis=1)
     steps = _STEP_WEIGHT * np.diff(places, axis=0)
     seen = np.concatenate([places[:-1], steps], axis=1)
     least = -(-int(LEAST_S * FPS) // multiple) * multiple
