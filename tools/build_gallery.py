@@ -1,6 +1,6 @@
 """Make the pictures of moving bodies in README and docs/gallery.md.
 
-    python -m tools.build_gallery --run demo [--only landing gains] [--amass FILE]
+    python -m tools.build_gallery --run demo [--only landing.png gains.png] [--amass FILE]
 
 `--run` is the run of `./reproduce.sh`: its DSNet, its DSNet+ and its simulated truth stand beside
 each other; shapes and gains are of the packaged model. Nothing is written into the run. A motion of
@@ -10,6 +10,8 @@ others publish its motions.
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -71,9 +73,9 @@ def main(config: Gallery) -> None:
         )
     config.out.mkdir(parents=True, exist_ok=True)
     for name in config.only or MAKERS:
-        path = config.out / name
-        MAKERS[name](config, path)
-        print(path)
+        with tempfile.TemporaryDirectory() as folder:
+            MAKERS[name](config, Path(folder) / name)
+            print(shutil.move(Path(folder) / name, config.out / name))
     if config.amass is not None:
         print(real_motion(config, config.amass))
 
