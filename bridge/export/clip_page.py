@@ -20,12 +20,12 @@ _POINTS_A_PX = 72 / _DPI
 
 
 class ClipPage:
-    """A page with room for one picture of two bodies.
+    """A page with room for one picture of a row of bodies.
 
     Parameters
     ----------
     width_px, height_px : of the picture, even numbers.
-    titles : of the left body and the right one.
+    titles : of the bodies, from left to right.
     top_m : what the darkest colour means.
     """
 
@@ -34,7 +34,7 @@ class ClipPage:
         width_px: int,
         height_px: int,
         *,
-        titles: tuple[str, str],
+        titles: tuple[str, ...],
         top_m: float,
         origin: DataOrigin,
     ) -> None:
@@ -42,10 +42,14 @@ class ClipPage:
         self.size_px = width_px + BAR_PX, height_px + _TITLE_PX + _FOOT_PX
         self._font = ImageFont.load_default(12)
         figure = Figure(figsize=(self.size_px[0] / _DPI, self.size_px[1] / _DPI), dpi=_DPI)
-        for title, x_px in zip(titles, (width_px / 4, 3 * width_px / 4), strict=True):
-            self._write(figure, x_px, 8, title)
-        foot = self._write(figure, self.size_px[0] / 2, _TITLE_PX + height_px + 5, FOOTERS[origin])
-        foot.set(fontsize=11 * _POINTS_A_PX, color="#8a4b00", style="italic")
+        column_px = width_px / len(titles)
+        for column, title in enumerate(titles):
+            # The longest label of a predictor fills four fifths of its column.
+            title_px = min(max(column_px / 16, 10), 18)
+            self._write(figure, (column + 0.5) * column_px, 8, title, title_px)
+        below_px = _TITLE_PX + height_px + 5
+        foot = self._write(figure, self.size_px[0] / 2, below_px, FOOTERS[origin], 11)
+        foot.set(color="#8a4b00", style="italic")
         self._draw_bar(figure, top_m)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
@@ -63,9 +67,11 @@ class ClipPage:
         """A place from the left and the top as parts of the page, from the bottom."""
         return x_px / self.size_px[0], 1 - y_px / self.size_px[1]
 
-    def _write(self, figure: Figure, middle_px: float, top_px: float, text: str) -> Text:
+    def _write(
+        self, figure: Figure, middle_px: float, top_px: float, text: str, size_px: float
+    ) -> Text:
         x, y = self._place(middle_px, top_px)
-        return figure.text(x, y, text, fontsize=12 * _POINTS_A_PX, ha="center", va="top")
+        return figure.text(x, y, text, fontsize=size_px * _POINTS_A_PX, ha="center", va="top")
 
     def _draw_bar(self, figure: Figure, top_m: float) -> None:
         width_px, height_px = self._picture_px

@@ -6,8 +6,9 @@ walk along the floor is taken out smoothly; height above the floor stays.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,22 +43,28 @@ class ClipStage:
     """Size of skin offsets that gets the darkest colour."""
 
     def place(self, vertices_m: NDArray, frame: int, column: int) -> NDArray[np.float64]:
-        """(V, 3) vertices of one frame where they are drawn, in column 0 or 1."""
+        """(V, 3) vertices of one frame where they are drawn, in a column from 0."""
         placed = self.turn.apply(vertices_m - self.path_m[frame])
         placed[:, 0] += column * self.apart_m
         return placed
 
 
-def set_stage(moving: MovingBody, step: int, width_px: int) -> ClipStage:
-    """Predict the motion once and fit the camera, `width_px` wide, to each `step`-th frame."""
-    pose, trans_m = unpack_theta(moving.motion.theta)
-    path_m = gaussian_filter1d(trans_m, _SMOOTH_S * moving.motion.fps, axis=0, mode="nearest")
+def set_stage(moving: Sequence[MovingBody], step: int, width_px: int) -> ClipStage:
+    """Predict the motion once and fit the camera to each `step`-th frame.
+
+    Parameters
+    ----------
+    moving : the same motion by each predictor; before their columns is one for SMPL alone.
+    width_px : of the picture.
+    """
+    motion = moving[0].motion
+    pose, trans_m = unpack_theta(motion.theta)
+    path_m = gaussian_filter1d(trans_m, _SMOOTH_S * motion.fps, axis=0, mode="nearest")
     path_m = path_m * [1.0, 0.0, 1.0]
-    ahead = Rotation.from_rotvec(pose[:, 0]).apply([0.0, 0.0, 1.0]).mean(axis=0)
-    turn = Rotation.from_euler("y", _ASIDE_RAD - np.arctan2(ahead[0], ahead[2]))
-    looked_at = -(-len(moving) // (step * _FRAMES_MEASURED))
+    turn = turned_to_camera(pose, _ASIDE_RAD)
+    looked_at = -(-len(motion.theta) // (step * _FRAMES_MEASURED))
     low, high, sizes_m = np.full(3, np.inf), np.full(3, -np.inf), []
-    for posed in moving:
+    for posed in chain.from_iterable(moving):
         for row in range(-posed.frames.start % step, len(posed), step):
             path_here_m = path_m[posed.frames.start + row]
             seen = turn.apply(posed.vertices_m[row, ::_VERTICES_SKIPPED] - path_here_m)
@@ -65,10 +72,25 @@ def set_stage(moving: MovingBody, step: int, width_px: int) -> ClipStage:
             if (posed.frames.start + row) // step % looked_at == 0:
                 sizes_m.append(np.linalg.norm(posed.offsets_m[row, ::_VERTICES_SKIPPED], axis=1))
     apart_m = high[0] - low[0] + _GAP_M
-    high[0] += apart_m
+    high[0] += apart_m * len(moving)
     corners = np.array(list(product(*zip(low, high, strict=True))))
     camera = _camera(corners, width_px)
     return ClipStage(turn, path_m, apart_m, camera, scale_top_m(np.concatenate(sizes_m)))
+
+
+def turned_to_camera(
+    pose: NDArray, aside_rad: float, looked_at: tuple[float, float, float] = (0.0, 0.0, 1.0)
+) -> Rotation:
+    """About the vertical, so that a camera that looks along -z sees a motion's front.
+
+    Parameters
+    ----------
+    pose : (T, 22, 3) of the motion, y up.
+    aside_rad : by how much the camera stands aside.
+    looked_at : what is to look at the camera, in the root's frame: the front, +z.
+    """
+    ahead = Rotation.from_rotvec(pose[:, 0]).apply(looked_at).mean(axis=0)
+    return Rotation.from_euler("y", aside_rad - np.arctan2(ahead[0], ahead[2]))
 
 
 def _camera(corners: NDArray[np.float64], width_px: int) -> Camera:

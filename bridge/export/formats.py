@@ -9,10 +9,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from bridge.errors import DsnetError
-from bridge.runtime.moving_body import MovingBody
 
-Writer = Callable[[Path, MovingBody], None]
-"""Writes a moving body to a new file, or into an empty folder; holds some frames at a time."""
+Writer = Callable[..., None]
+"""`write(path, moving)`: writes a `MovingBody` to a new file, or into an empty folder; holds some
+frames at a time. One that shows several takes more of them, of one body and motion."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,8 @@ class Format:
     """What it needs beyond the installation without extras, as it is imported."""
     extra: str | None = None
     """The extra that brings it."""
-
+    several: bool = False
+    """Whether it can show what several predictors make of one motion."""
     of_motion: bool = True
     """Whether it shows a motion; else it holds a predictor and its body, for motions to come."""
 
@@ -49,8 +50,8 @@ FORMATS = {
     "obj": Format("bridge.export.obj"),
     "ply": Format("bridge.export.ply"),
     "npz": Format("bridge.export.smpl_npz", (".npz",)),
-    "gif": Format("bridge.export.gif", (".gif",)),
-    "mp4": Format("bridge.export.mp4", (".mp4",), "imageio_ffmpeg", "clip"),
+    "gif": Format("bridge.export.gif", (".gif",), several=True),
+    "mp4": Format("bridge.export.mp4", (".mp4",), "imageio_ffmpeg", "clip", several=True),
 }
 
 

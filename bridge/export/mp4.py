@@ -1,4 +1,4 @@
-"""An H.264 clip of a moving body: 30 pictures a second."""
+"""An H.264 clip of moving bodies: 30 pictures a second."""
 
 from __future__ import annotations
 
@@ -11,19 +11,23 @@ from bridge.export.about import about_in_a_line
 from bridge.export.clip import RenderedClip
 from bridge.runtime.moving_body import MovingBody
 
-_FPS, _WIDTH_PX = 30.0, 640
+_FPS, _BODY_PX = 30.0, 290
 
 
-def write(path: Path, moving: MovingBody) -> None:
-    """Write the file.
+def write(path: Path, *moving: MovingBody, body_px: int = _BODY_PX) -> None:
+    """Write the file; of several predictors each moves a body of its own, in the same motion.
+
+    Parameters
+    ----------
+    body_px : room for each body, from left to right; an even number.
 
     Raises
     ------
     OSError
         If the encoder fails, with what it said.
     """
-    clip = RenderedClip(moving, fps=_FPS, width_px=_WIDTH_PX)
-    command = _command(clip, path, about_in_a_line(moving))
+    clip = RenderedClip(moving, fps=_FPS, body_px=body_px)
+    command = _command(clip, path, about_in_a_line(*moving))
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
         assert encoder.stdin is not None
         assert encoder.stderr is not None

@@ -19,10 +19,11 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import JOINT_COUNT
 from bridge.body.posing import shaped_joints
-from bridge.export.about import about
+from bridge.export.about import about, controls_in_a_line
 from bridge.motion import unpack_theta
 from bridge.runtime.moving_body import MovingBody
 
+_TEXTS = ("data", "made_by", "predictor", "label", "model", "body_model", "motion")
 _R_ZUP_YUP = Rotation.from_euler("x", 90, degrees=True)
 
 
@@ -60,8 +61,8 @@ def _parameters(moving: MovingBody) -> dict[str, Any]:
         "root_joint": root_joint_m,
         "length_unit": "m",
         "angle_unit": "rad",
-        **{key: facts[key] for key in ("data", "made_by", "predictor", "model", "body_model")},
-        "motion": facts["motion"],
+        **{key: facts[key] for key in _TEXTS},
+        "controls": controls_in_a_line(moving),
     }
 
 

@@ -29,8 +29,8 @@ class ExportConfig(Controls):
     run: str | None = None
     """Run whose predictor moves the skin; the small model that comes with the package when left
     out, of the motion's gender."""
-    predictor: str | None = None
-    """Which of the run's; its best when left out."""
+    predictor: tuple[str, ...] = ()
+    """Which of the run's; its best when left out. A gif or mp4 shows several side by side."""
     precision: Literal["float32", "float16", "int8"] = "float32"
     """Of the large kernels of an onnx graph; what fewer bits cost is written into the file."""
     gender: Literal["female", "male"] = "female"
@@ -58,16 +58,24 @@ def main(config: ExportConfig) -> None:
         raise DsnetError("export without --out", "a path to write", "Pass --out PATH.")
     form = chosen_format(to, out)
     config.check()
+    if len(config.predictor) > 1 and not form.several:
+        clips = " or ".join(name for name, other in FORMATS.items() if other.several)
+        raise DsnetError(
+            f"--to {to} with {len(config.predictor)} predictors",
+            f"one predictor, or --to {clips}",
+            "Export them one by one.",
+        )
     refuse_taken(out)
     if not form.of_motion:
         _export_predictor(config, out)
         return
-    moving = _moving_body(config)
+    moving = _moving_bodies(config)
     with new_path(out) as path:
-        announce(moving)
+        for one in moving:
+            announce(one)
         if form.is_folder:
             path.mkdir()
-        form.writer()(path, moving)
+        form.writer()(path, *moving)
 
 
 def _export_predictor(config: ExportConfig, out: Path) -> None:
@@ -81,7 +89,7 @@ def _export_predictor(config: ExportConfig, out: Path) -> None:
             "Leave out --motion, --gain, --betas and the like.",
         )
     run = None if config.run is None else Run(config.run)
-    chosen = choose(run, config.predictor, config.gender)
+    chosen = choose(run, next(iter(config.predictor), None), config.gender)
     notify(f"{chosen.name} ({chosen.label}) of {chosen.owner}: {chosen.why}")
     export_onnx(
         load_exportable(chosen.artifacts, chosen.name),
@@ -93,10 +101,10 @@ def _export_predictor(config: ExportConfig, out: Path) -> None:
     )
 
 
-def _moving_body(config: ExportConfig) -> MovingBody:
-    """The character that was asked for, in its motion."""
+def _moving_bodies(config: ExportConfig) -> list[MovingBody]:
+    """The character that was asked for, in its motion, by each of the predictors."""
     if config.motion is None:
         raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
     run = None if config.run is None else Run(config.run)
-    character, motion = open_for_motion(run, config.predictor, config.motion)
-    return controlled_body(character, motion, config)
+    opened = [open_for_motion(run, name, config.motion) for name in config.predictor or (None,)]
+    return [controlled_body(character, motion, config) for character, motion in opened]

@@ -10,6 +10,7 @@ normals, the extent and `primvars:offset_m`, the size of each skin offset, of ev
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
     stage.SetEndTimeCode(len(moving) - 1)
     layer = stage.GetRootLayer()
     layer.comment = about_in_a_line(moving)
-    layer.customLayerData = {"dsnet": facts | {"betas": Vt.DoubleArray(facts["betas"])}}
+    layer.customLayerData = {"dsnet": _custom_data(facts)}
     root = stage.DefinePrim(ROOT)
     stage.SetDefaultPrim(root)
     Usd.ModelAPI(root).SetKind("component")
@@ -66,6 +67,19 @@ def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
     return stage
+
+
+def _custom_data(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """The same with USD's arrays in place of lists, of numbers or of texts."""
+    found: dict[str, Any] = {}
+    for key, value in facts.items():
+        if isinstance(value, Mapping):
+            value = _custom_data(value)
+        elif isinstance(value, list):
+            texts = all(isinstance(item, str) for item in value)
+            value = Vt.StringArray(value) if texts else Vt.DoubleArray(value)
+        found[key] = value
+    return found
 
 
 def _write_frames(stage: Usd.Stage, moving: MovingBody) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.report.panels import (
@@ -67,6 +68,7 @@ def draw_row_of_bodies(
     origin: DataOrigin,
     title: str,
     width_px: int = 1300,
+    width_in: float = 12.0,
     samples: int = 16,
 ) -> None:
     """Write a PNG of bodies side by side, each coloured by the magnitude of its offsets.
@@ -79,6 +81,7 @@ def draw_row_of_bodies(
     vertices_m : (N, V, 3) posed vertices, metres, y up.
     magnitude_m : (N, V) what the colour shows, metres.
     labels : what stands below each body.
+    width_in : of the page; the narrower, the larger are letters beside the bodies.
     """
     row = _side_by_side(np.asarray(vertices_m, dtype=np.float64))
     magnitude_m = np.asarray(magnitude_m)
@@ -91,7 +94,8 @@ def draw_row_of_bodies(
         colours=list(magnitude_colours(magnitude_m, top_m)),
         samples=samples,
     )
-    _write(path, picture, labels, row, top_m, title, origin)
+    figure = new_figure(width_in, _height_in(picture, width_in), title=title, origin=origin)
+    _write(path, figure, picture, labels, row, top_m)
 
 
 def _side_by_side(posed: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -109,17 +113,20 @@ def _height_px(row: NDArray[np.float64], width_px: int) -> int:
     return int(width_px * (size[1] + 0.35 * size[2]) / size[0]) + 1
 
 
+def _height_in(picture: NDArray[np.uint8], width_in: float) -> float:
+    height, width = picture.shape[:2]
+    return width_in * height / width * 0.92 + 0.9
+
+
 def _write(
     path: Path,
+    figure: Figure,
     picture: NDArray[np.uint8],
     labels: Sequence[str],
     row: NDArray[np.float64],
     top_m: float,
-    title: str,
-    origin: DataOrigin,
 ) -> None:
-    height, width = picture.shape[:2]
-    figure = new_figure(12.0, 12.0 * height / width * 0.92 + 0.9, title=title, origin=origin)
+    width = picture.shape[1]
     axes = figure.subplots()
     axes.imshow(picture, interpolation="antialiased")
     span = row[..., 0].min(), row[..., 0].max()

@@ -109,7 +109,7 @@ def controlled_body(character: Character, motion: Motion, controls: Controls) ->
         if lap.dropped:
             notify(f"the last frame of {motion.source} is its first again: left out of the loop")
         character = replace(character, predict=LoopedPredictor(character.predict, lap))
-    return MovingBody(character, placed, gain)
+    return MovingBody(character, placed, gain, controls.given())
 
 
 def stage_motion(

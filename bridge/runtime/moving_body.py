@@ -5,9 +5,10 @@ What prediction, export and the viewer have in common; memory does not grow with
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,12 +48,19 @@ class MovingBody:
     motion : (T, 69) at 60 frames a second with y up, and the shape to move with.
     gain : by which the predicted offsets are multiplied, one number or one a vertex (V,): 0 is
         SMPL alone, 1 what was predicted.
+    controls : all that an animator asked for, by name: `Controls.given()`, which motion, character
+        and gain already obey. It goes with what is written of the body.
     """
 
     def __init__(
-        self, character: Character, motion: Motion, gain: float | NDArray[np.floating] = 1.0
+        self,
+        character: Character,
+        motion: Motion,
+        gain: float | NDArray[np.floating] = 1.0,
+        controls: Mapping[str, Any] | None = None,
     ) -> None:
         self.character, self.motion = character, motion
+        self.controls = dict(controls or {})
         self.pieces = pieces_between_cuts(motion.theta)
         self._gain = np.asarray(gain, np.float32)
         self._gain = self._gain[:, None] if self._gain.ndim else self._gain

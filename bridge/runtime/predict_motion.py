@@ -62,7 +62,7 @@ def predict_motion(
             fps=motion.fps,
             up=motion.up,
             betas=motion.betas.tolist(),
-            controls=controls.given(),
+            controls=moving.controls,
             starts_anew_at=[piece.start for piece in moving.pieces[1:]],
         )
         return writer.finish(config={"run": run and run.name}, upstream=chosen.upstream)

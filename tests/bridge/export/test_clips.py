@@ -27,10 +27,9 @@ def short(character):
     return moving_body(character, FRAMES)
 
 
-def test_gif(short, tmp_path, monkeypatch):
-    monkeypatch.setattr(gif, "_WIDTH_PX", 302)
+def test_gif(short, tmp_path):
     path = tmp_path / "body.gif"
-    gif.write(path, short)
+    gif.write(path, short, body_px=120)
     with Image.open(path) as clip:
         count = getattr(clip, "n_frames", 1)
         assert (count, clip.size[0], clip.info["loop"]) == (3, 302, 0)
@@ -46,6 +45,21 @@ def test_gif(short, tmp_path, monkeypatch):
     assert np.abs(pages[2] - pages[0]).max() > 100
 
 
+def test_several_predictors_side_by_side(short, tmp_path):
+    """A column each, on one scale of colours, in the order in which they are named."""
+    path, motion = tmp_path / "body.gif", short.motion
+    calm = MovingBody(short.character, motion, gain=0.0)
+    gif.write(path, calm, short, body_px=120)
+    with Image.open(path) as clip:
+        assert clip.size[0] == 3 * 120 + 62
+        assert clip.info["comment"].startswith(b"synthetic data; dsnet: dsnet_plus, dsnet_plus of")
+        page = np.asarray(clip.convert("RGB")).astype(int)[30:-25]
+    columns = [page[:, left : left + 120] for left in (0, 120, 240)]
+    assert min((column.min(axis=-1) < 230).mean() for column in columns) > 0.05
+    alone, still, moved = (np.quantile(np.ptp(column, axis=-1), 0.99) for column in columns)
+    assert alone < 50 < still < moved
+
+
 def assert_bodies_side_by_side(page, bar_px):
     """Clay on the left, colours on the right, and the footer's brown below."""
     height, width = page.shape[0], page.shape[1] - bar_px
@@ -58,13 +72,12 @@ def assert_bodies_side_by_side(page, bar_px):
     assert ((foot[:, 0] - foot[:, 2]) > 60).any()
 
 
-def test_mp4(short, tmp_path, monkeypatch):
+def test_mp4(short, tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
     from bridge.export import mp4
 
-    monkeypatch.setattr(mp4, "_WIDTH_PX", 302)
     path = tmp_path / "body.mp4"
-    mp4.write(path, short)
+    mp4.write(path, short, body_px=120)
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     done = subprocess.run([ffmpeg, "-i", str(path), *raw], capture_output=True, check=True)
     said = done.stderr.decode()
@@ -77,17 +90,16 @@ def test_mp4(short, tmp_path, monkeypatch):
     assert_bodies_side_by_side(pages[0], bar_px=62)
 
 
-def test_an_encoder_that_fails_says_why(short, tmp_path, monkeypatch):
+def test_an_encoder_that_fails_says_why(short, tmp_path):
     pytest.importorskip("imageio_ffmpeg")
     from bridge.export import mp4
 
-    monkeypatch.setattr(mp4, "_WIDTH_PX", 102)
     with pytest.raises(OSError, match="No such file or directory"):
-        mp4.write(tmp_path / "nowhere" / "body.mp4", short)
+        mp4.write(tmp_path / "nowhere" / "body.mp4", short, body_px=20)
 
 
 def test_every_body_of_the_motion_is_in_the_picture(performed):
-    stage = set_stage(performed.moving, step=2, width_px=400)
+    stage = set_stage([performed.moving], step=2, width_px=400)
     camera = stage.camera
     target, origin = np.array(camera.target_m), np.array(camera.origin_m)
     half = np.tan(np.radians(camera.field_of_view_deg) / 2)
@@ -116,8 +128,8 @@ def test_a_body_that_turned_and_went_away_is_drawn_where_it_was(short):
     elsewhere = MovingBody(short.character, motion)
     (turned,) = elsewhere
     np.testing.assert_allclose(
-        set_stage(elsewhere, 2, 400).place(turned.vertices_m[3], 3, 1),
-        set_stage(short, 2, 400).place(posed.vertices_m[3], 3, 1),
+        set_stage([elsewhere], 2, 400).place(turned.vertices_m[3], 3, 1),
+        set_stage([short], 2, 400).place(posed.vertices_m[3], 3, 1),
         atol=2e-2,
     )
 

@@ -64,6 +64,13 @@ def test_betas_and_predictor_are_those_asked_for(motion, tmp_path, refused):
     assert "10 finite numbers" in refused(*options, "--betas", "1,2")
 
 
+def test_several_predictors_are_for_clips(refused, motion, tmp_path):
+    both = ["--motion", str(motion), "--predictor", "dsnet_plus", "dsnet_faithful"]
+    printed = refused("--to", "npz", "--out", str(tmp_path / "x.npz"), *both)
+    assert "2 predictors; expected one predictor, or --to gif or mp4" in printed
+    assert "dsnet_faithful" in refused("--to", "gif", "--out", str(tmp_path / "x.gif"), *both)
+
+
 def test_missing_options_are_told(refused, motion, tmp_path):
     assert "--to" in refused()
     assert "without --out" in refused("--to", "npz", "--motion", str(motion))

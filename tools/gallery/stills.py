@@ -1,0 +1,119 @@
+"""One moment of several bodies as a picture, on one scale of colours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.export.clip_stage import turned_to_camera
+from bridge.motion import unpack_theta
+from bridge.report.motion_strip import draw_row_of_bodies
+from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
+from bridge.report.render import frame_camera, render_bodies
+from bridge.runtime.moving_body import MovingBody
+from tools.gallery.performed import Performed
+
+_ASIDE_RAD, _ABOVE_DEG = 0.6, 14.0
+_WIDTH_IN = 7.5
+
+
+@dataclass(frozen=True)
+class Look:
+    """How large and how fine pictures are."""
+
+    width_px: int = 900
+    """Of what is rendered for a still; a body that lies has 700/900 of it."""
+    samples: int = 48
+    """Light paths a pixel of a still."""
+    body_px: int = 260
+    """Room for each body of a clip."""
+
+
+def draw_upright(
+    path: Path,
+    bodies: Sequence[Performed],
+    frame: int,
+    of: MovingBody,
+    title: str,
+    look: Look,
+) -> None:
+    """Write a PNG of one frame of each body, side by side, a little from the side.
+
+    Parameters
+    ----------
+    of : one that moves as they do.
+    """
+    turn = turned_to_camera(_pose(of, frame), _ASIDE_RAD)
+    draw_row_of_bodies(
+        path,
+        [turn.apply(body.vertices_m[frame]) for body in bodies],
+        [body.sizes_m[frame] for body in bodies],
+        of.character.body.faces,
+        labels=[body.label for body in bodies],
+        origin=of.character.chosen.trained.origin,
+        title=title,
+        width_px=look.width_px,
+        width_in=_WIDTH_IN,
+        samples=look.samples,
+    )
+
+
+def draw_lying(
+    path: Path,
+    bodies: Sequence[Performed],
+    frame: int,
+    of: MovingBody,
+    title: str,
+    look: Look,
+) -> None:
+    """The same of bodies that lie: their heads to the left, one below the other."""
+    turn = turned_to_camera(_pose(of, frame), -np.pi / 2, looked_at=(0.0, 1.0, 0.0))
+    sizes_m = [body.sizes_m[frame] for body in bodies]
+    placed_m = [_at_home(body.vertices_m[frame], turn) for body in bodies]
+    width_px = look.width_px * 7 // 9
+    camera = frame_camera(
+        placed_m,
+        height_px=width_px // 3,
+        width_px=width_px,
+        azimuth_deg=0.0,
+        elevation_deg=_ABOVE_DEG,
+    )
+    top_m = scale_top_m(np.concatenate(sizes_m))
+    pictures = [
+        render_bodies(
+            [body_m],
+            of.character.body.faces,
+            camera=camera,
+            colours=[magnitude_colours(size_m, top_m)],
+            samples=look.samples,
+        )
+        for body_m, size_m in zip(placed_m, sizes_m, strict=True)
+    ]
+    draw_panels(
+        path,
+        [[picture] for picture in pictures],
+        title=title,
+        origin=of.character.chosen.trained.origin,
+        column_titles=[""],
+        row_titles=[body.label for body in bodies],
+        colour_top_m=top_m,
+        colour_label="skin offset",
+        width_in=_WIDTH_IN,
+    )
+
+
+def _pose(of: MovingBody, frame: int) -> NDArray:
+    """(1, 22, 3) of one frame."""
+    return unpack_theta(of.motion.theta[frame : frame + 1])[0]
+
+
+def _at_home(vertices_m: NDArray, turn: Rotation) -> NDArray[np.float64]:
+    """(V, 3) turned, above the middle of the floor; its height stays."""
+    turned_m = turn.apply(vertices_m)
+    low_m, high_m = turned_m.min(axis=0), turned_m.max(axis=0)
+    return turned_m - (low_m + high_m) / 2 * [1.0, 0.0, 1.0]
