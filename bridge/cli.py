@@ -16,7 +16,8 @@ import tyro
 
 from bridge.errors import DsnetError
 from bridge.options import check_options, parse_seed
-from bridge.runs.processes import exit_with_one_line, require_packages_of
+from bridge.runs.endings import exit_with_one_line
+from bridge.runs.processes import require_packages_of
 
 COMMANDS = {
     "corpus": (

@@ -45,7 +45,7 @@ THIRD_PARTIES = {
     "measure": {"numpy", "scipy", "tqdm"},
     "verify": {"numpy", "onnx", "safetensors", "tqdm"},
     "plan": set(),
-    "report": {"jinja2", "markdown_it", "matplotlib", "mitsuba", "numpy", "tqdm"},
+    "report": {"jinja2", "markdown_it", "matplotlib", "mitsuba", "numpy", "scipy", "tqdm"},
 }
 
 

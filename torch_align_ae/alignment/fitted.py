@@ -110,6 +110,10 @@ class AlignedArrays:
         self._frame_error[rows] = fitted.frame_error.numpy()
         return self._theta[rows.stop - 1]
 
+    def rows(self, rows: slice) -> tuple[NDArray[np.float32], ...]:
+        """The same rows of each array."""
+        return self._theta[rows], self._offsets[rows], self._frame_error[rows]
+
     def flush(self) -> None:
         """Bring everything that was written to the disk."""
         for array in (self._theta, self._offsets, self._frame_error):

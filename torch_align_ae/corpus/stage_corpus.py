@@ -16,6 +16,7 @@ from bridge.body import load_body_model
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.storage import is_written, mark_written
 from bridge.runs.worker_pool import worker_pool
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.captured import CapturedForm
@@ -182,11 +183,11 @@ def _simulate_subject(
 ) -> None:
     for sequence in sequences:
         done = checkpoints / f"{sequence.name}.done"
-        if not done.exists():
+        if not is_written(done, offsets[sequence.frames]):
             theta = thetas[sequence.name].astype(np.float64)
             offsets[sequence.frames] = simulator.offsets(theta, FPS)
             offsets.flush()  # type: ignore[attr-defined]
-            done.touch()
+            mark_written(done, offsets[sequence.frames])
         progress.update(sequence.length)
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -13,9 +14,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
-from bridge.exchange import load_weights, save_weights
+from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.motion import MotionSequence, pack_theta, subject_rows, to_manifest, unpack_theta
 from bridge.runs import ArtifactWriter
+from bridge.runs.processes import notify
+from bridge.runs.storage import is_written, mark_written
 from bridge.runs.worker_pool import WorkerPool
 from torch_align_ae.alignment.fitted import AlignedArrays, check_distances
 from torch_align_ae.alignment.paper.objective import MeshDistance
@@ -94,7 +97,7 @@ class CorpusFit:
     def write(self, writer: ArtifactWriter) -> None:
         """Write `betas`, `theta`, `offsets` and `frame_error`, or the part that is missing."""
         with self._workers() as pool:
-            state = _load(writer)
+            state = self._load(writer)
             if state is None:
                 state = self._first_frames(pool)
                 _save(writer, state)
@@ -186,7 +189,28 @@ class CorpusFit:
             state.theta[fitted.track] = arrays.write(fitted)
             progress.update(len(fitted.pose))
         arrays.flush()
+        mark_written(_mark(writer, state.next_frame), *self._written(arrays, state.next_frame))
         state.next_frame += FRAMES_PER_WINDOW
+
+    def _load(self, writer: ArtifactWriter) -> _State | None:
+        """Where an earlier process got to, if all that it wrote until then is as it was."""
+        stored = load_checkpoint(_state_file(writer))
+        if stored is None:
+            return None
+        state = _State(stored["betas"], stored["theta"], int(stored["next_frame"][0]))
+        arrays = self._open_arrays(writer)
+        for start in range(0, state.next_frame, FRAMES_PER_WINDOW):
+            if not is_written(_mark(writer, start), *self._written(arrays, start)):
+                notify(f"{writer.path.name} was damaged while it was made; begun again")
+                return None
+        return state
+
+    def _written(self, arrays: AlignedArrays, start: int) -> Iterator[NDArray[np.float32]]:
+        """The rows of one window of all sequences."""
+        for sequence in self._sequences:
+            window = slice(start, min(start + FRAMES_PER_WINDOW, sequence.length))
+            for array in arrays.rows(sequence.frames):
+                yield array[window]
 
     def _open_arrays(self, writer: ArtifactWriter) -> AlignedArrays:
         return AlignedArrays(writer, self._sequences, self._objective.smpl.vertex_count)
@@ -201,12 +225,13 @@ def _concatenate(parts: Iterable[tuple[Tensor, ...]]) -> list[Tensor]:
     return [torch.cat(tensors) for tensors in zip(*parts, strict=True)]
 
 
-def _load(writer: ArtifactWriter) -> _State | None:
-    path = writer.checkpoints / "state.safetensors"
-    if not path.is_file():
-        return None
-    stored = load_weights(path)
-    return _State(stored["betas"], stored["theta"], int(stored["next_frame"][0]))
+def _state_file(writer: ArtifactWriter) -> Path:
+    return writer.checkpoints / "state.safetensors"
+
+
+def _mark(writer: ArtifactWriter, start: int) -> Path:
+    """The mark that the window from this frame on is written."""
+    return writer.checkpoints / f"{start}.done"
 
 
 def _save(writer: ArtifactWriter, state: _State) -> None:
@@ -215,4 +240,4 @@ def _save(writer: ArtifactWriter, state: _State) -> None:
         "theta": state.theta,
         "next_frame": np.array([state.next_frame]),
     }
-    save_weights(writer.checkpoints / "state.safetensors", arrays)
+    save_checkpoint(_state_file(writer), arrays)

@@ -12,9 +12,10 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from bridge.exchange import load_weights, save_weights
+from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.motion import MotionSequence, subject_rows, to_manifest, unpack_theta
 from bridge.runs import ArtifactWriter
+from bridge.runs.storage import is_written, mark_written
 from bridge.runs.worker_pool import WorkerPool
 from torch_align_ae.alignment.fitted import AlignedArrays, Fitted, measure
 from torch_align_ae.alignment.robust.align import FRAMES_PER_WINDOW, continued_theta, fit_frames
@@ -56,12 +57,12 @@ class RobustCorpusFit:
         """Write all arrays, or the part that is missing; sequences are checkpoints."""
         with torch_workers("threads", self._sample) as pool:
             learned = self._learned(writer, pool)
-            fitted = self._fit(writer, _subjects(learned), pool)
-            with self._progress(writer) as bar:
+            done = [row for row in range(len(self._sequences)) if self._is_done(writer, row)]
+            fitted = self._fit(done, _subjects(learned), pool)
+            with self._progress(done) as bar:
                 for row, windows_of_one in groupby(fitted, lambda window: window.track):
-                    self._store(writer, windows_of_one, bar)
-                    _done(writer, row).touch()
-        AlignedArrays(writer, self._sequences, self._smpl.vertex_count)
+                    self._store(writer, row, windows_of_one, bar)
+        self._open_arrays(writer)
         for name, unit in _LEARNED.items():
             writer.put(name, learned[name], unit)
         writer.put("sample_vertices", self._sample.vertices.numpy(), "index")
@@ -70,11 +71,12 @@ class RobustCorpusFit:
     def _learned(self, writer: ArtifactWriter, pool: WorkerPool[SkinSample]) -> dict[str, NDArray]:
         """`betas`, `compliance` and `deviation` of all subjects, learned unless they were."""
         path = writer.checkpoints / "subjects.safetensors"
-        if not path.is_file():
+        learned = load_checkpoint(path)
+        if learned is None:
             names = tqdm(self._row_of_subject, desc="subjects", unit="subject", disable=None)
-            save_weights(path, _stacked([self._learn(name, pool) for name in names]))
-        stored = load_weights(path)
-        return {name: stored[name] for name in _LEARNED}
+            learned = _stacked([self._learn(name, pool) for name in names])
+            save_checkpoint(path, learned)
+        return learned
 
     def _learn(self, name: str, pool: WorkerPool[SkinSample]) -> LearnedSubject:
         pairs = zip(self._recordings, self._sequences, strict=True)
@@ -82,7 +84,7 @@ class RobustCorpusFit:
         return calibrate(self._sample, self._loads, own, self._settings, pool)
 
     def _fit(
-        self, writer: ArtifactWriter, subjects: list[LearnedSubject], pool: WorkerPool[SkinSample]
+        self, done: list[int], subjects: list[LearnedSubject], pool: WorkerPool[SkinSample]
     ) -> Iterator[Fitted]:
         """All windows of the sequences that are not done, in order."""
 
@@ -96,26 +98,34 @@ class RobustCorpusFit:
 
         lengths = [recording.length for recording in self._recordings]
         open_windows = [
-            window
-            for window in windows(lengths, FRAMES_PER_WINDOW)
-            if not _done(writer, window.row).exists()
+            window for window in windows(lengths, FRAMES_PER_WINDOW) if window.row not in done
         ]
         return pool.map(fit, open_windows)
 
-    def _store(self, writer: ArtifactWriter, sequence: Iterator[Fitted], bar: tqdm) -> None:
+    def _store(
+        self, writer: ArtifactWriter, row: int, sequence: Iterator[Fitted], bar: tqdm
+    ) -> None:
         # Opened anew for each sequence: pages of a map count as memory until it is closed.
-        arrays, before = AlignedArrays(writer, self._sequences, self._smpl.vertex_count), None
+        arrays, before = self._open_arrays(writer), None
         for fitted in sequence:
             theta = continued_theta(fitted.pose, fitted.trans, before)
             pose = torch.from_numpy(unpack_theta(theta)[0].copy())
             before = arrays.write(replace(fitted, pose=pose))
             bar.update(len(pose))
         arrays.flush()
+        mark_written(_mark(writer, row), *arrays.rows(self._sequences[row].frames))
 
-    def _progress(self, writer: ArtifactWriter) -> tqdm:
+    def _is_done(self, writer: ArtifactWriter, row: int) -> bool:
+        rows = self._open_arrays(writer).rows(self._sequences[row].frames)
+        return is_written(_mark(writer, row), *rows)
+
+    def _open_arrays(self, writer: ArtifactWriter) -> AlignedArrays:
+        return AlignedArrays(writer, self._sequences, self._smpl.vertex_count)
+
+    def _progress(self, done: list[int]) -> tqdm:
         lengths = [recording.length for recording in self._recordings]
-        done = sum(length for row, length in enumerate(lengths) if _done(writer, row).exists())
-        return tqdm(total=sum(lengths), initial=done, desc="align", unit="frame", disable=None)
+        there = sum(lengths[row] for row in done)
+        return tqdm(total=sum(lengths), initial=there, desc="align", unit="frame", disable=None)
 
 
 def _recording(reader: DynaReader, sequence: MotionSequence) -> MeshRecording:
@@ -137,6 +147,6 @@ def _subjects(learned: Mapping[str, NDArray[np.float32]]) -> list[LearnedSubject
     return [LearnedSubject(betas, Tissue(*tissue)) for betas, *tissue in rows]
 
 
-def _done(writer: ArtifactWriter, row: int) -> Path:
+def _mark(writer: ArtifactWriter, row: int) -> Path:
     """The mark that a sequence is written."""
     return writer.checkpoints / f"{row}.done"
