@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import signal
 import sys
 import threading
@@ -64,7 +65,8 @@ def _refusal(error: OSError) -> DsnetError:
     """A refusal of the system in the words of all others."""
     assert error.errno is not None
     place = f"{error.filename}: " if error.filename else ""
-    return DsnetError(f"{place}{error.strerror}", *_EXPECTED[error.errno])
+    # Libraries put a paragraph of their own into `error.strerror`.
+    return DsnetError(f"{place}{os.strerror(error.errno)}", *_EXPECTED[error.errno])
 
 
 def _stop(how: str, number: signal.Signals) -> NoReturn:

@@ -36,8 +36,8 @@ def ended(code: str) -> tuple[int, str]:
 @pytest.mark.parametrize(
     ("code", "words"),
     [
-        ("raise OSError(errno.ENOSPC, 'No space', 'runs/x')", "runs/x: No space; expected room"),
-        ("raise OSError(errno.EROFS, 'Read-only')", "dsnet: Read-only; expected a folder that may"),
+        ("raise OSError(errno.ENOSPC, 'No space', 'runs/x')", "runs/x: No space left on device;"),
+        ("raise OSError(errno.EROFS, 'Read-only')", "dsnet: Read-only file system; expected a"),
         ("os.mkdir(sys.executable + '/x')", "Not a directory; expected a folder"),
     ],
 )
