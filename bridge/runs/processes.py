@@ -17,8 +17,8 @@ from typing import Any, TypeVar
 
 import tyro
 
+from bridge.endings import Terminated, exit_with_one_line, interrupts_withheld
 from bridge.errors import DsnetError, InterruptedWorkError
-from bridge.runs.endings import Terminated, exit_with_one_line, interrupts_withheld
 
 Config = TypeVar("Config")
 _FRAMEWORKS = {"torch_align_ae": ("torch", "h5py"), "tf_dsnet": ("tensorflow",)}

@@ -20,8 +20,8 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
+from bridge.endings import interrupts_withheld
 from bridge.errors import InterruptedWorkError
-from bridge.runs.endings import interrupts_withheld
 
 Tools = TypeVar("Tools")
 Item = TypeVar("Item")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -14,7 +13,8 @@ from bridge.runs.folders import MANIFEST
 
 RUN = "tiny"
 ROOT = Path(__file__).parents[2]
-STAGE_PROCESS = Path(__file__).with_name("stage_process.py")
+_COUNTED = (str(Path(__file__).with_name("stage_process.py")),)
+_CALLED = ("-c", "from bridge.cli import main; main()")
 
 _FEW = {
     "corpus": "--subjects 1 --mean-frames 60 --mosh-seconds 1",
@@ -56,17 +56,20 @@ class Ended:
 class Stage:
     """A stage under way, in a group of its own."""
 
-    def __init__(
-        self, command: str, runs: Path, kill_at: int = 0, number: int = signal.SIGKILL
-    ) -> None:
-        """`kill_at` counts file operations: the process sends `number` to its group before it."""
+    def __init__(self, command: str, runs: Path, kill_at: int = 0, *, counted: bool = True) -> None:
+        """`kill_at` counts file operations: the process kills its group before that one.
+
+        Not `counted` it is just what a user calls.
+        """
         self._count = runs / "operations"
         self._count.unlink(missing_ok=True)
         options = ["--profile", "smoke", "--run", RUN, *_FEW[command].split()]
-        if command == "predict":
-            # Itself, not the process that waits for it: its operations are to be counted.
-            command, options = "tf_dsnet.stage_predict", options[2:]
-        wrapper = [sys.executable, str(STAGE_PROCESS), str(self._count), str(kill_at), str(number)]
+        wrapper = [sys.executable, *(_COUNTED if counted else _CALLED)]
+        if counted:
+            wrapper += [str(self._count), str(kill_at)]
+            if command == "predict":
+                # Itself, not the process that waits for it: its operations are to be counted.
+                command, options = "tf_dsnet.stage_predict", options[2:]
         self.process = subprocess.Popen(
             [*wrapper, command, *options],
             cwd=ROOT,

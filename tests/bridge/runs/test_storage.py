@@ -15,7 +15,7 @@ from bridge.runs.storage import is_written, map_array, mark_written, save_array
 LIMITED = """
 import resource, sys
 from pathlib import Path
-from bridge.runs.endings import exit_with_one_line
+from bridge.endings import exit_with_one_line
 from bridge.runs.storage import map_array
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 with exit_with_one_line():

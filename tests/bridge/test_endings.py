@@ -14,7 +14,7 @@ from bridge.runs.processes import outcome_of_module
 
 COMMAND = """
 import errno, os, signal, sys, time
-from bridge.runs.endings import exit_with_one_line
+from bridge.endings import exit_with_one_line
 with exit_with_one_line():
     {}
 """
@@ -81,7 +81,7 @@ def test_an_interrupt_of_all_is_answered_by_the_first_alone(tmp_path: Path):
     code = f"""
 import sys
 sys.path.insert(0, {str(Path.cwd())!r})
-from bridge.runs.endings import exit_with_one_line
+from bridge.endings import exit_with_one_line
 from bridge.runs.processes import run_module
 with exit_with_one_line():
     run_module("waits", "begun")
