@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,8 +62,10 @@ class Stage:
 
         Not `counted` it is just what a user calls.
         """
-        self._count = runs / "operations"
-        self._count.unlink(missing_ok=True)
+        # Not below `runs`, which may be full.
+        handle, name = tempfile.mkstemp()
+        os.close(handle)
+        self._count = Path(name)
         options = ["--profile", "smoke", "--run", RUN, *_FEW[command].split()]
         wrapper = [sys.executable, *(_COUNTED if counted else _CALLED)]
         if counted:
@@ -86,8 +89,8 @@ class Stage:
 
     def end(self) -> Ended:
         _, said = self.process.communicate(timeout=600)
-        operations = int(self._count.read_text()) if self._count.exists() else 0
-        self._count.unlink(missing_ok=True)
+        operations = int(self._count.read_text() or 0)
+        self._count.unlink()
         return Ended(self.process.returncode, said, operations)
 
 
