@@ -43,7 +43,8 @@ def test_equal_arguments_give_equal_pixels():
 def test_the_renderers_threads_leave_each_others_pixels_alone(monkeypatch):
     """Before anything is rounded: a sum in another order is rarely seen in a picture's bytes."""
     rendered = []
-    monkeypatch.setattr("bridge.report.render.developed", lambda one: rendered.append(np.array(one)))
+    keep = lambda one: rendered.append(np.array(one))  # noqa: E731
+    monkeypatch.setattr("bridge.report.render.developed", keep)
     camera = frame_camera([TETRAHEDRON], height_px=200)
     for _ in range(6):
         render_bodies([TETRAHEDRON], FACES, camera=camera, samples=4)
