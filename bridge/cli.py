@@ -12,12 +12,8 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-import tyro
-
+from bridge.endings import exit_with_one_line
 from bridge.errors import DsnetError
-from bridge.options import check_options, parse_seed
-from bridge.runs.engines import use_engine
-from bridge.runs.processes import exit_with_one_line, require_packages_of
 
 COMMANDS = {
     "corpus": (
@@ -66,6 +62,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _dispatch(arguments: list[str]) -> None:
+    # Late, so that whoever interrupts while these load reads one line.
+    import tyro
+
+    from bridge.options import check_options, parse_seed
+    from bridge.runs.engines import use_engine
+    from bridge.runs.processes import require_packages_of
+
     if not arguments or arguments[0] in ("-h", "--help"):
         print(_overview())  # noqa: T201
         return

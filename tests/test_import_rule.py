@@ -16,7 +16,7 @@ FORBIDDEN = {
     "torch_align_ae": {"tensorflow", "keras", "tf_dsnet"},
     "tf_dsnet": {"torch", "torch_align_ae"},
 }
-# A folder imports those before it; what lies in none (paper, errors, options) imports no folder.
+# A folder imports those before it; paper, errors, endings and options, in none, import no folder.
 ORDER = [
     "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "export",
     "view", "verify", "plan",
@@ -45,7 +45,7 @@ THIRD_PARTIES = {
     "measure": {"numpy", "scipy", "tqdm"},
     "verify": {"numpy", "onnx", "safetensors", "tqdm"},
     "plan": set(),
-    "report": {"jinja2", "markdown_it", "matplotlib", "mitsuba", "numpy", "tqdm"},
+    "report": {"jinja2", "markdown_it", "matplotlib", "mitsuba", "numpy", "scipy", "tqdm"},
 }
 
 

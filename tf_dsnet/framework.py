@@ -18,7 +18,8 @@ os.environ["KERAS_BACKEND"] = "tensorflow"
 
 @contextmanager
 def _stderr_held_back() -> Iterator[None]:
-    """Keep the process's stderr to itself, and let it out only if the block fails.
+    """Keep the process's stderr to itself, and let it out only if the block fails, not if a user
+    interrupts it.
 
     TensorFlow's C++ logs about oneDNN and CUDA while it loads, before it reads
     `TF_CPP_MIN_LOG_LEVEL`, so no setting silences them.
@@ -29,7 +30,7 @@ def _stderr_held_back() -> Iterator[None]:
         os.dup2(held.fileno(), 2)
         try:
             yield
-        except BaseException:
+        except Exception:
             held.seek(0)
             shutil.copyfileobj(held, original)
             raise

@@ -11,7 +11,8 @@ from tqdm import tqdm
 
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
-from bridge.exchange import load_weights, save_weights
+from bridge.exchange import save_weights
+from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.exchange.weights import refuse_nonfinite
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import run_as_process
@@ -86,8 +87,8 @@ class _Fit:
         self._losses: list[float] = []
         features = self._clips[0].features.shape[1]
         self._static = NodeStatic.nothing(len(self._people.names), features, len(self._nodes))
-        if self._checkpoint.exists():
-            self._resume()
+        if (state := load_checkpoint(self._checkpoint)) is not None:
+            self._resume(state)
 
     def write(self) -> None:
         """Train what is left and fill the artifact."""
@@ -117,10 +118,9 @@ class _Fit:
     def _save(self) -> None:
         losses = {"history/loss": np.array(self._losses)}
         state = {**self._training.state(), **self._static.arrays(), **losses}
-        save_weights(self._checkpoint, state)
+        save_checkpoint(self._checkpoint, state)
 
-    def _resume(self) -> None:
-        state = load_weights(self._checkpoint)
+    def _resume(self, state: dict[str, NDArray]) -> None:
         self._losses = state["history/loss"].tolist()
         self._static = NodeStatic.from_arrays(state)
         self._training.restore(state)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange import load_weights, save_weights
+from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.exchange.clips import Clips
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.exchange.weights import refuse_nonfinite
@@ -164,8 +164,8 @@ class DsnetTraining:
         """Of every epoch that was validated."""
         self._scaling, self._validation, self._checkpoint = scaling, validation, checkpoint
         self._seconds = 0.0
-        if checkpoint.exists():
-            self._resume()
+        if (state := load_checkpoint(checkpoint)) is not None:
+            self._resume(state)
         self._first = len(self.losses)
 
     def epoch(self, number: int, *, validate: bool) -> None:
@@ -191,7 +191,7 @@ class DsnetTraining:
             "history/loss": np.array(self.losses),
             "history/validation_loss": np.array(self.validation_losses),
         }
-        save_weights(self._checkpoint, {**self.trainer.state(), **history})
+        save_checkpoint(self._checkpoint, {**self.trainer.state(), **history})
 
     @property
     def lr(self) -> float:
@@ -227,8 +227,7 @@ class DsnetTraining:
             )
         return loss
 
-    def _resume(self) -> None:
-        state = load_weights(self._checkpoint)
+    def _resume(self, state: dict[str, NDArray]) -> None:
         self.losses, self.validation_losses = (
             state.pop(f"history/{name}").tolist() for name in ("loss", "validation_loss")
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -19,7 +20,10 @@ def save_weights(path: Path | str, weights: Mapping[str, NDArray], **metadata: s
     path = Path(path)
     partial = path.with_name(f".{path.name}.partial")
     arrays = {name: np.require(array, requirements="C") for name, array in weights.items()}
-    save_file(arrays, partial, metadata=metadata)
+    try:
+        save_file(arrays, partial, metadata=metadata)
+    except SafetensorError as error:
+        raise _of_system(error, partial) from error
     os.replace(partial, path)
 
 
@@ -39,6 +43,14 @@ def load_weights(path: Path | str) -> dict[str, NDArray]:
             "a safetensors file written by dsnet",
             "Train again, or copy the file again.",
         ) from error
+
+
+def _of_system(error: SafetensorError, path: Path) -> Exception:
+    """The system's own refusal, such as a full disk, of which the library gives the text."""
+    if found := re.search(r"os error (\d+)", str(error)):
+        number = int(found[1])
+        return OSError(number, os.strerror(number), str(path))
+    return error
 
 
 def refuse_nonfinite(weights: Mapping[str, NDArray], owner: str, remedy: str) -> None:

@@ -17,8 +17,8 @@ from bridge.report.render import (
     KEY_DIRECTION,
     Camera,
     camera_sensor,
+    developed,
     floor_under,
-    linear_to_srgb,
     load_mitsuba,
     srgb_to_linear,
 )
@@ -58,9 +58,7 @@ def render_clip_picture(
         "floor": floor,
     }
     scene |= {f"body_{index}": _mesh(mi, body, faces) for index, body in enumerate(bodies)}
-    pixels = np.array(mi.render(mi.load_dict(scene), spp=_SAMPLES), dtype=np.float64)
-    picture = linear_to_srgb(pixels[..., :3] + (1.0 - pixels[..., 3:4]))
-    return np.round(255 * picture).astype(np.uint8)
+    return developed(mi.render(mi.load_dict(scene), spp=_SAMPLES))
 
 
 def _glow(radiance: dict[str, Any]) -> dict[str, Any]:

@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter
 
 CLAY_SRGB = (0.86, 0.79, 0.73)
 _SKY, _KEY, _KEY_WIDTH_RAD = 0.4, 5.0, 0.3
 _FLOOR_ALBEDO = 0.9
 # The floor reflects light onto the bodies; without this, bright colours would burn out.
 _BODY_EXPOSURE = 0.75
+# With a pixel's own square about as wide as the renderer's Gaussian filter, 0.5 pixels.
+_BLUR_PX = 0.4
 KEY_DIRECTION = np.array([-0.5, 1.0, 0.75]) / np.linalg.norm([-0.5, 1.0, 0.75])
 """From the bodies to the lamp."""
 
@@ -112,8 +115,16 @@ def render_bodies(
     }
     for index, (body, colour) in enumerate(zip(bodies, painted, strict=True)):
         scene[f"body_{index}"] = _mesh(mi, np.asarray(body), np.asarray(faces), colour)
-    loaded = mi.load_dict(scene)
-    pixels = np.array(mi.render(loaded, spp=samples, seed=seed), dtype=np.float64)
+    return developed(mi.render(mi.load_dict(scene), spp=samples, seed=seed))
+
+
+def developed(rendered: Any) -> NDArray[np.uint8]:
+    """The (height, width, 3) sRGB picture of what the renderer gave, smoothed and on white paper.
+
+    Smoothed here and not by the renderer: its threads would add to each other's pixels, in an order
+    that differs from time to time.
+    """
+    pixels = gaussian_filter(np.array(rendered, dtype=np.float64), (_BLUR_PX, _BLUR_PX, 0))
     # Where no surface was hit there is white paper, like the unshaded floor.
     picture = linear_to_srgb(pixels[..., :3] + (1.0 - pixels[..., 3:4]))
     return np.round(255 * picture).astype(np.uint8)
@@ -206,7 +217,7 @@ def camera_sensor(mi: Any, camera: Camera, samples: int) -> dict[str, Any]:
             "width": camera.width_px,
             "height": camera.height_px,
             "pixel_format": "rgba",
-            "rfilter": {"type": "gaussian"},
+            "rfilter": {"type": "box"},
         },
         "sampler": {"type": "multijitter", "sample_count": samples},
     }

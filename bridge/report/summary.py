@@ -142,6 +142,7 @@ _OF_EVERY_STAGE = {
     "finished_utc",
     "machine",
     "peak_memory_mb",
+    "sha256",
     "versions",
     "wall_time_s",
 }

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,10 @@ class ArrayFile:
     dtype: str
     header_bytes: int
     """Where the first element lies."""
+
+    def read(self, rows: slice) -> NDArray[Any]:
+        """Rows as they are now."""
+        return np.array(np.load(self.path, mmap_mode="r", allow_pickle=False)[rows])
 
     def write(self, start: int, rows: ArrayLike) -> None:
         """Store rows (n, ...) from row `start` on; they are on the disk when this returns.

@@ -182,4 +182,8 @@ def _read_manifest(path: Path) -> dict[str, Any]:
             "Delete the folder and run its stage again with this version.",
         )
     _compare(path, content_digest(manifest), manifest["sha256"])
+    made = dict(manifest["provenance"])
+    # Older manifests have none; it is no part of the content, but reports print what it covers.
+    if (written := made.pop("sha256", None)) is not None:
+        _compare(path, json_sha256(made), written)
     return manifest

@@ -9,12 +9,15 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from bridge.runs.folders import runs_root, write_text_atomically
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.runs.folders import runs_root
 
 _SMALL_BYTES = 1 << 16
 # A file system's clock ticks every few ms: what was changed just now may change again unseen.
@@ -36,6 +39,15 @@ def json_sha256(value: Any) -> str:
     return hashlib.sha256(
         json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
     ).hexdigest()
+
+
+def arrays_sha256(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """SHA-256 of named arrays: names, shapes, types and values."""
+    digest = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        digest.update(json.dumps([name, array.shape, array.dtype.str]).encode())
+        digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+    return digest.hexdigest()
 
 
 def cached_sha256(path: Path) -> str:
@@ -90,4 +102,6 @@ def _save(cache: Path, files: dict[str, Any]) -> None:
     with suppress(OSError):
         # The folder of all runs is not made for the sake of a cache.
         cache.parent.mkdir(exist_ok=True)
-        write_text_atomically(cache, json.dumps({"files": files, "sha256": json_sha256(files)}))
+        # Not renamed into place: half of one is none, and a kill leaves no other file.
+        text = json.dumps({"files": files, "sha256": json_sha256(files)})
+        cache.write_text(text, encoding="utf-8")

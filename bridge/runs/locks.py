@@ -29,7 +29,7 @@ def exclusive(folder: Path, what: str, remedy: str) -> Iterator[None]:
         If another process is writing the folder.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
-    path = folder.with_name(f".{folder.name}.lock")
+    path = lock_of(folder)
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:
         if not _locked(descriptor, path):
@@ -42,6 +42,11 @@ def exclusive(folder: Path, what: str, remedy: str) -> Iterator[None]:
             path.unlink(missing_ok=True)
     finally:
         os.close(descriptor)
+
+
+def lock_of(folder: Path) -> Path:
+    """The file whose lock keeps others out of `folder`."""
+    return folder.with_name(f".{folder.name}.lock")
 
 
 def _locked(descriptor: int, path: Path) -> bool:

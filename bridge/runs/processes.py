@@ -1,20 +1,24 @@
-"""Stages run as processes: how one is started, and how one ends when a user made a mistake.
+"""Stages run as processes, a framework in each; arrays pass on disk, never in memory.
 
-Each framework has a process of its own; arrays pass on disk, never in memory.
+A process that was started here ends with the one that started it, however that ends.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import os
+import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import tyro
 
-from bridge.errors import DsnetError
+from bridge.endings import Terminated, exit_with_one_line, interrupts_withheld
+from bridge.errors import DsnetError, InterruptedWorkError
 
 Config = TypeVar("Config")
 _FRAMEWORKS = {"torch_align_ae": ("torch", "h5py"), "tf_dsnet": ("tensorflow",)}
@@ -38,6 +42,11 @@ def require_packages_of(module: str) -> None:
             )
 
 
+_BEGIN = "from bridge.runs.processes import end_with_parent; end_with_parent();"
+_MODULE = "import runpy; runpy.run_module({!r}, run_name='__main__', alter_sys=True)"
+_DSNET = "from bridge.cli import main; main()"
+
+
 def run_module(module: str, *arguments: str) -> None:
     """Run `python -m module arguments`; a child that failed has said why, so pass on its status.
 
@@ -47,7 +56,7 @@ def run_module(module: str, *arguments: str) -> None:
         With the child's exit status when it is not 0.
     """
     require_packages_of(module)
-    _run("-m", module, *arguments)
+    _run(_MODULE.format(module), arguments)
 
 
 def run_dsnet(command: str, *arguments: str) -> None:
@@ -58,13 +67,7 @@ def run_dsnet(command: str, *arguments: str) -> None:
     SystemExit
         With its exit status when it is not 0; it has said why.
     """
-    _run("-c", "from bridge.cli import main; main()", command, *arguments)
-
-
-def _run(*arguments: str) -> None:
-    status = subprocess.run([sys.executable, *arguments], check=False).returncode
-    if status:
-        sys.exit(status)
+    _run(_DSNET, (command, *arguments))
 
 
 def answer_of_module(module: str, *arguments: str) -> str:
@@ -76,32 +79,75 @@ def answer_of_module(module: str, *arguments: str) -> str:
         With the child's exit status when it is not 0.
     """
     require_packages_of(module)
-    command = [sys.executable, "-m", module, *arguments]
-    child = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
-    if child.returncode:
-        sys.exit(child.returncode)
-    return child.stdout
+    return _run(_MODULE.format(module), arguments, stdout=subprocess.PIPE)
+
+
+def _run(code: str, arguments: Sequence[str], stdout: int | None = None) -> str:
+    with _begun(code, arguments, stdout=stdout) as child:
+        answer, _ = child.communicate()
+    status = child.returncode
+    if status == -signal.SIGTERM:
+        raise Terminated
+    if status < 0:
+        raise InterruptedWorkError(
+            f"a process that the system ended with signal {-status}",
+            "enough memory for it",
+            "Free memory and run the same command: it goes on where it was.",
+        )
+    if status:
+        sys.exit(status)
+    return answer
+
+
+def outcome_of_module(module: str, *arguments: str) -> tuple[int, str]:
+    """Exit status and stderr of `python -m module arguments`, which prints nothing of its own."""
+    devnull, pipe = subprocess.DEVNULL, subprocess.PIPE
+    with _begun(_MODULE.format(module), arguments, stdout=devnull, stderr=pipe) as child:
+        _, said = child.communicate()
+    return child.returncode, said
+
+
+@contextmanager
+def _begun(
+    code: str, arguments: Sequence[str], stdout: int | None = None, stderr: int | None = None
+) -> Iterator[subprocess.Popen[str]]:
+    """A process that is ended if the block is left by an exception, or this process ends."""
+    command = [sys.executable, "-c", _BEGIN + code, *arguments]
+    reading, writing = os.pipe()
+    try:
+        with interrupts_withheld():
+            child = subprocess.Popen(
+                command, stdin=reading, stdout=stdout, stderr=stderr, text=True
+            )
+        try:
+            yield child
+        except BaseException:
+            child.kill()
+            raise
+        finally:
+            child.wait()
+    finally:
+        os.close(reading)
+        os.close(writing)
+
+
+def end_with_parent() -> None:
+    """End this process, begun by the above, when its parent does: nobody waits for it any more."""
+
+    def watch() -> None:
+        # A pipe of which the parent holds the other end, and into which it writes nothing.
+        os.read(0, 1)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def run_as_process(config_type: type[Config], main: Callable[[Config], Any]) -> None:
     """The other end of `run_module`: a `main` whose configuration's fields are the options."""
-    with exit_with_one_line():
+    with exit_with_one_line(answer_signals=False):
         main(tyro.cli(config_type))
 
 
 def notify(text: str) -> None:
     """One line on stderr about something that a user would want to know but need not mend."""
     print(f"dsnet: {text}", file=sys.stderr)  # noqa: T201
-
-
-@contextmanager
-def exit_with_one_line() -> Iterator[None]:
-    """Turn a DsnetError into one line and exit status 2, an interrupt into one line and 130."""
-    try:
-        yield
-    except DsnetError as error:
-        print(f"dsnet: {error}", file=sys.stderr)  # noqa: T201
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print("dsnet: interrupted; run the same command to go on", file=sys.stderr)  # noqa: T201
-        sys.exit(130)

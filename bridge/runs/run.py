@@ -13,7 +13,7 @@ from bridge.runs.artifact import SCHEMA_VERSION, Artifact, DataOrigin, read_arti
 from bridge.runs.chain import Chain, command_of
 from bridge.runs.digests import cached_sha256, json_sha256
 from bridge.runs.folders import MANIFEST, is_finished, is_unsettled, runs_root, settle
-from bridge.runs.locks import exclusive
+from bridge.runs.locks import exclusive, lock_of
 from bridge.runs.writer import ArtifactWriter
 
 ALIGNMENT = "align"
@@ -37,7 +37,7 @@ class Run:
         if is_unsettled(self.path / stage):
             # Left by a process that was killed while it put the artifact into place; if another
             # one holds the stage, it is alive and does so itself.
-            with suppress(DsnetError, OSError), self._alone(stage):
+            with suppress(DsnetError, OSError), self.alone(stage):
                 settle(self.path / stage)
         return is_finished(self.path / stage)
 
@@ -99,8 +99,9 @@ class Run:
         settings = {key: _plain(value) for key, value in asdict(config).items() if key != "run"}
         digests = {name: _digest(source) for name, source in upstream.items()}
         if current := self._current(stage, settings, digests):
+            self._remove_lock(stage)
             return current
-        with self._alone(stage):
+        with self.alone(stage):
             settle(self.path / stage)
             # Another process may have made it since.
             if current := self._current(stage, settings, digests):
@@ -130,6 +131,12 @@ class Run:
         made_from = finished.manifest["config"], finished.manifest["upstream"]
         return finished if made_from == (settings, digests) else None
 
+    def _remove_lock(self, stage: str) -> None:
+        """Remove a lock that a killed process left; if another one holds it, that one does."""
+        if lock_of(self.path / stage).exists():
+            with suppress(DsnetError, OSError), self.alone(stage):
+                pass
+
     def _inputs(self, upstream: Mapping[str, Artifact | Path]) -> dict[str, str]:
         """Where input files lie: in the run, which may be moved, or anywhere else."""
         home = self.path.resolve()
@@ -139,7 +146,7 @@ class Run:
             for name, path in files.items()
         }
 
-    def _alone(self, stage: str) -> AbstractContextManager[None]:
+    def alone(self, stage: str) -> AbstractContextManager[None]:
         """Keep other processes out of `stage`."""
         return exclusive(
             self.path / stage,

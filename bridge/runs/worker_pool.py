@@ -13,15 +13,16 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
-import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
+from bridge.endings import interrupts_withheld
 from bridge.errors import InterruptedWorkError
 from bridge.runs.engines import chosen_engine
 
@@ -154,10 +155,7 @@ def _processes(
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(count, context, _begin_process, begins_with)
     try:
-        yield WorkerPool(
-            lambda work, item: _InProcess(executor.submit(_do, pickle.dumps((work, item)))),
-            _AHEAD_PER_WORKER * count,
-        )
+        yield WorkerPool(partial(_begin_in_process, executor), _AHEAD_PER_WORKER * count)
     except BaseException as error:
         # Nobody will take what they are at: an interrupt does not wait for it.
         for process in set(multiprocessing.active_children()) - others:
@@ -171,6 +169,12 @@ def _processes(
         raise
     finally:
         executor.shutdown(cancel_futures=True)
+
+
+def _begin_in_process(executor: ProcessPoolExecutor, work: Work, item: Any) -> _InProcess:
+    # The executor begins its processes when it is given work.
+    with interrupts_withheld():
+        return _InProcess(executor.submit(_do, pickle.dumps((work, item))))
 
 
 class _InProcess:
@@ -191,8 +195,6 @@ _tools_of_this_process: Any = None
 
 def _begin_process(pickled: bytes) -> None:
     global _tools_of_this_process
-    # An interrupt from the keyboard reaches every process; the first one alone answers it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _tools_of_this_process, initializer = pickle.loads(pickled)
     if initializer:

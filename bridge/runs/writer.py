@@ -21,7 +21,7 @@ from bridge.runs.artifact import (
     DataOrigin,
     content_digest,
 )
-from bridge.runs.digests import file_sha256, remember
+from bridge.runs.digests import file_sha256, json_sha256, remember
 from bridge.runs.folders import (
     CHECKPOINTS,
     MANIFEST,
@@ -30,6 +30,7 @@ from bridge.runs.folders import (
     write_text_atomically,
 )
 from bridge.runs.provenance import provenance
+from bridge.runs.storage import map_array, save_array
 
 _BLOCK_ELEMENTS = 1 << 22
 
@@ -76,21 +77,14 @@ class ArtifactWriter:
     def put(self, name: str, array: ArrayLike, unit: str) -> None:
         """Store a whole array as `<name>.npy`; `unit` goes to the manifest."""
         self._units[name] = unit
-        np.save(self._partial / f"{name}.npy", np.ascontiguousarray(array), allow_pickle=False)
+        save_array(self._partial / f"{name}.npy", array)
 
     def open_array(
         self, name: str, shape: tuple[int, ...], dtype: DTypeLike, unit: str
     ) -> NDArray[Any]:
         """Memory-map `<name>.npy` for writing in pieces; a resumed stage finds what it wrote."""
         self._units[name] = unit
-        path = self._partial / f"{name}.npy"
-        if path.exists():
-            return np.lib.format.open_memmap(path, mode="r+")
-        # Under its name only when its header is whole, or a killed stage could never go on.
-        new = path.with_suffix(".new")
-        array = np.lib.format.open_memmap(new, mode="w+", dtype=np.dtype(dtype), shape=shape)
-        new.rename(path)
-        return array
+        return map_array(self._partial / f"{name}.npy", shape, dtype)
 
     def array_file(
         self, name: str, shape: tuple[int, ...], dtype: DTypeLike, unit: str
@@ -147,7 +141,8 @@ class ArtifactWriter:
         manifest = json.loads(json.dumps(manifest))
         manifest["sha256"] = content_digest(manifest)
         seconds = time.perf_counter() - self._started
-        manifest["provenance"] = {**provenance(seconds), **self._measured}
+        made = json.loads(json.dumps({**provenance(seconds), **self._measured}))
+        manifest["provenance"] = {**made, "sha256": json_sha256(made)}
         self._remove_undeclared()
         # From here on the artifact is whole: if killed, `settle` does the rest.
         write_text_atomically(self._partial / MANIFEST, json.dumps(manifest, indent=1) + "\n")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from bridge.runs.processes import outcome_of_module
 from bridge.verify.checks import REFERENCE
 from bridge.verify.protocol import ANSWER
 
@@ -46,13 +45,12 @@ class Answer:
 def ask(engine: str, request: Path, out: Path) -> Answer:
     """Run one engine on a request; an engine that dies is an answer too."""
     out.mkdir(parents=True)
-    command = [sys.executable, "-m", ENGINES[engine]]
     options = ["--request", str(request), "--out", str(out), "--engine", engine]
-    done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+    status, said = outcome_of_module(ENGINES[engine], *options)
     answer = out / ANSWER
-    if done.returncode or not answer.is_file():
-        last = (done.stderr.strip().splitlines() or ["and said nothing"])[-1]
-        return Answer(out, {}, {}, {}, {}, f"the process ended with {done.returncode}: {last}")
+    if status or not answer.is_file():
+        last = (said.strip().splitlines() or ["and said nothing"])[-1]
+        return Answer(out, {}, {}, {}, {}, f"the process ended with {status}: {last}")
     return Answer(out, **json.loads(answer.read_text(encoding="utf-8")))
 
 

@@ -100,6 +100,11 @@ def _find_fault(name: FaultName, seed: int, folder: Path) -> list[Row]:
 
 
 def _make(config: VerifyConfig, run: Run) -> list[Row]:
+    with run.alone(STAGE):
+        return _make_alone(config, run)
+
+
+def _make_alone(config: VerifyConfig, run: Run) -> list[Row]:
     sources = _sources(config, run)
     origin = sources["align"].origin if "align" in sources else "synthetic"
     # A fresh writer each time: what is asked is whether they agree now.

@@ -6,7 +6,7 @@ import pytest
 
 from bridge.runs import read_artifact
 
-# The report is left out: it prints seconds, and the renderer's threads round a few pixels by one.
+# The report is left out: it prints seconds.
 STAGES = (
     "corpus",
     "truth",

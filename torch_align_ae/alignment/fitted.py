@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from bridge.errors import DsnetError
@@ -13,6 +15,7 @@ from bridge.motion import MotionSequence
 from bridge.paper import THETA_SIZE
 from bridge.runs import ArtifactWriter
 from bridge.runs.array_file import ArrayFile
+from bridge.runs.digests import arrays_sha256, json_sha256
 from torch_align_ae.body import SMPL, rest_pose_offsets
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
@@ -41,6 +44,14 @@ class Fitted(FittedPoses):
     """(n, V, 3) metres in the rest pose, Eq. 5."""
     frame_error: Tensor
     """(n,) mean distance of the posed body's vertices to the mesh, metres."""
+
+
+@dataclass(frozen=True)
+class StoredFrames(FittedPoses):
+    """Consecutive frames of one sequence whose offsets and errors are written."""
+
+    digest: str
+    """Of what was written."""
 
 
 def measure(
@@ -107,7 +118,7 @@ class AlignedFiles:
             writer.array_file("frame_error", (frames,), np.float32, "m"),
         )
 
-    def store(self, sequence: MotionSequence, fitted: Fitted) -> FittedPoses:
+    def store(self, sequence: MotionSequence, fitted: Fitted) -> StoredFrames:
         """Write what is large; what is left is small enough to be sent.
 
         Raises
@@ -117,6 +128,19 @@ class AlignedFiles:
         """
         check_distances(sequence.name, fitted.start, fitted.frame_error)
         first = sequence.start + fitted.start
-        self.offsets.write(first, fitted.offsets.numpy())
-        self.frame_error.write(first, fitted.frame_error.numpy())
-        return FittedPoses(fitted.track, fitted.start, fitted.pose, fitted.trans)
+        offsets, frame_error = fitted.offsets.numpy(), fitted.frame_error.numpy()
+        self.offsets.write(first, offsets)
+        self.frame_error.write(first, frame_error)
+        digest = arrays_sha256({"offsets": offsets, "frame_error": frame_error})
+        return StoredFrames(fitted.track, fitted.start, fitted.pose, fitted.trans, digest)
+
+    def digest(self, rows: slice) -> str:
+        """`StoredFrames.digest` of the rows as they are in the files now."""
+        found = {"offsets": self.offsets.read(rows), "frame_error": self.frame_error.read(rows)}
+        return arrays_sha256(found)
+
+
+def seal(digests: Iterable[str], thetas: Iterable[NDArray[np.float32]]) -> str:
+    """What a checkpoint says of frames that are written: if any of it changes, it does not hold."""
+    poses = {str(index): theta for index, theta in enumerate(thetas)}
+    return json_sha256([*digests, arrays_sha256(poses)])

@@ -20,7 +20,8 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from bridge.errors import DsnetError
-from bridge.exchange import load_weights, save_weights
+from bridge.exchange import load_weights
+from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.exchange.weights import refuse_nonfinite
 from bridge.motion.splits import FrameSplit, chunks
 from torch_align_ae.autoencoder.normaliser import Normaliser
@@ -142,7 +143,7 @@ class Training(Generic[Network]):
                 if result.best == len(result.losses):
                     self._keep_best()
                 if self.processes.leads:
-                    save_checkpoint(self.checkpoint, self.model, self._adam, result)
+                    save_training(self.checkpoint, self.model, self._adam, result)
                 bar.set_postfix(validation=f"{result.validation_losses[-1]:.4f}")
         self.processes.told(None)  # that its last file is whole
         best = load_weights(self.best_file)
@@ -160,8 +161,9 @@ class Training(Generic[Network]):
         return math.ceil(len(self.split.train) / self.plan.batch_size)
 
     def _start(self) -> TrainingResult:
-        if self.checkpoint.is_file() and self.best_file.is_file():
-            return load_checkpoint(self.checkpoint, self.model, self._adam)
+        state = load_checkpoint(self.checkpoint)
+        if state is not None and load_checkpoint(self.best_file) is not None:
+            return restore_training(state, self.model, self._adam)
         loss = self._finite(self.validation_loss(), "validation loss", 0)
         self._keep_best()
         return TrainingResult(np.empty(0), np.array([loss]), np.array([0]))
@@ -235,7 +237,7 @@ class Training(Generic[Network]):
         if not self.processes.leads:
             return
         weights = {name: _numpy(value) for name, value in self.model.named_parameters()}
-        save_weights(self.best_file, weights)
+        save_checkpoint(self.best_file, weights)
 
 
 def scored_frames(split: FrameSplit, wanted: int) -> NDArray[np.int64]:
@@ -244,7 +246,7 @@ def scored_frames(split: FrameSplit, wanted: int) -> NDArray[np.int64]:
     return split.validation[np.linspace(0, count - 1, min(wanted or count, count)).astype(int)]
 
 
-def save_checkpoint(
+def save_training(
     path: Path,
     model: nn.Module,
     optimizer: torch.optim.Adam,
@@ -261,12 +263,13 @@ def save_checkpoint(
         for moment in _MOMENTS:
             arrays[f"{moment}.{name}"] = _numpy(optimizer.state[parameter][moment])
     history = {f"history.{name}": array for name, array in vars(result).items()}
-    save_weights(path, {**arrays, **history})
+    save_checkpoint(path, {**arrays, **history})
 
 
-def load_checkpoint(path: Path, model: nn.Module, optimizer: torch.optim.Adam) -> TrainingResult:
-    """Restore `model` and `optimizer`; return the losses."""
-    arrays = load_weights(path)
+def restore_training(
+    arrays: dict[str, NDArray], model: nn.Module, optimizer: torch.optim.Adam
+) -> TrainingResult:
+    """Restore `model` and `optimizer` from what `save_training` wrote; return the losses."""
     result = TrainingResult(*(arrays[f"history.{f.name}"] for f in fields(TrainingResult)))
     _assign(model, {name: arrays.pop(f"model.{name}") for name, _ in model.named_parameters()})
     for name, parameter in model.named_parameters():

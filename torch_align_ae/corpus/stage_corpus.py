@@ -17,6 +17,7 @@ from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifes
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.array_file import ArrayFile
+from bridge.runs.storage import is_written, mark_written
 from bridge.runs.worker_pool import on_any_node, worker_pool
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.captured import CapturedForm
@@ -187,10 +188,11 @@ class _TissueWork:
         tissue = tissue_of(law, smpl, subject.betas, gravity=gravity)
         for sequence in own:
             done = self.checkpoints / f"{sequence.name}.done"
-            if not done.exists():
+            if not is_written(done, self.offsets.read(sequence.frames)):
                 theta = self.thetas[sequence.name].astype(np.float64)
-                self.offsets.write(sequence.start, tissue.offsets(theta, FPS))
-                done.touch()
+                offsets = tissue.offsets(theta, FPS)
+                self.offsets.write(sequence.start, offsets)
+                mark_written(done, offsets)
         return sum(sequence.length for sequence in own)
 
 

@@ -40,6 +40,18 @@ def test_equal_arguments_give_equal_pixels():
     np.testing.assert_array_equal(render((0.5, 0.5, 0.5)), render((0.5, 0.5, 0.5)))
 
 
+def test_the_renderers_threads_leave_each_others_pixels_alone(monkeypatch):
+    """Before anything is rounded: a sum in another order is rarely seen in a picture's bytes."""
+    rendered = []
+    keep = lambda one: rendered.append(np.array(one))  # noqa: E731
+    monkeypatch.setattr("bridge.report.render.developed", keep)
+    camera = frame_camera([TETRAHEDRON], height_px=200)
+    for _ in range(6):
+        render_bodies([TETRAHEDRON], FACES, camera=camera, samples=4)
+    for one in rendered[1:]:
+        np.testing.assert_array_equal(one, rendered[0])
+
+
 def test_floor_carries_a_shadow():
     picture = render((0.9, 0.9, 0.9))
     assert picture[-20:].min() < 225

@@ -18,7 +18,7 @@ from torch_align_ae.autoencoder.initialisation import initialise_with_modes
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import fit_normaliser
 from torch_align_ae.autoencoder.pca import reconstruction_r2
-from torch_align_ae.autoencoder.training import Training, TrainingPlan, save_checkpoint
+from torch_align_ae.autoencoder.training import Training, TrainingPlan, save_training
 
 SMALL = (60, 40, 30, 20, 12)
 
@@ -121,10 +121,10 @@ def test_a_kill_between_best_weights_and_checkpoint_changes_nothing(tmp_path, mo
         calls.append(arguments)
         if len(calls) > kept:
             raise _KilledError
-        save_checkpoint(*arguments)
+        save_training(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr("torch_align_ae.autoencoder.training.save_checkpoint", dies)
+        patch.setattr("torch_align_ae.autoencoder.training.save_training", dies)
         with pytest.raises(_KilledError):
             training(tmp_path / "killed", plan).run()
     resumed = training(tmp_path / "killed", plan)

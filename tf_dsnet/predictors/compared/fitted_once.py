@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange import load_weights, save_weights
+from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.exchange.weights import refuse_nonfinite
 
 _HISTORY = "history/"
@@ -51,8 +51,8 @@ class FittedOnce:
         """The fit's own, for every epoch."""
         self.validation_losses: list[float] = []
         """The same for every epoch that was validated."""
-        if checkpoint.exists():
-            self._resume()
+        if (state := load_checkpoint(checkpoint)) is not None:
+            self._resume(state)
         self._first = len(self.losses)
 
     @property
@@ -84,7 +84,7 @@ class FittedOnce:
         history = {"loss": self.losses, "validation_loss": self.validation_losses}
         history["of_fit"] = [found.loss, found.validation_loss]
         named = {_HISTORY + name: np.array(values) for name, values in history.items()}
-        save_weights(self._checkpoint, {**found.arrays, **named})
+        save_checkpoint(self._checkpoint, {**found.arrays, **named})
 
     def arrays(self) -> dict[str, NDArray]:
         """What has been fitted.
@@ -107,8 +107,7 @@ class FittedOnce:
             raise DsnetError(f"{self._name} before its first epoch", "a fit", "Train an epoch.")
         return self._found
 
-    def _resume(self) -> None:
-        arrays = load_weights(self._checkpoint)
+    def _resume(self, arrays: dict[str, NDArray]) -> None:
         self.losses, self.validation_losses, of_fit = (
             arrays.pop(_HISTORY + name).tolist() for name in ("loss", "validation_loss", "of_fit")
         )

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange import load_weights, save_weights
+from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from tf_dsnet.model import named_weights, parameter_counts
 from tf_dsnet.trainer import Trainer
 
@@ -71,8 +71,8 @@ class RateSearch:
         self._checkpoint, self._seconds = checkpoint, 0.0
         self._fresh = trainer.state()
         self._best_leg = self._kept = _Found(math.inf, RATES[0], self._fresh)
-        if checkpoint.exists():
-            self._resume()
+        if (state := load_checkpoint(checkpoint)) is not None:
+            self._resume(state)
         self._first = len(self.losses)
 
     @property
@@ -119,7 +119,7 @@ class RateSearch:
             arrays[f"search/{key}"] = np.array([min(one.loss, _DIVERGED), one.rate])
         history = {"loss": self.losses, "validation_loss": self.validation_losses}
         arrays |= {f"history/{name}": np.array(values) for name, values in history.items()}
-        save_weights(self._checkpoint, arrays)
+        save_checkpoint(self._checkpoint, arrays)
 
     def arrays(self) -> dict[str, NDArray]:
         """What has been learned, of the best validated epoch.
@@ -156,8 +156,7 @@ class RateSearch:
         if leg_ends and loss < min(self._best_leg.loss, _DIVERGED):
             self._best_leg = _Found(loss, self.trainer.lr, self.trainer.state())
 
-    def _resume(self) -> None:
-        arrays = load_weights(self._checkpoint)
+    def _resume(self, arrays: dict[str, NDArray]) -> None:
         parts: dict[str, dict[str, NDArray]] = {}
         for name, array in arrays.items():
             part, _, own = name.partition("/")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -13,11 +14,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
-from bridge.exchange import load_weights, save_weights
+from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.motion import MotionSequence, pack_theta, subject_rows, to_manifest, unpack_theta
 from bridge.runs import ArtifactWriter
+from bridge.runs.folders import write_text_atomically
+from bridge.runs.processes import notify
 from bridge.runs.worker_pool import WorkerPool, on_any_node
-from torch_align_ae.alignment.fitted import AlignedFiles, check_distances
+from torch_align_ae.alignment.fitted import AlignedFiles, check_distances, seal
 from torch_align_ae.alignment.paper.objective import MeshDistance
 from torch_align_ae.alignment.paper.sgd import Descent, fit_pose, fit_shape_and_pose, rigid_start
 from torch_align_ae.alignment.paper.tracking import FRAMES_PER_WINDOW, Track, follow, groups
@@ -94,16 +97,18 @@ class CorpusFit:
     def write(self, writer: ArtifactWriter) -> None:
         """Write `betas`, `theta`, `offsets` and `frame_error`, or the part that is missing."""
         with self._workers() as pool:
-            state = _load(writer)
+            files = AlignedFiles.of(writer, self._sequences, self._objective.smpl.vertex_count)
+            state = self._load(writer, files)
             if state is None:
                 state = self._first_frames(pool)
                 _save(writer, state)
             tracks = [self._track(index, state.betas) for index in range(len(self._sequences))]
-            files = AlignedFiles.of(writer, self._sequences, self._objective.smpl.vertex_count)
             longest = max(sequence.length for sequence in self._sequences)
             with self._progress(state.next_frame) as progress:
                 while state.next_frame < longest:
-                    self._write_window(files, pool, tracks, state, progress)
+                    mark = _mark(writer, state.next_frame)
+                    sealed = self._write_window(files, pool, tracks, state, progress)
+                    write_text_atomically(mark, sealed)
                     _save(writer, state)
         writer.put("betas", state.betas, "1")
         writer.record(sequences=to_manifest(self._sequences))
@@ -169,15 +174,42 @@ class CorpusFit:
         tracks: list[Track],
         state: _State,
         progress: tqdm,
-    ) -> None:
+    ) -> str:
+        """Fit one window of every sequence; gives its seal."""
         pose, trans = (torch.from_numpy(part.copy()) for part in unpack_theta(state.theta))
         start, steps, descent = state.next_frame, self._effort.frame, self._descent
+        stored: dict[int, tuple[str, NDArray[np.float32]]] = {}
         for fitted in follow(pool, tracks, start, (pose, trans), steps, descent, files):
             theta = pack_theta(fitted.pose.numpy(), fitted.trans.numpy())
-            files.theta.write(self._sequences[fitted.track].start + fitted.start, theta)
+            files.theta.write(self._sequences[fitted.track].start + start, theta)
+            stored[fitted.track] = fitted.digest, theta
             state.theta[fitted.track] = theta[-1]
             progress.update(len(theta))
         state.next_frame += FRAMES_PER_WINDOW
+        return _sealed(stored)
+
+    def _load(self, writer: ArtifactWriter, files: AlignedFiles) -> _State | None:
+        """Where an earlier process got to, if all that it wrote until then is as it was."""
+        stored = load_checkpoint(_state_file(writer))
+        if stored is None:
+            return None
+        state = _State(stored["betas"], stored["theta"], int(stored["next_frame"][0]))
+        for start in range(0, state.next_frame, FRAMES_PER_WINDOW):
+            mark = _mark(writer, start)
+            if not mark.is_file() or mark.read_bytes() != self._seal_of(files, start).encode():
+                notify(f"{writer.path.name} was damaged while it was made; begun again")
+                return None
+        return state
+
+    def _seal_of(self, files: AlignedFiles, start: int) -> str:
+        """Of a window as the files hold it now."""
+        stored = {}
+        for track, sequence in enumerate(self._sequences):
+            stop = min(start + FRAMES_PER_WINDOW, sequence.length)
+            rows = slice(sequence.start + start, sequence.start + stop)
+            if start < stop:
+                stored[track] = files.digest(rows), files.theta.read(rows)
+        return _sealed(stored)
 
     def _progress(self, done: int) -> tqdm:
         total = sum(sequence.length for sequence in self._sequences)
@@ -189,12 +221,19 @@ def _concatenate(parts: Iterable[tuple[Tensor, ...]]) -> list[Tensor]:
     return [torch.cat(tensors) for tensors in zip(*parts, strict=True)]
 
 
-def _load(writer: ArtifactWriter) -> _State | None:
-    path = writer.checkpoints / "state.safetensors"
-    if not path.is_file():
-        return None
-    stored = load_weights(path)
-    return _State(stored["betas"], stored["theta"], int(stored["next_frame"][0]))
+def _sealed(stored: Mapping[int, tuple[str, NDArray[np.float32]]]) -> str:
+    """The seal of what is stored of each sequence, whoever was done first."""
+    digests, thetas = zip(*(stored[track] for track in sorted(stored)), strict=True)
+    return seal(digests, thetas)
+
+
+def _state_file(writer: ArtifactWriter) -> Path:
+    return writer.checkpoints / "state.safetensors"
+
+
+def _mark(writer: ArtifactWriter, start: int) -> Path:
+    """The mark that the window from this frame on is written."""
+    return writer.checkpoints / f"{start}.done"
 
 
 def _save(writer: ArtifactWriter, state: _State) -> None:
@@ -203,4 +242,4 @@ def _save(writer: ArtifactWriter, state: _State) -> None:
         "theta": state.theta,
         "next_frame": np.array([state.next_frame]),
     }
-    save_weights(writer.checkpoints / "state.safetensors", arrays)
+    save_checkpoint(_state_file(writer), arrays)

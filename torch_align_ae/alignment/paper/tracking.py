@@ -16,7 +16,7 @@ from torch import Tensor
 
 from bridge.motion import MotionSequence
 from bridge.runs.worker_pool import WorkerPool
-from torch_align_ae.alignment.fitted import AlignedFiles, FittedPoses, measure
+from torch_align_ae.alignment.fitted import AlignedFiles, StoredFrames, measure
 from torch_align_ae.alignment.paper.objective import MeshDistance
 from torch_align_ae.alignment.paper.sgd import Descent, fit_pose
 from torch_align_ae.corpus.dyna_files import MeshClip
@@ -73,7 +73,7 @@ def follow(
     steps: int,
     descent: Descent,
     files: AlignedFiles,
-) -> Iterator[FittedPoses]:
+) -> Iterator[StoredFrames]:
     """Fit one window of every sequence that is long enough, group by group.
 
     Parameters
@@ -114,7 +114,7 @@ def groups(count: int) -> list[list[int]]:
     return [group.tolist() for group in np.array_split(np.arange(count), max(number, 1))]
 
 
-def fit_window(objective: MeshDistance, window: GroupWindow) -> list[FittedPoses]:
+def fit_window(objective: MeshDistance, window: GroupWindow) -> list[StoredFrames]:
     """Fit frame after frame of all sequences of a window at once; read and write their files."""
     meshes = [track.window(window.start) for track in window.tracks]
     betas = torch.stack([track.betas for track in window.tracks])

@@ -11,11 +11,12 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from bridge.exchange import load_weights, save_weights
+from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.motion import MotionSequence, subject_rows, to_manifest
 from bridge.runs import ArtifactWriter
+from bridge.runs.folders import write_text_atomically
 from bridge.runs.worker_pool import on_any_node, worker_pool
-from torch_align_ae.alignment.fitted import AlignedFiles, FittedPoses, measure
+from torch_align_ae.alignment.fitted import AlignedFiles, StoredFrames, measure, seal
 from torch_align_ae.alignment.robust.align import FRAMES_PER_WINDOW, continued_theta, fit_frames
 from torch_align_ae.alignment.robust.calibration import LearnedSubject, calibrate
 from torch_align_ae.alignment.robust.loads import Loads
@@ -58,14 +59,15 @@ class RobustCorpusFit:
         """Write all arrays, or the part that is missing; sequences are checkpoints."""
         learned = self._learned(writer)
         files = AlignedFiles.of(writer, self._sequences, self._smpl.vertex_count)
+        rows = range(len(self._sequences))
+        done = {row for row in rows if self._is_done(_mark(writer, row), files, row)}
         with (
             torch_workers(on_any_node("threads"), self._sample) as pool,
-            self._progress(writer) as bar,
+            self._progress(done) as bar,
         ):
-            fitted = pool.map(self._window_fit(_subjects(learned), files), self._open(writer))
+            fitted = pool.map(self._window_fit(_subjects(learned), files), self._open(done))
             for row, windows_of_one in groupby(fitted, lambda window: window.track):
-                self._store_theta(files, windows_of_one, bar)
-                _done(writer, row).touch()
+                write_text_atomically(_mark(writer, row), self._store(files, windows_of_one, bar))
         for name, unit in _LEARNED.items():
             writer.put(name, learned[name], unit)
         writer.put("sample_vertices", self._sample.vertices.numpy(), "index")
@@ -74,15 +76,16 @@ class RobustCorpusFit:
     def _learned(self, writer: ArtifactWriter) -> dict[str, NDArray]:
         """`betas`, `compliance` and `deviation` of all subjects, learned unless they were."""
         path = writer.checkpoints / "subjects.safetensors"
-        if not path.is_file():
+        learned = load_checkpoint(path)
+        if learned is None:
             # Here all cores work on one person; on a cluster each node has people of its own.
             with worker_pool(on_any_node("serial"), self._sample) as pool:
                 found = pool.map(self._learn, self._row_of_subject)
                 names = len(self._row_of_subject)
                 bar = tqdm(found, total=names, desc="subjects", unit="subject", disable=None)
-                save_weights(path, _stacked(list(bar)))
-        stored = load_weights(path)
-        return {name: stored[name] for name in _LEARNED}
+                learned = _stacked(list(bar))
+            save_checkpoint(path, learned)
+        return learned
 
     def _learn(self, sample: SkinSample, name: str) -> LearnedSubject:
         pairs = zip(self._recordings, self._sequences, strict=True)
@@ -90,21 +93,17 @@ class RobustCorpusFit:
         with torch_workers("threads", sample) as pool:
             return calibrate(sample, self._loads, own, self._settings, pool)
 
-    def _open(self, writer: ArtifactWriter) -> list[FrameWindow]:
+    def _open(self, done: set[int]) -> list[FrameWindow]:
         """All windows of the sequences that are not done, in order."""
         lengths = [recording.length for recording in self._recordings]
-        return [
-            window
-            for window in windows(lengths, FRAMES_PER_WINDOW)
-            if not _done(writer, window.row).exists()
-        ]
+        return [w for w in windows(lengths, FRAMES_PER_WINDOW) if w.row not in done]
 
     def _window_fit(
         self, subjects: list[LearnedSubject], files: AlignedFiles
-    ) -> Callable[[SkinSample, FrameWindow], FittedPoses]:
+    ) -> Callable[[SkinSample, FrameWindow], StoredFrames]:
         """The work that fits a window and writes its offsets."""
 
-        def fit(sample: SkinSample, window: FrameWindow) -> FittedPoses:
+        def fit(sample: SkinSample, window: FrameWindow) -> StoredFrames:
             sequence = self._sequences[window.row]
             subject = subjects[self._row_of_subject[sequence.subject]]
             recording = self._recordings[window.row]
@@ -117,19 +116,32 @@ class RobustCorpusFit:
 
         return fit
 
-    def _store_theta(self, files: AlignedFiles, sequence: Iterator[FittedPoses], bar: tqdm) -> None:
-        """Poses of a sequence's windows; each goes on from the one before."""
-        before = None
-        for fitted in sequence:
-            theta = continued_theta(fitted.pose, fitted.trans, before)
-            files.theta.write(self._sequences[fitted.track].start + fitted.start, theta)
-            before = theta[-1]
-            bar.update(len(theta))
+    def _store(self, files: AlignedFiles, sequence: Iterator[StoredFrames], bar: tqdm) -> str:
+        """Poses of a sequence's windows, each going on from the one before; gives its seal."""
+        digests, thetas = [], []
+        for stored in sequence:
+            before = thetas[-1][-1] if thetas else None
+            thetas.append(continued_theta(stored.pose, stored.trans, before))
+            digests.append(stored.digest)
+            files.theta.write(self._sequences[stored.track].start + stored.start, thetas[-1])
+            bar.update(len(thetas[-1]))
+        return seal(digests, [np.concatenate(thetas)])
 
-    def _progress(self, writer: ArtifactWriter) -> tqdm:
+    def _is_done(self, mark: Path, files: AlignedFiles, row: int) -> bool:
+        """Whether the files hold what an earlier process wrote of a sequence."""
+        if not mark.is_file():
+            return False
+        sequence = self._sequences[row]
+        digests = [
+            files.digest(slice(sequence.start + window.start, sequence.start + window.stop))
+            for window in windows([sequence.length], FRAMES_PER_WINDOW)
+        ]
+        return mark.read_bytes() == seal(digests, [files.theta.read(sequence.frames)]).encode()
+
+    def _progress(self, done: set[int]) -> tqdm:
         lengths = [recording.length for recording in self._recordings]
-        done = sum(length for row, length in enumerate(lengths) if _done(writer, row).exists())
-        return tqdm(total=sum(lengths), initial=done, desc="align", unit="frame", disable=None)
+        there = sum(lengths[row] for row in done)
+        return tqdm(total=sum(lengths), initial=there, desc="align", unit="frame", disable=None)
 
 
 def _stacked(subjects: list[LearnedSubject]) -> dict[str, NDArray[np.float32]]:
@@ -144,6 +156,6 @@ def _subjects(learned: Mapping[str, NDArray[np.float32]]) -> list[LearnedSubject
     return [LearnedSubject(betas, Tissue(*tissue)) for betas, *tissue in rows]
 
 
-def _done(writer: ArtifactWriter, row: int) -> Path:
+def _mark(writer: ArtifactWriter, row: int) -> Path:
     """The mark that a sequence is written."""
     return writer.checkpoints / f"{row}.done"

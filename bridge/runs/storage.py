@@ -1,0 +1,70 @@
+"""Arrays on disk that grow in pieces: room for all of one is taken before it is mapped.
+
+A mapped file without room kills the process without a word (SIGBUS) when it is written to.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from bridge.runs.digests import arrays_sha256
+from bridge.runs.folders import write_text_atomically
+
+
+def save_array(path: Path, array: ArrayLike) -> None:
+    """Write a whole array; a full disk is an OSError that says so."""
+    # `numpy.save` into a file does not say why it could not write all.
+    buffer = io.BytesIO()
+    np.save(buffer, np.ascontiguousarray(array), allow_pickle=False)
+    path.write_bytes(buffer.getbuffer())
+
+
+def map_array(path: Path, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Memory-map an array for writing: the one that is there if it is such a one, or a new one."""
+    found = _mapped(path)
+    if found is not None and (found.shape, found.dtype) == (shape, np.dtype(dtype)):
+        return found
+    # Under its name only when it is whole, or a killed stage would go on with half of it.
+    new = path.with_suffix(".new")
+    array = np.lib.format.open_memmap(new, mode="w+", dtype=np.dtype(dtype), shape=shape)
+    _take_room(new)
+    new.replace(path)
+    return array
+
+
+def _mapped(path: Path) -> NDArray[Any] | None:
+    try:
+        return np.lib.format.open_memmap(path, mode="r+")
+    except (OSError, ValueError):  # none, or a damaged one
+        return None
+
+
+def _take_room(path: Path) -> None:
+    if not hasattr(os, "posix_fallocate"):  # macOS
+        return
+    with open(path, "r+b") as stream:
+        try:
+            os.posix_fallocate(stream.fileno(), 0, path.stat().st_size)
+        except OSError as error:
+            path.unlink()
+            raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def mark_written(mark: Path, *rows: NDArray[Any]) -> None:
+    """Leave a checkpoint that says: these rows are written, and this is their digest."""
+    write_text_atomically(mark, _digest(rows))
+
+
+def is_written(mark: Path, *rows: NDArray[Any]) -> bool:
+    """Whether `mark` was left for rows with just these bytes."""
+    return mark.is_file() and mark.read_bytes() == _digest(rows).encode()
+
+
+def _digest(rows: tuple[NDArray[Any], ...]) -> str:
+    return arrays_sha256({str(index): array for index, array in enumerate(rows)})

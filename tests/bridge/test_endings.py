@@ -1,0 +1,101 @@
+"""A command ends with one line, whoever ends it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bridge.runs.processes import outcome_of_module
+
+COMMAND = """
+import errno, os, signal, sys, time
+from bridge.endings import exit_with_one_line
+with exit_with_one_line():
+    {}
+"""
+WAITS = """
+import sys, time
+from pathlib import Path
+Path(sys.argv[1]).touch()
+time.sleep(60)
+"""
+
+
+def ended(code: str) -> tuple[int, str]:
+    done = subprocess.run(
+        [sys.executable, "-c", COMMAND.format(code)], capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("raise OSError(errno.ENOSPC, 'No space', 'runs/x')", "runs/x: No space left on device;"),
+        ("raise OSError(errno.EROFS, 'Read-only')", "dsnet: Read-only file system; expected a"),
+        ("os.mkdir(sys.executable + '/x')", "Not a directory; expected a folder"),
+    ],
+)
+def test_what_the_system_refuses_is_one_line(code, words):
+    status, said = ended(code)
+    assert (status, said.count("\n")) == (2, 1), said
+    assert words in said
+
+
+def test_a_fault_of_the_program_is_none_of_these():
+    status, said = ended("open('nowhere/x')")
+    assert status == 1
+    assert "Traceback" in said
+
+
+@pytest.mark.parametrize(
+    ("number", "how"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")]
+)
+def test_a_signal_is_one_line(number, how):
+    status, said = ended(f"signal.raise_signal({int(number)}); time.sleep(60)")
+    assert (status, said) == (128 + number, f"dsnet: {how}; run the same command to go on\n")
+
+
+def test_signals_are_answered_as_before_afterwards():
+    code = """
+    pass
+assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"""
+    assert ended(code) == (0, "")
+
+
+def test_a_module_that_fails_is_an_answer(tmp_path: Path):
+    status, said = outcome_of_module("bridge.no_such_module")
+    assert status == 1
+    assert "no_such_module" in said
+
+
+def test_an_interrupt_of_all_is_answered_by_the_first_alone(tmp_path: Path):
+    """The child is loading its libraries: there it could say nothing but a traceback."""
+    (tmp_path / "waits.py").write_text(WAITS)
+    code = f"""
+import sys
+sys.path.insert(0, {str(Path.cwd())!r})
+from bridge.endings import exit_with_one_line
+from bridge.runs.processes import run_module
+with exit_with_one_line():
+    run_module("waits", "begun")
+"""
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not (tmp_path / "begun").exists():
+        assert process.poll() is None
+    for _ in range(3):
+        os.killpg(process.pid, signal.SIGINT)
+    said = process.communicate(timeout=60)[1]
+    assert (process.returncode, said.count("\n")) == (130, 1), said

@@ -1,0 +1,47 @@
+"""A stage that counts its operations on files, and may kill itself before one of them.
+
+    python stage_process.py COUNT_FILE KILL_AT COMMAND OPTION ...
+
+What is counted lies below `DSNET_RUNS`. KILL_AT 0: never. COMMAND is one of `dsnet`'s, or a module.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import runpy
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+from bridge.cli import main
+
+_OPERATIONS = {"open", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "os.truncate"}
+_done = 0
+
+
+def _counted(event: str, arguments: tuple[Any, ...]) -> bool:
+    return event in _OPERATIONS and str(arguments[0]).startswith(os.environ["DSNET_RUNS"])
+
+
+def _watch(kill_at: int) -> None:
+    def count(event: str, arguments: tuple[Any, ...]) -> None:
+        global _done
+        if _counted(event, arguments):
+            _done += 1
+            if _done == kill_at:
+                os.killpg(0, signal.SIGKILL)
+
+    sys.addaudithook(count)
+
+
+if __name__ == "__main__":
+    count_file, kill_at, command, *options = sys.argv[1:]
+    atexit.register(lambda: Path(count_file).write_text(str(_done)))
+    _watch(int(kill_at))
+    sys.argv = [command, *options]
+    if "." in command:
+        runpy.run_module(command, run_name="__main__", alter_sys=True)
+    else:
+        main([command, *options])

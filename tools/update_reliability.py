@@ -1,0 +1,74 @@
+"""Write the counts of the last fault tests into docs/reliability.md.
+
+    export DSNET_FAULTS_JSON=docs/results/reliability/faults.json
+    DSNET_FAULTS_LONG=1 DSNET_FAULTS_KILLS=200 DSNET_FAULTS_FLIPS=500 \\
+        python -m pytest -m faults tests/faults
+    python -m benchmarks.checksums --run demo
+    python tools/update_reliability.py
+
+`tests/test_reliability_page.py` compares the page with docs/results/reliability.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "reliability.md"
+KEPT = ROOT / "docs" / "results" / "reliability"
+FAULTS, CHECKSUMS = KEPT / "faults.json", KEPT / "checksums.json"
+MARK = "<!-- counts: written by tools/update_reliability.py -->\n"
+_NAMES = {
+    "kill": "killed, interrupted, terminated",
+    "rot": "one byte changed",
+    "disk": "full and read-only disks",
+    "processes": "processes",
+    "report": "reports",
+}
+
+
+def main() -> None:
+    """Refresh the page's block."""
+    PAGE.write_text(with_counts(PAGE.read_text()))
+
+
+def load(path: Path) -> dict[str, Any] | None:
+    """Committed results; None if there are none."""
+    return json.loads(path.read_text()) if path.exists() else None
+
+
+def with_counts(page: str) -> str:
+    """The page's text with its generated block written anew."""
+    head, rest = page.split(MARK)
+    blocks = [_counts(load(FAULTS)), _cost(load(CHECKSUMS))]
+    return head + MARK + "".join(blocks) + rest[rest.index("<!-- end -->") :]
+
+
+def _counts(faults: dict[str, Any] | None) -> str:
+    if faults is None:
+        return "Not counted yet.\n"
+    lines = [
+        f"The {faults['size']} suite, seed {faults['seed']}, on {faults['machine']}.\n",
+        "| fault | outcome | times |",
+        "|---|---|---:|",
+    ]
+    for fault, outcomes in faults["counts"].items():
+        for outcome, times in outcomes.items():
+            lines.append(f"| {_NAMES[fault]} | {outcome} | {times} |")
+    return "\n".join(lines) + "\n"
+
+
+def _cost(checksums: dict[str, Any] | None) -> str:
+    if checksums is None:
+        return ""
+    return (
+        f"\nDigests of run `{checksums['run']}` and the rename of its stages into place: "
+        f"{checksums['seconds']:.1f} s of {checksums['stages_s']:.0f} s that the stages took, "
+        f"{100 * checksums['share']:.1f} %, on {checksums['machine']}.\n"
+    )
+
+
+if __name__ == "__main__":
+    main()
