@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 
+def printable(text: str) -> str:
+    """Text whose control characters are escaped: a file's names may not steer a terminal."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
 class DsnetError(Exception):
     """A mistake that a user can mend.
 
@@ -13,7 +18,7 @@ class DsnetError(Exception):
 
     def __init__(self, received: str, expected: str, remedy: str) -> None:
         self.received, self.expected, self.remedy = received, expected, remedy
-        super().__init__(" ".join(f"{received}; expected {expected}. {remedy}".split()))
+        super().__init__(printable(" ".join(f"{received}; expected {expected}. {remedy}".split())))
 
     def __reduce__(self) -> tuple[type[DsnetError], tuple[str, str, str]]:
         """As its parts, so that it also comes back from a worker process."""

@@ -142,9 +142,7 @@ def _numbers(
     array = _numeric(path, arrays, key)
     if not np.isfinite(array).all():
         raise _unusable(path, f"whose {key!r} are not all finite numbers")
-    if frame_count is not None and (
-        array.ndim != 2 or len(array) != frame_count or not array.size
-    ):
+    if frame_count is not None and (array.ndim != 2 or len(array) != frame_count or not array.size):
         raise _unusable(
             path, f"whose {key!r} have shape {array.shape} beside {frame_count} frames of poses"
         )

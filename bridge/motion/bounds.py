@@ -10,5 +10,5 @@ LARGEST_ANGLE_RAD = 100.0
 """Of a joint: sixteen turns. A dancer's spin is often written as an angle that goes on growing."""
 LARGEST_BETA = 100.0
 """In standard deviations of people's shapes."""
-MOST_FRAMES = 216_000
-"""Of a file, and of what is made of it: half an hour at 120 Hz, an hour at 60."""
+MOST_FRAMES = 108_000
+"""Of a file, and of what is made of it: a quarter of an hour at 120 Hz, half an hour at 60."""

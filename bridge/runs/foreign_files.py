@@ -53,7 +53,7 @@ def open_regular(path: Path | str, most_bytes: float = math.inf) -> ForeignFile:
     ValueError
         If it is larger than `most_bytes`, or the path is none.
     """
-    if stat.S_ISDIR(mode := os.stat(path).st_mode):
+    if stat.S_ISDIR(mode := Path(path).stat().st_mode):
         raise IsADirectoryError(f"{path} is a folder")
     if not stat.S_ISREG(mode):
         raise OSError(f"{path} is a pipe, a socket or a device")

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import tyro
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, printable
 
 Config = TypeVar("Config")
 _FRAMEWORKS = {"torch_align_ae": ("torch", "h5py"), "tf_dsnet": ("tensorflow",)}
@@ -91,7 +91,7 @@ def run_as_process(config_type: type[Config], main: Callable[[Config], Any]) -> 
 
 def notify(text: str) -> None:
     """One line on stderr about something that a user would want to know but need not mend."""
-    print(f"dsnet: {text}", file=sys.stderr)  # noqa: T201
+    print(f"dsnet: {printable(text)}", file=sys.stderr)  # noqa: T201
 
 
 @contextmanager
