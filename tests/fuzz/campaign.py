@@ -1,7 +1,7 @@
 """Try damaged files on every reader and count what becomes of them.
 
 `python -m tests.fuzz.campaign --inputs 100000 --json docs/results/reliability/fuzz.json`; with
-`--guided`, by a Python that has atheris. Each reader has a process of its own (`tests/fuzz/worker.py`).
+`--guided`, by a Python that has atheris. Each reader has a process of its own: `worker.py`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 def try_reader(
     name: str, inputs: int, seed: int, folder: Path, *, guided: bool = False
 ) -> dict[str, Any]:
-    """Counts of one reader; a process that died is one more input that is neither taken nor refused."""
+    """Counts of one reader; a process that died is one input that was neither taken nor refused."""
     command = [sys.executable, "-m", "tests.fuzz.worker", name, str(inputs), str(seed), str(folder)]
     command += ["--guided"] * guided
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
