@@ -6,6 +6,7 @@ import io
 import json
 import zipfile
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -131,7 +132,7 @@ def zipped(members: Mapping[str, bytes], compression: int = zipfile.ZIP_STORED) 
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", compression) as archive:
         for name, content in members.items():
-            archive.writestr(name.replace("\x00", "0"), content)
+            archive.writestr(name.replace("\x00", "0") or "empty", content)
     return stream.getvalue()
 
 
@@ -168,14 +169,14 @@ def damaged_json(draw: Draw, value: Any) -> Any:
     for _ in range(draw(st.integers(1, 3))):
         part, key = _some_part(draw, value)
         if part is None:
-            return draw(st.sampled_from(ODD_JSON))
+            return deepcopy(draw(st.sampled_from(ODD_JSON)))
         how = draw(st.sampled_from(["replace", "replace", "drop", "rename"]))
         if how == "drop":
             del part[key]
         elif how == "rename" and isinstance(part, dict):
             part[draw(st.sampled_from(ODD_NAMES))] = part.pop(key)
         else:
-            part[key] = draw(st.sampled_from(ODD_JSON))
+            part[key] = deepcopy(draw(st.sampled_from(ODD_JSON)))
     return value
 
 
