@@ -318,8 +318,10 @@ class _InertUnpickler(_Unpickler):
 
     def _set(self, target: Any, keys: list[Any], values: list[Any]) -> None:
         # Tuples that hold one another a million times over can be made, but not hashed.
-        if not isinstance(target, dict) or not all(isinstance(key, (str, bytes)) for key in keys):
-            raise pickle.UnpicklingError("a dictionary with keys that are no text")
+        if not isinstance(target, dict) or not all(
+            isinstance(key, (str, bytes, int)) for key in keys
+        ):
+            raise pickle.UnpicklingError("a dictionary with keys that are no names")
         target.update(zip(keys, values, strict=True))
 
 

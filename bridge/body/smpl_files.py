@@ -180,7 +180,7 @@ def _text(fields: Mapping[str, Any], name: str) -> str:
         return ""
 
 
-def _as_text(value: str | bytes) -> str:
+def _as_text(value: str | bytes | int) -> str:
     return value.decode("latin1") if isinstance(value, bytes) else str(value)
 
 

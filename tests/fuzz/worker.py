@@ -119,7 +119,7 @@ def main(name: str, inputs: int, first_seed: int, folder: Path, guided: bool) ->
             max_examples=min(_ROUND, inputs - start),
             database=None,
             deadline=None,
-            suppress_health_check=list(HealthCheck),
+            suppress_health_check=[*HealthCheck.__members__.values()],
             phases=[Phase.generate],
         )
         seed(first_seed + start)(plain(given(files)(lambda files: counts.take(files))))()

@@ -33,7 +33,7 @@ def check_own(path: Path, file: h5py.File) -> None:
     """
     if len(file) > _MOST_ITEMS:
         raise DsnetError(f"{path}: {len(file)} items", f"at most {_MOST_ITEMS}", REMEDY)
-    for name in file:
+    for name in map(str, file):
         if len(name) > _MOST_NAME or not _NAME.fullmatch(name):
             expected = f"letters, digits, points and dashes, at most {_MOST_NAME}"
             raise DsnetError(f"{path}: an item named {name[:_MOST_NAME]!r}", expected, "Rename it.")

@@ -55,7 +55,7 @@ def _in_a_field(value: bytes) -> bytes:
         pytest.param(b"\x80\x04\x8e" + struct.pack("<Q", 2**40), "bytes at once", id="terabyte"),
         pytest.param(b"\x80\x05\x96" + struct.pack("<Q", 2**40), "opcode 150", id="bytearray"),
         pytest.param(b"\x80\x02" + b"]" * 300_000 + b".", "more than 200000", id="many objects"),
-        pytest.param(b"\x80\x02}" + _DEEP + b"Ns.", "keys that are no text", id="deep key"),
+        pytest.param(b"\x80\x02}" + _DEEP + b"Ns.", "keys that are no names", id="deep key"),
         pytest.param(b"\x80\x02c__builtin__\nset\n](" + _DEEP + b"e\x85R.", "it holds a NoneType",
                      id="set of a deep value"),
         pytest.param(b"\x80\x04\x8f(" + _DEEP + b"\x90.", "it holds a NoneType", id="ADDITEMS"),
