@@ -2,6 +2,19 @@
 
 from __future__ import annotations
 
+_LONGEST = 4000
+
+
+def printable(text: str) -> str:
+    """Text whose control characters are escaped: a file's names may not steer a terminal."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def _shortened(text: str) -> str:
+    """What a stranger's file or a command line was full of, without its middle."""
+    half = _LONGEST // 2
+    return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
+
 
 class DsnetError(Exception):
     """A mistake that a user can mend.
@@ -13,7 +26,8 @@ class DsnetError(Exception):
 
     def __init__(self, received: str, expected: str, remedy: str) -> None:
         self.received, self.expected, self.remedy = received, expected, remedy
-        super().__init__(" ".join(f"{received}; expected {expected}. {remedy}".split()))
+        line = f"{_shortened(received)}; expected {_shortened(expected)}. {remedy}"
+        super().__init__(printable(" ".join(line.split())))
 
     def __reduce__(self) -> tuple[type[DsnetError], tuple[str, str, str]]:
         """As its parts, so that it also comes back from a worker process."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,13 +20,17 @@ from bridge.body.model_data import (
     SOURCE_FIELD,
     BodyModelData,
 )
-from bridge.body.safe_pickle import as_array, load_restricted
+from bridge.body.person import checked_person
+from bridge.body.safe_pickle import MOST_BYTES, as_array, load_restricted, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.paper import N_VERTICES
+from bridge.runs.foreign_files import ForeignNpz, NpyHeader, open_npz, open_regular
 
 # Column counts of `weights` tell SMPL's relatives, which AMASS's readers also download.
 _RELATIVES = {16: "MANO", 52: "SMPL-H", 55: "SMPL-X"}
 _REMEDY = "Download the SMPL model (.npz or .pkl, 24 joints) again from smpl.is.tue.mpg.de"
+_MOST_FILE_BYTES, _MOST_TEXT_BYTES = 1 << 29, 1 << 12
+_TEXTS = (SOURCE_FIELD, GENDER_FIELD)
 _EXPECTED_SHAPES: dict[str, tuple[int | None, ...]] = {
     "v_template": (N_VERTICES, 3),
     "f": (FACE_COUNT, 3),
@@ -47,72 +50,78 @@ def load_smpl_file(path: str | Path) -> BodyModelData:
     Raises
     ------
     DsnetError
-        If the file is missing, damaged, unsafe, or not SMPL's.
+        If the file is missing, damaged, unsafe, not SMPL's, or no person in metres.
     """
     path = Path(path)
-    if not path.is_file():
-        kind = "a folder" if path.is_dir() else "no such file"
-        raise DsnetError(
-            f"body model {path}: {kind}",
-            "an SMPL model file (.npz or .pkl), embedded:female or embedded:male",
-            "Check the path",
-        )
     fields = _read_fields(path)
     arrays = {name: _numeric_array(path, fields, name) for name in _EXPECTED_SHAPES}
     _check_is_smpl(path, arrays["weights"])
     for name, shape in _EXPECTED_SHAPES.items():
         _check_shape(path, name, arrays[name], shape)
-    return BodyModelData(
+    for name in ("f", "kintree_table"):
+        if (arrays[name] % 1 != 0).any():
+            raise DsnetError(f"body model {path}: {name} has fractions", "whole numbers", _REMEDY)
+    data = BodyModelData(
         name=path.name,
         source="synthetic" if _text(fields, SOURCE_FIELD) == "synthetic" else "licensed",
         gender=_text(fields, GENDER_FIELD) or _gender_of_path(path),
         v_template=arrays["v_template"],
         shapedirs=arrays["shapedirs"][:, :, :SHAPE_COUNT],
         posedirs=arrays["posedirs"],
-        J_regressor=sp.csr_matrix(arrays["J_regressor"]),
+        # SciPy has no sparse matrices of every type that NumPy has.
+        J_regressor=sp.csr_matrix(arrays["J_regressor"].astype(np.float64)),
         weights=arrays["weights"],
         faces=arrays["f"],
         parents=_parents(arrays["kintree_table"]),
     )
+    return checked_person(data)
 
 
 def _read_fields(path: Path) -> Mapping[str, Any]:
-    read = {".npz": _read_npz, ".pkl": _read_pickle}.get(path.suffix.lower())
-    if read is None:
-        raise DsnetError(
-            f"body model {path}: a file of type {path.suffix or 'unknown'}", ".npz or .pkl", _REMEDY
-        )
+    read = {".npz": _read_npz, ".pkl": _read_pickle}.get(path.suffix.lower(), _read_nothing)
     try:
         return read(path)
+    except DsnetError:
+        raise
+    except (FileNotFoundError, IsADirectoryError) as error:
+        kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
+        raise DsnetError(
+            f"body model {path}: {kind}",
+            "an SMPL model file (.npz or .pkl), embedded:female or embedded:male",
+            "Check the path",
+        ) from error
     # A damaged or hostile file can fail inside the readers in any way at all.
     except Exception as error:
         raise _unreadable(path, error) from error
 
 
+def _read_nothing(path: Path) -> dict[str, Any]:
+    with open_regular(path):
+        kind = path.suffix or "unknown"
+    raise DsnetError(f"body model {path}: a file of type {kind}", ".npz or .pkl", _REMEDY)
+
+
 def _read_npz(path: Path) -> dict[str, Any]:
-    wanted = {*_EXPECTED_SHAPES, SOURCE_FIELD, GENDER_FIELD}
-    with zipfile.ZipFile(path) as archive:
-        names = {Path(member).stem: member for member in archive.namelist()}
-        return {name: _read_npy(archive, names[name]) for name in wanted & names.keys()}
+    with open_npz(path, _MOST_FILE_BYTES) as archive:
+        there = [name for name in (*_EXPECTED_SHAPES, *_TEXTS) if name in archive]
+        numeric = [name for name in there if not archive[name].dtype.hasobject]
+        for name in numeric:  # all, before any is read
+            archive.check(name, MOST_BYTES if name in _EXPECTED_SHAPES else _MOST_TEXT_BYTES)
+        return {
+            name: archive.array(name) if name in numeric else _read_object(archive, name)
+            for name in there
+        }
 
 
-def _read_npy(archive: zipfile.ZipFile, member: str) -> Any:
-    """One array; an object array (a pickle) is read by the restricted unpickler."""
-    with archive.open(member) as file:
-        version = np.lib.format.read_magic(file)
-        read_header = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }[version]
-        dtype = read_header(file)[2]
-        if dtype.hasobject:
-            return load_restricted(file).item()
-    with archive.open(member) as file:
-        return np.lib.format.read_array(file, allow_pickle=False)
+def _read_object(archive: ForeignNpz, name: str) -> Any:
+    """What NumPy stored as an array of one object, which is a pickle."""
+    with archive.member(name) as stream:
+        NpyHeader.read(stream)
+        return load_restricted_item(stream)
 
 
 def _read_pickle(path: Path) -> dict[str, Any]:
-    with path.open("rb") as file:
+    with open_regular(path, _MOST_FILE_BYTES) as file:
         fields = load_restricted(file)
     if not isinstance(fields, dict):
         raise pickle.UnpicklingError(f"it holds a {type(fields).__name__}, not a dictionary")
@@ -163,10 +172,15 @@ def _gender_of_path(path: Path) -> str:
 
 
 def _text(fields: Mapping[str, Any], name: str) -> str:
-    return _as_text(fields.get(name, ""))
+    """A field's text; empty where it holds anything else."""
+    value = fields.get(name, "")
+    try:
+        return _as_text(value if isinstance(value, (str, bytes)) else as_array(value).item())
+    except Exception:  # of any kind, as in `_numeric_array`
+        return ""
 
 
-def _as_text(value: Any) -> str:
+def _as_text(value: str | bytes | int) -> str:
     return value.decode("latin1") if isinstance(value, bytes) else str(value)
 
 

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from bridge.errors import DsnetError
+from bridge.runs.foreign_files import open_regular
+
+_MOST_HEADER_BYTES = 1 << 20
 
 
 def save_weights(path: Path | str, weights: Mapping[str, NDArray], **metadata: str) -> None:
@@ -33,13 +35,18 @@ def load_weights(path: Path | str) -> dict[str, NDArray]:
     Raises
     ------
     DsnetError
-        If the file is missing, truncated or of another format.
+        If the file is missing, truncated, of another format or of types that NumPy lacks.
     """
     try:
-        return load_file(path)
-    except (OSError, SafetensorError) as error:
+        with open_regular(path) as stream:
+            header_bytes = int.from_bytes(stream.read(8), "little")
+        if header_bytes > _MOST_HEADER_BYTES:
+            raise ValueError(f"a header of {header_bytes} bytes")
+        return _numeric(load_file(path))
+    # Of types that NumPy lacks, safetensors says so in exceptions of several kinds.
+    except Exception as error:
         raise DsnetError(
-            f"{path}, which does not load ({error})",
+            f"{path}, which does not load ({str(error)[:200]})",
             "a safetensors file written by dsnet",
             "Train again, or copy the file again.",
         ) from error
@@ -51,6 +58,13 @@ def _of_system(error: SafetensorError, path: Path) -> Exception:
         number = int(found[1])
         return OSError(number, os.strerror(number), str(path))
     return error
+
+
+def _numeric(weights: dict[str, NDArray]) -> dict[str, NDArray]:
+    for name, array in weights.items():
+        if array.dtype.kind not in "iuf" or not name.isprintable():
+            raise ValueError(f"{name!r} of {array.dtype}")
+    return weights
 
 
 def refuse_nonfinite(weights: Mapping[str, NDArray], owner: str, remedy: str) -> None:

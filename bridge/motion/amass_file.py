@@ -9,25 +9,39 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
-from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
+from bridge.motion.bounds import (
+    FARTHEST_M,
+    HIGHEST_M,
+    LARGEST_ANGLE_RAD,
+    LARGEST_BETA,
+    MOST_FRAMES,
+)
 from bridge.motion.sample_files import motion_path
 from bridge.paper import N_BETAS, N_JOINTS
+from bridge.runs.foreign_files import ForeignNpz, open_npz
 
 _POSE_WIDTHS = {72: "SMPL", 156: "SMPL-H", 165: "SMPL-X"}
 _RATE_KEYS = ("mocap_framerate", "mocap_frame_rate")
 # Motion capture runs at 30 to 480 frames a second; a slower "rate" is a duration or a slip.
 _RATES_HZ = (1.0, 10_000.0)
 
+_BYTES_A_FRAME = 8 * max(_POSE_WIDTHS)
+_MOST_BYTES = {"poses": MOST_FRAMES * _BYTES_A_FRAME, "trans": MOST_FRAMES * 24}
+_MOST_BYTES |= {"dmpls": MOST_FRAMES * 64, "betas": 1 << 16}
+_MOST_TEXT_BYTES = 1 << 12
+_UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
+
 Arrays = Mapping[str, NDArray]
+_Read = TypeVar("_Read")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +71,8 @@ def read_amass_file(path: Path) -> AmassFile:
         If the file is missing, is not such an archive, or holds no usable motion.
     """
     # Other arrays (markers) may be large or pickled; they are not touched.
-    wanted = {"poses", "trans", "betas", "gender", "dmpls", *_RATE_KEYS}
-    with _opened(motion_path(path)) as archive:
-        arrays = {key: archive[key] for key in wanted & set(archive.files)}
+    wanted = ("poses", "trans", "betas", "gender", "dmpls", *_RATE_KEYS)
+    arrays = _read(path, motion_path(path), lambda archive: _arrays(archive, wanted))
     pose, trans_m = _pose(path, arrays)
     return AmassFile(
         pose=pose,
@@ -79,42 +92,57 @@ def gender_of_motion(path: Path) -> str | None:
     DsnetError
         If the file is not a readable `.npz`.
     """
-    with _opened(path) as archive:
-        arrays = {key: archive[key] for key in {"gender"} & set(archive.files)}
-        return _gender(arrays) if "poses" in archive.files else None
+    arrays, is_motion = _read(
+        path, path, lambda archive: (_arrays(archive, ("gender",)), "poses" in archive)
+    )
+    return _gender(arrays) if is_motion else None
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[NpzFile]:
+def _arrays(archive: ForeignNpz, wanted: tuple[str, ...]) -> dict[str, NDArray]:
+    """Those of the wanted arrays that there are, none of which is read before all are checked."""
+    there = [key for key in wanted if key in archive]
+    for key in there:
+        archive.check(key, _MOST_BYTES.get(key, _MOST_TEXT_BYTES))
+    return {key: archive.array(key) for key in there}
+
+
+def _read(path: Path, file: Path, read: Callable[[ForeignNpz], _Read]) -> _Read:
+    """What `read` finds in the archive; `path` is the name that the user knows it by."""
     try:
-        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            yield archive
+        with open_npz(file) as archive:
+            return read(archive)
     except FileNotFoundError as error:
         raise _unusable(path, "which does not exist", "Check the path.") from error
     except IsADirectoryError as error:
         raise _unusable(path, "which is a folder", "Name one file in it.") from error
     except (zipfile.BadZipFile, zlib.error) as error:
         raise _unusable(path, f"which is damaged ({error})") from error
-    # A foreign or hostile file can fail inside NumPy's reader in any way at all.
+    # A foreign or hostile file can fail inside its readers in any way at all.
     except Exception as error:
-        raise _unusable(path, f"which does not load ({error})") from error
+        raise _unusable(path, f"which does not load ({str(error)[:200]})") from error
 
 
 def _unusable(path: Path, flaw: str, remedy: str = "Download the file again.") -> DsnetError:
     return DsnetError(f"{path}, {flaw}", "an AMASS motion file (.npz) without pickles", remedy)
 
 
-def _numbers(
-    path: Path, arrays: Arrays, key: str, frame_count: int | None = None
-) -> NDArray[np.float64]:
+def _numeric(path: Path, arrays: Arrays, key: str) -> NDArray:
     if key not in arrays:
         raise _unusable(
             path, f"which has no {key!r}", "Pass a motion, not a shape or a model file."
         )
-    array = arrays[key]
-    if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+    if arrays[key].dtype.kind not in "iuf":
         raise _unusable(path, f"whose {key!r} are not all finite numbers")
-    if frame_count is not None and (array.ndim != 2 or len(array) != frame_count):
+    return arrays[key]
+
+
+def _numbers(
+    path: Path, arrays: Arrays, key: str, frame_count: int | None = None
+) -> NDArray[np.float64]:
+    array = _numeric(path, arrays, key)
+    if not np.isfinite(array).all():
+        raise _unusable(path, f"whose {key!r} are not all finite numbers")
+    if frame_count is not None and (array.ndim != 2 or len(array) != frame_count or not array.size):
         raise _unusable(
             path, f"whose {key!r} have shape {array.shape} beside {frame_count} frames of poses"
         )
@@ -123,20 +151,57 @@ def _numbers(
 
 def _pose(path: Path, arrays: Arrays) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Joint rotations (T, 22, 3) and translations (T, 3)."""
-    poses = _numbers(path, arrays, "poses")
-    if poses.ndim != 2 or poses.shape[1] not in _POSE_WIDTHS:
-        known = ", ".join(f"{width} ({model})" for width, model in _POSE_WIDTHS.items())
-        raise DsnetError(
-            f"{path}, whose 'poses' have shape {poses.shape}",
-            f"(frames, width) with a width of {known}",
-            "Pass a file of AMASS's SMPL-H or SMPL-X release.",
-        )
+    _check_frames(path, arrays)
+    # Without hands and face, which take three fifths of the memory.
+    poses = _numbers(path, {"poses": arrays["poses"][:, : 3 * N_JOINTS]}, "poses")
     if not len(poses):
         raise _unusable(path, "which has zero frames", "Pass a motion with at least one frame.")
     trans_m = _numbers(path, arrays, "trans", len(poses))
     if trans_m.shape[1] != 3:
         raise _unusable(path, f"whose 'trans' have shape {trans_m.shape}")
-    return poses[:, : 3 * N_JOINTS].reshape(-1, N_JOINTS, 3), trans_m
+    pose = poses.reshape(-1, N_JOINTS, 3)
+    _check_bounds(path, pose, trans_m)
+    return pose, trans_m
+
+
+def _check_frames(path: Path, arrays: Arrays) -> None:
+    """Refuse poses of a shape that is no model's, or of too many frames."""
+    shape = _numeric(path, arrays, "poses").shape
+    if len(shape) != 2 or shape[1] not in _POSE_WIDTHS:
+        known = ", ".join(f"{width} ({model})" for width, model in _POSE_WIDTHS.items())
+        raise DsnetError(
+            f"{path}, whose 'poses' have shape {shape}",
+            f"(frames, width) with a width of {known}",
+            "Pass a file of AMASS's SMPL-H or SMPL-X release.",
+        )
+    if shape[0] > MOST_FRAMES:
+        raise DsnetError(
+            f"{path}, a motion of {shape[0]} frames",
+            f"at most {MOST_FRAMES}",
+            "Cut it into several files.",
+        )
+
+
+def _check_bounds(path: Path, pose: NDArray[np.float64], trans_m: NDArray[np.float64]) -> None:
+    """Refuse poses and places that no body takes."""
+    # The largest entry: squares of what a hostile file holds overflow.
+    if (angle_rad := np.abs(pose).max()) > LARGEST_ANGLE_RAD:
+        flaw = f"whose 'poses' turn a joint by {angle_rad:.3g} rad"
+        raise _unusable(path, flaw, f"Angles are radians, at most {LARGEST_ANGLE_RAD:g}.")
+    far_m, height_m = np.abs(trans_m).max(), abs(float(np.median(trans_m[:, 2])))
+    if far_m > FARTHEST_M or height_m > HIGHEST_M:
+        raise _unusable(
+            path,
+            f"whose 'trans' are {far_m:.3g} m off, {height_m:.3g} m high over half of the time",
+            f"Expected are metres, z up, at most {FARTHEST_M:g} off and {HIGHEST_M:g} high: "
+            f"{_unit_remedy(height_m)}.",
+        )
+
+
+def _unit_remedy(height: float) -> str:
+    """The unit in which a body's root is as high above the floor as hips are, if there is one."""
+    likely = [unit for unit, per_m in _UNITS.items() if 0.2 < height / per_m < 2.0]
+    return f"it seems to be in {likely[0]}" if likely else "convert it"
 
 
 def _rate(path: Path, arrays: Arrays) -> float:
@@ -157,7 +222,10 @@ def _betas(path: Path, arrays: Arrays) -> NDArray[np.float64]:
             f"whose 'betas' have shape {betas.shape}",
             f"Store one vector of {N_BETAS} or more coefficients.",
         )
-    return betas.ravel()[:N_BETAS]
+    first = betas.ravel()[:N_BETAS]
+    if (largest := np.abs(first).max()) > LARGEST_BETA:
+        raise _unusable(path, f"whose 'betas' reach {largest:.3g}", "Store a person's, within 5.")
+    return first
 
 
 def _gender(arrays: Arrays) -> str:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from bridge.errors import DsnetError
 from bridge.motion.amass_file import AmassFile, read_amass_file
+from bridge.motion.bounds import MOST_FRAMES
 from bridge.motion.cuts import find_cuts
 from bridge.motion.theta import pack_theta, unpack_theta
 
@@ -96,6 +97,12 @@ def load_amass_motion(
     if not (np.isfinite(fps) and fps > 0):
         raise DsnetError(f"fps={fps}", "a positive number", "Pass 60, the paper's rate.")
     stored = read_amass_file(path)
+    if (frames := resampled_frames(len(stored.pose), stored.fps, fps)) > MOST_FRAMES:
+        raise DsnetError(
+            f"{path}, {len(stored.pose)} frames at {stored.fps:g} Hz: {frames} at {fps:g}",
+            f"at most {MOST_FRAMES}",
+            "Check its rate, or cut it into several files.",
+        )
     pose, trans_m, dmpls = _resample(stored, fps)
     if up == "y":
         pose[:, 0] = (_R_YUP_ZUP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()

@@ -6,8 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
+from bridge.errors import DsnetError
 from bridge.runs.artifact import Artifact
 
+_MOST_FRAMES = 2**40
 Split = Literal["train", "validation", "test"]
 
 
@@ -37,8 +39,38 @@ class MotionSequence:
 
 
 def sequences_of(artifact: Artifact) -> list[MotionSequence]:
-    """Read the sequence index of an artifact."""
-    return [MotionSequence(**entry) for entry in artifact.manifest["sequences"]]
+    """Read the sequence index of an artifact.
+
+    Raises
+    ------
+    DsnetError
+        If it has none, or one that is none.
+    """
+    found = [_sequence(entry) for entry in artifact.manifest["sequences"]]
+    if None in found:
+        raise DsnetError(
+            f"{artifact.path}, whose manifest has no list of sequences",
+            "names, first frames, lengths and rates",
+            "Delete the folder and run its stage again.",
+        )
+    return [sequence for sequence in found if sequence]
+
+
+def _sequence(entry: dict[str, Any]) -> MotionSequence | None:
+    """One sequence; None where the entry is none."""
+    try:
+        sequence = MotionSequence(**entry)
+    except TypeError:
+        return None
+    names = (sequence.name, sequence.subject, sequence.motion, sequence.split)
+    places = (sequence.start, sequence.length)
+    is_one = (
+        all(isinstance(name, str) for name in names)
+        and all(type(place) is int and 0 <= place < _MOST_FRAMES for place in places)
+        and isinstance(sequence.fps, (int, float))
+        and 0 < sequence.fps < float("inf")
+    )
+    return sequence if is_one else None
 
 
 def to_manifest(sequences: Iterable[MotionSequence]) -> list[dict[str, Any]]:

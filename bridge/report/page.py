@@ -43,6 +43,8 @@ def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
     """A page that needs no other file: pictures named in `markdown` are read from `folder`."""
     body = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
     body = re.sub(r'src="(figures/[\w.-]+\.png)"', lambda m: _data_uri(folder / m[1]), body)
+    # A name that is a picture from elsewhere would have it fetched by whoever reads the page.
+    body = re.sub(r'<img (?!src="data:)[^>]*>', "", body)
     # Tables scroll by themselves on a narrow screen, the page does not.
     body = body.replace("<table>", '<div class="wide"><table>').replace(
         "</table>", "</table></div>"

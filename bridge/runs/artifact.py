@@ -8,7 +8,6 @@ one digest, the manifest's `sha256`. Nothing is read before its bytes are those 
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,11 +15,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.runs.digests import cached_sha256, file_sha256, json_sha256
 from bridge.runs.folders import MANIFEST
+from bridge.runs.foreign_files import NpyHeader, open_regular, read_json
+from bridge.runs.manifests import flaw_of_manifest
 
 SCHEMA_VERSION = 2
 DataOrigin = Literal["synthetic", "licensed"]
@@ -78,9 +80,22 @@ class Artifact:
         DsnetError
             If there is no such array, or it is not the one that was written.
         """
-        # NumPy cannot map an array without elements.
-        mode = "r" if math.prod(self._entry("arrays", name)["shape"]) else None
-        return np.load(self._unchanged(f"{name}.npy"), mmap_mode=mode, allow_pickle=False)
+        entry = self._entry("arrays", name)
+        path = self._unchanged(f"{name}.npy")
+        shape, dtype = tuple(entry["shape"]), np.dtype(entry["dtype"])
+        try:
+            with open_regular(path) as stream:
+                declared = NpyHeader.read(stream)
+            if (declared.shape, declared.dtype) != (shape, dtype):
+                raise ValueError(f"{declared.dtype} of shape {declared.shape}")
+            # NumPy cannot map an array without elements.
+            return npy.open_memmap(path, mode="r") if math.prod(shape) else np.empty(shape, dtype)
+        except (OSError, ValueError) as error:
+            raise DsnetError(
+                f"{path}, which does not hold what {MANIFEST} says ({str(error)[:200]})",
+                f"{dtype} of shape {shape}",
+                "Delete the folder and run its stage again.",
+            ) from error
 
     def file(self, name: str) -> Path:
         """Path of one of the artifact's files that are not arrays.
@@ -130,6 +145,21 @@ class Artifact:
         return path
 
 
+class _Manifest(dict[str, Any]):
+    """A manifest's values; a stage that asks for one of its own that is missing is told."""
+
+    def __init__(self, path: Path, values: Mapping[str, Any]) -> None:
+        super().__init__(values)
+        self._path = path
+
+    def __missing__(self, key: str) -> Any:
+        raise DsnetError(
+            f"{self._path} without {key!r}",
+            f"what the stage writes into its {MANIFEST}",
+            "Delete the folder and run its stage again.",
+        )
+
+
 def _compare(path: Path, found: str, expected: str) -> None:
     if found != expected:
         raise DsnetError(
@@ -160,16 +190,16 @@ def read_artifact(path: Path | str, kind: str | None = None) -> Artifact:
 
 def _read_manifest(path: Path) -> dict[str, Any]:
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest = read_json(path)
     except OSError as error:
         raise DsnetError(
             f"{path.parent}, which has no {MANIFEST}",
             "the folder of a finished stage",
             "Run that stage first.",
         ) from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise DsnetError(
-            f"{path}, which is not JSON ({error})",
+            f"{path}, which is not JSON ({str(error)[:200]})",
             "a manifest written by dsnet",
             "Delete the folder and run its stage again.",
         ) from error
@@ -177,13 +207,19 @@ def _read_manifest(path: Path) -> dict[str, Any]:
     missing = sorted(WRITERS_KEYS - set(manifest))
     if missing or manifest["schema"] != SCHEMA_VERSION:
         raise DsnetError(
-            f"{path} of schema {manifest.get('schema')} lacking {missing or 'nothing'}",
+            f"{path} of schema {str(manifest.get('schema'))[:40]} lacking {missing or 'nothing'}",
             f"schema {SCHEMA_VERSION}",
             "Delete the folder and run its stage again with this version.",
+        )
+    if flaw := flaw_of_manifest(manifest):
+        raise DsnetError(
+            f"{path}, {flaw}",
+            "a manifest written by dsnet",
+            "Delete the folder and run its stage again.",
         )
     _compare(path, content_digest(manifest), manifest["sha256"])
     made = dict(manifest["provenance"])
     # Older manifests have none; it is no part of the content, but reports print what it covers.
     if (written := made.pop("sha256", None)) is not None:
         _compare(path, json_sha256(made), written)
-    return manifest
+    return _Manifest(path, manifest)

@@ -23,6 +23,7 @@ class Chain:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._seen: dict[str, bool] = {}
+        self._entered: set[str] = set()
         self._changed: list[str] = []
 
     def check(self, stages: Iterable[str]) -> None:
@@ -50,6 +51,13 @@ class Chain:
 
     def _is_old(self, stage: str) -> bool:
         if stage not in self._seen:
+            if stage in self._entered:
+                raise DsnetError(
+                    f"stage {stage!r} of {self._folder}, which was made from itself",
+                    "one chain",
+                    "Delete its folder and run its stage again.",
+                )
+            self._entered.add(stage)
             artifact = read_artifact(self._folder / stage)
             # A list: each source is looked at, so that each is named.
             changed = [self._has_changed(artifact, name) for name in artifact.manifest["upstream"]]

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import tyro
 
 from bridge.endings import Terminated, exit_with_one_line, interrupts_withheld
-from bridge.errors import DsnetError, InterruptedWorkError
+from bridge.errors import DsnetError, InterruptedWorkError, printable
 
 Config = TypeVar("Config")
 _FRAMEWORKS = {"torch_align_ae": ("torch", "h5py"), "tf_dsnet": ("tensorflow",)}
@@ -150,4 +150,4 @@ def run_as_process(config_type: type[Config], main: Callable[[Config], Any]) -> 
 
 def notify(text: str) -> None:
     """One line on stderr about something that a user would want to know but need not mend."""
-    print(f"dsnet: {text}", file=sys.stderr)  # noqa: T201
+    print(f"dsnet: {printable(text)}", file=sys.stderr)  # noqa: T201

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.motion import Motion, load_amass_motion, unpack_theta
+from bridge.motion.bounds import FARTHEST_M
 from bridge.runs.processes import notify
-from bridge.runtime.bounds import FARTHEST_M, LARGEST_BODY_M
+from bridge.runtime.bounds import LARGEST_BODY_M
 
 
 def place_motion(

@@ -8,14 +8,11 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
+from bridge.motion.bounds import FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_BETA
 from bridge.paper import N_BETAS, THETA_SIZE
 
-LARGEST_BODY_M, FARTHEST_M = 10.0, 1000.0
-"""A shape larger than this is no person's, and a place farther off no motion's."""
-LARGEST_ANGLE_RAD = 100.0
-"""Of a joint: sixteen turns. A dancer's spin is often written as an angle that goes on growing."""
-LARGEST_BETA = 100.0
-"""In standard deviations of people's shapes."""
+LARGEST_BODY_M = 10.0
+"""A shape larger than this is no person's."""
 
 
 def numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:

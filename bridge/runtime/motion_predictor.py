@@ -82,8 +82,24 @@ class Chosen:
         return {stage: artifact.content_sha256 for stage, artifact in self.artifacts.items()}
 
     def open(self, body: BodyModelData) -> MotionPredictor:
-        """Load it."""
-        return self.road.open(self.artifacts, self.name, body)
+        """Load it.
+
+        Raises
+        ------
+        DsnetError
+            If what its training left does not fit together.
+        """
+        try:
+            return self.road.open(self.artifacts, self.name, body)
+        except DsnetError:
+            raise
+        # Arrays of a stranger's can be missing, of other shapes or types, or none of a network.
+        except Exception as error:
+            raise DsnetError(
+                f"{self.name} of {self.owner}, whose arrays do not fit together ({error!s:.200})",
+                "what its training wrote",
+                "Train it again, or copy the run again.",
+            ) from error
 
 
 def choose_predictor(run: Run, asked: str | None, roads: tuple[MotionRoad, ...]) -> Chosen:
@@ -98,9 +114,10 @@ def choose_predictor(run: Run, asked: str | None, roads: tuple[MotionRoad, ...])
     if not trained:
         raise _nothing_trained(run, roads)
     for road, manifest in trained.items():
-        name = asked or manifest["default"]
+        name = asked or str(manifest["default"])
         if name in manifest["predictors"]:
-            label = manifest["predictors"][name].get("label", name)
+            entry = manifest["predictors"][name]
+            label = str(entry.get("label", name)) if isinstance(entry, dict) else name
             why = "the run's best" if asked is None else "as asked"
             artifacts, body_model = run.artifacts(*road.stages), str(body_model_path(run))
             return Chosen(name, label, why, f"run {run.name!r}", body_model, artifacts, road)

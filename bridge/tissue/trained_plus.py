@@ -17,6 +17,7 @@ from bridge.runs import Artifact
 from bridge.tissue.load import node_loads
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import FPS, STEPS, NodeMechanics, OscillatorSheet
+from bridge.tissue.plus_arrays import check_plus_arrays
 from bridge.tissue.shape import shape_features, shaped_normals
 
 NAME = "dsnet_plus"
@@ -93,12 +94,13 @@ class TrainedPlus:
         Raises
         ------
         DsnetError
-            If it was trained with other steps through time.
+            If it was trained with other steps through time, or arrays do not fit together.
         """
-        steps = int(arrays["steps"][0]) if "steps" in arrays else 1
-        if steps != STEPS:
+        steps = arrays["steps"].ravel().tolist() if "steps" in arrays else [1]
+        if steps != [STEPS]:
             received = f"a {NAME} that was trained with {steps} steps a frame"
             raise DsnetError(received, f"{STEPS} steps", "Train it again: dsnet train-plus.")
+        check_plus_arrays(arrays, NODE_FIELDS)
         base = {name: arrays[f"log_{name}"] for name in NODE_FIELDS}
         others = ("slopes", "stiffening_power", "residual", "taps")
         weights = Weights(base, **{name: arrays[name] for name in others})

@@ -20,6 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.errors import DsnetError
 from bridge.paper import N_VERTICES
+from bridge.runs.foreign_files import open_regular
+from torch_align_ae.corpus.dyna_bounds import check_bounds, check_own, check_sides, faces_of
 from torch_align_ae.corpus.dyna_layout import (
     FACES_KEY,
     FPS,
@@ -66,9 +68,16 @@ class DynaReader:
 
     @property
     def faces(self) -> NDArray[np.int64] | None:
-        """(13776, 3) vertex indices of the first file, or None when it has none."""
-        faces = self._files[0].get(FACES_KEY)
-        return None if faces is None else np.asarray(faces, dtype=np.int64)
+        """(13776, 3) vertex indices of the first file, or None when it has none.
+
+        Raises
+        ------
+        DsnetError
+            If what is stored under their name is no list of SMPL's faces.
+        """
+        path = Path(self._files[0].filename)
+        with _damage_named(path):
+            return faces_of(path, self._files[0].get(FACES_KEY))
 
     def frames(self, name: str, start: int = 0, stop: int | None = None) -> NDArray[np.float32]:
         """Frames `start` to `stop` of one sequence, (n, 6890, 3) float32, metres.
@@ -118,16 +127,20 @@ class DynaReader:
             file.close()
 
     def _add_file(self, path: Path) -> None:
-        if not path.is_file():
-            kind = "a folder" if path.is_dir() else "no such file"
-            raise DsnetError(f"mesh file {path}: {kind}", LAYOUT, "Check the path.")
+        try:
+            open_regular(path).close()
+        except (OSError, ValueError) as error:
+            kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
+            raise DsnetError(f"mesh file {path}: {kind}", LAYOUT, "Check the path.") from error
         with _damage_named(path):
             file = _open(path)
             self._files.append(file)
+            check_own(path, file)
             found = [(name, item) for name, item in file.items() if is_sequence(name, item)]
             if not found:
                 raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", LAYOUT, REMEDY)
             for name, dataset in found:
+                check_bounds(path, name, dataset)
                 self._add_sequence(entry_of(path, name, dataset), dataset)
 
     def _add_sequence(self, entry: DynaEntry, dataset: h5py.Dataset) -> None:
@@ -140,7 +153,9 @@ class DynaReader:
             )
         self._datasets[entry.name] = dataset
         self.entries.append(entry)
-        check_upright(entry.path, entry.name, self.frames(entry.name, 0, 1)[0])
+        first = self.frames(entry.name, 0, 1)[0]
+        check_upright(entry.path, entry.name, first)
+        check_sides(entry.path, entry.name, first, self.faces)
 
 
 @dataclass(frozen=True)
@@ -231,5 +246,5 @@ def _damage_named(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         raise DsnetError(
-            f"mesh file {path}: not readable as HDF5 ({error})", LAYOUT, REMEDY
+            f"mesh file {path}: not readable as HDF5 ({str(error)[:200]})", LAYOUT, REMEDY
         ) from error

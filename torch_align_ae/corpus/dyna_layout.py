@@ -33,6 +33,10 @@ REMEDY = "Download the file again from dyna.is.tue.mpg.de, or write it with `dsn
 # Across, people are 1 to 2.2 m; another unit is named after the same people in it.
 _PERSON_M = (0.5, 5.0)
 _USUAL_M = 1.7
+_MOST_FRAMES = 36_000
+"""Of a sequence: ten minutes."""
+_FARTHEST_M = 100.0
+"""From the origin: farther off, float32 loses tenths of a millimetre."""
 _UNITS = {"millimetres": 1000, "centimetres": 100, "inches": 1 / 0.0254}
 # A crouch with both arms spread is half as tall as wide; who lies, or stands along z, is a third.
 _LEAST_HEIGHT = 0.5
@@ -97,6 +101,12 @@ def entry_of(path: Path, name: str, dataset: h5py.Dataset) -> DynaEntry:
             "a file that was written to its end",
             REMEDY,
         )
+    if length > _MOST_FRAMES:
+        raise DsnetError(
+            f"{path}: {name} has {length} frames",
+            f"at most {_MOST_FRAMES}",
+            "Cut it into several sequences.",
+        )
     return DynaEntry(name, subject, motion, length, path)
 
 
@@ -118,9 +128,11 @@ def check_frames(path: Path, name: str, start: int, frames: NDArray[np.float32])
     """
     # A maximum and a minimum are not finite where a vertex is not, and cost one pass each.
     with np.errstate(invalid="ignore", over="ignore"):
-        size = frames.max(1) - frames.min(1)
+        most, least = frames.max(1), frames.min(1)
+        size, off_m = most - least, np.maximum(most, -least).max(1)
     extent = size.max(1)
-    fits = (_PERSON_M[0] < extent) & (extent < _PERSON_M[1])
+    is_person = (_PERSON_M[0] < extent) & (extent < _PERSON_M[1])
+    fits = is_person & (off_m < _FARTHEST_M)
     if fits.all():
         return
     bad = int(np.argmin(fits))
@@ -129,6 +141,12 @@ def check_frames(path: Path, name: str, start: int, frames: NDArray[np.float32])
             f"{path}: {name} has NaN or infinite vertices in frame {start + bad}",
             "finite vertices",
             "Repair or leave out that sequence.",
+        )
+    if is_person[bad]:
+        raise DsnetError(
+            f"{path}: {name} in frame {start + bad} is {off_m[bad]:.4g} m off",
+            f"a person within {_FARTHEST_M:g} m of the origin",
+            "Subtract the place of the first frame from all frames.",
         )
     raise DsnetError(
         f"{path}: {name} in frame {start + bad} {_measures(size[bad])}",

@@ -14,6 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 from onnx import helper, numpy_helper
 
 from bridge.errors import DsnetError
+from bridge.runs.foreign_files import open_regular
 
 OPSET, IR_VERSION = 17, 8
 """Old enough for the runtimes of the last years; nothing newer is used."""
@@ -135,12 +136,14 @@ def held_arrays(path: Path) -> dict[str, NDArray]:
         If the file is not an ONNX model.
     """
     try:
-        model = onnx.load_model(path)
+        with open_regular(path) as stream:
+            # From bytes: a model in a file may name other files that hold its arrays.
+            model = onnx.load_model_from_string(stream.read())
         onnx.checker.check_model(model)
+        return {tensor.name: numpy_helper.to_array(tensor) for tensor in model.graph.initializer}
     except Exception as error:  # protobuf's and onnx's own have no common base
         raise DsnetError(
             f"{path}, which does not load ({type(error).__name__})",
             "an ONNX model written by dsnet",
             "Export it again.",
         ) from error
-    return {tensor.name: numpy_helper.to_array(tensor) for tensor in model.graph.initializer}

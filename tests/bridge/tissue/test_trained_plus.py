@@ -139,3 +139,23 @@ def test_other_frame_rates_are_other_steps_of_the_same_tissue(trained, body):
     coarse = trained.moving_m(body, PEOPLE[0], theta[::2], 30.0)
     missed = np.square(fine[::2] - coarse).sum() / np.square(fine[::2]).sum()
     assert missed < 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"taps": None}, "no 'taps'"),
+        ({"nodes/vertices": np.full(80, 6890, np.int32)}, "'nodes/vertices' that point outside"),
+        ({"nodes/owners": np.full((6890, 8), -1, np.int32)}, "'nodes/owners' that point outside"),
+        ({"nodes/edges": np.full((5, 2), 80, np.int32)}, "'nodes/edges' that|'nodes/pulls_m2' of"),
+        ({"look_ahead": np.array([10**9])}, "'look_ahead' that point outside"),
+        ({"residual": np.zeros((3, 80, 1))}, "'residual' of shape"),
+        ({"log_omega": np.full((80, 1), np.nan)}, "'log_omega' of shape"),
+        ({"steps": np.array([np.nan])}, "steps a frame"),
+        ({"steps": np.array([])}, "steps a frame"),
+    ],
+)
+def test_arrays_that_do_not_fit_together_are_refused(trained, change, complaint) -> None:
+    changed = {name: a for name, a in {**trained.arrays(), **change}.items() if a is not None}
+    with pytest.raises(DsnetError, match=complaint):
+        TrainedPlus.from_arrays(changed)

@@ -1,0 +1,87 @@
+"""Damaged weights, in safetensors and ONNX."""
+
+from __future__ import annotations
+
+import functools
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import safetensors.numpy
+from hypothesis import strategies as st
+from onnx import helper, numpy_helper
+
+from bridge.exchange import load_weights
+from bridge.runtime.graphs.onnx_builder import held_arrays
+from bridge.tissue.trained_plus import TrainedPlus
+from tests.fuzz.mutations import Draw, Files, damaged, damaged_json, damaged_npy
+
+PACKAGED = Path(__file__).parents[2] / "bridge/runtime/models/female/dsnet_plus.safetensors"
+
+
+@st.composite
+def _weights(draw: Draw, plus: dict[str, np.ndarray]) -> Files:
+    """The packaged model's weights: other arrays, another header, other bytes."""
+    arrays = dict(plus)
+    if draw(st.booleans()):
+        for _ in range(draw(st.integers(1, 3))):
+            name = draw(st.sampled_from(sorted(plus)))
+            content = draw(damaged_npy(plus[name]))
+            changed = _loaded(content)
+            arrays.pop(name, None)
+            if changed is not None:
+                arrays[name] = changed
+        return {"weights.safetensors": safetensors.numpy.save(arrays)}
+    content = safetensors.numpy.save({name: arrays[name] for name in sorted(arrays)[:4]})
+    size = int.from_bytes(content[:8], "little")
+    if draw(st.booleans()):
+        return {"weights.safetensors": draw(damaged(content))}
+    header = draw(damaged_json(json.loads(content[8 : 8 + size])))
+    kinds = st.sampled_from(("BF16", "F8_E4M3", "F4", "BOOL", "C64", "U64", "I8", "F16", "X"))
+    text = json.dumps(header).replace("F32", draw(kinds)).encode()
+    return {"weights.safetensors": len(text).to_bytes(8, "little") + text + content[8 + size :]}
+
+
+def _loaded(content: bytes) -> np.ndarray | None:
+    """An array that safetensors can write."""
+    try:
+        array = np.load(io.BytesIO(content), allow_pickle=False)
+        safetensors.numpy.save({"a": array})
+    except Exception:
+        return None
+    return array
+
+
+def read_weights(folder: Path) -> None:
+    """As a trained model."""
+    TrainedPlus.from_arrays(load_weights(folder / "weights.safetensors"))
+
+
+@st.composite
+def _graph(draw: Draw, base: bytes) -> Files:
+    return {"graph.onnx": draw(damaged(base))}
+
+
+def _graph_base() -> bytes:
+    weights = numpy_helper.from_array(np.ones((2, 3), np.float32), "w")
+    value = functools.partial(helper.make_tensor_value_info, elem_type=1)
+    node = helper.make_node("MatMul", ["x", "w"], ["y"])
+    inputs, outputs = [value("x", shape=[1, 2])], [value("y", shape=[1, 3])]
+    graph = helper.make_graph([node], "g", inputs, outputs, [weights])
+    return helper.make_model(graph).SerializeToString()
+
+
+def weights_files() -> st.SearchStrategy[Files]:
+    """Of the packaged model."""
+    return _weights(load_weights(PACKAGED))
+
+
+def graph_files() -> st.SearchStrategy[Files]:
+    """Of one layer."""
+    return _graph(_graph_base())
+
+
+def read_graph(folder: Path) -> None:
+    """The arrays in it."""
+    held_arrays(folder / "graph.onnx")
