@@ -118,6 +118,14 @@ def operations_bytes(model: onnx.ModelProto, rng: np.random.Generator, count: in
     )
 
 
+def _wait() -> None:
+    """OpenMP threads of the call before wait busily for some ms. A processor that slept meanwhile
+    would need longer for the next call than one in use."""
+    until = time.perf_counter() + _PAUSE_S
+    while time.perf_counter() < until:
+        pass
+
+
 def measured(
     calls: Mapping[str, Callable[[], Any]],
     largest_bytes: int,
@@ -155,7 +163,7 @@ def _interleaved(
     seconds: dict[str, list[float]] = {name: [] for name in calls}
     for turn in range(rounds + _WARMING_TURNS):
         for name, call in calls.items():
-            time.sleep(_PAUSE_S)  # OpenMP threads of the one before wait busily for some ms
+            _wait()
             started = now()
             call()
             if turn >= _WARMING_TURNS:
