@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+
 import pytest
 from hypothesis import settings
 from xdist.remote import Producer
@@ -10,6 +12,8 @@ from xdist.scheduler import LoadScopeScheduling
 # A shared machine pauses now and then, and a failure must be found again by running again.
 settings.register_profile("dsnet", deadline=None, derandomize=True)
 settings.load_profile("dsnet")
+# Shells start what they put into the background deaf to Ctrl-C, and its children are born so.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class FolderScheduling(LoadScopeScheduling):

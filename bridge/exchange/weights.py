@@ -63,7 +63,7 @@ def _of_system(error: SafetensorError, path: Path) -> Exception:
 
 def _numeric(weights: dict[str, NDArray]) -> dict[str, NDArray]:
     for name, array in weights.items():
-        if array.dtype.kind not in "iuf" or not name.isprintable():
+        if array.dtype.kind not in "iufb" or not name.isprintable():
             raise ValueError(f"{name!r} of {array.dtype}")
     return weights
 

@@ -111,7 +111,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class _Job:
+class _NextTraining:
     """What the leader of several processes is about to train."""
 
     config: TrainAutoencoderConfig
@@ -139,7 +139,7 @@ def main(config: TrainAutoencoderConfig) -> None:
 
 def _follow(align: Artifact, processes: Processes) -> None:
     """Share the leader's work until it says that there is no more."""
-    nothing: _Job | None = None
+    nothing: _NextTraining | None = None
     while job := processes.told(nothing):
         _training(job, _beginning(job, align), processes).run()
 
@@ -201,7 +201,7 @@ class _Beginning:
     split: FrameSplit
 
 
-def _beginning(job: _Job, align: Artifact) -> _Beginning:
+def _beginning(job: _NextTraining, align: Artifact) -> _Beginning:
     config, trial = job.config, job.trial
     offsets_m, preset = align.array("offsets"), PRESETS[trial.preset]
     split = _split(config, trial, align)
@@ -210,7 +210,9 @@ def _beginning(job: _Job, align: Artifact) -> _Beginning:
     return _Beginning(Codec(model, normaliser), offsets_m, split)
 
 
-def _training(job: _Job, beginning: _Beginning, processes: Processes) -> Training[MeshAutoencoder]:
+def _training(
+    job: _NextTraining, beginning: _Beginning, processes: Processes
+) -> Training[MeshAutoencoder]:
     trial, split = job.trial, beginning.split
     return Training(
         beginning.codec.model.to("cuda" if torch.cuda.is_available() else "cpu"),
@@ -232,7 +234,7 @@ def _run_trial(
     processes: Processes,
 ) -> tuple[Codec, TrainingResult, dict[str, Any]]:
     checkpoint = writer.checkpoints.resolve() / f"{trial.name}.safetensors"
-    job = processes.told(_Job(config, trial, checkpoint))
+    job = processes.told(_NextTraining(config, trial, checkpoint))
     beginning = _beginning(job, align)
     codec, offsets_m, split = beginning.codec, beginning.offsets_m, beginning.split
     initial_r2 = reconstruction_r2(codec, offsets_m, split.validation)
