@@ -11,6 +11,8 @@ import pytest
 
 from bridge.exchange import load_weights
 
+pytestmark = pytest.mark.slow  # each start of two processes loads PyTorch thrice
+
 _TRAINING = """
 import sys, numpy, torch
 from pathlib import Path
