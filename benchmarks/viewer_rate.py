@@ -9,25 +9,18 @@ from __future__ import annotations
 import json
 import os
 import sys
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bridge.errors import DsnetError
-from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
-from bridge.view.performances import Performances
-from bridge.view.repertoire import open_repertoire
-from bridge.view.serving import serving
 from bridge.view.viewer import Viewer
-from tools.headless_chromium import chromium, open_page, why_missing
+from tools.headless_chromium import chromium, open_page
+from tools.served_viewer import served_viewer
 
 _SERVER_FRAMES = 200
 _WARM_S = 5.0
@@ -87,17 +80,11 @@ def main(config: RateConfig) -> dict[str, Any]:
     DsnetError
         If the browser, or what is to be seen, is missing.
     """
-    if why := why_missing():
-        raise DsnetError(why, "a browser", "Install it.")
-    run = None if config.run is None else Run(config.run)
-    performances = Performances(open_repertoire(run, None))
-    with serving("127.0.0.1", 0) as server:
-        viewer = Viewer(server, performances)
-        performances.worker.wait()
+    with served_viewer(config.run) as served:
+        viewer = served.viewer
         results = _server_ms(viewer)
-        with _drawing(viewer):
-            results |= _watched(f"http://127.0.0.1:{server.get_port()}", config)
-    performances.worker.stop()
+        with served.drawing():
+            results |= _watched(served.address, config)
     results |= {
         "bodies": len(viewer.scene.figures),
         "pushed_hz": viewer.DRAWN_HZ,
@@ -122,17 +109,6 @@ def _server_ms(viewer: Viewer) -> dict[str, float]:
         taken_ms.append(1e3 * (time.perf_counter() - start_s))
     slow_ms = float(np.percentile(taken_ms, 95))
     return {"server_ms": float(np.median(taken_ms)), "server_slow_ms": slow_ms}
-
-
-@contextmanager
-def _drawing(viewer: Viewer) -> Iterator[None]:
-    thread = threading.Thread(target=viewer.run)
-    thread.start()
-    try:
-        yield
-    finally:
-        viewer.stop()
-        thread.join()
 
 
 def _watched(address: str, config: RateConfig) -> dict[str, Any]:

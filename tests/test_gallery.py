@@ -19,7 +19,7 @@ from tools import build_gallery
 from tools.build_gallery import MAKERS, PICTURES, Gallery, main
 from tools.gallery.laps import best_lap, closed_lap
 from tools.gallery.performed import performed
-from tools.gallery.stills import Look, draw_lying, draw_upright
+from tools.gallery.stills import Look, Moment, draw_lying, draw_upright
 
 ROOT = Path(__file__).parents[1]
 SMALL = Look(width_px=90, samples=1, body_px=100)
@@ -83,7 +83,7 @@ def test_each_body_has_its_colours(sample, tmp_path, draw):
     moving = [controlled_body(character, motion, Controls(gain=gain)) for gain in (0.0, 3.0)]
     bodies = [performed("still", moving[0]), performed("moved", moving[1])]
     path = tmp_path / "a.png"
-    draw(path, bodies, 2, moving[0], "title", SMALL)
+    draw(path, Moment(bodies, 2, moving[0], "title"), SMALL)
     with Image.open(path) as picture:
         page = np.asarray(picture.convert("RGB")).astype(int)
     without_bar = page[60:-60, : int(0.85 * page.shape[1])]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import statistics
 import time
@@ -17,7 +16,6 @@ from bridge.exchange.clips import Clips
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runs import Run
-from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from bridge.runtime.streams.streaming import StreamingPredictor
 from tf_dsnet.framework import keras, tf
@@ -52,7 +50,6 @@ PROFILES: dict[str, KerasBenchConfig] = {
 def main(config: KerasBenchConfig) -> None:
     """Measure and write the results."""
     rng = np.random.default_rng(config.seed)
-    path = Run(config.run).path / "bench" / "tensorflow.json"
     epochs = time_epoch(rng, config.epochs)
     results = {
         "epoch_s": epochs["BlockLSTM"],
@@ -64,8 +61,7 @@ def main(config: KerasBenchConfig) -> None:
         "gpus": len(tf.config.list_physical_devices("GPU")),
         "versions": {"tensorflow": tf.__version__, "keras": keras.__version__},
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text_atomically(path, json.dumps(results, indent=1) + "\n")
+    Run(config.run).write_bench("tensorflow", results)
 
 
 def time_epoch(rng: np.random.Generator, epochs: int) -> dict[str, float]:

@@ -34,7 +34,7 @@ from tools.gallery.performed import (
     shown_dsnet,
     true_performance,
 )
-from tools.gallery.stills import Look, draw_lying, draw_upright
+from tools.gallery.stills import Look, Moment, draw_lying, draw_upright
 
 ROOT = Path(__file__).parents[1]
 PICTURES, UNPUBLISHED = ROOT / "docs" / "images" / "gallery", ROOT / "build" / "gallery"
@@ -94,8 +94,8 @@ def jumping_jacks(config: Gallery, path: Path, kind: str = "jumping_jacks") -> N
 def landing(config: Gallery, path: Path, kind: str = "jumping_jacks") -> None:
     """The moment of a jump in which the true skin is farthest from SMPL's."""
     bodies, of = _beside_the_truth(Run(config.run), kind)
-    frame = _most(bodies[-1])
-    draw_upright(path, bodies, frame, of, "Landing from a jumping jack", config.look)
+    moment = Moment(bodies, _most(bodies[-1]), of, "Landing from a jumping jack")
+    draw_upright(path, moment, config.look)
 
 
 def gravity(config: Gallery, path: Path, kind: str = "lying_down_and_getting_up") -> None:
@@ -104,7 +104,8 @@ def gravity(config: Gallery, path: Path, kind: str = "lying_down_and_getting_up"
     heights_m = np.ptp(bodies[-1].vertices_m[..., 1], axis=1)
     # Between coming to lie and getting up, when all has come to rest.
     frame = int(np.median(np.flatnonzero(heights_m < heights_m.min() + 0.02)))
-    draw_lying(path, bodies, frame, of, "Lying: gravity pulls another way", config.look)
+    moment = Moment(bodies, frame, of, "Lying: gravity pulls another way")
+    draw_lying(path, moment, config.look)
 
 
 def shapes(config: Gallery, path: Path) -> None:
@@ -163,7 +164,7 @@ def _draw_asked(config: Gallery, path: Path, asked: dict[str, Controls], title: 
     moving = {label: controlled_body(character, motion, c) for label, c in asked.items()}
     bodies = [performed(label, one) for label, one in moving.items()]
     of = next(iter(moving.values()))
-    draw_upright(path, bodies, _most(bodies[-1]), of, title, config.look)
+    draw_upright(path, Moment(bodies, _most(bodies[-1]), of, title), config.look)
 
 
 def _most(body: Performed) -> int:

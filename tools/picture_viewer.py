@@ -7,20 +7,14 @@ Without --run it shows the packaged model, whose samples have no truth beside th
 
 from __future__ import annotations
 
-import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bridge.errors import DsnetError
-from bridge.runs import Run
 from bridge.runs.processes import run_as_process
-from bridge.view.performances import Performances
-from bridge.view.repertoire import open_repertoire
-from bridge.view.serving import serving
-from bridge.view.viewer import Viewer
-from tools.headless_chromium import PATIENCE_MS, chromium, open_page, why_missing
+from tools.headless_chromium import PATIENCE_MS, chromium, open_page
+from tools.served_viewer import served_viewer
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -53,23 +47,11 @@ def main(config: Picture) -> None:
     DsnetError
         If the browser, or what is to be seen, is missing.
     """
-    if why := why_missing():
-        raise DsnetError(why, "a browser", "Install it.")
-    run = None if config.run is None else Run(config.run)
-    performances = Performances(open_repertoire(run, config.motion))
-    with serving("127.0.0.1", 0) as server:
-        viewer = Viewer(server, performances)
-        viewer.timeline.playing = False
-        viewer.timeline.go_to(config.frame)
-        performances.worker.wait()
-        drawing = threading.Thread(target=viewer.run)
-        drawing.start()
-        try:
-            _take(f"http://127.0.0.1:{server.get_port()}", config.out)
-        finally:
-            viewer.stop()
-            drawing.join()
-            performances.worker.stop()
+    with served_viewer(config.run, config.motion) as served:
+        served.viewer.timeline.playing = False
+        served.viewer.timeline.go_to(config.frame)
+        with served.drawing():
+            _take(served.address, config.out)
 
 
 def _take(address: str, path: Path) -> None:

@@ -11,7 +11,6 @@ what one large matrix product reaches in the same minute on the same cores.
 
 from __future__ import annotations
 
-import json
 import platform
 import statistics
 import time
@@ -26,7 +25,6 @@ from torch import Tensor, nn
 from bridge.options import PositiveInt, Seed
 from bridge.paper import FEATURES, N_VERTICES
 from bridge.runs import Run
-from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder, parameter_count
 from torch_align_ae.autoencoder.allocation import keep_freed_memory
@@ -58,10 +56,7 @@ PROFILES = {
 
 def main(config: TorchBenchConfig) -> None:
     """Measure, and write runs/<run>/bench/torch.json."""
-    folder = Run(config.run).path / "bench"
-    folder.mkdir(parents=True, exist_ok=True)
-    results = measure(config)
-    write_text_atomically(folder / "torch.json", json.dumps(results, indent=1) + "\n")
+    Run(config.run).write_bench("torch", measure(config))
 
 
 def measure(config: TorchBenchConfig) -> dict[str, Any]:

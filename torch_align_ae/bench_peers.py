@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
-import json
 import os
 import platform
 from collections.abc import Callable, Mapping
@@ -31,7 +30,6 @@ from bridge.errors import DsnetError
 from bridge.options import PositiveInt, Seed
 from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
 from bridge.runs import Run
-from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from bridge.runtime.bench_graphs import (
     ARCHITECTURE,
@@ -89,10 +87,7 @@ class BothDecoders:
 
 def main(config: PeersBenchConfig) -> None:
     """Measure, and write runs/<run>/bench/peers.json."""
-    folder = Run(config.run).path / "bench"
-    folder.mkdir(parents=True, exist_ok=True)
-    results = measure(config)
-    write_text_atomically(folder / "peers.json", json.dumps(results, indent=1) + "\n")
+    Run(config.run).write_bench("peers", measure(config))
 
 
 def measure(config: PeersBenchConfig) -> dict[str, Any]:

@@ -82,6 +82,8 @@ def _connected(address: str | None) -> Iterator[None]:
             **own,
         )
     except (OSError, ValueError) as error:
+        if address is None:
+            raise
         raise DsnetError(
             f"--address {address}, where no Ray cluster answers",
             "HOST:PORT of its head node, or auto on one of its nodes",

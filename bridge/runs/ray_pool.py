@@ -35,7 +35,7 @@ def ray_pool(
         yield worker_pool.WorkerPool(_Sender(tools, initializer), _AHEAD_PER_CORE * max(cores, 1))
     except exceptions.RayTaskError as error:
         raise error.cause from None
-    except (exceptions.RayError, exceptions.OutOfMemoryError) as error:
+    except exceptions.RayError as error:
         raise InterruptedWorkError(
             f"work that the cluster gave up ({str(error).splitlines()[0]})",
             "nodes that stay, with enough memory",

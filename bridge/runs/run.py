@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
@@ -12,7 +13,14 @@ from bridge.errors import DsnetError, InterruptedWorkError
 from bridge.runs.artifact import SCHEMA_VERSION, Artifact, DataOrigin, read_artifact
 from bridge.runs.chain import Chain, command_of
 from bridge.runs.digests import cached_sha256, json_sha256
-from bridge.runs.folders import MANIFEST, is_finished, is_unsettled, runs_root, settle
+from bridge.runs.folders import (
+    MANIFEST,
+    is_finished,
+    is_unsettled,
+    runs_root,
+    settle,
+    write_text_atomically,
+)
 from bridge.runs.locks import exclusive, lock_of
 from bridge.runs.writer import ArtifactWriter
 
@@ -145,6 +153,12 @@ class Run:
             name: str(path.relative_to(home) if path.is_relative_to(home) else path)
             for name, path in files.items()
         }
+
+    def write_bench(self, name: str, results: Mapping[str, Any]) -> None:
+        """Write what a benchmark measured to `bench/<name>.json`."""
+        folder = self.path / "bench"
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text_atomically(folder / f"{name}.json", json.dumps(results, indent=1) + "\n")
 
     def alone(self, stage: str) -> AbstractContextManager[None]:
         """Keep other processes out of `stage`."""

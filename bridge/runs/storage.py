@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from bridge.runs.digests import arrays_sha256
 from bridge.runs.folders import write_text_atomically
 
 
@@ -56,15 +56,11 @@ def _take_room(path: Path) -> None:
             raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-def mark_written(mark: Path, *rows: NDArray[Any]) -> None:
-    """Leave a checkpoint that says: these rows are written, and this is their digest."""
-    write_text_atomically(mark, _digest(rows))
+def mark_written(mark: Path, digest: str) -> None:
+    """Leave a checkpoint that says: what has this digest is written."""
+    write_text_atomically(mark, digest)
 
 
-def is_written(mark: Path, *rows: NDArray[Any]) -> bool:
-    """Whether `mark` was left for rows with just these bytes."""
-    return mark.is_file() and mark.read_bytes() == _digest(rows).encode()
-
-
-def _digest(rows: tuple[NDArray[Any], ...]) -> str:
-    return arrays_sha256({str(index): array for index, array in enumerate(rows)})
+def is_written(mark: Path, digest: Callable[[], str]) -> bool:
+    """Whether `mark` was left for what is there now, whose digest is asked for only then."""
+    return mark.is_file() and mark.read_bytes() == digest().encode()

@@ -7,7 +7,6 @@ All contenders take turns in one process, so that other load hits all alike; the
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 from collections.abc import Mapping
@@ -19,7 +18,6 @@ import onnxruntime
 
 from bridge.options import PositiveInt, Seed
 from bridge.runs import Run
-from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from bridge.runtime.bench_graphs import Contender, make_contenders
 from bridge.runtime.bench_limits import Clock, GraphCall, measured, operations_bytes
@@ -52,10 +50,7 @@ PROFILES = {
 
 def main(config: RuntimeBenchConfig) -> None:
     """Measure, and write runs/<run>/bench/runtime.json."""
-    folder = Run(config.run).path / "bench"
-    folder.mkdir(parents=True, exist_ok=True)
-    results = measure(config)
-    write_text_atomically(folder / "runtime.json", json.dumps(results, indent=1) + "\n")
+    Run(config.run).write_bench("runtime", measure(config))
 
 
 def measure(config: RuntimeBenchConfig) -> dict[str, Any]:

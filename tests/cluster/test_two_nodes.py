@@ -37,7 +37,7 @@ def nodes() -> Iterator[TwoNodes]:
         nodes.close()
 
 
-def test_a_node_killed_in_every_long_stage_changes_no_bit(runs, nodes):
+def test_a_node_killed_while_tissue_is_simulated_changes_no_bit_of_any_stage(runs, nodes):
     on_nodes = ("--profile", "smoke", "--run", "there", "--engine", "ray")
     on_nodes += ("--address", nodes.address)
     stage, rest = STAGES[0], STAGES[1:]

@@ -15,6 +15,7 @@ from bridge.motion import unpack_theta
 from bridge.report.motion_strip import draw_row_of_bodies
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import frame_camera, render_bodies
+from bridge.runs.artifact import DataOrigin
 from bridge.runtime.moving_body import MovingBody
 from tools.gallery.performed import Performed
 
@@ -34,47 +35,68 @@ class Look:
     """Room for each body of a clip."""
 
 
-def draw_upright(
-    path: Path,
-    bodies: Sequence[Performed],
-    frame: int,
-    of: MovingBody,
-    title: str,
-    look: Look,
-) -> None:
-    """Write a PNG of one frame of each body, side by side, a little from the side.
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One frame of several bodies that move alike."""
 
-    Parameters
-    ----------
-    of : one that moves as they do.
-    """
-    turn = turned_to_camera(_pose(of, frame), _ASIDE_RAD)
+    bodies: Sequence[Performed]
+    frame: int
+    of: MovingBody
+    """One that moves as they do."""
+    title: str
+
+    @property
+    def vertices_m(self) -> list[NDArray[np.floating]]:
+        """(V, 3) of each body."""
+        return [body.vertices_m[self.frame] for body in self.bodies]
+
+    @property
+    def sizes_m(self) -> list[NDArray[np.floating]]:
+        """(V,) sizes of each body's offsets."""
+        return [body.sizes_m[self.frame] for body in self.bodies]
+
+    @property
+    def labels(self) -> list[str]:
+        """What each body is called."""
+        return [body.label for body in self.bodies]
+
+    @property
+    def faces(self) -> NDArray:
+        """Of every body."""
+        return self.of.character.body.faces
+
+    @property
+    def origin(self) -> DataOrigin:
+        """Of the data that the predictor was trained on."""
+        return self.of.character.chosen.trained.origin
+
+    @property
+    def pose(self) -> NDArray:
+        """(1, 22, 3) axis-angle, radians."""
+        return unpack_theta(self.of.motion.theta[self.frame : self.frame + 1])[0]
+
+
+def draw_upright(path: Path, moment: Moment, look: Look) -> None:
+    """Write a PNG of the bodies side by side, a little from the side."""
+    turn = turned_to_camera(moment.pose, _ASIDE_RAD)
     draw_row_of_bodies(
         path,
-        [turn.apply(body.vertices_m[frame]) for body in bodies],
-        [body.sizes_m[frame] for body in bodies],
-        of.character.body.faces,
-        labels=[body.label for body in bodies],
-        origin=of.character.chosen.trained.origin,
-        title=title,
+        [turn.apply(body_m) for body_m in moment.vertices_m],
+        moment.sizes_m,
+        moment.faces,
+        labels=moment.labels,
+        origin=moment.origin,
+        title=moment.title,
         width_px=look.width_px,
         width_in=_WIDTH_IN,
         samples=look.samples,
     )
 
 
-def draw_lying(
-    path: Path,
-    bodies: Sequence[Performed],
-    frame: int,
-    of: MovingBody,
-    title: str,
-    look: Look,
-) -> None:
+def draw_lying(path: Path, moment: Moment, look: Look) -> None:
     """The same of bodies that lie: their heads to the left, one below the other."""
-    turn = turned_to_camera(_pose(of, frame), -np.pi / 2, looked_at=(0.0, 1.0, 0.0))
-    sizes_m = [body.sizes_m[frame] for body in bodies]
-    placed_m = [_at_home(body.vertices_m[frame], turn) for body in bodies]
+    turn = turned_to_camera(moment.pose, -np.pi / 2, looked_at=(0.0, 1.0, 0.0))
+    placed_m = [_at_home(body_m, turn) for body_m in moment.vertices_m]
     width_px = look.width_px * 7 // 9
     camera = frame_camera(
         placed_m,
@@ -83,33 +105,28 @@ def draw_lying(
         azimuth_deg=0.0,
         elevation_deg=_ABOVE_DEG,
     )
-    top_m = scale_top_m(np.concatenate(sizes_m))
+    top_m = scale_top_m(np.concatenate(moment.sizes_m))
     pictures = [
         render_bodies(
             [body_m],
-            of.character.body.faces,
+            moment.faces,
             camera=camera,
             colours=[magnitude_colours(size_m, top_m)],
             samples=look.samples,
         )
-        for body_m, size_m in zip(placed_m, sizes_m, strict=True)
+        for body_m, size_m in zip(placed_m, moment.sizes_m, strict=True)
     ]
     draw_panels(
         path,
         [[picture] for picture in pictures],
-        title=title,
-        origin=of.character.chosen.trained.origin,
+        title=moment.title,
+        origin=moment.origin,
         column_titles=[""],
-        row_titles=[body.label for body in bodies],
+        row_titles=moment.labels,
         colour_top_m=top_m,
         colour_label="skin offset",
         width_in=_WIDTH_IN,
     )
-
-
-def _pose(of: MovingBody, frame: int) -> NDArray:
-    """(1, 22, 3) of one frame."""
-    return unpack_theta(of.motion.theta[frame : frame + 1])[0]
 
 
 def _at_home(vertices_m: NDArray, turn: Rotation) -> NDArray[np.float64]:

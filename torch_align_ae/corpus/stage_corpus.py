@@ -17,6 +17,7 @@ from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifes
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.array_file import ArrayFile
+from bridge.runs.digests import arrays_sha256
 from bridge.runs.storage import is_written, mark_written
 from bridge.runs.worker_pool import on_any_node, worker_pool
 from torch_align_ae.body import SMPL
@@ -188,12 +189,16 @@ class _TissueWork:
         tissue = tissue_of(law, smpl, subject.betas, gravity=gravity)
         for sequence in own:
             done = self.checkpoints / f"{sequence.name}.done"
-            if not is_written(done, self.offsets.read(sequence.frames)):
+            if not is_written(done, lambda rows=sequence.frames: _digest(self.offsets.read(rows))):
                 theta = self.thetas[sequence.name].astype(np.float64)
                 offsets = tissue.offsets(theta, FPS)
                 self.offsets.write(sequence.start, offsets)
-                mark_written(done, offsets)
+                mark_written(done, _digest(offsets))
         return sum(sequence.length for sequence in own)
+
+
+def _digest(offsets: NDArray[np.float32]) -> str:
+    return arrays_sha256({"offsets": offsets})
 
 
 def _index(takes: Takes, thetas: dict[str, NDArray[np.float32]]) -> Iterator[MotionSequence]:

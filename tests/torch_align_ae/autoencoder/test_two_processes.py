@@ -30,13 +30,14 @@ normaliser = Normaliser(torch.zeros(900, 3), torch.ones(900, 3))
 network = MeshAutoencoder((900, 300, 200, 100, 30))
 split = split_frames(numpy.arange(100), 0)
 # 70 frames in batches of 32: the last of an epoch has 6, of which two processes take 3 each.
-plan = TrainingPlan(steps, batch_size=32, validate_every=5)
+plan = TrainingPlan(steps, batch_size=32, validate_every=5)  # Adam at 1e-4
 with started_by_torchrun() as processes:
     Training(network, normaliser, offsets, split, plan, checkpoint, processes=processes).run()
     if processes.leads:
         with torch.no_grad():
             numpy.save(checkpoint.with_suffix(".npy"), network(torch.from_numpy(offsets)))
 """
+LEARNING_RATE = 1e-4
 _TORCHRUN = ("-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2")
 
 
@@ -72,9 +73,13 @@ def test_each_goes_on_from_the_others_checkpoint(train, alone, tmp_path):
 
 
 def _assert_same(found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:
-    """The same losses and the same network; of single weights whose gradient is next to nothing
-    Adam takes the sign, and so the rounding."""
+    """The same losses and the same network. Of single weights whose gradient is next to nothing
+    Adam takes the sign, and so the rounding: those may be apart by part of a step."""
     assert found.keys() == expected.keys()
     np.testing.assert_array_equal(found["history.steps"], expected["history.steps"])
     for name in ("history.losses", "history.validation_losses", "rebuilt"):
         np.testing.assert_allclose(found[name], expected[name], atol=1e-5, err_msg=name)
+    for name in (name for name in expected if name.startswith("model.")):
+        apart = np.abs(found[name] - expected[name])
+        assert np.quantile(apart, 0.999) < 1e-5, name
+        assert apart.max() < LEARNING_RATE, name

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,8 @@ from tqdm import tqdm
 from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.motion import MotionSequence, pack_theta, subject_rows, to_manifest, unpack_theta
 from bridge.runs import ArtifactWriter
-from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import notify
+from bridge.runs.storage import is_written, mark_written
 from bridge.runs.worker_pool import WorkerPool, on_any_node
 from torch_align_ae.alignment.fitted import AlignedFiles, check_distances, seal
 from torch_align_ae.alignment.paper.objective import MeshDistance
@@ -108,7 +109,7 @@ class CorpusFit:
                 while state.next_frame < longest:
                     mark = _mark(writer, state.next_frame)
                     sealed = self._write_window(files, pool, tracks, state, progress)
-                    write_text_atomically(mark, sealed)
+                    mark_written(mark, sealed)
                     _save(writer, state)
         writer.put("betas", state.betas, "1")
         writer.record(sequences=to_manifest(self._sequences))
@@ -195,8 +196,7 @@ class CorpusFit:
             return None
         state = _State(stored["betas"], stored["theta"], int(stored["next_frame"][0]))
         for start in range(0, state.next_frame, FRAMES_PER_WINDOW):
-            mark = _mark(writer, start)
-            if not mark.is_file() or mark.read_bytes() != self._seal_of(files, start).encode():
+            if not is_written(_mark(writer, start), partial(self._seal_of, files, start)):
                 notify(f"{writer.path.name} was damaged while it was made; begun again")
                 return None
         return state

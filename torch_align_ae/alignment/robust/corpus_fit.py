@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from tqdm import tqdm
 from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.motion import MotionSequence, subject_rows, to_manifest
 from bridge.runs import ArtifactWriter
-from bridge.runs.folders import write_text_atomically
+from bridge.runs.storage import is_written, mark_written
 from bridge.runs.worker_pool import on_any_node, worker_pool
 from torch_align_ae.alignment.fitted import AlignedFiles, StoredFrames, measure, seal
 from torch_align_ae.alignment.robust.align import FRAMES_PER_WINDOW, continued_theta, fit_frames
@@ -59,15 +60,14 @@ class RobustCorpusFit:
         """Write all arrays, or the part that is missing; sequences are checkpoints."""
         learned = self._learned(writer)
         files = AlignedFiles.of(writer, self._sequences, self._smpl.vertex_count)
-        rows = range(len(self._sequences))
-        done = {row for row in rows if self._is_done(_mark(writer, row), files, row)}
+        done = self._done(writer, files)
         with (
             torch_workers(on_any_node("threads"), self._sample) as pool,
             self._progress(done) as bar,
         ):
             fitted = pool.map(self._window_fit(_subjects(learned), files), self._open(done))
             for row, windows_of_one in groupby(fitted, lambda window: window.track):
-                write_text_atomically(_mark(writer, row), self._store(files, windows_of_one, bar))
+                mark_written(_mark(writer, row), self._store(files, windows_of_one, bar))
         for name, unit in _LEARNED.items():
             writer.put(name, learned[name], unit)
         writer.put("sample_vertices", self._sample.vertices.numpy(), "index")
@@ -127,16 +127,13 @@ class RobustCorpusFit:
             bar.update(len(thetas[-1]))
         return seal(digests, [np.concatenate(thetas)])
 
-    def _is_done(self, mark: Path, files: AlignedFiles, row: int) -> bool:
-        """Whether the files hold what an earlier process wrote of a sequence."""
-        if not mark.is_file():
-            return False
-        sequence = self._sequences[row]
-        digests = [
-            files.digest(slice(sequence.start + window.start, sequence.start + window.stop))
-            for window in windows([sequence.length], FRAMES_PER_WINDOW)
-        ]
-        return mark.read_bytes() == seal(digests, [files.theta.read(sequence.frames)]).encode()
+    def _done(self, writer: ArtifactWriter, files: AlignedFiles) -> set[int]:
+        """The sequences of which the files hold what an earlier process wrote."""
+        return {
+            row
+            for row, sequence in enumerate(self._sequences)
+            if is_written(_mark(writer, row), partial(_seal_of, files, sequence))
+        }
 
     def _progress(self, done: set[int]) -> tqdm:
         lengths = [recording.length for recording in self._recordings]
@@ -154,6 +151,15 @@ def _stacked(subjects: list[LearnedSubject]) -> dict[str, NDArray[np.float32]]:
 def _subjects(learned: Mapping[str, NDArray[np.float32]]) -> list[LearnedSubject]:
     rows = zip(*(torch.from_numpy(learned[name]) for name in _LEARNED), strict=True)
     return [LearnedSubject(betas, Tissue(*tissue)) for betas, *tissue in rows]
+
+
+def _seal_of(files: AlignedFiles, sequence: MotionSequence) -> str:
+    """Of a sequence as the files hold it now."""
+    digests = [
+        files.digest(slice(sequence.start + window.start, sequence.start + window.stop))
+        for window in windows([sequence.length], FRAMES_PER_WINDOW)
+    ]
+    return seal(digests, [files.theta.read(sequence.frames)])
 
 
 def _mark(writer: ArtifactWriter, row: int) -> Path:
