@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
@@ -12,8 +13,25 @@ from xdist.scheduler import LoadScopeScheduling
 # A shared machine pauses now and then, and a failure must be found again by running again.
 settings.register_profile("dsnet", deadline=None, derandomize=True)
 settings.load_profile("dsnet")
-# Shells start what they put into the background deaf to Ctrl-C, and its children are born so.
-signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def hear_signals() -> None:
+    """Answer Ctrl-C and SIGTERM in this process, and so in what it starts.
+
+    Shells start deaf to Ctrl-C what they put into the background; an interrupted command is deaf
+    to both until its process ends, which goes on where a test calls `bridge.cli.main`.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+hear_signals()
+
+
+@pytest.fixture(autouse=True)
+def _signals_are_heard() -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
+    yield
+    hear_signals()
 
 
 class FolderScheduling(LoadScopeScheduling):

@@ -78,15 +78,6 @@ def be_interrupted() -> None:
         signal.raise_signal(signal.SIGINT)
 
 
-@pytest.fixture
-def interrupts_are_heard():
-    """A shell has what it starts in the background ignore them."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.usefixtures("interrupts_are_heard")
 def test_an_interrupt_does_not_wait_for_work():
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
