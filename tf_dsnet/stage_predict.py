@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +14,13 @@ from bridge.body import load_body_model
 from bridge.exchange.trained_dsnet import code_of
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.amass_folder import find_amass_motions, subject_and_motion, subject_of_shape
-from bridge.motion.cuts import cut_warning, pieces_between_cuts, predict_between_cuts
+from bridge.motion.cuts import cut_warning, pieces_between_cuts
 from bridge.motion.resampling import Motion, load_amass_motion
+from bridge.paper import LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify, run_as_process
 from bridge.runs.run import body_model_path
-from tf_dsnet.predictors import PredictMotion, load_predictor
+from tf_dsnet.trained_predictors import Performance, TrainedPredictors
 
 STAGE = "predict"
 
@@ -55,6 +56,12 @@ class MotionSet:
     betas: NDArray[np.float32]
     """(rows, 10) by subject, in order of first appearance."""
 
+    def performances(self) -> Iterator[Performance]:
+        """Each sequence with its own motion and shape."""
+        rows = subject_rows(self.sequences)
+        for one in self.sequences:
+            yield Performance(one.start, self.theta[one.frames], self.betas[rows[one.subject]])
+
 
 def main(config: PredictStageConfig) -> None:
     """Run the stage; a result that is current is kept.
@@ -69,16 +76,22 @@ def main(config: PredictStageConfig) -> None:
     default = config.predictor or trained.manifest["default"]
     # The named one first, so that a name that was never trained is refused before any work.
     names = dict.fromkeys([default, *trained.manifest["predictors"]])
-    body = cache(lambda: load_body_model(str(body_model_path(run))))
-    predictors = {name: load_predictor(trained, name, body) for name in names}
+    predictors = TrainedPredictors(trained, tuple(names), partial(body_model_path, run))
+    _ = predictors.by_name
     files = find_motions(run, config.amass, encoded)
 
     def make(writer: ArtifactWriter) -> None:
         motions = gather(encoded, run, files)
         writer.put("theta", motions.theta, "rad, then m")
         writer.put("betas", motions.betas, "1")
-        for name, predict in predictors.items():
-            writer.put(f"latents_{name}", predict_all(predict, motions), "latent unit")
+        shape = (len(motions.theta), LATENT_SIZE)
+        predictors.write(
+            motions.performances(),
+            {
+                name: writer.array_file(f"latents_{name}", shape, np.float32, "latent unit")
+                for name in names
+            },
+        )
         writer.record(
             sequences=to_manifest(motions.sequences),
             predictors={name: trained.manifest["predictors"][name]["label"] for name in names},
@@ -130,18 +143,6 @@ def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
     return MotionSet(
         sequences, np.concatenate(theta).astype(np.float32), np.stack(rows).astype(np.float32)
     )
-
-
-def predict_all(predict: PredictMotion, motions: MotionSet) -> NDArray[np.float32]:
-    """Latents (G, 100) of every sequence, each from a fresh state, and so after a cut."""
-    rows = subject_rows(motions.sequences)
-
-    def latents(sequence: MotionSequence) -> NDArray[np.float32]:
-        betas = motions.betas[rows[sequence.subject]]
-        theta = motions.theta[sequence.frames]
-        return predict_between_cuts(lambda piece: predict(piece, betas), theta)
-
-    return np.concatenate([latents(sequence) for sequence in motions.sequences])
 
 
 def _test_sequence(subject: str, motion_name: str, start: int, motion: Motion) -> MotionSequence:

@@ -15,8 +15,10 @@ from tests.cluster.nodes import TwoNodes, ended_well, start_dsnet
 pytestmark = pytest.mark.cluster
 pytest.importorskip("ray", reason="Ray is not installed: extra ray")
 
-STAGES = ("corpus", "align", "train-plus", "predict-plus")
-MADE = ("truth", "corpus", "align", "align_robust", "train_plus", "predict_plus")
+STAGES = ("corpus", "align", "train-ae", "encode", "train", "train-plus", "predict", "predict-plus",
+          "decode")  # fmt: skip
+MADE = ("truth", "corpus", "align", "align_robust", "train-ae", "encode", "train", "train_plus",
+        "predict", "predict_plus", "decode")  # fmt: skip
 
 
 @pytest.fixture(scope="module")

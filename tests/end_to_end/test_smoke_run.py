@@ -105,7 +105,9 @@ def forged_motion(path: Path) -> Path:
 
 @pytest.mark.licensed
 @pytest.mark.skipif(not SAMPLE.exists(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
-@pytest.mark.parametrize("asked", [None, "dsnet_standardised"])
+@pytest.mark.parametrize(
+    "asked", [None, pytest.param("dsnet_standardised", marks=pytest.mark.slow)]
+)
 def test_predict_reads_a_real_amass_file(smoke_runs, tmp_path, execute, asked):
     out = tmp_path / "out"
     command = ["predict", "--run", "smoke", "--motion", str(SAMPLE), "--out", str(out)]
@@ -174,12 +176,8 @@ def readme_commands() -> list[str]:
     return [line for line in lines if "dsnet" in line and "git clone" not in line]
 
 
-def marked(command: str) -> object:
-    """A recording of all predictors takes half a minute."""
-    return pytest.param(command, marks=[pytest.mark.slow] if "dsnet view" in command else [])
-
-
-@pytest.mark.parametrize("command", [marked(line) for line in readme_commands()])
+@pytest.mark.slow
+@pytest.mark.parametrize("command", readme_commands())
 def test_the_readmes_own_commands_work(smoke_runs, tmp_path, execute, command):
     motion, out = forged_motion(tmp_path / "motion_poses.npz"), tmp_path / "new" / "out"
     line = command.replace("--run demo", "--run smoke --profile smoke")

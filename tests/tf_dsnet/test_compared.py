@@ -59,6 +59,7 @@ def trained(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Artifact:
     return read_artifact(folder / "train")
 
 
+@pytest.mark.slow
 def test_all_are_trained_saved_and_loaded_again(trained, folder):
     stage_predict.main(PredictStageConfig("tiny"))
     made = read_artifact(folder / "predict")
@@ -73,6 +74,7 @@ def test_all_are_trained_saved_and_loaded_again(trained, folder):
         assert np.isfinite(latents).all()
 
 
+@pytest.mark.slow
 def test_no_frame_knows_a_later_one_but_for_what_loads_need(trained):
     later = THETA.copy()
     later[20:] += 0.3
@@ -84,6 +86,7 @@ def test_no_frame_knows_a_later_one_but_for_what_loads_need(trained):
         assert np.abs(one[20:] - other[20:]).max() > 1e-6
 
 
+@pytest.mark.slow
 def test_the_variants_differ_in_what_they_say(trained):
     def predict(name: str, betas=BETAS, theta=THETA):
         return load_predictor(trained, name, lambda: BODY)(theta, betas)
@@ -116,6 +119,7 @@ def test_nothing_else_takes_them_for_dsnet(encoded_run):
         load_trained_dsnet(made, "dsnet_two_lstm")
 
 
+@pytest.mark.slow
 def test_killed_training_goes_on_bit_identically(encoded_run, monkeypatch):
     names = ("dsnet_rbf", "dsnet_masked")
     config = replace(TINY, predictors=names)

@@ -81,6 +81,7 @@ def test_a_new_persons_softness_follows_from_shape(trained, truth, body):
     assert explained(trained[0].moving_m(body, betas, lively(150, 998)), clip.offsets_m) > 0.95
 
 
+@pytest.mark.slow
 def test_training_is_the_same_bits_each_time_and_after_a_restart(body, truth):
     settings = replace(SETTINGS, rounds=3, steps=3)
     once = training_of(body, truth, settings)

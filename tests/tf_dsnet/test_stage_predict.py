@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,7 @@ from bridge.runs.folders import MANIFEST
 from tests.forged.amass import save, shape, smplh, smplx
 from tf_dsnet import StreamingPredictor, stage_predict
 from tf_dsnet.stage_predict import PredictStageConfig
+from tf_dsnet.trained_predictors import TrainedPredictors
 
 
 @pytest.fixture
@@ -203,9 +205,17 @@ def test_a_motion_with_a_cut_is_told_and_starts_anew(trained, encoded_run, monke
     save(path, arrays)
     motions = stage_predict.gather(encoded, Run("tiny"), [path])
     assert "jumps at frame 15 (0.25 s)" in capsys.readouterr().err
-    counted = stage_predict.predict_all(lambda theta, _: np.arange(len(theta)), motions)
-    last = motions.sequences[-1]
-    np.testing.assert_array_equal(counted[last.frames], [*range(15), *range(16)])
+    predictors = TrainedPredictors(trained, (), Path)
+    vars(predictors)["by_name"] = {"counting": lambda theta, _: np.arange(len(theta))}
+    *_, last = motions.performances()
+    counted = predictors.latents("counting", last)
+    np.testing.assert_array_equal(counted, [*range(15), *range(16)])
+
+
+def test_predictors_are_loaded_where_they_are_sent(trained):
+    there = pickle.loads(pickle.dumps(TrainedPredictors(trained, ("dsnet_faithful",), Path)))
+    assert "by_name" not in vars(there)
+    assert list(there.by_name) == ["dsnet_faithful"]
 
 
 def test_empty_folder_and_unknown_run_are_refused(trained, encoded_run, tmp_path, monkeypatch):

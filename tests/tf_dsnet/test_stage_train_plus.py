@@ -66,6 +66,7 @@ def test_without_a_static_part_none_is_learned(runs, monkeypatch):
 
 
 @pytest.mark.parametrize("killed_in", [1])
+@pytest.mark.slow
 def test_killed_stage_resumes_bit_identically(runs, monkeypatch, killed_in):
     run = forge_run(runs, monkeypatch, misfit_m=0.01)
     stage_train_plus.main(TINY)

@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
-from bridge.exchange.codes import AUTOENCODER, CodeName
-from bridge.motion import sequences_of, to_manifest
+from bridge.exchange.codes import AUTOENCODER, LATENTS_OF, CodeName
+from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.array_file import ArrayFile
+from bridge.runs.worker_pool import on_any_node, worker_pool
 from torch_align_ae.autoencoder.codec import load_codecs
 from torch_align_ae.autoencoder.pca import OffsetCodec
 
@@ -47,6 +49,16 @@ def main(config: DecodeConfig) -> None:
     )
 
 
+@dataclass(frozen=True)
+class _Decoding:
+    """What a worker needs to decode sequences."""
+
+    predict: Artifact
+    encode: Artifact
+    codecs: Mapping[CodeName, OffsetCodec]
+    offsets: Mapping[str, ArrayFile]
+
+
 def _make(
     predict: Artifact,
     encode: Artifact,
@@ -55,22 +67,37 @@ def _make(
 ) -> None:
     chosen = decoded_sequences(sequences_of(predict))
     placed = end_to_end(chosen)
-    aligned = {sequence.name: sequence for sequence in sequences_of(encode)}
     shape = (sum(sequence.length for sequence in chosen), codecs[AUTOENCODER].vertex_count, 3)
-    predictors, codes = predict.manifest["predictors"], predict.manifest.get("codes", {})
-    decoded = {
-        name: writer.open_array(f"offsets_{name}", shape, np.float32, "m")
+    predictors = predict.manifest["predictors"]
+    offsets = {
+        name: writer.array_file(f"offsets_{name}", shape, np.float32, "m")
         for name in (*predictors, AUTOENCODER)
     }
-    pairs = list(zip(chosen, placed, strict=True))
-    for source, target in tqdm(pairs, desc="decode", unit="sequence", disable=None):
-        latents = {name: predict.array(f"latents_{name}")[source.frames] for name in predictors}
-        # Test sequences were never aligned: their rows keep the zeros of a new array.
-        if known := aligned.get(source.name):
-            latents[AUTOENCODER] = encode.array("latents")[known.frames]
-        for name, values in latents.items():
-            code = codecs[codes.get(name, AUTOENCODER)]
-            decoded[name][target.frames] = code.decode(values)
+    aligned = {sequence.name: sequence for sequence in sequences_of(encode)}
+    items = [
+        (source, target.start, aligned.get(source.name))
+        for source, target in zip(chosen, placed, strict=True)
+    ]
+    stage = _Decoding(predict, encode, codecs, offsets)
+    with worker_pool(on_any_node("serial"), stage) as pool:
+        for _ in tqdm(pool.map(_decode, items), desc="decode", total=len(items), unit="sequence",
+                      disable=None):  # fmt: skip
+            pass
     writer.record(
         sequences=to_manifest(placed), predictors=predictors, default=predict.manifest["default"]
     )
+
+
+def _decode(stage: _Decoding, item: tuple[MotionSequence, int, MotionSequence | None]) -> None:
+    source, start, known = item
+    predictors, codes = (
+        stage.predict.manifest["predictors"],
+        stage.predict.manifest.get("codes", {}),
+    )
+    latents = {name: stage.predict.array(f"latents_{name}")[source.frames] for name in predictors}
+    # Test sequences were never aligned: their rows keep the zeros of a new array.
+    if known is not None:
+        latents[AUTOENCODER] = stage.encode.array(LATENTS_OF[AUTOENCODER])[known.frames]
+    for name, values in latents.items():
+        codec = stage.codecs[codes.get(name, AUTOENCODER)]
+        stage.offsets[name].write(start, codec.decode(values))

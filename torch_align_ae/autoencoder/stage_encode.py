@@ -10,9 +10,11 @@ from tqdm import tqdm
 
 from bridge.errors import DsnetError
 from bridge.exchange.codes import AUTOENCODER, LATENTS_OF, UNITS, CodeName
-from bridge.motion import sequences_of, to_manifest
+from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.paper import LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.array_file import ArrayFile
+from bridge.runs.worker_pool import on_any_node, worker_pool
 from torch_align_ae.autoencoder.codec import load_codecs
 from torch_align_ae.autoencoder.pca import OffsetCodec
 
@@ -45,26 +47,42 @@ def main(config: EncodeConfig) -> None:
     )
 
 
+@dataclass(frozen=True)
+class _Encoding:
+    """What a worker needs to encode sequences."""
+
+    align: Artifact
+    codecs: Mapping[CodeName, OffsetCodec]
+    latents: Mapping[CodeName, ArrayFile]
+
+
 def _make(align: Artifact, codecs: Mapping[CodeName, OffsetCodec], writer: ArtifactWriter) -> None:
     sequences = sequences_of(align)
-    offsets_m = align.array("offsets")
-    coded = {code: np.zeros((len(offsets_m), LATENT_SIZE), np.float32) for code in codecs}
-    for sequence in tqdm(sequences, desc="encode", unit="sequence", disable=None):
-        for code, codec in codecs.items():
-            coded[code][sequence.frames] = codec.encode(offsets_m[sequence.frames])
-    latents = coded[AUTOENCODER]
-    training = [latents[s.frames] for s in sequences if s.split == "train"]
-    if not training:
+    frames = sum(sequence.length for sequence in sequences)
+    latents: dict[CodeName, ArrayFile] = {
+        code: writer.array_file(LATENTS_OF[code], (frames, LATENT_SIZE), np.float32, UNITS[code])
+        for code in codecs
+    }
+    with worker_pool(on_any_node("serial"), _Encoding(align, codecs, latents)) as pool:
+        for _ in tqdm(pool.map(_encode, sequences), desc="encode", total=len(sequences),
+                      unit="sequence", disable=None):  # fmt: skip
+            pass
+    known = [latents[AUTOENCODER].read(s.frames) for s in sequences if s.split == "train"]
+    if not known:
         raise DsnetError(
             "aligned sequences of which none is for training",
             "at least one sequence besides the validation sequence",
             "Align more sequences, or name another validation sequence: dsnet align --help.",
         )
-    known = np.concatenate(training).astype(np.float64)
-    for code, unit in UNITS.items():
-        writer.put(LATENTS_OF[code], coded[code], unit)
-    writer.put("latent_mean", known.mean(axis=0).astype(np.float32), "1")
-    writer.put("latent_std", known.std(axis=0).astype(np.float32), "1")
+    training = np.concatenate(known).astype(np.float64)
+    writer.put("latent_mean", training.mean(axis=0).astype(np.float32), "1")
+    writer.put("latent_std", training.std(axis=0).astype(np.float32), "1")
     writer.put("theta", align.array("theta"), "rad, then m")
     writer.put("betas", align.array("betas"), "1")
     writer.record(sequences=to_manifest(sequences))
+
+
+def _encode(stage: _Encoding, sequence: MotionSequence) -> None:
+    offsets_m = stage.align.array("offsets")[sequence.frames]
+    for code, codec in stage.codecs.items():
+        stage.latents[code].write(sequence.start, codec.encode(offsets_m))

@@ -54,6 +54,7 @@ def test_pytorchs_beginning_learns_in_a_few_hundred_steps(tmp_path):
     assert reconstruction_r2(codec, job.offsets_m, job.split.validation) > 0.2
 
 
+@pytest.mark.slow
 def test_a_few_steps_at_full_size_learn_a_swing_that_the_modes_have_not_seen(tmp_path):
     place = np.linspace(0, np.pi, 6890)[:, None] * [1, 2, 3]
     seen_m, unseen_m = (
