@@ -89,6 +89,8 @@ def is_plain_name(name: object) -> bool:
     """Whether a file's name stays inside the folder that it is looked for in."""
     if not isinstance(name, str) or not _PLAIN_NAME.fullmatch(name) or not name.isprintable():
         return False
+    if os.name == "nt" and ":" in name:  # a drive, or a second stream of a file
+        return False
     return not {".", ".."} & set(name.split("/"))
 
 
