@@ -58,7 +58,7 @@ def main(config: ChecksumsConfig) -> None:
     }
     sys.stdout.write(f"in all {100 * result['share']:.2f} %\n")
     config.out.parent.mkdir(parents=True, exist_ok=True)
-    config.out.write_text(json.dumps(result, indent=1) + "\n")
+    config.out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 def cost_s(artifact: Artifact) -> float:

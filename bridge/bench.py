@@ -39,7 +39,8 @@ def main(config: BenchConfig) -> None:
     for module in MODULES:
         run_module(module, "--run", config.run, "--seed", str(config.seed))
     for path in sorted((Run(config.run).path / "bench").glob("*.json")):
-        sys.stdout.write(f"{path}\n{_summary(json.loads(path.read_text()))}\n")
+        results = json.loads(path.read_text(encoding="utf-8"))
+        sys.stdout.write(f"{path}\n{_summary(results)}\n")
 
 
 def _summary(results: dict[str, Any], indent: str = "  ") -> str:

@@ -99,9 +99,19 @@ def interrupts_withheld() -> Iterator[None]:
     """Processes begun in this block never see an interrupt from the keyboard, from their start on.
 
     It reaches every process of the terminal; the first one alone answers it, and ends the others.
+    Windows has no such mask: there `ignore_interrupts` does it, once they have loaded it.
     """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def ignore_interrupts() -> None:
+    """Never answer an interrupt in this process, begun in a block of `interrupts_withheld`."""
+    if not hasattr(signal, "pthread_sigmask"):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -21,7 +21,7 @@ def source_files(*folders: str) -> list[Path]:
 @cache
 def parsed(path: Path) -> ast.Module:
     """The syntax tree of a file."""
-    return ast.parse(path.read_text(), str(path))
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
 
 
 def imported_modules(path: Path) -> Iterator[str]:

@@ -28,7 +28,7 @@ class Html(HTMLParser):
         self.anchors: set[str] = set()
         self.links: set[str] = set()
         self.fetched: set[str] = set()
-        self.feed(path.read_text())
+        self.feed(path.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         values = {name: value for name, value in attrs if value is not None}

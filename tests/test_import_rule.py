@@ -24,7 +24,7 @@ ORDER = [
 COMMANDS = {"cli.py", "bench.py", "bench_graphs.py"}
 THIRD_PARTIES = {
     "": {"tyro"},
-    "runs": {"numpy", "ray", "tyro"},
+    "runs": {"filelock", "numpy", "psutil", "ray", "tyro"},
     "body": {"numpy", "scipy", "trimesh"},
     "motion": {"numpy", "scipy"},
     "exchange": {"numpy", "safetensors"},

@@ -21,7 +21,7 @@ PAGES = sorted(
 
 @pytest.mark.parametrize("page", GENERATED, ids=lambda page: page.name)
 def test_generated_blocks_are_up_to_date(page: Path) -> None:
-    text = page.read_text()
+    text = page.read_text(encoding="utf-8")
     assert "written by tools/update_readme.py" in text
     assert with_results(text, load_results("demo")) == text
 

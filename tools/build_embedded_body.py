@@ -99,7 +99,7 @@ def _write_checksums(out: Path) -> None:
         f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n"
         for path in sorted(out.glob("embedded_*.npz"))
     ]
-    (out / "SHA256SUMS").write_text("".join(lines))
+    (out / "SHA256SUMS").write_text("".join(lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

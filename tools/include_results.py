@@ -19,7 +19,7 @@ _BLOCK = re.compile(r"(<!-- include: (?P<file>\S+) -->\n).*?(?=<!-- end -->)", r
 def main() -> None:
     """Refresh every page."""
     for page in PAGES:
-        page.write_text(with_included(page.read_text()))
+        page.write_text(with_included(page.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def with_included(page: str) -> str:
@@ -28,7 +28,7 @@ def with_included(page: str) -> str:
 
 
 def _table(path: Path) -> str:
-    rows = [line for line in path.read_text().splitlines() if line.startswith("|")]
+    rows = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
     return "\n".join(rows) + "\n"
 
 

@@ -32,7 +32,7 @@ def main() -> None:
     """Refresh the rates from the run that is named on the command line."""
     (name,) = sys.argv[1:]
     stages = finished_stages(Run(name).path)
-    RATES_FILE.write_text(rates_module(measured_run(name, stages), rates(stages)))
+    RATES_FILE.write_text(rates_module(measured_run(name, stages), rates(stages)), encoding="utf-8")
 
 
 def finished_stages(run: Path) -> dict[str, Artifact]:

@@ -36,14 +36,16 @@ def main() -> None:
     for run in sys.argv[1:]:
         keep(Run(run).path, ROOT / "docs" / "results" / run)
     for page in PAGES:
-        page.write_text(with_results(page.read_text(), load_results("demo")))
+        page.write_text(
+            with_results(page.read_text(encoding="utf-8"), load_results("demo")), encoding="utf-8"
+        )
 
 
 def keep(run: Path, target: Path) -> None:
     """Copy a run's report, and its bench if it has one; note what run and environment weigh."""
     target.mkdir(parents=True, exist_ok=True)
     disk = {"run": _size(run), "environment": _size(ROOT / ".venv")}
-    (target / "disk.json").write_text(json.dumps(disk) + "\n")
+    (target / "disk.json").write_text(json.dumps(disk) + "\n", encoding="utf-8")
     for source in (*(run / "report" / name for name in KEPT), run / "bench"):
         if source.is_dir():
             shutil.rmtree(target / source.name, ignore_errors=True)
@@ -55,8 +57,13 @@ def keep(run: Path, target: Path) -> None:
 def load_results(run: str) -> dict[str, Any]:
     """The committed results of a run."""
     folder = ROOT / "docs" / "results" / run
-    bench = {path.stem: json.loads(path.read_text()) for path in (folder / "bench").glob("*.json")}
-    results, disk = (json.loads((folder / f"{name}.json").read_text()) for name in KEPT_JSON)
+    bench = {
+        path.stem: json.loads(path.read_text(encoding="utf-8"))
+        for path in (folder / "bench").glob("*.json")
+    }
+    results, disk = (
+        json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in KEPT_JSON
+    )
     return {**results, "bench": bench, "disk": disk}
 
 

@@ -31,12 +31,12 @@ _NAMES = {
 
 def main() -> None:
     """Refresh the page's block."""
-    PAGE.write_text(with_counts(PAGE.read_text()))
+    PAGE.write_text(with_counts(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def load(path: Path) -> dict[str, Any] | None:
     """Committed results; None if there are none."""
-    return json.loads(path.read_text()) if path.exists() else None
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
 
 
 def with_counts(page: str) -> str:

@@ -33,17 +33,17 @@ def main() -> None:
     for name in ("parity.json", "manifest.json"):
         shutil.copy2(verified.path / name, KEPT / name)
     draw_parity(KEPT / "parity.png", read_parity(verified), verified.origin)
-    PAGE.write_text(with_table(PAGE.read_text()))
+    PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def load_parity() -> dict[str, Any]:
     """The committed results."""
-    return json.loads((KEPT / "parity.json").read_text())
+    return json.loads((KEPT / "parity.json").read_text(encoding="utf-8"))
 
 
 def with_table(page: str) -> str:
     """The page's text with its generated block written anew."""
-    provenance = json.loads((KEPT / "manifest.json").read_text())["provenance"]
+    provenance = json.loads((KEPT / "manifest.json").read_text(encoding="utf-8"))["provenance"]
     head, rest = page.split(MARK)
     block = origin(provenance) + table(load_parity())
     return head + MARK + block + rest[rest.index("<!-- end -->") :]

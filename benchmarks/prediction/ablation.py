@@ -72,14 +72,19 @@ def main(config: AblationConfig) -> dict[str, Any]:
     run = f"{config.prefix}_{config.corpus}"
     for place, (name, options) in enumerate(VARIANTS.items()):
         path = config.out / f"row-{place}.json"
-        if path.exists() and json.loads(path.read_text())["options"] == list(options):
+        if path.exists() and json.loads(path.read_text(encoding="utf-8"))["options"] == list(
+            options
+        ):
             continue
         prepare(run, config.profile, config.corpus, None)
         train_plus(run, config.profile, config.seed, *options)
         cells = scores(run, config.profile)["cells"]
         row = {"name": name, "options": list(options), "r2": _r2(cells)}
         write_text_atomically(path, json.dumps(row, indent=1, allow_nan=False) + "\n")
-    rows = [json.loads((config.out / f"row-{n}.json").read_text()) for n in range(len(VARIANTS))]
+    rows = [
+        json.loads((config.out / f"row-{n}.json").read_text(encoding="utf-8"))
+        for n in range(len(VARIANTS))
+    ]
     command = " ".join(["python", "-m", "benchmarks.prediction.ablation", *sys.argv[1:]])
     results = {"rows": rows, "corpus": config.corpus, "seed": config.seed, "command": command}
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"

@@ -117,7 +117,7 @@ def refuse_mixture(folder: Path) -> None:
     """
     first: dict[str, tuple[Path, dict[str, Any]]] = {}
     for path in score_files(folder):
-        score = json.loads(path.read_text())
+        score = json.loads(path.read_text(encoding="utf-8"))
         known, other = first.setdefault(score["corpus"], (path, score))
         for key in _SAME:
             if _identity(score, key) != _identity(other, key):

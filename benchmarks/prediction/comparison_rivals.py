@@ -50,7 +50,7 @@ def _rivals(folder: Path, scores: Sequence[Mapping[str, Any]]) -> dict[Path, dic
     paths = [
         path for one in corpora for path in sorted(folder.glob(rival_path(folder, one, "*").name))
     ]
-    return {path: json.loads(path.read_text()) for path in paths}
+    return {path: json.loads(path.read_text(encoding="utf-8")) for path in paths}
 
 
 def _refuse_others(path: Path, rival: Mapping[str, Any], score: Mapping[str, Any]) -> None:

@@ -128,10 +128,10 @@ def write_index(path: Path, module: str) -> dict[str, Any]:
 
 def read_index(path: Path) -> tuple[list[dict[str, Any]], str]:
     """The scores that an index names, and the command."""
-    index = json.loads(path.read_text())
-    return [json.loads((path.parent / name).read_text()) for name in index["scores"]], index[
-        "command"
-    ]
+    index = json.loads(path.read_text(encoding="utf-8"))
+    return [
+        json.loads((path.parent / name).read_text(encoding="utf-8")) for name in index["scores"]
+    ], index["command"]
 
 
 def _kept_of(sequence: Mapping[str, Any]) -> dict[str, Any]:

@@ -153,7 +153,7 @@ def _make(
         "size": size,
         **row,
         "settings": settings,
-        "load": os.getloadavg()[0],
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,  # none on Windows
         "provenance": provenance(time.perf_counter() - started),
     }
     write_text_atomically(path, json.dumps(found, indent=1, allow_nan=False) + "\n")

@@ -27,8 +27,10 @@ def rows_in(folder: Path, codes: Sequence[str]) -> list[str]:
 
 def read_summary(folder: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """What subspaces.json holds, and the rows that it names."""
-    summary = json.loads((folder / SUMMARY).read_text())
-    return summary, [json.loads((folder / name).read_text()) for name in summary["rows"]]
+    summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    return summary, [
+        json.loads((folder / name).read_text(encoding="utf-8")) for name in summary["rows"]
+    ]
 
 
 def refuse_others(folder: Path, settings: Mapping[str, Any]) -> None:
@@ -40,7 +42,7 @@ def refuse_others(folder: Path, settings: Mapping[str, Any]) -> None:
         That names what differs in the first of them.
     """
     for path in sorted([*folder.glob("*-*-*.json"), *folder.glob(SUMMARY)]):
-        found = json.loads(path.read_text())["settings"]
+        found = json.loads(path.read_text(encoding="utf-8"))["settings"]
         other = {key: found.get(key) for key in settings if found.get(key) != settings[key]}
         if other:
             raise DsnetError(

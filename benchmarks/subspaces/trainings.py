@@ -70,7 +70,9 @@ class UntrainedCode:
         if not self.code.searched:
             return {}
         known = self.checkpoint.with_suffix(".search.json")
-        tried: dict[str, float | None] = json.loads(known.read_text()) if known.is_file() else {}
+        tried: dict[str, float | None] = (
+            json.loads(known.read_text(encoding="utf-8")) if known.is_file() else {}
+        )
         for rate in self.budget.rates:
             name = f"{rate:g}"
             if name not in tried:

@@ -24,4 +24,6 @@ def write(folder: Path, moving: MovingBody) -> None:
 
 def write_obj(path: Path, mesh: trimesh.Trimesh, comment: str) -> None:
     """Write a mesh with its normals, and one line of comment on top."""
-    path.write_text(export_obj(mesh, include_normals=True, digits=_DIGITS, header=comment))
+    path.write_text(
+        export_obj(mesh, include_normals=True, digits=_DIGITS, header=comment), encoding="utf-8"
+    )

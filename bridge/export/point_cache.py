@@ -23,7 +23,7 @@ def write_companions(folder: Path, moving: MovingBody) -> None:
     """Write `body.obj` and `about.json` into a folder."""
     _, first = next(meshes(moving))
     write_obj(folder / "body.obj", first, f"base mesh of a point cache: {about_in_a_line(moving)}")
-    (folder / "about.json").write_text(json.dumps(about(moving), indent=2) + "\n")
+    (folder / "about.json").write_text(json.dumps(about(moving), indent=2) + "\n", encoding="utf-8")
 
 
 def positions(moving: MovingBody, dtype: str) -> Iterator[bytes]:

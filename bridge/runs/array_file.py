@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+_flush_data = getattr(os, "fdatasync", os.fsync)
+"""Windows and macOS have only the one that flushes the file's times, too."""
+
 
 @dataclass(frozen=True)
 class ArrayFile:
@@ -46,11 +49,8 @@ class ArrayFile:
             )
         row_bytes = values.dtype.itemsize * int(np.prod(self.shape[1:], dtype=np.int64))
         left, place = values.reshape(-1).view(np.uint8).data, self.header_bytes + start * row_bytes
-        file = os.open(self.path, os.O_WRONLY)
-        try:
+        with open(self.path, "r+b", buffering=0) as file:
+            file.seek(place)
             while left:
-                written = os.pwrite(file, left, place)
-                left, place = left[written:], place + written
-            os.fdatasync(file)
-        finally:
-            os.close(file)
+                left = left[file.write(left) :]
+            _flush_data(file.fileno())

@@ -27,7 +27,7 @@ def is_finished(folder: Path) -> bool:
 def write_text_atomically(path: Path, text: str) -> None:
     """Write `text` beside `path` and rename it into place."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    partial.write_text(text, encoding="utf-8")
+    partial.write_text(text, encoding="utf-8", newline="\n")  # the same bytes on Windows
     os.replace(partial, path)
 
 

@@ -28,6 +28,8 @@ _DIRECTORY_BYTES = 1 << 20
 _JSON_BYTES = 16 << 20
 """Of a manifest: some 100,000 sequences."""
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+_WITHOUT_WAIT = getattr(os, "O_NONBLOCK", 0)
+"""Windows has no pipes among its files."""
 _PLAIN_NAME = re.compile(r"[^/\\\0]{1,255}(/[^/\\\0]{1,255}){0,7}")
 
 
@@ -58,7 +60,7 @@ def open_regular(path: Path | str, most_bytes: float = math.inf) -> ForeignFile:
     if not stat.S_ISREG(mode):
         raise OSError(f"{path} is a pipe, a socket or a device")
     # A pipe that took the file's place since would keep us waiting for a writer.
-    stream = ForeignFile(io.FileIO(path, opener=lambda p, flags: os.open(p, flags | os.O_NONBLOCK)))
+    stream = ForeignFile(io.FileIO(path, opener=lambda p, flags: os.open(p, flags | _WITHOUT_WAIT)))
     stream.largest_read = os.fstat(stream.fileno()).st_size
     if stream.largest_read > most_bytes:
         stream.close()
@@ -86,6 +88,8 @@ def read_json(path: Path) -> Any:
 def is_plain_name(name: object) -> bool:
     """Whether a file's name stays inside the folder that it is looked for in."""
     if not isinstance(name, str) or not _PLAIN_NAME.fullmatch(name) or not name.isprintable():
+        return False
+    if os.name == "nt" and ":" in name:  # a drive, or a second stream of a file
         return False
     return not {".", ".."} & set(name.split("/"))
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bridge.errors import DsnetError
+
+try:
+    import fcntl
+except ModuleNotFoundError:
+    fcntl = None
+_REMOVABLE_WHILE_OPEN = os.name != "nt"
+"""Whether a file can be removed while a process has it open, as everywhere but on Windows."""
 
 
 @contextmanager
@@ -39,9 +45,13 @@ def exclusive(folder: Path, what: str, remedy: str) -> Iterator[None]:
         try:
             yield
         finally:
-            path.unlink(missing_ok=True)
+            if _REMOVABLE_WHILE_OPEN:
+                path.unlink(missing_ok=True)
     finally:
         os.close(descriptor)
+        if not _REMOVABLE_WHILE_OPEN:
+            with suppress(OSError):  # another process has opened it since, and will remove it
+                path.unlink()
 
 
 def lock_of(folder: Path) -> Path:
@@ -51,8 +61,15 @@ def lock_of(folder: Path) -> Path:
 
 def _locked(descriptor: int, path: Path) -> bool:
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if fcntl is None:
+            # Not at the top: it takes longer to load than most commands need it for.
+            from filelock import lock_descriptor
+
+            if not lock_descriptor(descriptor, blocking=False):
+                return False
+        else:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         # Whom it belonged to may have removed the file since it was opened.
-        return os.path.samestat(os.fstat(descriptor), path.stat())
+        return not _REMOVABLE_WHILE_OPEN or os.path.samestat(os.fstat(descriptor), path.stat())
     except (BlockingIOError, FileNotFoundError):
         return False

@@ -17,7 +17,12 @@ from typing import Any, TypeVar
 
 import tyro
 
-from bridge.endings import Terminated, exit_with_one_line, interrupts_withheld
+from bridge.endings import (
+    Terminated,
+    exit_with_one_line,
+    ignore_interrupts,
+    interrupts_withheld,
+)
 from bridge.errors import DsnetError, InterruptedWorkError, printable
 
 Config = TypeVar("Config")
@@ -117,7 +122,7 @@ def _begun(
     try:
         with interrupts_withheld():
             child = subprocess.Popen(
-                command, stdin=reading, stdout=stdout, stderr=stderr, text=True
+                command, stdin=reading, stdout=stdout, stderr=stderr, encoding="locale"
             )
         try:
             yield child
@@ -133,6 +138,7 @@ def _begun(
 
 def end_with_parent() -> None:
     """End this process, begun by the above, when its parent does: nobody waits for it any more."""
+    ignore_interrupts()
 
     def watch() -> None:
         # A pipe of which the parent holds the other end, and into which it writes nothing.

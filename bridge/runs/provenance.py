@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 import platform
-import resource
 import sys
 import time
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+try:
+    import resource
+except ModuleNotFoundError:  # Windows
+    resource = None
 
 _RECORDED_PACKAGES = ("numpy", "scipy", "torch", "tensorflow", "keras")
 
@@ -33,7 +37,15 @@ def provenance(wall_time_s: float) -> dict[str, Any]:
 
 
 def _peak_memory_mb() -> int:
-    """Largest resident memory so far of this process, or of one that it has started."""
+    """Largest resident memory so far of this process, or of one that it has started.
+
+    Windows keeps the peak of this process alone.
+    """
+    if resource is None:
+        import psutil
+
+        memory = psutil.Process().memory_info()
+        return round(getattr(memory, "peak_wset", memory.rss) / 2**20)
     whose = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     largest = max(resource.getrusage(one).ru_maxrss for one in whose)
     return round(largest / (2**20 if sys.platform == "darwin" else 2**10))

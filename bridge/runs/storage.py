@@ -9,12 +9,14 @@ import io
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from bridge.runs.folders import write_text_atomically
+
+_BLOCK_BYTES = 1 << 22
 
 
 def save_array(path: Path, array: ArrayLike) -> None:
@@ -32,10 +34,10 @@ def map_array(path: Path, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[A
         return found
     # Under its name only when it is whole, or a killed stage would go on with half of it.
     new = path.with_suffix(".new")
-    array = np.lib.format.open_memmap(new, mode="w+", dtype=np.dtype(dtype), shape=shape)
+    np.lib.format.open_memmap(new, mode="w+", dtype=np.dtype(dtype), shape=shape)
     _take_room(new)
-    new.replace(path)
-    return array
+    new.replace(path)  # while nobody has it mapped: Windows refuses else
+    return np.lib.format.open_memmap(path, mode="r+")
 
 
 def _mapped(path: Path) -> NDArray[Any] | None:
@@ -46,14 +48,27 @@ def _mapped(path: Path) -> NDArray[Any] | None:
 
 
 def _take_room(path: Path) -> None:
-    if not hasattr(os, "posix_fallocate"):  # macOS
+    try:
+        with open(path, "r+b") as stream:
+            _fill(stream, path.stat().st_size)
+    except OSError as error:
+        path.unlink()
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _fill(stream: BinaryIO, size: int) -> None:
+    """Have a place on the disk for each of the bytes of a file that holds zeros after a header."""
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(stream.fileno(), 0, size)
         return
-    with open(path, "r+b") as stream:
-        try:
-            os.posix_fallocate(stream.fileno(), 0, path.stat().st_size)
-        except OSError as error:
-            path.unlink()
-            raise OSError(error.errno, error.strerror, str(path)) from error
+    # macOS and Windows: a place is given to what is written.
+    for start in range(0, size, _BLOCK_BYTES):
+        stream.seek(start)
+        block = stream.read(_BLOCK_BYTES)
+        stream.seek(start)
+        stream.write(block)
+    stream.flush()
+    os.fsync(stream.fileno())
 
 
 def mark_written(mark: Path, digest: str) -> None:

@@ -22,7 +22,7 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
-from bridge.endings import interrupts_withheld
+from bridge.endings import ignore_interrupts, interrupts_withheld
 from bridge.errors import InterruptedWorkError
 from bridge.runs.engines import chosen_engine
 
@@ -195,6 +195,7 @@ _tools_of_this_process: Any = None
 
 def _begin_process(pickled: bytes) -> None:
     global _tools_of_this_process
+    ignore_interrupts()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     _tools_of_this_process, initializer = pickle.loads(pickled)
     if initializer:

@@ -59,7 +59,8 @@ class ArtifactWriter:
 
     def _prepare(self, fingerprint: str) -> None:
         settle(self.path)
-        if fingerprint and self._mark.is_file() and self._mark.read_text() == fingerprint:
+        mark = fingerprint.encode()
+        if mark and self._mark.is_file() and self._mark.read_bytes() == mark:
             return
         self.discard()
         self.checkpoints.mkdir(parents=True)

@@ -107,7 +107,7 @@ def operations_bytes(model: onnx.ModelProto, rng: np.random.Generator, count: in
         call = GraphCall(model, rng, count, 1, Path(folder) / "profile")
         for _ in range(2):  # in the first frame of all, characters begin
             call()
-        events = json.loads(Path(call.session.end_profiling()).read_text())
+        events = json.loads(Path(call.session.end_profiling()).read_text(encoding="utf-8"))
     started = max(event["ts"] for event in events if event["name"] == "model_run")
     return sum(
         int(event["args"].get(size, 0))

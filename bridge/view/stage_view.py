@@ -126,8 +126,8 @@ def write_recording(
         page = record(performances, first_selection(performances, controls))
     finally:
         performances.worker.stop()
-    with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".partial", delete=False) as file:
-        file.write(page)
+    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".partial", delete=False) as file:
+        file.write(page.encode())
     Path(file.name).chmod(0o644)
     os.replace(file.name, path)
     notify(f"{path}: {len(page) / 1e6:.1f} MB; open it in any browser")

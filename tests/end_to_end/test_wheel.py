@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import venv
-import zipfile
 from collections.abc import Iterable, Iterator
 from importlib import metadata
 from pathlib import Path
@@ -17,7 +15,7 @@ from packaging.requirements import Requirement
 
 from bridge.runs import read_artifact
 from tests.forged.amass import save, smplh
-from tests.sources import ROOT
+from tools.built_wheel import asked_by, build_wheel
 
 pytestmark = pytest.mark.slow
 FRAMEWORKS = ("torch", "tensorflow", "keras", "h5py")
@@ -34,14 +32,6 @@ def required(lines: Iterable[str], seen: set[str]) -> Iterator[metadata.Distribu
         found = metadata.distribution(name)
         yield found
         yield from required(found.requires or (), seen)
-
-
-def asked_by(wheel: Path) -> list[str]:
-    """Requirements in a wheel's metadata."""
-    with zipfile.ZipFile(wheel) as archive:
-        [name] = [name for name in archive.namelist() if name.endswith(".dist-info/METADATA")]
-        lines = archive.read(name).decode().splitlines()
-    return [line.split(":", 1)[1] for line in lines if line.startswith("Requires-Dist:")]
 
 
 def link(found: metadata.Distribution, site: Path) -> None:
@@ -63,20 +53,9 @@ def execute(command: list, folder: Path) -> subprocess.CompletedProcess[str]:
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An environment with the wheel; its `bin`. No network: dependencies are linked."""
     folder = tmp_path_factory.mktemp("wheel")
-    source = folder / "source"
-    names = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True
-    ).stdout.split("\0")
-    for name in filter(None, names):
-        target = source / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes((ROOT / name).read_bytes())
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    build = ["wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, source]
-    subprocess.run([*pip, *build], check=True)
+    wheel = build_wheel(folder)
     venv.create(folder / "empty", with_pip=True)
     [site] = (folder / "empty" / "lib").glob("python*/site-packages")
-    [wheel] = folder.glob("dsnet-*.whl")
     for found in required(asked_by(wheel), set()):
         link(found, site)
     install = ["-m", "pip", "--quiet", "install", "--no-deps", "--no-index", wheel]

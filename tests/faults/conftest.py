@@ -84,4 +84,4 @@ def _leave_counts() -> Iterator[None]:
             "counts": {fault: dict(sorted(one.items())) for fault, one in _counts.items()},
         }
         Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_text(json.dumps(result, indent=1) + "\n")
+        Path(path).write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")

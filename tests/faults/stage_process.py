@@ -38,7 +38,7 @@ def _watch(kill_at: int) -> None:
 
 if __name__ == "__main__":
     count_file, kill_at, command, *options = sys.argv[1:]
-    atexit.register(lambda: Path(count_file).write_text(str(_done)))
+    atexit.register(lambda: Path(count_file).write_text(str(_done), encoding="utf-8"))
     _watch(int(kill_at))
     sys.argv = [command, *options]
     if "." in command:

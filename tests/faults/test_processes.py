@@ -24,7 +24,7 @@ PREDICT = [*DSNET, "predict", "--motion", "sample:walking", "--out"]
 
 
 def children_of(process: int) -> list[int]:
-    found = Path(f"/proc/{process}/task/{process}/children").read_text()
+    found = Path(f"/proc/{process}/task/{process}/children").read_text(encoding="utf-8")
     return [int(child) for child in found.split()]
 
 

@@ -93,7 +93,7 @@ class Counts:
 
 def limit_memory() -> None:
     """Let the process have `MEMORY_BYTES` more than it has now."""
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[0])
     most = pages * resource.getpagesize() + MEMORY_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
 

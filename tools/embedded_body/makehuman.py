@@ -181,7 +181,7 @@ def _symmetric_weights(weights: np.ndarray, template: np.ndarray) -> np.ndarray:
 
 def _read_body_triangles(data: Path) -> np.ndarray:
     quads, group = [], ""
-    for line in (data / "mpfb2" / "3dobjs" / "base.obj").read_text().splitlines():
+    for line in (data / "mpfb2" / "3dobjs" / "base.obj").read_text(encoding="utf-8").splitlines():
         if line.startswith("g "):
             group = line.split()[1]
         elif line.startswith("f ") and group == "body":

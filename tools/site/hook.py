@@ -35,7 +35,10 @@ Menu = list[dict[str, Any]]
 
 def on_config(config: MkDocsConfig) -> None:
     """The menu: sections and pages as `docs/README.md` orders them, then every module."""
-    config.nav = [*menu((ROOT / "docs" / "README.md").read_text()), {"API": modules_menu()}]
+    config.nav = [
+        *menu((ROOT / "docs" / "README.md").read_text(encoding="utf-8")),
+        {"API": modules_menu()},
+    ]
 
 
 def on_files(files: Files, config: MkDocsConfig) -> None:
@@ -43,10 +46,10 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
     contents = files.src_uris["README.md"]
     files.remove(contents)
     made = {
-        "index.md": (ROOT / "README.md").read_text(),
+        "index.md": (ROOT / "README.md").read_text(encoding="utf-8"),
         "contents.md": contents.content_string,
         "examples.md": examples_page(sorted((ROOT / "examples").glob("*.py"))),
-        "site.css": (ROOT / "tools" / "site" / "site.css").read_text(),
+        "site.css": (ROOT / "tools" / "site" / "site.css").read_text(encoding="utf-8"),
         "pygments.css": HtmlFormatter().get_style_defs(".highlight"),
         **{module_page(path): f"::: {module_name(path)}\n" for path in modules()},
     }
@@ -133,5 +136,7 @@ def modules_menu() -> Menu:
 
 def examples_page(scripts: list[Path]) -> str:
     """Every example with its source, in reading order."""
-    shown = [f"## {path.name}\n\n```python\n{path.read_text()}```" for path in scripts]
+    shown = [
+        f"## {path.name}\n\n```python\n{path.read_text(encoding='utf-8')}```" for path in scripts
+    ]
     return "\n\n".join(["# Examples", "Scripts of `examples/`, in reading order.", *shown])

@@ -53,7 +53,7 @@ def build(log: Path, value: float) -> None:
 
 
 def note(log: Path, line: str) -> None:
-    with open(log, "a") as stream:
+    with open(log, "a", encoding="utf-8") as stream:
         stream.write(line + "\n")
 
 

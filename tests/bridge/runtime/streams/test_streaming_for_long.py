@@ -58,7 +58,7 @@ def growth_bytes(step: Callable[[int], None], steps: int, held: Callable[[], int
 def resident_bytes() -> int:
     """What the process holds."""
     gc.collect()
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
