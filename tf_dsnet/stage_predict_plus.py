@@ -78,7 +78,8 @@ def _write(
     chosen = decoded_sequences(motions.sequences)
     placed = end_to_end(chosen)
     rows = subject_rows(chosen)
-    betas = {s.subject: motions.betas[subject_rows(motions.sequences)[s.subject]] for s in chosen}
+    of_all = subject_rows(motions.sequences)
+    betas = {subject: motions.betas[of_all[subject]] for subject in rows}
     shape = (sum(s.length for s in placed), body.vertex_count, 3)
     total = writer.array_file(f"offsets_{NAME}", shape, np.float32, "m")
     static = writer.array_file(f"static_{NAME}", shape, np.float32, "m") if model.static else None
