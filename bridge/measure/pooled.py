@@ -97,9 +97,8 @@ class PooledCells:
     def add(self, cells: Iterable[str], errors: Errors) -> None:
         """Take in the errors of one sequence, which belongs to some cells."""
         for cell in cells:
-            pools = self._pools.setdefault(cell, {})
             for name, one in errors.items():
-                pools.setdefault(name, Pool()).add(one)
+                self._pools.setdefault(cell, {}).setdefault(name, Pool()).add(one)
 
     def summary(self) -> dict[str, Any]:
         """`Pool.summary` of each, by cell and predictor."""

@@ -70,7 +70,9 @@ def _make(
             latents[AUTOENCODER] = encode.array("latents")[known.frames]
         for name, values in latents.items():
             code = codecs[codes.get(name, AUTOENCODER)]
-            decoded[name][target.frames] = code.decode(values)
+            for rows, piece in zip(source.pieces(), target.pieces(), strict=True):
+                own = slice(rows.start - source.start, rows.stop - source.start)
+                decoded[name][piece] = code.decode(values[own])
     writer.record(
         sequences=to_manifest(placed), predictors=predictors, default=predict.manifest["default"]
     )

@@ -50,8 +50,9 @@ def _make(align: Artifact, codecs: Mapping[CodeName, OffsetCodec], writer: Artif
     offsets_m = align.array("offsets")
     coded = {code: np.zeros((len(offsets_m), LATENT_SIZE), np.float32) for code in codecs}
     for sequence in tqdm(sequences, desc="encode", unit="sequence", disable=None):
-        for code, codec in codecs.items():
-            coded[code][sequence.frames] = codec.encode(offsets_m[sequence.frames])
+        for piece in sequence.pieces():
+            for code, codec in codecs.items():
+                coded[code][piece] = codec.encode(offsets_m[piece])
     latents = coded[AUTOENCODER]
     training = [latents[s.frames] for s in sequences if s.split == "train"]
     if not training:
