@@ -23,6 +23,7 @@ import tyro
 from benchmarks.scaling.measured_child import Measured, measured
 from benchmarks.scaling.smooth_corpus import SmoothCorpus, short_lengths
 from bridge.cli import COMMANDS
+from bridge.errors import DsnetError
 from bridge.motion.bounds import MOST_FRAMES
 from bridge.runs import Run
 from bridge.runs.folders import runs_root
@@ -91,7 +92,8 @@ def start_s(stage: str) -> float:
 def _stages(size: int, config: ManySequencesConfig) -> dict[str, Measured]:
     run = Run(f"many_sequences_{size}")
     least, most = config.frames
-    assert 4 <= least <= most < MOST_FRAMES
+    if not 4 <= least <= most < MOST_FRAMES:
+        raise DsnetError(f"--frames {least} {most}", "the least, from 4 on, then the most", "Swap.")
     half = size // 2
     lengths = tuple(short_lengths(size, least, most))
     corpus = SmoothCorpus(lengths[:half], lengths[half:], max(half // _PER_PERSON, 2))

@@ -17,9 +17,9 @@ from bridge.body import BodyModelData, load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.motion import MotionSequence, to_manifest
 from bridge.motion.cells import take_suffix
-from bridge.motion.sequences import end_to_end, subjects_of
+from bridge.motion.sequences import Split, end_to_end, subjects_of
 from bridge.paper import N_JOINTS
-from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs import ArtifactWriter, Run
 from torch_align_ae.corpus.amass_files import write_amass_motion
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna
 from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
@@ -129,14 +129,14 @@ class SmoothCorpus:
             writer.put("frame_error", np.full(frames, 1e-3, np.float32), "m")
             writer.record(aligner=aligner, notice=NOTICE)
             config = {"aligner": aligner, "smpl": None, "lr": 1e-4, "momentum": 0.9, "steps": 0}
-            corpus: Artifact = run.artifact("corpus")
-            writer.finish(config=config, upstream={"corpus": corpus.content_sha256})
+            digest = run.artifact("corpus").content_sha256
+            writer.finish(config=config, upstream={"corpus": digest})
 
     def _sequence(
-        self, subject: str, row: int, length: int, split: str = "train"
+        self, subject: str, row: int, length: int, split: Split = "train"
     ) -> MotionSequence:
         motion = f"kind{row % self.kinds:02d}{take_suffix(row)}"
-        return MotionSequence(f"{subject}_{motion}", subject, motion, 0, length, FPS, split)  # pyright: ignore
+        return MotionSequence(f"{subject}_{motion}", subject, motion, 0, length, FPS, split)
 
     def _part(self, sequence: MotionSequence) -> tuple[SmoothBody, slice]:
         """A body, and which frames of its motion a sequence is."""
