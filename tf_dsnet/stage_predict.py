@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bridge.body import load_body_model
 from bridge.exchange.trained_dsnet import code_of
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
-from bridge.motion.amass_folder import find_amass_motions, subject_and_motion, subject_of_shape
+from bridge.motion.amass_folder import PeopleOfFolders, find_amass_motions, subject_and_motion
 from bridge.motion.cuts import cut_warning, pieces_between_cuts
 from bridge.motion.resampling import Motion, load_amass_motion
 from bridge.paper import LATENT_SIZE
@@ -114,15 +114,17 @@ def find_motions(run: Run, amass: Path | None, encoded: Artifact) -> list[Path]:
         return []
     corpus = run.artifact("corpus")
     names = [name for name in corpus.manifest["files"] if name.startswith("mosh/")]
-    return [corpus.file(name) for name in sorted(names)]
+    return corpus.files(sorted(names))
 
 
 def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
     """The aligned sequences in their own order, then one test sequence for each file."""
     sequences = sequences_of(encoded)
     theta = [np.array(encoded.array("theta"))]
-    shapes = {s: np.array(encoded.array("betas")[r]) for s, r in subject_rows(sequences).items()}
-    fitted, body = set(shapes), None
+    start = len(theta[0])
+    betas = np.array(encoded.array("betas"))
+    shapes = {subject: betas[row] for subject, row in subject_rows(sequences).items()}
+    fitted, people, body = set(shapes), PeopleOfFolders(shapes), None
     for path in files:
         body = body or load_body_model(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
@@ -131,14 +133,14 @@ def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
             notify(warning)
         # Those whom the run was aligned with keep the shape that was fitted.
         if subject not in fitted:
-            subject = subject_of_shape(subject, motion.betas, shapes)
+            subject = people.of_shape(subject, motion.betas)
         shape = shapes.setdefault(subject, motion.betas)
         motion = motion.about_root_joint(
             (body.J_regressor @ (body.v_template + body.shapedirs @ shape))[0]
         )
-        start = sum(map(len, theta))
         sequences.append(_test_sequence(subject, name, start, motion))
         theta.append(motion.theta)
+        start += len(motion.theta)
     rows = [shapes[subject] for subject in subject_rows(sequences)]
     return MotionSet(
         sequences, np.concatenate(theta).astype(np.float32), np.stack(rows).astype(np.float32)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from bridge.body import BodyModelData, load_body_model
@@ -41,14 +40,6 @@ class PredictPlusConfig:
 PROFILES = {name: PredictPlusConfig(run=name) for name in ("smoke", "demo", "paper")}
 
 
-@dataclass(frozen=True, eq=False)
-class _Predicted:
-    """Offsets (T, V, 3) of one sequence, metres."""
-
-    total_m: NDArray[np.float32]
-    static_m: NDArray[np.float32] | None
-
-
 def main(config: PredictPlusConfig) -> None:
     """Run the stage; a result that is current is kept.
 
@@ -78,18 +69,26 @@ def _write(
     chosen = decoded_sequences(motions.sequences)
     placed = end_to_end(chosen)
     rows = subject_rows(chosen)
-    betas = {s.subject: motions.betas[subject_rows(motions.sequences)[s.subject]] for s in chosen}
-    shape = (sum(s.length for s in placed), body.vertex_count, 3)
-    total = writer.array_file(f"offsets_{NAME}", shape, np.float32, "m")
-    static = writer.array_file(f"static_{NAME}", shape, np.float32, "m") if model.static else None
+    of_all = subject_rows(motions.sequences)
+    betas = {subject: motions.betas[of_all[subject]] for subject in rows}
+    size = (sum(s.length for s in placed), body.vertex_count, 3)
+    total = writer.array_file(f"offsets_{NAME}", size, np.float32, "m")
+    static = writer.array_file(f"static_{NAME}", size, np.float32, "m") if model.static else None
 
     def predict(model: TrainedPlus, pair: tuple[MotionSequence, MotionSequence]) -> None:
         sequence, place = pair
-        theta = motions.theta[sequence.frames]
-        found = _predict(model, body, betas[sequence.subject], theta, sequence.fps)
-        total.write(place.start, found.total_m)
-        if static is not None and found.static_m is not None:
-            static.write(place.start, found.static_m)
+        shape, theta = betas[sequence.subject], motions.theta[sequence.frames]
+        at_nodes = predict_between_cuts(
+            lambda part: model.moving_m(body, shape, part, sequence.fps), theta
+        )
+        for rows in place.pieces():
+            own = slice(rows.start - place.start, rows.stop - place.start)
+            total_m = model.nodes.spread(at_nodes[own])
+            static_m = model.static_m(body, shape, theta[own])
+            if static is not None and static_m is not None:
+                total_m += static_m
+                static.write(rows.start, static_m)
+            total.write(rows.start, total_m)
 
     pairs = list(zip(chosen, placed, strict=True))
     with worker_pool(on_any_node("threads"), model) as pool:
@@ -100,17 +99,6 @@ def _write(
     writer.put("theta", theta, "rad, then m")
     writer.put("betas", np.stack([betas[subject] for subject in rows]), "1")
     writer.record(sequences=to_manifest(placed))
-
-
-def _predict(
-    model: TrainedPlus, body: BodyModelData, betas: NDArray, theta: NDArray, fps: float
-) -> _Predicted:
-    at_nodes = predict_between_cuts(lambda part: model.moving_m(body, betas, part, fps), theta)
-    total_m = model.nodes.spread(at_nodes)
-    static_m = model.static_m(body, betas, theta)
-    if static_m is not None:
-        total_m += static_m
-    return _Predicted(total_m, static_m)
 
 
 if __name__ == "__main__":

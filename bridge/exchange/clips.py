@@ -51,12 +51,6 @@ def join_inputs(theta: NDArray, betas: NDArray) -> NDArray:
     return np.concatenate([np.broadcast_to(betas, (len(theta), len(betas))), theta], axis=1)
 
 
-def pad_or_clip(frames: NDArray, length: int) -> NDArray:
-    """Frames (T, D) to (length, D): zeros at the end, or the tail cut off."""
-    kept = frames[:length]
-    return np.pad(kept, ((0, length - len(kept)), (0, 0)))
-
-
 def load_unpadded_clips(
     encoded: Artifact, split: Split, code: CodeName = AUTOENCODER
 ) -> list[UnpaddedClip]:
@@ -94,7 +88,18 @@ def fit_scaling(recordings: list[UnpaddedClip], min_input_std: float) -> Scaling
 
 def make_clips(recordings: list[UnpaddedClip], scaling: Scaling, length: int) -> Clips:
     """Scale, then pad or clip, so that padding is zero to the network whatever the scaling."""
-    inputs = [pad_or_clip(scaling.inputs(recording.inputs), length) for recording in recordings]
-    latents = [pad_or_clip(scaling.latents(recording.latents), length) for recording in recordings]
+    inputs = _padded([scaling.inputs(recording.inputs) for recording in recordings], length)
+    latents = _padded([scaling.latents(recording.latents) for recording in recordings], length)
     frame_counts = np.array([len(recording.inputs) for recording in recordings])
-    return Clips(np.stack(inputs), np.stack(latents), np.arange(length) < frame_counts[:, None])
+    return Clips(inputs, latents, np.arange(length) < frame_counts[:, None])
+
+
+def _padded(parts: list[NDArray], length: int) -> NDArray:
+    """Sequences (T, D) as (N, length, D): zeros at the end, or the tail cut off.
+
+    Nothing is written where zeros are, and so the system gives no memory for most of them.
+    """
+    block = np.zeros((len(parts), length, parts[0].shape[1]), parts[0].dtype)
+    for row, part in enumerate(parts):
+        block[row, : len(part)] = part[:length]
+    return block

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.measure.absorption import Absorption
 from bridge.measure.metrics import ErrorSums, frame_blocks, rotation_error_deg
-from bridge.motion import MotionSequence, sequences_of, subject_rows, unpack_theta
+from bridge.measure.references import MotionArrays
+from bridge.motion import unpack_theta
 from bridge.runs import Artifact
 
 
@@ -27,15 +28,14 @@ class Alignment:
     """(T, V, 3) all that the mesh has over SMPL, in the rest pose; may be memory-mapped."""
 
     @classmethod
-    def of(cls, artifact: Artifact, sequence: MotionSequence) -> Alignment:
+    def of(cls, arrays: MotionArrays, name: str) -> Alignment:
         """One sequence of an `align` artifact or of the truth."""
-        row = subject_rows(sequences_of(artifact))[sequence.subject]
-        frames = sequence.frames
+        artifact, frames = arrays.artifact, arrays.places[name].frames
         theta, offsets_m = (artifact.array(name)[frames] for name in ("theta", "offsets"))
-        if "static" in artifact.manifest["arrays"]:
+        if arrays.has("static"):
             # Alignment cannot tell a misfit that stays from flesh that moves, and is not asked to.
             offsets_m = offsets_m + artifact.array("static")[frames]
-        return cls(artifact.array("betas")[row], theta, offsets_m)
+        return cls(arrays.betas(name), theta, offsets_m)
 
 
 class AlignmentErrors:
@@ -95,14 +95,16 @@ def alignment_errors(
     """
     residual_mm = 1e3 * np.asarray(align.array("frame_error"), dtype=np.float64)
     fitted = {"frame_error_mm": spread(residual_mm)}
-    known = {} if truth is None else {sequence.name: sequence for sequence in sequences_of(truth)}
-    shared = [sequence for sequence in sequences_of(align) if sequence.name in known]
-    if truth is None or not shared:
+    if truth is None:
+        return fitted
+    found, true = MotionArrays.of(align), MotionArrays.of(truth)
+    shared = [name for name in found.places if name in true.places]
+    if not shared:
         return fitted
     errors = AlignmentErrors(body)
-    for sequence in shared:
-        errors.add(Alignment.of(align, sequence), Alignment.of(truth, known[sequence.name]))
-    return fitted | errors.summary() | {"betas_rms": _beta_error(align, truth)}
+    for name in shared:
+        errors.add(Alignment.of(found, name), Alignment.of(true, name))
+    return fitted | errors.summary() | {"betas_rms": _beta_error(found, true)}
 
 
 def spread(values: NDArray[np.floating]) -> dict[str, float]:
@@ -110,11 +112,11 @@ def spread(values: NDArray[np.floating]) -> dict[str, float]:
     return {"mean": float(values.mean()), "p95": float(np.quantile(values, 0.95))}
 
 
-def _beta_error(align: Artifact, truth: Artifact) -> float:
-    found, known = subject_rows(sequences_of(align)), subject_rows(sequences_of(truth))
+def _beta_error(found: MotionArrays, true: MotionArrays) -> float:
+    found_betas, true_betas = (arrays.artifact.array("betas") for arrays in (found, true))
     differences = [
-        align.array("betas")[row] - truth.array("betas")[known[subject]]
-        for subject, row in found.items()
-        if subject in known
+        found_betas[row] - true_betas[true.rows[subject]]
+        for subject, row in found.rows.items()
+        if subject in true.rows
     ]
     return float(np.sqrt(np.mean(np.square(differences))))

@@ -43,12 +43,12 @@ class Evaluation:
     def __init__(self, roads: Sequence[Road], truth: Artifact | None, body: BodyModelData) -> None:
         simulated = None if truth is None else MotionArrays.of(truth)
         self.candidates = candidates(roads)
-        self._places = [road.sequences() for road in reversed(roads)]
+        self._places = [road.sequences for road in reversed(roads)]
         self._predictions = {road.name: Predictions(road) for road in roads}
         given = {road.name: MotionArrays.of(road.motions) for road in roads}
         self._references = References(body, roads, simulated)
         self._at_rest = RestPose(body, self._predictions, given, simulated)
-        trained = [s for road in roads for s in road.aligned().values()]
+        trained = [s for road in roads for s in road.aligned.values()]
         self._people, self._kinds = trained_people_and_kinds(trained)
 
     def sequences(self) -> list[MotionSequence]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -52,14 +52,6 @@ class ErrorSums:
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.largest = max(self.largest, other.largest)
         self.histogram = self.histogram + other.histogram
-
-    @classmethod
-    def merged(cls, parts: Iterable[ErrorSums]) -> ErrorSums:
-        """Sums over all frames of `parts`."""
-        total = cls()
-        for part in parts:
-            total.merge(part)
-        return total
 
     @property
     def r2(self) -> float:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bridge.measure.metrics import ErrorSums, FrameErrors, jackknife_r2_se
+from bridge.measure.metrics import ErrorSums, FrameErrors, SquaredSums, jackknife_r2_se
 from bridge.measure.rest_pose_errors import MovementErrors, RestPoseErrors
 
 
@@ -35,55 +35,79 @@ Errors = Mapping[str, PredictorErrors]
 """Of one sequence, by predictor."""
 
 
-def summarise(parts: Sequence[PredictorErrors]) -> dict[str, Any]:
-    """All figures of one predictor over some sequences.
+@dataclass(frozen=True)
+class _Squares:
+    """What the spread over sequences needs of one of them."""
 
-    Returns
-    -------
-    dict
-        `mesh`, `offsets` and, in the captured form, `moving` and `static`, each as
-        `ErrorSums.summary` with `r2_se`, the spread over sequences; `velocity` (with its own),
-        `spectrum`, `decay` and `rest` as `MovementErrors.summary`. What
-        was not compared is missing.
+    squared_error: float
+    squared_reference: float
+
+    @classmethod
+    def of(cls, sums: SquaredSums) -> _Squares:
+        return cls(sums.squared_error, sums.squared_reference)
+
+
+class Pool:
+    """All figures of one predictor over some sequences, of which only sums are kept.
+
+    A sequence's own errors hold histograms of a megabyte or more, and there may be thousands.
     """
-    found: dict[str, Any] = {}
-    by_name: dict[str, list[ErrorSums]] = {}
-    for part in parts:
+
+    def __init__(self, parts: Iterable[PredictorErrors] = ()) -> None:
+        self._sums: dict[str, ErrorSums] = {}
+        self._squares: dict[str, list[_Squares]] = {}
+        self.movement: MovementErrors | None = None
+        """How the offsets of all of them move; None where they do not."""
+        self._velocities: list[_Squares] = []
+        for part in parts:
+            self.add(part)
+
+    def add(self, part: PredictorErrors) -> None:
+        """Take in one sequence."""
         for name, sums in part.sums().items():
-            by_name.setdefault(name, []).append(sums)
-    for name, sums in by_name.items():
-        found[name] = ErrorSums.merged(sums).summary() | {"r2_se": jackknife_r2_se(sums)}
-    movements = [movement for part in parts if (movement := part.movement()) is not None]
-    if movements:
-        found |= MovementErrors.merged(movements).summary()
-        velocities = [movement.velocity for movement in movements]
-        found["velocity"]["r2_se"] = jackknife_r2_se(velocities)
-    return found
+            self._sums.setdefault(name, ErrorSums()).merge(sums)
+            self._squares.setdefault(name, []).append(_Squares.of(sums))
+        if (movement := part.movement()) is not None:
+            self.movement = self.movement or MovementErrors()
+            self.movement.merge(movement)
+            self._velocities.append(_Squares.of(movement.velocity))
+
+    def summary(self) -> dict[str, Any]:
+        """`mesh`, `offsets` and, in the captured form, `moving` and `static`, each as
+        `ErrorSums.summary` with `r2_se`, the spread over sequences; `velocity` (with its own),
+        `spectrum`, `decay` and `rest` as `MovementErrors.summary`. What was not compared is
+        missing.
+        """
+        found: dict[str, Any] = {
+            name: sums.summary() | {"r2_se": jackknife_r2_se(self._squares[name])}
+            for name, sums in self._sums.items()
+        }
+        if self.movement is not None:
+            found |= self.movement.summary()
+            found["velocity"]["r2_se"] = jackknife_r2_se(self._velocities)
+        return found
 
 
-def pooled(found: Iterable[tuple[Iterable[str], Errors]]) -> dict[str, Any]:
-    """Figures of all sequences of a cell together, by cell and predictor.
+class PooledCells:
+    """Figures of all sequences of a cell together, by cell and predictor."""
 
-    Parameters
-    ----------
-    found : for each sequence the cells that it belongs to, and its errors.
-    """
-    parts: dict[str, dict[str, list[PredictorErrors]]] = {}
-    for cells, errors in found:
+    def __init__(self) -> None:
+        self._pools: dict[str, dict[str, Pool]] = {}
+
+    def add(self, cells: Iterable[str], errors: Errors) -> None:
+        """Take in the errors of one sequence, which belongs to some cells."""
         for cell in cells:
             for name, one in errors.items():
-                parts.setdefault(cell, {}).setdefault(name, []).append(one)
-    return {
-        cell: {name: summarise(own) for name, own in by_name.items()}
-        for cell, by_name in parts.items()
-    }
+                self._pools.setdefault(cell, {}).setdefault(name, Pool()).add(one)
 
+    def summary(self) -> dict[str, Any]:
+        """`Pool.summary` of each, by cell and predictor."""
+        return {
+            cell: {name: pool.summary() for name, pool in pools.items()}
+            for cell, pools in self._pools.items()
+        }
 
-def spectra(found: Iterable[Errors]) -> dict[str, MovementErrors]:
-    """Movement over all of some sequences, by predictor that moves."""
-    parts: dict[str, list[MovementErrors]] = {}
-    for errors in found:
-        for name, one in errors.items():
-            if (movement := one.movement()) is not None:
-                parts.setdefault(name, []).append(movement)
-    return {name: MovementErrors.merged(own) for name, own in parts.items()}
+    def movements(self, cell: str) -> dict[str, MovementErrors]:
+        """How offsets move over all of a cell's sequences, by predictor that moves."""
+        pools = self._pools.get(cell, {})
+        return {name: pool.movement for name, pool in pools.items() if pool.movement is not None}

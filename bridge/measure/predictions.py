@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from bridge.measure.metrics import mean_offset_m
 from bridge.measure.roads import Road
-from bridge.motion import sequences_of, subjects_of
+from bridge.motion import sequences_of
 from bridge.runs import Artifact
 
 AUTOENCODER, PERSON_MEAN, SEQUENCE_MEAN, SMPL = (
@@ -80,7 +81,7 @@ class Predictions:
     """Offsets of one road by kind of predictor and sequence."""
 
     def __init__(self, road: Road) -> None:
-        self._road, self._places, self._aligned = road, road.sequences(), road.aligned()
+        self._road, self._places, self._aligned = road, road.sequences, road.aligned
         self._person_m, self._everybody_m = mean_offsets_m(road.align)
 
     def has(self, kind: str, sequence: str) -> bool:
@@ -130,11 +131,14 @@ def mean_offsets_m(
 ) -> tuple[Mapping[str, NDArray[np.float64]], NDArray[np.float64]]:
     """Mean aligned offset (V, 3) of each person over the training frames, and of all people."""
     offsets_m = align.array("offsets")
-    training = [sequence for sequence in sequences_of(align) if sequence.split == "train"]
-    means = {}
-    for subject in subjects_of(training):
-        own = [sequence for sequence in training if sequence.subject == subject]
-        sums = [sequence.length * mean_offset_m(offsets_m, sequence.frames) for sequence in own]
-        means[subject] = np.sum(sums, axis=0) / sum(sequence.length for sequence in own)
+    sums_m: dict[str, NDArray[np.float64]] = {}
+    frames = Counter[str]()
+    for sequence in sequences_of(align):
+        if sequence.split == "train":
+            own_m = sequence.length * mean_offset_m(offsets_m, sequence.frames)
+            before_m = sums_m.get(sequence.subject)
+            sums_m[sequence.subject] = own_m if before_m is None else before_m + own_m
+            frames[sequence.subject] += sequence.length
+    means = {subject: sum_m / frames[subject] for subject, sum_m in sums_m.items()}
     nobody = [np.zeros(offsets_m.shape[1:])]
     return means, np.mean(list(means.values()) or nobody, axis=0)

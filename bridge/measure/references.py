@@ -35,16 +35,19 @@ class MotionArrays:
 
     artifact: Artifact
     places: Mapping[str, MotionSequence]
+    rows: Mapping[str, int]
+    """Of people in `betas`."""
 
     @classmethod
     def of(cls, artifact: Artifact) -> MotionArrays:
         """Index an artifact."""
-        return cls(artifact, {sequence.name: sequence for sequence in sequences_of(artifact)})
+        sequences = sequences_of(artifact)
+        places = {sequence.name: sequence for sequence in sequences}
+        return cls(artifact, places, subject_rows(sequences))
 
     def betas(self, name: str) -> NDArray:
         """(10,) shape of the sequence's person."""
-        row = subject_rows(self.places.values())[self.places[name].subject]
-        return self.artifact.array("betas")[row]
+        return self.artifact.array("betas")[self.rows[self.places[name].subject]]
 
     def frames(self, array: str, name: str, block: slice, vertices: slice = slice(None)) -> NDArray:
         """Rows of an array, counted from the sequence's first frame."""

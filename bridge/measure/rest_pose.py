@@ -70,7 +70,7 @@ class RestPose:
         found: Compared | None = None
         for road in dict.fromkeys(one.road.name for one in chosen):
             own = [one for one in chosen if one.road.name == road]
-            if name in own[0].road.aligned():
+            if name in own[0].road.aligned:
                 errors = self._compare(name, self._aligned(name, own), own)
                 # The first road's alignment stands for the truth in figures.
                 earlier = found or errors
@@ -124,7 +124,7 @@ class RestPose:
 
     def _aligned(self, name: str, chosen: Sequence[Candidate]) -> _TrueOffsets:
         road = chosen[0].road
-        place, predictions = road.aligned()[name], self._predictions[road.name]
+        place, predictions = road.aligned[name], self._predictions[road.name]
         frames = self._shared(name, chosen, place.length)
 
         def read(piece: slice) -> OffsetPiece:

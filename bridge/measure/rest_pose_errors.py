@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,16 +44,12 @@ class MovementErrors:
     rest: RestSums = field(default_factory=RestSums)
     decays: list[decay.Decay] = field(default_factory=list)
 
-    @classmethod
-    def merged(cls, parts: Iterable[MovementErrors]) -> MovementErrors:
-        """Sums over all sequences of `parts`."""
-        total = cls()
-        for part in parts:
-            total.velocity.merge(part.velocity)
-            total.spectrum.merge(part.spectrum)
-            total.rest.merge(part.rest)
-            total.decays = total.decays + part.decays
-        return total
+    def merge(self, other: MovementErrors) -> None:
+        """Take in all that `other` has."""
+        self.velocity.merge(other.velocity)
+        self.spectrum.merge(other.spectrum)
+        self.rest.merge(other.rest)
+        self.decays += other.decays
 
     def summary(self) -> dict[str, Any]:
         """`velocity`, `spectrum`, `decay` and `rest`; the last two None where nothing is still."""

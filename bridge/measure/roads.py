@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of
@@ -40,11 +41,13 @@ class Road:
         manifest = self.offsets.manifest
         return str(manifest.get("default") or next(iter(manifest["predictors"])))
 
-    def sequences(self) -> dict[str, MotionSequence]:
+    @cached_property
+    def sequences(self) -> Mapping[str, MotionSequence]:
         """Sequences with predicted offsets, by name."""
         return {sequence.name: sequence for sequence in sequences_of(self.offsets)}
 
-    def aligned(self) -> dict[str, MotionSequence]:
+    @cached_property
+    def aligned(self) -> Mapping[str, MotionSequence]:
         """Aligned sequences by name."""
         return {sequence.name: sequence for sequence in sequences_of(self.align)}
 

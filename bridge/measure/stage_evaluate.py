@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +13,8 @@ from tqdm import tqdm
 from bridge.body import BodyModelData, load_body_model
 from bridge.measure.alignment_quality import alignment_errors
 from bridge.measure.evaluation import Evaluation, SequenceErrors
-from bridge.measure.pooled import pooled, spectra, summarise
+from bridge.measure.pooled import Pool, PooledCells
+from bridge.measure.rest_pose_errors import MovementErrors
 from bridge.measure.roads import Road, roads_of, stages_of_roads
 from bridge.measure.spectrum import STEP_HZ
 from bridge.motion import MotionSequence, to_manifest
@@ -24,6 +25,7 @@ from bridge.runs.worker_pool import worker_pool
 MESH_ERROR, OFFSET_SIZE = "mesh_error", "offset_size"
 TRUE = "true"
 """In place of a predictor's name: the true offsets."""
+_EVERYTHING = "everything"
 _TEST_BED = {"tissue": "own", "form": "clean", "gravity": True, "gender": None}
 
 
@@ -73,38 +75,62 @@ def evaluate_roads(
 ) -> None:
     """Fill an artifact with the errors of every predictor of some roads, the first road's first."""
     evaluation = Evaluation(roads, truth, body)
-    found = _compared(evaluation)
-    _write_frames(writer, MESH_ERROR, _mesh_errors_m(found), "m, mean over vertices")
-    _write_frames(writer, OFFSET_SIZE, _sizes_m(found), "m, mean over vertices")
-    tested = [one.errors for one in found if one.sequence.split == "test"]
-    for name, movement in spectra(tested or [one.errors for one in found]).items():
+    found = _Found()
+    for one in _compared(evaluation):
+        found.add(one, evaluation)
+    found.mesh_errors_m.write(writer, MESH_ERROR, "m, mean over vertices")
+    found.sizes_m.write(writer, OFFSET_SIZE, "m, mean over vertices")
+    for name, movement in found.movements().items():
         writer.put(f"spectrum_{name}", movement.spectrum.rms_mm(), "mm; true, predicted, error")
     alignments = {road.alignment: alignment_errors(road.align, truth, body) for road in roads}
     writer.record(
-        sequences=to_manifest(one.sequence for one in found),
+        sequences=to_manifest(found.sequences),
         predictors={name: one.label for name, one in evaluation.candidates.items()},
         default=roads[-1].default,
         roads={road.name: _described_road(road) for road in roads},
         test_bed=None if truth is None else _test_bed(truth, body),
-        per_sequence=[_described(one, evaluation) for one in found],
-        cells=pooled((evaluation.cells(one.sequence), one.errors) for one in found),
+        per_sequence=found.described,
+        cells=found.cells.summary(),
         spectrum_step_hz=STEP_HZ,
         alignment=alignments[roads[0].alignment],
         alignments=alignments,
     )
 
 
-def _compared(evaluation: Evaluation) -> list[SequenceErrors]:
+class _Found:
+    """What is kept of all sequences' errors, so that thousands of sequences fit in memory."""
+
+    def __init__(self) -> None:
+        self.sequences: list[MotionSequence] = []
+        self.described: list[dict[str, Any]] = []
+        self.cells, self._everything = PooledCells(), PooledCells()
+        self.mesh_errors_m, self.sizes_m = _FrameRows(), _FrameRows()
+
+    def add(self, one: SequenceErrors, evaluation: Evaluation) -> None:
+        """Take in one sequence."""
+        self.sequences.append(one.sequence)
+        self.described.append(_described(one, evaluation))
+        self.cells.add(evaluation.cells(one.sequence), one.errors)
+        self._everything.add([_EVERYTHING], one.errors)
+        self.mesh_errors_m.add(one.sequence, _mesh_errors_m(one))
+        self.sizes_m.add(one.sequence, _sizes_m(one))
+
+    def movements(self) -> dict[str, MovementErrors]:
+        """Over all test sequences; over all there are in a run without one."""
+        tested = any(sequence.split == "test" for sequence in self.sequences)
+        return self.cells.movements("test") if tested else self._everything.movements(_EVERYTHING)
+
+
+def _compared(evaluation: Evaluation) -> Iterator[SequenceErrors]:
     sequences = evaluation.sequences()
     with worker_pool("threads", evaluation) as pool:
-        compared = tqdm(
+        yield from tqdm(
             pool.map(Evaluation.compare, sequences),
             desc="evaluate",
             total=len(sequences),
             unit="sequence",
             disable=None,
         )
-        return list(compared)
 
 
 def _described_road(road: Road) -> dict[str, Any]:
@@ -134,7 +160,7 @@ def _described(found: SequenceErrors, evaluation: Evaluation) -> dict[str, Any]:
         "person": "known" if evaluation.knows(sequence) else "new",
         "frames": sequence.length,
         "stands_still_s": _still_s(found),
-        "errors": {name: summarise([one]) for name, one in errors.items()},
+        "errors": {name: Pool([one]).summary() for name, one in errors.items()},
         "mesh_frame_error_mm": {name: one.frame_summary_mm() for name, one in meshes.items()},
     }
 
@@ -166,38 +192,43 @@ def _frames(
     return None if place is None else evaluate.array(f"{kind}_{predictor}")[place.frames]
 
 
-FrameValues = Iterable[tuple[MotionSequence, Mapping[str, NDArray[np.float32]]]]
+FrameValues = Mapping[str, NDArray[np.float32]]
+"""(T,) of one sequence, by predictor."""
 
 
-def _mesh_errors_m(found: Iterable[SequenceErrors]) -> FrameValues:
-    for one in found:
-        meshes = {name: own.mesh for name, own in one.errors.items() if own.mesh is not None}
-        yield one.sequence, {name: mesh.frames_m() for name, mesh in meshes.items()}
+def _mesh_errors_m(one: SequenceErrors) -> FrameValues:
+    meshes = {name: own.mesh for name, own in one.errors.items() if own.mesh is not None}
+    return {name: mesh.frames_m() for name, mesh in meshes.items()}
 
 
-def _sizes_m(found: Iterable[SequenceErrors]) -> FrameValues:
-    for one in found:
-        sizes = {
-            name: own.at_rest.sizes.frames_m()
-            for name, own in one.errors.items()
-            if own.at_rest is not None and own.movement() is not None
-        }
-        true = {} if one.at_rest is None else {TRUE: one.at_rest.true_size_m}
-        yield one.sequence, true | sizes
+def _sizes_m(one: SequenceErrors) -> FrameValues:
+    sizes = {
+        name: own.at_rest.sizes.frames_m()
+        for name, own in one.errors.items()
+        if own.at_rest is not None and own.movement() is not None
+    }
+    true = {} if one.at_rest is None else {TRUE: one.at_rest.true_size_m}
+    return true | sizes
 
 
-def _write_frames(writer: ArtifactWriter, kind: str, found: FrameValues, unit: str) -> None:
+class _FrameRows:
     """Arrays without gaps: a predictor has frames only where it was compared."""
-    index: dict[str, list[MotionSequence]] = {}
-    values: dict[str, list[NDArray[np.float32]]] = {}
-    for sequence, by_name in found:
+
+    def __init__(self) -> None:
+        self._index: dict[str, list[MotionSequence]] = {}
+        self._values: dict[str, list[NDArray[np.float32]]] = {}
+
+    def add(self, sequence: MotionSequence, by_name: FrameValues) -> None:
+        """Take in one sequence."""
         for name, frames_m in by_name.items():
-            start = sum(map(len, values.setdefault(name, [])))
-            place = replace(sequence, start=start, length=len(frames_m))
-            index.setdefault(name, []).append(place)
-            values[name].append(frames_m)
-    for name, parts in values.items():
-        writer.put(f"{kind}_{name}", np.concatenate(parts), unit)
-    writer.record(
-        **{f"{kind}_sequences": {name: to_manifest(places) for name, places in index.items()}}
-    )
+            places = self._index.setdefault(name, [])
+            start = places[-1].frames.stop if places else 0
+            places.append(replace(sequence, start=start, length=len(frames_m)))
+            self._values.setdefault(name, []).append(frames_m)
+
+    def write(self, writer: ArtifactWriter, kind: str, unit: str) -> None:
+        """An array for each predictor, and where each sequence lies in it."""
+        for name, parts in self._values.items():
+            writer.put(f"{kind}_{name}", np.concatenate(parts), unit)
+        index = {name: to_manifest(places) for name, places in self._index.items()}
+        writer.record(**{f"{kind}_sequences": index})

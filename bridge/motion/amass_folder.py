@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from itertools import count
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
@@ -53,14 +51,34 @@ def find_amass_motions(folder: Path, gender: str, known: Iterable[str] = ()) -> 
     return motions
 
 
-def subject_of_shape(name: str, betas: NDArray, shapes: Mapping[str, NDArray]) -> str:
-    """Who among `shapes` (10,) is called `name` and has the shape `betas` (10,), or a new name.
+class PeopleOfFolders:
+    """Who is who where everybody has the folder's name, as in a folder without subfolders.
 
-    In a folder without subfolders everybody has the folder's name; what a file says of its person
-    is the shape. The second person is called `name-2`, and so on.
+    What a file says of its person is the shape. The second person is called `name-2`, and so on.
+
+    Parameters
+    ----------
+    shapes : (10,) by name; others may be added, none may change.
     """
-    names = (name if number == 1 else f"{name}-{number}" for number in count(1))
-    return next(one for one in names if one not in shapes or np.array_equal(shapes[one], betas))
+
+    def __init__(self, shapes: Mapping[str, NDArray]) -> None:
+        self._shapes = shapes
+        # By folder's name: who has which shape, and how many names have been looked at. A folder
+        # may hold thousands of people.
+        self._known: dict[str, dict[tuple[float, ...], str]] = {}
+        self._looked_at: Counter[str] = Counter()
+
+    def of_shape(self, name: str, betas: NDArray) -> str:
+        """Who is called `name` and has the shape `betas` (10,), or a new name."""
+        known, shape = self._known.setdefault(name, {}), tuple(betas.tolist())
+        while shape not in known:
+            number = self._looked_at[name] + 1
+            one = name if number == 1 else f"{name}-{number}"
+            if one not in self._shapes:
+                return one
+            known.setdefault(tuple(self._shapes[one].tolist()), one)
+            self._looked_at[name] = number
+        return known[shape]
 
 
 def subject_and_motion(path: Path) -> tuple[str, str]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from bridge.errors import DsnetError
 from bridge.runs.artifact import Artifact
 
+FRAMES_AT_ONCE = 1024
+"""Of a long sequence: 85 MB of meshes."""
 _MOST_FRAMES = 2**40
 Split = Literal["train", "validation", "test"]
 
@@ -36,6 +38,12 @@ class MotionSequence:
     def frames(self) -> slice:
         """Slice of this sequence's frames along the first axis."""
         return slice(self.start, self.start + self.length)
+
+    def pieces(self, size: int = FRAMES_AT_ONCE) -> Iterator[slice]:
+        """The same in slices whose meshes fit in memory; most sequences are one."""
+        stop = self.start + self.length
+        for start in range(self.start, stop, size):
+            yield slice(start, min(start + size, stop))
 
 
 def sequences_of(artifact: Artifact) -> list[MotionSequence]:

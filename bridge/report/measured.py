@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bridge.exchange import load_weights
-from bridge.motion import sequences_of, subjects_of
+from bridge.motion import sequences_of
 from bridge.paper import N_VERTICES, VALIDATION_SEQUENCE
 from bridge.report.paper_table import Measured
 from bridge.runs import Artifact
@@ -49,14 +50,13 @@ def measure(stages: Stages, gender: str) -> dict[str, Measured]:
 def _data(stages: Stages, gender: str) -> dict[str, Measured]:
     sequences = sequences_of(stages["align"])
     tests = [s for s in sequences_of(stages["predict"]) if s.split == "test"]
-    subjects = subjects_of(sequences)
-    per_subject = [sum(s.subject == subject for s in sequences) for subject in subjects]
+    per_subject = Counter(sequence.subject for sequence in sequences).values()
     lengths = [s.length for s in sequences]
     durations_s = [s.length / s.fps for s in sequences]
     smaller = f"this run's corpus has {len(sequences)} sequences"
     return {
-        "subjects": Measured(len(subjects), smaller),
-        "subjects_total": Measured(len(subjects), _ONE_GENDER),
+        "subjects": Measured(len(per_subject), smaller),
+        "subjects_total": Measured(len(per_subject), _ONE_GENDER),
         "motions_per_subject": Measured((min(per_subject), max(per_subject)), smaller),
         **_of_gender(gender, "sequences", len(sequences), "this run's corpus is smaller"),
         **_of_gender(gender, "mosh_sequences", len(tests), "this run's own held-out set"),

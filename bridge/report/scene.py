@@ -58,21 +58,21 @@ class Scene:
 
     def decoded(self) -> dict[str, MotionSequence]:
         """Sequences that every road has predicted, by name."""
-        first, *others = (road.sequences() for road in self.roads)
+        first, *others = (road.sequences for road in self.roads)
         return {name: s for name, s in first.items() if all(name in other for other in others)}
 
     def aligned_offsets_m(
         self, road: Road, name: str, frames: NDArray[np.int64]
     ) -> NDArray[np.float32]:
         """(N, V, 3) a road's aligned offsets of a sequence, its frames counted from 0."""
-        return road.align.array("offsets")[road.aligned()[name].start + frames]
+        return road.align.array("offsets")[road.aligned[name].start + frames]
 
     def offsets_m(
         self, predictor: str, name: str, frames: NDArray[np.int64]
     ) -> NDArray[np.float32]:
         """(N, V, 3) offsets that a predictor, or the autoencoder, gives for a sequence."""
         road = self.roads[0] if predictor == AUTOENCODER else road_of(self.roads, predictor)
-        return road.offsets.array(f"offsets_{predictor}")[road.sequences()[name].start + frames]
+        return road.offsets.array(f"offsets_{predictor}")[road.sequences[name].start + frames]
 
     def pose(
         self, road: Road, name: str, frames: NDArray[np.int64], offsets_m: NDArray | None

@@ -9,7 +9,7 @@ one digest, the manifest's `sha256`. Nothing is read before its bytes are those 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -19,7 +19,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.runs.digests import cached_sha256, file_sha256, json_sha256
+from bridge.runs.digests import cached_sha256, cached_sha256s, file_sha256, json_sha256
 from bridge.runs.folders import MANIFEST
 from bridge.runs.foreign_files import NpyHeader, open_regular, read_json
 from bridge.runs.manifests import flaw_of_manifest
@@ -81,7 +81,7 @@ class Artifact:
             If there is no such array, or it is not the one that was written.
         """
         entry = self._entry("arrays", name)
-        path = self._unchanged(f"{name}.npy")
+        path = self._unchanged(f"{name}.npy", entry)
         shape, dtype = tuple(entry["shape"]), np.dtype(entry["dtype"])
         try:
             with open_regular(path) as stream:
@@ -105,8 +105,16 @@ class Artifact:
         DsnetError
             If there is no such file, or it is not the one that was written.
         """
-        self._entry("files", name)
-        return self._unchanged(name)
+        return self.files([name])[0]
+
+    def files(self, names: Iterable[str]) -> list[Path]:
+        """`file` of each."""
+        entries = [(self.path / name, self._entry("files", name)) for name in names]
+        there = [path for path, _ in entries if path.is_file()]
+        found = dict(zip(there, cached_sha256s(there), strict=True))
+        for path, entry in entries:
+            _compare(path, found.get(path, "no file"), entry["sha256"])
+        return [path for path, _ in entries]
 
     def verify(self) -> None:
         """Read every array and file again and compare it with its SHA-256.
@@ -138,10 +146,10 @@ class Artifact:
             )
         return entry
 
-    def _unchanged(self, name: str) -> Path:
+    def _unchanged(self, name: str, entry: Mapping[str, Any]) -> Path:
         path = self.path / name
         found = cached_sha256(path) if path.is_file() else "no file"
-        _compare(path, found, self.digests[name])
+        _compare(path, found, entry["sha256"])
         return path
 
 

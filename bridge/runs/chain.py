@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from bridge.errors import DsnetError
 from bridge.runs.artifact import Artifact, read_artifact
-from bridge.runs.digests import cached_sha256
+from bridge.runs.digests import cached_sha256s
 from bridge.runs.folders import is_finished
 
 # Artifacts that are not named after the command that makes them.
@@ -59,18 +59,26 @@ class Chain:
                 )
             self._entered.add(stage)
             artifact = read_artifact(self._folder / stage)
+            files = self._files(artifact)
             # A list: each source is looked at, so that each is named.
-            changed = [self._has_changed(artifact, name) for name in artifact.manifest["upstream"]]
+            changed = [
+                self._has_changed(artifact, name, files) for name in artifact.manifest["upstream"]
+            ]
             self._seen[stage] = any(changed)
         return self._seen[stage]
 
-    def _has_changed(self, artifact: Artifact, name: str) -> bool:
+    def _files(self, artifact: Artifact) -> dict[str, str]:
+        """Digests of the input files of an artifact that are there, as they are now."""
+        inputs = artifact.manifest["provenance"].get("inputs", {})
+        there = {n: path for n, given in inputs.items() if (path := self._folder / given).is_file()}
+        return dict(zip(there, cached_sha256s(there.values()), strict=True))
+
+    def _has_changed(self, artifact: Artifact, name: str, files: Mapping[str, str]) -> bool:
         """Whether one source of an artifact is old itself, or not what the artifact was made of."""
         recorded = artifact.manifest["upstream"][name]
         given = artifact.manifest["provenance"].get("inputs", {}).get(name)
         if given is not None:
-            source = self._folder / given
-            present = cached_sha256(source) if source.is_file() else recorded
+            present = files.get(name, recorded)
         elif is_finished(self._folder / name):
             if self._is_old(name):
                 return True

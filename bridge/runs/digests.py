@@ -11,6 +11,7 @@ import json
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -52,17 +53,28 @@ def arrays_sha256(arrays: Mapping[str, NDArray[Any]]) -> str:
 
 def cached_sha256(path: Path) -> str:
     """SHA-256 of a file; from the cache if the file is the one that was read for it."""
-    stamp = _stamp(path)
-    if stamp[0] <= _SMALL_BYTES:
-        return file_sha256(path)
-    key, cache = _place(path)
-    known = _load(cache).get(key)
-    if known and known["stamp"] == stamp:
-        return known["sha256"]
-    digest = file_sha256(path)
-    if _stamp(path) == stamp:
-        remember([(path, digest)])
+    (digest,) = cached_sha256s([path])
     return digest
+
+
+def cached_sha256s(paths: Iterable[Path]) -> list[str]:
+    """`cached_sha256` of each; what had to be read is remembered at the end, all at once."""
+    found: list[str] = []
+    read: list[tuple[Path, str]] = []
+    try:
+        for path in paths:
+            stamp = _stamp(path)
+            known = _known(path) if stamp[0] > _SMALL_BYTES else None
+            if known and known["stamp"] == stamp:
+                found.append(known["sha256"])
+                continue
+            found.append(file_sha256(path))
+            if stamp[0] > _SMALL_BYTES and _stamp(path) == stamp:
+                read.append((path, found[-1]))
+    finally:
+        if read:
+            remember(read)
+    return found
 
 
 def remember(digests: Iterable[tuple[Path, str]]) -> None:
@@ -90,12 +102,23 @@ def _place(path: Path) -> tuple[str, Path]:
     return str(path), root / ".digests" / f"{run}.json"
 
 
+def _known(path: Path) -> dict[str, Any] | None:
+    key, cache = _place(path)
+    return _load(cache).get(key)
+
+
 def _load(cache: Path) -> dict[str, Any]:
+    """What a cache holds; as long as its file is the same it is read once."""
     try:
-        content = json.loads(cache.read_bytes())
-        return content["files"] if content["sha256"] == json_sha256(content["files"]) else {}
+        return _read(cache, *_stamp(cache))
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return {}
+
+
+@lru_cache(maxsize=4)
+def _read(cache: Path, *_stamp_of_cache: int) -> dict[str, Any]:
+    content = json.loads(cache.read_bytes())
+    return content["files"] if content["sha256"] == json_sha256(content["files"]) else {}
 
 
 def _save(cache: Path, files: dict[str, Any]) -> None:

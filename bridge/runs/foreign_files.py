@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 _DIRECTORY_BYTES = 1 << 20
 """Of an archive: what stands in it of 10,000 members."""
-_JSON_BYTES = 16 << 20
-"""Of a manifest: some 100,000 sequences."""
+_JSON_BYTES = 128 << 20
+"""Of a manifest: what `evaluate` says of some 9,000 sequences by seven predictors."""
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _WITHOUT_WAIT = getattr(os, "O_NONBLOCK", 0)
 """Windows has no pipes among its files."""

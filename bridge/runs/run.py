@@ -12,7 +12,7 @@ from typing import Any
 from bridge.errors import DsnetError, InterruptedWorkError
 from bridge.runs.artifact import SCHEMA_VERSION, Artifact, DataOrigin, read_artifact
 from bridge.runs.chain import Chain, command_of
-from bridge.runs.digests import cached_sha256, json_sha256
+from bridge.runs.digests import cached_sha256s, json_sha256
 from bridge.runs.folders import (
     MANIFEST,
     is_finished,
@@ -105,7 +105,7 @@ class Run:
             If another process is making this stage of this run.
         """
         settings = {key: _plain(value) for key, value in asdict(config).items() if key != "run"}
-        digests = {name: _digest(source) for name, source in upstream.items()}
+        digests = _digests(upstream)
         if current := self._current(stage, settings, digests):
             self._remove_lock(stage)
             return current
@@ -169,8 +169,14 @@ class Run:
         )
 
 
-def _digest(source: Artifact | Path) -> str:
-    return source.content_sha256 if isinstance(source, Artifact) else cached_sha256(source)
+def _digests(upstream: Mapping[str, Artifact | Path]) -> dict[str, str]:
+    """Of what a stage is made from, in its order."""
+    files = {name: source for name, source in upstream.items() if isinstance(source, Path)}
+    of_files = dict(zip(files, cached_sha256s(files.values()), strict=True))
+    return {
+        name: source.content_sha256 if isinstance(source, Artifact) else of_files[name]
+        for name, source in upstream.items()
+    }
 
 
 def _plain(value: Any) -> Any:

@@ -10,6 +10,7 @@ import pytest
 from bridge.body import BodyModelData
 from bridge.tissue.nodes import TissueNodes
 from tests.forged.oscillating import MOTIONS, clips_of, people_of, true_model
+from tf_dsnet.oscillators import static_part
 from tf_dsnet.oscillators.clips import NodeClip
 from tf_dsnet.oscillators.static_part import NodeStatic, fit_static
 
@@ -105,3 +106,17 @@ def test_a_checkpoint_brings_all_of_it_back(clips):
         np.testing.assert_array_equal(again.constant_m, static.constant_m)
         np.testing.assert_array_equal(again.by_pose_m, static.by_pose_m)
         assert (again.chosen, again.left_out_error) == (static.chosen, static.left_out_error)
+
+
+def test_of_many_kinds_of_motion_some_are_left_out_together(clips, monkeypatch):
+    """As many folds as kinds up to 32; each takes megabytes of equations."""
+    planted = np.random.default_rng(3).normal(scale=3e-3, size=(PEOPLE, NODES, 3))
+    misfit = shifted(noisy(clips), lambda c: planted[c.person])
+    kinds = [replace(c.sequence, motion=f"kind{row}") for row, c in enumerate(misfit)]
+    each = [replace(c, sequence=kind) for c, kind in zip(misfit, kinds, strict=True)]
+    solved, solve = [], static_part._solve
+    monkeypatch.setattr(static_part, "_solve", lambda *of: (solved.append(1), solve(*of))[1])
+    monkeypatch.setattr(static_part, "_MOST_FOLDS", 2)
+    found = fit_static(each, moving(clips), PEOPLE)
+    assert found.chosen == "constant"
+    assert len(solved) == 2 * (len(static_part.RIDGES) - 1) + 1

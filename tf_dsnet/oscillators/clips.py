@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,13 +47,18 @@ class KnownPeople:
     betas: NDArray[np.float32]
     """(P, 10)."""
 
+    @cached_property
+    def rows(self) -> Mapping[str, int]:
+        """Of each in `betas`."""
+        return {name: row for row, name in enumerate(self.names)}
+
     @classmethod
     def of(cls, align: Artifact) -> KnownPeople:
         """The people of the training sequences."""
         sequences = sequences_of(align)
         names = subjects_of(s for s in sequences if s.split == "train")
         rows = subject_rows(sequences)
-        betas = np.array([align.array("betas")[rows[name]] for name in names], np.float32)
+        betas = np.array(align.array("betas")[[rows[name] for name in names]], np.float32)
         return cls(names, betas)
 
 
@@ -68,7 +75,7 @@ def node_clips(
     chosen = [
         s
         for s in sequences_of(align)
-        if s.split == split and s.subject in people.names and s.length >= 4
+        if s.split == split and s.subject in people.rows and s.length >= 4
     ]
     if not chosen:
         raise DsnetError(
@@ -86,7 +93,7 @@ def _clip(
     nodes: TissueNodes,
     people: KnownPeople,
 ) -> NodeClip:
-    person = people.names.index(sequence.subject)
+    person = people.rows[sequence.subject]
     theta = np.asarray(align.array("theta")[sequence.frames], np.float64)
     offsets_m = align.array("offsets")
     starts = range(sequence.start, sequence.start + sequence.length, _FRAMES_AT_ONCE)

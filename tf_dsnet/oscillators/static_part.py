@@ -27,6 +27,9 @@ RIDGES = (None, np.inf, 1e-1, 1e-2, 1e-3, 1e-4)
 _WORTH = 0.02
 """Share of the error that a less simple candidate must take away to be chosen."""
 _CONSTANT_RIDGE = 1e-4
+_MOST_FOLDS = 32
+"""Of more kinds of motion several are left out together: the equations of each fold take
+megabytes."""
 _ARRAYS = ("constant", "by_pose", "left_out_error", "chosen")
 
 
@@ -97,14 +100,16 @@ class NodeStatic:
 
 def fit_static(clips: Sequence[NodeClip], moving_m: Sequence[NDArray], people: int) -> NodeStatic:
     """The static part of what the oscillators' `moving_m` (T, K, 3) leave of each clip."""
-    kinds: dict[str, _Sums] = {}
+    numbers: dict[str, int] = {}
+    folds: dict[int, _Sums] = {}
     for clip, moving in zip(clips, moving_m, strict=True):
-        sums, kind = _sums(clip, clip.offsets_m - moving, people), kind_of(clip.sequence.motion)
-        kinds[kind] = kinds[kind] + sums if kind in kinds else sums
-    total = _total(kinds.values())
+        number = numbers.setdefault(kind_of(clip.sequence.motion), len(numbers))
+        sums, fold = _sums(clip, clip.offsets_m - moving, people), number % _MOST_FOLDS
+        folds[fold] = folds[fold] + sums if fold in folds else sums
+    total = _total(folds.values())
     # With one kind of motion nothing says what carries over.
-    candidates = RIDGES if len(kinds) > 1 else RIDGES[:1]
-    errors = {ridge: _left_out(kinds, total, ridge, people) for ridge in candidates}
+    candidates = RIDGES if len(folds) > 1 else RIDGES[:1]
+    errors = {ridge: _left_out(folds, total, ridge, people) for ridge in candidates}
     best = min(errors.values())
     chosen = next(r for r in candidates if errors[r] <= best + _WORTH * total.energy)
     solution = _solve(total, chosen, people)
@@ -131,11 +136,11 @@ def _total(parts) -> _Sums:
     return first
 
 
-def _left_out(kinds: dict[str, _Sums], total: _Sums, ridge: float | None, people: int) -> float:
-    """Sum of squares left of every kind by what the other kinds say."""
+def _left_out(folds: dict[int, _Sums], total: _Sums, ridge: float | None, people: int) -> float:
+    """Sum of squares left of every fold by what the others say."""
     if ridge is None:
         return total.energy
-    return sum(own.error(_solve(total - own, ridge, people)) for own in kinds.values())
+    return sum(own.error(_solve(total - own, ridge, people)) for own in folds.values())
 
 
 def _solve(sums: _Sums, ridge: float | None, people: int) -> NDArray[np.floating]:

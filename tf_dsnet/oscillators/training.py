@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,9 +125,10 @@ class PlusTraining:
     def simulate(self) -> list[NDArray[np.float32]]:
         """What the oscillators make of every clip, (T, K, 3) each."""
         trained = self.trained(StaticPart.nothing())
+        mechanics_of = cache(lambda row: trained.mechanics(self._body, self._people.betas[row]))
         found = []
         for clip in self._clips:
-            mechanics = trained.mechanics(self._body, self._people.betas[clip.person])
+            mechanics = mechanics_of(clip.person)
             sheet = OscillatorSheet(mechanics, self._nodes.laplacian)
             found.append(sheet.roll(mechanics.load(clip.load)))
         return found

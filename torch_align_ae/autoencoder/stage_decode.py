@@ -75,7 +75,7 @@ def _make(
     }
     aligned = {sequence.name: sequence for sequence in sequences_of(encode)}
     items = [
-        (source, target.start, aligned.get(source.name))
+        (source, target, aligned.get(source.name))
         for source, target in zip(chosen, placed, strict=True)
     ]
     stage = _Decoding(predict, encode, codecs, offsets)
@@ -88,8 +88,10 @@ def _make(
     )
 
 
-def _decode(stage: _Decoding, item: tuple[MotionSequence, int, MotionSequence | None]) -> None:
-    source, start, known = item
+def _decode(
+    stage: _Decoding, item: tuple[MotionSequence, MotionSequence, MotionSequence | None]
+) -> None:
+    source, target, known = item
     predictors, codes = (
         stage.predict.manifest["predictors"],
         stage.predict.manifest.get("codes", {}),
@@ -100,4 +102,6 @@ def _decode(stage: _Decoding, item: tuple[MotionSequence, int, MotionSequence | 
         latents[AUTOENCODER] = stage.encode.array(LATENTS_OF[AUTOENCODER])[known.frames]
     for name, values in latents.items():
         codec = stage.codecs[codes.get(name, AUTOENCODER)]
-        stage.offsets[name].write(start, codec.decode(values))
+        for piece in target.pieces():
+            own = slice(piece.start - target.start, piece.stop - target.start)
+            stage.offsets[name].write(piece.start, codec.decode(values[own]))

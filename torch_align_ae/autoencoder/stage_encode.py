@@ -83,6 +83,7 @@ def _make(align: Artifact, codecs: Mapping[CodeName, OffsetCodec], writer: Artif
 
 
 def _encode(stage: _Encoding, sequence: MotionSequence) -> None:
-    offsets_m = stage.align.array("offsets")[sequence.frames]
-    for code, codec in stage.codecs.items():
-        stage.latents[code].write(sequence.start, codec.encode(offsets_m))
+    offsets_m = stage.align.array("offsets")
+    for piece in sequence.pieces():
+        for code, codec in stage.codecs.items():
+            stage.latents[code].write(piece.start, codec.encode(offsets_m[piece]))

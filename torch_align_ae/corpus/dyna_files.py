@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ class DynaReader:
 
     def __init__(self, paths: Iterable[Path | str]) -> None:
         self._files: list[h5py.File] = []
-        self._datasets: dict[str, h5py.Dataset] = {}
+        self._file_of: dict[str, h5py.File] = {}
         self.entries: list[DynaEntry] = []
         try:
             for path in map(Path, paths):
@@ -66,7 +67,7 @@ class DynaReader:
             self.close()
             raise
 
-    @property
+    @cached_property
     def faces(self) -> NDArray[np.int64] | None:
         """(13776, 3) vertex indices of the first file, or None when it has none.
 
@@ -87,26 +88,15 @@ class DynaReader:
         DsnetError
             If there is no such sequence, or its values cannot be read or are not a person's.
         """
-        if name not in self._datasets:
+        if name not in self._file_of:
             raise DsnetError(
-                f"sequence {name!r}", f"one of {list(self._datasets)}", "Check the spelling."
+                f"sequence {name!r}", f"one of {list(self._file_of)}", "Check the spelling."
             )
-        dataset = self._datasets[name]
-        with _damage_named(Path(dataset.file.filename)):
-            stored = dataset[:, :, start:stop]
-        # What float32 cannot hold becomes infinite, and is refused as such.
-        with np.errstate(over="ignore"):
-            frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
-        check_frames(Path(dataset.file.filename), name, start, frames)
-        return frames
+        return _frames(self._file_of[name], name, start, stop)
 
     def clip(self, name: str) -> MeshClip:
         """One sequence, to be read now or in another process."""
-        return MeshClip(self, name)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        paths = tuple(Path(file.filename).resolve() for file in self._files)
-        return _opened_again, (paths, self.entries)
+        return MeshClip(self._file_of[name], name)
 
     def __iter__(self) -> Iterator[tuple[DynaEntry, NDArray[np.float32]]]:
         for entry in self.entries:
@@ -136,22 +126,25 @@ class DynaReader:
             file = _open(path)
             self._files.append(file)
             check_own(path, file)
-            found = [(name, item) for name, item in file.items() if is_sequence(name, item)]
+            found = 0
+            for name, dataset in file.items():
+                if not is_sequence(name, dataset):
+                    continue
+                found += 1
+                check_bounds(path, name, dataset)
+                self._add_sequence(entry_of(path, name, dataset), file)
             if not found:
                 raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", LAYOUT, REMEDY)
-            for name, dataset in found:
-                check_bounds(path, name, dataset)
-                self._add_sequence(entry_of(path, name, dataset), dataset)
 
-    def _add_sequence(self, entry: DynaEntry, dataset: h5py.Dataset) -> None:
-        if entry.name in self._datasets:
-            first = self._datasets[entry.name].file.filename
+    def _add_sequence(self, entry: DynaEntry, file: h5py.File) -> None:
+        if entry.name in self._file_of:
+            first = self._file_of[entry.name].filename
             raise DsnetError(
                 f"sequence {entry.name} twice, in {first} and {entry.path}",
                 "every sequence once",
                 "Pass each file once, and not Dyna's and D-FAUST's of the same people.",
             )
-        self._datasets[entry.name] = dataset
+        self._file_of[entry.name] = file
         self.entries.append(entry)
         first = self.frames(entry.name, 0, 1)[0]
         check_upright(entry.path, entry.name, first)
@@ -160,28 +153,42 @@ class DynaReader:
 
 @dataclass(frozen=True)
 class MeshClip:
-    """A sequence of meshes in a file. Sent to another process it opens the file there."""
+    """A sequence of meshes in a file that was checked; another process opens the file itself."""
 
-    reader: DynaReader
+    file: h5py.File
     name: str
 
     def read(self, start: int, stop: int) -> NDArray[np.float32]:
         """Frames [start, stop) as (n, 6890, 3) metres; errors as `DynaReader.frames`."""
-        return self.reader.frames(self.name, start, stop)
+        return _frames(self.file, self.name, start, stop)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _clip_again, (str(Path(self.file.filename).resolve()), self.name)
 
 
-def _opened_again(paths: tuple[Path, ...], entries: list[DynaEntry]) -> DynaReader:
-    """A reader of files that were checked when they were first opened."""
-    reader = DynaReader.__new__(DynaReader)
-    reader._files = [_open(path) for path in paths]
-    reader._datasets = {
-        name: item
-        for file in reader._files
-        for name, item in file.items()
-        if is_sequence(name, item)
-    }
-    reader.entries = entries
-    return reader
+def _clip_again(path: str, name: str) -> MeshClip:
+    return MeshClip(_opened_again(path), name)
+
+
+@lru_cache(maxsize=16)
+def _opened_again(path: str) -> h5py.File:
+    """Once in a process, not once for each of thousands of sequences."""
+    return _open(Path(path))
+
+
+def _frames(file: h5py.File, name: str, start: int, stop: int | None) -> NDArray[np.float32]:
+    path = Path(file.filename)
+    with _damage_named(path):
+        # Opened anew each time: as long as a data set is open HDF5 keeps its latest chunks, some
+        # megabytes of each sequence.
+        dataset = file[name]
+        assert isinstance(dataset, h5py.Dataset)
+        stored = dataset[:, :, start:stop]
+    # What float32 cannot hold becomes infinite, and is refused as such.
+    with np.errstate(over="ignore"):
+        frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
+    check_frames(path, name, start, frames)
+    return frames
 
 
 def _open(path: Path) -> h5py.File:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from functools import partial
 from itertools import count
 from pathlib import Path
 
@@ -55,9 +57,10 @@ def real_takes(
 def _kinds(files: Iterable[Path]) -> Iterator[tuple[Path, str]]:
     """`amass_<file>` of each, in letters, digits and underscores, a second one of a name `_2`."""
     taken: set[str] = set()
+    numbers: defaultdict[str, Iterator[int]] = defaultdict(partial(count, 1))
     for path in files:
         name = "amass_" + re.sub(r"\W+", "_", subject_and_motion(path)[1])
-        names = (name if number == 1 else f"{name}_{number}" for number in count(1))
+        names = (name if number == 1 else f"{name}_{number}" for number in numbers[name])
         kind = next(one for one in names if one not in taken)
         taken.add(kind)
         yield path, kind

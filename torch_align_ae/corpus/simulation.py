@@ -88,7 +88,10 @@ def rest_frame_drive(
     # Equal rows of a matrix product may differ in the last bit; stillness must not.
     acceleration[_still(theta)] = 0.0
     fall = np.array([0.0, -GRAVITY_M_S2 if gravity else 0.0, 0.0])[:, None]
-    drive = (turns * (fall - acceleration)[:, :, None]).sum(1) - fall
+    drive = np.empty_like(vertices)
+    for start in range(0, len(theta), _FRAMES_PER_BATCH):
+        window = slice(start, start + _FRAMES_PER_BATCH)
+        drive[window] = (turns[window] * (fall - acceleration[window])[:, :, None]).sum(1) - fall
     blunted = drive.copy()
     blunted[1:-1] = (drive[:-2] + 2 * drive[1:-1] + drive[2:]) / 4
     return blunted.transpose(0, 2, 1)
@@ -105,16 +108,20 @@ def skin(
     smpl: SMPL, betas: Array, theta: Array, selected: NDArray[np.integer]
 ) -> tuple[Array, Array]:
     """Vertices (T, 3, N) and each vertex's blended rotation (T, 3, 3, N)."""
-    vertices, turns = [], []
+    frames, count = len(theta), len(selected)
+    dtype = smpl.template.numpy().dtype
+    # Filled in place: of a long sequence the turns alone are half a gigabyte.
+    vertices, turns = np.empty((frames, 3, count), dtype), np.empty((frames, 3, 3, count), dtype)
     with torch.inference_mode():
-        for start in range(0, len(theta), _FRAMES_PER_BATCH):
-            shape, pose, trans = _tensors(smpl, betas, theta[start : start + _FRAMES_PER_BATCH])
+        for start in range(0, frames, _FRAMES_PER_BATCH):
+            window = slice(start, start + _FRAMES_PER_BATCH)
+            shape, pose, trans = _tensors(smpl, betas, theta[window])
             rotations = smpl.rotations(pose)
             rest = smpl.planar_rest(shape, rotations)[..., selected]
             blended = smpl.blended_transforms(shape, rotations, trans)[..., selected]
-            vertices.append(((blended[:, :, :3] * rest[:, None]).sum(2) + blended[:, :, 3]).numpy())
-            turns.append(blended[:, :, :3].numpy())
-    return np.concatenate(vertices), np.concatenate(turns)
+            moved = (blended[:, :, :3] * rest[:, None]).sum(2) + blended[:, :, 3]
+            vertices[window], turns[window] = moved.numpy(), blended[:, :, :3].numpy()
+    return vertices, turns
 
 
 def posed_meshes(

@@ -202,10 +202,10 @@ def _digest(offsets: NDArray[np.float32]) -> str:
 
 
 def _index(takes: Takes, thetas: dict[str, NDArray[np.float32]]) -> Iterator[MotionSequence]:
-    start = 0
+    start, held_out = 0, {take.name for take in takes.held_out}
     for take in takes.all:
         length, subject = len(thetas[take.name]), take.subject.name
-        split = "test" if take in takes.held_out else "train"
+        split = "test" if take.name in held_out else "train"
         yield MotionSequence(take.name, subject, take.motion, start, length, FPS, split)
         start += length
 

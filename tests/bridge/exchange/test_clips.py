@@ -14,7 +14,6 @@ from bridge.exchange.clips import (
     join_inputs,
     load_unpadded_clips,
     make_clips,
-    pad_or_clip,
 )
 from bridge.exchange.trained_dsnet import Scaling
 from bridge.runs import read_artifact
@@ -23,12 +22,15 @@ from tests.forged.encoded import write_encoded
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(1, 40), st.integers(1, 40))
-def test_pad_or_clip(length, wanted):
-    frames = np.random.default_rng(length).normal(size=(length, 3))
-    block = pad_or_clip(frames, wanted)
-    assert block.shape == (wanted, 3)
-    np.testing.assert_array_equal(block[:length], frames[:wanted])
-    assert not block[length:].any()
+def test_sequences_are_padded_or_clipped(length, wanted):
+    recordings = random_recordings((length, 7))
+    clips = make_clips(recordings, Scaling.identity(), wanted)
+    for name in ("inputs", "latents"):
+        block, frames = getattr(clips, name)[0], getattr(recordings[0], name).astype(np.float32)
+        assert block.shape == (wanted, frames.shape[1])
+        np.testing.assert_array_equal(block[:length], frames[:wanted])
+        assert not block[length:].any()
+    assert clips.real[0].sum() == min(length, wanted)
 
 
 def test_betas_stand_before_theta():

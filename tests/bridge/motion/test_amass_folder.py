@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion.amass_folder import find_amass_motions, subject_and_motion, subject_of_shape
+from bridge.motion.amass_folder import PeopleOfFolders, find_amass_motions, subject_and_motion
 from tests.forged.amass import save, shape, smplh, smplx
 
 
@@ -92,12 +92,14 @@ def test_names_of_corpus_and_of_amass(path: str, expected: tuple[str, str]) -> N
 
 def test_people_of_one_name_are_told_apart_by_their_shape() -> None:
     anna, bea, carl = (np.full(10, value) for value in (0.5, -1.0, 2.0))
-    shapes = {"50004": carl}
-    found = []
-    for betas in (anna, bea, anna, carl, bea):
-        name = subject_of_shape("flat", betas, shapes)
+    given = (anna, bea, anna, carl, bea, 3 * anna, -carl)
+    # "flat-4" is a folder's name too, and its person is one of those of "flat".
+    shapes = {"50004": carl, "flat-4": -carl}
+    people, found = PeopleOfFolders(shapes), []
+    for betas in given:
+        name = people.of_shape("flat", betas)
         shapes.setdefault(name, betas)
         found.append(name)
-    assert found == ["flat", "flat-2", "flat", "flat-3", "flat-2"]
-    for name, betas in zip(found, (anna, bea, anna, carl, bea), strict=True):
+    assert found == ["flat", "flat-2", "flat", "flat-3", "flat-2", "flat-5", "flat-4"]
+    for name, betas in zip(found, given, strict=True):
         np.testing.assert_array_equal(shapes[name], betas)

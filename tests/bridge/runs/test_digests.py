@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import time
 
 import pytest
 
 from bridge.runs import digests
-from bridge.runs.digests import cached_sha256
+from bridge.runs.digests import cached_sha256, cached_sha256s
 
 
 @pytest.fixture
@@ -87,3 +88,50 @@ def test_without_a_folder_for_it_there_is_no_cache(large, tmp_path, monkeypatch)
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "none"))
     assert cached_sha256(large) == sha256(large)
     assert not (tmp_path / "none").exists()
+
+
+@pytest.fixture
+def many(large, tmp_path):
+    paths = [large.with_name(f"{number}.npz") for number in range(30)]
+    for path in paths:
+        path.write_bytes(path.name.encode() * 20_000)
+    time.sleep(0.1)
+    return paths
+
+
+def test_many_files_are_remembered_at_once(many, readings, monkeypatch):
+    saved, save = [], digests._save
+    monkeypatch.setattr(digests, "_save", lambda *of: (saved.append(of), save(*of)))
+    expected = [sha256(path) for path in many]
+    for _ in range(2):
+        assert cached_sha256s(many) == expected
+    assert readings == many
+    assert len(saved) == 1
+
+
+def test_the_cache_is_read_once_for_many_files(many, monkeypatch):
+    cached_sha256s(many)
+    digests._read.cache_clear()
+    read, parse = [], json.loads
+    monkeypatch.setattr(json, "loads", lambda text: (read.append(text), parse(text))[1])
+    for path in many:
+        assert cached_sha256(path) == sha256(path)
+    assert len(read) == 1
+
+
+def test_an_interrupted_list_is_remembered_as_far_as_it_was_read(many, readings, monkeypatch):
+    counted = digests.file_sha256
+    stop = {"at": many[10]}
+
+    def until(path):
+        if path == stop["at"]:
+            raise KeyboardInterrupt
+        return counted(path)
+
+    monkeypatch.setattr(digests, "file_sha256", until)
+    with pytest.raises(KeyboardInterrupt):
+        cached_sha256s(many)
+    stop.clear()
+    stop["at"] = None
+    cached_sha256s(many)
+    assert readings == many

@@ -109,3 +109,11 @@ def test_nodes_are_the_same_bits_each_time(body: BodyModelData, nodes):
     for name, array in nodes.arrays().items():
         np.testing.assert_array_equal(again.arrays()[name], array)
     assert len(np.unique(nodes.vertices)) == 80
+
+
+def test_a_part_of_a_motion_is_spread_as_the_whole_is(nodes):
+    """Long sequences are predicted in pieces."""
+    values = at_nodes(nodes, frames=7)
+    whole = nodes.spread(values)
+    for part in (slice(0, 3), slice(3, 7)):
+        np.testing.assert_array_equal(nodes.spread(values[part]), whole[part])

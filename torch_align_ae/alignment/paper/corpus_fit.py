@@ -125,15 +125,23 @@ class CorpusFit:
 
     def _first_frames(self, pool: WorkerPool[MeshDistance]) -> _State:
         """Shape of every subject, and pose of every sequence's first frame."""
-        first = [self._reader.frames(sequence.name, 0, 1)[0] for sequence in self._sequences]
-        meshes = torch.from_numpy(np.stack(first))
+        meshes = self._first_meshes()
         targets = self._objective.arrange(meshes)
-        leading = [self._subject_of.index(row) for row in self._row_of_subject.values()]
+        # Backwards, so that of a subject's sequences the first one stays.
+        first = {row: track for track, row in reversed([*enumerate(self._subject_of)])}
+        leading = [first[row] for row in self._row_of_subject.values()]
         betas, *lead = self._fit_shapes(targets[leading])
         pose, trans = self._fit_first_poses(pool, betas[self._subject_of], targets)
         pose[leading], trans[leading] = lead
         self._check_first_frames(betas[self._subject_of], pose, trans, meshes)
         return _State(betas.numpy(), pack_theta(pose.numpy(), trans.numpy()), 0)
+
+    def _first_meshes(self) -> Tensor:
+        """(N, V, 3) first frame of every sequence, metres."""
+        meshes = np.empty((len(self._sequences), self._objective.smpl.vertex_count, 3), np.float32)
+        for row, sequence in enumerate(self._sequences):
+            meshes[row] = self._reader.frames(sequence.name, 0, 1)[0]
+        return torch.from_numpy(meshes)
 
     def _fit_shapes(self, targets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         steps = self._effort.shape
@@ -149,10 +157,10 @@ class CorpusFit:
     def _fit_first_poses(
         self, pool: WorkerPool[MeshDistance], betas: Tensor, targets: Tensor
     ) -> list[Tensor]:
-        firsts = [
+        firsts = (
             _FirstFrames(betas[rows], targets[rows], self._effort.first_frame, self._descent)
             for rows in groups(len(targets))
-        ]
+        )
         return _concatenate(pool.map(_fit_first_frames, firsts))
 
     def _check_first_frames(

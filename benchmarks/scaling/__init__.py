@@ -1,0 +1,1 @@
+"""How stages grow with the corpus: smooth corpora that cost nothing, and children measured."""
