@@ -99,14 +99,17 @@ def test_an_artifact_is_written_and_replaced(tmp_path: Path):
 
 @pytest.mark.parametrize("how", ["ended", "killed"])
 def test_a_lock_keeps_others_out_until_its_owner_ends(how: str, tmp_path: Path):
-    first = begun(LOCKS, tmp_path / "a")
-    assert first.stdout is not None
-    assert first.stdout.readline() == "alone\n"
-    said, status = done(LOCKS, tmp_path / "a")
-    assert (status, said.count("\n")) == (2, 1), said
-    assert "a folder, which another process is making" in said
-    if how == "killed":
-        first.send_signal(signal.SIGKILL)
-    assert first.communicate()[1] == ""
+    with begun(LOCKS, tmp_path / "a") as first:
+        try:
+            assert first.stdout is not None
+            assert first.stdout.readline() == "alone\n"
+            said, status = done(LOCKS, tmp_path / "a")
+            assert (status, said.count("\n")) == (2, 1), said
+            assert "a folder, which another process is making" in said
+            if how == "killed":
+                first.send_signal(signal.SIGKILL)
+            assert first.communicate()[1] == ""
+        finally:
+            first.kill()
     assert done(LOCKS, tmp_path / "a") == ("", 0)
     assert not list(tmp_path.iterdir())
