@@ -28,7 +28,7 @@ TESTS = (
     "tests/bridge/runs/test_artifact.py",
     "tests/bridge/runs/test_storage.py",
 )
-INSTALL_S, TRY_S = 150, 150
+INSTALL_S, TRY_S = 300, 600
 """At most, for a Python's packages and for one thing that is tried there."""
 
 
