@@ -20,7 +20,7 @@ from typing import Any
 
 import tyro
 
-from benchmarks.scaling.measured_child import Measured, measured
+from benchmarks.scaling.measured_child import ChildUse, measured
 from benchmarks.scaling.smooth_corpus import SmoothCorpus, short_lengths
 from bridge.cli import COMMANDS
 from bridge.errors import DsnetError
@@ -89,7 +89,7 @@ def start_s(stage: str) -> float:
     return measured([sys.executable, "-c", f"import {COMMANDS[stage][0]}"], {}).cpu_s
 
 
-def _stages(size: int, config: ManySequencesConfig) -> dict[str, Measured]:
+def _stages(size: int, config: ManySequencesConfig) -> dict[str, ChildUse]:
     run = Run(f"many_sequences_{size}")
     least, most = config.frames
     if not 4 <= least <= most < MOST_FRAMES:
@@ -107,7 +107,7 @@ def _stages(size: int, config: ManySequencesConfig) -> dict[str, Measured]:
     return found
 
 
-def run_stage(stage: str, run: Run, options: str) -> Measured:
+def run_stage(stage: str, run: Run, options: str) -> ChildUse:
     """One stage of a run as a process, with profile `smoke`."""
     call = "from bridge.cli import main; main()"
     profile = [] if stage == "check" else ["--profile", "smoke"]

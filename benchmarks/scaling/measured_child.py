@@ -16,7 +16,7 @@ _EVERY_S = 0.02
 
 
 @dataclass(frozen=True)
-class Measured:
+class ChildUse:
     """What a command took, with all processes that it started."""
 
     cpu_s: float
@@ -30,7 +30,7 @@ class Measured:
     back when it is short."""
 
 
-def measured(command: Sequence[str], environment: Mapping[str, str]) -> Measured:
+def measured(command: Sequence[str], environment: Mapping[str, str]) -> ChildUse:
     """Run a command to its end (Linux only).
 
     Raises
@@ -58,7 +58,7 @@ def measured(command: Sequence[str], environment: Mapping[str, str]) -> Measured
                 "Run it by hand.",
             )
     wall_s = time.perf_counter() - started
-    return Measured(used.ru_utime + used.ru_stime, wall_s, most["RssAnon"], most["VmRSS"])
+    return ChildUse(used.ru_utime + used.ru_stime, wall_s, most["RssAnon"], most["VmRSS"])
 
 
 def _memory_mb(process: int) -> dict[str, float]:

@@ -35,7 +35,7 @@ Errors = Mapping[str, PredictorErrors]
 """Of one sequence, by predictor."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Squares:
     """What the spread over sequences needs of one of them."""
 

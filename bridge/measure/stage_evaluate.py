@@ -75,7 +75,7 @@ def evaluate_roads(
 ) -> None:
     """Fill an artifact with the errors of every predictor of some roads, the first road's first."""
     evaluation = Evaluation(roads, truth, body)
-    found = _Found()
+    found = _KeptErrors()
     for one in _compared(evaluation):
         found.add(one, evaluation)
     found.mesh_errors_m.write(writer, MESH_ERROR, "m, mean over vertices")
@@ -97,7 +97,7 @@ def evaluate_roads(
     )
 
 
-class _Found:
+class _KeptErrors:
     """What is kept of all sequences' errors, so that thousands of sequences fit in memory."""
 
     def __init__(self) -> None:
