@@ -20,7 +20,8 @@ class PackConfig:
     """Store the arrays of a folder in one file: offsets and vertices within a bound, all else
     exactly.
 
-    Costs about 0.3 s a megabyte. `dsnet unpack` gives the arrays back.
+    Costs one core, most of it for deflating, and the memory of a block of 128 frames. `dsnet
+    unpack` gives the arrays back.
     """
 
     folder: Path | None = None

@@ -56,5 +56,5 @@ def unpack(packed: PackedFile, writer: ArtifactWriter) -> None:
     for name, unit in packed.exact.items():
         writer.put(name, packed.array(name), unit)
     bounds_m = {name: entry.bound for name, entry in packed.bounded.items()}
-    told = {key: packed.facts[key] for key in ("kind", "source_sha256", "manifest")}
+    told = {key: packed.facts.get(key) for key in ("kind", "source_sha256", "manifest")}
     writer.record(bounds_m=bounds_m, packed=told)

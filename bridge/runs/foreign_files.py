@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 _DIRECTORY_BYTES = 1 << 20
 """Of an archive: what stands in it of 10,000 members."""
-_JSON_BYTES = 16 << 20
+MOST_JSON_BYTES = 16 << 20
 """Of a manifest: some 100,000 sequences."""
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _PLAIN_NAME = re.compile(r"[^/\\\0]{1,255}(/[^/\\\0]{1,255}){0,7}")
@@ -76,7 +76,7 @@ def read_json(path: Path) -> Any:
     ValueError
         If it is too large, nested too deeply or not JSON.
     """
-    with open_regular(path, _JSON_BYTES) as stream:
+    with open_regular(path, MOST_JSON_BYTES) as stream:
         try:
             return json.loads(stream.read().decode())
         except RecursionError as error:

@@ -91,9 +91,13 @@ class PackedFile:
         sizes = {name: 4 * math.prod(entry.shape) for name, entry in self.bounded.items()}
         for name in self.exact:
             self._archive.check(name, most)
-            sizes[name] = self._archive[name].size_bytes
-        if not all(map(is_plain_name, sizes)) or set(self.bounded) & set(self.exact):
-            raise ValueError("arrays without names of their own")
+            header = self._archive[name]
+            if header.dtype.kind not in "biuf":
+                raise ValueError(f"{name!r} of {header.dtype}")
+            sizes[name] = header.size_bytes
+        plain = all(is_plain_name(name) and "/" not in name for name in sizes)
+        if not plain or set(self.bounded) & set(self.exact):
+            raise ValueError("arrays without plain names of their own")
         if sum(sizes.values()) > most:
             raise ValueError(f"arrays of {sum(sizes.values())} bytes, not at most {most}")
 

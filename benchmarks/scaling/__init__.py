@@ -1,0 +1,1 @@
+"""What more workers give, what they cost, and what a million sequences would take."""
