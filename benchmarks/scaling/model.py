@@ -55,7 +55,8 @@ class StageModel:
     def wall_s(self, frames: float, workers: int, tasks: Mapping[str, tuple[int, int]]) -> float:
         """Seconds with some workers; `tasks` has of each phase its calls and tasks."""
         phases = (
-            wall_of_phase(line(frames), *tasks[name], workers) for name, line in self.busy.items()
+            wall_of_phase(line(frames), *tasks.get(name, (1, 0)), workers)
+            for name, line in self.busy.items()
         )
         return self.alone(frames) + sum(phases)
 

@@ -70,7 +70,7 @@ class Observed:
         )
         own.sent_bytes = sum(map(_size, seen))
         if self.begun == before:  # else its tasks have pools of their own
-            self._add(getattr(work, "__qualname__", str(work)), own)
+            self._add(_name(work), own)
 
     def _add(self, name: str, own: Phase) -> None:
         total = self.phases.setdefault(name, Phase())
@@ -91,6 +91,13 @@ def main() -> None:
     wall_s = time.perf_counter() - started
     phases = {name: asdict(phase) for name, phase in observed.phases.items()}
     Path(out).write_text(json.dumps({"wall_s": wall_s, "phases": phases}))
+
+
+def _name(work: Any) -> str:
+    """Of the function that does the work, the same in every process."""
+    while isinstance(work, partial):
+        work = work.func
+    return getattr(work, "__qualname__", type(work).__qualname__)
 
 
 def _timed(work: Any, tools: Any, item: Any) -> tuple[float, Any]:

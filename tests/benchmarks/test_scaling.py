@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -89,6 +90,10 @@ def halve(tools: None, item: int) -> float:
     return item / 2
 
 
+def scale(times: int, tools: None, item: int) -> int:
+    return times * item
+
+
 def with_a_pool(tools: None, item: int) -> list[float]:
     with worker_pool("threads", None, 2) as pool:
         return list(pool.map(halve, range(item)))
@@ -100,7 +105,8 @@ def test_phases_are_of_the_inner_pool():
         patch.setattr(WorkerPool, "map", lambda *call: seen.map(original, *call))
         with worker_pool("serial", None) as pool:
             assert list(pool.map(with_a_pool, [3, 2])) == [[0.0, 0.5, 1.0], [0.0, 0.5]]
-    assert list(seen.phases) == ["halve"]
+            assert list(pool.map(partial(scale, 3), [1])) == [3]
+    assert list(seen.phases) == ["halve", "scale"]
     phase = seen.phases["halve"]
     assert (phase.calls, phase.tasks) == (2, 5)
     assert 0 < phase.longest_s <= phase.busy_s
