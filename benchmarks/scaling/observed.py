@@ -85,7 +85,11 @@ def main() -> None:
     workers, out, *command = sys.argv[1:]
     use_workers(int(workers))
     observed, original = Observed(), WorkerPool.map
-    WorkerPool.map = lambda pool, work, items: observed.map(original, pool, work, items)
+
+    def observing(pool: WorkerPool, work: Any, items: Iterable[Any]) -> Iterator[Any]:
+        return observed.map(original, pool, work, items)
+
+    setattr(WorkerPool, "map", observing)  # noqa: B010
     started = time.perf_counter()
     dsnet(command)
     wall_s = time.perf_counter() - started

@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,7 +33,7 @@ from bridge.runs.provenance import provenance
 from torch_align_ae.corpus.dyna_files import DynaReader
 
 Result = TypeVar("Result")
-ARRAYS = (("align", "offsets"), ("align_robust", "offsets"), ("predict_plus", "offsets_dsnet_plus"))
+ARRAYS = (("align_robust", "offsets"), ("predict_plus", "offsets_dsnet_plus"), ("align", "offsets"))
 _SUBSPACES = (32, 128)
 
 
@@ -44,7 +45,7 @@ class StorageConfig:
     """A finished run."""
     clips: PositiveInt = 3
     """How many sequences, evenly from all."""
-    fitted: PositiveInt = 256
+    fitted: PositiveInt = 200
     """Frames, evenly from all, that the subspaces are fitted to."""
     timed: bool = True
     """Whether to take speeds, which only a quiet machine gives."""
@@ -87,14 +88,18 @@ class Source:
 
 def main(config: StorageConfig) -> None:
     """Measure, print a line each, write both files."""
-    rows = []
+    rows: list[dict[str, Any]] = []
     for source in sources(config):
         for row in compare(source, config.timed):
             sys.stdout.write(f"{source.name:<32}{row.label:<46}{row.bytes_per_frame:>9.0f} bytes\n")
             rows.append(asdict(row))
+        _write(config, rows)  # source by source: it takes minutes
+
+
+def _write(config: StorageConfig, rows: list[dict[str, Any]]) -> None:
     results = {
         "run": config.run,
-        "data": Run(config.run).artifact("align").origin,
+        "data": Run(config.run).artifact("corpus").origin,
         "clips": config.clips,
         "frames": FRAMES_PER_BLOCK,
         "machine": provenance(0.0)["machine"] if config.timed else None,
@@ -119,7 +124,7 @@ def sources(config: StorageConfig) -> Iterator[Source]:
     corpus = run.artifact("corpus")
     files = [corpus.file(name) for name in corpus.manifest["files"] if name.endswith(".h5")]
     with DynaReader(files) as reader:
-        frames = sum(entry.frames for entry in reader.entries)
+        frames = sum(entry.length for entry in reader.entries)
         names = [entry.name for entry in _evenly(reader.entries, config.clips)]
         clips = [reader.frames(name, 0, FRAMES_PER_BLOCK) for name in names]
         few = max(1, config.fitted // len(reader))
@@ -138,9 +143,10 @@ def measure(source: Source, candidate: Candidate, timed: bool) -> Row:
     """Store and read back every clip of one kind."""
     sizes, apart_mm, writing_s, reading_s = [], [], 0.0, 0.0
     for clip in source.clips:
-        data, seconds = _timed(lambda clip=clip: candidate.encode(clip))
+        data, seconds = _timed(partial(candidate.encode, clip))
         writing_s += seconds
-        again, seconds = _timed(lambda clip=clip, data=data: candidate.decode(data, clip.shape))
+        n, vertices, sides = clip.shape
+        again, seconds = _timed(partial(candidate.decode, data, (n, vertices, sides)))
         reading_s += seconds
         sizes.append(len(data))
         apart_mm.append(1e3 * np.abs(again.astype(np.float64) - clip).reshape(-1))

@@ -7,10 +7,10 @@ from typing import Any
 
 _HEAD = """# Storage
 
-Made by `python -m benchmarks.storage --run {run}`. Data: {data}. {clips} sequences of each kind,
-{frames} frames of each. A frame is 6890 vertices of three float32. A bound holds for every
-coordinate; where there is none, errors are as they happen to be. Subspaces are fitted to the run,
-and their directions are shared out among all of its frames. {speed}
+Made by `python -m benchmarks.storage --run {run} --clips {clips}{untimed}`. Data: {data}. Of each
+kind as many sequences, {frames} frames of each. A frame is 6890 vertices of three float32. A bound
+holds for every coordinate; where there is none, errors are as they happen to be. Subspaces are
+fitted to the run, and their directions are shared out among all of its frames. {speed}
 """
 
 
@@ -22,7 +22,10 @@ def page(results: dict[str, Any]) -> str:
         if machine
         else "Speeds were not taken."
     )
-    text = _HEAD.format(speed=speed, **{k: results[k] for k in ("run", "data", "clips", "frames")})
+    untimed = "" if machine else " --no-timed"
+    text = _HEAD.format(
+        speed=speed, untimed=untimed, **{k: results[k] for k in ("run", "data", "clips", "frames")}
+    )
     for source, rows in groupby(results["rows"], key=lambda row: row["source"]):
         text += f"\n## {source[0].upper()}{source[1:]}\n\n{_table(list(rows), bool(machine))}"
     return text
