@@ -1,7 +1,7 @@
 """Measure the stages that use a pool with 1 and 2 workers, on corpora of three sizes.
 
     python -m benchmarks.scaling                            # on a quiet machine
-    python -m benchmarks.scaling --profile smoke --sizes 1 2 3 --out OUT
+    python -m benchmarks.scaling --profile smoke --sizes 2 3 4 --out OUT
 
 The first writes docs/results/scaling/scaling.json, which `python tools/update_scaling.py` brings
 into docs/scaling.md; the second shows that it works. Every stage is a process of its own, in a

@@ -30,8 +30,7 @@ def test_bounds_hold(rows):
     bounds = {row.label: (row.bound_mm, row.largest_mm) for row in rows}
     assert {bound for bound, _ in bounds.values()} >= {None, 0.0, 0.1, 0.01, 0.001}
     for bound_mm, largest_mm in bounds.values():
-        # HDF5's own filter rounds to a decimal digit, and then to float32.
-        assert bound_mm is None or largest_mm <= bound_mm * (1 + 1e-4)
+        assert bound_mm is None or largest_mm <= bound_mm
 
 
 def test_bytes_are_counted(rows, frames):
