@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -128,8 +128,10 @@ def sources(config: StorageConfig) -> Iterator[Source]:
         names = [entry.name for entry in _evenly(reader.entries, config.clips)]
         clips = [reader.frames(name, 0, FRAMES_PER_BLOCK) for name in names]
         few = max(1, config.fitted // len(reader))
-        firsts = [reader.frames(entry.name, 0, few) for entry in reader.entries]
-        yield Source("meshes of `corpus`", clips, np.concatenate(firsts), frames)
+        spread = [(one.name, frame) for one in reader.entries
+                  for frame in _evenly(range(one.length), few)]  # fmt: skip
+        fitted = [reader.frames(name, frame, frame + 1) for name, frame in spread]
+        yield Source("meshes of `corpus`", clips, np.concatenate(fitted), frames)
 
 
 def compare(source: Source, timed: bool) -> Iterator[Row]:
@@ -167,7 +169,7 @@ def measure(source: Source, candidate: Candidate, timed: bool) -> Row:
     )
 
 
-def _evenly(items: list[Any], count: int) -> list[Any]:
+def _evenly(items: Sequence[Any], count: int) -> list[Any]:
     chosen = np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int)
     return [items[index] for index in chosen]
 

@@ -59,7 +59,8 @@ def candidates(subspaces: dict[int, Subspace]) -> list[Candidate]:
         unpack = zstandard.ZstdDecompressor().decompress
         found.insert(2, _exact(f"zstd {_ZSTD_LEVEL}", pack, unpack))
         found.append(_stepped("the same, zstd 3", 0.01, (1, 2), pack, unpack))
-    for count, subspace in subspaces.items():
+    for subspace in subspaces.values():
+        count = len(subspace.directions)  # fewer where frames have no more
         found.append(_projected(f"{count} directions alone", subspace))
         found.append(_with_rest(f"{count} directions, the rest packed", subspace, 0.01))
     return found
