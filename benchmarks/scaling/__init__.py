@@ -1,1 +1,1 @@
-"""How stages grow with the corpus: smooth corpora that cost nothing, and children measured."""
+"""How stages grow with the corpus and with workers, and what a million sequences would take."""

@@ -81,7 +81,7 @@ def _do(sent: list[Any], item: Any) -> Any:
 @lru_cache(maxsize=1)
 def _unpacked(sent: Any) -> tuple[worker_pool.Work, Any]:
     work, tools, initializer = ray.get(sent)
-    worker_pool.one_worker_only()
+    worker_pool.use_workers(1)
     if initializer:
         initializer()
     return work, tools

@@ -73,10 +73,10 @@ def on_any_node(kind: Kind) -> Kind:
     return "ray" if chosen_engine() == "ray" else kind
 
 
-def one_worker_only() -> None:
-    """From now on pools of this process have one worker unless told otherwise."""
+def use_workers(count: int) -> None:
+    """From now on pools of this process have so many workers unless told otherwise."""
     global _workers_by_default
-    _workers_by_default = 1
+    _workers_by_default = count
 
 
 def worker_pool(

@@ -1,0 +1,1 @@
+"""What moving bodies take on disk: how small, how exact and how fast each way to store them is."""

@@ -1,0 +1,140 @@
+"""Write what was measured of pools, and what follows from it, into docs/scaling.md.
+
+    python -m benchmarks.storage --run demo     # both on a quiet machine
+    python -m benchmarks.scaling
+    python tools/update_scaling.py
+
+`tests/test_scaling_page.py` compares the page with docs/results/scaling and docs/results/storage.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.scaling.limits import limits, storage
+from benchmarks.scaling.model import CORES_A_NODE, needs, predicted_and_measured
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "scaling.md"
+SCALING = ROOT / "docs" / "results" / "scaling" / "scaling.json"
+STORAGE = ROOT / "docs" / "results" / "storage" / "storage.json"
+MARK = "<!-- plan: written by tools/update_scaling.py -->\n"
+SEQUENCES, FRAMES_EACH = 1_000_000, 321
+"""The mean length is that of the paper's corpus."""
+_PACKED = ("`dsnet pack`", 0.01)
+
+
+def main() -> None:
+    """Refresh the page's block."""
+    PAGE.write_text(with_plan(PAGE.read_text(), load(SCALING), load(STORAGE)))
+
+
+def load(path: Path) -> dict[str, Any] | None:
+    """Committed results; None if there are none."""
+    return json.loads(path.read_text()) if path.exists() else None
+
+
+def with_plan(page: str, scaling: dict[str, Any] | None, stored: dict[str, Any] | None) -> str:
+    """The page's text with its generated block written anew."""
+    head, rest = page.split(MARK)
+    blocks = _measured(scaling) + _needed(scaling) + _stored(stored)
+    return head + MARK + blocks + rest[rest.index("<!-- end -->") :]
+
+
+def _measured(scaling: dict[str, Any] | None) -> str:
+    if scaling is None:
+        return "Times are not measured yet.\n"
+    rows = [
+        (one["stage"], one["frames"], one["workers"], f"{one['wall_s']:.1f}",
+         f"{one['frames'] / one['wall_s']:.0f}", *_tasks(one))
+        for one in scaling["measured"]
+    ]  # fmt: skip
+    checked = [
+        (row["stage"], row["frames"], row["workers"], f"{row['wall_s']:.1f}",
+         f"{row['predicted_s']:.1f}", f"{100 * row['relative_error']:+.0f} %")
+        for row in predicted_and_measured(scaling["measured"])
+    ]  # fmt: skip
+    pools = [
+        (one["kind"], one["workers"] or "all cores", f"{one['begin_s']:.2f}",
+         f"{1e3 * one['task_s']:.2f}")
+        for one in scaling["overheads"]
+    ]  # fmt: skip
+    return (
+        f"Settings of `{scaling['profile']}`, on {scaling['machine']}. Bytes of a task: read and "
+        "written by files, and to and from the process that asks, if a task leaves it.\n\n"
+        + _table("stage | frames | workers | seconds | frames a second | tasks | "
+                 "seconds a task | kB read | kB written | kB to and fro", rows)
+        + "\nWhat a pool takes when there is nothing to do:\n\n"
+        + _table("pool | workers | seconds to begin | ms a task", pools)
+        + "\nThe model, drawn through the smallest and the largest corpus with one worker, at "
+        "the others:\n\n"
+        + _table("stage | frames | workers | seconds | predicted | error", checked)
+    )  # fmt: skip
+
+
+def _tasks(one: dict[str, Any]) -> tuple[str, ...]:
+    """Tasks, and seconds and kilobytes of one."""
+    phases = one["phases"].values()
+    count = sum(phase["tasks"] for phase in phases)
+
+    def each(*keys: str) -> float:
+        return sum(phase[key] for phase in phases for key in keys) / max(count, 1)
+
+    kilobytes = (("read_bytes",), ("written_bytes",), ("sent_bytes", "back_bytes"))
+    return (
+        str(count),
+        f"{each('busy_s'):.3f}",
+        *(f"{1e-3 * each(*keys):,.0f}" for keys in kilobytes),
+    )
+
+
+def _needed(scaling: dict[str, Any] | None) -> str:
+    if scaling is None:
+        return ""
+    rows = [
+        (row["stage"], f"{row['core_hours']:,.0f}", f"{row['alone_hours']:,.0f}",
+         row["nodes_for_a_day"] or "none suffice")
+        for row in needs(scaling["measured"], SEQUENCES * FRAMES_EACH)
+    ]  # fmt: skip
+    broken = [
+        (row["what"], f"{row['sequences']:,.0f}", row["remedy"])
+        for row in limits(scaling, FRAMES_EACH)
+    ]
+    return (
+        f"\n### {SEQUENCES:,} sequences\n\nOf {FRAMES_EACH} frames each, the paper's mean, by the "
+        f"same lines; nodes of {CORES_A_NODE} cores as fast as these:\n\n"
+        + _table("stage | core hours | of these in one process | nodes for a day", rows)
+        + "\nWhat breaks, the first first:\n\n"
+        + _table("what | at sequences | remedy", broken)
+    )
+
+
+def _stored(stored: dict[str, Any] | None) -> str:
+    if stored is None:
+        return "\nStorage is not measured yet.\n"
+    ratios = {
+        row["source"]: row["ratio"]
+        for row in stored["rows"]
+        if (row["label"], row["bound_mm"]) == _PACKED
+    }
+    found = storage(ratios, SEQUENCES * FRAMES_EACH)
+    rows = [(source, f"{ratio:.1f}", f"{found['raw']:.1f}", f"{found[source]:.1f}")
+            for source, ratio in ratios.items()]  # fmt: skip
+    return (
+        f"\nStorage of {SEQUENCES:,} sequences of {FRAMES_EACH} frames, terabytes; packed within "
+        f"{_PACKED[1]} mm, by run `{stored['run']}` ({stored['data']} data):\n\n"
+        + _table("array | ratio | as it is | packed", rows)
+    )
+
+
+def _table(head: str, rows: Iterable[Iterable[Any]]) -> str:
+    lines = [head, "|".join("---:" if i else "---" for i in range(head.count("|") + 1))]
+    lines += [" | ".join(map(str, row)) for row in rows]
+    return "".join(f"| {line} |\n" for line in lines)
+
+
+if __name__ == "__main__":
+    main()
