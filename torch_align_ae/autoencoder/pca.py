@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from bridge.motion.splits import chunks
@@ -62,11 +63,17 @@ class PcaCodec:
     def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """Offsets (B, V, 3) in metres to coefficients (B, K) in metres."""
         centred = np.asarray(offsets_m - self.mean_m, dtype=np.float32)
-        return centred.reshape(len(offsets_m), -1) @ self.components.T
+        return _product(centred.reshape(len(offsets_m), -1), self.components.T)
 
     def decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
         """Coefficients (B, K) to offsets (B, V, 3) in metres."""
-        return (latents @ self.components).reshape(-1, *self.mean_m.shape) + self.mean_m
+        offsets_m = _product(latents, self.components).reshape(-1, *self.mean_m.shape)
+        return offsets_m + self.mean_m
+
+
+def _product(left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.float32]:
+    """PyTorch's, which obeys `torch_workers`: NumPy's bits depend on how many cores there are."""
+    return (torch.tensor(left) @ torch.from_numpy(right)).numpy()
 
 
 def _basis(subspace: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -14,9 +14,10 @@ from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.array_file import ArrayFile
-from bridge.runs.worker_pool import on_any_node, worker_pool
+from bridge.runs.worker_pool import on_any_node
 from torch_align_ae.autoencoder.codec import load_codecs
 from torch_align_ae.autoencoder.pca import OffsetCodec
+from torch_align_ae.workers import torch_workers
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def _make(
         for source, target in zip(chosen, placed, strict=True)
     ]
     stage = _Decoding(predict, encode, codecs, offsets)
-    with worker_pool(on_any_node("serial"), stage) as pool:
+    with torch_workers(on_any_node("threads"), stage) as pool:
         for _ in tqdm(pool.map(_decode, items), desc="decode", total=len(items), unit="sequence",
                       disable=None):  # fmt: skip
             pass

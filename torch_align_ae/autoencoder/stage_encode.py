@@ -14,9 +14,10 @@ from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.paper import LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.array_file import ArrayFile
-from bridge.runs.worker_pool import on_any_node, worker_pool
+from bridge.runs.worker_pool import on_any_node
 from torch_align_ae.autoencoder.codec import load_codecs
 from torch_align_ae.autoencoder.pca import OffsetCodec
+from torch_align_ae.workers import torch_workers
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def _make(align: Artifact, codecs: Mapping[CodeName, OffsetCodec], writer: Artif
         code: writer.array_file(LATENTS_OF[code], (frames, LATENT_SIZE), np.float32, UNITS[code])
         for code in codecs
     }
-    with worker_pool(on_any_node("serial"), _Encoding(align, codecs, latents)) as pool:
+    with torch_workers(on_any_node("threads"), _Encoding(align, codecs, latents)) as pool:
         for _ in tqdm(pool.map(_encode, sequences), desc="encode", total=len(sequences),
                       unit="sequence", disable=None):  # fmt: skip
             pass
