@@ -44,7 +44,7 @@ class Phase:
 
 
 @dataclass
-class Observed:
+class ObservedPools:
     """The phases of a process by the function's name."""
 
     phases: dict[str, Phase] = field(default_factory=dict)
@@ -84,7 +84,7 @@ def main() -> None:
     """Entry point: number of workers, file to write, and the command with its options."""
     workers, out, *command = sys.argv[1:]
     use_workers(int(workers))
-    observed, original = Observed(), WorkerPool.map
+    observed, original = ObservedPools(), WorkerPool.map
 
     def observing(pool: WorkerPool, work: Any, items: Iterable[Any]) -> Iterator[Any]:
         return observed.map(original, pool, work, items)

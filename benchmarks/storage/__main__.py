@@ -22,7 +22,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from benchmarks.storage.candidates import Candidate, candidates
+from benchmarks.storage.candidates import Encoding, candidates
 from benchmarks.storage.page import page
 from benchmarks.storage.subspace import Subspace
 from bridge.exchange.packed.layout import FRAMES_PER_BLOCK
@@ -54,7 +54,7 @@ class StorageConfig:
 
 
 @dataclass(frozen=True)
-class Row:
+class StoredSize:
     """What one way gives for one kind of vertices."""
 
     source: str
@@ -134,14 +134,14 @@ def sources(config: StorageConfig) -> Iterator[Source]:
         yield Source("meshes of `corpus`", clips, np.concatenate(fitted), frames)
 
 
-def compare(source: Source, timed: bool) -> Iterator[Row]:
+def compare(source: Source, timed: bool) -> Iterator[StoredSize]:
     """A row for each way."""
     subspaces = {count: Subspace.fitted(source.fitted, count) for count in _SUBSPACES}
     for candidate in candidates(subspaces):
         yield measure(source, candidate, timed)
 
 
-def measure(source: Source, candidate: Candidate, timed: bool) -> Row:
+def measure(source: Source, candidate: Encoding, timed: bool) -> StoredSize:
     """Store and read back every clip of one kind."""
     sizes, apart_mm, writing_s, reading_s = [], [], 0.0, 0.0
     for clip in source.clips:
@@ -156,7 +156,7 @@ def measure(source: Source, candidate: Candidate, timed: bool) -> Row:
     share = candidate.shared_bytes / source.frames
     per_frame = sum(sizes) / frames + share
     errors_mm = np.concatenate(apart_mm)
-    return Row(
+    return StoredSize(
         source.name,
         candidate.label,
         candidate.bound_mm,

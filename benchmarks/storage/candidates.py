@@ -23,7 +23,7 @@ _ZSTD_LEVEL = 3
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Encoding:
     """One way; `decode(encode(frames), shape)` gives the frames (n, V, 3) again."""
 
     label: str
@@ -35,7 +35,7 @@ class Candidate:
     """What is stored once for all frames."""
 
 
-def candidates(subspaces: dict[int, Subspace]) -> list[Candidate]:
+def candidates(subspaces: dict[int, Subspace]) -> list[Encoding]:
     """All of them; those of zstd where its library is installed.
 
     Parameters
@@ -43,10 +43,10 @@ def candidates(subspaces: dict[int, Subspace]) -> list[Candidate]:
     subspaces : by their number of directions.
     """
     found = [
-        Candidate("float32", _raw, lambda data, shape: _array(data, "<f4", shape), 0.0),
+        Encoding("float32", _raw, lambda data, shape: _array(data, "<f4", shape), 0.0),
         _exact("deflate", _deflated, zlib.decompress),
         _hdf5("HDF5: shuffle, gzip 4", 0.0),
-        Candidate("float16", lambda x: x.astype("<f2").tobytes(), _from_half),
+        Encoding("float16", lambda x: x.astype("<f2").tobytes(), _from_half),
         # Half of a digit off, as a rule, but some numbers are a whole one off: no bound is stated.
         _hdf5("HDF5: scale-offset 5 digits, shuffle, gzip 4", None, scaleoffset=5),
         _stepped("whole steps", 0.01, (0,)),
@@ -82,9 +82,7 @@ def _deflated(data: bytes) -> bytes:
     return zlib.compress(data, _DEFLATE_LEVEL)
 
 
-def _exact(
-    name: str, pack: Callable[[bytes], bytes], unpack: Callable[[bytes], bytes]
-) -> Candidate:
+def _exact(name: str, pack: Callable[[bytes], bytes], unpack: Callable[[bytes], bytes]) -> Encoding:
     """The four bytes of each number apart, then compressed."""
 
     def encoded(frames: Frames) -> bytes:
@@ -94,10 +92,10 @@ def _exact(
         planes = np.frombuffer(unpack(data), np.uint8).reshape(4, -1)
         return np.ascontiguousarray(planes.T).view(np.float32).reshape(shape)
 
-    return Candidate(f"float32: shuffle, {name}", encoded, decoded, 0.0)
+    return Encoding(f"float32: shuffle, {name}", encoded, decoded, 0.0)
 
 
-def _hdf5(label: str, bound_mm: float | None, **filters: Any) -> Candidate:
+def _hdf5(label: str, bound_mm: float | None, **filters: Any) -> Encoding:
     def encoded(frames: Frames) -> bytes:
         buffer = io.BytesIO()
         with h5py.File(buffer, "w") as file:
@@ -111,7 +109,7 @@ def _hdf5(label: str, bound_mm: float | None, **filters: Any) -> Candidate:
             assert isinstance(dataset, h5py.Dataset)
             return dataset[:].reshape(shape)
 
-    return Candidate(label, encoded, decoded, bound_mm)
+    return Encoding(label, encoded, decoded, bound_mm)
 
 
 def _stepped(
@@ -120,7 +118,7 @@ def _stepped(
     differences: tuple[int, ...],
     pack: Callable[[bytes], bytes] = _deflated,
     unpack: Callable[[bytes], bytes] = zlib.decompress,
-) -> Candidate:
+) -> Encoding:
     """The codec of packed files, with or without its differences in time."""
 
     def encoded(frames: Frames) -> bytes:
@@ -133,15 +131,15 @@ def _stepped(
         planes = np.frombuffer(unpack(packed), np.uint8).reshape(-1, int(np.prod(shape)))
         return decode(CodedFrames(planes, times), step, shape)
 
-    return Candidate(name, encoded, decoded, bound_mm)
+    return Encoding(name, encoded, decoded, bound_mm)
 
 
-def _projected(label: str, subspace: Subspace) -> Candidate:
+def _projected(label: str, subspace: Subspace) -> Encoding:
     def decoded(data: bytes, shape: tuple[int, int, int]) -> Frames:
         coefficients = np.frombuffer(data, np.float32).reshape(shape[0], -1)
         return subspace.frames(coefficients, shape).astype(np.float32)
 
-    return Candidate(
+    return Encoding(
         label,
         lambda frames: subspace.coefficients(frames).tobytes(),
         decoded,
@@ -149,7 +147,7 @@ def _projected(label: str, subspace: Subspace) -> Candidate:
     )
 
 
-def _with_rest(label: str, subspace: Subspace, bound_mm: float) -> Candidate:
+def _with_rest(label: str, subspace: Subspace, bound_mm: float) -> Encoding:
     """A subspace, and what it leaves in whole steps: within the bound at every coordinate."""
     # Half of a last bit of the sum, for meshes of some metres.
     rest = _stepped("", bound_mm - 1e-3, (1, 2))
@@ -164,4 +162,4 @@ def _with_rest(label: str, subspace: Subspace, bound_mm: float) -> Candidate:
         within = np.frombuffer(coefficients, np.float32).reshape(shape[0], -1)
         return (subspace.frames(within, shape) + rest.decode(left, shape)).astype(np.float32)
 
-    return Candidate(label, encoded, decoded, bound_mm, subspace.size_bytes)
+    return Encoding(label, encoded, decoded, bound_mm, subspace.size_bytes)

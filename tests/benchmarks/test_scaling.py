@@ -18,6 +18,7 @@ from benchmarks.scaling.model import (
     wall_of_phase,
 )
 from benchmarks.scaling.overhead import overheads
+from bridge.runs.foreign_files import MOST_JSON_BYTES
 from bridge.runs.worker_pool import WorkerPool, worker_pool
 
 
@@ -74,7 +75,7 @@ def test_limits_come_in_their_order():
     at = [row["sequences"] for row in rows]
     assert at == sorted(at)
     by_name = {row["what"].split(":")[0]: row["sequences"] for row in rows}
-    assert by_name["a manifest lists its sequences"] == pytest.approx(2**24 / 160)
+    assert by_name["a manifest lists its sequences"] == pytest.approx(MOST_JSON_BYTES / 160)
 
 
 def test_storage_of_offsets():
@@ -100,7 +101,7 @@ def with_a_pool(tools: None, item: int) -> list[float]:
 
 
 def test_phases_are_of_the_inner_pool():
-    seen, original = observed.Observed(), WorkerPool.map
+    seen, original = observed.ObservedPools(), WorkerPool.map
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(WorkerPool, "map", lambda *call: seen.map(original, *call))
         with worker_pool("serial", None) as pool:
