@@ -1,7 +1,7 @@
 """A packed file: an artifact's arrays in one `.npz`, those of vertices within a stated error.
 
 `about` is JSON: what was packed, of which data, with which bound and unit, and the digest of every
-other member. `NAME/00000`, ... are blocks of frames as `bounded_codec` codes them, deflated; any
+other member. `NAME/00000`, ... are blocks of frames as `codec` codes them, deflated; any
 other array stands under its own name as it was. NumPy's own `load` opens it.
 """
 
