@@ -71,8 +71,10 @@ def main(config: FullSizeMemoryConfig) -> None:
     table = as_page(result)
     sys.stdout.write(table)
     config.out.parent.mkdir(parents=True, exist_ok=True)
-    config.out.with_suffix(".json").write_text(json.dumps(result, indent=1) + "\n")
-    config.out.with_suffix(".md").write_text(table)
+    config.out.with_suffix(".json").write_text(
+        json.dumps(result, indent=1) + "\n", encoding="utf-8"
+    )
+    config.out.with_suffix(".md").write_text(table, encoding="utf-8")
 
 
 def corpus_of(share: float) -> SmoothCorpus:

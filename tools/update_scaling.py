@@ -29,12 +29,13 @@ _PACKED = ("`dsnet pack`", 0.01)
 
 def main() -> None:
     """Refresh the page's block."""
-    PAGE.write_text(with_plan(PAGE.read_text(), load(SCALING), load(STORAGE)))
+    page = with_plan(PAGE.read_text(encoding="utf-8"), load(SCALING), load(STORAGE))
+    PAGE.write_text(page, encoding="utf-8")
 
 
 def load(path: Path) -> dict[str, Any] | None:
     """Committed results; None if there are none."""
-    return json.loads(path.read_text()) if path.exists() else None
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
 
 
 def with_plan(page: str, scaling: dict[str, Any] | None, stored: dict[str, Any] | None) -> str:

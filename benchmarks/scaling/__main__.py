@@ -77,7 +77,7 @@ def main(config: ScalingConfig) -> None:
         **facts,
     }
     config.out.mkdir(parents=True, exist_ok=True)
-    (config.out / "scaling.json").write_text(json.dumps(results, indent=1) + "\n")
+    (config.out / "scaling.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
 
 def _measured(config: ScalingConfig, runs: Path) -> Iterator[dict[str, Any]]:
@@ -115,7 +115,7 @@ def _observe(runs: Path, workers: int, *command: str) -> dict[str, Any]:
         env=environment,
         check=True,
     )
-    return json.loads(out.read_text())
+    return json.loads(out.read_text(encoding="utf-8"))
 
 
 def _facts(runs: Path, config: ScalingConfig) -> dict[str, Any]:

@@ -65,9 +65,13 @@ def _memory_mb(process: int) -> dict[str, float]:
     """`RssAnon` and `VmRSS` of a process and all that it has started, MiB."""
     found = {"RssAnon": 0.0, "VmRSS": 0.0}
     try:
-        lines = Path(f"/proc/{process}/status").read_text().splitlines()
+        lines = Path(f"/proc/{process}/status").read_text(encoding="utf-8").splitlines()
         threads = list(Path(f"/proc/{process}/task").iterdir())
-        children = [one for thread in threads for one in (thread / "children").read_text().split()]
+        children = [
+            one
+            for thread in threads
+            for one in (thread / "children").read_text(encoding="utf-8").split()
+        ]
     except OSError:  # it has ended
         return found
     for line in lines:

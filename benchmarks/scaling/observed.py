@@ -94,7 +94,7 @@ def main() -> None:
     dsnet(command)
     wall_s = time.perf_counter() - started
     phases = {name: asdict(phase) for name, phase in observed.phases.items()}
-    Path(out).write_text(json.dumps({"wall_s": wall_s, "phases": phases}))
+    Path(out).write_text(json.dumps({"wall_s": wall_s, "phases": phases}), encoding="utf-8")
 
 
 def _name(work: Any) -> str:
@@ -128,5 +128,5 @@ def _moved_bytes() -> tuple[int, int]:
     """Read and written so far; nothing where the system does not say."""
     if not _IO.exists():
         return 0, 0
-    counts = dict(line.split(": ") for line in _IO.read_text().splitlines())
+    counts = dict(line.split(": ") for line in _IO.read_text(encoding="utf-8").splitlines())
     return int(counts["rchar"]), int(counts["wchar"])

@@ -106,8 +106,8 @@ def _write(config: StorageConfig, rows: list[dict[str, Any]]) -> None:
         "rows": rows,
     }
     config.out.mkdir(parents=True, exist_ok=True)
-    (config.out / "storage.json").write_text(json.dumps(results, indent=1) + "\n")
-    (config.out / "storage.md").write_text(page(results))
+    (config.out / "storage.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    (config.out / "storage.md").write_text(page(results), encoding="utf-8")
 
 
 def sources(config: StorageConfig) -> Iterator[Source]:

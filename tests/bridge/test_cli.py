@@ -9,6 +9,9 @@ import pytest
 
 from bridge.cli import COMMANDS, main
 
+FOLDERS_AND_FILES = ("pack", "unpack")
+"""Commands for anybody's artifacts, not for those of a run."""
+
 
 def test_every_command_has_help(capsys):
     main(["--help"])
@@ -22,7 +25,7 @@ def test_help_shows_run_and_seed(command):
     shown = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout
-    assert "--run" in shown
+    assert ("--run" in shown) == (command not in FOLDERS_AND_FILES)
     assert "--seed" in shown
 
 
