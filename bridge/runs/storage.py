@@ -5,10 +5,10 @@ A mapped file without room kills the process without a word (SIGBUS) when it is 
 
 from __future__ import annotations
 
-import io
 import os
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -21,10 +21,10 @@ _BLOCK_BYTES = 1 << 22
 
 def save_array(path: Path, array: ArrayLike) -> None:
     """Write a whole array; a full disk is an OSError that says so."""
-    # `numpy.save` into a file does not say why it could not write all.
-    buffer = io.BytesIO()
-    np.save(buffer, np.ascontiguousarray(array), allow_pickle=False)
-    path.write_bytes(buffer.getbuffer())
+    with open(path, "wb") as stream:
+        # Into what it takes for a file, NumPy does not say why it could not write all.
+        anything: Any = SimpleNamespace(write=stream.write)
+        np.save(anything, np.ascontiguousarray(array), allow_pickle=False)
 
 
 def map_array(path: Path, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
