@@ -2,7 +2,7 @@
 
     python -m benchmarks.storage --run demo     # both on a quiet machine
     python -m benchmarks.scaling
-    python tools/update_scaling.py
+    python -m tools.update_scaling
 
 `tests/test_scaling_page.py` compares the page with docs/results/scaling and docs/results/storage.
 """

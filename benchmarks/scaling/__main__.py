@@ -3,7 +3,7 @@
     python -m benchmarks.scaling                            # on a quiet machine
     python -m benchmarks.scaling --profile smoke --sizes 2 3 4 --out OUT
 
-The first writes docs/results/scaling/scaling.json, which `python tools/update_scaling.py` brings
+The first writes docs/results/scaling/scaling.json, which `python -m tools.update_scaling` brings
 into docs/scaling.md; the second shows that it works. Every stage is a process of its own, in a
 folder of runs that is removed at the end.
 """

@@ -8,9 +8,9 @@ from typing import Any
 _HEAD = """# Storage
 
 Made by `python -m benchmarks.storage --run {run} --clips {clips}{untimed}`. Data: {data}. Of each
-kind as many sequences, {frames} frames of each. A frame is 6890 vertices of three float32. A bound
-holds for every coordinate; where there is none, errors are as they happen to be. Subspaces are
-fitted to the run, and their directions are shared out among all of its frames. {speed}
+kind {clips} sequences, {frames} frames in the middle of each. A frame is 6890 vertices of three
+float32. A bound holds for every coordinate; where there is none, errors are as they happen to be.
+Subspaces are fitted to the run; all of its frames share the directions' bytes. {speed}
 """
 
 
