@@ -41,6 +41,7 @@ save_weights(sys.argv[1], trainer.state())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("training", [AUTOENCODER, DSNET], ids=["autoencoder", "dsnet"])
 def test_weights_and_moments_are_the_same_bytes(training: str, tmp_path: Path):
     files = [tmp_path / f"{name}.safetensors" for name in ("one", "two")]
