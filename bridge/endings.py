@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import errno
 import os
 import signal
@@ -59,6 +60,10 @@ def exit_with_one_line(*, answer_signals: bool = True) -> Iterator[None]:
     finally:
         if before is not None:
             _when_terminated(before)
+        if answer_signals:
+            # Nothing is left to interrupt but the interpreter's own end, which would not be silent.
+            atexit.unregister(_be_deaf)
+            atexit.register(_be_deaf)
 
 
 def _refusal(error: OSError) -> DsnetError:
@@ -70,11 +75,14 @@ def _refusal(error: OSError) -> DsnetError:
 
 
 def _stop(how: str, number: signal.Signals) -> NoReturn:
-    # Who presses Ctrl-C three times would see the interpreter's own end interrupted.
-    for one in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(one, signal.SIG_IGN)
+    _be_deaf()  # to who presses Ctrl-C three times
     _say(f"{how}; run the same command to go on")
     sys.exit(128 + number)
+
+
+def _be_deaf() -> None:
+    for one in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(one, signal.SIG_IGN)
 
 
 def _say(what: object) -> None:

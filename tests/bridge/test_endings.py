@@ -69,6 +69,12 @@ assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"""
     assert ended(code) == (0, "")
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_after_all_is_done_changes_nothing(number):
+    code = f"import atexit; atexit.register(signal.raise_signal, {int(number)})"
+    assert ended(code) == (0, "")
+
+
 def test_a_module_that_fails_is_an_answer(tmp_path: Path):
     status, said = outcome_of_module("bridge.no_such_module")
     assert status == 1
