@@ -3,7 +3,7 @@
 #   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--aligner sgd|robust|both]
 #                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
 #                  [--engine ray [--address HOST:PORT]]       (on a cluster: docs/scaling.md)
-#                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR]]      (licensed files: docs/data.md)
+#                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR] [--dmpl FILE]]  (licensed: docs/data.md)
 #                  [--plan]            (what that would cost, stage by stage; nothing is run)
 #   ./reproduce.sh setup                the environment alone
 #   ./reproduce.sh test                 the environment, then linters, types and tests
@@ -77,11 +77,11 @@ existing() {
 
 run_stages() {
     local profile=demo run="" seed=0 gender="" corpus=() align=() dyna=() predict=() licensed="" path
-    local aligner="" plan="" engine=()
+    local aligner="" plan="" engine=() train_ae=() train=()
     while (($#)); do
         case $1 in
             --plan) plan=yes && shift && continue ;;
-            --profile | --run | --seed | --gender | --aligner | --smpl | --dyna | --amass | --engine | --address) ;;
+            --profile | --run | --seed | --gender | --aligner | --smpl | --dyna | --amass | --dmpl | --engine | --address) ;;
             *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
         [[ -n ${2-} ]] || refuse "$1 needs a value."
@@ -117,6 +117,11 @@ run_stages() {
                 path=$(existing "$2")
                 predict+=(--amass "$path")
                 ;;
+            --dmpl)
+                path=$(existing "$2")
+                train_ae=(--dmpl "$path")
+                train=(--predictors dsnet_standardised dsnet_faithful dyna_like dyna_like_dmpl)
+                ;;
         esac
         shift 2
     done
@@ -138,6 +143,8 @@ run_stages() {
         case $stage in
             corpus) .venv/bin/dsnet corpus "${common[@]}" ${corpus[@]+"${corpus[@]}"} ;;
             align) .venv/bin/dsnet align "${common[@]}" ${align[@]+"${align[@]}"} ;;
+            train-ae) .venv/bin/dsnet train-ae "${common[@]}" ${train_ae[@]+"${train_ae[@]}"} ;;
+            train) .venv/bin/dsnet train "${common[@]}" ${train[@]+"${train[@]}"} ;;
             predict | predict-plus) .venv/bin/dsnet "$stage" "${common[@]}" ${predict[@]+"${predict[@]}"} ;;
             *) .venv/bin/dsnet "$stage" "${common[@]}" ;;
         esac

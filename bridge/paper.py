@@ -16,6 +16,8 @@ INPUT_SIZE = N_BETAS + THETA_SIZE
 """Width of DSNet's input at each step: betas, then theta (Section 5)."""
 LATENT_SIZE = 100
 """Numbers that the autoencoder keeps of a mesh (Section 4.1, Figure 3)."""
+DMPL_DIRECTIONS = 8
+"""Coefficients that AMASS gives of DMPL, and directions of its released model (Section 3.2)."""
 DSNET_WIDTHS = {"fc_enc_1": 64, "fc_enc_2": 128, "lstm": 60, "fc_enc_3": LATENT_SIZE}
 """Outputs of DSNet's layers (Section 5)."""
 CASAS_OTADUY_WIDTHS = (3 * N_VERTICES, 6000, 3000, LATENT_SIZE)
@@ -69,7 +71,7 @@ NUMBERS: tuple[PaperNumber, ...] = (
     PaperNumber("theta", "3.2", "pose vector theta, 22 x 3 + 3", THETA_SIZE),
     PaperNumber("betas", "4.3", "shape vector beta", N_BETAS),
     PaperNumber("amass_betas", "3.2", "shape coefficients in AMASS", 16),
-    PaperNumber("amass_dmpls", "3.2", "DMPL coefficients in AMASS", 8),
+    PaperNumber("amass_dmpls", "3.2", "DMPL coefficients in AMASS", DMPL_DIRECTIONS),
     PaperNumber("amass_pose", "3.2", "pose parameters in AMASS", 159),
     PaperNumber("align_lr", "3.3", "learning rate of the alignment's SGD", 0.0001),
     PaperNumber("align_momentum", "3.3", "momentum of the alignment's SGD", 0.9),

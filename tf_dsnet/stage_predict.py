@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
+from bridge.exchange.codes import LATENTS_OF
 from bridge.exchange.trained_dsnet import code_of
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.amass_folder import PeopleOfFolders, find_amass_motions, subject_and_motion
 from bridge.motion.cuts import cut_warning, pieces_between_cuts
 from bridge.motion.resampling import Motion, load_amass_motion
-from bridge.paper import LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify, run_as_process
 from bridge.runs.run import body_model_path
@@ -78,17 +78,20 @@ def main(config: PredictStageConfig) -> None:
     names = dict.fromkeys([default, *trained.manifest["predictors"]])
     predictors = TrainedPredictors(trained, tuple(names), partial(body_model_path, run))
     _ = predictors.by_name
+    sizes = {name: encoded.array(LATENTS_OF[code_of(trained, name)]).shape[1] for name in names}
     files = find_motions(run, config.amass, encoded)
 
     def make(writer: ArtifactWriter) -> None:
         motions = gather(encoded, run, files)
         writer.put("theta", motions.theta, "rad, then m")
         writer.put("betas", motions.betas, "1")
-        shape = (len(motions.theta), LATENT_SIZE)
+        frames = len(motions.theta)
         predictors.write(
             motions.performances(),
             {
-                name: writer.array_file(f"latents_{name}", shape, np.float32, "latent unit")
+                name: writer.array_file(
+                    f"latents_{name}", (frames, sizes[name]), np.float32, "latent unit"
+                )
                 for name in names
             },
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bridge.errors import DsnetError
+from bridge.exchange.codes import DMPL
 from bridge.motion.cells import CELLS
 from bridge.runs import Artifact, Run
 from bridge.runs.folders import write_text_atomically
@@ -47,9 +48,12 @@ def check_names(names: Sequence[str], known: Sequence[str], what: str) -> None:
 
 
 def registered() -> tuple[str, ...]:
-    """Every predictor of `dsnet train`, asked of a process of its own: TensorFlow and the renderer
-    abort at the end of a process that has both."""
-    ask = "from tf_dsnet.predictors import PREDICTORS; print(*PREDICTORS)"
+    """Every predictor of `dsnet train` for which no licensed file is needed, asked of a process of
+    its own: TensorFlow and the renderer abort at the end of a process that has both."""
+    ask = (
+        "from tf_dsnet.predictors import PREDICTORS; "
+        f"print(*(name for name, one in PREDICTORS.items() if one.code != {DMPL!r}))"
+    )
     done = subprocess.run(
         [sys.executable, "-c", ask], check=True, stdout=subprocess.PIPE, text=True
     )

@@ -36,6 +36,11 @@ class NetworkCodec:
         """V."""
         return len(self.normaliser.mean_m)
 
+    @property
+    def latent_size(self) -> int:
+        """n."""
+        return self.model.latent_size
+
     def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """Offsets (B, V, 3) in metres to latents (B, n)."""
         return _applied(lambda x: self.model.encode(self.normaliser.normalise(x)), offsets_m)

@@ -59,8 +59,14 @@ def load_unpadded_clips(
     Raises
     ------
     DsnetError
-        If there are none.
+        If there are none, or the run does not have this code.
     """
+    if LATENTS_OF[code] not in encoded.manifest["arrays"]:
+        raise DsnetError(
+            f"{encoded.path} without latents of {code!r}",
+            f"{LATENTS_OF[code]}, on which this predictor is trained",
+            f"Run `dsnet train-ae --{code} FILE` and `dsnet encode`, or leave the predictor out.",
+        )
     sequences = sequences_of(encoded)
     rows = subject_rows(sequences)
     theta, betas, latents = (encoded.array(name) for name in ("theta", "betas", LATENTS_OF[code]))

@@ -14,6 +14,7 @@ from bridge.cli import main
 from bridge.motion import sequences_of
 from bridge.runs import read_artifact
 from tests.forged.amass import save, shape, smplh, smplx
+from tests.forged.dmpl import save_dmpl
 from tests.forged.python2_pickle import python2_pickle
 from tests.forged.registrations import save_registrations
 from tests.forged.smpl import forge_smpl, smpl_fields
@@ -60,7 +61,9 @@ def test_reproduce_does_it_all(smoke_runs, tmp_path, execute):
     smpl = forge_smpl(tmp_path, "v1.0.0, protocol 2", body)
     meshes = map(str, forge_meshes(tmp_path, corpus))
     amass = forge_amass(tmp_path / "amass", corpus)
+    dmpl = save_dmpl(tmp_path / "dmpls" / "female" / "model.npz")
     options = ["--run", "l", "--smpl", str(smpl), "--dyna", *meshes, "--amass", str(amass)]
+    options += ["--dmpl", str(dmpl)]
     command = ["./reproduce.sh", "--profile", "smoke", *options]
     done = execute(command, tmp_path / "runs")
     assert done.returncode == 0, done.stderr
@@ -82,8 +85,10 @@ def test_reproduce_does_it_all(smoke_runs, tmp_path, execute):
         ("99003_hips", "test"),
     }
     assert predicted.origin == "licensed"
+    assert predicted.array("latents_dyna_like_dmpl").shape[1] == 8
     report = (run / "report" / "report.md").read_text()
     assert "Made from licensed files" in report
+    assert "Dyna-like on DMPL's 8 directions" in report
     assert "Synthetic data" not in report
 
 

@@ -37,8 +37,15 @@ def write_encoded(path: Path) -> None:
             "betas": rng.normal(size=(len(SUBJECTS), 10)).astype(np.float32),
             "latents": latents.astype(np.float32),
             "latents_pca": (1e-3 * latents[:, ::-1]).astype(np.float32),
+            "latents_dmpl": (1e-3 * latents[:, 8:0:-1]).astype(np.float32),
         },
-        units={"theta": "rad, then m", "betas": "1", "latents": "latent unit", "latents_pca": "m"},
+        units={
+            "theta": "rad, then m",
+            "betas": "1",
+            "latents": "latent unit",
+            "latents_pca": "m",
+            "latents_dmpl": "m",
+        },
         data="synthetic",
         sequences=to_manifest(sequences),
     )

@@ -1,4 +1,4 @@
-"""Damaged AMASS files."""
+"""Damaged AMASS files, and DMPL's."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
+from bridge.body.dmpl_files import load_dmpl_directions
 from bridge.motion import load_amass_motion
 from tests.forged import amass
 from tests.fuzz.mutations import Draw, Files, damaged_npz
@@ -27,3 +28,17 @@ def files(draw: Draw) -> Files:
 def read(folder: Path) -> None:
     """As a motion at 60 fps."""
     load_amass_motion(folder / "motion.npz")
+
+
+@st.composite
+def dmpl_files(draw: Draw) -> Files:
+    """Of few vertices in most cases: what is declared is looked at first."""
+    vertices = draw(st.sampled_from((6890, 12, 0)))
+    count = draw(st.integers(0, 9))
+    directions = np.linspace(-1, 1, vertices * 3 * count).reshape(vertices, 3, count) ** 3
+    return {"model.npz": draw(damaged_npz({"eigvec": directions}))}
+
+
+def read_dmpl(folder: Path) -> None:
+    """Its directions."""
+    load_dmpl_directions(folder / "model.npz")

@@ -18,7 +18,7 @@ from tf_dsnet.predictors.base import (
 )
 from tf_dsnet.predictors.compared.casas_otaduy_like import CasasOtaduyLike
 from tf_dsnet.predictors.compared.dsnet_variants import VARIANTS
-from tf_dsnet.predictors.compared.dyna_like import DynaLike
+from tf_dsnet.predictors.compared.dyna_like import DynaLike, dyna_like_dmpl
 from tf_dsnet.predictors.compared.softsmpl_like import SoftSmplLike
 from tf_dsnet.predictors.dsnet_differences import DifferencesDsnet
 from tf_dsnet.predictors.dsnet_faithful import FaithfulDsnet
@@ -32,6 +32,7 @@ PREDICTORS: dict[str, Predictor] = {
         DifferencesDsnet(),
         *VARIANTS,
         DynaLike(),
+        dyna_like_dmpl(),
         CasasOtaduyLike(),
         SoftSmplLike(),
     )

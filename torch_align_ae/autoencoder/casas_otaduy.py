@@ -26,6 +26,7 @@ class CasasOtaduyAutoencoder(nn.Module):
         latent_size: int = LATENT_SIZE,
     ) -> None:
         super().__init__()
+        self.latent_size = latent_size
         widths = (*widths, latent_size)
         self.encoder = _fully_connected(widths)
         self.decoder = _fully_connected(widths[::-1])

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
-from bridge.exchange.codes import AUTOENCODER, PCA, PCA_FILE, CodeName
+from bridge.exchange.codes import AUTOENCODER, LINEAR_FILES, CodeName
 from bridge.runs import Artifact
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import Normaliser
@@ -43,6 +43,11 @@ class Codec:
     def vertex_count(self) -> int:
         """V."""
         return len(self.normaliser.mean_m)
+
+    @property
+    def latent_size(self) -> int:
+        """Numbers kept of a mesh."""
+        return self.model.latent_size
 
     def architecture(self) -> dict[str, Any]:
         """What a manifest must say so that `load_codec` can build the network again."""
@@ -80,11 +85,16 @@ def load_codecs(artifact: Artifact) -> dict[CodeName, OffsetCodec]:
     DsnetError
         If a file is missing, damaged, or of another code.
     """
-    return {AUTOENCODER: load_codec(artifact), PCA: read_pca(artifact.file(PCA_FILE))}
+    there = artifact.manifest["files"]
+    codecs: dict[CodeName, OffsetCodec] = {AUTOENCODER: load_codec(artifact)}
+    for code, name in LINEAR_FILES.items():
+        if name in there:
+            codecs[code] = read_linear(artifact.file(name))
+    return codecs
 
 
-def read_pca(path: Path) -> PcaCodec:
-    """Load the linear code from its file."""
+def read_linear(path: Path) -> PcaCodec:
+    """Load a linear code from its file."""
     arrays = load_weights(path)
     named = set(arrays) == {"mean_m", "components"}
     if not named or arrays["components"].shape[1:] != (arrays["mean_m"].size,):

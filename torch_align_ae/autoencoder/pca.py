@@ -51,10 +51,23 @@ class PcaCodec:
         rotation = np.linalg.eigh(inner)[1][:, ::-1][:, :size]
         return cls(mean, np.ascontiguousarray((basis @ rotation.astype(np.float32)).T))
 
+    @classmethod
+    def of_directions(cls, directions: NDArray[np.floating]) -> PcaCodec:
+        """The code of given directions (V, 3, K) about zero: they are made orthonormal in order."""
+        columns = directions.reshape(-1, directions.shape[2]).astype(np.float64)
+        basis, upper = np.linalg.qr(columns)
+        components = (basis * np.where(np.diag(upper) < 0, -1.0, 1.0)).T.astype(np.float32)
+        return cls(np.zeros(directions.shape[:2], np.float32), np.ascontiguousarray(components))
+
     @property
     def vertex_count(self) -> int:
         """V."""
         return len(self.mean_m)
+
+    @property
+    def latent_size(self) -> int:
+        """K."""
+        return len(self.components)
 
     def arrays(self) -> dict[str, NDArray[np.float32]]:
         """What a file holds."""
@@ -99,6 +112,11 @@ def _covariance_times(
 
 class OffsetCodec(Protocol):
     """Anything that turns offsets (B, V, 3) in metres into latents and back."""
+
+    @property
+    def latent_size(self) -> int:
+        """Numbers kept of a mesh."""
+        ...
 
     @property
     def vertex_count(self) -> int:

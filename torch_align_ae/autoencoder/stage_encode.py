@@ -11,7 +11,6 @@ from tqdm import tqdm
 from bridge.errors import DsnetError
 from bridge.exchange.codes import AUTOENCODER, LATENTS_OF, UNITS, CodeName
 from bridge.motion import MotionSequence, sequences_of, to_manifest
-from bridge.paper import LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.array_file import ArrayFile
 from bridge.runs.worker_pool import on_any_node
@@ -25,7 +24,7 @@ class EncodeConfig:
     """Encode all aligned offsets: about 2 ms a frame on two cores, 1 GB of memory.
 
     Gives the latents that DSNet learns to predict, with their mean and standard deviation, and
-    those of the linear code.
+    those of the linear codes.
     """
 
     run: str = "demo"
@@ -61,8 +60,10 @@ def _make(align: Artifact, codecs: Mapping[CodeName, OffsetCodec], writer: Artif
     sequences = sequences_of(align)
     frames = sum(sequence.length for sequence in sequences)
     latents: dict[CodeName, ArrayFile] = {
-        code: writer.array_file(LATENTS_OF[code], (frames, LATENT_SIZE), np.float32, UNITS[code])
-        for code in codecs
+        code: writer.array_file(
+            LATENTS_OF[code], (frames, codec.latent_size), np.float32, UNITS[code]
+        )
+        for code, codec in codecs.items()
     }
     with torch_workers(on_any_node("threads"), _Encoding(align, codecs, latents)) as pool:
         for _ in tqdm(pool.map(_encode, sequences), desc="encode", total=len(sequences),

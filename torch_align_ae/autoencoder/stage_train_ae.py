@@ -12,8 +12,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from bridge.body.dmpl_files import load_dmpl_directions
+from bridge.errors import DsnetError
 from bridge.exchange import save_weights
-from bridge.exchange.codes import PCA_FILE
+from bridge.exchange.codes import DMPL, LINEAR_FILES, PCA, CodeName
 from bridge.motion import sequences_of
 from bridge.motion.splits import (
     FrameSplit,
@@ -81,6 +83,9 @@ class TrainAutoencoderConfig:
     """Validation losses without a better one after which training stops; 0: never."""
     validation_frames: NonNegativeInt = 0
     """Validation frames scored each time; 0: all. The final score always takes all."""
+    dmpl: Path | None = None
+    """DMPL's `model.npz`, beside licensed meshes: its 8 directions become a third code, on which
+    predictor `dyna_like_dmpl` can be trained."""
 
 
 PROFILES: dict[str, TrainAutoencoderConfig] = {
@@ -122,6 +127,8 @@ class _NextTraining:
 def main(config: TrainAutoencoderConfig) -> None:
     """Run the stage: a result that is current is kept, one that was interrupted is continued."""
     align = Run(config.run).artifact("align")
+    if config.dmpl:
+        _check_dmpl(config.dmpl, align)
     keep_freed_memory()
     with started_by_torchrun() as processes:
         if not processes.leads:
@@ -132,9 +139,20 @@ def main(config: TrainAutoencoderConfig) -> None:
             config,
             lambda writer: _make(config, align, writer, processes),
             data=align.origin,
-            upstream={"align": align},
+            upstream={"align": align} | ({"dmpl": config.dmpl} if config.dmpl else {}),
         )
         processes.told(None)
+
+
+def _check_dmpl(path: Path, align: Artifact) -> None:
+    """Before hours of training."""
+    if align.origin == "synthetic":
+        raise DsnetError(
+            f"--dmpl {path} beside synthetic meshes",
+            "meshes of SMPL's topology: vertices of the embedded bodies have another order",
+            "Leave --dmpl out, or align licensed files (docs/data.md).",
+        )
+    load_dmpl_directions(path)
 
 
 def _follow(align: Artifact, processes: Processes) -> None:
@@ -151,13 +169,15 @@ def _make(
     codec.save(writer.file_path(WEIGHTS_FILE))
     _put_losses(writer, "", result)
     linear = _fitted_pca(config, align)
-    save_weights(writer.file_path(PCA_FILE), linear.arrays())
     writer.record(
         architecture=codec.architecture(),
         autoencoder=summary,
-        pca=_pca_baseline(config, align, linear),
+        pca=_stored(PCA, linear, config, align, writer),
         parameters=parameter_counts(),
     )
+    if config.dmpl:
+        given = PcaCodec.of_directions(load_dmpl_directions(config.dmpl))
+        writer.record(dmpl=_stored(DMPL, given, config, align, writer))
     del codec
     compared, length = [], _length_of_comparisons(config)
     for name in config.comparisons:
@@ -315,9 +335,15 @@ def _fitted_pca(config: TrainAutoencoderConfig, align: Artifact) -> PcaCodec:
     return PcaCodec.fit(align.array("offsets"), frames, LATENT_SIZE, seed=config.seed)
 
 
-def _pca_baseline(
-    config: TrainAutoencoderConfig, align: Artifact, codec: PcaCodec
+def _stored(
+    code: CodeName,
+    codec: PcaCodec,
+    config: TrainAutoencoderConfig,
+    align: Artifact,
+    writer: ArtifactWriter,
 ) -> dict[str, Any]:
+    """Write a linear code's file; returns what it keeps of the offsets."""
+    save_weights(writer.file_path(LINEAR_FILES[code]), codec.arrays())
     offsets_m = align.array("offsets")
     split = _split(config, _main_trial(config), align)
     return {

@@ -34,6 +34,19 @@ def test_all_components_reconstruct_and_fewer_lose():
     np.testing.assert_allclose(scores[2], 1, atol=1e-6)
 
 
+def test_given_directions_are_kept_in_their_order():
+    rng = np.random.default_rng(3)
+    directions = rng.standard_normal((80, 3, 4)) @ rng.standard_normal((4, 4))
+    codec = PcaCodec.of_directions(directions)
+    assert codec.latent_size == 4
+    np.testing.assert_allclose(codec.components @ codec.components.T, np.eye(4), atol=1e-6)
+    first = directions[..., 0].ravel() / np.linalg.norm(directions[..., 0])
+    np.testing.assert_allclose(codec.components[0], first, atol=1e-6)
+    offsets_m = (1e-3 * directions @ rng.standard_normal((4, 9))).transpose(2, 0, 1)
+    kept = codec.decode(codec.encode(offsets_m.astype(np.float32)))
+    np.testing.assert_allclose(kept, offsets_m, atol=1e-8)
+
+
 def test_codec_keeps_shapes_and_seed_decides():
     offsets_m = _offsets(np.random.default_rng(2))
     one, same = (PcaCodec.fit(offsets_m, np.arange(50), size=5) for _ in range(2))

@@ -11,8 +11,10 @@ from bridge import DsnetError
 from bridge.exchange import load_weights
 from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.runs import ArtifactWriter, Run
+from bridge.runs.artifact import DataOrigin
+from tests.forged.dmpl import forged_directions, save_dmpl
 from torch_align_ae.autoencoder import load_codec, stage_decode, stage_encode, stage_train_ae
-from torch_align_ae.autoencoder.codec import WEIGHTS_FILE
+from torch_align_ae.autoencoder.codec import WEIGHTS_FILE, load_codecs
 from torch_align_ae.autoencoder.stage_encode import EncodeConfig
 from torch_align_ae.autoencoder.stage_train_ae import TrainAutoencoderConfig
 
@@ -41,14 +43,14 @@ def _index() -> list[MotionSequence]:
     ]
 
 
-def _write_align(run: Run, garbled: int | None = None) -> None:
+def _write_align(run: Run, garbled: int | None = None, data: DataOrigin = "synthetic") -> None:
     frames = len(NAMES) * LENGTH
     rng = np.random.default_rng(0)
     waves = rng.standard_normal((frames, 4)) @ rng.standard_normal((4, 6890 * 3)) * 1e-3
     if garbled is not None:
         rows = slice(garbled * LENGTH, (garbled + 1) * LENGTH)
         waves[rows] = 0.05 * rng.standard_normal(waves[rows].shape)
-    writer = ArtifactWriter(run.path / "align", "align", data="synthetic")
+    writer = ArtifactWriter(run.path / "align", "align", data=data)
     writer.put("offsets", waves.reshape(frames, 6890, 3).astype(np.float32), "m")
     writer.put("theta", rng.standard_normal((frames, 69)).astype(np.float32), "rad, then m")
     writer.put("betas", rng.standard_normal((2, 10)).astype(np.float32), "1")
@@ -116,6 +118,29 @@ def test_modes_already_hold_most_and_pca_bounds_nothing_from_below(run):
     manifest = run.artifact("train-ae").manifest
     assert manifest["autoencoder"]["r2_validation"] > 0.5
     np.testing.assert_allclose(manifest["pca"]["r2_validation"], 1, atol=1e-4)
+
+
+def test_dmpl_is_a_third_code_beside_licensed_meshes(run, tmp_path, capsys):
+    dmpl, other = save_dmpl(tmp_path / "dmpls" / "female" / "model.npz"), Run("dmpl")
+    _write_align(other, data="licensed")
+    stage_train_ae.main(replace(CONFIG, run="dmpl", dmpl=dmpl))
+    stage_encode.main(EncodeConfig(run="dmpl"))
+    trained, encode, align = (other.artifact(s) for s in ("train-ae", "encode", "align"))
+    assert encode.array("latents_dmpl").shape == (len(NAMES) * LENGTH, 8)
+    assert encode.manifest["arrays"]["latents_dmpl"]["unit"] == "m"
+    kept = load_codecs(trained)["dmpl"].decode(encode.array("latents_dmpl"))
+    offsets_m = align.array("offsets").astype(np.float64)
+    columns = forged_directions().reshape(-1, 8)
+    flat = offsets_m.reshape(len(offsets_m), -1).T
+    nearest = columns @ np.linalg.lstsq(columns, flat, rcond=None)[0]
+    np.testing.assert_allclose(kept, nearest.T.reshape(kept.shape), atol=1e-6)
+    assert 0 < trained.manifest["dmpl"]["r2_validation"] < trained.manifest["pca"]["r2_validation"]
+
+
+def test_dmpl_is_refused_beside_synthetic_meshes(run, tmp_path):
+    dmpl = save_dmpl(tmp_path / "model.npz")
+    with pytest.raises(DsnetError, match="beside synthetic meshes"):
+        stage_train_ae.main(replace(CONFIG, dmpl=dmpl))
 
 
 def test_latents_are_the_codecs_and_scale_is_of_training_sequences(run):

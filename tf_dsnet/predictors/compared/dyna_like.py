@@ -6,6 +6,9 @@ subspace, told earlier deformations, velocity and acceleration of the body, angu
 accelerations of the limbs, and dependent on body mass index. DSNet's paper agrees (Sections 1, 2,
 3.1, 4.2). What was not found there and is ours stands in `DynaLike.departures`; of the shape, which
 is one number here because few people are trained on, `Autoregression` says how it enters.
+
+`dyna_like_dmpl`: the same on the 8 directions that were released with DMPL (Loper, Mahmood, Romero,
+Pons-Moll and Black, "SMPL", SIGGRAPH Asia 2015; AMASS uses them), of which no dynamics were.
 """
 
 from __future__ import annotations
@@ -21,9 +24,9 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.exchange.clips import UnpaddedClip, fit_scaling
-from bridge.exchange.codes import PCA, CodeName
+from bridge.exchange.codes import DMPL, PCA, CodeName
 from bridge.exchange.trained_dsnet import COMPARED_PRESET, Scaling, TrainedDsnet
-from bridge.paper import LATENT_SIZE, N_BETAS
+from bridge.paper import DMPL_DIRECTIONS, LATENT_SIZE, N_BETAS
 from bridge.tissue.shape import body_mass_index
 from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
 from tf_dsnet.predictors.compared.autoregression import Autoregression, DrivenClip, OneStepFit
@@ -33,7 +36,10 @@ from tf_dsnet.predictors.compared.kinematics import KINEMATICS_SIZE, changes
 RIDGES = (1e-6, 1e-4, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 10.0)
 """Penalties of a frame that are tried, where inputs and latents have a spread of 1."""
 _LAW, _BMI = "law", "bmi_kg_m2"
-_LAW_SHAPE = (2, 2 * LATENT_SIZE + KINEMATICS_SIZE + 1, LATENT_SIZE)
+
+
+def _law_shape(size: int) -> tuple[int, int, int]:
+    return (2, 2 * size + KINEMATICS_SIZE + 1, size)
 
 
 @dataclass(frozen=True)
@@ -44,12 +50,19 @@ class DynaLike:
     label: str = "Dyna-like, linear autoregression"
     preset: str = COMPARED_PRESET
     code: CodeName = PCA
+    size: int = LATENT_SIZE
+    """Of the code."""
 
     def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
         """Choices that are ours."""
-        return (
+        space = (
             "components of vertex offsets in the rest pose, as DMPL has them, in place of Dyna's "
-            "of triangle deformations",
+            "of triangle deformations"
+            if self.code == PCA
+            else "DMPL's directions made orthonormal, about zero; its law was not released"
+        )
+        return (
+            space,
             "138 inputs: the root's rates in its own frame, the joints' in theirs, by backward "
             "differences, each as what it amounts to in 0.1 s",
             "coefficients linear in the body mass index, of the mesh's volume and height, held "
@@ -64,7 +77,7 @@ class DynaLike:
     ) -> FittedOnce:
         """Begin training, or go on from `checkpoint` if that file is there."""
         fit = partial(fit_dyna, self.name, settings, data)
-        return FittedOnce(self.name, fit, math.prod(_LAW_SHAPE), checkpoint)
+        return FittedOnce(self.name, fit, math.prod(_law_shape(self.size)), checkpoint)
 
     def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
         """A fitted law, applied to whole motions.
@@ -74,7 +87,7 @@ class DynaLike:
         DsnetError
             If the arrays are another predictor's.
         """
-        law = DynaLaw.from_arrays(self.name, arrays)
+        law = DynaLaw.from_arrays(self.name, arrays, self.size)
         return lambda theta, betas: law.latents(theta, body, betas)
 
 
@@ -90,8 +103,10 @@ class DynaLaw:
     """(P,) of the training people, kg/m^2."""
 
     @classmethod
-    def from_arrays(cls, name: str, arrays: Mapping[str, NDArray]) -> DynaLaw:
-        """The inverse of `arrays`.
+    def from_arrays(
+        cls, name: str, arrays: Mapping[str, NDArray], size: int = LATENT_SIZE
+    ) -> DynaLaw:
+        """The inverse of `arrays`, of a code of `size` numbers.
 
         Raises
         ------
@@ -99,10 +114,10 @@ class DynaLaw:
             If the arrays are another predictor's.
         """
         weights, bmi = (arrays.get(key, np.zeros(0)) for key in (_LAW, _BMI))
-        if weights.shape != _LAW_SHAPE or bmi.ndim != 1 or not len(bmi):
+        if weights.shape != _law_shape(size) or bmi.ndim != 1 or not len(bmi):
             raise DsnetError(
                 f"{name} of arrays {_LAW} {weights.shape} and {_BMI} {bmi.shape}",
-                f"{_LAW_SHAPE} and one number for each training person",
+                f"{_law_shape(size)} and one number for each training person",
                 f"Pass {name}.safetensors as written by `dsnet train`.",
             )
         return cls(Autoregression(weights), TrainedDsnet.from_arrays(name, arrays).scaling, bmi)
@@ -113,9 +128,15 @@ class DynaLaw:
         return TrainedDsnet(name, weights, self.scaling).arrays()
 
     def latents(self, theta: NDArray, body: BodyOf, betas: NDArray) -> NDArray[np.float32]:
-        """Latents (T, 100) of a motion theta (T, 69) of a person of shape betas (10,)."""
+        """Latents (T, n) of a motion theta (T, 69) of a person of shape betas (10,)."""
         shape = standard_shape(body_mass_index(body(), betas), self.known_bmi)
         return self.scaling.restore(self.law.roll(self.scaling.inputs(changes(theta)), shape))
+
+
+def dyna_like_dmpl() -> DynaLike:
+    """The entry for DMPL's directions."""
+    label = f"Dyna-like on DMPL's {DMPL_DIRECTIONS} directions"
+    return DynaLike("dyna_like_dmpl", label, code=DMPL, size=DMPL_DIRECTIONS)
 
 
 def standard_shape(bmi: float, known_bmi: NDArray) -> float:
