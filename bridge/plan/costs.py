@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from bridge.exchange.codes import LATENTS_OF
 from bridge.motion import MotionSequence
 from bridge.motion.sequences import subjects_of
 from bridge.motion.splits import TRAIN_TENTHS, decoded_sequences
@@ -147,6 +146,7 @@ def _train_ae(settings: Settings, material: Material) -> Work:
     epoch_steps = math.ceil(train / own["batch_size"])
     steps = own["steps"] or own["epochs"] * epoch_steps
     compared = own.get("comparison_epochs", 0) * epoch_steps or steps
+    steps = min(own.get("stop_epoch", 0) * epoch_steps or steps, steps)
     scored = min(own["validation_frames"] or frames, frames - train)
 
     def passes(steps: int) -> float:
@@ -174,7 +174,8 @@ def _autoencoder_parameters() -> int:
 
 def _encode(settings: Settings, material: Material) -> Work:
     frames = frames_of(material.aligned)
-    width = len(LATENTS_OF) * LATENT_SIZE + THETA_SIZE
+    # Latents of the two codes that every run has.
+    width = 2 * LATENT_SIZE + THETA_SIZE
     size, mapped = _FLOAT_BYTES * width * frames, _aligned_bytes(material)
     return Work(frames, f"{frames:,} frames", size, mapped_bytes=mapped)
 

@@ -75,6 +75,9 @@ class TrainAutoencoderConfig:
     """Optimiser steps; 0: as many as `epochs` make."""
     epochs: NonNegativeInt = 100
     """Passes over the training frames when `steps` is 0."""
+    stop_epoch: NonNegativeInt = 0
+    """Epoch after which the training, not `comparisons`, ends with the learning rate that it has on
+    the way to `epochs`: what a long run is so far, to the bit; 0: never."""
     comparison_epochs: NonNegativeInt = 0
     """Passes of each of `comparisons`; 0: as long as the training itself."""
     validate_every: NonNegativeInt = 0
@@ -201,7 +204,8 @@ def _main_trial(config: TrainAutoencoderConfig) -> Trial:
 def _length_of_comparisons(config: TrainAutoencoderConfig) -> TrainAutoencoderConfig:
     """The configuration with the comparisons' number of steps."""
     epochs = config.comparison_epochs
-    return replace(config, steps=0, epochs=epochs) if epochs else config
+    whole = replace(config, stop_epoch=0)
+    return replace(whole, steps=0, epochs=epochs) if epochs else whole
 
 
 def _comparison(config: TrainAutoencoderConfig, name: TrialName) -> Trial:
@@ -292,6 +296,7 @@ def plan_of(
     per_epoch = math.ceil(train_frames / config.batch_size)
     return TrainingPlan(
         steps=config.steps or config.epochs * per_epoch,
+        stop=config.stop_epoch * per_epoch,
         batch_size=config.batch_size,
         learning_rate=preset.learning_rate,
         learning_rate_of_loss=preset.learning_rate_of_loss,

@@ -57,10 +57,17 @@ class TrainingPlan:
     """Steps between two validation losses; 0: an epoch."""
     patience: int = 0
     """Validation losses without a better one after which training stops; 0: never."""
+    stop: int = 0
+    """Step after which to end all the same, at the learning rate of the whole plan; 0: never."""
     validation_frames: int = 0
     """Validation frames scored each time, evenly spaced; 0: all."""
     seed: int = 0
     """Decides the order of frames."""
+
+    @property
+    def taken(self) -> int:
+        """Optimiser steps that are taken of the plan, if patience allows."""
+        return min(self.stop or self.steps, self.steps)
 
     def share_at(self, step: int) -> float:
         """Share of the largest learning rate that the step with this number, from 0, takes."""
@@ -133,10 +140,11 @@ class Training(Generic[Network]):
         if self.plan.learning_rate_of_loss:
             self.learning_rate = self.plan.learning_rate_of_loss * result.validation_losses[0]
         done = int(result.steps[-1])
-        bar = tqdm(total=self.plan.steps, initial=done, desc=self.label, unit="step", disable=None)
+        end = self.plan.taken
+        bar = tqdm(total=end, initial=done, desc=self.label, unit="step", disable=None)
         with bar, reproducible():
-            while done < self.plan.steps and not self._stale(result):
-                upto = min(done + (self.plan.validate_every or self._epoch_steps), self.plan.steps)
+            while done < end and not self._stale(result):
+                upto = min(done + (self.plan.validate_every or self._epoch_steps), end)
                 loss = self._train(range(done, upto), bar)
                 done = upto
                 result = self._extended(result, loss, self.validation_loss(), done)

@@ -107,6 +107,11 @@ def test_as_many_steps_as_are_asked_for() -> None:
     assert work.amount == pytest.approx(12 * 7 + (1 + 3) * 9 / 3)
 
 
+def test_a_training_that_is_stopped_costs_what_it_has_done() -> None:
+    work = works({"train-ae": TRAIN_AE | {"stop_epoch": 2}}, MATERIAL)["train-ae"]
+    assert work.text == "20 steps of 7, literal 10"  # of 30
+
+
 def test_the_paper_draws_from_the_held_out_sequence_too() -> None:
     work = works({"train-ae": TRAIN_AE | {"include_held_out": True}}, MATERIAL)["train-ae"]
     assert work.text == "33 steps of 7, literal 11"  # 77 of 110 frames

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import islice, pairwise
 
 import numpy as np
@@ -158,6 +159,20 @@ def test_patience_stops(tmp_path, monkeypatch):
     losses = iter([5.0, 3.0, 4.0, 4.0, 0.0])
     monkeypatch.setattr(job, "validation_loss", lambda: next(losses))
     assert len(job.run().validation_losses) == 4
+
+
+def test_a_plan_that_is_stopped_can_be_gone_on_with(tmp_path):
+    """The part is the whole so far, to the bit: its learning rate is on the whole plan's curve."""
+    whole = TrainingPlan(steps=6, batch_size=70, learning_rate=1e-3, cosine_decay=True)
+    (tmp_path / "whole").mkdir()
+    expected = training(tmp_path / "whole", whole).run()
+    part = training(tmp_path, replace(whole, stop=4)).run()
+    assert part.steps[-1] == 4
+    np.testing.assert_array_equal(
+        part.validation_losses, expected.validation_losses[: len(part.steps)]
+    )
+    gone_on = training(tmp_path, whole).run()
+    np.testing.assert_array_equal(gone_on.validation_losses, expected.validation_losses)
 
 
 @pytest.mark.parametrize("steps", [2, 5])
