@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,6 +30,7 @@ from bridge.runs.folders import (
 )
 from bridge.runs.provenance import provenance
 from bridge.runs.storage import map_array, save_array
+from bridge.runs.work_time import WorkTime
 
 _BLOCK_ELEMENTS = 1 << 22
 
@@ -49,13 +49,14 @@ class ArtifactWriter:
     ) -> None:
         self.path = Path(path)
         self._partial = partial_folder(self.path)
-        self._started = time.perf_counter()
         self._manifest: dict[str, Any] = {"schema": SCHEMA_VERSION, "kind": kind, "data": data}
         self._units: dict[str, str] = {}
         self._files: set[str] = set()
         self._extra: dict[str, Any] = {}
         self._measured: dict[str, Any] = {}
         self._prepare(fingerprint)
+        made = (file for file in self._partial.rglob("*") if file.is_file())
+        self._time = WorkTime(self.checkpoints / "work_time.json", made)
 
     def _prepare(self, fingerprint: str) -> None:
         settle(self.path)
@@ -141,8 +142,7 @@ class ArtifactWriter:
         # As it will be read: tuples are lists there, and keys are strings.
         manifest = json.loads(json.dumps(manifest))
         manifest["sha256"] = content_digest(manifest)
-        seconds = time.perf_counter() - self._started
-        made = json.loads(json.dumps({**provenance(seconds), **self._measured}))
+        made = json.loads(json.dumps({**provenance(self._time.seconds), **self._measured}))
         manifest["provenance"] = {**made, "sha256": json_sha256(made)}
         self._remove_undeclared()
         # From here on the artifact is whole: if killed, `settle` does the rest.
