@@ -58,7 +58,7 @@ run_all_tests() {
     # Long folders stand early in the alphabet: in their own order processes end together.
     local processes=(--numprocesses auto --maxprocesses 4 --no-loadscope-reorder)
     # First the one that a marker may leave empty (status 5), so that the last line tells of tests.
-    .venv/bin/python -m pytest --durations=6 tests/tf_dsnet "$@" || (($# && $? == 5))
+    .venv/bin/python -m pytest "${processes[@]}" --durations=6 tests/tf_dsnet "$@" || (($# && $? == 5))
     .venv/bin/python -m pytest "${processes[@]}" --durations=12 --ignore tests/tf_dsnet "$@"
 }
 

@@ -34,11 +34,17 @@ def _signals_are_heard() -> Iterator[None]:  # pyright: ignore[reportUnusedFunct
     hear_signals()
 
 
+SHARES_NOTHING = "tests/tf_dsnet"
+"""Folder whose files may go to different processes."""
+
+
 class FolderScheduling(LoadScopeScheduling):
     """Gives each folder to one process: its tests share what is slow to make, such as a run."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return nodeid.partition("::")[0].rpartition("/")[0]
+        file = nodeid.partition("::")[0]
+        folder = file.rpartition("/")[0]
+        return file if folder == SHARES_NOTHING else folder
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> FolderScheduling:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from tools.update_reliability import CHECKSUMS, FAULTS, PAGE, load, with_counts
+from tests.fuzz.readers import READERS
+from tools.update_reliability import CHECKSUMS, FAULTS, FUZZ, PAGE, load, with_counts
 
 
 def test_the_counts_are_up_to_date():
@@ -16,6 +17,16 @@ def test_nothing_was_silent():
     outcomes = [outcome for one in faults["counts"].values() for outcome in one]
     assert outcomes
     assert not [outcome for outcome in outcomes if "silent" in outcome]
+
+
+def test_damaged_files_were_accepted_or_refused():
+    fuzz = load(FUZZ)
+    assert fuzz is not None
+    readers = [counts for counts in fuzz.values() if isinstance(counts, dict)]
+    assert len(readers) == len(READERS)
+    assert sum(counts["inputs"] for counts in readers) >= 100_000
+    assert [counts["other"] for counts in readers] == [0] * len(readers)
+    assert max(counts["max_rss_mb"] for counts in readers) < 1500
 
 
 def test_checksums_are_cheap():

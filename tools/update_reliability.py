@@ -3,6 +3,7 @@
     export DSNET_FAULTS_JSON=docs/results/reliability/faults.json
     DSNET_FAULTS_LONG=1 DSNET_FAULTS_KILLS=200 DSNET_FAULTS_FLIPS=500 \\
         python -m pytest -m faults tests/faults
+    python -m tests.fuzz.campaign --inputs 10000 --json docs/results/reliability/fuzz.json
     python -m benchmarks.checksums --run demo
     python tools/update_reliability.py
 
@@ -18,7 +19,7 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "reliability.md"
 KEPT = ROOT / "docs" / "results" / "reliability"
-FAULTS, CHECKSUMS = KEPT / "faults.json", KEPT / "checksums.json"
+FAULTS, FUZZ, CHECKSUMS = (KEPT / f"{name}.json" for name in ("faults", "fuzz", "checksums"))
 MARK = "<!-- counts: written by tools/update_reliability.py -->\n"
 _NAMES = {
     "kill": "killed, interrupted, terminated",
@@ -42,7 +43,7 @@ def load(path: Path) -> dict[str, Any] | None:
 def with_counts(page: str) -> str:
     """The page's text with its generated block written anew."""
     head, rest = page.split(MARK)
-    blocks = [_counts(load(FAULTS)), _cost(load(CHECKSUMS))]
+    blocks = [_counts(load(FAULTS)), _damaged(load(FUZZ)), _cost(load(CHECKSUMS))]
     return head + MARK + "".join(blocks) + rest[rest.index("<!-- end -->") :]
 
 
@@ -57,6 +58,22 @@ def _counts(faults: dict[str, Any] | None) -> str:
     for fault, outcomes in faults["counts"].items():
         for outcome, times in outcomes.items():
             lines.append(f"| {_NAMES[fault]} | {outcome} | {times} |")
+    return "\n".join(lines) + "\n"
+
+
+def _damaged(fuzz: dict[str, Any] | None) -> str:
+    if fuzz is None:
+        return ""
+    readers = {name: counts for name, counts in fuzz.items() if isinstance(counts, dict)}
+    tried = sum(counts["inputs"] for counts in readers.values())
+    lines = [
+        f"\n{tried:,} damaged files, by `{fuzz['command']}`:\n",
+        "| reader | inputs | refused in one line | accepted | anything else | most memory [MB] |",
+        "|---|---:|---:|---:|---:|---:|",
+    ]
+    columns = ("inputs", "refused", "accepted", "other", "max_rss_mb")
+    for name, counts in readers.items():
+        lines.append(f"| `{name}` | {' | '.join(f'{counts[key]:,}' for key in columns)} |")
     return "\n".join(lines) + "\n"
 
 

@@ -37,15 +37,15 @@ def _artifact_base() -> dict[str, Any]:
 @st.composite
 def _artifact(draw: Draw, base: dict[str, Any]) -> Files:
     arrays = {"theta": np.arange(6.0).reshape(2, 3), "none": np.zeros((0, 3))}
-    theta = draw(damaged_npy(arrays["theta"])) if draw(st.booleans()) else None
-    manifest = draw(damaged_json(base)) if theta is None or draw(st.booleans()) else {**base}
+    theta = damaged_npy(draw, arrays["theta"]) if draw(st.booleans()) else None
+    manifest = damaged_json(draw, base) if theta is None or draw(st.booleans()) else {**base}
     files = {"none.npy": npy(arrays["none"]), "theta.npy": theta or npy(arrays["theta"])}
     signed = draw(st.integers(0, 4)) > 0
     if signed and isinstance(manifest, dict):
         _sign(manifest, files)
     text = json.dumps(manifest).encode()
     odd = draw(st.integers(0, 9))
-    text = {0: draw(damaged(text)), 1: b"[" * 100_000}.get(odd, text) if odd < 2 else text
+    text = {0: damaged(draw, text), 1: b"[" * 100_000}.get(odd, text) if odd < 2 else text
     return {**files, "manifest.json": text}
 
 

@@ -34,7 +34,7 @@ def _smpl_arrays() -> dict[str, np.ndarray]:
 
 @st.composite
 def _smpl_npz(draw: Draw, arrays: dict[str, np.ndarray]) -> Files:
-    return {"model.npz": draw(damaged_npz(arrays))}
+    return {"model.npz": damaged_npz(draw, arrays)}
 
 
 GADGETS = (
@@ -62,7 +62,7 @@ def _smpl_pickle(draw: Draw, bases: list[tuple[bytes, list[int]]]) -> Files:
         gadget = draw(st.sampled_from(GADGETS))
         skipped = draw(st.sampled_from((0, 0, 1, len(gadget))))
         content = content[:place] + gadget + content[place + skipped :]
-    return {"model.pkl": draw(damaged(content)) if draw(st.booleans()) else content}
+    return {"model.pkl": damaged(draw, content) if draw(st.booleans()) else content}
 
 
 def _pickles(arrays: dict[str, np.ndarray]) -> list[tuple[bytes, list[int]]]:

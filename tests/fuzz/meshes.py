@@ -28,7 +28,7 @@ def _dyna_bases() -> list[bytes]:
 @st.composite
 def _dyna(draw: Draw, bases: list[bytes]) -> Files:
     if draw(st.integers(0, 3)):
-        return {"dyna.h5": draw(damaged(draw(st.sampled_from(bases))))}
+        return {"dyna.h5": damaged(draw, draw(st.sampled_from(bases)))}
     stream = io.BytesIO(draw(st.sampled_from(bases)))
     with h5py.File(stream, "r+") as file:
         for _ in range(draw(st.integers(1, 3))):

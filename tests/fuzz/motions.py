@@ -22,7 +22,7 @@ def files(draw: Draw) -> Files:
         if np.asarray(value).dtype != object
     }
     wanted = {"poses", "trans", "betas", "gender", "dmpls", "mocap_framerate", "mocap_frame_rate"}
-    return {"motion.npz": draw(damaged_npz({n: a for n, a in arrays.items() if n in wanted}))}
+    return {"motion.npz": damaged_npz(draw, {n: a for n, a in arrays.items() if n in wanted})}
 
 
 def read(folder: Path) -> None:
@@ -36,7 +36,7 @@ def dmpl_files(draw: Draw) -> Files:
     vertices = draw(st.sampled_from((6890, 12, 0)))
     count = draw(st.integers(0, 9))
     directions = np.linspace(-1, 1, vertices * 3 * count).reshape(vertices, 3, count) ** 3
-    return {"model.npz": draw(damaged_npz({"eigvec": directions}))}
+    return {"model.npz": damaged_npz(draw, {"eigvec": directions})}
 
 
 def read_dmpl(folder: Path) -> None:

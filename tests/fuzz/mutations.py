@@ -1,4 +1,8 @@
-"""Ways to damage files, as strategies: bytes, headers and members of NumPy's files, JSON."""
+"""Ways to damage files: bytes, headers and members of NumPy's files, JSON.
+
+They draw what they do, and are no strategies themselves: hypothesis would keep each of these,
+with the file that it was given.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +37,6 @@ ODD_JSON = (
 )  # fmt: skip
 
 
-@st.composite
 def damaged(draw: Draw, content: bytes) -> bytes:
     """Bytes that were cut, flipped, overwritten, doubled or filled up, at up to four places."""
     data = bytearray(content)
@@ -72,7 +75,6 @@ def npy(array: np.ndarray) -> bytes:
     return stream.getvalue()
 
 
-@st.composite
 def damaged_npy(draw: Draw, array: np.ndarray) -> bytes:
     """An array's file with other values, another shape or type, or another header."""
     how = draw(st.sampled_from(["value", "type", "shape", "header", "bytes"]))
@@ -95,7 +97,7 @@ def damaged_npy(draw: Draw, array: np.ndarray) -> bytes:
         return npy(_reshaped(draw, array))
     if how == "header":
         return _header(draw, array) + array.tobytes()
-    return draw(damaged(npy(array)))
+    return damaged(draw, npy(array))
 
 
 def _reshaped(draw: Draw, array: np.ndarray) -> np.ndarray:
@@ -136,7 +138,6 @@ def zipped(members: Mapping[str, bytes], compression: int = zipfile.ZIP_STORED) 
     return stream.getvalue()
 
 
-@st.composite
 def damaged_npz(draw: Draw, arrays: Mapping[str, np.ndarray]) -> bytes:
     """An archive with up to three members damaged, renamed, left out or replaced, then zipped."""
     members = {f"{name}.npy": npy(array) for name, array in arrays.items()}
@@ -146,7 +147,7 @@ def damaged_npz(draw: Draw, arrays: Mapping[str, np.ndarray]) -> bytes:
         how = draw(st.sampled_from(["array", "array", "array", "rename", "drop", "text", "pickle"]))
         content = members.pop(member, npy(arrays[name]))
         if how == "array":
-            members[member] = draw(damaged_npy(arrays[name]))
+            members[member] = damaged_npy(draw, arrays[name])
         elif how == "rename":
             members[draw(st.sampled_from(ODD_NAMES)) + draw(st.sampled_from(("", member)))] = (
                 content
@@ -159,10 +160,9 @@ def damaged_npz(draw: Draw, arrays: Mapping[str, np.ndarray]) -> bytes:
             members[member] = stream.getvalue()
     kinds = (zipfile.ZIP_STORED,) * 4 + (zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
     whole = zipped(members, draw(st.sampled_from(kinds)))
-    return draw(damaged(whole)) if draw(st.integers(0, 3)) == 0 else whole
+    return damaged(draw, whole) if draw(st.integers(0, 3)) == 0 else whole
 
 
-@st.composite
 def damaged_json(draw: Draw, value: Any) -> Any:
     """A JSON value with up to three of its parts replaced, renamed or left out."""
     value = json.loads(json.dumps(value))

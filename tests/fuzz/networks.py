@@ -27,7 +27,7 @@ def _weights(draw: Draw, plus: dict[str, np.ndarray]) -> Files:
     if draw(st.booleans()):
         for _ in range(draw(st.integers(1, 3))):
             name = draw(st.sampled_from(sorted(plus)))
-            content = draw(damaged_npy(plus[name]))
+            content = damaged_npy(draw, plus[name])
             changed = _loaded(content)
             arrays.pop(name, None)
             if changed is not None:
@@ -36,8 +36,8 @@ def _weights(draw: Draw, plus: dict[str, np.ndarray]) -> Files:
     content = safetensors.numpy.save({name: arrays[name] for name in sorted(arrays)[:4]})
     size = int.from_bytes(content[:8], "little")
     if draw(st.booleans()):
-        return {"weights.safetensors": draw(damaged(content))}
-    header = draw(damaged_json(json.loads(content[8 : 8 + size])))
+        return {"weights.safetensors": damaged(draw, content)}
+    header = damaged_json(draw, json.loads(content[8 : 8 + size]))
     kinds = st.sampled_from(("BF16", "F8_E4M3", "F4", "BOOL", "C64", "U64", "I8", "F16", "X"))
     text = json.dumps(header).replace("F32", draw(kinds)).encode()
     return {"weights.safetensors": len(text).to_bytes(8, "little") + text + content[8 + size :]}
@@ -60,7 +60,7 @@ def read_weights(folder: Path) -> None:
 
 @st.composite
 def _graph(draw: Draw, base: bytes) -> Files:
-    return {"graph.onnx": draw(damaged(base))}
+    return {"graph.onnx": damaged(draw, base)}
 
 
 def _graph_base() -> bytes:

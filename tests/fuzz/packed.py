@@ -32,10 +32,10 @@ def _base() -> bytes:
 def files(draw: Draw) -> Files:
     """Half of them with a digest that belongs to what they say."""
     if draw(st.booleans()):
-        return {"packed.npz": draw(damaged(_base()))}
+        return {"packed.npz": damaged(draw, _base())}
     with np.load(io.BytesIO(_base())) as archive:
         members = {name: archive[name] for name in archive.files}
-    content = draw(damaged_json(json.loads(str(members["about"]))["content"]))
+    content = damaged_json(draw, json.loads(str(members["about"]))["content"])
     about = {"content": content, "sha256": json_sha256(content)}
     members["about"] = np.array(json.dumps(about))
     buffer = io.BytesIO()
