@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from tests.sources import ROOT, defined_names
 
 PAGE = ROOT / "docs" / "paper.md"
+RESULTS = ROOT / "docs" / "results" / "paper" / "results.json"
 LINK = re.compile(r"\[`(?P<name>[\w.]+)`\]\((?P<path>[\w./]+\.py)\)")
 
 
@@ -41,3 +43,12 @@ def test_every_numbered_equation_has_its_row(number: int) -> None:
 
 def test_the_readme_leads_to_the_page() -> None:
     assert "(docs/paper.md)" in (ROOT / "README.md").read_text()
+
+
+def test_the_commands_of_the_run_say_where_it_was_cut() -> None:
+    stages = json.loads(RESULTS.read_text())["stages"]
+    code, network = (stages[stage]["config"] for stage in ("train-ae", "train"))
+    cut = f"--stop-epoch {code['stop_epoch']} --comparison-epochs {code['comparison_epochs']}"
+    text = PAGE.read_text()
+    assert f"dsnet train-ae --profile paper {cut}\n" in text
+    assert f"dsnet train --profile paper --epochs {network['epochs']}\n" in text
