@@ -9,6 +9,7 @@ command of the tree wrote; `tests/test_readme.py` compares them.
 from __future__ import annotations
 
 import re
+from itertools import takewhile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -28,7 +29,9 @@ def with_included(page: str) -> str:
 
 
 def _table(path: Path) -> str:
-    rows = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
+    lines = path.read_text(encoding="utf-8").splitlines()
+    first = next(index for index, line in enumerate(lines) if line.startswith("|"))
+    rows = takewhile(lambda line: line.startswith("|"), lines[first:])
     return "\n".join(rows) + "\n"
 
 
