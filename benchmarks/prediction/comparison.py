@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from benchmarks.prediction.comparison_clips import draw_clips
 from benchmarks.prediction.comparison_figures import draw_figures
 from benchmarks.prediction.comparison_page import FIGURES, page
 from benchmarks.prediction.comparison_rivals import commands_of_rivals, with_rivals
+from benchmarks.prediction.comparison_scores import joined, refuse_mixture, score
 from benchmarks.prediction.corpora import (
     CORPORA,
     check_names,
@@ -26,22 +25,15 @@ from benchmarks.prediction.corpora import (
     prepare_dsnet,
     read_index,
     registered,
-    score_files,
-    scores,
     train_dsnet,
     train_plus,
     write_index,
 )
-from bridge.errors import DsnetError
-from bridge.measure.stage_evaluate import TRUE, offset_sizes_m
-from bridge.motion.cells import CELLS
-from bridge.runs import Artifact, Run
+from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 
 _INDEX = "comparison.json"
-_SAME = ("profile", "epochs", "test_bed", "sequences")
-"""What scores of one corpus have in common."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +52,7 @@ class ComparisonConfig:
     """Training seeds."""
     systems: tuple[str, ...] = ()
     """Which predictors of `dsnet train`, all if none is named; `dsnet_plus` and what learns nothing
-    are always there."""
+    are always there. Those that a score lacks are trained and join it."""
     epochs: int = 500
     """Of every predictor of `dsnet train`; those that search spend a part of them on it."""
     profile: str = "demo"
@@ -107,90 +99,27 @@ def page_path(folder: Path) -> Path:
     return folder.with_name(f"{folder.name}.md")
 
 
-def refuse_mixture(folder: Path) -> None:
-    """Scores of one corpus have to be of the same data and effort.
-
-    Raises
-    ------
-    DsnetError
-        That names the first difference.
-    """
-    first: dict[str, tuple[Path, dict[str, Any]]] = {}
-    for path in score_files(folder):
-        score = json.loads(path.read_text(encoding="utf-8"))
-        known, other = first.setdefault(score["corpus"], (path, score))
-        for key in _SAME:
-            if _identity(score, key) != _identity(other, key):
-                raise DsnetError(
-                    f"{path} with other {key} than {known.name}",
-                    f"the same corpus, splits and effort ({', '.join(_SAME)})",
-                    "Delete one of the two, or write to another --out.",
-                )
-
-
-def _identity(score: Mapping[str, Any], key: str) -> Any:
-    if key != "sequences":
-        return score[key]
-    return [[one[part] for part in ("name", "cell", "frames")] for one in score[key]]
-
-
 def _score(config: ComparisonConfig, corpus: str) -> None:
+    """Make what is missing of a corpus: a seed's scores, or some systems of them."""
     run, ready = f"{config.prefix}_{corpus}", False
+    asked = config.systems or registered()
     for seed in config.seeds:
         path = config.out / f"{corpus}-{seed}.json"
-        if path.exists():
+        kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+        missing = [name for name in asked if kept is None or name not in kept["systems"]]
+        if kept is not None and not missing:
             continue
         if not ready:
             prepare(run, config.profile, corpus, config.amass)
             prepare_dsnet(run, config.profile)
             ready = True
-        train_dsnet(run, config.profile, seed, config.systems or registered(), config.epochs)
-        train_plus(run, config.profile, seed)
-        found = {
-            "corpus": corpus,
-            "seed": seed,
-            "profile": config.profile,
-            "epochs": config.epochs,
-            **short(scores(run, config.profile)),
-            "systems": _systems(run),
-            "over_time": sizes_over_time(Run(run).artifact("evaluate")),
-        }
+        train_dsnet(run, config.profile, seed, missing, config.epochs)
+        if kept is None:
+            train_plus(run, config.profile, seed)
+        found = score(run, corpus, seed, config.profile, config.epochs)
+        if kept is not None:
+            found = joined(kept, found, missing, path.name)
         write_text_atomically(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
-
-
-def short(found: Mapping[str, Any]) -> dict[str, Any]:
-    """Of the scores what the page shows."""
-    cells = {cell: errors for cell, errors in found["cells"].items() if cell in CELLS}
-    return {
-        "labels": found["labels"],
-        "test_bed": found["test_bed"],
-        "cells": {
-            cell: {name: _numbers(one) for name, one in errors.items()}
-            for cell, errors in cells.items()
-        },
-        "sequences": [
-            {
-                **{key: one[key] for key in ("name", "cell", "frames")},
-                "errors": {name: _numbers(error) for name, error in one["errors"].items()},
-            }
-            for one in found["sequences"]
-        ],
-    }
-
-
-def _numbers(errors: Mapping[str, Any]) -> dict[str, float]:
-    kept = {
-        "r2": ("offsets", "r2"),
-        "rms_mm": ("offsets", "rms_mm"),
-        "velocity_r2": ("velocity", "r2"),
-        "mesh_mean_mm": ("mesh", "mean_mm"),
-        "mesh_p95_mm": ("mesh", "p95_mm"),
-    }
-    return {
-        short: round(errors[metric][key], 5)
-        for short, (metric, key) in kept.items()
-        if metric in errors and key in errors[metric]
-    }
 
 
 def _draw_clips(config: ComparisonConfig, scores: Sequence[Mapping[str, Any]]) -> None:
@@ -200,27 +129,6 @@ def _draw_clips(config: ComparisonConfig, scores: Sequence[Mapping[str, Any]]) -
     shown = [s["over_time"] for s in scores if s["corpus"] == corpus]
     if not path.exists() and shown and run.finished("evaluate"):
         draw_clips(path, run, shown[0]["sequence"])
-
-
-def _systems(run: str) -> dict[str, dict[str, Any]]:
-    """What each trained predictor learned, its size and its rate."""
-    kept = ("label", "code", "parameters", "lr", "departures")
-    trained = Run(run).artifact("train").manifest["predictors"]
-    return {name: {key: entry[key] for key in kept} for name, entry in trained.items()}
-
-
-def sizes_over_time(evaluated: Artifact) -> dict[str, Any]:
-    """Size of the offsets in each frame of one motion that is new to all: a real one if any."""
-    unseen = [s for s in evaluated.manifest["per_sequence"] if s["cell"] == list(CELLS)[-1]]
-    if not unseen:
-        return {}
-    shown = next((s for s in unseen if "_amass_" in s["name"]), unseen[0])["name"]
-    sizes = {
-        name: offset_sizes_m(evaluated, name, shown)
-        for name in (TRUE, *evaluated.manifest["predictors"])
-    }
-    in_mm = {n: np.round(1e3 * s, 3).tolist() for n, s in sizes.items() if s is not None}
-    return {"sequence": shown, "mm": in_mm}
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.prediction.comparison import short, sizes_over_time
+from benchmarks.prediction.comparison_scores import short, sizes_over_time
 from benchmarks.prediction.corpora import scores_of
 from benchmarks.rivals.rival import MotionClip, Rival
 from bridge.body import BodyModelData

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.motion import pack_theta, unpack_theta
+from tests.forged.lively import lively, moved
 from tf_dsnet.predictors.compared.kinematics import (
     KINEMATICS_SIZE,
     ROOT_RATES_SIZE,
@@ -19,14 +20,7 @@ from tf_dsnet.predictors.compared.kinematics import (
 )
 
 FPS = 60.0
-FRAMES = 40
-
-
-def lively(frames: int = FRAMES, seed: int = 0) -> NDArray:
-    """A motion whose joints and root turn and travel smoothly."""
-    rng = np.random.default_rng(seed)
-    phases, rates = rng.uniform(0, 2 * np.pi, (1, 69)), rng.uniform(0.05, 0.2, (1, 69))
-    return 0.7 * np.sin(rates * np.arange(frames)[:, None] + phases)
+FRAMES = len(lively())
 
 
 def turning(joint: int, rad_s: NDArray, start: Rotation) -> NDArray:
@@ -35,14 +29,6 @@ def turning(joint: int, rad_s: NDArray, start: Rotation) -> NDArray:
     steps = Rotation.from_rotvec(np.arange(FRAMES)[:, None] / FPS * rad_s)
     pose[:, joint] = (start * steps).as_rotvec()
     return pack_theta(pose, np.zeros((FRAMES, 3)))
-
-
-def moved(theta: NDArray, turn: Rotation, shift_m: NDArray) -> NDArray:
-    """The motion in a world that is turned and shifted."""
-    pose, trans = unpack_theta(theta)
-    pose = pose.copy()
-    pose[:, 0] = (turn * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
-    return pack_theta(pose, turn.apply(trans) + shift_m)
 
 
 @pytest.mark.parametrize(("joint", "column"), [(0, 6), (1, 12), (5, 24), (21, 72)])

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.prediction import comparison, corpora
 from benchmarks.prediction.comparison_page import systems_of
+from benchmarks.prediction.comparison_scores import joined, refuse_mixture
 from bridge.errors import DsnetError
 from bridge.motion.cells import CELLS
 
@@ -61,6 +62,7 @@ def no_training(monkeypatch, tmp_path):
         raise AssertionError(arguments)
 
     monkeypatch.setattr(corpora, "dsnet", refuse)
+    monkeypatch.setattr(comparison, "registered", lambda: ("rival",))
 
 
 def write(folder: Path, *scores: dict) -> None:
@@ -135,6 +137,43 @@ def test_a_score_that_is_missing_is_made(tmp_path, no_training):
         comparison.main(config(tmp_path))
 
 
+def test_a_system_that_a_score_lacks_is_made(tmp_path, no_training, monkeypatch):
+    write(tmp_path, score(0, 0.9, 0.5), score(1, 0.8, 0.7))
+    monkeypatch.setattr(comparison, "registered", lambda: ("rival", "newcomer"))
+    with pytest.raises(AssertionError, match="corpus"):
+        comparison.main(config(tmp_path))
+
+
+def of_newcomer() -> dict:
+    """What a run gives in which only the newcomer was trained."""
+    return json.loads(json.dumps(score(0, 0.1, 0.6)).replace("rival", "newcomer"))
+
+
+def test_a_new_system_joins_the_others():
+    kept = score(0, 0.9, 0.5)
+    both = joined(kept, of_newcomer(), ["newcomer"], "own-0.json")
+    assert set(both["systems"]) == {"rival", "newcomer"}
+    assert set(both["labels"]) == {*kept["labels"], "newcomer"}
+    for errors in both["cells"].values():
+        r2 = {name: one["r2"] for name, one in errors.items()}
+        assert r2 == {"dsnet_plus": 0.9, "rival": 0.5, "newcomer": 0.6,
+                      "person_mean": 0.1, "smpl": 0.0}  # fmt: skip
+    assert all("newcomer" in one["errors"] for one in both["sequences"])
+    assert both["over_time"]["mm"]["newcomer"] == [0.0, 1.0]
+
+
+def test_a_system_of_other_data_does_not_join():
+    other = of_newcomer()
+    other["sequences"][1]["errors"]["smpl"]["rms_mm"] += 0.01
+    with pytest.raises(DsnetError, match=r"other offsets of 99001_amass_x than in own-0\.json"):
+        joined(score(0, 0.9, 0.5), other, ["newcomer"], "own-0.json")
+    with pytest.raises(DsnetError, match=r"other epochs than in own-0\.json"):
+        joined(
+            score(0, 0.9, 0.5), of_newcomer() | {"epochs": 20}, ["newcomer"],
+            "own-0.json",
+        )  # fmt: skip
+
+
 def test_the_committed_page_is_made_of_the_committed_scores():
-    comparison.refuse_mixture(DOCS)
+    refuse_mixture(DOCS)
     assert comparison.page_path(DOCS).read_text() == comparison.markdown(DOCS)

@@ -19,6 +19,7 @@ from bridge.paper import DSNET_WIDTHS, N_BETAS
 from tf_dsnet.framework import Tensor, keras
 from tf_dsnet.lstm import BlockLSTM
 from tf_dsnet.predictors.base import BodyOf, PredictorSettings
+from tf_dsnet.predictors.compared.heading import heading_aligned
 from tf_dsnet.predictors.compared.loads import loads_on_skin
 from tf_dsnet.predictors.compared.radial_basis import RadialBasis
 from tf_dsnet.predictors.compared.searched import SearchedNetwork
@@ -112,6 +113,12 @@ VARIANTS = (
         "dsnet_pca_differences", "DSNet on PCA latents, pose differences",
         of_motion=lambda joined, _body: DIFFERENCES.of(joined),
         change="is told theta's first and second differences in place of theta",
+    ),
+    DsnetVariant(
+        "dsnet_heading_aligned", "DSNet on PCA latents, place and heading taken out",
+        of_motion=lambda joined, _body: heading_aligned(joined),
+        change="is told the pose as of a body that faces ahead, and the root's step and turn since "
+        "the last frame, in place of where it is and which way it faces",
     ),
     DsnetVariant(
         "dsnet_loads", "DSNet on PCA latents, loads",
