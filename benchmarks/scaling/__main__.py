@@ -58,17 +58,10 @@ class ScalingConfig:
 
 
 def main(config: ScalingConfig) -> None:
-    """Measure, print what the model says of each, write the file."""
+    """Measure, write the file, print what the model says of each."""
     with tempfile.TemporaryDirectory(prefix="dsnet_scaling_") as folder:
         measured = list(_measured(config, Path(folder)))
         facts = _facts(Path(folder), config)
-    rows = predicted_and_measured(measured)
-    for row in rows:
-        sys.stdout.write(
-            f"{row['stage']:<14}{row['frames']:>7} frames {row['workers']} workers: "
-            f"{row['wall_s']:.2f} s, predicted {row['predicted_s']:.2f} s, "
-            f"{100 * row['relative_error']:+.0f} %\n"
-        )
     results = {
         "machine": provenance(0.0)["machine"],
         "profile": config.profile,
@@ -78,6 +71,13 @@ def main(config: ScalingConfig) -> None:
     }
     config.out.mkdir(parents=True, exist_ok=True)
     (config.out / "scaling.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    rows = predicted_and_measured(measured)
+    for row in rows:
+        sys.stdout.write(
+            f"{row['stage']:<14}{row['frames']:>7} frames {row['workers']} workers: "
+            f"{row['wall_s']:.2f} s, predicted {row['predicted_s']:.2f} s, "
+            f"{100 * row['relative_error']:+.0f} %\n"
+        )
 
 
 def _measured(config: ScalingConfig, runs: Path) -> Iterator[dict[str, Any]]:
@@ -95,9 +95,12 @@ def _measured(config: ScalingConfig, runs: Path) -> Iterator[dict[str, Any]]:
 
 
 def _chain(config: ScalingConfig, size: int) -> dict[str, tuple[str, ...]]:
-    """Commands in their order, with options: mechanics are learned in no time, if badly."""
+    """Commands in their order, with options: mechanics are learned in no time, if badly.
+
+    What is predicted grows with what is trained on: every motion is done again.
+    """
     corpus = ("--subjects", "2", "--motions", *MOTIONS[:size], "--mean-frames",
-              str(config.mean_frames), "--mosh-seconds", "1.2", "--retakes", "1",
+              str(config.mean_frames), "--mosh-seconds", "1.2", "--retakes", str(size),
               "--mosh-motions", "side_to_side_hopping", "--crossing", "rotating")  # fmt: skip
     return {
         "corpus": corpus,

@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bridge.errors import DsnetError
+
 CORES_A_NODE = 64
 DAY_S = 86_400.0
 
@@ -24,7 +26,19 @@ class Line:
 
     @classmethod
     def through(cls, small: tuple[float, float], large: tuple[float, float]) -> Line:
-        """Through two points (frames, value), the first of fewer frames."""
+        """Through two points (frames, value), the first of fewer frames.
+
+        Raises
+        ------
+        DsnetError
+            If both are of the same frames.
+        """
+        if small[0] == large[0]:
+            raise DsnetError(
+                f"two measurements of {small[0]:,} frames",
+                "a line through two sizes",
+                "Measure corpora that differ in it.",
+            )
         a_frame = max(0.0, (large[1] - small[1]) / (large[0] - small[0]))
         return cls(max(0.0, large[1] - a_frame * large[0]), a_frame)
 

@@ -18,6 +18,7 @@ from benchmarks.scaling.model import (
     wall_of_phase,
 )
 from benchmarks.scaling.overhead import overheads
+from bridge.errors import DsnetError
 from bridge.runs.foreign_files import MOST_JSON_BYTES
 from bridge.runs.worker_pool import WorkerPool, worker_pool
 
@@ -40,6 +41,11 @@ def test_a_stage_that_is_as_the_model_is_predicted_exactly():
     ]  # fmt: skip
     for row in rows:
         assert row["relative_error"] == pytest.approx(0, abs=1e-9)
+
+
+def test_sizes_that_do_not_differ_are_one_line():
+    with pytest.raises(DsnetError, match="two measurements of 200 frames"):
+        predicted_and_measured([measured(200, 1), measured(200, 1)])
 
 
 def test_needs_of_a_large_corpus():
