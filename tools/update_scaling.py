@@ -24,6 +24,8 @@ STORAGE = ROOT / "docs" / "results" / "storage" / "storage.json"
 MARK = "<!-- plan: written by tools/update_scaling.py -->\n"
 SEQUENCES, FRAMES_EACH = 1_000_000, 321
 """The mean length is that of the paper's corpus."""
+RUNS = 10
+"""Into so many the corpus is cut, for comparison: each is below what breaks one."""
 _PACKED = ("`dsnet pack`", 0.01)
 
 
@@ -95,10 +97,13 @@ def _tasks(one: dict[str, Any]) -> tuple[str, ...]:
 def _needed(scaling: dict[str, Any] | None) -> str:
     if scaling is None:
         return ""
+    whole = SEQUENCES * FRAMES_EACH
     rows = [
         (row["stage"], f"{row['core_hours']:,.0f}", f"{row['alone_hours']:,.0f}",
-         row["nodes_for_a_day"] or "none suffice")
-        for row in needs(scaling["measured"], SEQUENCES * FRAMES_EACH)
+         row["nodes_for_a_day"] or "none suffice", _each(a_run["nodes_for_a_day"]))
+        for row, a_run in zip(
+            needs(scaling["measured"], whole), needs(scaling["measured"], whole / RUNS), strict=True
+        )
     ]  # fmt: skip
     broken = [
         (row["what"], f"{row['sequences']:,.0f}", row["remedy"])
@@ -107,10 +112,16 @@ def _needed(scaling: dict[str, Any] | None) -> str:
     return (
         f"\n### {SEQUENCES:,} sequences\n\nOf {FRAMES_EACH} frames each, the paper's mean, by the "
         f"same lines; nodes of {CORES_A_NODE} cores as fast as these:\n\n"
-        + _table("stage | core hours | of these in one process | nodes for a day", rows)
+        + _table(
+            f"stage | core hours | of these in one process | nodes for a day | as {RUNS} runs", rows
+        )
         + "\nWhat breaks, the first first:\n\n"
         + _table("what | at sequences | remedy", broken)
     )
+
+
+def _each(nodes: int | None) -> str:
+    return f"{RUNS} x {nodes}" if nodes else "none suffice"
 
 
 def _stored(stored: dict[str, Any] | None) -> str:
