@@ -1,13 +1,14 @@
-"""`python -m benchmarks.tissue_laws --out DIR`: the same motions under both tissue laws.
+"""`python -m benchmarks.tissue_laws --out DIR`: the same motions under every tissue law.
 
-Tabulates how far flesh moves and how much of the second law's offsets the first's explain, and
-draws one jump under both.
+Tabulates how far flesh moves and how much of the other laws' offsets the own one's explain, and
+draws one jump under each.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,18 +27,16 @@ from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
 from torch_align_ae.corpus.subjects import SUBJECTS, Subject
 from torch_align_ae.corpus.tissue_laws import TISSUES, tissue_of
 
-_FPS = 60.0
+_FPS, _OWN = 60.0, "own"
 _MOTIONS = ("one_leg_jump", "kicking", "hips", "shake_arms")
 _PANELS = 4
 _PAGE = """\
-# The same motions under both tissue laws (synthetic data)
+# The same motions under every tissue law (synthetic data)
 
-| motion | subject | mean, max of `own` | mean, max of `second` | unlike |
-|---|---|---:|---:|---:|
-{rows}
+{table}
 
-Offsets in millimetres; with gravity, {frames} frames at 60 fps. *Unlike* is the share of the second
-law's squared offsets that no multiple of the own law's explains. Made by `{command}`.
+Offsets in millimetres: mean and most; with gravity, {frames} frames at 60 fps. *Unlike* is the
+share of a law's squared offsets that no multiple of the own law's explains. Made by `{command}`.
 """
 
 
@@ -67,7 +66,7 @@ def main(config: TissueLawsConfig) -> dict[str, Any]:
             offsets = {
                 name: tissue_of(name, smpl, subject.betas).offsets(theta, _FPS) for name in TISSUES
             }
-            rows.append({"motion": motion, "subject": subject.name, **compared(offsets)})
+            rows.append({"motion": motion, "subject": subject.name, "laws": compared(offsets)})
             pictured = pictured or {"subject": subject, "theta": theta, "offsets": offsets}
     command = " ".join(["python", "-m", "benchmarks.tissue_laws", *sys.argv[1:]])
     results = {"data": "synthetic", "rows": rows, "frames": config.frames, "command": command}
@@ -81,14 +80,17 @@ def main(config: TissueLawsConfig) -> dict[str, Any]:
 
 def markdown(results: dict[str, Any]) -> str:
     """A page with one table: a row for each motion and subject."""
-    rows = [
-        f"| `{row['motion']}` | {row['subject']} |"
-        f" {row['own']['mean_mm']:.2f}, {row['own']['max_mm']:.1f} |"
-        f" {row['second']['mean_mm']:.2f}, {row['second']['max_mm']:.1f} |"
-        f" {row['unlike']:.2f} |"
-        for row in results["rows"]
-    ]
-    return _PAGE.format(**{**results, "rows": "\n".join(rows)})
+    laws = list(results["rows"][0]["laws"])
+    others = [law for law in laws if law != _OWN]
+    head = ["motion", "subject", *(f"`{law}`" for law in laws), *(f"`{o}` unlike" for o in others)]
+    lines = [f"| {' | '.join(head)} |", "|---|---" + "|---:" * (len(head) - 2) + "|"]
+    for row in results["rows"]:
+        found = row["laws"]
+        sizes = [f"{found[law]['mean_mm']:.2f}, {found[law]['max_mm']:.1f}" for law in laws]
+        unlike = [f"{found[law]['unlike']:.2f}" for law in others]
+        cells = [f"`{row['motion']}`", row["subject"], *sizes, *unlike]
+        lines.append(f"| {' | '.join(cells)} |")
+    return _PAGE.format(**results, table="\n".join(lines))
 
 
 def draw(
@@ -99,7 +101,7 @@ def draw(
     offsets: dict[str, NDArray[np.float32]],
 ) -> None:
     """The liveliest frames of equal parts of a motion, a row for each law."""
-    lively = np.square(offsets["own"]).sum((1, 2))
+    lively = np.square(offsets[_OWN]).sum((1, 2))
     parts = np.array_split(np.arange(len(theta)), _PANELS)
     frames = [part[lively[part].argmax()] for part in parts]
     sizes = {name: np.linalg.norm(own[frames], axis=-1) for name, own in offsets.items()}
@@ -121,7 +123,7 @@ def draw(
     draw_panels(
         path,
         pictures,
-        title=f"One jump of {subject.name} under both tissue laws",
+        title=f"One jump of {subject.name} under every tissue law",
         origin="synthetic",
         column_titles=[f"{frame / _FPS:.2f} s" for frame in frames],
         row_titles=list(offsets),
@@ -130,18 +132,18 @@ def draw(
     )
 
 
-def compared(offsets: dict[str, NDArray[np.float32]]) -> dict[str, Any]:
-    """Sizes under each law, and the share of the second that no multiple of the own explains."""
-    lengths = {name: np.linalg.norm(own, axis=-1) * 1000 for name, own in offsets.items()}
-    own, second = offsets["own"].astype(np.float64), offsets["second"].astype(np.float64)
-    scale = (own * second).sum() / (own**2).sum()
-    return {
-        **{
-            name: {"mean_mm": float(length.mean()), "max_mm": float(length.max())}
-            for name, length in lengths.items()
-        },
-        "unlike": float(((second - scale * own) ** 2).sum() / (second**2).sum()),
-    }
+def compared(offsets: Mapping[str, NDArray[np.float32]]) -> dict[str, dict[str, float]]:
+    """Sizes under each law, and the share of the others that no multiple of the own explains."""
+    own = offsets[_OWN].astype(np.float64)
+    found = {}
+    for name, of_law in offsets.items():
+        lengths = np.linalg.norm(of_law, axis=-1) * 1000
+        found[name] = {"mean_mm": float(lengths.mean()), "max_mm": float(lengths.max())}
+        if name != _OWN:
+            scale = (own * of_law).sum() / (own**2).sum()
+            unlike = ((of_law - scale * own) ** 2).sum() / np.square(of_law, dtype=np.float64).sum()
+            found[name]["unlike"] = float(unlike)
+    return found
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ THIRD_PARTIES = {
     "": {"tyro"},
     "runs": {"filelock", "numpy", "psutil", "ray", "tyro"},
     "body": {"numpy", "scipy", "trimesh"},
-    "motion": {"numpy", "scipy"},
+    "motion": {"numpy", "pybvh", "scipy"},
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},
     "runtime": {"numpy", "onnx", "onnxruntime", "tyro"},

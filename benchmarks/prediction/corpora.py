@@ -19,12 +19,13 @@ from bridge.runs.processes import run_dsnet
 CORPORA: dict[str, tuple[str, ...]] = {
     "own": (),
     "second": ("--tissue", "second"),
+    "third": ("--tissue", "third"),
     "captured": ("--tissue", "second", "--form", "captured"),
     "own_captured": ("--form", "captured"),
     "male": ("--gender", "male"),
     "male_second": ("--gender", "male", "--tissue", "second"),
 }
-"""Options of `dsnet corpus`. docs/prediction.md says what was seen of the second law."""
+"""Options of `dsnet corpus`. docs/prediction.md says what was seen of each law."""
 PLUS = ("train-plus", "predict-plus")
 DSNET = ("train", "predict", "decode")
 _DSNETS = ("dsnet_standardised", "dsnet_faithful", "dsnet_differences")

@@ -25,7 +25,7 @@ class ExportConfig(Controls):
     """Format: usd, pc2, mdd, obj, ply, npz, gif or mp4 of a motion; or onnx, the predictor with
     its body as one graph. docs/export.md says how to open each."""
     motion: Path | None = None
-    """One AMASS `.npz`, or `sample:walking`; for all but onnx."""
+    """One AMASS `.npz`, a BVH, or `sample:walking`; for all but onnx."""
     run: str | None = None
     """Run whose predictor moves the skin; the small model that comes with the package when left
     out, of the motion's gender."""

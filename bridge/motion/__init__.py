@@ -1,6 +1,6 @@
-"""Motions: the pose vector theta, AMASS files, sequences, and who is trained on what."""
+"""Motions: the pose vector theta, AMASS and BVH files, sequences, and who is trained on what."""
 
-from bridge.motion.resampling import Motion, load_amass_motion
+from bridge.motion.resampling import Motion, load_amass_motion, load_motion_file
 from bridge.motion.sequences import (
     MotionSequence,
     sequences_of,
@@ -14,6 +14,7 @@ __all__ = [
     "Motion",
     "MotionSequence",
     "load_amass_motion",
+    "load_motion_file",
     "pack_theta",
     "sequences_of",
     "subject_rows",

@@ -45,7 +45,7 @@ _Read = TypeVar("_Read")
 
 
 @dataclass(frozen=True, eq=False)
-class AmassFile:
+class StoredMotion:
     """The parameters of T frames."""
 
     pose: NDArray[np.float64]
@@ -62,7 +62,7 @@ class AmassFile:
     """(T, 8) DMPL soft tissue coefficients, where the file has them."""
 
 
-def read_amass_file(path: Path) -> AmassFile:
+def read_amass_file(path: Path) -> StoredMotion:
     """Read and check one file, or a sample that comes with the package (`sample:walking`).
 
     Raises
@@ -74,7 +74,7 @@ def read_amass_file(path: Path) -> AmassFile:
     wanted = ("poses", "trans", "betas", "gender", "dmpls", *_RATE_KEYS)
     arrays = _read(path, motion_path(path), lambda archive: _arrays(archive, wanted))
     pose, trans_m = _pose(path, arrays)
-    return AmassFile(
+    return StoredMotion(
         pose=pose,
         trans_m=trans_m,
         betas=_betas(path, arrays),

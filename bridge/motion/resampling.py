@@ -1,7 +1,8 @@
-"""Motions from AMASS files, as the paper prepares them (Section 3.2): 60 fps, y up."""
+"""Motions from AMASS and BVH files, as the paper prepares them (Section 3.2): 60 fps, y up."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from bridge.errors import DsnetError
-from bridge.motion.amass_file import AmassFile, read_amass_file
+from bridge.motion.amass_file import StoredMotion, read_amass_file
 from bridge.motion.bounds import MOST_FRAMES
 from bridge.motion.cuts import find_cuts
 from bridge.motion.theta import pack_theta, unpack_theta
@@ -93,10 +94,42 @@ def load_amass_motion(
     DsnetError
         If the file is missing, is not such an archive, or holds no usable motion.
     """
+    motion = _prepared(Path(path), read_amass_file, fps, up)
+    return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
+
+
+def load_motion_file(path: Path | str) -> Motion:
+    """Read any motion that can be followed, at 60 fps and y up: AMASS `.npz`, a sample, or BVH.
+
+    A BVH skeleton is brought to SMPL's joints (`bridge.motion.retargeting`); it has no shape.
+
+    Raises
+    ------
+    DsnetError
+        If the file is missing, is none of these, or holds no usable motion.
+    """
     path = Path(path)
+    return _prepared(path, _read_bvh if path.suffix.lower() == ".bvh" else read_amass_file)
+
+
+def _read_bvh(path: Path) -> StoredMotion:
+    # What reads and brings it to SMPL takes half a second to import.
+    from bridge.motion.bvh_file import read_bvh_file
+    from bridge.motion.retargeting import retargeted
+
+    return retargeted(read_bvh_file(path))
+
+
+def _prepared(
+    path: Path,
+    read: Callable[[Path], StoredMotion],
+    fps: float = DEFAULT_FPS,
+    up: UpAxis = "y",
+) -> Motion:
+    """Resampled and turned upright; see `load_amass_motion`."""
     if not (np.isfinite(fps) and fps > 0):
         raise DsnetError(f"fps={fps}", "a positive number", "Pass 60, the paper's rate.")
-    stored = read_amass_file(path)
+    stored = read(path)
     if (frames := resampled_frames(len(stored.pose), stored.fps, fps)) > MOST_FRAMES:
         raise DsnetError(
             f"{path}, {len(stored.pose)} frames at {stored.fps:g} Hz: {frames} at {fps:g}",
@@ -109,7 +142,7 @@ def load_amass_motion(
         trans_m = _R_YUP_ZUP.apply(trans_m)
     for first, end in pairwise([0, *find_cuts(pose, trans_m), len(pose)]):
         pose[first:end] = continuous_rotations(pose[first:end])
-    motion = Motion(
+    return Motion(
         theta=pack_theta(pose, trans_m),
         betas=stored.betas,
         gender=stored.gender,
@@ -119,7 +152,6 @@ def load_amass_motion(
         up=up,
         dmpls=dmpls,
     )
-    return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
 
 
 def resampled_frames(frame_count: int, source_fps: float, fps: float = DEFAULT_FPS) -> int:
@@ -129,7 +161,7 @@ def resampled_frames(frame_count: int, source_fps: float, fps: float = DEFAULT_F
 
 
 def _resample(
-    stored: AmassFile, fps: float
+    stored: StoredMotion, fps: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
     """Joint rotations, translation and DMPL coefficients at `fps`, piece by piece between cuts."""
     times_s = _sample_times_s(len(stored.pose), stored.fps, fps)

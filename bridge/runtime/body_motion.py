@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
-from bridge.motion import Motion, load_amass_motion, unpack_theta
+from bridge.motion import Motion, load_motion_file, unpack_theta
 from bridge.motion.bounds import FARTHEST_M
 from bridge.runs.processes import notify
 from bridge.runtime.bounds import LARGEST_BODY_M
@@ -49,11 +49,11 @@ def place_motion(
 
 
 def load_motion(path: Path, body: BodyModelData, betas: NDArray[np.float64] | None) -> Motion:
-    """Read an AMASS `.npz` for a body; see `place_motion`.
+    """Read an AMASS `.npz` or a BVH for a body; see `place_motion`.
 
     Raises
     ------
     DsnetError
         If the file is no motion, or not one of a body of a person's size.
     """
-    return place_motion(load_amass_motion(path), body, betas)
+    return place_motion(load_motion_file(path), body, betas)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.motion import Motion, load_amass_motion
+from bridge.motion import Motion, load_motion_file
 from bridge.runs import Run
 from bridge.runtime.dsnet_motion import DSNET
 from bridge.runtime.motion_predictor import Chosen, MotionPredictor, choose_predictor
@@ -82,6 +82,6 @@ def open_for_motion(run: Run | None, predictor: str | None, path: Path) -> tuple
         If there is no such character, or the file is no motion.
     """
     if run is not None:
-        return open_character(run, predictor), load_amass_motion(path)
-    motion = load_amass_motion(path)
+        return open_character(run, predictor), load_motion_file(path)
+    motion = load_motion_file(path)
     return open_character(None, predictor, motion.gender), motion

@@ -31,7 +31,7 @@ def predict_motion(
     ----------
     run : whose body and predictor; None for those that come with the package, of the motion's
         gender.
-    path : AMASS `.npz`, or `sample:NAME`.
+    path : AMASS `.npz`, BVH, or `sample:NAME`.
     out : folder to write, see `open_out_folder`: offsets (T, V, 3) in the rest pose and vertices
         (T, V, 3), both in metres, latents (T, 100) if the predictor has them, `strip.png`,
         `manifest.json`.

@@ -33,7 +33,7 @@ class PredictConfig(Controls):
     """Folder of AMASS files to predict beside the run's sequences (those of the run's own corpus
     when left out). What is no motion, or of the other gender, is left out and counted."""
     motion: Path | None = None
-    """One AMASS `.npz`; with it, vertices are written to --out."""
+    """One AMASS `.npz` or a BVH; with it, vertices are written to --out."""
     out: Path | None = None
     """Folder to write for --motion: a new or empty one, or that of an earlier prediction."""
     profile: tyro.conf.Suppress[str] = "demo"

@@ -67,7 +67,7 @@ def open_repertoire(
 
     Parameters
     ----------
-    path : a motion to be shown first: an AMASS `.npz`, or a sample such as `sample:walking`.
+    path : a motion to be shown first: an AMASS `.npz`, a BVH, or a sample such as `sample:walking`.
     controls : a shape that they ask for is one of the people, `AS_ASKED`.
 
     Raises

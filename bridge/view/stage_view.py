@@ -29,7 +29,7 @@ class ViewConfig(Controls):
     """Run whose predictors and motions are shown; the small model that comes with the package
     when left out, of the motion's gender."""
     motion: Path | None = None
-    """AMASS `.npz`, or a sample such as `sample:walking`, that is shown first."""
+    """AMASS `.npz`, a BVH, or a sample such as `sample:walking`, that is shown first."""
     host: str = "127.0.0.1"
     """Address to serve on; at another one, others on the network can look on too."""
     port: Annotated[int, Bounds(0, 65535)] = 8080

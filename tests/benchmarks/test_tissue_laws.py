@@ -1,4 +1,4 @@
-"""The page that compares the two laws, and its measure."""
+"""The page that compares the laws, and its measure."""
 
 from __future__ import annotations
 
@@ -24,5 +24,5 @@ def test_what_no_multiple_explains(share, unlike):
     own[:2, 0, 0], other[2:, 0, 0] = 0.003, 0.004
     second = np.sqrt(1 - share) * own / 0.003 + np.sqrt(share) * other / 0.004
     found = compared({"own": own, "second": second.astype(np.float32)})
-    np.testing.assert_allclose(found["unlike"], unlike, atol=1e-6)
+    np.testing.assert_allclose(found["second"]["unlike"], unlike, atol=1e-6)
     np.testing.assert_allclose(found["own"]["max_mm"], 3, rtol=1e-6)

@@ -1,4 +1,4 @@
-"""Damaged AMASS files, and DMPL's."""
+"""Damaged AMASS files, BVH's and DMPL's."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
+from bridge.body import load_body_model
 from bridge.body.dmpl_files import load_dmpl_directions
-from bridge.motion import load_amass_motion
-from tests.forged import amass
-from tests.fuzz.mutations import Draw, Files, damaged_npz
+from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
+from bridge.motion import load_amass_motion, load_motion_file
+from tests.forged import amass, bvh
+from tests.fuzz.mutations import Draw, Files, damaged, damaged_npz
+
+_BODY = load_body_model("embedded:female")
 
 
 @st.composite
@@ -42,3 +46,19 @@ def dmpl_files(draw: Draw) -> Files:
 def read_dmpl(folder: Path) -> None:
     """Its directions."""
     load_dmpl_directions(folder / "model.npz")
+
+
+@st.composite
+def bvh_files(draw: Draw) -> Files:
+    """Of SMPL's skeleton, or of one whose joints are called otherwise."""
+    frames = draw(st.integers(1, 4))
+    rest = _BODY.J_regressor @ _BODY.v_template
+    names = draw(st.sampled_from((SMPL_JOINT_NAMES, [f"joint{n}" for n in range(24)])))
+    turns = np.broadcast_to(np.eye(3), (frames, 24, 3, 3))
+    whole = bvh.text(bvh.Skeleton(names, SMPL_PARENTS, rest), turns, np.zeros((frames, 3)))
+    return {"motion.bvh": damaged(draw, whole.encode())}
+
+
+def read_bvh(folder: Path) -> None:
+    """As a motion of SMPL's joints."""
+    load_motion_file(folder / "motion.bvh")

@@ -18,7 +18,7 @@ ALIGNED_SIZE = N_BETAS + 3 * N_JOINTS + 3 + 1
 """80: betas, pose, the root's step, its turn."""
 
 
-def heading_aligned(joined: NDArray) -> NDArray[np.float64]:
+def heading_aligned(joined: NDArray) -> NDArray[np.floating]:
     """Of betas and theta (T, 79): what stays of them wherever the body is, (T, 80).
 
     Betas; the pose (66) with its root turned about the vertical until it faces ahead, so that

@@ -1,47 +1,56 @@
-"""The second tissue law stands apart: nothing outside the corpus knows it."""
+"""The laws to test on stand apart: nothing outside the corpus knows them, nor they one another."""
 
 from __future__ import annotations
 
 import ast
 from pathlib import Path
 
+import pytest
+
 from tests.sources import PACKAGES, ROOT, imported_modules, parsed, source_files
 from torch_align_ae.corpus.stage_corpus import PROFILES
 
 CORPUS = ROOT / "torch_align_ae" / "corpus"
-HOMES = {"torch_align_ae.corpus.tissue_laws"} | {
-    f"torch_align_ae.corpus.{path.stem}" for path in CORPUS.glob("second_tissue*.py")
-}
+REGISTRY = "torch_align_ae.corpus.tissue_laws"
+LAWS = ("second", "third")
+
+
+def modules_of(law: str) -> set[str]:
+    return {f"torch_align_ae.corpus.{path.stem}" for path in CORPUS.glob(f"{law}_tissue*.py")}
 
 
 def outside() -> list[Path]:
     return [path for path in source_files(*PACKAGES) if CORPUS not in path.parents]
 
 
-def test_nothing_outside_the_corpus_imports_it():
-    assert len(HOMES) > 2
+@pytest.mark.parametrize("law", LAWS)
+def test_nothing_outside_the_corpus_imports_it(law):
+    assert len(modules_of(law)) > 1
     for path in outside():
-        assert not HOMES & set(imported_modules(path)), path
+        assert not (modules_of(law) | {REGISTRY}) & set(imported_modules(path)), path
 
 
-def test_inside_the_corpus_only_the_registry_chooses_it():
-    own = [path for path in source_files("torch_align_ae/corpus") if "second" not in path.name]
-    laws = {name for name in HOMES if "second" in name}
-    importing = {path.name for path in own if laws & set(imported_modules(path))}
+@pytest.mark.parametrize("law", LAWS)
+def test_inside_the_corpus_only_the_registry_chooses_it(law):
+    others = [path for path in source_files("torch_align_ae/corpus") if law not in path.name]
+    importing = {path.name for path in others if modules_of(law) & set(imported_modules(path))}
     assert importing == {"tissue_laws.py"}
 
 
-def test_it_shares_nothing_with_the_first_law_but_body_surface_and_skinning():
+@pytest.mark.parametrize("law", LAWS)
+def test_it_shares_nothing_with_other_laws_but_body_surface_and_skinning(law):
     allowed = {
         "simulation": {"skin"},
         "motions.plan": {"GRAVITY_M_S2"},
     }
     found: dict[str, set[str]] = {}
-    for path in CORPUS.glob("second_tissue*.py"):
+    for path in CORPUS.glob(f"{law}_tissue*.py"):
         for node in ast.walk(parsed(path)):
             if not isinstance(node, ast.ImportFrom) or not node.module:
                 continue
-            if node.module.startswith("torch_align_ae.corpus") and node.module not in HOMES:
+            if node.module.startswith("torch_align_ae.corpus") and node.module not in modules_of(
+                law
+            ):
                 name = node.module.removeprefix("torch_align_ae.corpus.")
                 found.setdefault(name, set()).update(alias.name for alias in node.names)
     assert found == allowed
@@ -54,8 +63,8 @@ def test_only_evaluation_and_report_ask_with_which_law_a_corpus_was_made():
         if naming & set(path.parents):
             continue
         texts = {node.value for node in ast.walk(parsed(path)) if isinstance(node, ast.Constant)}
-        assert not {"tissue", "second"} & texts, path
+        assert not {"tissue", *LAWS} & texts, path
 
 
-def test_no_profile_is_made_with_it():
+def test_no_profile_is_made_with_any():
     assert {config.tissue for config in PROFILES.values()} == {"own"}

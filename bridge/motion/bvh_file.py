@@ -1,0 +1,142 @@
+"""What a BVH file holds, read by pybvh and checked: a skeleton at rest, and how it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.errors import DsnetError
+from bridge.motion.bounds import MOST_FRAMES
+from bridge.runs.foreign_files import open_regular
+
+_MOST_BYTES = 64 << 20
+"""A minute of fifty joints at 120 Hz takes a fifth of it."""
+_MOST_JOINTS = 512
+_RATES_HZ = (1.0, 10_000.0)
+_FRAMES_AT_ONCE = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class BvhFile:
+    """A skeleton of J joints and its motion of T frames, in the file's own unit and axes."""
+
+    path: Path
+    names: tuple[str, ...]
+    """Of the joints, parents first."""
+    parents: tuple[int, ...]
+    """Of each joint; -1 of the root."""
+    rest: NDArray[np.float64]
+    """(J, 3) places where every rotation is none; the root's is its offset."""
+    axes: tuple[str, ...]
+    """Of each joint the order of its turns, such as `ZXY`: each about the axes that it then has."""
+    angles_rad: NDArray[np.float64]
+    """(T, J, 3) in that order."""
+    root: NDArray[np.float64]
+    """(T, 3) place of the root."""
+    fps: float
+    """Frames per second."""
+
+    def blocks(self) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[np.float64]]]:
+        """Frames, rotations (B, J, 3, 3) and places (B, J, 3) of the joints in the file's world."""
+        for start in range(0, len(self.root), _FRAMES_AT_ONCE):
+            frames = slice(start, min(start + _FRAMES_AT_ONCE, len(self.root)))
+            yield frames, *self._posed(frames)
+
+    def _posed(self, frames: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        angles = self.angles_rad[frames]
+        turns = np.empty((*angles.shape[:2], 3, 3))
+        places = np.empty(angles.shape)
+        for joint, (parent, axes) in enumerate(zip(self.parents, self.axes, strict=True)):
+            own = Rotation.from_euler(axes, angles[:, joint]).as_matrix()
+            if parent < 0:
+                turns[:, joint], places[:, joint] = own, self.root[frames]
+                continue
+            turns[:, joint] = turns[:, parent] @ own
+            bone = self.rest[joint] - self.rest[parent]
+            places[:, joint] = places[:, parent] + turns[:, parent] @ bone
+        return turns, places
+
+
+def read_bvh_file(path: Path) -> BvhFile:
+    """Read and check one file.
+
+    Raises
+    ------
+    DsnetError
+        If the file is missing, is no BVH, or holds no usable motion.
+    """
+    # It draws too, and so takes half a second to import.
+    import pybvh
+    from pybvh.bvhnode import BvhJoint
+
+    try:
+        open_regular(path, _MOST_BYTES).close()
+        read = pybvh.read_bvh_file(_as_named(path), world_up="+y")
+        joints = [node for node in read.nodes if isinstance(node, BvhJoint)]
+        place = {id(node): number for number, node in enumerate(joints)}
+        parents = tuple(-1 if n.parent is None else place[id(n.parent)] for n in joints)
+        found = BvhFile(
+            path=path,
+            names=tuple(node.name for node in joints),
+            parents=parents,
+            rest=_rest(np.array([node.offset for node in joints], np.float64), parents),
+            axes=tuple("".join(node.rot_channels) for node in joints),
+            angles_rad=np.asarray(read.joint_angles, np.float64),
+            root=np.asarray(read.root_pos, np.float64),
+            fps=1.0 / read.frame_time,
+        )
+    except FileNotFoundError as error:
+        raise unusable(path, "which does not exist", "Check the path.") from error
+    except IsADirectoryError as error:
+        raise unusable(path, "which is a folder", "Name one file in it.") from error
+    # A foreign or hostile file can fail inside its reader in any way at all.
+    except Exception as error:
+        raise unusable(path, f"which does not load ({str(error)[:200]})") from error
+    _check(found)
+    return found
+
+
+def unusable(path: Path, flaw: str, remedy: str = "") -> DsnetError:
+    """The line that says why a file is refused."""
+    usual = "Export it with positions on the root alone and three rotations on every joint."
+    return DsnetError(f"{path}, {flaw}", "a BVH motion of a person", remedy or usual)
+
+
+def _as_named(path: Path) -> Path:
+    # pybvh knows no `.BVH`, as which Windows writes many a file.
+    if path.suffix != ".bvh":
+        raise ValueError("its name has to end in .bvh, in small letters")
+    return path
+
+
+def _rest(offsets: NDArray[np.float64], parents: tuple[int, ...]) -> NDArray[np.float64]:
+    places = offsets.copy()
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            places[joint] += places[parent]
+    return places
+
+
+def _check(found: BvhFile) -> None:
+    frames, joints = found.angles_rad.shape[:2]
+    if frames > MOST_FRAMES or joints > _MOST_JOINTS:
+        flaw = f"{frames} frames of {joints} joints"
+        raise unusable(
+            found.path,
+            flaw,
+            f"At most {MOST_FRAMES} of {_MOST_JOINTS}: cut it into several files.",
+        )
+    for name in ("rest", "angles_rad", "root"):
+        if not np.isfinite(getattr(found, name)).all():
+            raise unusable(found.path, "whose numbers are not all finite", "Export it again.")
+    if not _RATES_HZ[0] <= found.fps <= _RATES_HZ[1]:
+        raise unusable(
+            found.path,
+            f"at {found.fps:.3g} frames a second",
+            "'Frame Time' is the seconds from one frame to the next.",
+        )

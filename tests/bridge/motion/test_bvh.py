@@ -1,0 +1,171 @@
+"""BVH: SMPL's own skeleton comes back as it was, others keep the directions of their limbs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bridge.body import load_body_model
+from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
+from bridge.body.posing import shaped_joints
+from bridge.errors import DsnetError
+from bridge.motion import load_motion_file, unpack_theta
+from bridge.motion.joint_names import plain_name
+from tests.forged.bvh import Skeleton, text
+from tests.forged.lively import lively
+
+FRAMES = 12
+REST_M = shaped_joints(load_body_model("embedded:female"), np.zeros((1, 10)))[0]
+SMPL = Skeleton(SMPL_JOINT_NAMES, SMPL_PARENTS, REST_M)
+MIXAMO = (
+    "Hips", "LeftUpLeg", "RightUpLeg", "Spine", "LeftLeg", "RightLeg", "Spine1", "LeftFoot",
+    "RightFoot", "Spine2", "LeftToeBase", "RightToeBase", "Neck", "LeftShoulder", "RightShoulder",
+    "Head", "LeftArm", "RightArm", "LeftForeArm", "RightForeArm", "LeftHand", "RightHand",
+    "LeftHandIndex1", "RightHandIndex1",
+)  # fmt: skip
+LIMBS = [(1, 4), (2, 5), (4, 7), (5, 8), (16, 18), (17, 19), (18, 20), (19, 21)]
+
+
+def world_of(pose):
+    """(T, 24, 3, 3) world rotations of local ones (T, 22, 3)."""
+    local = Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix().reshape(*pose.shape[:2], 3, 3)
+    world = np.zeros((len(pose), 24, 3, 3))
+    for joint, parent in enumerate(SMPL_PARENTS):
+        own = local[:, joint] if joint < 22 else np.broadcast_to(np.eye(3), local[:, 0].shape)
+        world[:, joint] = own if parent < 0 else world[:, parent] @ own
+    return world
+
+
+def pose_and_places(seed: int = 0):
+    pose, trans_m = unpack_theta(lively(FRAMES, seed))
+    return pose, trans_m + np.array([0.0, 1.0, 0.0])
+
+
+def write(path, skeleton, world, root, **options):
+    path.write_text(text(skeleton, world, root, **options))
+    return path
+
+
+def a_pose() -> np.ndarray:
+    """The rest pose with arms 45 degrees down."""
+    rest = REST_M.copy()
+    for side, (shoulder, arm) in {1: (16, (18, 20, 22)), -1: (17, (19, 21, 23))}.items():
+        down = Rotation.from_euler("z", -45 * side, degrees=True)
+        rest[list(arm)] = rest[shoulder] + down.apply(rest[list(arm)] - rest[shoulder])
+    return rest
+
+
+@pytest.mark.parametrize("unit", [1.0, 100.0, 39.37])
+def test_smpls_own_skeleton_comes_back_in_metres(tmp_path, unit):
+    pose, places_m = pose_and_places()
+    skeleton = Skeleton(SMPL.names, SMPL.parents, unit * REST_M)
+    motion = load_motion_file(
+        write(tmp_path / "walk.bvh", skeleton, world_of(pose), unit * places_m)
+    )
+    found, trans_m = unpack_theta(motion.theta)
+    np.testing.assert_allclose(world_of(found), world_of(pose), atol=1e-6)
+    np.testing.assert_allclose(trans_m, places_m, atol=1e-6)
+    assert (motion.fps, motion.gender, np.abs(motion.betas).max()) == (60.0, "unknown", 0.0)
+
+
+def test_other_names_lengths_axes_and_rest_poses_keep_the_limbs_directions(tmp_path):
+    """Mixamo's names, z up, centimetres, longer legs and arms that rest in an A."""
+    z_up = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    rest = a_pose()
+    rest[[4, 7, 10]] += [0.0, -0.1, 0.0]
+    rest[[5, 8, 11]] += [0.0, -0.1, 0.0]
+    pose, places_m = pose_and_places()
+    world = z_up @ world_of(pose) @ z_up.T
+    names = [f"mixamorig:{name}" for name in MIXAMO]
+    skeleton = Skeleton(names, SMPL_PARENTS, 100 * rest @ z_up.T)
+    path = write(tmp_path / "dance.bvh", skeleton, world, 100 * places_m @ z_up.T)
+    found, trans_m = unpack_theta(load_motion_file(path).theta)
+    turned = world_of(found)
+    for joint, end in LIMBS:
+        bone = REST_M[end] - REST_M[joint]
+        theirs = world_of(pose)[:, joint] @ (rest[end] - rest[joint])
+        assert _angle_deg(turned[:, joint] @ bone, theirs).max() < 1e-3, (joint, end)
+    for joint in (0, 3, 6, 9, 12, 15, 7, 8, 13, 14):  # trunk, head, collars and feet turn alike
+        np.testing.assert_allclose(turned[:, joint], world_of(pose)[:, joint], atol=1e-6)
+    leg, theirs = (_leg(joints) for joints in (REST_M, rest))
+    np.testing.assert_allclose(trans_m, places_m * leg / theirs, atol=1e-6)
+
+
+def test_arms_that_hang_in_an_a_hang_in_smpl(tmp_path):
+    """What is no rotation in such a file is one of 45 degrees for a body that rests in a T."""
+    still = np.broadcast_to(np.eye(3), (FRAMES, 24, 3, 3))
+    skeleton = Skeleton(MIXAMO, SMPL_PARENTS, a_pose())
+    path = write(tmp_path / "stand.bvh", skeleton, still, np.zeros((FRAMES, 3)))
+    found = unpack_theta(load_motion_file(path).theta)[0]
+    np.testing.assert_allclose(found[0, 16], [0, 0, -np.pi / 4], atol=5e-4)
+    np.testing.assert_allclose(found[0, 17], [0, 0, np.pi / 4], atol=5e-4)
+    np.testing.assert_allclose(np.delete(found, [16, 17], axis=1), 0, atol=5e-4)
+
+
+def test_a_skeleton_without_collars_and_spine_is_enough(tmp_path):
+    kept = [0, 1, 2, 4, 5, 7, 8, 12, 15, 16, 17, 18, 19, 20, 21]
+    parents = [-1 if joint == 0 else kept.index(_kept_parent(joint, kept)) for joint in kept]
+    skeleton = Skeleton([MIXAMO[joint] for joint in kept], parents, REST_M[kept])
+    pose, places_m = pose_and_places()
+    path = write(tmp_path / "bare.bvh", skeleton, world_of(pose)[:, kept], places_m)
+    found = unpack_theta(load_motion_file(path).theta)[0]
+    np.testing.assert_allclose(world_of(found)[:, 18], world_of(pose)[:, 18], atol=1e-6)
+    np.testing.assert_allclose(found[:, [3, 6, 9, 13, 14]], 0, atol=1e-9)
+
+
+def test_the_files_rate_is_resampled(tmp_path):
+    pose, places_m = pose_and_places()
+    path = write(tmp_path / "fast.bvh", SMPL, world_of(pose), places_m, fps=120.0)
+    motion = load_motion_file(path)
+    assert (len(motion.theta), motion.source_fps) == (6, 120.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "plain"),
+    [("mixamorig:LeftUpLeg", "lupleg"), ("m_avg_L_Hip", "lhip"), ("upper_arm.R", "rupperarm"),
+     ("Bip01 R Thigh", "rthigh"), ("right_ankle", "rankle"), ("LowerBack", "lowerback")],
+)  # fmt: skip
+def test_names_of_many_programs_are_one(name, plain):
+    assert plain_name(name) == plain
+
+
+def refused(tmp_path, content: str, name: str = "odd.bvh") -> str:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(DsnetError) as error:
+        load_motion_file(tmp_path / name)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_what_cannot_be_followed_is_one_line(tmp_path):
+    pose, places_m = pose_and_places()
+    whole = text(SMPL, world_of(pose), places_m)
+    spread = Skeleton(MIXAMO, SMPL_PARENTS, np.abs(REST_M).sum(1, keepdims=True) * [[1.0, 0, 0]])
+    assert "degrees from a T-pose" in refused(tmp_path, text(spread, world_of(pose), places_m))
+    tail = Skeleton([f"tail{n}" for n in range(24)], SMPL_PARENTS, REST_M)
+    assert "has no pelvis, left_hip" in refused(tmp_path, text(tail, world_of(pose), places_m))
+    assert "not all finite" in refused(tmp_path, whole.replace(whole.split()[-1], "nan"))
+    assert "e+03 m off" in refused(tmp_path, text(SMPL, world_of(pose), 1.2e3 + places_m))
+    assert "frames a second" in refused(tmp_path, whole.replace("Time: 0.0166", "Time: 16.6"))
+    assert "does not load" in refused(tmp_path, whole.replace("Frames: 12", "Frames: 13"))
+    six = whole.replace("CHANNELS 3 ", "CHANNELS 6 Xposition Yposition Zposition ")
+    assert "positions on the root alone" in refused(tmp_path, six)
+    assert "does not load" in refused(tmp_path, "")
+    assert "small letters" in refused(tmp_path, whole, "odd.BVH")
+    with pytest.raises(DsnetError, match="does not exist"):
+        load_motion_file(tmp_path / "none.bvh")
+
+
+def _kept_parent(joint: int, kept: list[int]) -> int:
+    parent = SMPL_PARENTS[joint]
+    return parent if parent in kept else _kept_parent(parent, kept)
+
+
+def _angle_deg(one, other):
+    cross = np.linalg.norm(np.cross(one, other), axis=-1)
+    return np.degrees(np.arctan2(cross, (one * other).sum(-1)))
+
+
+def _leg(joints) -> float:
+    return float(np.linalg.norm(joints[4] - joints[1]) + np.linalg.norm(joints[7] - joints[4]))
