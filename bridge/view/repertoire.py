@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.exchange.trained_dsnet import dsnets_of
-from bridge.motion import Motion, load_amass_motion, sequences_of, subject_rows
+from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.amass_folder import subject_and_motion
 from bridge.motion.resampling import DEFAULT_FPS
 from bridge.motion.sample_files import SAMPLE_PREFIX, SAMPLES
@@ -76,7 +76,7 @@ def open_repertoire(
         If the file is no motion of a body, the run has no trained predictor, or nothing to show,
         or the body has no such shape.
     """
-    given = None if path is None else load_amass_motion(path)
+    given = None if path is None else load_motion_file(path)
     gender = "unknown" if given is None else given.gender
     best = open_character(run, None, gender)
     named = {} if given is None else {given.source.stem: _of_motion(given, best.body)}

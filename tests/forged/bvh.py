@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bridge.body.model_data import SMPL_PARENTS
+
 AXES = "ZXY"
 
 
@@ -20,6 +22,16 @@ class Skeleton:
     parents: Sequence[int]
     rest: NDArray[np.floating]
     """(J, 3) in any unit."""
+
+
+def world_of(pose: NDArray[np.floating]) -> NDArray[np.float64]:
+    """World rotations (T, 24, 3, 3) of SMPL's joints of local ones (T, 22, 3)."""
+    local = Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix().reshape(*pose.shape[:2], 3, 3)
+    world = np.zeros((len(pose), 24, 3, 3))
+    for joint, parent in enumerate(SMPL_PARENTS):
+        own = local[:, joint] if joint < 22 else np.broadcast_to(np.eye(3), local[:, 0].shape)
+        world[:, joint] = own if parent < 0 else world[:, parent] @ own
+    return world
 
 
 def text(

@@ -12,7 +12,7 @@ from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
 from bridge.motion import load_motion_file, unpack_theta
 from bridge.motion.joint_names import plain_name
-from tests.forged.bvh import Skeleton, text
+from tests.forged.bvh import Skeleton, text, world_of
 from tests.forged.lively import lively
 
 FRAMES = 12
@@ -25,16 +25,6 @@ MIXAMO = (
     "LeftHandIndex1", "RightHandIndex1",
 )  # fmt: skip
 LIMBS = [(1, 4), (2, 5), (4, 7), (5, 8), (16, 18), (17, 19), (18, 20), (19, 21)]
-
-
-def world_of(pose):
-    """(T, 24, 3, 3) world rotations of local ones (T, 22, 3)."""
-    local = Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix().reshape(*pose.shape[:2], 3, 3)
-    world = np.zeros((len(pose), 24, 3, 3))
-    for joint, parent in enumerate(SMPL_PARENTS):
-        own = local[:, joint] if joint < 22 else np.broadcast_to(np.eye(3), local[:, 0].shape)
-        world[:, joint] = own if parent < 0 else world[:, parent] @ own
-    return world
 
 
 def pose_and_places(seed: int = 0):

@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion import Motion
+from bridge.body import load_body_model
+from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
+from bridge.motion import Motion, load_amass_motion, pack_theta, unpack_theta
 from bridge.runs import read_artifact
 from bridge.runtime.body_motion import place_motion
-from bridge.runtime.characters import open_character
+from bridge.runtime.characters import open_character, open_for_motion
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.packaged import KIND, packaged_folder, packaged_predictor
+from tests.forged import bvh
 
 GENDERS = ("female", "male")
 LARGEST_BYTES = 4_000_000
@@ -39,6 +42,23 @@ def test_the_body_is_of_the_motions_gender():
 def test_another_predictor_needs_a_run():
     with pytest.raises(DsnetError, match=r"'dsnet_faithful' without a run.*dsnet_plus.*--run demo"):
         packaged_predictor("female", "dsnet_faithful")
+
+
+def test_a_bvh_moves_her_as_the_motion_does_that_it_was_made_of(tmp_path):
+    sample = load_amass_motion("sample:walking")
+    pose, places_m = unpack_theta(sample.theta[:30])
+    body = load_body_model("embedded:female")
+    skeleton = bvh.Skeleton(SMPL_JOINT_NAMES, SMPL_PARENTS, body.J_regressor @ body.v_template)
+    (tmp_path / "walk.bvh").write_text(bvh.text(skeleton, bvh.world_of(pose), places_m))
+    character, motion = open_for_motion(None, None, tmp_path / "walk.bvh")
+    moved = [
+        np.concatenate([posed.vertices_m for posed in MovingBody(character, one)])
+        for one in (
+            place_motion(motion, character.body),
+            replace(motion, theta=pack_theta(pose, places_m)),
+        )
+    ]
+    np.testing.assert_allclose(*moved, atol=1e-4)
 
 
 @pytest.fixture(scope="module")
