@@ -58,7 +58,7 @@ def test_a_bvh_moves_her_as_the_motion_does_that_it_was_made_of(tmp_path):
             replace(motion, theta=pack_theta(pose, places_m)),
         )
     ]
-    np.testing.assert_allclose(*moved, atol=1e-4)
+    np.testing.assert_allclose(moved[0], moved[1], atol=1e-4)
 
 
 @pytest.fixture(scope="module")
