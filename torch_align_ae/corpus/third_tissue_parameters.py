@@ -4,7 +4,8 @@ Fat is what a person has more than the same person would have lean: along the di
 which volume / height^2 grows fastest, the body is put to a lean value, and how far the skin stands
 out from there (less how far the bones moved) is fat, on top of a lean person's skinfold. All else
 follows from moduli of materials: a layer of thickness h and shear modulus G has G / h per area,
-and half its mass moves with either side. So frequencies go about as 1 / h: 3.5 Hz at 6 cm, 7 at 3.
+and half its mass moves with either side. So frequencies go about as 1 / h: fat on firm muscle
+swings with 4.5 Hz at 6 cm and with 9 Hz at 3 cm.
 
 A person's firmness and damping, as age and training give them, come of a hash of the betas.
 """
@@ -31,7 +32,7 @@ from torch_align_ae.corpus.third_tissue import ThirdTissueParameters
 
 Array = NDArray[np.floating]
 
-# Half a lean woman's skinfold, and muscle that moves over the bone, by the segment it lies on.
+# A lean woman's fat, and muscle that moves over the bone, by the joint that moves the segment.
 _LEAN_FAT_M = {
     "pelvis": 0.012, "hip": 0.012, "knee": 0.007, "spine1": 0.010, "spine2": 0.008,
     "spine3": 0.007, "neck": 0.004, "collar": 0.006, "shoulder": 0.007, "elbow": 0.004,
@@ -50,7 +51,7 @@ _SMOOTH_M = 0.015
 _HELD_SHARE = 0.05
 
 _SKIN_KG_M3, _FAT_KG_M3, _MUSCLE_KG_M3 = 1100.0, 930.0, 1060.0
-_FAT_PA, _MUSCLE_PA = 1000.0, 10_000.0
+_FAT_PA, _MUSCLE_PA = 1500.0, 16_000.0
 # Against shear: pressed and pulled fat, and muscle across its fibres.
 _PRESSED, _PULLED, _MUSCLE_ACROSS = 4.0, 2.0, 2.0
 # Shear at which fat is e times as stiff.
@@ -114,7 +115,9 @@ def lean_betas(data: BodyModelData, betas: Array) -> Array:
     """(10,) the same person lean: what of betas makes volume / height^2 put to a lean value."""
     steps = np.eye(len(betas)) / 2
     up, down = (shaped_vertices(data, sign * steps) for sign in (1, -1))
-    growth = np.array([_stoutness(data, a) - _stoutness(data, b) for a, b in zip(up, down)])
+    growth = np.array(
+        [_stoutness(data, a) - _stoutness(data, b) for a, b in zip(up, down, strict=True)]
+    )
     direction = growth / np.linalg.norm(growth)
     return betas - (betas @ direction - _LEAN_DEVIATIONS) * direction
 
@@ -158,7 +161,7 @@ def _person(betas: Array) -> tuple[float, float]:
 
 
 def _stoutness(data: BodyModelData, vertices: Array) -> float:
-    return volume_m3(vertices, data.faces) / np.ptp(vertices[:, 1]) ** 2
+    return volume_m3(vertices, data.faces) / float(np.ptp(vertices[:, 1])) ** 2
 
 
 def _by_segment(data: BodyModelData, table: dict[str, float]) -> Array:

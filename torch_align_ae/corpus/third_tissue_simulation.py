@@ -77,7 +77,8 @@ class ThirdTissueSimulator:
         rest_axes = self.tissue.parameters.axes
         for start in range(0, len(theta), _FRAMES_PER_BATCH):
             window = theta[start : start + _FRAMES_PER_BATCH]
-            for skin_m, blended in zip(*skin(self.smpl, self.betas, window, self.free)):
+            places, turns = skin(self.smpl, self.betas, window, self.free)
+            for skin_m, blended in zip(places, turns, strict=True):
                 turn = nearest_rotations(blended)
                 axes = (turn[:, :, None] * rest_axes).sum(1)
                 yield np.concatenate([skin_m[None], axes.transpose(1, 0, 2)])
@@ -86,7 +87,7 @@ class ThirdTissueSimulator:
 def nearest_rotations(matrices: Array, steps: int = _POLAR_STEPS) -> Array:
     """Rotations (3, 3, N) nearest to matrices of positive determinant, by Newton's iteration.
 
-    A rotation stays what it is; `steps` of 1 are enough for what is one already but for a hundredth.
+    A rotation stays what it is; one step is enough for what is one already but for a hundredth.
     """
     for _ in range(steps):
         cofactors = np.stack(
