@@ -41,7 +41,8 @@ _MUSCLE_M = {
     "pelvis": 0.035, "hip": 0.040, "knee": 0.025, "spine1": 0.015, "spine2": 0.015,
     "spine3": 0.015, "neck": 0.010, "collar": 0.020, "shoulder": 0.025, "elbow": 0.015,
 }  # fmt: skip
-_MALE_FAT_SHARE = 0.6
+# Men have thinner skinfolds, and much of what swells them lies behind the muscle.
+_MALE_FAT_SHARE = 0.65
 # Joints where skin lies on bone, and from how near to how far from their centres.
 _BONY_JOINTS, _BONY_M = ("knee", "elbow", "wrist", "ankle"), (0.06, 0.16)
 _LEAN_DEVIATIONS = -2.5
@@ -55,7 +56,7 @@ _FAT_PA, _MUSCLE_PA = 1500.0, 16_000.0
 # Against shear: pressed and pulled fat, and muscle across its fibres.
 _PRESSED, _PULLED, _MUSCLE_ACROSS = 4.0, 2.0, 2.0
 # Shear at which fat is e times as stiff.
-_REACH = 0.8
+_REACH = 0.5
 _FAT_DAMPING, _MUSCLE_DAMPING = 0.12, 0.2
 _QUADRATIC_SPEED_M_S = 1.0
 _FIRMNESS, _DAMPING = (0.85, 1.15), (0.8, 1.2)
@@ -107,8 +108,8 @@ def fat_depths_m(data: BodyModelData, betas: Array) -> Array:
     moved = vertices[0] - vertices[1] - _carried(data, betas, lean)
     swelling = (moved * vertex_normals(vertices[1], data.faces)).sum(1)
     smooth = smooth_over_surface(swelling[:, None], vertices[0], data.faces, _SMOOTH_M)[:, 0]
-    skinfold = _by_segment(data, _LEAN_FAT_M) * (_MALE_FAT_SHARE if data.gender == "male" else 1.0)
-    return skinfold + np.maximum(smooth, 0)
+    share = _MALE_FAT_SHARE if data.gender == "male" else 1.0
+    return share * (_by_segment(data, _LEAN_FAT_M) + np.maximum(smooth, 0))
 
 
 def lean_betas(data: BodyModelData, betas: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from scipy.sparse.linalg import LinearOperator, cg
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from bridge.body import load_body_model
@@ -199,14 +199,14 @@ def test_violent_shaking_stays_bounded(heavy):
     """5 g at 5 Hz, and ten times that."""
     theta = np.zeros((36, 69))
     theta[:, 67] = 5 * 9.81 / (10 * np.pi) ** 2 * np.sin(10 * np.pi * np.arange(36) / 60)
-    assert 0.02 < np.abs(heavy.offsets(theta, 60.0)).max() < 0.15
+    assert 0.02 < np.abs(heavy.offsets(theta, 60.0)).max() < 0.1
     assert np.abs(heavy.offsets(10 * theta, 60.0)).max() < 0.5
 
 
 def test_fat_is_equal_left_and_right_and_none_is_added_to_the_lean(smpl):
     data = smpl.data
     fat = fat_depths_m(data, HEAVY.betas)
-    gap, mirrored = cKDTree(data.v_template).query(data.v_template * [-1, 1, 1])
+    gap, mirrored = KDTree(data.v_template).query(data.v_template * [-1, 1, 1])
     close = gap < 0.002
     assert close.sum() > 3000
     np.testing.assert_allclose(fat[mirrored][close], fat[close], atol=0.003)
