@@ -57,7 +57,7 @@ _FAT_PA, _MUSCLE_PA = 1500.0, 16_000.0
 _PRESSED, _PULLED, _MUSCLE_ACROSS = 4.0, 2.0, 2.0
 # Shear at which fat is e times as stiff.
 _REACH = 0.5
-_FAT_DAMPING, _MUSCLE_DAMPING = 0.12, 0.2
+_FAT_DAMPING, _MUSCLE_DAMPING = 0.2, 0.2
 _QUADRATIC_SPEED_M_S = 1.0
 _FIRMNESS, _DAMPING = (0.85, 1.15), (0.8, 1.2)
 # Skin of 20 kPa and 2 mm, over the square of the neighbourhood's length.
