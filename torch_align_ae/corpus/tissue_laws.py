@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.second_tissue_simulation import SecondTissueSimulator
 from torch_align_ae.corpus.simulation import TissueSimulator
+from torch_align_ae.corpus.third_tissue_simulation import ThirdTissueSimulator
 
-TissueName = Literal["own", "second"]
+TissueName = Literal["own", "second", "third"]
 
 
 class Simulator(Protocol):
@@ -29,7 +30,11 @@ def tissue_of(
     return TISSUES[name](smpl, betas, gravity=gravity)
 
 
-TISSUES: dict[TissueName, type[TissueSimulator] | type[SecondTissueSimulator]] = {
+TISSUES: dict[
+    TissueName,
+    type[TissueSimulator] | type[SecondTissueSimulator] | type[ThirdTissueSimulator],
+] = {
     "own": TissueSimulator,
     "second": SecondTissueSimulator,
+    "third": ThirdTissueSimulator,
 }
