@@ -42,6 +42,7 @@ def test_it_shares_nothing_with_other_laws_but_body_surface_and_skinning(law):
     allowed = {
         "simulation": {"skin"},
         "motions.plan": {"GRAVITY_M_S2"},
+        "surface": {"smooth_over_surface"},
     }
     found: dict[str, set[str]] = {}
     for path in CORPUS.glob(f"{law}_tissue*.py"):
@@ -53,7 +54,9 @@ def test_it_shares_nothing_with_other_laws_but_body_surface_and_skinning(law):
             ):
                 name = node.module.removeprefix("torch_align_ae.corpus.")
                 found.setdefault(name, set()).update(alias.name for alias in node.names)
-    assert found == allowed
+    assert found
+    assert not {name: used - allowed.get(name, set()) for name, used in found.items()
+                if used - allowed.get(name, set())}  # fmt: skip
 
 
 def test_only_evaluation_and_report_ask_with_which_law_a_corpus_was_made():
