@@ -76,7 +76,7 @@ class CorpusConfig:
     amass_seconds: PositiveFloat = 20.0
     """Longest part of a real motion that is used, from its beginning."""
     tissue: TissueName = "own"
-    """Law of the soft tissue; `second` is another hand's, to test on."""
+    """Law of the soft tissue; `second` and `third` are other hands', to test on."""
     form: Literal["clean", "captured"] = "clean"
     """`captured` adds to the meshes what registrations of scans have besides soft tissue."""
     gravity: bool = True
