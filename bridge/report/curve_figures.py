@@ -41,6 +41,8 @@ def draw_figure6(path: Path, align: Artifact) -> None:
         fontsize=9,
     )
     axes.set_xlim(left=0)
+    # Room for the label above the bars.
+    axes.margins(y=0.15)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     finish_axes(axes, "frames", "sequences", legend=False)
     save_figure(figure, path)
