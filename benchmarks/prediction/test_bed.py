@@ -45,9 +45,9 @@ _PAGE = """\
 {table}
 
 Scores against the simulated truth; everything was trained on the robust aligner's offsets. `second`
-is the second tissue law (docs/prediction.md says what was known of it), `captured` its
-captured-like form, where the moving part is scored by itself, also in the last column. ± is the
-standard deviation over seeds where there are several.
+and `third` are tissue laws to test on (docs/prediction.md says what was known of each), `captured`
+is the second one's captured-like form, where the moving part is scored by itself, also in the last
+column. ± is the standard deviation over seeds where there are several.
 Made by `{command}`.
 """
 
