@@ -126,8 +126,8 @@ def test_scores_that_do_not_belong_together_are_refused(tmp_path, no_training, k
 
 
 def test_unknown_names_are_one_line(tmp_path):
-    with pytest.raises(DsnetError, match="corpora third; expected some of own"):
-        comparison.main(config(tmp_path, corpora=("third",)))
+    with pytest.raises(DsnetError, match="corpora fourth; expected some of own"):
+        comparison.main(config(tmp_path, corpora=("fourth",)))
     with pytest.raises(DsnetError, match=r"systems dsnet_four_lstm; expected some of dsnet_"):
         comparison.main(config(tmp_path, systems=("dsnet_four_lstm",)))
 
