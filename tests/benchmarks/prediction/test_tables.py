@@ -75,10 +75,10 @@ def test_a_score_that_is_missing_is_made(tmp_path, no_training):
 
 
 def test_an_unknown_corpus_is_one_line(tmp_path):
-    with pytest.raises(DsnetError, match="third"):
-        test_bed.main(test_bed.TestBedConfig(out=tmp_path, corpora=("third",)))
-    with pytest.raises(DsnetError, match="third"):
-        ablation.main(ablation.AblationConfig(out=tmp_path, corpus="third"))
+    with pytest.raises(DsnetError, match="fourth"):
+        test_bed.main(test_bed.TestBedConfig(out=tmp_path, corpora=("fourth",)))
+    with pytest.raises(DsnetError, match="fourth"):
+        ablation.main(ablation.AblationConfig(out=tmp_path, corpus="fourth"))
 
 
 def test_finished_rows_of_the_ablation_are_kept(tmp_path, no_training):

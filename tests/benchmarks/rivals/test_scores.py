@@ -134,7 +134,7 @@ def test_a_folder_without_rivals_stays_as_it_is(tmp_path):
     ("options", "said"),
     [
         ({"rival": "none"}, "rival none; expected some of sds"),
-        ({"corpus": "third"}, "corpora third; expected some of own"),
+        ({"corpus": "fourth"}, "corpora fourth; expected some of own"),
         ({"rival": "sds"}, r"without src/skeleton\.py; expected a checkout"),
         ({"run": "unmade"}, "unknown run 'unmade'"),
     ],
