@@ -113,13 +113,13 @@ class ThirdTissue:
     def settled(self, skin_m: Array, turns: Array) -> ColumnState:
         """At rest on anchors that have been still.
 
+        Forward-backward steps: columns implicitly, what acts sideways explicitly, weighed with more
+        than half its greatest stiffness, so the energy falls until nothing moves.
+
         Parameters
         ----------
         skin_m : (3, N) anchors x2 in the world.
         turns : (3, 3, N) B_t, the columns' axes in the world.
-
-        Forward-backward steps: columns implicitly, what acts sideways explicitly, weighed with more
-        than half its greatest stiffness, so the energy falls until nothing moves.
         """
         part, load = self.parameters, self._load(turns)
         bound = 0.6 * (part.volume_n_m3 + part.shear_n_m3) + 0.01 * part.fat_along_n_m3
