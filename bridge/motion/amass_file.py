@@ -24,6 +24,7 @@ from bridge.motion.bounds import (
     LARGEST_ANGLE_RAD,
     LARGEST_BETA,
     MOST_FRAMES,
+    RATES_HZ,
 )
 from bridge.motion.sample_files import motion_path
 from bridge.paper import N_BETAS, N_JOINTS
@@ -31,8 +32,6 @@ from bridge.runs.foreign_files import ForeignNpz, open_npz
 
 _POSE_WIDTHS = {72: "SMPL", 156: "SMPL-H", 165: "SMPL-X"}
 _RATE_KEYS = ("mocap_framerate", "mocap_frame_rate")
-# Motion capture runs at 30 to 480 frames a second; a slower "rate" is a duration or a slip.
-_RATES_HZ = (1.0, 10_000.0)
 
 _BYTES_A_FRAME = 8 * max(_POSE_WIDTHS)
 _MOST_BYTES = {"poses": MOST_FRAMES * _BYTES_A_FRAME, "trans": MOST_FRAMES * 24}
@@ -209,7 +208,7 @@ def _rate(path: Path, arrays: Arrays) -> float:
     if key is None:
         raise _unusable(path, f"which has neither {' nor '.join(_RATE_KEYS)}", "Add its rate, Hz.")
     rate = _numbers(path, arrays, key)
-    if rate.size != 1 or not _RATES_HZ[0] <= rate.item() <= _RATES_HZ[1]:
+    if rate.size != 1 or not RATES_HZ[0] <= rate.item() <= RATES_HZ[1]:
         raise _unusable(path, f"whose {key} is {rate.tolist()}", "Write its rate, Hz.")
     return rate.item()
 

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.motion.bounds import MOST_FRAMES
+from bridge.motion.bounds import MOST_FRAMES, RATES_HZ
 from bridge.runs.foreign_files import open_regular
 
 _MOST_BYTES = 64 << 20
 """A minute of fifty joints at 120 Hz takes a fifth of it."""
 _MOST_JOINTS = 512
-_RATES_HZ = (1.0, 10_000.0)
 _FRAMES_AT_ONCE = 2048
 
 
@@ -70,13 +69,15 @@ def read_bvh_file(path: Path) -> BvhFile:
     DsnetError
         If the file is missing, is no BVH, or holds no usable motion.
     """
+    if path.suffix != ".bvh":  # pybvh reads no `.BVH`, as which Windows writes many a file
+        raise unusable(path, "whose name does not end in small letters", "Rename it to .bvh.")
     # It draws too, and so takes half a second to import.
     import pybvh
     from pybvh.bvhnode import BvhJoint
 
     try:
         open_regular(path, _MOST_BYTES).close()
-        read = pybvh.read_bvh_file(_as_named(path), world_up="+y")
+        read = pybvh.read_bvh_file(path, world_up="+y")
         joints = [node for node in read.nodes if isinstance(node, BvhJoint)]
         place = {id(node): number for number, node in enumerate(joints)}
         parents = tuple(-1 if n.parent is None else place[id(n.parent)] for n in joints)
@@ -107,13 +108,6 @@ def unusable(path: Path, flaw: str, remedy: str = "") -> DsnetError:
     return DsnetError(f"{path}, {flaw}", "a BVH motion of a person", remedy or usual)
 
 
-def _as_named(path: Path) -> Path:
-    # pybvh knows no `.BVH`, as which Windows writes many a file.
-    if path.suffix != ".bvh":
-        raise ValueError("its name has to end in .bvh, in small letters")
-    return path
-
-
 def _rest(offsets: NDArray[np.float64], parents: tuple[int, ...]) -> NDArray[np.float64]:
     places = offsets.copy()
     for joint, parent in enumerate(parents):
@@ -134,7 +128,7 @@ def _check(found: BvhFile) -> None:
     for name in ("rest", "angles_rad", "root"):
         if not np.isfinite(getattr(found, name)).all():
             raise unusable(found.path, "whose numbers are not all finite", "Export it again.")
-    if not _RATES_HZ[0] <= found.fps <= _RATES_HZ[1]:
+    if not RATES_HZ[0] <= found.fps <= RATES_HZ[1]:
         raise unusable(
             found.path,
             f"at {found.fps:.3g} frames a second",

@@ -51,7 +51,7 @@ def joints_by_name(bvh: BvhFile) -> dict[str, int]:
         raise unusable(
             bvh.path,
             f"whose skeleton has no {', '.join(missing)} (it has {', '.join(bvh.names)[:200]})",
-            "Rename its joints as SMPL, Mixamo or CMU do.",
+            "Rename its joints as SMPL or Mixamo do.",
         )
     return found | _spine(bvh, found)
 

@@ -147,10 +147,10 @@ def _local(
     pose = np.zeros((len(world), N_JOINTS, 3))
     for number, name in enumerate(SMPL_JOINT_NAMES[:N_JOINTS]):
         parent = turns[SMPL_PARENTS[number]] if number else np.eye(3)
-        turn = (
-            world[:, joints[name]] if name in joints else np.broadcast_to(parent, world[:, 0].shape)
-        )
-        turn = turn @ aligned.get(name, np.eye(3)) if name in joints else turn
+        if name in joints:
+            turn = world[:, joints[name]] @ aligned.get(name, np.eye(3))
+        else:
+            turn = np.broadcast_to(parent, world[:, 0].shape)
         pose[:, number] = Rotation.from_matrix(np.swapaxes(parent, -1, -2) @ turn).as_rotvec()
         turns.append(turn)
     return pose

@@ -24,6 +24,17 @@ MIXAMO = (
     "Head", "LeftArm", "RightArm", "LeftForeArm", "RightForeArm", "LeftHand", "RightHand",
     "LeftHandIndex1", "RightHandIndex1",
 )  # fmt: skip
+BIPED = {
+    "Hips": "Bip01_Pelvis", "Spine": "Bip01_Spine", "Spine1": "Bip01_Spine1",
+    "Spine2": "Bip01_Spine2", "Neck": "Bip01_Neck", "Head": "Bip01_Head",
+} | {
+    f"{side}{theirs}": f"Bip01_{side[0]}_{name}"
+    for side in ("Left", "Right")
+    for theirs, name in {
+        "UpLeg": "Thigh", "Leg": "Calf", "Foot": "Foot", "ToeBase": "Toe", "Shoulder": "Clavicle",
+        "Arm": "UpperArm", "ForeArm": "Forearm", "Hand": "Hand",
+    }.items()
+}  # fmt: skip
 LIMBS = [(1, 4), (2, 5), (4, 7), (5, 8), (16, 18), (17, 19), (18, 20), (19, 21)]
 
 
@@ -87,10 +98,33 @@ def test_arms_that_hang_in_an_a_hang_in_smpl(tmp_path):
     still = np.broadcast_to(np.eye(3), (FRAMES, 24, 3, 3))
     skeleton = Skeleton(MIXAMO, SMPL_PARENTS, a_pose())
     path = write(tmp_path / "stand.bvh", skeleton, still, np.zeros((FRAMES, 3)))
-    found = unpack_theta(load_motion_file(path).theta)[0]
-    np.testing.assert_allclose(found[0, 16], [0, 0, -np.pi / 4], atol=5e-4)
-    np.testing.assert_allclose(found[0, 17], [0, 0, np.pi / 4], atol=5e-4)
-    np.testing.assert_allclose(np.delete(found, [16, 17], axis=1), 0, atol=5e-4)
+    turned = world_of(unpack_theta(load_motion_file(path).theta)[0])
+    for joint, end in LIMBS:
+        file_bone, bone = a_pose()[end] - a_pose()[joint], REST_M[end] - REST_M[joint]
+        shortest = Rotation.align_vectors([file_bone], [bone])[0]
+        np.testing.assert_allclose(turned[0, joint], shortest.as_matrix(), atol=1e-6)
+        assert abs(np.degrees(shortest.magnitude()) - 45 * (joint >= 16)) < 0.01
+    np.testing.assert_allclose(turned[:, 20:22], turned[:, 18:20], atol=1e-6)  # hands
+    trunk = [0, 3, 6, 9, 12, 13, 14, 15, 7, 8, 10, 11]
+    np.testing.assert_allclose(turned[:, trunk], still[:, trunk], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("program", "renamed"),
+    [
+        ("cmu", {"Spine": "LowerBack", "Spine1": "Spine", "Spine2": "Spine1"}),
+        ("biped", BIPED),
+    ],
+)
+def test_whole_skeletons_of_other_names_are_found(tmp_path, program, renamed):
+    pose, places_m = pose_and_places()
+    names = [renamed.get(name, name) for name in MIXAMO]
+    skeletons = (Skeleton(MIXAMO, SMPL_PARENTS, REST_M), Skeleton(names, SMPL_PARENTS, REST_M))
+    first, second = (
+        load_motion_file(write(tmp_path / f"{n}.bvh", one, world_of(pose), places_m)).theta
+        for n, one in enumerate(skeletons)
+    )
+    np.testing.assert_array_equal(first, second)
 
 
 def test_a_skeleton_without_collars_and_spine_is_enough(tmp_path):
