@@ -58,7 +58,7 @@ def test_a_bvh_moves_her_as_the_motion_does_that_it_was_made_of(tmp_path):
             replace(motion, theta=pack_theta(pose, places_m)),
         )
     ]
-    # The body's root joint rests 12 micrometres off the origin, about which AMASS's axes are turned.
+    # Her root joint rests 12 micrometres off the origin, about which AMASS's axes are turned.
     np.testing.assert_allclose(moved[0], moved[1], atol=2e-5)
 
 
