@@ -16,6 +16,7 @@ from bridge.exchange.trained_dsnet import code_of
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.amass_folder import PeopleOfFolders, find_amass_motions, subject_and_motion
 from bridge.motion.cuts import cut_warning, pieces_between_cuts
+from bridge.motion.free_fall import fall_warning
 from bridge.motion.resampling import Motion, load_amass_motion
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify, run_as_process
@@ -132,8 +133,10 @@ def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
         body = body or load_body_model(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
         motion = load_amass_motion(path)
-        if warning := cut_warning(path, pieces_between_cuts(motion.theta), motion.fps):
-            notify(warning)
+        pieces = pieces_between_cuts(motion.theta)
+        for warning in (cut_warning(path, pieces, motion.fps), fall_warning(motion, pieces)):
+            if warning:
+                notify(warning)
         # Those whom the run was aligned with keep the shape that was fitted.
         if subject not in fitted:
             subject = people.of_shape(subject, motion.betas)

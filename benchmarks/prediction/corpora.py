@@ -61,9 +61,13 @@ def registered() -> tuple[str, ...]:
     return tuple(done.stdout.split())
 
 
-def prepare(run: str, profile: str, corpus: str, amass: Path | None) -> None:
+def prepare(
+    run: str, profile: str, corpus: str, amass: Path | None, amass_fps: float | None = None
+) -> None:
     """Make a corpus and align it with the robust aligner; what is current is kept."""
     real = () if amass is None else ("--amass", str(amass))
+    if amass_fps is not None:
+        real += ("--amass-fps", f"{amass_fps:g}")
     dsnet("corpus", run, profile, *CORPORA[corpus], *real)
     dsnet("align", run, profile, "--aligner", "robust")
 

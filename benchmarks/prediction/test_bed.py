@@ -68,6 +68,8 @@ class TestBedConfig:
     """Sizes: smoke, demo or paper."""
     amass: Path | None = None
     """Folder of AMASS files that become test motions too."""
+    amass_fps: float | None = None
+    """Frames per second of these files, where what they say of themselves is wrong."""
     prefix: str = "bed"
     """Runs are named <prefix>_<corpus>."""
 
@@ -105,7 +107,7 @@ def _score(config: TestBedConfig, corpus: str) -> None:
         if path.exists():
             continue
         if not ready:
-            prepare(run, config.profile, corpus, config.amass)
+            prepare(run, config.profile, corpus, config.amass, config.amass_fps)
             if config.dsnet:
                 prepare_dsnet(run, config.profile)
             ready = True

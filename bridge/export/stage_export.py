@@ -106,5 +106,8 @@ def _moving_bodies(config: ExportConfig) -> list[MovingBody]:
     if config.motion is None:
         raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
     run = None if config.run is None else Run(config.run)
-    opened = [open_for_motion(run, name, config.motion) for name in config.predictor or (None,)]
+    opened = [
+        open_for_motion(run, name, config.motion, config.motion_fps)
+        for name in config.predictor or (None,)
+    ]
     return [controlled_body(character, motion, config) for character, motion in opened]

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from bridge.errors import DsnetError
 from bridge.motion.amass_file import StoredMotion, read_amass_file
-from bridge.motion.bounds import MOST_FRAMES
+from bridge.motion.bounds import MOST_FRAMES, RATES_HZ
 from bridge.motion.cuts import find_cuts
 from bridge.motion.theta import pack_theta, unpack_theta
 
@@ -72,6 +72,7 @@ def load_amass_motion(
     *,
     root_joint_m: ArrayLike | None = None,
     fps: float = DEFAULT_FPS,
+    source_fps: float | None = None,
     up: UpAxis = "y",
 ) -> Motion:
     """Read an AMASS `.npz` (SMPL-H or SMPL-X), resample it and turn it upright.
@@ -87,29 +88,36 @@ def load_amass_motion(
     root_joint_m : (3,) rest position of the root joint of the body that will be posed, metres;
         0 when None. It can be given later: `Motion.about_root_joint`.
     fps : frames per second of the result (Table 1: from 100 to 60).
+    source_fps : frames per second of the file, where what it says of itself is wrong.
     up : vertical axis of the result; AMASS has z.
 
     Raises
     ------
     DsnetError
-        If the file is missing, is not such an archive, or holds no usable motion.
+        If the file is missing, is not such an archive, or holds no usable motion, or a rate is
+        none.
     """
-    motion = _prepared(Path(path), read_amass_file, fps, up)
+    motion = _prepared(Path(path), read_amass_file, fps, source_fps, up)
     return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
 
 
-def load_motion_file(path: Path | str) -> Motion:
+def load_motion_file(path: Path | str, source_fps: float | None = None) -> Motion:
     """Read any motion that can be followed, at 60 fps and y up: AMASS `.npz`, a sample, or BVH.
 
     A BVH skeleton is brought to SMPL's joints (`bridge.motion.retargeting`); it has no shape.
 
+    Parameters
+    ----------
+    source_fps : frames per second of the file, where what it says of itself is wrong.
+
     Raises
     ------
     DsnetError
-        If the file is missing, is none of these, or holds no usable motion.
+        If the file is missing, is none of these, or holds no usable motion, or the rate is none.
     """
     path = Path(path)
-    return _prepared(path, _read_bvh if path.suffix.lower() == ".bvh" else read_amass_file)
+    read = _read_bvh if path.suffix.lower() == ".bvh" else read_amass_file
+    return _prepared(path, read, source_fps=source_fps)
 
 
 def _read_bvh(path: Path) -> StoredMotion:
@@ -124,12 +132,15 @@ def _prepared(
     path: Path,
     read: Callable[[Path], StoredMotion],
     fps: float = DEFAULT_FPS,
+    source_fps: float | None = None,
     up: UpAxis = "y",
 ) -> Motion:
     """Resampled and turned upright; see `load_amass_motion`."""
     if not (np.isfinite(fps) and fps > 0):
         raise DsnetError(f"fps={fps}", "a positive number", "Pass 60, the paper's rate.")
     stored = read(path)
+    if source_fps is not None:
+        stored = replace(stored, fps=_checked_rate(source_fps))
     if (frames := resampled_frames(len(stored.pose), stored.fps, fps)) > MOST_FRAMES:
         raise DsnetError(
             f"{path}, {len(stored.pose)} frames at {stored.fps:g} Hz: {frames} at {fps:g}",
@@ -152,6 +163,17 @@ def _prepared(
         up=up,
         dmpls=dmpls,
     )
+
+
+def _checked_rate(source_fps: float) -> float:
+    lowest, highest = RATES_HZ
+    if not lowest <= source_fps <= highest:
+        raise DsnetError(
+            f"a motion at {source_fps:g} frames a second",
+            f"{lowest:g} to {highest:g}",
+            "Pass the rate that it was recorded at.",
+        )
+    return source_fps
 
 
 def resampled_frames(frame_count: int, source_fps: float, fps: float = DEFAULT_FPS) -> int:

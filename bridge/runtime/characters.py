@@ -70,8 +70,12 @@ def open_character(
     return Character.of(choose(run, predictor, gender))
 
 
-def open_for_motion(run: Run | None, predictor: str | None, path: Path) -> tuple[Character, Motion]:
+def open_for_motion(
+    run: Run | None, predictor: str | None, path: Path, motion_fps: float | None = None
+) -> tuple[Character, Motion]:
     """The character that `choose` names, and the motion of a file as it has it.
+
+    `motion_fps` is the file's rate, where what it says of itself is wrong.
 
     Without a run she is of the motion's gender; a run that cannot predict is told before the file
     is read.
@@ -82,6 +86,6 @@ def open_for_motion(run: Run | None, predictor: str | None, path: Path) -> tuple
         If there is no such character, or the file is no motion.
     """
     if run is not None:
-        return open_character(run, predictor), load_motion_file(path)
-    motion = load_motion_file(path)
+        return open_character(run, predictor), load_motion_file(path, motion_fps)
+    motion = load_motion_file(path, motion_fps)
     return open_character(None, predictor, motion.gender), motion

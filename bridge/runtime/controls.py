@@ -18,7 +18,7 @@ from bridge.errors import DsnetError
 from bridge.motion import Motion
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap, close_lap
-from bridge.options import check_options
+from bridge.options import PositiveFloat, check_options
 from bridge.paper import N_BETAS
 from bridge.runs.processes import notify
 from bridge.runtime.body_motion import place_motion
@@ -48,6 +48,8 @@ class Controls:
     by measurement, in cm and kg: height=182 weight=80 chest=100 waist=90 hips=105; or both."""
     betas: str | None = None
     """Body shape in place of the motion file's: ten comma-separated coefficients."""
+    motion_fps: PositiveFloat | None = None
+    """Frames per second of the motion file, where what it says of itself is wrong."""
 
     def check(self) -> None:
         """Refuse what needs no body to be refused.

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bridge.errors import DsnetError
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import cut_warning, pieces_between_cuts
+from bridge.motion.free_fall import fall_warning
 from bridge.runs.processes import notify
 from bridge.runtime.characters import Character
 from bridge.runtime.motion_predictor import Prediction
@@ -98,8 +99,12 @@ class MovingBody:
 
 
 def announce(moving: MovingBody) -> None:
-    """Say on stderr which predictor moves the body, and where the motion has cuts."""
+    """Say on stderr which predictor moves the body, and what is odd about the motion."""
     chosen, motion = moving.character.chosen, moving.motion
     notify(f"{chosen.name} ({chosen.label}) of {chosen.owner} predicts: {chosen.why}")
-    if warning := cut_warning(motion.source, moving.pieces, motion.fps):
-        notify(warning)
+    for warning in (
+        cut_warning(motion.source, moving.pieces, motion.fps),
+        fall_warning(motion, moving.pieces),
+    ):
+        if warning:
+            notify(warning)

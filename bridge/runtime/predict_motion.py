@@ -24,8 +24,9 @@ def predict_motion(
 ) -> Artifact:
     """Predict how a body moves in one motion, at 60 fps with y up.
 
-    Says on stderr which predictor it took, and where the motion has cuts: there it starts anew.
-    To start and to draw the strip takes longer than a short motion's frames.
+    Says on stderr which predictor it took, where the motion has cuts, at which it starts anew, and
+    if its rate cannot be right. To start and to draw the strip takes longer than a short motion's
+    frames.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def predict_motion(
     path, out = Path(path), Path(out)
     controls = Controls() if controls is None else controls
     controls.check()
-    character, motion = open_for_motion(run, predictor, path)
+    character, motion = open_for_motion(run, predictor, path, controls.motion_fps)
     moving = controlled_body(character, motion, controls)
     chosen, motion = character.chosen, moving.motion
     with open_out_folder(out, chosen.trained.origin) as writer:

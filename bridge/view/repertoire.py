@@ -15,10 +15,13 @@ from bridge.errors import DsnetError
 from bridge.exchange.trained_dsnet import dsnets_of
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.amass_folder import subject_and_motion
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.free_fall import fall_warning
 from bridge.motion.resampling import DEFAULT_FPS
 from bridge.motion.sample_files import SAMPLE_PREFIX, SAMPLES
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
+from bridge.runs.processes import notify
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
 from bridge.runtime.body_motion import place_motion
 from bridge.runtime.characters import ROADS, Character, open_character
@@ -76,7 +79,7 @@ def open_repertoire(
         If the file is no motion of a body, the run has no trained predictor, or nothing to show,
         or the body has no such shape.
     """
-    given = None if path is None else load_motion_file(path)
+    given = None if path is None else _given(path, controls)
     gender = "unknown" if given is None else given.gender
     best = open_character(run, None, gender)
     named = {} if given is None else {given.source.stem: _of_motion(given, best.body)}
@@ -104,6 +107,13 @@ def open_repertoire(
         people=_people(align) | people,
         read_truth=read if known else None,
     )
+
+
+def _given(path: Path, controls: Controls | None) -> Motion:
+    motion = load_motion_file(path, controls.motion_fps if controls else None)
+    if warning := fall_warning(motion, pieces_between_cuts(motion.theta)):
+        notify(warning)
+    return motion
 
 
 def _asked(body: BodyModelData, controls: Controls | None) -> dict[str, NDArray[np.float64]]:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.posing import shaped_joints
-from bridge.motion.amass_file import read_amass_file
 from bridge.motion.resampling import load_amass_motion
 from torch_align_ae.corpus.amass_files import write_amass_motion
 from torch_align_ae.corpus.dyna_files import FPS
@@ -44,11 +43,11 @@ class Performer:
 
     def write_amass(self, path: Path, take: Take) -> None:
         """Write a held-out take: 100 fps as MoSh's, or the rate of the real motion's own file."""
-        if take.source is None:
+        if take.source is None or take.source_fps is None:
             fps, source = MOSH_FPS, "synthetic"
             theta = self._procedural(take, fps).astype(np.float32).astype(np.float64)
         else:
-            fps = read_amass_file(take.source).fps
+            fps = take.source_fps
             source = f"synthetic body, motion of {take.source.name}"
             theta = self._real(take, take.source, fps)
         write_amass_motion(
@@ -75,7 +74,7 @@ class Performer:
     def _real(self, take: Take, source: Path, fps: float) -> NDArray[np.float64]:
         """The real motion about this person's root joint; only its motion is used, no shape."""
         joint_m = self._root_joint_m(take.subject)
-        motion = load_amass_motion(source, root_joint_m=joint_m, fps=fps)
+        motion = load_amass_motion(source, root_joint_m=joint_m, fps=fps, source_fps=fps)
         return np.asarray(motion.theta[: take.frame_count], np.float64)
 
     def _root_joint_m(self, subject: Subject) -> NDArray[np.float64]:

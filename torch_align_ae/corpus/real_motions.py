@@ -11,6 +11,9 @@ from pathlib import Path
 
 from bridge.motion.amass_file import read_amass_file
 from bridge.motion.amass_folder import find_amass_motions, subject_and_motion
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.free_fall import fall_warning
+from bridge.motion.resampling import load_amass_motion
 from bridge.runs.processes import notify
 from torch_align_ae.corpus.sequences import Take, performers
 from torch_align_ae.corpus.subjects import Gender
@@ -30,12 +33,17 @@ def find_real_motions(folder: Path | None) -> list[Path]:
 
 
 def real_takes(
-    files: Iterable[Path], gender: Gender, subjects: int, longest_s: float
+    files: Iterable[Path],
+    gender: Gender,
+    subjects: int,
+    longest_s: float,
+    source_fps: float | None = None,
 ) -> list[Take]:
     """Each motion done by one known and one new person, the next ones for the next motion.
 
-    Of a long motion the first `longest_s` are used. Those shorter than a second are left out, with
-    a line on stderr.
+    Of a long motion the first `longest_s` are used. Those shorter than a second are left out, and
+    those that fall as nobody can are taken as they are, either with a line on stderr. `source_fps`
+    is the rate of all files, where what they say of themselves is wrong; their names then have it.
 
     Raises
     ------
@@ -45,12 +53,19 @@ def real_takes(
     takes: list[Take] = []
     for row, (path, kind) in enumerate(_kinds(files)):
         stored = read_amass_file(path)
-        frames = min(len(stored.pose), int(longest_s * stored.fps) + 1)
-        if frames - 1 < _SHORTEST_S * stored.fps:
+        fps = source_fps or stored.fps
+        frames = min(len(stored.pose), int(longest_s * fps) + 1)
+        if frames - 1 < _SHORTEST_S * fps:
             notify(f"{path}: left out; shorter than {_SHORTEST_S:g} s")
             continue
+        motion = load_amass_motion(path, source_fps=fps)
+        if warning := fall_warning(motion, pieces_between_cuts(motion.theta)):
+            notify(warning)
+        name = kind if source_fps is None else f"{kind}_at_{source_fps:g}_hz"
         known, new = performers(gender, subjects, row, "rotating")
-        takes += [Take(person, kind, frames, source=path) for person in (*known, *new)]
+        takes += [
+            Take(person, name, frames, source=path, source_fps=fps) for person in (*known, *new)
+        ]
     return takes
 
 

@@ -44,6 +44,8 @@ class Take:
     """2 where the same person does a kind again, in another style."""
     source: Path | None = None
     """File of a real motion; None for a procedural one."""
+    source_fps: float | None = None
+    """Frames per second of that file."""
 
     @property
     def motion(self) -> str:

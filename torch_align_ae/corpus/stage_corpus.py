@@ -75,6 +75,8 @@ class CorpusConfig:
     """Folder of AMASS files: real motions as further test takes, with simulated soft tissue."""
     amass_seconds: PositiveFloat = 20.0
     """Longest part of a real motion that is used, from its beginning."""
+    amass_fps: PositiveFloat | None = None
+    """Frames per second of these files, where what they say of themselves is wrong."""
     tissue: TissueName = "own"
     """Law of the soft tissue; `second` and `third` are other hands', to test on."""
     form: Literal["clean", "captured"] = "clean"

@@ -51,5 +51,5 @@ class Takes:
             crossing=config.crossing,
         )
         files = find_real_motions(config.amass)
-        held_out += real_takes(files, gender, subjects, config.amass_seconds)
+        held_out += real_takes(files, gender, subjects, config.amass_seconds, config.amass_fps)
         return cls(dyna, by_subject(held_out, gender), files)
