@@ -194,6 +194,19 @@ def test_a_folder_of_amass_is_predicted(trained, encoded_run, tmp_path, monkeypa
     assert counts in capsys.readouterr().err
 
 
+def test_a_motion_that_falls_as_nobody_can_is_told(encoded_run, monkeypatch, capsys):
+    forge_mosh(encoded_run, ("50004_kicking",))
+    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    encoded = read_artifact(encoded_run / "encode")
+    (path,) = stage_predict.find_motions(Run("tiny"), None, encoded)
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    arrays["trans"][:, 2] += 0.25 * np.abs(np.sin(np.arange(51) / 8))
+    save(path, arrays)
+    stage_predict.gather(encoded, Run("tiny"), [path])
+    assert "falls with" in capsys.readouterr().err
+
+
 def test_a_motion_with_a_cut_is_told_and_starts_anew(trained, encoded_run, monkeypatch, capsys):
     forge_mosh(encoded_run, ("50004_kicking",))
     monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")

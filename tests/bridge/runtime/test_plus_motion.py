@@ -12,6 +12,7 @@ from bridge.body import load_body_model, pose_vertices
 from bridge.cli import main
 from bridge.motion import unpack_theta
 from bridge.runtime.body_motion import load_motion
+from bridge.runtime.controls import Controls
 from bridge.runtime.motion_predictor import FRAMES_AT_ONCE
 from bridge.runtime.plus_motion import PlusMotionPredictor
 from bridge.runtime.predict_motion import predict_motion
@@ -101,6 +102,24 @@ def test_after_a_cut_a_motion_is_predicted_as_by_itself(cut_motion, plus_run, tm
 
 
 @pytest.mark.usefixtures("blank_strip")
+def test_a_rate_that_cannot_be_right_is_told_and_corrected(plus_run, tmp_path, capsys):
+    """Hops of 10 cm, written at three times their rate."""
+    with np.load(hopping(tmp_path / "hop.npz", 121)) as stored:
+        fast = save(tmp_path / "fast.npz", {**stored, "mocap_framerate": 180.0})
+    said, made = predict(plus_run, fast, tmp_path / "fast", capsys)
+    assert said.count("\n") == 2
+    assert "fast.npz falls with" in said
+    assert "at its 180 frames a second" in said
+    assert len(made.array("vertices")) == 41
+    mended = Controls(motion_fps=60.0)
+    said, made = predict(plus_run, fast, tmp_path / "mended", capsys, mended)
+    assert "falls" not in said
+    own = predict(plus_run, tmp_path / "hop.npz", tmp_path / "own", capsys)[1]
+    np.testing.assert_array_equal(made.array("vertices"), own.array("vertices"))
+    assert (made.manifest["source_fps"], made.manifest["controls"]) == (60.0, {"motion_fps": 60.0})
+
+
+@pytest.mark.usefixtures("blank_strip")
 def test_the_networks_start_anew_too(cut_motion, trained_run, tmp_path, capsys):
     whole, parts = cut_motion
     said, made = predict(trained_run, whole, tmp_path / "whole", capsys)
@@ -111,9 +130,9 @@ def test_the_networks_start_anew_too(cut_motion, trained_run, tmp_path, capsys):
     assert len(made.array("offsets")) == 90
 
 
-def predict(run, path, out, capsys):
+def predict(run, path, out, capsys, controls=None):
     capsys.readouterr()
-    made = predict_motion(run, path, out)
+    made = predict_motion(run, path, out, controls=controls)
     return capsys.readouterr().err, made
 
 

@@ -17,6 +17,7 @@ from bridge.view.repertoire import open_repertoire
 from bridge.view.selection import ERRORS, Selection, Shown
 from bridge.view.truth import TRUTH
 from tests.bridge.view.conftest import FRAMES, JUMP
+from tests.forged.amass import save, smplh
 from tests.forged.cyclic import save_on_the_spot
 
 SHOWN = FRAMES - 10
@@ -144,6 +145,17 @@ def test_a_loop_is_the_one_that_prediction_makes(tmp_path):
     shown_m = short.vertices_m(asked, slice(0, 18))
     assert len(shown_m) == 18
     np.testing.assert_allclose(shown_m, whole_m[:18], atol=1e-5)
+
+
+def test_a_motions_rate_is_the_one_that_was_said(tmp_path, capsys):
+    trans = np.zeros((61, 3))
+    trans[:, 2] = 0.1 * np.abs(np.sin(7 * np.arange(61) / 60))
+    path = save(tmp_path / "fast.npz", smplh(61, 180.0), trans=trans)
+    assert len(open_repertoire(None, path).takes["fast"].read(None).theta) == 21
+    assert "fast.npz falls with" in capsys.readouterr().err
+    mended = open_repertoire(None, path, Controls(motion_fps=60.0))
+    assert len(mended.takes["fast"].read(None).theta) == 61
+    assert capsys.readouterr().err == ""
 
 
 def test_no_more_of_a_motion_is_shown_than_was_asked_for(run):

@@ -92,6 +92,29 @@ def test_what_is_too_short_is_left_out_with_a_line(amass, capsys):
     assert "short_poses.npz: left out; shorter than 1 s" in capsys.readouterr().err
 
 
+def test_a_rate_in_place_of_the_files_is_the_takes_and_in_its_name(amass, tmp_path):
+    (known, _) = Takes.of(replace(TINY, amass=amass, amass_seconds=1.2, amass_fps=40.0)).held_out
+    assert known.name == "50004_amass_leg_throw_at_40_hz"
+    assert (known.source_fps, known.frame_count) == (40.0, 49)
+    performer = Performer(load_body_model("embedded:female"), "female", seed=0)
+    performer.write_amass(tmp_path / "slow.npz", known)
+    slow = load_amass_motion(tmp_path / "slow.npz", fps=40.0)
+    assert known.source is not None
+    own = load_amass_motion(known.source, fps=120.0)
+    assert slow.source_fps == 40.0
+    np.testing.assert_allclose(slow.theta[:, 3:66], own.theta[:49, 3:66], atol=1e-5)
+
+
+def test_a_real_motion_that_falls_as_nobody_can_is_taken_with_a_line(tmp_path, capsys):
+    trans = np.zeros((181, 3))
+    trans[:, 2] = 0.25 * np.abs(np.sin(np.arange(181) / 10))
+    save(tmp_path / "fast.npz", smplh(181, 120.0), trans=trans)
+    assert len(Takes.of(replace(TINY, amass=tmp_path)).held_out) == 2
+    assert "fast.npz falls with" in capsys.readouterr().err
+    assert len(Takes.of(replace(TINY, amass=tmp_path, amass_fps=60.0)).held_out) == 2
+    assert capsys.readouterr().err == ""
+
+
 def test_a_changed_file_makes_the_truth_anew(made, tmp_path, monkeypatch):
     shutil.copytree(made[0].path.parent.parent, tmp_path / "runs")
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))

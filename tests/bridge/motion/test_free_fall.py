@@ -1,0 +1,104 @@
+"""A wrong frame rate is told by how she falls; right ones, and what only looks like it, are not."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bridge.body import load_body_model
+from bridge.errors import DsnetError
+from bridge.motion import load_amass_motion, load_motion_file
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.free_fall import MOST_FALL_G, fall_warning, steepest_fall_g
+from bridge.motion.sample_files import SAMPLES
+from tests.forged.amass import save, smplh
+from torch_align_ae.corpus.motions import MOTIONS, Skeleton, perform
+
+SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
+
+
+def hops_m(fps: float, seconds: float = 2.0) -> np.ndarray:
+    """Height of one who flies for 0.3 s of every half second, and stands in between."""
+    since_s = np.arange(round(seconds * fps)) / fps % 0.5
+    return np.where(since_s < 0.3, 9.81 * since_s * (0.3 - since_s) / 2, 0.0)
+
+
+@pytest.mark.parametrize("fps", [30.0, 50.0, 60.0, 100.0, 120.0])
+def test_who_flies_falls_with_gravity(fps):
+    assert steepest_fall_g(hops_m(fps), fps) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("times", [0.5, 1.5, 2.0])
+def test_at_a_multiple_of_the_rate_with_its_square(times):
+    assert steepest_fall_g(hops_m(60.0), times * 60.0) == pytest.approx(times**2)
+
+
+def test_who_stands_or_was_hardly_seen_does_not_fall():
+    assert steepest_fall_g(np.ones(100), 60.0) == 0.0
+    assert steepest_fall_g(np.arange(6.0), 60.0) == 0.0
+
+
+def test_a_trembling_tracker_is_no_fall():
+    height_m = 0.9 + 1e-3 * np.random.default_rng(0).standard_normal(6000)
+    assert steepest_fall_g(height_m, 120.0) < 1.0
+
+
+@pytest.mark.parametrize("kind", sorted(MOTIONS))
+def test_no_motion_of_the_corpus_falls_too_fast(kind):
+    skeleton = Skeleton.of(load_body_model("embedded:female"), np.zeros(10))
+    theta = perform(kind, "50004", skeleton, frame_count=240, fps=60.0)
+    assert steepest_fall_g(theta[:, 67], 60.0) < 0.7 * MOST_FALL_G
+
+
+def warning_of(path: Path | str, source_fps: float | None = None) -> str:
+    motion = load_motion_file(path, source_fps)
+    return fall_warning(motion, pieces_between_cuts(motion.theta))
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_the_packages_samples_have_their_rate(name):
+    assert warning_of(f"sample:{name}") == ""
+
+
+def test_the_line_names_file_fall_rate_and_remedy():
+    said = warning_of("sample:jumping_jacks", 250.0)
+    motion = load_amass_motion("sample:jumping_jacks", source_fps=250.0)
+    steepest_g = steepest_fall_g(motion.theta[:, 67], 60.0)
+    assert f"sample:jumping_jacks falls with {steepest_g:.1f} times gravity" in said
+    assert "at its 250 frames a second" in said
+    assert "--motion-fps" in said
+    fitting = float(said.split("one of some ")[1].split()[0])
+    assert warning_of("sample:jumping_jacks", fitting) == ""
+
+
+def test_a_cut_is_no_fall(tmp_path):
+    trans = np.zeros((240, 3))
+    trans[:120, 2], trans[120:, 2] = 2.0, 0.9
+    save(tmp_path / "cut.npz", smplh(240, 120.0), trans=trans)
+    motion = load_amass_motion(tmp_path / "cut.npz")
+    assert fall_warning(motion, pieces_between_cuts(motion.theta)) == ""
+    assert fall_warning(motion, [slice(0, len(motion.theta))])
+
+
+def test_the_given_rate_is_taken_for_the_files_own():
+    own = load_amass_motion("sample:walking")
+    slow = load_amass_motion("sample:walking", fps=30.0, source_fps=30.0)
+    assert (own.source_fps, slow.source_fps) == (60.0, 30.0)
+    np.testing.assert_allclose(slow.theta, own.theta)
+    assert slow.duration_s == pytest.approx(2 * own.duration_s)
+
+
+@pytest.mark.parametrize("rate", [0.5, 20_000.0, float("nan")])
+def test_what_is_no_rate_is_refused(rate):
+    with pytest.raises(DsnetError, match="frames a second; expected 1 to 10000"):
+        load_amass_motion("sample:walking", source_fps=rate)
+
+
+@pytest.mark.licensed
+@pytest.mark.skipif(not SAMPLE.exists(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
+def test_the_sample_of_amass_says_twice_its_rate():
+    assert "falls with 5.5 times gravity at its 120 frames" in warning_of(SAMPLE)
+    assert warning_of(SAMPLE, 60.0) == ""
