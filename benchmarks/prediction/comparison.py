@@ -59,6 +59,8 @@ class ComparisonConfig:
     """Sizes: smoke, demo or paper."""
     amass: Path | None = None
     """Folder of AMASS files that become test motions too."""
+    amass_fps: float | None = None
+    """Frames per second of these files, where what they say of themselves is wrong."""
     prefix: str = "compared"
     """Runs are named <prefix>_<corpus>."""
 
@@ -110,7 +112,7 @@ def _score(config: ComparisonConfig, corpus: str) -> None:
         if kept is not None and not missing:
             continue
         if not ready:
-            prepare(run, config.profile, corpus, config.amass)
+            prepare(run, config.profile, corpus, config.amass, config.amass_fps)
             prepare_dsnet(run, config.profile)
             ready = True
         train_dsnet(run, config.profile, seed, missing, config.epochs)
