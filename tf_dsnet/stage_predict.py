@@ -134,7 +134,10 @@ def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
         subject, name = subject_and_motion(path)
         motion = load_amass_motion(path)
         pieces = pieces_between_cuts(motion.theta)
-        for warning in (cut_warning(path, pieces, motion.fps), fall_warning(motion, pieces)):
+        for warning in (
+            cut_warning(path, pieces, motion.fps),
+            fall_warning(motion, pieces, "write the right one into the file"),
+        ):
             if warning:
                 notify(warning)
         # Those whom the run was aligned with keep the shape that was fitted.

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from bridge.motion.resampling import Motion
 from bridge.motion.theta import unpack_theta
 
-GRAVITY_M_S2 = 9.81
 MOST_FALL_G = 2.5
 """The pelvis may fall faster than the body, whose arms and legs are thrown up meanwhile: one and a
 half times in a real jumping jack. At twice its rate that is six."""
+_GRAVITY_M_S2 = 9.81
 _HALF_S = 0.05
 
 
@@ -32,15 +32,18 @@ def steepest_fall_g(height_m: NDArray, fps: float) -> float:
         return 0.0
     before, now, after = height_m[: -2 * half], height_m[half:-half], height_m[2 * half :]
     bent = (2 * now - before - after).max() * (fps / half) ** 2
-    return max(0.0, float(bent) / GRAVITY_M_S2)
+    return max(0.0, float(bent) / _GRAVITY_M_S2)
 
 
-def fall_warning(motion: Motion, pieces: Sequence[slice]) -> str:
+def fall_warning(
+    motion: Motion, pieces: Sequence[slice], remedy: str = "--motion-fps says the right one"
+) -> str:
     """One line if the motion, y up, falls as nobody can; empty if it does not.
 
     Parameters
     ----------
     pieces : those between cuts, which are no falls.
+    remedy : what to do if the rate is wrong.
     """
     height_m = unpack_theta(motion.theta)[1][:, 1]
     steepest_g = max(steepest_fall_g(height_m[piece], motion.fps) for piece in pieces)
@@ -49,6 +52,5 @@ def fall_warning(motion: Motion, pieces: Sequence[slice]) -> str:
     fitting = motion.source_fps / np.sqrt(steepest_g)
     return (
         f"{motion.source} falls with {steepest_g:.1f} times gravity at its {motion.source_fps:g} "
-        f"frames a second, where one of some {fitting:.0f} would fit: if that rate is wrong, "
-        "--motion-fps says the right one"
+        f"frames a second, where one of some {fitting:.0f} would fit: if it is wrong, {remedy}"
     )

@@ -92,7 +92,7 @@ def controlled_body(character: Character, motion: Motion, controls: Controls) ->
     Parameters
     ----------
     character : who moves.
-    motion : as its file has it.
+    motion : as its file has it, read with the controls' `motion_fps` if they have one.
     controls : what is asked.
 
     Raises
@@ -102,6 +102,7 @@ def controlled_body(character: Character, motion: Motion, controls: Controls) ->
         motion is not one of a body of a person's size.
     """
     controls.check()
+    _check_rate(motion, controls.motion_fps)
     body = character.body
     gain = vertex_gain(body, controls.gain, controls.part_gain)
     placed = place_motion(motion, body, asked_betas(body, controls))
@@ -112,6 +113,15 @@ def controlled_body(character: Character, motion: Motion, controls: Controls) ->
             notify(f"the last frame of {motion.source} is its first again: left out of the loop")
         character = replace(character, predict=LoopedPredictor(character.predict, lap))
     return MovingBody(character, placed, gain, controls.given())
+
+
+def _check_rate(motion: Motion, motion_fps: float | None) -> None:
+    if motion_fps not in (None, motion.source_fps):
+        raise DsnetError(
+            f"{motion.source}, read at {motion.source_fps:g} frames a second",
+            f"it at {motion_fps:g}, as the controls say",
+            f"Read it by load_motion_file(path, {motion_fps:g}).",
+        )
 
 
 def stage_motion(

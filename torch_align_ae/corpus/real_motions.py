@@ -19,6 +19,7 @@ from torch_align_ae.corpus.sequences import Take, performers
 from torch_align_ae.corpus.subjects import Gender
 
 _SHORTEST_S = 1.0
+_REMEDY = "--amass-fps says the right one, for all files"
 
 
 def find_real_motions(folder: Path | None) -> list[Path]:
@@ -59,7 +60,7 @@ def real_takes(
             notify(f"{path}: left out; shorter than {_SHORTEST_S:g} s")
             continue
         motion = load_amass_motion(path, source_fps=fps)
-        if warning := fall_warning(motion, pieces_between_cuts(motion.theta)):
+        if warning := fall_warning(motion, pieces_between_cuts(motion.theta), _REMEDY):
             notify(warning)
         name = kind if source_fps is None else f"{kind}_at_{source_fps:g}_hz"
         known, new = performers(gender, subjects, row, "rotating")

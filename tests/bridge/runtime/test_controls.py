@@ -50,6 +50,12 @@ def test_nothing_asked_is_the_motion_as_it_is(character, bouncing):
     assert Controls().given() == {}
 
 
+def test_a_motion_that_was_read_at_another_rate_is_refused(character, bouncing):
+    controlled(character, bouncing, motion_fps=bouncing.source_fps)
+    with pytest.raises(DsnetError, match=r"read at 60 frames a second; expected it at 50"):
+        controlled(character, bouncing, motion_fps=50.0)
+
+
 def test_gain_multiplies_the_skin_alone(character, bouncing):
     one, two, none = (
         next(iter(controlled_body(character, bouncing, Controls(gain=gain))))
