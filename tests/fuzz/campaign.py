@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -50,17 +51,22 @@ def main() -> int:
     parser.add_argument("readers", nargs="*", default=list(READERS), help=", ".join(READERS))
     parser.add_argument("--inputs", type=int, default=1000, help="of each reader")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1, help="readers at the same time")
     parser.add_argument("--guided", action="store_true", help="by coverage, with atheris")
     parser.add_argument("--json", type=Path, help="where the counts go")
     parser.add_argument("--keep", type=Path, help="where inputs stay that are neither")
     options = parser.parse_args()
     keep = options.keep or Path(tempfile.mkdtemp(prefix="dsnet-fuzz-"))
     result: dict[str, Any] = {}
-    for name in options.readers:
-        result[name] = try_reader(
-            name, options.inputs, options.seed, keep / name, guided=options.guided
-        )
-        print(name, json.dumps(result[name]), flush=True)  # noqa: T201
+
+    def tried(name: str) -> dict[str, Any]:
+        folder = keep / name
+        return try_reader(name, options.inputs, options.seed, folder, guided=options.guided)
+
+    with ThreadPoolExecutor(options.jobs) as jobs:
+        for name, counts in zip(options.readers, jobs.map(tried, options.readers), strict=True):
+            result[name] = counts
+            print(name, json.dumps(counts), flush=True)  # noqa: T201
     if options.json:
         counts = {n: {k: v for k, v in one.items() if k != "others"} for n, one in result.items()}
         command = f"python -m tests.fuzz.campaign --inputs {options.inputs} --seed {options.seed}"
