@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
+from bridge.motion.free_fall import MOST_FALL_G, steepest_fall_g
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.kinematics import world_frames
 from torch_align_ae.corpus.motions import (
@@ -106,6 +107,12 @@ def test_flight_is_ballistic_and_only_jumps_have_one(motion, row):
     inside = air[:-2] & air[1:-1] & air[2:]
     fall_m_s2 = np.diff(found.trans[:, 1], 2)[inside] * FPS**2
     np.testing.assert_allclose(fall_m_s2, -9.81, rtol=1e-6)
+
+
+@every_motion
+@lean_and_heavy
+def test_nobody_falls_as_if_the_rate_were_wrong(motion, row):
+    assert steepest_fall_g(performance(motion, row).trans[:, 1], FPS) < 0.7 * MOST_FALL_G
 
 
 @every_motion
