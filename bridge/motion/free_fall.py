@@ -15,8 +15,8 @@ from bridge.motion.resampling import Motion
 from bridge.motion.theta import unpack_theta
 
 MOST_FALL_G = 2.5
-"""The pelvis may fall faster than the body, whose arms and legs are thrown up meanwhile: one and a
-half times in a real jumping jack. At twice its rate that is six."""
+"""The pelvis may fall faster than the body, whose arms and legs are thrown up meanwhile: 1.4 times
+gravity in a real jumping jack, and 5.5 at twice its rate."""
 _GRAVITY_M_S2 = 9.81
 _HALF_S = 0.05
 

@@ -194,13 +194,18 @@ def test_a_folder_of_amass_is_predicted(trained, encoded_run, tmp_path, monkeypa
     assert counts in capsys.readouterr().err
 
 
-def test_a_motion_that_falls_as_nobody_can_is_told(encoded_run, monkeypatch, capsys):
+def one_motion(encoded_run, monkeypatch):
+    """What is encoded, and the one motion beside it: its file, and what that holds."""
     forge_mosh(encoded_run, ("50004_kicking",))
     monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
     encoded = read_artifact(encoded_run / "encode")
     (path,) = stage_predict.find_motions(Run("tiny"), None, encoded)
     with np.load(path) as stored:
-        arrays = dict(stored)
+        return encoded, path, dict(stored)
+
+
+def test_a_motion_that_falls_as_nobody_can_is_told(encoded_run, monkeypatch, capsys):
+    encoded, path, arrays = one_motion(encoded_run, monkeypatch)
     arrays["trans"][:, 2] += 0.25 * np.abs(np.sin(np.arange(51) / 8))
     save(path, arrays)
     stage_predict.gather(encoded, Run("tiny"), [path])
@@ -208,12 +213,7 @@ def test_a_motion_that_falls_as_nobody_can_is_told(encoded_run, monkeypatch, cap
 
 
 def test_a_motion_with_a_cut_is_told_and_starts_anew(trained, encoded_run, monkeypatch, capsys):
-    forge_mosh(encoded_run, ("50004_kicking",))
-    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
-    encoded = read_artifact(encoded_run / "encode")
-    (path,) = stage_predict.find_motions(Run("tiny"), None, encoded)
-    with np.load(path) as stored:
-        arrays = dict(stored)
+    encoded, path, arrays = one_motion(encoded_run, monkeypatch)
     arrays["trans"] = arrays["trans"] + 2.0 * (np.arange(len(arrays["trans"])) >= 25)[:, None]
     save(path, arrays)
     motions = stage_predict.gather(encoded, Run("tiny"), [path])

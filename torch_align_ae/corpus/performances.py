@@ -42,7 +42,7 @@ class Performer:
         return motion.theta.astype(np.float32)
 
     def write_amass(self, path: Path, take: Take) -> None:
-        """Write a held-out take: 100 fps as MoSh's, or the rate of the real motion's own file."""
+        """Write a held-out take: 100 fps as MoSh's, or the rate of the real motion."""
         if take.source is None or take.source_fps is None:
             fps, source = MOSH_FPS, "synthetic"
             theta = self._procedural(take, fps).astype(np.float32).astype(np.float64)
