@@ -5,7 +5,7 @@
 #                  [--engine ray [--address HOST:PORT]]       (on a cluster: docs/scaling.md)
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR] [--dmpl FILE]]  (licensed: docs/data.md)
 #                  [--plan]            (what that would cost, stage by stage; nothing is run)
-#   ./reproduce.sh setup                the environment alone
+#   ./reproduce.sh setup                the environment alone, for runs and tests
 #   ./reproduce.sh test                 the environment, then linters, types and tests
 #   ./reproduce.sh test --slow          the tests that take minutes each, which `test` leaves out
 #   ./reproduce.sh test PYTEST_OPTIONS  linters, types and one pytest with these options
@@ -25,17 +25,26 @@ find_python() {
     exit 2
 }
 
+# What a run on this machine needs; a cluster, tests and pages need half a minute and 0.6 GB more.
+for_runs=train,viewer,usd,clip
+for_everything=$for_runs,ray,dev,docs
+
 setup() {
-    # The stamp is written last, so that an interrupted installation is done again.
-    local stamp=.venv/installed
-    if [[ -f $stamp ]] && cmp -s "$stamp" <(cat pyproject.toml constraints.txt); then
-        return
-    fi
+    local extras=$1 stamp=.venv/installed enough
+    for enough in "$extras" "$for_everything"; do
+        [[ -f $stamp ]] && cmp -s "$stamp" <(print_stamp "$enough") && return
+    done
     echo "setting up .venv (once)" >&2
     [[ -x .venv/bin/python ]] || "$(find_python)" -m venv .venv
     .venv/bin/python -m pip install --quiet --disable-pip-version-check \
-        --constraint constraints.txt --editable '.[train,viewer,usd,clip,ray,dev,docs]'
-    cat pyproject.toml constraints.txt >"$stamp"
+        --constraint constraints.txt --editable ".[$extras]"
+    # Written last, so that an interrupted installation is done again.
+    print_stamp "$extras" >"$stamp"
+}
+
+print_stamp() {
+    echo "$1"
+    cat pyproject.toml constraints.txt
 }
 
 run_tests() {
@@ -160,7 +169,11 @@ print_head() {
 
 case ${1:-} in
     -h | --help) print_head ;;
-    setup) setup ;;
-    test) shift; setup; run_tests "$@" ;;
-    *) setup; run_stages "$@" ;;
+    setup) setup $for_everything ;;
+    test) shift; setup $for_everything; run_tests "$@" ;;
+    *)
+        [[ " $* " == *" --engine "* ]] && extras=$for_everything || extras=$for_runs
+        setup $extras
+        run_stages "$@"
+        ;;
 esac; exit # on one line: bash reads on in the file, which may be another one after hours

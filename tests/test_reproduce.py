@@ -17,6 +17,8 @@ STAGES = [
     "corpus", "align", "train-ae", "encode", "train", "train-plus", "predict", "predict-plus",
     "decode", "evaluate", "report",
 ]
+FOR_RUNS = "train,viewer,usd,clip"
+EVERYTHING = f"{FOR_RUNS},ray,dev,docs"
 # fmt: on
 
 Reproduce = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -37,8 +39,9 @@ def reproduce(tmp_path: Path) -> Reproduce:
     (project / "tests" / "tf_dsnet").mkdir(parents=True)
     (caller / "amass").mkdir(parents=True)
     shutil.copy(ROOT / "reproduce.sh", project)
-    for name in ("pyproject.toml", "constraints.txt", ".venv/installed"):
+    for name in ("pyproject.toml", "constraints.txt"):
         (project / name).touch()
+    (project / ".venv" / "installed").write_text(f"{EVERYTHING}\n")
     for name in ("dsnet", "ruff", "pyright", "python"):
         write_command(project, name, 'echo "$@"')
     for name in ("body f.pkl", "women.h5", "men.h5"):
@@ -181,6 +184,20 @@ def test_an_installation_that_fails_is_not_taken_for_one(
     assert done.returncode == 7
     assert done.stdout == ""
     assert not stamp.exists()
+
+
+def test_what_is_installed_suffices_for_what_is_asked(reproduce: Reproduce, tmp_path: Path) -> None:
+    """Runs ask for less than tests, so that neither installs again after the other."""
+    stamp = tmp_path / "project" / ".venv" / "installed"
+    stamp.write_text(f"{FOR_RUNS}\n")
+    assert "pip install" not in reproduce().stdout
+    for options in (["--engine", "ray"], ["test"], ["setup"]):
+        stamp.write_text(f"{FOR_RUNS}\n")
+        assert f"--editable .[{EVERYTHING}]" in reproduce(*options).stdout
+        assert stamp.read_text() == f"{EVERYTHING}\n"
+        assert "pip install" not in reproduce().stdout
+    (tmp_path / "project" / "constraints.txt").write_text("numpy==2.2.6\n")
+    assert f"--editable .[{FOR_RUNS}]" in reproduce().stdout
 
 
 def test_tests_of_each_side_have_a_process(reproduce: Reproduce) -> None:

@@ -14,6 +14,7 @@ from bridge.measure.metrics import ErrorSums, frame_blocks, rotation_error_deg
 from bridge.measure.references import MotionArrays
 from bridge.motion import unpack_theta
 from bridge.runs import Artifact
+from bridge.runs.worker_pool import worker_pool
 
 
 @dataclass(frozen=True)
@@ -101,9 +102,16 @@ def alignment_errors(
     shared = [name for name in found.places if name in true.places]
     if not shared:
         return fitted
+
+    def errors_of(body: BodyModelData, name: str) -> AlignmentErrors:
+        own = AlignmentErrors(body)
+        own.add(Alignment.of(found, name), Alignment.of(true, name))
+        return own
+
     errors = AlignmentErrors(body)
-    for name in shared:
-        errors.add(Alignment.of(found, name), Alignment.of(true, name))
+    with worker_pool("threads", body) as pool:
+        for own in pool.map(errors_of, shared):
+            errors.merge(own)
     return fitted | errors.summary() | {"betas_rms": _beta_error(found, true)}
 
 

@@ -239,6 +239,12 @@ class OscillatorSheet:
         return offsets_m
 
 
+def roll_clip(_: None, clip: tuple[NodeMechanics, sp.csr_matrix, Load]) -> NDArray[np.floating]:
+    """Offsets (T, K, 3) of a person's nodes under the load of a clip: work for a worker pool."""
+    mechanics, laplacian, load = clip
+    return OscillatorSheet(mechanics, laplacian).roll(mechanics.load(load))
+
+
 def _solved(system: sp.csr_matrix, pull: NDArray, guess: NDArray) -> NDArray:
     """(K, 3) with system times it = pull. Iterating from the last guess is many times faster."""
     diagonal = sp.diags(1 / system.diagonal())

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bridge.body import BodyModelData
+from bridge.runs.worker_pool import WorkerPool, worker_pool
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus
 from tests.forged.oscillating import HZ, clip_of, clips_of, lively, people_of, true_model
@@ -30,9 +31,14 @@ def truth(nodes: TissueNodes) -> TrainedPlus:
     return true_model(nodes, people_of(4))
 
 
+def in_this_process() -> WorkerPool[None]:
+    with worker_pool("serial", None) as pool:
+        return pool  # nothing ends here
+
+
 def training_of(body, truth: TrainedPlus, settings: PlusSettings = SETTINGS) -> PlusTraining:
     people, clips = clips_of(body, truth)
-    return PlusTraining(settings, body, truth.nodes, people, clips)
+    return PlusTraining(settings, body, truth.nodes, people, clips, in_this_process())
 
 
 def rounds(training: PlusTraining, truth: TrainedPlus, body, numbers) -> list[float]:
@@ -101,7 +107,7 @@ def test_frames_after_a_clips_end_count_for_nothing(body, truth):
     for window in (28, 70):
         settings = replace(SETTINGS, window=window, rounds=1, steps=1, batch_size=3)
         people, clips = clips_of(body, truth, frames=30)
-        training = PlusTraining(settings, body, truth.nodes, people, clips)
+        training = PlusTraining(settings, body, truth.nodes, people, clips, in_this_process())
         losses += training.round(0, [np.zeros_like(clip.offsets_m) for clip in clips])
     assert losses[0] == pytest.approx(losses[1], rel=1e-4)
 

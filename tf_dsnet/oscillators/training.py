@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
+from bridge.runs.worker_pool import WorkerPool
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import STEPS, OscillatorSheet
+from bridge.tissue.oscillators import STEPS, roll_clip
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
@@ -90,6 +91,7 @@ class PlusTraining:
     Parameters
     ----------
     clips : what to train on.
+    pool : simulates them; they are small operations in a row, so processes are right for it.
     """
 
     def __init__(
@@ -99,10 +101,11 @@ class PlusTraining:
         nodes: TissueNodes,
         people: KnownPeople,
         clips: Sequence[NodeClip],
+        pool: WorkerPool[None],
     ) -> None:
         be_reproducible(settings.seed)
         self.settings, self._body, self._nodes = settings, body, nodes
-        self._people, self._clips = people, list(clips)
+        self._people, self._clips, self._pool = people, list(clips), pool
         self._features = np.stack([shape_features(body, b, nodes.vertices) for b in people.betas])
         self._normals = np.stack([shaped_normals(body, b)[nodes.vertices] for b in people.betas])
         self._shares = np.stack([shares_of_people(b, people.betas) for b in people.betas])
@@ -126,12 +129,9 @@ class PlusTraining:
         """What the oscillators make of every clip, (T, K, 3) each."""
         trained = self.trained(StaticPart.nothing())
         mechanics_of = cache(lambda row: trained.mechanics(self._body, self._people.betas[row]))
-        found = []
-        for clip in self._clips:
-            mechanics = mechanics_of(clip.person)
-            sheet = OscillatorSheet(mechanics, self._nodes.laplacian)
-            found.append(sheet.roll(mechanics.load(clip.load)))
-        return found
+        laplacian = self._nodes.laplacian
+        items = ((mechanics_of(clip.person), laplacian, clip.load) for clip in self._clips)
+        return list(self._pool.map(roll_clip, items))
 
     def trained(self, static: StaticPart) -> TrainedPlus:
         """The model as it is now."""
