@@ -22,6 +22,8 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from bridge.endings import ignore_interrupts, interrupts_withheld
 from bridge.errors import InterruptedWorkError
 from bridge.runs.engines import chosen_engine
@@ -136,12 +138,14 @@ def _threads(
     tools: Tools, count: int, initializer: Callable[[], object] | None
 ) -> Iterator[WorkerPool[Tools]]:
     executor = ThreadPoolExecutor(count, initializer=initializer)
-    try:
-        yield WorkerPool(
-            lambda work, item: executor.submit(work, tools, item), _AHEAD_PER_WORKER * count
-        )
-    finally:
-        executor.shutdown(cancel_futures=True)
+    # NumPy's products would otherwise take every core for each thread, and wait for one another.
+    with threadpool_limits(1, user_api="blas"):
+        try:
+            yield WorkerPool(
+                lambda work, item: executor.submit(work, tools, item), _AHEAD_PER_WORKER * count
+            )
+        finally:
+            executor.shutdown(cancel_futures=True)
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from bridge.errors import DsnetError, InterruptedWorkError
 from bridge.runs import Run
@@ -50,6 +51,18 @@ def test_only_a_few_more_are_begun_than_are_taken(kind, most):
         for taken in range(20):
             assert next(results) == taken + 1
             assert len(begun) <= taken + most
+
+
+def test_threads_multiply_on_one_core_each():
+    def cores(_: object, __: object) -> set[int]:
+        return {
+            library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+        }
+
+    with threadpool_limits(3, user_api="blas"):
+        with worker_pool("threads", None, N_WORKERS) as pool:
+            assert list(pool.map(cores, range(4))) == [{1}] * 4
+        assert cores(None, None) == {3}
 
 
 def set_name(value: str = "begun") -> None:
