@@ -111,10 +111,15 @@ def _stages(size: int, config: ManySequencesConfig) -> dict[str, ChildUse]:
 
 def run_stage(stage: str, run: Run, options: str) -> ChildUse:
     """One stage of a run as a process, with profile `smoke`."""
+    runs = str(runs_root().resolve())
+    return measured(stage_command(stage, run.name, options), {"DSNET_RUNS": runs})
+
+
+def stage_command(stage: str, run: str, options: str) -> list[str]:
+    """What runs a stage with profile `smoke`."""
     call = "from bridge.cli import main; main()"
     profile = [] if stage == "check" else ["--profile", "smoke"]
-    command = [sys.executable, "-c", call, stage, *profile, "--run", run.name, *options.split()]
-    return measured(command, {"DSNET_RUNS": str(runs_root().resolve())})
+    return [sys.executable, "-c", call, stage, *profile, "--run", run, *options.split()]
 
 
 def growth(stage: dict[str, Any]) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.fuzz.readers import READERS
-from tools.update_reliability import CHECKSUMS, FAULTS, FUZZ, PAGE, load, with_counts
+from tools.update_reliability import CHECKSUMS, FAULTS, FULL_SIZE, FUZZ, PAGE, load, with_counts
 
 
 def test_the_counts_are_up_to_date():
@@ -30,6 +30,17 @@ def test_damaged_files_were_accepted_or_refused():
     assert sum(counts["inputs"] for counts in readers) >= 100_000
     assert [counts["other"] for counts in readers] == [0] * len(readers)
     assert max(counts["max_rss_mb"] for counts in readers) < 1500
+
+
+@pytest.mark.skipif(not FULL_SIZE.is_file(), reason="not committed yet")
+def test_the_papers_size_fits_and_survives():
+    full_size = load(FULL_SIZE)
+    assert full_size is not None
+    assert full_size["frames"] == 21_502
+    stages = full_size["stages"].values()
+    assert len(stages) == 10
+    assert max(one["anonymous_mb"] for one in stages) <= full_size["limit_mb"]
+    assert [one["differ"] for one in stages] == [[]] * 10
 
 
 def test_checksums_are_cheap():

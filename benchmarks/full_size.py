@@ -1,0 +1,155 @@
+"""Every stage from `align` to `report` at the paper's size: its memory, and a kill in it.
+
+    python -m benchmarks.full_size
+
+Writes the paper's 67 sequences of 21,502 meshes as smooth functions, which takes no simulation
+(`benchmarks.scaling.smooth_corpus`), and runs each stage on them with as little training as it
+allows: a step or an epoch holds all that many hold. Then a second run of the same corpus, in which
+each stage is killed once, at a seeded share of the time that it took undisturbed, and called again.
+Both have to hold the same bytes. The whole takes 45 GB of disk and, on two cores, about three
+quarters of an hour; `--share 0.1` is a tenth of it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import tyro
+
+from benchmarks.many_sequences import LITTLE, run_stage, stage_command
+from benchmarks.scaling.smooth_corpus import SmoothCorpus
+from bridge.runs import Run, read_artifact
+from bridge.runs.folders import MANIFEST, runs_root, write_text_atomically
+from bridge.runs.provenance import provenance
+from torch_align_ae.corpus.motions import DYNA_MOTIONS
+from torch_align_ae.corpus.sequences import dyna_takes
+
+LIMIT_MB = 4096
+"""Of anonymous memory: what is asked of every stage."""
+STAGES = {stage: options for stage, options in LITTLE.items() if stage != "check"}
+_TEST_MOTIONS, _TEST_FRAMES, _PEOPLE = 12, 300, 5
+_PRINTS_SECONDS = ("report.html", "report.md", "results.json")
+"""Of `report`: how long the stages took, which no two runs share."""
+
+
+@dataclass(frozen=True)
+class FullSizeConfig:
+    """Measure each stage at the paper's size, and kill it once."""
+
+    share: float = 1.0
+    """Of the frames of each sequence."""
+    seed: int = 0
+    """Of the moments of the kills."""
+    out: Path = Path("docs/results/reliability/full_size.json")
+    """The results."""
+    keep: bool = False
+    """Keep both runs, which lie below DSNET_RUNS or `runs/`."""
+
+
+@dataclass(frozen=True)
+class Killed:
+    """What became of a stage that was killed and called again."""
+
+    after_s: float
+    was: str
+    """`cut`, `finished`, or `ended before` the kill."""
+    again_s: float
+
+
+def main(config: FullSizeConfig) -> None:
+    """Measure, kill, write the results."""
+    corpus, rng, stages = corpus_of(config.share), random.Random(config.seed), {}
+    calm, disturbed = Run("full_size"), Run("full_size_killed")
+    corpus.write(calm)
+    link_files(calm.path, disturbed.path)
+    for stage, options in STAGES.items():
+        used = run_stage(stage, calm, options)
+        sys.stderr.write(f"{stage}: {used.wall_s:.0f} s, {used.anonymous_mb:,.0f} MB\n")
+        stages[stage] = asdict(used)
+    for stage, options in STAGES.items():
+        after_s = rng.uniform(0.1, 0.95) * stages[stage]["wall_s"]
+        killed = kill_once(stage, options, disturbed, after_s)
+        differ = differing(stage, disturbed, calm)
+        sys.stderr.write(f"{stage}: {killed}, {differ}\n")
+        stages[stage] |= {**asdict(killed), "differ": differ}
+    if not config.keep:
+        shutil.rmtree(calm.path)
+        shutil.rmtree(disturbed.path)
+    result = {
+        "sequences": len(corpus.lengths),
+        "frames": sum(corpus.lengths),
+        "limit_mb": LIMIT_MB,
+        "seed": config.seed,
+        "machine": provenance(0.0)["machine"],
+        "command": " ".join(["python -m benchmarks.full_size", *sys.argv[1:]]),
+        "stages": stages,
+    }
+    config.out.parent.mkdir(parents=True, exist_ok=True)
+    write_text_atomically(config.out, json.dumps(result, indent=1) + "\n")
+
+
+def corpus_of(share: float) -> SmoothCorpus:
+    """The paper's sequences, each cut to a share of its frames, and some test motions."""
+    takes = dyna_takes("female", _PEOPLE, tuple(DYNA_MOTIONS), 321, 0)
+    lengths = tuple(max(round(share * take.frame_count), 8) for take in takes)
+    tests = (max(round(share * _TEST_FRAMES), 8),) * _TEST_MOTIONS
+    return SmoothCorpus(lengths, tests, _PEOPLE)
+
+
+def link_files(source: Path, target: Path) -> None:
+    """A folder whose files are links to those of `source`."""
+    shutil.copytree(source, target, copy_function=os.link)
+
+
+def kill_once(stage: str, options: str, run: Run, after_s: float) -> Killed:
+    """SIGKILL for a stage and all that it has started; then the same command to its end."""
+    child = subprocess.Popen(
+        stage_command(stage, run.name, options),
+        env={**os.environ, "DSNET_RUNS": str(runs_root().resolve())},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    time.sleep(after_s)
+    if child.poll() is not None:
+        was = "ended before"
+    else:
+        os.killpg(child.pid, signal.SIGKILL)
+        child.wait()
+        was = (
+            "finished" if all((path / MANIFEST).exists() for path in made_by(stage, run)) else "cut"
+        )
+    return Killed(after_s, was, run_stage(stage, run, options).wall_s)
+
+
+def differing(stage: str, run: Run, calm: Run) -> list[str]:
+    """Files of a stage that are not the same in both runs."""
+    found = []
+    for here, there in zip(made_by(stage, run), made_by(stage, calm), strict=True):
+        one, other = read_artifact(here), read_artifact(there)
+        one.verify()
+        found += [
+            f"{here.name}/{name}"
+            for name in sorted({*one.digests, *other.digests} - {*_PRINTS_SECONDS})
+            if one.digests.get(name) != other.digests.get(name)
+        ]
+    return found
+
+
+def made_by(stage: str, run: Run) -> list[Path]:
+    """Folders of the artifacts of a stage."""
+    names = ["align", "align_robust"] if stage == "align" else [stage.replace("-plus", "_plus")]
+    return [run.path / name for name in names]
+
+
+if __name__ == "__main__":
+    main(tyro.cli(FullSizeConfig))
