@@ -6,6 +6,9 @@ operations, during which Python's lock is free. `processes` have a lock and a co
 each: right for many small operations, between which threads would wait for one another. `ray` is a
 process on any node of a cluster: there work writes what is large into files (`ArrayFile`) itself,
 and its results are small.
+
+NumPy's products would take every core for each worker, and then wait for one another: small ones
+took four times as long on two cores. So each thread and process multiplies on one.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
-from functools import partial
+from functools import cache, partial
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -138,7 +141,6 @@ def _threads(
     tools: Tools, count: int, initializer: Callable[[], object] | None
 ) -> Iterator[WorkerPool[Tools]]:
     executor = ThreadPoolExecutor(count, initializer=initializer)
-    # NumPy's products would otherwise take every core for each thread, and wait for one another.
     with threadpool_limits(1, user_api="blas"):
         try:
             yield WorkerPool(
@@ -194,6 +196,11 @@ class _InProcess:
         return self._future.cancel()
 
 
+@cache
+def _multiply_on_one_core() -> None:
+    threadpool_limits(1, user_api="blas")
+
+
 _tools_of_this_process: Any = None
 
 
@@ -216,4 +223,5 @@ def _end_with_parent() -> None:
 
 def _do(pickled: bytes) -> bytes:
     work, item = pickle.loads(pickled)
+    _multiply_on_one_core()  # now that the work's modules have loaded their libraries
     return pickle.dumps(work(_tools_of_this_process, item))

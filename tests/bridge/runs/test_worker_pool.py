@@ -53,16 +53,17 @@ def test_only_a_few_more_are_begun_than_are_taken(kind, most):
             assert len(begun) <= taken + most
 
 
-def test_threads_multiply_on_one_core_each():
-    def cores(_: object, __: object) -> set[int]:
-        return {
-            library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
-        }
+def cores_of_products(*_: object) -> set[int]:
+    libraries = threadpool_info()
+    return {library["num_threads"] for library in libraries if library["user_api"] == "blas"}
 
+
+@pytest.mark.parametrize("kind", ["threads", "processes"])
+def test_each_worker_multiplies_on_one_core(kind):
     with threadpool_limits(3, user_api="blas"):
-        with worker_pool("threads", None, N_WORKERS) as pool:
-            assert list(pool.map(cores, range(4))) == [{1}] * 4
-        assert cores(None, None) == {3}
+        with worker_pool(kind, None, N_WORKERS) as pool:
+            assert list(pool.map(cores_of_products, range(4))) == [{1}] * 4
+        assert cores_of_products() == {3}
 
 
 def set_name(value: str = "begun") -> None:
