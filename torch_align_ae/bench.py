@@ -11,7 +11,6 @@ what one large matrix product reaches in the same minute on the same cores.
 
 from __future__ import annotations
 
-import platform
 import statistics
 import time
 from collections.abc import Callable
@@ -26,6 +25,7 @@ from bridge.options import PositiveInt, Seed
 from bridge.paper import FEATURES, N_VERTICES
 from bridge.runs import Run
 from bridge.runs.processes import run_as_process
+from bridge.runs.provenance import machine
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder, parameter_count
 from torch_align_ae.autoencoder.allocation import keep_freed_memory
 from torch_align_ae.autoencoder.mesh_autoencoder import conv1d_forward
@@ -94,7 +94,7 @@ def measure(config: TorchBenchConfig) -> dict[str, Any]:
             "mesh_autoencoder": parameter_count(mesh),
             "casas_otaduy": parameter_count(casas),
         },
-        "machine": f"{platform.system()} {platform.machine()}, {device.type}",
+        "machine": f"{machine()}, {device.type}",
         "threads": torch.get_num_threads(),
         "torch": torch.__version__,
     }

@@ -13,7 +13,6 @@ from __future__ import annotations
 import importlib.metadata
 import importlib.util
 import os
-import platform
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -31,6 +30,7 @@ from bridge.options import PositiveInt, Seed
 from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
 from bridge.runs import Run
 from bridge.runs.processes import run_as_process
+from bridge.runs.provenance import machine
 from bridge.runtime.bench_graphs import (
     ARCHITECTURE,
     Contender,
@@ -101,7 +101,7 @@ def measure(config: PeersBenchConfig) -> dict[str, Any]:
         results["decoding"] = _decoding(config, threads)
     return {
         **results,
-        "machine": f"{platform.system()} {platform.machine()}",
+        "machine": machine(),
         "threads": threads,
         "versions": {
             name: importlib.metadata.version(name)

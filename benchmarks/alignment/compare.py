@@ -35,6 +35,7 @@ from benchmarks.alignment.scores import Scores, body_of, loads_of
 from bridge.errors import DsnetError
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
+from bridge.runs.provenance import machine
 from torch_align_ae.alignment.paper.corpus_fit import Effort
 
 
@@ -145,20 +146,13 @@ def _provenance(config: CompareConfig) -> dict[str, Any]:
         "command": "python -m benchmarks.alignment.compare --out DIR"
         + (" --held-out" if config.held_out else ""),
         "config": {key: value for key, value in asdict(config).items() if key != "out"},
-        "machine": f"{platform.system()} {_processor()}, {os.cpu_count()} cores",
+        "machine": f"{machine()}, {os.cpu_count()} cores",
         "finished_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "versions": {
             "python": platform.python_version(),
             **{package: metadata.version(package) for package in packages},
         },
     }
-
-
-def _processor() -> str:
-    cpuinfo = Path("/proc/cpuinfo")  # only Linux has it
-    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
 
 
 if __name__ == "__main__":

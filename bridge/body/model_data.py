@@ -79,7 +79,7 @@ class BodyModelData:
         for field in ("v_template", "shapedirs", "posedirs", "weights"):
             object.__setattr__(self, field, np.asarray(getattr(self, field), dtype=np.float64))
         for field in ("faces", "parents"):
-            object.__setattr__(self, field, np.asarray(getattr(self, field), dtype=np.int64))
+            object.__setattr__(self, field, _whole_numbers(self, field))
         _check_shapes(self)
         _check_finite(self)
         _check_consistent(self)
@@ -176,6 +176,15 @@ def _check_finite(data: BodyModelData) -> None:
     for field, array in arrays.items():
         if bad := int(array.size - np.isfinite(array).sum()):
             raise _invalid(data, f"{field} has {bad} values that are NaN or infinite", "none")
+
+
+def _whole_numbers(data: BodyModelData, field: str) -> np.ndarray:
+    given = np.asarray(getattr(data, field))
+    with np.errstate(invalid="ignore"):  # what NaN becomes differs between processors
+        whole = given.astype(np.int64)
+    if (whole != given).any():
+        raise _invalid(data, f"{field} of {given.dtype} that are no indices", "whole numbers")
+    return whole
 
 
 def _check_consistent(data: BodyModelData) -> None:

@@ -31,9 +31,18 @@ def provenance(wall_time_s: float) -> dict[str, Any]:
         "finished_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "wall_time_s": round(wall_time_s, 3),
         "peak_memory_mb": _peak_memory_mb(),
-        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "machine": f"{machine()}, {os.cpu_count()} cores",
         "versions": versions,
     }
+
+
+def machine() -> str:
+    """System and processor, such as `Linux AMD EPYC`: times say nothing without."""
+    cpuinfo = Path("/proc/cpuinfo")  # only Linux has it
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    processor = names[0] if names else platform.processor() or platform.machine()
+    return f"{platform.system()} {processor}"
 
 
 def _peak_memory_mb() -> int:

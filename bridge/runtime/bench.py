@@ -8,7 +8,6 @@ All contenders take turns in one process, so that other load hits all alike; the
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +18,7 @@ import onnxruntime
 from bridge.options import PositiveInt, Seed
 from bridge.runs import Run
 from bridge.runs.processes import run_as_process
+from bridge.runs.provenance import machine
 from bridge.runtime.bench_graphs import Contender, make_contenders
 from bridge.runtime.bench_limits import Clock, GraphCall, measured, operations_bytes
 
@@ -62,7 +62,7 @@ def measure(config: RuntimeBenchConfig) -> dict[str, Any]:
             f"characters_{count}": _of_one_count(config, contenders, count)
             for count in config.characters
         },
-        "machine": f"{platform.system()} {platform.machine()}",
+        "machine": machine(),
         "cores": os.cpu_count(),
         "onnxruntime": onnxruntime.__version__,
     }

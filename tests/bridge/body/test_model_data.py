@@ -60,6 +60,8 @@ def test_files_have_the_fields_of_smpl(female: BodyModelData, tmp_path: Path) ->
         ("faces", lambda a: a + 1, "faces index vertices 1 to 60; expected 0 to 59"),
         ("parents", lambda a: np.where(a == 3, 7, a), "parents are"),
         ("parents", lambda a: np.abs(a), "parents are"),
+        ("parents", lambda a: np.where(a == 3, np.nan, a), "no indices"),
+        ("faces", lambda a: a + 0.5, "no indices"),
     ],
 )
 def test_invalid_arrays_are_named(
