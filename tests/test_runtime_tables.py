@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tools.runtime_tables import PARTS, peers_block, runtime_block
+from tools.runtime_tables import PARTS, WHOLE, peers_block, runtime_block
 
 
 def shares(ms: float, **others: float) -> dict[str, float]:
@@ -13,11 +13,13 @@ def test_a_cell_names_the_limit_that_is_nearer():
     moved = {"must_move_mb": 20.0, "operations_move_mb": 300.0}
     one = {part: shares(4.0, **moved) | {"times_moving": 1.5} for part in PARTS}
     many = {part: shares(40.0, **moved) for part in PARTS}
-    bench = {"machine": "M", "cores": 2, "characters_1": one, "characters_64": many}
-    bench["characters_64"] = {**many, "read_gb_per_s": 10.0}
+    rates = {"frames_per_s": dict.fromkeys(WHOLE, 250.0)}
+    bench = {"machine": "M", "cores": 2, "characters_1": {**one, **rates}}
+    bench["characters_64"] = {**many, **rates, "read_gb_per_s": 10.0}
     found = runtime_block(bench)
     assert "| part | 1 character | 64 characters |" in found
     assert "| the paper's decoder | 1.5 moving, 4.0 ms | 2.5 products, 40.0 ms |" in found
+    assert "| `dsnet_plus`, int8 | 250 | 250 |" in found
     assert "| the paper's decoder | 20 | 300 | 30.0 ms | 40.0 ms |" in found
 
 

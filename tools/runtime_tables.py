@@ -15,6 +15,12 @@ PARTS = {
     "dsnet": "pose to posed mesh, DSNet and decoder",
     "dsnet_int8": "the same, int8",
 }
+WHOLE = {
+    "dsnet_plus": "`dsnet_plus`",
+    "dsnet_plus_int8": "`dsnet_plus`, int8",
+    "dsnet": "DSNet and decoder",
+    "dsnet_int8": "DSNet and decoder, int8",
+}
 POSING = {
     "onnx": "the graph",
     "torch": "`torch_align_ae.SMPL`, PyTorch",
@@ -49,9 +55,20 @@ def runtime_block(bench: dict[str, Any]) -> str:
         f"Medians on {bench['machine']}, {bench['cores']} cores, one frame of all characters; each "
         "cell: times as long as\nits limit, which limit that is, ms.\n\n"
         f"{_table(['part', *titles], rows)}\n"
+        f"{_frame_rates(measured)}\n"
         f"For {_counted(most, 'character')}, in one frame, MB; memory was read at "
         f"{found['read_gb_per_s']:.0f} GB/s:\n\n{_moved(found)}"
     )
+
+
+def _frame_rates(measured: dict[str, Any]) -> str:
+    """From pose to posed mesh, frames of all characters in a second."""
+    counts = [_counted(count, "character") for count in measured]
+    rows = [
+        [WHOLE[name], *(f"{found['frames_per_s'][name]:.0f}" for found in measured.values())]
+        for name in WHOLE
+    ]
+    return _table(["frames a second, from pose to posed mesh", *counts], rows)
 
 
 def peers_block(bench: dict[str, Any] | None) -> str:
