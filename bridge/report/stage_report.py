@@ -49,7 +49,7 @@ class ReportConfig:
 
     run: str = "demo"
     """Run to report on."""
-    samples: PositiveInt = 36
+    samples: PositiveInt = 64
     """Light paths a pixel of the rendered bodies."""
     panel_px: PositiveInt = 300
     """Height of one rendered body in pixels."""
@@ -58,7 +58,7 @@ class ReportConfig:
 PROFILES = {
     "smoke": ReportConfig(run="smoke", samples=9, panel_px=200),
     "demo": ReportConfig(run="demo"),
-    "paper": ReportConfig(run="paper", samples=64, panel_px=520),
+    "paper": ReportConfig(run="paper", panel_px=520),
 }
 
 
