@@ -72,6 +72,7 @@ def main(config: ManySequencesConfig) -> None:
         "frames": list(config.frames),
         "limit": TOO_STEEP,
         "machine": provenance(0.0)["machine"],
+        "command": " ".join(["python -m benchmarks.many_sequences", *sys.argv[1:]]),
         "stages": {
             stage: {"start_s": start, "measured": [asdict(found[size][stage]) for size in sizes]}
             for stage, start in starts.items()
@@ -133,7 +134,7 @@ def as_page(result: dict[str, Any]) -> str:
     few, many = result["sequences"]
     least, most = result["frames"]
     lines = [
-        f"Written by `python -m benchmarks.many_sequences --sequences {few}`: smooth functions in "
+        f"Written by `{result['command']}`: smooth functions in "
         f"place of motions and offsets, {least} to {most} frames a sequence, as little training as "
         f"a stage allows. CPU seconds beyond the imports; {result['machine']}.",
         "",

@@ -24,7 +24,7 @@ from bridge.body.person import checked_person
 from bridge.body.safe_pickle import MOST_BYTES, as_array, load_restricted, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.paper import N_VERTICES
-from bridge.runs.foreign_files import ForeignNpz, NpyHeader, open_npz, open_regular
+from bridge.runs.foreign_files import ForeignNpz, NpyHeader, open_npz, open_regular, text_of
 
 # Column counts of `weights` tell SMPL's relatives, which AMASS's readers also download.
 _RELATIVES = {16: "MANO", 52: "SMPL-H", 55: "SMPL-X"}
@@ -125,7 +125,10 @@ def _read_pickle(path: Path) -> dict[str, Any]:
         fields = load_restricted(file)
     if not isinstance(fields, dict):
         raise pickle.UnpicklingError(f"it holds a {type(fields).__name__}, not a dictionary")
-    return {_as_text(name): value for name, value in fields.items()}
+    return {
+        name.decode("latin1") if isinstance(name, bytes) else str(name): value
+        for name, value in fields.items()
+    }
 
 
 def _numeric_array(path: Path, fields: Mapping[str, Any], name: str) -> np.ndarray:
@@ -175,13 +178,9 @@ def _text(fields: Mapping[str, Any], name: str) -> str:
     """A field's text; empty where it holds anything else."""
     value = fields.get(name, "")
     try:
-        return _as_text(value if isinstance(value, (str, bytes)) else as_array(value).item())
+        return text_of(np.asarray(value) if isinstance(value, (str, bytes)) else as_array(value))
     except Exception:  # of any kind, as in `_numeric_array`
         return ""
-
-
-def _as_text(value: str | bytes | int) -> str:
-    return value.decode("latin1") if isinstance(value, bytes) else str(value)
 
 
 def _unreadable(path: Path, error: Exception) -> DsnetError:

@@ -28,7 +28,7 @@ from bridge.motion.bounds import (
 )
 from bridge.motion.sample_files import motion_path
 from bridge.paper import N_BETAS, N_JOINTS
-from bridge.runs.foreign_files import ForeignNpz, open_npz
+from bridge.runs.foreign_files import ForeignNpz, open_npz, text_of
 
 _POSE_WIDTHS = {72: "SMPL", 156: "SMPL-H", 165: "SMPL-X"}
 _RATE_KEYS = ("mocap_framerate", "mocap_frame_rate")
@@ -229,7 +229,5 @@ def _betas(path: Path, arrays: Arrays) -> NDArray[np.float64]:
 
 def _gender(arrays: Arrays) -> str:
     stored = arrays.get("gender", np.array("unknown"))
-    value = stored.item() if stored.size == 1 else "unknown"
-    text = value.decode(errors="replace") if isinstance(value, bytes) else str(value)
-    gender = text.strip().lower()
+    gender = text_of(stored).strip().lower() if stored.size == 1 else "unknown"
     return gender if gender in ("female", "male", "neutral") else "unknown"

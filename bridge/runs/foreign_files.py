@@ -126,6 +126,19 @@ class NpyHeader:
         return math.prod(self.shape) * max(self.dtype.itemsize, 1)
 
 
+def text_of(array: NDArray[Any]) -> str:
+    """The text in an array of one element.
+
+    NumPy takes any number for a character, and Python fails on those that are none: they become
+    U+FFFD.
+    """
+    if array.dtype.kind == "U":
+        little = array.astype(array.dtype.newbyteorder("<")).tobytes()
+        return little.decode("utf-32-le", errors="replace").rstrip("\0")
+    value = array.item()
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+
+
 class ForeignNpz(Mapping[str, NpyHeader]):
     """An `.npz` whose members are known by their headers until they are asked for."""
 

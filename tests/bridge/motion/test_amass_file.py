@@ -69,6 +69,9 @@ def test_rate_under_either_name(target: Path, layout: Layout) -> None:
         (None, "unknown"),
         ("", "unknown"),
         (np.array(["female", "male"]), "unknown"),
+        (np.array("female", ">U8"), "female"),
+        # A character that there is not, found by fuzzing: Python fails on it.
+        (np.array([0x7FFFFFFF, 0x20], np.uint32).view("=U2"), "unknown"),
     ],
 )
 def test_gender(target: Path, stored: Any, expected: str) -> None:
