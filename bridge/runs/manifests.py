@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ def flaw_of_manifest(manifest: Mapping[str, Any]) -> str | None:
     if manifest["data"] not in ("synthetic", "licensed"):
         return "whose data are neither synthetic nor licensed"
     inputs = manifest["provenance"].get("inputs", {})
+    if not isinstance(manifest["provenance"].get("sha256"), (str, NoneType)):
+        return "whose provenance has no digest"
     if not _are_texts(manifest["upstream"]) or not _are_texts(inputs):
         return "whose sources are no digests"
     for group in ("arrays", "files", "upstream"):

@@ -55,6 +55,8 @@ def forge(folder: Path, change: Callable[[Manifest], object]) -> None:
         (lambda m: m["upstream"].update({"../../x": ""}), "in upstream, which is no"),
         (lambda m: m["upstream"].update({"x": 5}), "sources are no digests"),
         (lambda m: m["provenance"].update(inputs=[1]), "sources are no digests"),
+        (lambda m: m["provenance"].update(sha256=1), "provenance has no digest"),
+        (lambda m: m["provenance"].update(sha256=[]), "provenance has no digest"),
         (lambda m: m.update(sequences={}), "no list of objects"),
         (lambda m: m.update(predictors=["a"]), "predictors have no names"),
         (lambda m: m.update(predictors={"../a": {}}), "no plain names"),
