@@ -41,6 +41,8 @@ def test_the_papers_size_fits_and_survives():
     assert len(stages) == 10
     assert max(one["anonymous_mb"] for one in stages) <= full_size["limit_mb"]
     assert [one["differ"] for one in stages] == [[]] * 10
+    found = [kill["found"] for one in stages for kill in one["kills"]]
+    assert found.count("cut") >= 10
 
 
 def test_checksums_are_cheap():

@@ -91,17 +91,17 @@ def _full_size(full_size: dict[str, Any] | None) -> str:
     lines = [
         f"\nA corpus of the paper's size, {full_size['sequences']} sequences of "
         f"{full_size['frames']:,} meshes (smooth functions in place of motions and tissue), as "
-        "little training as a stage allows, each stage killed once and called again, by "
+        "little training as a stage allows, each stage killed twice and called again, by "
         f"`{full_size['command']}` on {full_size['machine']}. Anonymous memory cannot be taken "
         "back by the system; pages of mapped files can.\n",
         "| stage | takes [s] | anonymous memory [MB] | with mapped files [MB] | killed after [s] "
-        "| was | then took [s] | files that differ |",
-        "|---|---:|---:|---:|---:|---|---:|---:|",
+        "| then took [s] | files that differ |",
+        "|---|---:|---:|---:|---|---:|---:|",
     ]
-    columns = ("wall_s", "anonymous_mb", "resident_mb", "after_s")
     for stage, one in full_size["stages"].items():
-        numbers = [f"{one[key]:,.0f}" for key in columns]
-        cells = [*numbers, one["was"], f"{one['again_s']:,.0f}", str(len(one["differ"]))]
+        numbers = [f"{one[key]:,.0f}" for key in ("wall_s", "anonymous_mb", "resident_mb")]
+        kills = [f"{kill['after_s']:.1f}: {kill['found']}" for kill in one["kills"]]
+        cells = [*numbers, ", ".join(kills), f"{one['again_s']:,.0f}", str(len(one["differ"]))]
         lines.append(f"| `{stage}` | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
