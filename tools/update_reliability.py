@@ -4,6 +4,8 @@
     DSNET_FAULTS_LONG=1 DSNET_FAULTS_KILLS=200 DSNET_FAULTS_FLIPS=500 \\
         python -m pytest -m faults tests/faults
     python -m tests.fuzz.campaign --inputs 10000 --json docs/results/reliability/fuzz.json
+    python -m tests.fuzz.campaign --inputs 5000 --guided \\
+        --json docs/results/reliability/fuzz_guided.json
     python -m benchmarks.full_size
     python -m benchmarks.checksums --run demo
     python tools/update_reliability.py
@@ -20,8 +22,8 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "reliability.md"
 KEPT = ROOT / "docs" / "results" / "reliability"
-FAULTS, FUZZ, FULL_SIZE, CHECKSUMS = (
-    KEPT / f"{name}.json" for name in ("faults", "fuzz", "full_size", "checksums")
+FAULTS, FUZZ, GUIDED, FULL_SIZE, CHECKSUMS = (
+    KEPT / f"{name}.json" for name in ("faults", "fuzz", "fuzz_guided", "full_size", "checksums")
 )
 MARK = "<!-- counts: written by tools/update_reliability.py -->\n"
 _NAMES = {
@@ -49,6 +51,7 @@ def with_counts(page: str) -> str:
     blocks = [
         _counts(load(FAULTS)),
         _damaged(load(FUZZ)),
+        _damaged(load(GUIDED)),
         _full_size(load(FULL_SIZE)),
         _cost(load(CHECKSUMS)),
     ]
