@@ -54,7 +54,8 @@ def rates(stages: Mapping[str, Artifact]) -> dict[str, Rate]:
     found = {}
     for name, work in works(settings, material).items():
         made = stages[name].manifest["provenance"]
-        memory_mb = made["peak_memory_mb"] - work.mapped_bytes // 2**20
+        # Not all mapped pages need be in memory at once.
+        memory_mb = max(made["peak_memory_mb"] - work.mapped_bytes // 2**20, 0)
         rate = Rate(round(made["wall_time_s"], 1), round(work.amount), memory_mb)
         found[rate_name(name, settings)] = rate
     return found

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from bridge.plan.costs import MeasuredRun, Rate
 
-MEASURED = MeasuredRun("demo", "Linux x86_64, 2 cores", "2026-11-22")
+MEASURED = MeasuredRun("demo", "Linux AMD EPYC, 2 cores", "2026-11-24")
 RATES = {
-    "truth": Rate(89.8, 11756, 988),
-    "corpus": Rate(20.3, 6376, 988),
-    "align": Rate(160.6, 1007040, 895),
-    "align_robust": Rate(37.7, 6376, 1280),
-    "train-ae": Rate(109.8, 11712, 1578),
-    "encode": Rate(8.3, 6376, 530),
-    "train": Rate(66.4, 39000, 750),
-    "train_plus": Rate(95.6, 51501333, 1021),
-    "predict": Rate(2.5, 23512, 688),
-    "predict_plus": Rate(8.2, 6345, 665),
-    "decode": Rate(22.5, 19035, 108),
-    "evaluate": Rate(52.9, 19035, 900),
-    "report": Rate(38.8, 3240000, 558),
+    "truth": Rate(41.2, 11756, 536),
+    "corpus": Rate(5.1, 6376, 536),
+    "align": Rate(86.5, 1007040, 426),
+    "align_robust": Rate(21.9, 6376, 584),
+    "train-ae": Rate(136.0, 11712, 1335),
+    "encode": Rate(10.0, 6376, 153),
+    "train": Rate(30.8, 39000, 787),
+    "train_plus": Rate(48.8, 51501333, 1155),
+    "predict": Rate(1.9, 23512, 753),
+    "predict_plus": Rate(5.2, 6345, 300),
+    "decode": Rate(25.0, 19035, 0),
+    "evaluate": Rate(24.1, 19035, 652),
+    "report": Rate(48.0, 5760000, 562),
 }
