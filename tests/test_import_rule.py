@@ -24,7 +24,7 @@ ORDER = [
 COMMANDS = {"cli.py", "bench.py", "bench_graphs.py"}
 THIRD_PARTIES = {
     "": {"tyro"},
-    "runs": {"filelock", "numpy", "psutil", "ray", "tyro"},
+    "runs": {"filelock", "numpy", "psutil", "ray", "threadpoolctl", "tyro"},
     "body": {"numpy", "scipy", "trimesh"},
     "motion": {"numpy", "pybvh", "scipy"},
     "exchange": {"numpy", "safetensors"},
