@@ -103,6 +103,32 @@ def _terminate(_number: int, _frame: FrameType | None) -> NoReturn:
 
 
 @contextmanager
+def signals_postponed() -> Iterator[None]:
+    """SIGINT and SIGTERM are answered after this block, once, however often they came in it.
+
+    For waiting until threads have ended: Python up to 3.12 takes a thread for ended whose waiting
+    was interrupted, and then does not wait for it before the interpreter's own end either, which
+    ends a thread that is in PyTorch's code by aborting the process.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    before = {
+        one: signal.signal(one, lambda number, _frame: came.append(number))
+        for one in (signal.SIGINT, signal.SIGTERM)
+        if signal.getsignal(one) not in (signal.SIG_IGN, None)
+    }
+    try:
+        yield
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
+        if came:
+            signal.raise_signal(came[0])
+
+
+@contextmanager
 def interrupts_withheld() -> Iterator[None]:
     """Processes begun in this block never see an interrupt from the keyboard, from their start on.
 

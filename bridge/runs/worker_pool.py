@@ -27,7 +27,7 @@ from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from bridge.endings import ignore_interrupts, interrupts_withheld
+from bridge.endings import ignore_interrupts, interrupts_withheld, signals_postponed
 from bridge.errors import InterruptedWorkError
 from bridge.runs.engines import chosen_engine
 
@@ -147,7 +147,8 @@ def _threads(
                 lambda work, item: executor.submit(work, tools, item), _AHEAD_PER_WORKER * count
             )
         finally:
-            executor.shutdown(cancel_futures=True)
+            with signals_postponed():
+                executor.shutdown(cancel_futures=True)
 
 
 @contextmanager
@@ -174,7 +175,8 @@ def _processes(
             ) from error
         raise
     finally:
-        executor.shutdown(cancel_futures=True)
+        with signals_postponed():
+            executor.shutdown(cancel_futures=True)
 
 
 def _begin_in_process(executor: ProcessPoolExecutor, work: Work, item: Any) -> _InProcess:

@@ -160,6 +160,39 @@ if __name__ == "__main__":
 """
 
 
+INTERRUPTED = """
+import sys, time
+from bridge.endings import exit_with_one_line
+from bridge.runs.worker_pool import worker_pool
+
+def work(said, item):
+    print("begun", flush=True)
+    time.sleep(1)
+    print(said, flush=True)
+
+with exit_with_one_line(), worker_pool("threads", "ended", 2) as pool:
+    list(pool.map(work, range(5)))
+"""
+
+
+def test_no_thread_outlives_the_command_however_often_it_is_interrupted():
+    """A library's code in a thread aborts the process when the interpreter ends before it."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout
+    assert [process.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
+    for _ in range(3):
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.1)
+    rest, said = process.communicate(timeout=60)
+    assert (process.returncode, rest.count("ended")) == (130, 2), said
+    assert said.count("\n") == 1, said
+
+
 def test_processes_end_with_a_killed_parent(tmp_path):
     script = tmp_path / "killed.py"
     script.write_text(KILLED, encoding="utf-8")
