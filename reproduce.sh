@@ -3,7 +3,7 @@
 #   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--aligner sgd|robust|both]
 #                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
 #                  [--engine ray [--address HOST:PORT]]       (on a cluster: docs/scaling.md)
-#                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR] [--dmpl FILE]]  (licensed: docs/data.md)
+#                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR [--amass-fps N]] [--dmpl FILE]]  (licensed: docs/data.md)
 #                  [--plan]            (what that would cost, stage by stage; nothing is run)
 #   ./reproduce.sh setup                the environment alone, for runs and tests
 #   ./reproduce.sh test                 the environment, then linters, types and tests
@@ -92,7 +92,7 @@ run_stages() {
     while (($#)); do
         case $1 in
             --plan) plan=yes && shift && continue ;;
-            --profile | --run | --seed | --gender | --aligner | --smpl | --dyna | --amass | --dmpl | --engine | --address) ;;
+            --profile | --run | --seed | --gender | --aligner | --smpl | --dyna | --amass | --amass-fps | --dmpl | --engine | --address) ;;
             *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
         [[ -n ${2-} ]] || refuse "$1 needs a value."
@@ -128,6 +128,7 @@ run_stages() {
                 path=$(existing "$2")
                 predict+=(--amass "$path")
                 ;;
+            --amass-fps) predict+=(--amass-fps "$2") ;;
             --dmpl)
                 path=$(existing "$2")
                 train_ae=(--dmpl "$path")

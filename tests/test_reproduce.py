@@ -67,12 +67,14 @@ def test_every_stage_in_order_by_default(reproduce: Reproduce) -> None:
 
 def test_licensed_files_take_the_corpus_place(reproduce: Reproduce, tmp_path: Path) -> None:
     files = ("--smpl", "body f.pkl", "--dyna", "women.h5", "men.h5", "--amass", "amass")
+    files += ("--amass-fps", "60")
     called = stages(reproduce("--profile", "paper", *files, "--run", "x", "--seed", "3"))
     assert list(called) == STAGES[1:]
     common, at = "--profile paper --run x --seed 3", tmp_path / "caller"
     meshes = f"--dyna {at}/women.h5 {at}/men.h5"
     assert called["align"] == f"{common} --smpl {at}/body f.pkl {meshes}"
-    assert called["predict"] == called["predict-plus"] == f"{common} --amass {at}/amass"
+    motions = f"--amass {at}/amass --amass-fps 60"
+    assert called["predict"] == called["predict-plus"] == f"{common} {motions}"
     assert called["train"] == common
 
 

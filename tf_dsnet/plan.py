@@ -13,13 +13,12 @@ from tf_dsnet import stage_predict, stage_predict_plus, stage_train, stage_train
 
 def main(config: PlanConfig) -> None:
     """Print what stages of this profile would be given; nothing is made."""
-    predict = stage_predict.PROFILES[config.profile]
-    predict_plus = stage_predict_plus.PROFILES[config.profile]
+    amass = {"amass": config.amass, "amass_fps": config.amass_fps}
     stages = {
         stage_train.STAGE: seeded(stage_train.PROFILES[config.profile], config.seed),
         stage_train_plus.STAGE: seeded(stage_train_plus.PROFILES[config.profile], config.seed),
-        stage_predict.STAGE: replace(predict, amass=config.amass),
-        stage_predict_plus.STAGE: replace(predict_plus, amass=config.amass),
+        stage_predict.STAGE: replace(stage_predict.PROFILES[config.profile], **amass),
+        stage_predict_plus.STAGE: replace(stage_predict_plus.PROFILES[config.profile], **amass),
     }
     settings = {name: settings_of(own) for name, own in stages.items()}
     sys.stdout.write(json.dumps({"settings": settings}))

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
+from bridge.errors import DsnetError
 from bridge.exchange.codes import LATENTS_OF
 from bridge.exchange.trained_dsnet import code_of
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.amass_folder import PeopleOfFolders, find_amass_motions, subject_and_motion
-from bridge.motion.cuts import cut_warning, pieces_between_cuts
-from bridge.motion.free_fall import fall_warning
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.doubts import doubts_about
 from bridge.motion.resampling import Motion, load_amass_motion
+from bridge.options import PositiveFloat, check_options
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify, run_as_process
 from bridge.runs.run import body_model_path
@@ -26,8 +28,28 @@ from tf_dsnet.trained_predictors import Performance, TrainedPredictors
 STAGE = "predict"
 
 
+@dataclass(frozen=True, kw_only=True)
+class AmassOptions:
+    """Which motions are predicted beside the run's own sequences."""
+
+    amass: Path | None = None
+    """Folder of AMASS files in place of the corpus's MoSh-like motions; see docs/data.md."""
+    amass_fps: PositiveFloat | None = None
+    """Frames per second of these files, where what they say of themselves is wrong."""
+
+    def check(self) -> None:
+        """Refuse a rate of no files with `DsnetError`, and one that is none."""
+        check_options(self)
+        if self.amass_fps is not None and self.amass is None:
+            raise DsnetError(
+                f"--amass-fps {self.amass_fps:g} without --amass",
+                "the frame rate of a folder's files",
+                "Pass --amass DIR, or leave --amass-fps out.",
+            )
+
+
 @dataclass(frozen=True)
-class PredictStageConfig:
+class PredictStageConfig(AmassOptions):
     """Predict the run's sequences at their whole length, then its MoSh-like motions.
 
     Costs about 0.1 ms a frame. Gives `latents_<name>` of every predictor that the run has trained,
@@ -38,8 +60,6 @@ class PredictStageConfig:
     """Name of the run whose trained network predicts."""
     predictor: str | None = None
     """Which trained predictor the report shows first; the run's own default when left out."""
-    amass: Path | None = None
-    """Folder of AMASS files in place of the corpus's MoSh-like motions; see docs/data.md."""
 
 
 PROFILES: dict[str, PredictStageConfig] = {
@@ -72,6 +92,7 @@ def main(config: PredictStageConfig) -> None:
     DsnetError
         If the run has no finished `train` or not this predictor, or an AMASS file is not one.
     """
+    config.check()
     run = Run(config.run)
     trained, encoded = run.artifact("train"), run.artifact("encode")
     default = config.predictor or trained.manifest["default"]
@@ -83,7 +104,7 @@ def main(config: PredictStageConfig) -> None:
     files = find_motions(run, config.amass, encoded)
 
     def make(writer: ArtifactWriter) -> None:
-        motions = gather(encoded, run, files)
+        motions = gather(encoded, run, files, config.amass_fps)
         writer.put("theta", motions.theta, "rad, then m")
         writer.put("betas", motions.betas, "1")
         frames = len(motions.theta)
@@ -121,8 +142,13 @@ def find_motions(run: Run, amass: Path | None, encoded: Artifact) -> list[Path]:
     return corpus.files(sorted(names))
 
 
-def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
-    """The aligned sequences in their own order, then one test sequence for each file."""
+def gather(
+    encoded: Artifact, run: Run, files: Iterable[Path], source_fps: float | None = None
+) -> MotionSet:
+    """The aligned sequences in their own order, then one test sequence for each file.
+
+    `source_fps` is the rate of all files, where what they say of themselves is wrong.
+    """
     sequences = sequences_of(encoded)
     theta = [np.array(encoded.array("theta"))]
     start = len(theta[0])
@@ -132,14 +158,9 @@ def gather(encoded: Artifact, run: Run, files: Iterable[Path]) -> MotionSet:
     for path in files:
         body = body or load_body_model(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
-        motion = load_amass_motion(path)
-        pieces = pieces_between_cuts(motion.theta)
-        for warning in (
-            cut_warning(path, pieces, motion.fps),
-            fall_warning(motion, pieces, "write the right one into the file"),
-        ):
-            if warning:
-                notify(warning)
+        motion = load_amass_motion(path, source_fps=source_fps)
+        for doubt in doubts_about(motion, pieces_between_cuts(motion.theta), "--amass-fps"):
+            notify(doubt)
         # Those whom the run was aligned with keep the shape that was fitted.
         if subject not in fitted:
             subject = people.of_shape(subject, motion.betas)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
@@ -18,13 +17,13 @@ from bridge.runs.processes import run_as_process
 from bridge.runs.run import best_alignment, body_model_path
 from bridge.runs.worker_pool import on_any_node, worker_pool
 from bridge.tissue.trained_plus import NAME, TrainedPlus
-from tf_dsnet.stage_predict import MotionSet, find_motions, gather
+from tf_dsnet.stage_predict import AmassOptions, MotionSet, find_motions, gather
 
 STAGE = "predict_plus"
 
 
 @dataclass(frozen=True)
-class PredictPlusConfig:
+class PredictPlusConfig(AmassOptions):
     """Predict offsets of the evaluated sequences: about 3 ms a frame, 1 GB.
 
     Gives `offsets_dsnet_plus`, `static_dsnet_plus` where the model has a static part, `theta`,
@@ -33,8 +32,6 @@ class PredictPlusConfig:
 
     run: str = "demo"
     """Run whose `dsnet_plus` predicts."""
-    amass: Path | None = None
-    """Folder of AMASS files in place of the corpus's test motions; see docs/data.md."""
 
 
 PROFILES = {name: PredictPlusConfig(run=name) for name in ("smoke", "demo", "paper")}
@@ -48,13 +45,14 @@ def main(config: PredictPlusConfig) -> None:
     DsnetError
         If the run has no finished `train-plus`, or an AMASS file is not one.
     """
+    config.check()
     run = Run(config.run)
     trained, align = run.artifact("train_plus"), best_alignment(run)
     body = load_body_model(str(body_model_path(run)))
     files = find_motions(run, config.amass, align)
 
     def make(writer: ArtifactWriter) -> None:
-        _write(writer, TrainedPlus.load(trained), body, gather(align, run, files))
+        _write(writer, TrainedPlus.load(trained), body, gather(align, run, files, config.amass_fps))
         labels = {name: one["label"] for name, one in trained.manifest["predictors"].items()}
         writer.record(predictors=labels, default=trained.manifest["default"])
 

@@ -34,7 +34,7 @@ STAGE = "train"
 class TrainConfig(PredictorSettings):
     """Train DSNet on the training sequences, once for each predictor that is named.
 
-    Costs a quarter of a second an epoch of both for 40 sequences of 300 frames on two cores, 1 GB.
+    Costs some 60 ms an epoch of both for 40 sequences of 300 frames on two cores, 1 GB.
     Gives weights and losses of every predictor. The weights of the last epoch are kept: choosing
     the epoch that suits the validation sequence best would make its error a training error.
     """

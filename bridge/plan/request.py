@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from bridge.options import Seed
+from bridge.options import PositiveFloat, Seed
 
 Config = TypeVar("Config")
 
@@ -37,13 +37,15 @@ class PlanConfig:
     """Dyna or D-FAUST HDF5 files in place of a synthetic corpus."""
     amass: Path | None = None
     """Folder of AMASS files to predict in place of the corpus's."""
+    amass_fps: PositiveFloat | None = None
+    """Frames per second of these files, where what they say of themselves is wrong."""
 
     def arguments(self) -> Iterator[str]:
         """The command line that says the same."""
         for field in fields(self):
             value = getattr(self, field.name)
             if value is not None and value != ():
-                yield f"--{field.name}"
+                yield f"--{field.name.replace('_', '-')}"
                 yield from map(str, value if isinstance(value, tuple) else (value,))
 
 

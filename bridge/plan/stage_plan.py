@@ -100,13 +100,13 @@ def _with_motions_of(
     aligned = [sequence for sequence in sequences if sequence.split != "test"]
     body = load_body_model(str(config.smpl or f"embedded:{config.gender}"))
     found = find_amass_motions(folder, body.gender, [sequence.name for sequence in aligned])
-    return [*aligned, *map(_motion, found)]
+    return [*aligned, *(_motion(path, config.amass_fps) for path in found)]
 
 
-def _motion(path: Path) -> MotionSequence:
+def _motion(path: Path, source_fps: float | None) -> MotionSequence:
     subject, motion = subject_and_motion(path)
     stored = read_amass_file(path)
-    length = resampled_frames(len(stored.pose), stored.fps)
+    length = resampled_frames(len(stored.pose), source_fps or stored.fps)
     return MotionSequence(f"{subject}_{motion}", subject, motion, 0, length, DEFAULT_FPS, "test")
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import tyro
 
 from bridge.errors import DsnetError
+from bridge.options import PositiveFloat
 from bridge.runs import Run
 from bridge.runs.processes import run_module
 from bridge.runtime.controls import Controls
@@ -32,6 +33,8 @@ class PredictConfig(Controls):
     amass: Path | None = None
     """Folder of AMASS files to predict beside the run's sequences (those of the run's own corpus
     when left out). What is no motion, or of the other gender, is left out and counted."""
+    amass_fps: PositiveFloat | None = None
+    """Frames per second of these files, where what they say of themselves is wrong."""
     motion: Path | None = None
     """One AMASS `.npz` or a BVH; with it, vertices are written to --out."""
     out: Path | None = None
@@ -74,6 +77,10 @@ def _check_together(config: PredictConfig) -> None:
         raise DsnetError(
             "--amass with --motion", "a folder of motions, or one motion", "Leave one of them out."
         )
+    elif config.amass_fps is not None:
+        raise DsnetError(
+            "--amass-fps with --motion", "the rate of a folder's files", "Pass --motion-fps."
+        )
 
 
 def _run_stage(config: PredictConfig) -> None:
@@ -81,6 +88,7 @@ def _run_stage(config: PredictConfig) -> None:
         "--run": config.run or config.profile,
         "--predictor": config.predictor,
         "--amass": config.amass,
+        "--amass-fps": config.amass_fps,
     }
     given = [text for key, value in options.items() if value for text in (key, str(value))]
     run_module("tf_dsnet.stage_predict", *given)

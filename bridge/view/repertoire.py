@@ -16,7 +16,7 @@ from bridge.exchange.trained_dsnet import dsnets_of
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.amass_folder import subject_and_motion
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.free_fall import fall_warning
+from bridge.motion.doubts import doubts_about
 from bridge.motion.resampling import DEFAULT_FPS
 from bridge.motion.sample_files import SAMPLE_PREFIX, SAMPLES
 from bridge.paper import N_BETAS
@@ -111,8 +111,8 @@ def open_repertoire(
 
 def _given(path: Path, controls: Controls | None) -> Motion:
     motion = load_motion_file(path, controls.motion_fps if controls else None)
-    if warning := fall_warning(motion, pieces_between_cuts(motion.theta)):
-        notify(warning)
+    for doubt in doubts_about(motion, pieces_between_cuts(motion.theta)):
+        notify(doubt)
     return motion
 
 

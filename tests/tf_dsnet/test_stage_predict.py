@@ -212,6 +212,19 @@ def test_a_motion_that_falls_as_nobody_can_is_told(encoded_run, monkeypatch, cap
     assert "falls with" in capsys.readouterr().err
 
 
+def test_a_folder_is_played_at_the_rate_that_is_asked_for(encoded_run, monkeypatch, capsys):
+    encoded, path, _ = one_motion(encoded_run, monkeypatch)
+    *_, stored = stage_predict.gather(encoded, Run("tiny"), [path]).sequences
+    *_, halved = stage_predict.gather(encoded, Run("tiny"), [path], 50.0).sequences
+    assert (stored.length, halved.length) == (31, 61)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_rate_of_no_folder_is_one_line(encoded_run):
+    with pytest.raises(DsnetError, match="--amass-fps 60 without --amass"):
+        stage_predict.main(stage_predict.PredictStageConfig(run="tiny", amass_fps=60.0))
+
+
 def test_a_motion_with_a_cut_is_told_and_starts_anew(trained, encoded_run, monkeypatch, capsys):
     encoded, path, arrays = one_motion(encoded_run, monkeypatch)
     arrays["trans"] = arrays["trans"] + 2.0 * (np.arange(len(arrays["trans"])) >= 25)[:, None]

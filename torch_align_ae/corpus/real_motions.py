@@ -12,14 +12,13 @@ from pathlib import Path
 from bridge.motion.amass_file import read_amass_file
 from bridge.motion.amass_folder import find_amass_motions, subject_and_motion
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.free_fall import fall_warning
+from bridge.motion.doubts import doubts_about
 from bridge.motion.resampling import load_amass_motion
 from bridge.runs.processes import notify
 from torch_align_ae.corpus.sequences import Take, performers
 from torch_align_ae.corpus.subjects import Gender
 
 _SHORTEST_S = 1.0
-_REMEDY = "--amass-fps says the right one, for all files"
 
 
 def find_real_motions(folder: Path | None) -> list[Path]:
@@ -60,8 +59,8 @@ def real_takes(
             notify(f"{path}: left out; shorter than {_SHORTEST_S:g} s")
             continue
         motion = load_amass_motion(path, source_fps=fps)
-        if warning := fall_warning(motion, pieces_between_cuts(motion.theta), _REMEDY):
-            notify(warning)
+        for doubt in doubts_about(motion, pieces_between_cuts(motion.theta), "--amass-fps"):
+            notify(doubt)
         name = kind if source_fps is None else f"{kind}_at_{source_fps:g}_hz"
         known, new = performers(gender, subjects, row, "rotating")
         takes += [

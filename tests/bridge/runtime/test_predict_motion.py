@@ -180,6 +180,7 @@ def test_betas_of_the_other_gender_are_told(tmp_path, capsys, gender, betas, sai
         (["--out", "o"], "--out without --motion"),
         (["--betas", "1,2,3"], "--betas without --motion"),
         (["--motion", "m.npz", "--out", "o", "--amass", "a"], "--amass with --motion"),
+        (["--motion", "m.npz", "--out", "o", "--amass-fps", "9"], "--amass-fps with --motion"),
         (["--motion", "m.npz", "--out", "o", "--betas", "1,2,3"], "10 finite numbers"),
         (["--motion", "m.npz", "--out", "o", "--betas", "nan" + ",0" * 9], "10 finite numbers"),
     ],
@@ -197,5 +198,10 @@ def test_without_a_motion_the_stage_is_a_process(monkeypatch):
     monkeypatch.setattr(stage_predict, "run_module", lambda *arguments: asked.append(arguments))
     stage_predict.main(stage_predict.PredictConfig("r"))
     stage_predict.main(stage_predict.PredictConfig(run="r", predictor="p", amass=Path("a")))
+    stage_predict.main(stage_predict.PredictConfig(run="r", amass=Path("a"), amass_fps=60.0))
     first = ("tf_dsnet.stage_predict", "--run", "r")
-    assert asked == [first, (*first, "--predictor", "p", "--amass", "a")]
+    assert asked == [
+        first,
+        (*first, "--predictor", "p", "--amass", "a"),
+        (*first, "--amass", "a", "--amass-fps", "60.0"),
+    ]
