@@ -11,9 +11,9 @@ from pathlib import Path
 
 from bridge.motion.amass_file import read_amass_file
 from bridge.motion.amass_folder import find_amass_motions, subject_and_motion
-from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.doubts import doubts_about
-from bridge.motion.resampling import load_amass_motion
+from bridge.motion.cuts import find_cuts
+from bridge.motion.free_fall import fall_warning
+from bridge.motion.resampling import load_amass_motion, resampled_frames
 from bridge.runs.processes import notify
 from torch_align_ae.corpus.sequences import Take, performers
 from torch_align_ae.corpus.subjects import Gender
@@ -41,9 +41,10 @@ def real_takes(
 ) -> list[Take]:
     """Each motion done by one known and one new person, the next ones for the next motion.
 
-    Of a long motion the first `longest_s` are used. Those shorter than a second are left out, and
-    those that fall as nobody can are taken as they are, either with a line on stderr. `source_fps`
-    is the rate of all files, where what they say of themselves is wrong; their names then have it.
+    Of a long motion the first `longest_s` are used, of one that jumps what comes before it does,
+    for to simulated tissue a jump is a blow. What is shorter than a second is left out, and what
+    falls as nobody can is taken as it is, each with a line on stderr. `source_fps` is the rate of
+    all files, where what they say of themselves is wrong; their names then have it.
 
     Raises
     ------
@@ -55,12 +56,16 @@ def real_takes(
         stored = read_amass_file(path)
         fps = source_fps or stored.fps
         frames = min(len(stored.pose), int(longest_s * fps) + 1)
+        if jumps := find_cuts(stored.pose[:frames], stored.trans_m[:frames]):
+            frames = jumps[0]
+            notify(f"{path}: used up to {frames / fps:.2f} s, where it jumps")
         if frames - 1 < _SHORTEST_S * fps:
             notify(f"{path}: left out; shorter than {_SHORTEST_S:g} s")
             continue
         motion = load_amass_motion(path, source_fps=fps)
-        for doubt in doubts_about(motion, pieces_between_cuts(motion.theta), "--amass-fps"):
-            notify(doubt)
+        used = slice(0, resampled_frames(frames, fps))
+        if warning := fall_warning(motion, [used], "--amass-fps says the right one"):
+            notify(warning)
         name = kind if source_fps is None else f"{kind}_at_{source_fps:g}_hz"
         known, new = performers(gender, subjects, row, "rotating")
         takes += [

@@ -117,6 +117,15 @@ def test_a_real_motion_that_falls_as_nobody_can_is_taken_with_a_line(tmp_path, c
     assert capsys.readouterr().err == ""
 
 
+def test_a_real_motion_is_used_up_to_its_first_jump_with_a_line(tmp_path, capsys):
+    trans = np.zeros((361, 3))
+    trans[180:] = 2.0
+    save(tmp_path / "joined.npz", smplh(361, 120.0), trans=trans)
+    takes = Takes.of(replace(TINY, amass=tmp_path)).held_out
+    assert [take.frame_count for take in takes] == [180, 180]
+    assert "joined.npz: used up to 1.50 s, where it jumps" in capsys.readouterr().err
+
+
 def test_a_changed_file_makes_the_truth_anew(made, tmp_path, monkeypatch):
     shutil.copytree(made[0].path.parent.parent, tmp_path / "runs")
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
