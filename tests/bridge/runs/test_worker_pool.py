@@ -161,14 +161,14 @@ if __name__ == "__main__":
 
 
 INTERRUPTED = """
-import sys, time
+import os, time
 from bridge.endings import exit_with_one_line
 from bridge.runs.worker_pool import worker_pool
 
 def work(said, item):
-    print("begun", flush=True)
+    os.write(1, b"begun\\n")  # whole: lines that two threads print mix
     time.sleep(1)
-    print(said, flush=True)
+    os.write(1, f"{said}\\n".encode())
 
 with exit_with_one_line(), worker_pool("threads", "ended", 2) as pool:
     list(pool.map(work, range(5)))
@@ -177,18 +177,21 @@ with exit_with_one_line(), worker_pool("threads", "ended", 2) as pool:
 
 def test_no_thread_outlives_the_command_however_often_it_is_interrupted():
     """A library's code in a thread aborts the process when the interpreter ends before it."""
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, "-c", INTERRUPTED],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-    )
-    assert process.stdout
-    assert [process.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
-    for _ in range(3):
-        process.send_signal(signal.SIGINT)
-        time.sleep(0.1)
-    rest, said = process.communicate(timeout=60)
+    ) as process:
+        try:
+            assert process.stdout
+            assert [process.stdout.readline() for _ in range(2)] == ["begun\n"] * 2
+            for _ in range(3):
+                process.send_signal(signal.SIGINT)
+                time.sleep(0.1)
+            rest, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert (process.returncode, rest.count("ended")) == (130, 2), said
     assert said.count("\n") == 1, said
 
