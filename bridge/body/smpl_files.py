@@ -21,7 +21,8 @@ from bridge.body.model_data import (
     BodyModelData,
 )
 from bridge.body.person import checked_person
-from bridge.body.safe_pickle import MOST_BYTES, as_array, load_restricted, load_restricted_item
+from bridge.body.pickle_records import MOST_BYTES, as_array
+from bridge.body.safe_pickle import load_restricted, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.paper import N_VERTICES
 from bridge.runs.foreign_files import ForeignNpz, NpyHeader, open_npz, open_regular, text_of
