@@ -1,15 +1,15 @@
 """Read a motion as the networks see it: 60 frames a second, y up, 69 numbers a frame.
 
-python examples/02_read_a_motion.py [AMASS.npz]
+python examples/02_read_a_motion.py [MOTION.npz or .bvh]
 """
 
 import sys
 
 import numpy as np
 
-from bridge.motion import load_amass_motion, unpack_theta
+from bridge.motion import load_motion_file, unpack_theta
 
-motion = load_amass_motion(sys.argv[1] if len(sys.argv) > 1 else "sample:jumping_jacks")
+motion = load_motion_file(sys.argv[1] if len(sys.argv) > 1 else "sample:jumping_jacks")
 pose, trans_m = unpack_theta(motion.theta)  # (T, 22, 3) axis-angle and (T, 3)
 
 print(f"{motion.source}: {len(motion.theta)} frames, {motion.duration_s:.2f} s")

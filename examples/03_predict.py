@@ -1,6 +1,6 @@
 """Predict how the flesh of a body moves in a motion. Nothing has to be trained before.
 
-python examples/03_predict.py [AMASS.npz]
+python examples/03_predict.py [MOTION.npz or .bvh]
 
 The model that comes with the package was trained on synthetic tissue; the same as a command:
 dsnet predict --motion sample:jumping_jacks --out OUT
@@ -10,12 +10,12 @@ import sys
 
 import numpy as np
 
-from bridge.motion import load_amass_motion
+from bridge.motion import load_motion_file
 from bridge.runtime.body_motion import place_motion
 from bridge.runtime.characters import open_character
 from bridge.runtime.moving_body import MovingBody
 
-motion = load_amass_motion(sys.argv[1] if len(sys.argv) > 1 else "sample:jumping_jacks")
+motion = load_motion_file(sys.argv[1] if len(sys.argv) > 1 else "sample:jumping_jacks")
 character = open_character(run=None, gender=motion.gender)  # Run("demo") takes that run's best
 moving = MovingBody(character, place_motion(motion, character.body))
 

@@ -15,10 +15,10 @@ from bridge.errors import DsnetError
 from bridge.exchange.codes import LATENTS_OF
 from bridge.exchange.trained_dsnet import code_of
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
-from bridge.motion.amass_folder import PeopleOfFolders, find_amass_motions, subject_and_motion
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.doubts import doubts_about
-from bridge.motion.resampling import Motion, load_amass_motion
+from bridge.motion.motion_folder import PeopleOfFolders, find_motion_files, subject_and_motion
+from bridge.motion.resampling import Motion, load_motion_file
 from bridge.options import PositiveFloat, check_options
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify, run_as_process
@@ -33,7 +33,7 @@ class AmassOptions:
     """Which motions are predicted beside the run's own sequences."""
 
     amass: Path | None = None
-    """Folder of AMASS files in place of the corpus's MoSh-like motions; see docs/data.md."""
+    """Folder of AMASS files or BVHs in place of the corpus's MoSh-like motions: docs/data.md."""
     amass_fps: PositiveFloat | None = None
     """Frames per second of these files, where what they say of themselves is wrong."""
 
@@ -133,7 +133,7 @@ def find_motions(run: Run, amass: Path | None, encoded: Artifact) -> list[Path]:
     """AMASS files to predict: those below `amass`, or those of the run's own corpus, or none."""
     if amass is not None:
         gender = load_body_model(str(body_model_path(run))).gender
-        return find_amass_motions(amass, gender, [s.name for s in sequences_of(encoded)])
+        return find_motion_files(amass, gender, [s.name for s in sequences_of(encoded)])
     # A corpus in the run's folder is not its own if licensed meshes were aligned beside it.
     if encoded.origin != "synthetic" or not (run.path / "corpus").is_dir():
         return []
@@ -158,8 +158,9 @@ def gather(
     for path in files:
         body = body or load_body_model(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
-        motion = load_amass_motion(path, source_fps=source_fps)
-        for doubt in doubts_about(motion, pieces_between_cuts(motion.theta), "--amass-fps"):
+        motion = load_motion_file(path, source_fps)
+        pieces, smoothing = pieces_between_cuts(motion.theta), "--smooth-hz 8, with --motion,"
+        for doubt in doubts_about(motion, pieces, "--amass-fps", smoothing):
             notify(doubt)
         # Those whom the run was aligned with keep the shape that was fitted.
         if subject not in fitted:

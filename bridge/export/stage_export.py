@@ -107,7 +107,7 @@ def _moving_bodies(config: ExportConfig) -> list[MovingBody]:
         raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
     run = None if config.run is None else Run(config.run)
     opened = [
-        open_for_motion(run, name, config.motion, config.motion_fps)
+        open_for_motion(run, name, config.motion, config.motion_fps, config.smooth_hz)
         for name in config.predictor or (None,)
     ]
     return [controlled_body(character, motion, config) for character, motion in opened]

@@ -59,6 +59,8 @@ class StoredMotion:
     """Frames per second."""
     dmpls: NDArray[np.float64] | None
     """(T, 8) DMPL soft tissue coefficients, where the file has them."""
+    lead_in: int = 0
+    """Frames of the file that come before these and are left out."""
 
 
 def read_amass_file(path: Path) -> StoredMotion:

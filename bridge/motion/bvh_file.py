@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
 from bridge.motion.bounds import MOST_FRAMES, RATES_HZ
+from bridge.motion.bvh_channels import PlainBvh
 from bridge.runs.foreign_files import open_regular
+
+if TYPE_CHECKING:
+    from pybvh import Bvh
 
 _MOST_BYTES = 64 << 20
 """A minute of fifty joints at 120 Hz takes a fifth of it."""
@@ -37,6 +43,8 @@ class BvhFile:
     """(T, J, 3) in that order."""
     root: NDArray[np.float64]
     """(T, 3) place of the root."""
+    places: Mapping[int, NDArray[np.float64]]
+    """(T, 3) by joint below the root that has them: its place in its parent's frame."""
     fps: float
     """Frames per second."""
 
@@ -56,8 +64,9 @@ class BvhFile:
                 turns[:, joint], places[:, joint] = own, self.root[frames]
                 continue
             turns[:, joint] = turns[:, parent] @ own
-            bone = self.rest[joint] - self.rest[parent]
-            places[:, joint] = places[:, parent] + turns[:, parent] @ bone
+            bone = np.broadcast_to(self.rest[joint] - self.rest[parent], (len(angles), 3))
+            bone = self.places[joint][frames] if joint in self.places else bone
+            places[:, joint] = places[:, parent] + np.einsum("txy,ty->tx", turns[:, parent], bone)
         return turns, places
 
 
@@ -72,12 +81,12 @@ def read_bvh_file(path: Path) -> BvhFile:
     if path.suffix != ".bvh":  # pybvh reads no `.BVH`, as which Windows writes many a file
         raise unusable(path, "whose name does not end in small letters", "Rename it to .bvh.")
     # It draws too, and so takes half a second to import.
-    import pybvh
     from pybvh.bvhnode import BvhJoint
 
     try:
-        open_regular(path, _MOST_BYTES).close()
-        read = pybvh.read_bvh_file(path, world_up="+y")
+        with open_regular(path, _MOST_BYTES) as file:
+            plain = PlainBvh.of(file.read().decode(errors="replace").splitlines(keepends=True))
+        read = _read_plain(path, plain)
         joints = [node for node in read.nodes if isinstance(node, BvhJoint)]
         place = {id(node): number for number, node in enumerate(joints)}
         parents = tuple(-1 if n.parent is None else place[id(n.parent)] for n in joints)
@@ -89,6 +98,11 @@ def read_bvh_file(path: Path) -> BvhFile:
             axes=tuple("".join(node.rot_channels) for node in joints),
             angles_rad=np.asarray(read.joint_angles, np.float64),
             root=np.asarray(read.root_pos, np.float64),
+            places={
+                number: plain.places[node.name]
+                for number, node in enumerate(joints)
+                if node.name in plain.places
+            },
             fps=1.0 / read.frame_time,
         )
     except FileNotFoundError as error:
@@ -102,9 +116,21 @@ def read_bvh_file(path: Path) -> BvhFile:
     return found
 
 
+def _read_plain(path: Path, plain: PlainBvh) -> Bvh:
+    """By pybvh, which reads files alone."""
+    import pybvh
+
+    if not plain.places:
+        return pybvh.read_bvh_file(path, world_up="+y")
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        copy.write_text("".join(plain.lines), encoding="utf-8")
+        return pybvh.read_bvh_file(copy, world_up="+y")
+
+
 def unusable(path: Path, flaw: str, remedy: str = "") -> DsnetError:
     """The line that says why a file is refused."""
-    usual = "Export it with positions on the root alone and three rotations on every joint."
+    usual = "Export it with three rotations on every joint, and three positions on the root."
     return DsnetError(f"{path}, {flaw}", "a BVH motion of a person", remedy or usual)
 
 
@@ -125,9 +151,9 @@ def _check(found: BvhFile) -> None:
             flaw,
             f"At most {MOST_FRAMES} of {_MOST_JOINTS}: cut it into several files.",
         )
-    for name in ("rest", "angles_rad", "root"):
-        if not np.isfinite(getattr(found, name)).all():
-            raise unusable(found.path, "whose numbers are not all finite", "Export it again.")
+    numbers = (found.rest, found.angles_rad, found.root, *found.places.values())
+    if not all(np.isfinite(one).all() for one in numbers):
+        raise unusable(found.path, "whose numbers are not all finite", "Export it again.")
     if not RATES_HZ[0] <= found.fps <= RATES_HZ[1]:
         raise unusable(
             found.path,

@@ -73,11 +73,16 @@ def cut_warning(source: Path, pieces: Sequence[slice], fps: float) -> str:
     )
 
 
+def turns_rad(pose: NDArray, next_pose: NDArray) -> NDArray[np.float64]:
+    """(N, J) angles between joint rotations (N, J, 3) of frames and those after them."""
+    before, after = (Rotation.from_rotvec(p.reshape(-1, 3)) for p in (pose, next_pose))
+    return (before.inv() * after).magnitude().reshape(len(pose), -1)
+
+
 def _jumps(
     pose: NDArray, trans_m: NDArray, next_pose: NDArray, next_trans_m: NDArray
 ) -> NDArray[np.bool_]:
     """(N,) for joint rotations (N, J, 3) and translations (N, 3) of frames and those after them."""
-    before, after = (Rotation.from_rotvec(p.reshape(-1, 3)) for p in (pose, next_pose))
-    turn_rad = (before.inv() * after).magnitude().reshape(len(pose), -1).max(axis=1)
+    turn_rad = turns_rad(pose, next_pose).max(axis=1)
     far_m = np.linalg.norm(next_trans_m - trans_m, axis=1)
     return (far_m >= CUT_M) | (turn_rad >= CUT_RAD)

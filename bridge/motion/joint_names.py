@@ -15,7 +15,7 @@ _OF_A_SIDE = {
     "knee": ("knee", "leg", "shin", "lowleg", "lowerleg", "calf"),
     "ankle": ("ankle", "foot"),
     "foot": ("toebase", "toe", "toes", "ball", "foot"),
-    "shoulder": ("arm", "upperarm", "uparm", "shoulder"),
+    "shoulder": ("arm", "upperarm", "uparm", "shoulder", "shldr"),
     "elbow": ("elbow", "forearm", "lowarm", "lowerarm"),
     "wrist": ("wrist", "hand"),
     "collar": ("collar", "clavicle", "shoulder"),

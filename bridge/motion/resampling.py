@@ -16,6 +16,8 @@ from bridge.errors import DsnetError
 from bridge.motion.amass_file import StoredMotion, read_amass_file
 from bridge.motion.bounds import MOST_FRAMES, RATES_HZ
 from bridge.motion.cuts import find_cuts
+from bridge.motion.motion_file import read_motion_file
+from bridge.motion.smoothing import smoothed
 from bridge.motion.theta import pack_theta, unpack_theta
 
 UpAxis = Literal["y", "z"]
@@ -46,6 +48,10 @@ class Motion:
     """Vertical axis of `theta`'s root."""
     dmpls: NDArray[np.float64] | None = None
     """(T, 8) DMPL soft tissue coefficients, where the file has them."""
+    lead_in: int = 0
+    """Frames of the file that come before the motion and are left out."""
+    smooth_hz: float | None = None
+    """What was faster in the file is left out."""
 
     @property
     def duration_s(self) -> float:
@@ -101,31 +107,28 @@ def load_amass_motion(
     return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
 
 
-def load_motion_file(path: Path | str, source_fps: float | None = None) -> Motion:
-    """Read any motion that can be followed, at 60 fps and y up: AMASS `.npz`, a sample, or BVH.
+def load_motion_file(
+    path: Path | str,
+    source_fps: float | None = None,
+    fps: float = DEFAULT_FPS,
+    smooth_hz: float | None = None,
+) -> Motion:
+    """Read any motion that can be followed, y up: AMASS `.npz`, a sample, or BVH.
 
     A BVH skeleton is brought to SMPL's joints (`bridge.motion.retargeting`); it has no shape.
 
     Parameters
     ----------
     source_fps : frames per second of the file, where what it says of itself is wrong.
+    fps : frames per second of the result.
+    smooth_hz : leave out what is faster (`bridge.motion.smoothing`); None: nothing.
 
     Raises
     ------
     DsnetError
         If the file is missing, is none of these, or holds no usable motion, or the rate is none.
     """
-    path = Path(path)
-    read = _read_bvh if path.suffix.lower() == ".bvh" else read_amass_file
-    return _prepared(path, read, source_fps=source_fps)
-
-
-def _read_bvh(path: Path) -> StoredMotion:
-    # What reads and brings it to SMPL takes half a second to import.
-    from bridge.motion.bvh_file import read_bvh_file
-    from bridge.motion.retargeting import retargeted
-
-    return retargeted(read_bvh_file(path))
+    return _prepared(Path(path), read_motion_file, fps, source_fps, smooth_hz=smooth_hz)
 
 
 def _prepared(
@@ -134,13 +137,16 @@ def _prepared(
     fps: float = DEFAULT_FPS,
     source_fps: float | None = None,
     up: UpAxis = "y",
+    smooth_hz: float | None = None,
 ) -> Motion:
-    """Resampled and turned upright; see `load_amass_motion`."""
+    """Smoothed, resampled and turned upright; see `load_amass_motion`."""
     if not (np.isfinite(fps) and fps > 0):
         raise DsnetError(f"fps={fps}", "a positive number", "Pass 60, the paper's rate.")
     stored = read(path)
     if source_fps is not None:
         stored = replace(stored, fps=_checked_rate(source_fps))
+    if smooth_hz is not None:
+        stored = smoothed(stored, smooth_hz)
     if (frames := resampled_frames(len(stored.pose), stored.fps, fps)) > MOST_FRAMES:
         raise DsnetError(
             f"{path}, {len(stored.pose)} frames at {stored.fps:g} Hz: {frames} at {fps:g}",
@@ -162,6 +168,8 @@ def _prepared(
         source=path,
         up=up,
         dmpls=dmpls,
+        lead_in=stored.lead_in,
+        smooth_hz=smooth_hz,
     )
 
 

@@ -5,10 +5,11 @@ A joint of SMPL turns in the world as the joint of the file does that has its pl
     G_j(t) = B_j(t) A_j,    local rotation = G_parent(t)^T G_j(t)
 
 B_j is the world rotation of the file's joint from the file's rest pose, seen along SMPL's axes, and
-A_j turns SMPL's rest pose (a T) into the file's, which may be an A: the shortest turn from SMPL's
-bone to the file's, of thighs, shins, upper arms and forearms; hands go with forearms. Of the
-trunk, the head and the feet the two rest poses are taken to be alike. Joints that the file lacks
-do not turn. A skeleton that is SMPL's own, by its names, is taken as it is: A_j = I.
+A_j turns SMPL's rest pose (a T) into the file's, which may be an A or have hanging arms: the
+shortest turn from SMPL's bone to the file's, of thighs, shins, upper arms and forearms; hands go
+with forearms. Of the trunk, the head and the feet the two rest poses are taken to be alike. Joints
+that the file lacks do not turn. A skeleton that is SMPL's own, by its names, is taken as it is:
+A_j = I.
 """
 
 from __future__ import annotations
@@ -30,7 +31,10 @@ from bridge.paper import N_BETAS, N_JOINTS
 
 _ALIGNED = {"hip": "knee", "knee": "ankle", "shoulder": "elbow", "elbow": "wrist"}
 """Joints whose bone, to the second one, is brought from one rest pose to the other."""
+_ARMS = {f"{side}_{name}" for name in ("shoulder", "elbow") for side in SIDES}
 _FARTHEST_FROM_T_DEG = 75.0
+_FARTHEST_ARM_DEG = 110.0
+"""Of arms and forearms, which may hang at the sides; the shortest turn then has the palms there."""
 
 
 def retargeted(bvh: BvhFile) -> StoredMotion:
@@ -42,7 +46,8 @@ def retargeted(bvh: BvhFile) -> StoredMotion:
     Raises
     ------
     DsnetError
-        If the skeleton lacks a joint that a body needs, or does not rest in a T or an A.
+        If the skeleton lacks a joint that a body needs, or rests neither in a T or an A nor with
+        hanging arms.
     """
     joints = joints_by_name(bvh)
     smpl_rest_m = shaped_joints(load_body_model("embedded:female"), np.zeros((1, N_BETAS)))[0]
@@ -86,11 +91,12 @@ def _axes(
             continue
         file_bone = upright @ (bvh.rest[joints[end]] - bvh.rest[joints[name]])
         bone = smpl_rest_m[SMPL_JOINT_NAMES.index(end)] - smpl_rest_m[SMPL_JOINT_NAMES.index(name)]
-        if (angle := _angle_deg(file_bone, bone)) > _FARTHEST_FROM_T_DEG:
+        farthest_deg = _FARTHEST_ARM_DEG if name in _ARMS else _FARTHEST_FROM_T_DEG
+        if (angle := _angle_deg(file_bone, bone)) > farthest_deg:
             raise unusable(
                 bvh.path,
                 f"at rest with {name} to {end} {angle:.0f} degrees from a T-pose",
-                "Export it with a T-pose or an A-pose as rest pose.",
+                "Export it with a T-pose or an A-pose as rest pose, or with hanging arms.",
             )
     return upright
 

@@ -12,6 +12,8 @@ from bridge.runs.artifact import Artifact
 FRAMES_AT_ONCE = 1024
 """Of a long sequence: 85 MB of meshes."""
 _MOST_FRAMES = 2**40
+REAL_MOTIONS = ("amass_", "bvh_")
+"""How the names of a synthetic corpus's motions begin if real people made them: of which format."""
 Split = Literal["train", "validation", "test"]
 
 
@@ -44,6 +46,11 @@ class MotionSequence:
         stop = self.start + self.length
         for start in range(self.start, stop, size):
             yield slice(start, min(start + size, stop))
+
+
+def is_real_motion(name: str) -> bool:
+    """Whether a synthetic corpus's sequence `<subject>_<motion>` has a motion of real people."""
+    return name.partition("_")[2].startswith(REAL_MOTIONS)
 
 
 def sequences_of(artifact: Artifact) -> list[MotionSequence]:

@@ -36,7 +36,7 @@ class PlanConfig:
     dyna: tuple[Path, ...] = ()
     """Dyna or D-FAUST HDF5 files in place of a synthetic corpus."""
     amass: Path | None = None
-    """Folder of AMASS files to predict in place of the corpus's."""
+    """Folder of AMASS files or BVHs to predict in place of the corpus's."""
     amass_fps: PositiveFloat | None = None
     """Frames per second of these files, where what they say of themselves is wrong."""
 

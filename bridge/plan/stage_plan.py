@@ -16,8 +16,8 @@ from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.measure.stage_evaluate import PROFILES as EVALUATE
 from bridge.motion import MotionSequence
-from bridge.motion.amass_file import read_amass_file
-from bridge.motion.amass_folder import find_amass_motions, subject_and_motion
+from bridge.motion.motion_file import read_motion_file
+from bridge.motion.motion_folder import find_motion_files, subject_and_motion
 from bridge.motion.resampling import DEFAULT_FPS, resampled_frames
 from bridge.motion.sequences import subjects_of
 from bridge.plan.costs import Material, Settings, Work, frames_of, rate_name, works
@@ -99,13 +99,13 @@ def _with_motions_of(
     """The aligned sequences, and the motions below `folder` in place of the corpus's own."""
     aligned = [sequence for sequence in sequences if sequence.split != "test"]
     body = load_body_model(str(config.smpl or f"embedded:{config.gender}"))
-    found = find_amass_motions(folder, body.gender, [sequence.name for sequence in aligned])
+    found = find_motion_files(folder, body.gender, [sequence.name for sequence in aligned])
     return [*aligned, *(_motion(path, config.amass_fps) for path in found)]
 
 
 def _motion(path: Path, source_fps: float | None) -> MotionSequence:
     subject, motion = subject_and_motion(path)
-    stored = read_amass_file(path)
+    stored = read_motion_file(path)
     length = resampled_frames(len(stored.pose), source_fps or stored.fps)
     return MotionSequence(f"{subject}_{motion}", subject, motion, 0, length, DEFAULT_FPS, "test")
 

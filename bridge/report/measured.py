@@ -6,12 +6,14 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bridge.exchange import load_weights
 from bridge.motion import sequences_of
+from bridge.motion.sequences import is_real_motion
 from bridge.paper import N_VERTICES, VALIDATION_SEQUENCE
 from bridge.report.paper_table import Measured
 from bridge.runs import Artifact
@@ -93,8 +95,8 @@ def _mosh_rate(stages: Stages) -> Measured:
 
 def _npz_rate(corpus: Artifact) -> float | None:
     # Real motions, of `dsnet corpus --amass`, keep their own rate.
-    made = (f for f in corpus.manifest["files"] if f.startswith("mosh/") and "_amass_" not in f)
-    name = next(made, None)
+    files = (f for f in corpus.manifest["files"] if f.startswith("mosh/"))
+    name = next((f for f in files if not is_real_motion(Path(f).name)), None)
     if name is None:
         return None
     with np.load(corpus.file(name), allow_pickle=False) as motion:

@@ -71,11 +71,16 @@ def open_character(
 
 
 def open_for_motion(
-    run: Run | None, predictor: str | None, path: Path, motion_fps: float | None = None
+    run: Run | None,
+    predictor: str | None,
+    path: Path,
+    motion_fps: float | None = None,
+    smooth_hz: float | None = None,
 ) -> tuple[Character, Motion]:
     """The character that `choose` names, and the motion of a file as it has it.
 
-    `motion_fps` is the file's rate, where what it says of itself is wrong.
+    `motion_fps` is the file's rate, where what it says of itself is wrong; what is faster than
+    `smooth_hz` is left out.
 
     Without a run she is of the motion's gender; a run that cannot predict is told before the file
     is read.
@@ -85,7 +90,6 @@ def open_for_motion(
     DsnetError
         If there is no such character, or the file is no motion.
     """
-    if run is not None:
-        return open_character(run, predictor), load_motion_file(path, motion_fps)
-    motion = load_motion_file(path, motion_fps)
-    return open_character(None, predictor, motion.gender), motion
+    character = None if run is None else open_character(run, predictor)
+    motion = load_motion_file(path, motion_fps, smooth_hz=smooth_hz)
+    return character or open_character(None, predictor, motion.gender), motion

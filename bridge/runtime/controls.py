@@ -50,6 +50,8 @@ class Controls:
     """Body shape in place of the motion file's: ten comma-separated coefficients."""
     motion_fps: PositiveFloat | None = None
     """Frames per second of the motion file, where what it says of itself is wrong."""
+    smooth_hz: PositiveFloat | None = None
+    """Leave out what is faster in the motion: the noise of a recording shakes the skin. Try 8."""
 
     def check(self) -> None:
         """Refuse what needs no body to be refused.
@@ -92,7 +94,7 @@ def controlled_body(character: Character, motion: Motion, controls: Controls) ->
     Parameters
     ----------
     character : who moves.
-    motion : as its file has it, read with the controls' `motion_fps` if they have one.
+    motion : as its file has it, read with `motion_fps` and `smooth_hz` if the controls have them.
     controls : what is asked.
 
     Raises
@@ -102,7 +104,7 @@ def controlled_body(character: Character, motion: Motion, controls: Controls) ->
         motion is not one of a body of a person's size.
     """
     controls.check()
-    _check_rate(motion, controls.motion_fps)
+    _check_reading(motion, controls)
     body = character.body
     gain = vertex_gain(body, controls.gain, controls.part_gain)
     placed = place_motion(motion, body, asked_betas(body, controls))
@@ -115,13 +117,23 @@ def controlled_body(character: Character, motion: Motion, controls: Controls) ->
     return MovingBody(character, placed, gain, controls.given())
 
 
-def _check_rate(motion: Motion, motion_fps: float | None) -> None:
-    if motion_fps not in (None, motion.source_fps):
+def _check_reading(motion: Motion, controls: Controls) -> None:
+    if controls.motion_fps not in (None, motion.source_fps):
         raise DsnetError(
             f"{motion.source}, read at {motion.source_fps:g} frames a second",
-            f"it at {motion_fps:g}, as the controls say",
-            f"Read it by load_motion_file(path, {motion_fps:g}).",
+            f"it at {controls.motion_fps:g}, as the controls say",
+            f"Read it by load_motion_file(path, {controls.motion_fps:g}).",
         )
+    if controls.smooth_hz not in (None, motion.smooth_hz):
+        raise DsnetError(
+            f"{motion.source}, {_smoothness(motion)}",
+            f"it smoothed at {controls.smooth_hz:g} Hz, as the controls say",
+            f"Read it by load_motion_file(path, smooth_hz={controls.smooth_hz:g}).",
+        )
+
+
+def _smoothness(motion: Motion) -> str:
+    return "as it is" if motion.smooth_hz is None else f"smoothed at {motion.smooth_hz:g} Hz"
 
 
 def stage_motion(

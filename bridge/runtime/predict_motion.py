@@ -48,7 +48,9 @@ def predict_motion(
     path, out = Path(path), Path(out)
     controls = Controls() if controls is None else controls
     controls.check()
-    character, motion = open_for_motion(run, predictor, path, controls.motion_fps)
+    character, motion = open_for_motion(
+        run, predictor, path, controls.motion_fps, controls.smooth_hz
+    )
     moving = controlled_body(character, motion, controls)
     chosen, motion = character.chosen, moving.motion
     with open_out_folder(out, chosen.trained.origin) as writer:

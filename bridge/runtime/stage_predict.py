@@ -31,8 +31,8 @@ class PredictConfig(Controls):
     """Which of them. With --motion the run's best when left out: `dsnet_plus` if the run has it;
     without, the network that the report shows first."""
     amass: Path | None = None
-    """Folder of AMASS files to predict beside the run's sequences (those of the run's own corpus
-    when left out). What is no motion, or of the other gender, is left out and counted."""
+    """Folder of AMASS files or BVHs to predict beside the run's sequences (those of the run's own
+    corpus when left out). What is no motion, or of the other gender, is left out and counted."""
     amass_fps: PositiveFloat | None = None
     """Frames per second of these files, where what they say of themselves is wrong."""
     motion: Path | None = None

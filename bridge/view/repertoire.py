@@ -14,9 +14,9 @@ from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.exchange.trained_dsnet import dsnets_of
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
-from bridge.motion.amass_folder import subject_and_motion
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.doubts import doubts_about
+from bridge.motion.motion_folder import subject_and_motion
 from bridge.motion.resampling import DEFAULT_FPS
 from bridge.motion.sample_files import SAMPLE_PREFIX, SAMPLES
 from bridge.paper import N_BETAS
@@ -110,7 +110,8 @@ def open_repertoire(
 
 
 def _given(path: Path, controls: Controls | None) -> Motion:
-    motion = load_motion_file(path, controls.motion_fps if controls else None)
+    controls = controls or Controls()
+    motion = load_motion_file(path, controls.motion_fps, smooth_hz=controls.smooth_hz)
     for doubt in doubts_about(motion, pieces_between_cuts(motion.theta)):
         notify(doubt)
     return motion

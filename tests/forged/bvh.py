@@ -35,10 +35,18 @@ def world_of(pose: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def text(
-    skeleton: Skeleton, world: NDArray[np.floating], root: NDArray[np.floating], fps: float = 60.0
+    skeleton: Skeleton,
+    world: NDArray[np.floating],
+    root: NDArray[np.floating],
+    fps: float = 60.0,
+    places: NDArray[np.floating] | None = None,
 ) -> str:
-    """A file of world rotations (T, J, 3, 3) and places (T, 3) of the root."""
-    lines = ["HIERARCHY", *_joint(skeleton, 0, "ROOT"), "MOTION", f"Frames: {len(root)}"]
+    """A file of world rotations (T, J, 3, 3) and places (T, 3) of the root.
+
+    With `places` (T, J, 3), in their parents' frames, every joint has six channels.
+    """
+    hierarchy = _joint(skeleton, 0, "ROOT", six=places is not None)
+    lines = ["HIERARCHY", *hierarchy, "MOTION", f"Frames: {len(root)}"]
     lines.append(f"Frame Time: {1 / fps:.9f}")
     order = _depth_first(skeleton, 0)
     columns = [root]
@@ -46,6 +54,8 @@ def text(
         parent = skeleton.parents[joint]
         before = world[:, parent] if parent >= 0 else np.eye(3)
         own = Rotation.from_matrix(np.swapaxes(before, -1, -2) @ world[:, joint])
+        if places is not None and parent >= 0:
+            columns.append(places[:, joint])
         columns.append(own.as_euler(AXES, degrees=True))
     rows = np.concatenate(columns, axis=1)
     return "\n".join([*lines, *(" ".join(f"{value:.9f}" for value in row) for row in rows), ""])
@@ -56,13 +66,13 @@ def _depth_first(skeleton: Skeleton, joint: int) -> list[int]:
     return [joint, *(one for child in children for one in _depth_first(skeleton, child))]
 
 
-def _joint(skeleton: Skeleton, joint: int, kind: str) -> list[str]:
+def _joint(skeleton: Skeleton, joint: int, kind: str, *, six: bool) -> list[str]:
     parent = skeleton.parents[joint]
     offset = skeleton.rest[joint] - (skeleton.rest[parent] if parent >= 0 else 0)
     turns = " ".join(f"{axis}rotation" for axis in AXES)
-    places = "6 Xposition Yposition Zposition" if parent < 0 else "3"
+    places = "6 Xposition Yposition Zposition" if six or parent < 0 else "3"
     own = [f"{kind} {skeleton.names[joint]}", "{", f"OFFSET {' '.join(map(str, offset))}"]
     own.append(f"CHANNELS {places} {turns}")
     children = [child for child, parent in enumerate(skeleton.parents) if parent == joint]
-    inner = [line for child in children for line in _joint(skeleton, child, "JOINT")]
+    inner = [line for child in children for line in _joint(skeleton, child, "JOINT", six=six)]
     return [*own, *(inner or ["End Site", "{", "OFFSET 0 0.1 0", "}"]), "}"]

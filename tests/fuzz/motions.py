@@ -50,12 +50,14 @@ def read_dmpl(folder: Path) -> None:
 
 @st.composite
 def bvh_files(draw: Draw) -> Files:
-    """Of SMPL's skeleton, or of one whose joints are called otherwise."""
+    """Of SMPL's skeleton, or of one whose joints are called otherwise; some with all positions."""
     frames = draw(st.integers(1, 4))
     rest = _BODY.J_regressor @ _BODY.v_template
     names = draw(st.sampled_from((SMPL_JOINT_NAMES, [f"joint{n}" for n in range(24)])))
     turns = np.broadcast_to(np.eye(3), (frames, 24, 3, 3))
-    whole = bvh.text(bvh.Skeleton(names, SMPL_PARENTS, rest), turns, np.zeros((frames, 3)))
+    skeleton = bvh.Skeleton(names, SMPL_PARENTS, rest)
+    places = draw(st.sampled_from((None, np.tile(rest, (frames, 1, 1)))))
+    whole = bvh.text(skeleton, turns, np.zeros((frames, 3)), places=places)
     return {"motion.bvh": damaged(draw, whole.encode())}
 
 

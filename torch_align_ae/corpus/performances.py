@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.posing import shaped_joints
-from bridge.motion.resampling import load_amass_motion
+from bridge.motion.resampling import load_amass_motion, load_motion_file
 from torch_align_ae.corpus.amass_files import write_amass_motion
 from torch_align_ae.corpus.dyna_files import FPS
 from torch_align_ae.corpus.motions import Skeleton, perform
@@ -74,7 +74,7 @@ class Performer:
     def _real(self, take: Take, source: Path, fps: float) -> NDArray[np.float64]:
         """The real motion about this person's root joint; only its motion is used, no shape."""
         joint_m = self._root_joint_m(take.subject)
-        motion = load_amass_motion(source, root_joint_m=joint_m, fps=fps, source_fps=fps)
+        motion = load_motion_file(source, fps, fps, take.smooth_hz).about_root_joint(joint_m)
         return np.asarray(motion.theta[: take.frame_count], np.float64)
 
     def _root_joint_m(self, subject: Subject) -> NDArray[np.float64]:

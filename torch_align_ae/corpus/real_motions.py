@@ -1,4 +1,4 @@
-"""Real motions of AMASS as extra test takes: synthetic people follow them with simulated tissue."""
+"""Real motions as extra test takes: synthetic people follow them with simulated tissue."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from functools import partial
 from itertools import count
 from pathlib import Path
 
-from bridge.motion.amass_file import read_amass_file
-from bridge.motion.amass_folder import find_amass_motions, subject_and_motion
 from bridge.motion.cuts import find_cuts
-from bridge.motion.free_fall import fall_warning
-from bridge.motion.resampling import load_amass_motion, resampled_frames
+from bridge.motion.doubts import doubts_about
+from bridge.motion.motion_file import is_bvh, read_motion_file
+from bridge.motion.motion_folder import find_motion_files, subject_and_motion
+from bridge.motion.resampling import load_motion_file, resampled_frames
+from bridge.motion.sequences import REAL_MOTIONS
 from bridge.runs.processes import notify
 from torch_align_ae.corpus.sequences import Take, performers
 from torch_align_ae.corpus.subjects import Gender
@@ -29,7 +30,7 @@ def find_real_motions(folder: Path | None) -> list[Path]:
     DsnetError
         If the folder is none, holds no motion, or holds an `.npz` that cannot be read.
     """
-    return [] if folder is None else find_amass_motions(folder, "any")
+    return [] if folder is None else find_motion_files(folder, "any")
 
 
 def real_takes(
@@ -38,13 +39,15 @@ def real_takes(
     subjects: int,
     longest_s: float,
     source_fps: float | None = None,
+    smooth_hz: float | None = None,
 ) -> list[Take]:
     """Each motion done by one known and one new person, the next ones for the next motion.
 
     Of a long motion the first `longest_s` are used, of one that jumps what comes before it does,
     for to simulated tissue a jump is a blow. What is shorter than a second is left out, and what
-    falls as nobody can is taken as it is, each with a line on stderr. `source_fps` is the rate of
-    all files, where what they say of themselves is wrong; their names then have it.
+    moves as nobody can is taken as it is, each with a line on stderr. `source_fps` is the rate of
+    all files, where what they say of themselves is wrong; what is faster than `smooth_hz` is left
+    out; their names then have it.
 
     Raises
     ------
@@ -53,7 +56,7 @@ def real_takes(
     """
     takes: list[Take] = []
     for row, (path, kind) in enumerate(_kinds(files)):
-        stored = read_amass_file(path)
+        stored = read_motion_file(path)
         fps = source_fps or stored.fps
         frames = min(len(stored.pose), int(longest_s * fps) + 1)
         if jumps := find_cuts(stored.pose[:frames], stored.trans_m[:frames]):
@@ -62,24 +65,29 @@ def real_takes(
         if frames - 1 < _SHORTEST_S * fps:
             notify(f"{path}: left out; shorter than {_SHORTEST_S:g} s")
             continue
-        motion = load_amass_motion(path, source_fps=fps)
+        motion = load_motion_file(path, fps, smooth_hz=smooth_hz)
         used = slice(0, resampled_frames(frames, fps))
-        if warning := fall_warning(motion, [used], "--amass-fps says the right one"):
-            notify(warning)
+        for doubt in doubts_about(motion, [used], "--amass-fps", "--amass-smooth-hz 8"):
+            notify(doubt)
         name = kind if source_fps is None else f"{kind}_at_{source_fps:g}_hz"
+        name += "" if smooth_hz is None else f"_smoothed_{smooth_hz:g}_hz"
         known, new = performers(gender, subjects, row, "rotating")
         takes += [
-            Take(person, name, frames, source=path, source_fps=fps) for person in (*known, *new)
+            Take(person, name, frames, source=path, source_fps=fps, smooth_hz=smooth_hz)
+            for person in (*known, *new)
         ]
     return takes
 
 
 def _kinds(files: Iterable[Path]) -> Iterator[tuple[Path, str]]:
-    """`amass_<file>` of each, in letters, digits and underscores, a second one of a name `_2`."""
+    """`amass_<motion>` or `bvh_<motion>` of each, in letters, digits and underscores, a second one
+    of a name `_2`; a motion that is but a number has its person's before it, as CMU's `05_06`."""
     taken: set[str] = set()
     numbers: defaultdict[str, Iterator[int]] = defaultdict(partial(count, 1))
     for path in files:
-        name = "amass_" + re.sub(r"\W+", "_", subject_and_motion(path)[1])
+        subject, motion = subject_and_motion(path)
+        whole = f"{subject}_{motion}" if motion.isdecimal() else motion
+        name = REAL_MOTIONS[is_bvh(path)] + re.sub(r"\W+", "_", whole)
         names = (name if number == 1 else f"{name}_{number}" for number in numbers[name])
         kind = next(one for one in names if one not in taken)
         taken.add(kind)

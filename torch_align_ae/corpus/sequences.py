@@ -46,6 +46,8 @@ class Take:
     """File of a real motion; None for a procedural one."""
     source_fps: float | None = None
     """Frames per second of that file."""
+    smooth_hz: float | None = None
+    """What is faster in that file is left out."""
 
     @property
     def motion(self) -> str:

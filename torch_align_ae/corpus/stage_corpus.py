@@ -37,7 +37,8 @@ The files have the formats of SMPL, Dyna and AMASS, but are none of these data s
 The body derives from the MakeHuman assets (CC0).
 """
 _REAL_NOTICE = """\
-Exception: the motions of mosh/*_amass_* are real ones, and their makers' licence governs them.
+Exception: the motions of mosh/*_amass_* and mosh/*_bvh_* are real, and their makers' licence
+governs them.
 Bodies and soft tissue are computed there too. They are taken from: {files}
 """
 
@@ -72,11 +73,13 @@ class CorpusConfig:
     crossing: Crossing = "full"
     """Who does each held-out kind: two known and three new people, or one of each in rotation."""
     amass: Path | None = None
-    """Folder of AMASS files: real motions as further test takes, with simulated soft tissue."""
+    """Folder of AMASS files or BVHs: real motions as further test takes, with simulated tissue."""
     amass_seconds: PositiveFloat = 20.0
     """Longest part of a real motion that is used, from its beginning."""
     amass_fps: PositiveFloat | None = None
     """Frames per second of these files, where what they say of themselves is wrong."""
+    amass_smooth_hz: PositiveFloat | None = None
+    """Leave out what is faster in these motions, where their recordings are noisy."""
     tissue: TissueName = "own"
     """Law of the soft tissue; `second` and `third` are other hands', to test on."""
     form: Literal["clean", "captured"] = "clean"

@@ -51,5 +51,12 @@ class Takes:
             crossing=config.crossing,
         )
         files = find_real_motions(config.amass)
-        held_out += real_takes(files, gender, subjects, config.amass_seconds, config.amass_fps)
+        held_out += real_takes(
+            files,
+            gender,
+            subjects,
+            config.amass_seconds,
+            config.amass_fps,
+            config.amass_smooth_hz,
+        )
         return cls(dyna, by_subject(held_out, gender), files)

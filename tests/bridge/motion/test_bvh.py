@@ -11,6 +11,7 @@ from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
 from bridge.motion import load_motion_file, unpack_theta
+from bridge.motion.bvh_channels import PlainBvh
 from bridge.motion.joint_names import plain_name
 from tests.forged.bvh import Skeleton, text, world_of
 from tests.forged.lively import lively
@@ -24,17 +25,30 @@ MIXAMO = (
     "Head", "LeftArm", "RightArm", "LeftForeArm", "RightForeArm", "LeftHand", "RightHand",
     "LeftHandIndex1", "RightHandIndex1",
 )  # fmt: skip
-BIPED = {
-    "Hips": "Bip01_Pelvis", "Spine": "Bip01_Spine", "Spine1": "Bip01_Spine1",
-    "Spine2": "Bip01_Spine2", "Neck": "Bip01_Neck", "Head": "Bip01_Head",
-} | {
-    f"{side}{theirs}": f"Bip01_{side[0]}_{name}"
-    for side in ("Left", "Right")
-    for theirs, name in {
-        "UpLeg": "Thigh", "Leg": "Calf", "Foot": "Foot", "ToeBase": "Toe", "Shoulder": "Clavicle",
-        "Arm": "UpperArm", "ForeArm": "Forearm", "Hand": "Hand",
-    }.items()
-}  # fmt: skip
+LIMB_JOINTS = ("UpLeg", "Leg", "Foot", "ToeBase", "Shoulder", "Arm", "ForeArm", "Hand")
+
+
+def renamed(middle: dict[str, str], limbs: str, style: str) -> dict[str, str]:
+    """Another program's name for each of Mixamo's: `style` of a side's letter and a joint."""
+    sides = {
+        f"{side}{theirs}": style.format(side[0], side[0].lower(), name)
+        for side in ("Left", "Right")
+        for theirs, name in zip(LIMB_JOINTS, limbs.split(), strict=True)
+    }
+    return middle | sides
+
+
+BIPED = renamed(
+    {"Hips": "Bip01_Pelvis", "Spine": "Bip01_Spine", "Spine1": "Bip01_Spine1",
+     "Spine2": "Bip01_Spine2", "Neck": "Bip01_Neck", "Head": "Bip01_Head"},
+    "Thigh Calf Foot Toe Clavicle UpperArm Forearm Hand",
+    "Bip01_{0}_{2}",
+)  # fmt: skip
+DAZ = renamed(
+    {"Hips": "hip", "Spine": "abdomen", "Spine2": "chest", "Neck": "neck", "Head": "head"},
+    "Thigh Shin Foot Toe Collar Shldr ForeArm Hand",
+    "{1}{2}",
+)
 LIMBS = [(1, 4), (2, 5), (4, 7), (5, 8), (16, 18), (17, 19), (18, 20), (19, 21)]
 
 
@@ -48,11 +62,11 @@ def write(path, skeleton, world, root, **options):
     return path
 
 
-def a_pose() -> np.ndarray:
-    """The rest pose with arms 45 degrees down."""
+def a_pose(down_deg: float = 45.0) -> np.ndarray:
+    """The rest pose with arms so far down."""
     rest = REST_M.copy()
     for side, (shoulder, arm) in {1: (16, (18, 20, 22)), -1: (17, (19, 21, 23))}.items():
-        down = Rotation.from_euler("z", -45 * side, degrees=True)
+        down = Rotation.from_euler("z", -down_deg * side, degrees=True)
         rest[list(arm)] = rest[shoulder] + down.apply(rest[list(arm)] - rest[shoulder])
     return rest
 
@@ -93,38 +107,75 @@ def test_other_names_lengths_axes_and_rest_poses_keep_the_limbs_directions(tmp_p
     np.testing.assert_allclose(trans_m, places_m * leg / theirs, atol=1e-6)
 
 
-def test_arms_that_hang_in_an_a_hang_in_smpl(tmp_path):
+@pytest.mark.parametrize("down_deg", [45.0, 85.0])
+def test_arms_that_hang_at_rest_hang_in_smpl(tmp_path, down_deg):
     """What is no rotation in such a file is one of 45 degrees for a body that rests in a T."""
     still = np.broadcast_to(np.eye(3), (FRAMES, 24, 3, 3))
-    skeleton = Skeleton(MIXAMO, SMPL_PARENTS, a_pose())
+    skeleton = Skeleton(MIXAMO, SMPL_PARENTS, a_pose(down_deg))
     path = write(tmp_path / "stand.bvh", skeleton, still, np.zeros((FRAMES, 3)))
     turned = world_of(unpack_theta(load_motion_file(path).theta)[0])
     for joint, end in LIMBS:
-        file_bone, bone = a_pose()[end] - a_pose()[joint], REST_M[end] - REST_M[joint]
+        rest = a_pose(down_deg)
+        file_bone, bone = rest[end] - rest[joint], REST_M[end] - REST_M[joint]
         shortest = Rotation.align_vectors([file_bone], [bone])[0]
         np.testing.assert_allclose(turned[0, joint], shortest.as_matrix(), atol=1e-6)
-        assert abs(np.degrees(shortest.magnitude()) - 45 * (joint >= 16)) < 0.01
+        assert abs(np.degrees(shortest.magnitude()) - down_deg * (joint >= 16)) < 0.01
     np.testing.assert_allclose(turned[:, 20:22], turned[:, 18:20], atol=1e-6)  # hands
     trunk = [0, 3, 6, 9, 12, 13, 14, 15, 7, 8, 10, 11]
     np.testing.assert_allclose(turned[:, trunk], still[:, trunk], atol=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("program", "renamed"),
+    ("program", "calls"),
     [
         ("cmu", {"Spine": "LowerBack", "Spine1": "Spine", "Spine2": "Spine1"}),
         ("biped", BIPED),
+        ("daz", DAZ),
     ],
 )
-def test_whole_skeletons_of_other_names_are_found(tmp_path, program, renamed):
+def test_whole_skeletons_of_other_names_are_found(tmp_path, program, calls):
     pose, places_m = pose_and_places()
-    names = [renamed.get(name, name) for name in MIXAMO]
+    names = [calls.get(name, name) for name in MIXAMO]
     skeletons = (Skeleton(MIXAMO, SMPL_PARENTS, REST_M), Skeleton(names, SMPL_PARENTS, REST_M))
     first, second = (
         load_motion_file(write(tmp_path / f"{n}.bvh", one, world_of(pose), places_m)).theta
         for n, one in enumerate(skeletons)
     )
     np.testing.assert_array_equal(first, second)
+
+
+def test_positions_below_the_root_are_places_as_blender_writes_them(tmp_path):
+    """Six channels on every joint, under a root that stands still: the pelvis goes by its own."""
+    pose, places_m = pose_and_places()
+    plain = load_motion_file(write(tmp_path / "walk.bvh", SMPL, world_of(pose), places_m))
+    skeleton = Skeleton(
+        ["Armature", *SMPL.names], [-1, *(1 + parent for parent in SMPL_PARENTS)],
+        np.concatenate([np.zeros((1, 3)), REST_M]),
+    )  # fmt: skip
+    world = np.concatenate([np.tile(np.eye(3), (FRAMES, 1, 1, 1)), world_of(pose)], axis=1)
+    before = np.array([skeleton.rest[max(parent, 0)] for parent in skeleton.parents])
+    local = np.tile(skeleton.rest - before, (FRAMES, 1, 1))
+    local[:, 1] = places_m
+    still = np.zeros((FRAMES, 3))
+    path = write(tmp_path / "six.bvh", skeleton, world, still, places=local)
+    np.testing.assert_allclose(load_motion_file(path).theta, plain.theta, atol=1e-6)
+    # Positions count in place of offsets: longer thighs would move feet, which nobody asks for.
+    local[:, 5] *= 1.5
+    path = write(tmp_path / "long.bvh", skeleton, world, still, places=local)
+    np.testing.assert_allclose(load_motion_file(path).theta, plain.theta, atol=1e-6)
+    local[3, 5, 0] = np.nan
+    assert "not all finite" in refused(tmp_path, text(skeleton, world, still, places=local))
+
+
+def test_positions_are_taken_out_in_whatever_order_they_stand():
+    header = ["HIERARCHY\n", "ROOT a\n", "CHANNELS 6 Xposition Yposition Zposition Zrotation\n"]
+    header[-1] = header[-1].replace("6", "4")
+    joint = ["JOINT the b\n", "  CHANNELS 5 Zrotation Yposition Xposition Zposition Xrotation\n"]
+    rows = ["MOTION\n", "Frames: 2\n", "Frame Time: 0.1\n", *(f"{_counted(n)}\n" for n in (0, 9))]
+    plain = PlainBvh.of([*header, *joint, *rows])
+    assert plain.lines[4] == "  CHANNELS 2 Zrotation Xrotation\n"
+    assert plain.lines[-2:] == ["0 1 2 3 4 8\n", "9 10 11 12 13 17\n"]
+    np.testing.assert_array_equal(plain.places["the b"], [[6, 5, 7], [15, 14, 16]])
 
 
 def test_a_skeleton_without_collars_and_spine_is_enough(tmp_path):
@@ -174,11 +225,17 @@ def test_what_cannot_be_followed_is_one_line(tmp_path):
     assert "frames a second" in refused(tmp_path, whole.replace("Time: 0.0166", "Time: 16.6"))
     assert "does not load" in refused(tmp_path, whole.replace("Frames: 12", "Frames: 13"))
     six = whole.replace("CHANNELS 3 ", "CHANNELS 6 Xposition Yposition Zposition ")
-    assert "positions on the root alone" in refused(tmp_path, six)
+    assert "75 numbers in a line of 144 channels" in refused(tmp_path, six)
+    one = whole.replace("CHANNELS 3 ", "CHANNELS 4 Xposition ")
+    assert "joint left_hip with positions along X alone" in refused(tmp_path, one)
     assert "does not load" in refused(tmp_path, "")
     assert "small letters" in refused(tmp_path, whole, "odd.BVH")
     with pytest.raises(DsnetError, match="does not exist"):
         load_motion_file(tmp_path / "none.bvh")
+
+
+def _counted(start: int) -> str:
+    return " ".join(str(start + n) for n in range(9))
 
 
 def _kept_parent(joint: int, kept: list[int]) -> int:

@@ -106,7 +106,7 @@ def test_motions_of_a_folder_replace_the_corpus_own(
     runs: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     motion = MotionSequence("z_walk", "z", "walk", 0, 7, 60.0, "test")
-    monkeypatch.setattr(stage_plan, "find_amass_motions", lambda *_: [tmp_path])
+    monkeypatch.setattr(stage_plan, "find_motion_files", lambda *_: [tmp_path])
     monkeypatch.setattr(stage_plan, "_motion", lambda _path, _fps: motion)
     main(["plan", "--profile", "smoke", "--amass", str(tmp_path)])
     assert "besides 1 motions, 7 frames" in capsys.readouterr().out

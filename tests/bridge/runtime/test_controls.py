@@ -54,6 +54,8 @@ def test_a_motion_that_was_read_at_another_rate_is_refused(character, bouncing):
     controlled(character, bouncing, motion_fps=bouncing.source_fps)
     with pytest.raises(DsnetError, match=r"read at 60 frames a second; expected it at 50"):
         controlled(character, bouncing, motion_fps=50.0)
+    with pytest.raises(DsnetError, match=r"as it is; expected it smoothed at 8 Hz"):
+        controlled(character, bouncing, smooth_hz=8.0)
 
 
 def test_gain_multiplies_the_skin_alone(character, bouncing):

@@ -1,4 +1,4 @@
-"""Real motions of AMASS as test takes: who does them, what is simulated, what the files say."""
+"""Real motions as test takes: who does them, what is simulated, what the files say."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 from bridge.body import load_body_model
+from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
-from bridge.motion import sequences_of, subject_rows
-from bridge.motion.resampling import load_amass_motion
+from bridge.motion import sequences_of, subject_rows, unpack_theta
+from bridge.motion.resampling import load_amass_motion, load_motion_file
 from bridge.runs import read_artifact
 from tests.forged.amass import save, shape, smplh
+from tests.forged.bvh import Skeleton, text, world_of
+from tests.forged.lively import lively
 from torch_align_ae.corpus import stage_corpus as stage
 from torch_align_ae.corpus.performances import Performer
 from torch_align_ae.corpus.takes import Takes
@@ -105,6 +108,18 @@ def test_a_rate_in_place_of_the_files_is_the_takes_and_in_its_name(amass, tmp_pa
     np.testing.assert_allclose(slow.theta[:, 3:66], own.theta[:49, 3:66], atol=1e-5)
 
 
+def test_noise_is_left_out_of_the_takes_and_their_names_say_so(amass, tmp_path):
+    config = replace(TINY, amass=amass, amass_seconds=1.2, amass_smooth_hz=8.0)
+    (known, _) = Takes.of(config).held_out
+    assert known.name == "50004_amass_leg_throw_smoothed_8_hz"
+    performer = Performer(load_body_model("embedded:female"), "female", seed=0)
+    performer.write_amass(tmp_path / "still.npz", known)
+    assert known.source is not None
+    still = load_amass_motion(tmp_path / "still.npz").theta
+    own = load_motion_file(known.source, smooth_hz=8.0).theta[: len(still)]
+    np.testing.assert_allclose(still[:, 3:66], own[:, 3:66], atol=1e-4)
+
+
 def test_a_real_motion_that_falls_as_nobody_can_is_taken_with_a_line(tmp_path, capsys):
     trans = np.zeros((181, 3))
     trans[:, 2] = 0.25 * np.abs(np.sin(np.arange(181) / 10))
@@ -144,6 +159,23 @@ def test_files_of_one_name_are_kinds_of_their_own(tmp_path):
     assert kinds == {"amass_leg_throw", "amass_leg_throw_2", "amass_leg_throw_3"}
 
 
+def test_a_bvh_is_a_take_too_from_the_end_of_its_rest_pose_on(tmp_path, capsys):
+    theta = 0.3 * lively(181)
+    pose, trans_m = unpack_theta(theta.copy())
+    pose[0] = np.pi / 4
+    data = load_body_model("embedded:female")
+    skeleton = Skeleton(SMPL_JOINT_NAMES, SMPL_PARENTS, shaped_joints(data, np.zeros((1, 10)))[0])
+    path = tmp_path / "05_06.bvh"
+    path.write_text(text(skeleton, world_of(pose), trans_m, fps=120.0))
+    known, new = Takes.of(replace(TINY, amass=tmp_path)).held_out
+    assert [take.name for take in (known, new)] == ["50004_bvh_05_06", "99001_bvh_05_06"]
+    assert (known.frame_count, known.source_fps) == (180, pytest.approx(120))
+    assert "05_06.bvh: the motion begins after frame 1 of the file" in capsys.readouterr().err
+    read = Performer(data, "female", 0).as_read_back(new)
+    # Frames 1, 3, 5, ... of the file.
+    np.testing.assert_allclose(read[:, 3:66], theta[1::2, 3:66], atol=1e-5)
+
+
 @pytest.mark.licensed
 @pytest.mark.skipif(not SAMPLE.is_file(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
 def test_the_sample_of_amass_is_done_by_a_known_and_a_new_person():
@@ -163,6 +195,6 @@ def test_the_sample_of_amass_is_done_by_a_known_and_a_new_person():
 def test_a_folder_without_motions_is_refused(folder, tmp_path, monkeypatch):
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
     (tmp_path / "empty").mkdir()
-    with pytest.raises(DsnetError, match=r"no \.npz and no motion; expected a folder of AMASS"):
+    with pytest.raises(DsnetError, match=r"no \.npz or \.bvh and no motion; expected a folder"):
         stage.main(replace(TINY, amass=tmp_path / folder))
     assert not list(tmp_path.glob("runs/tiny/*"))

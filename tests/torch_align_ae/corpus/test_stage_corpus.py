@@ -14,8 +14,8 @@ from bridge.body import load_body_model
 from bridge.body.posing import shaped_vertices
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of, subject_rows, unpack_theta
-from bridge.motion.amass_folder import subject_and_motion
 from bridge.motion.cells import CELLS, cell_of, trained_people_and_kinds
+from bridge.motion.motion_folder import subject_and_motion
 from bridge.motion.resampling import load_amass_motion
 from bridge.runs import read_artifact
 from torch_align_ae.body import SMPL, unpose

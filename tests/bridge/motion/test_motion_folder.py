@@ -1,4 +1,4 @@
-"""A folder of AMASS as it is downloaded: motions are found, and what is none is counted."""
+"""A folder of AMASS or of BVHs as it is downloaded: motions are found, what is none is counted."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion.amass_folder import PeopleOfFolders, find_amass_motions, subject_and_motion
+from bridge.motion.motion_folder import PeopleOfFolders, find_motion_files, subject_and_motion
 from tests.forged.amass import save, shape, smplh, smplx
 
 
@@ -33,7 +33,7 @@ def names(motions: list[Path], folder: Path) -> list[str]:
 def test_motions_are_found_and_the_rest_is_counted(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = find_amass_motions(folder, "female", known=["50004_hips", "50004_punching"])
+    found = find_motion_files(folder, "female", known=["50004_hips", "50004_punching"])
     assert names(found, folder) == [
         "MPI_mosh/50004/kicking_poses.npz",
         "MoSh/50020/basketball_stageii.npz",
@@ -46,34 +46,45 @@ def test_motions_are_found_and_the_rest_is_counted(
 
 
 def test_the_body_decides_whose_motions_are_kept(folder: Path) -> None:
-    male = names(find_amass_motions(folder, "male"), folder)
+    male = names(find_motion_files(folder, "male"), folder)
     assert male == ["MPI_mosh/50002/kicking_poses.npz", "MoSh/50020/basketball_stageii.npz"]
-    assert len(find_amass_motions(folder, "neutral")) == 4
+    assert len(find_motion_files(folder, "neutral")) == 4
+
+
+def test_bvhs_are_motions_of_everybody(tmp_path: Path) -> None:
+    """Which are not read before they are used; only a second one of a name is left out."""
+    save(tmp_path / "CMU/05/05_06_poses.npz", smplh(), gender="male")
+    for name in ("05/05_06.bvh", "05/05_07.bvh", "more/05_07.bvh"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("HIERARCHY")
+    found = names(find_motion_files(tmp_path, "female"), tmp_path)
+    assert found == ["05/05_06.bvh", "05/05_07.bvh"]
+    assert len(find_motion_files(tmp_path, "neutral")) == 2
 
 
 def test_nothing_is_said_when_nothing_is_left_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     save(tmp_path / "50004/kicking_poses.npz", smplh())
-    assert len(find_amass_motions(tmp_path, "female")) == 1
+    assert len(find_motion_files(tmp_path, "female")) == 1
     assert capsys.readouterr().err == ""
 
 
 def test_a_folder_without_motions_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "absent"):
-        with pytest.raises(DsnetError, match=r"no \.npz and no motion"):
-            find_amass_motions(path, "female")
+        with pytest.raises(DsnetError, match=r"no \.npz or \.bvh and no motion"):
+            find_motion_files(path, "female")
     save(tmp_path / "shape.npz", shape())
     save(tmp_path / "a_poses.npz", smplh())
     with pytest.raises(DsnetError, match="1 of female bodies, 1 without poses and no motion"):
-        find_amass_motions(tmp_path, "male")
+        find_motion_files(tmp_path, "male")
 
 
 def test_a_damaged_file_is_named(folder: Path) -> None:
     path = folder / "MoSh" / "50020" / "half_stageii.npz"
     path.write_bytes((folder / "MPI_mosh/50004/shape.npz").read_bytes()[:200])
     with pytest.raises(DsnetError, match=r"half_stageii\.npz, which is damaged"):
-        find_amass_motions(folder, "female")
+        find_motion_files(folder, "female")
 
 
 @pytest.mark.parametrize(
@@ -84,6 +95,7 @@ def test_a_damaged_file_is_named(folder: Path) -> None:
         ("MPI_mosh/50020/misc_stageii.npz", ("50020", "misc")),
         ("DFaust_67/50004/50004_hips_poses.npz", ("50004", "hips")),
         ("ACCAD/Female1/A1 - Stand_poses.npz", ("Female1", "A1 - Stand")),
+        ("cmu/05_06.bvh", ("05", "06")),
     ],
 )
 def test_names_of_corpus_and_of_amass(path: str, expected: tuple[str, str]) -> None:

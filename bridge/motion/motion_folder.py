@@ -1,4 +1,4 @@
-"""Which files below a folder of AMASS are motions that a run can be tested on."""
+"""Which files below a folder, AMASS's or one of BVHs, are motions that a run can be tested on."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.motion.amass_file import gender_of_motion
+from bridge.motion.motion_file import SUFFIXES, gender_of_file
 from bridge.runs.processes import notify
 
 
-def find_amass_motions(folder: Path, gender: str, known: Iterable[str] = ()) -> list[Path]:
+def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> list[Path]:
     """The motions below `folder` that a body model of `gender` can follow, in order of path.
 
     Left out, with one line on stderr that counts them: files without `poses` (`shape.npz`,
@@ -28,8 +28,8 @@ def find_amass_motions(folder: Path, gender: str, known: Iterable[str] = ()) -> 
     """
     other = {"female": "male", "male": "female"}.get(gender)
     taken, motions, left_out = set(known), [], Counter[str]()
-    for path in sorted(folder.rglob("*.npz")):
-        name, stated = "_".join(subject_and_motion(path)), gender_of_motion(path)
+    for path in sorted(path for path in folder.rglob("*") if path.suffix in SUFFIXES):
+        name, stated = "_".join(subject_and_motion(path)), gender_of_file(path)
         if stated is None:
             left_out["without poses"] += 1
         elif stated == other:
@@ -42,8 +42,8 @@ def find_amass_motions(folder: Path, gender: str, known: Iterable[str] = ()) -> 
     counts = ", ".join(f"{count} {why}" for why, count in left_out.items())
     if not motions:
         raise DsnetError(
-            f"--amass {folder}, with {counts or 'no .npz'} and no motion",
-            f"a folder of AMASS motions of {gender} bodies",
+            f"--amass {folder}, with {counts or 'no .npz or .bvh'} and no motion",
+            f"a folder of motions of {gender} bodies, AMASS's or BVH",
             "Check the path, or leave --amass out.",
         )
     if left_out:
@@ -82,7 +82,7 @@ class PeopleOfFolders:
 
 
 def subject_and_motion(path: Path) -> tuple[str, str]:
-    """Who does what: `50004_kicking_poses.npz`, or AMASS's own `50004/kicking_poses.npz`."""
+    """Who does what: `50004_kicking_poses.npz`, `05_06.bvh`, AMASS's `50004/kicking_poses.npz`."""
     stem = path.stem.removesuffix("_poses").removesuffix("_stageii")
     subject, _, motion = stem.partition("_")
     return (subject, motion) if subject.isdecimal() and motion else (path.parent.name, stem)

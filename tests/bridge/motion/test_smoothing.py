@@ -1,0 +1,114 @@
+"""Noise of a recording: named where it is, left out on demand, while the motion stays in time."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bridge.errors import DsnetError
+from bridge.motion import load_motion_file, unpack_theta
+from bridge.motion.amass_file import StoredMotion
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.doubts import doubts_about
+from bridge.motion.sample_files import SAMPLES, sample_path
+from bridge.motion.smoothing import smoothed
+from bridge.motion.tremor import tremor_mm
+from tests.forged.amass import save, smplh
+
+FPS = 120.0
+SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
+
+
+def slow(frames: int = 480) -> StoredMotion:
+    """Turns of 1 Hz, in which the root goes round the whole way, and a sway of 10 cm."""
+    time_s = np.arange(frames) / FPS
+    pose, trans_m = np.zeros((frames, 22, 3)), np.zeros((frames, 3))
+    pose[:, 0] = Rotation.from_rotvec(np.outer(2 * np.pi * time_s, [0, 0, 1])).as_rotvec()
+    pose[:, 3, 0] = 0.4 * np.sin(2 * np.pi * time_s)
+    trans_m[:, 1] = 0.1 * np.sin(2 * np.pi * time_s)
+    return StoredMotion(pose, trans_m, np.zeros(10), "unknown", FPS, None)
+
+
+def trembling(motion: StoredMotion, size: float = 0.002) -> StoredMotion:
+    """With white noise of so many metres, and twice as many radians."""
+    rng = np.random.default_rng(0)
+    noise = 2 * size * rng.standard_normal(motion.pose.shape)
+    pose = Rotation.from_rotvec(motion.pose.reshape(-1, 3)) * Rotation.from_rotvec(
+        noise.reshape(-1, 3)
+    )
+    trans_m = motion.trans_m + size * rng.standard_normal(motion.trans_m.shape)
+    return replace(motion, pose=pose.as_rotvec().reshape(motion.pose.shape), trans_m=trans_m)
+
+
+def apart_rad(one: StoredMotion, other: StoredMotion) -> np.ndarray:
+    turns = (Rotation.from_rotvec(m.pose.reshape(-1, 3)) for m in (one, other))
+    first, second = turns
+    return (first.inv() * second).magnitude().reshape(len(one.pose), -1)
+
+
+def test_what_people_do_stays_where_and_when_it_was() -> None:
+    """But for the ends, where a filter knows one side only; a root that turns round stays whole."""
+    found, inside = smoothed(slow(), 8.0), slice(30, -30)
+    assert apart_rad(found, slow())[inside].max() < 1e-3
+    assert np.abs(found.trans_m - slow().trans_m)[inside].max() < 1e-4
+
+
+def test_noise_is_left_out() -> None:
+    noisy = trembling(slow())
+    found = smoothed(noisy, 8.0)
+    for measure in (
+        lambda m: apart_rad(m, slow())[30:-30].std(),
+        lambda m: (m.trans_m - slow().trans_m)[30:-30].std(),
+        lambda m: 10 * np.diff(m.trans_m, 2, axis=0)[30:-30].std(),
+    ):
+        assert measure(found) < 0.5 * measure(noisy)
+    assert tremor_mm(noisy.trans_m[::2], FPS / 2) > 1
+    assert tremor_mm(found.trans_m[::2], FPS / 2) < 0.45
+
+
+def test_a_cut_stays_one() -> None:
+    whole = slow(240)
+    trans_m = whole.trans_m + np.where(np.arange(240) < 120, 0.0, 3.0)[:, None]
+    found = smoothed(replace(whole, trans_m=trans_m), 8.0)
+    np.testing.assert_allclose(found.trans_m[118:122, 0], [0, 0, 3, 3], atol=1e-9)
+    one = StoredMotion(whole.pose[:1], whole.trans_m[:1], np.zeros(10), "unknown", FPS, None)
+    np.testing.assert_allclose(smoothed(one, 8.0).trans_m, one.trans_m)
+
+
+@pytest.mark.parametrize("cutoff_hz", [0.0, 60.0, np.nan])
+def test_a_rate_that_the_motion_lacks_is_refused(cutoff_hz: float) -> None:
+    with pytest.raises(DsnetError, match="120 frames a second, smoothed at"):
+        smoothed(slow(), cutoff_hz)
+
+
+def test_a_file_that_trembles_is_named_and_then_smoothed(tmp_path: Path) -> None:
+    noisy = trembling(slow())
+    path = tmp_path / "walk.npz"
+    poses = np.zeros((480, 156))
+    poses[:, :66] = noisy.pose.reshape(480, 66)
+    save(path, smplh(480, FPS), poses=poses, trans=noisy.trans_m)
+    raw, still = load_motion_file(path), load_motion_file(path, smooth_hz=8.0)
+    (line,) = doubts_about(raw, pieces_between_cuts(raw.theta))
+    assert "walk.npz trembles by" in line
+    assert "--smooth-hz 8 leaves that out" in line
+    assert doubts_about(still, pieces_between_cuts(still.theta)) == []
+    assert (raw.smooth_hz, still.smooth_hz) == (None, 8.0)
+    assert len(raw.theta) == len(still.theta)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_no_motion_of_ours_trembles(name: str) -> None:
+    motion = load_motion_file(sample_path(name))
+    assert tremor_mm(unpack_theta(motion.theta)[1], motion.fps) < 0.2
+
+
+@pytest.mark.licensed
+@pytest.mark.skipif(not SAMPLE.is_file(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
+def test_a_real_jumping_jack_at_its_own_rate_does_not_tremble() -> None:
+    motion = load_motion_file(SAMPLE, 60.0)
+    assert tremor_mm(unpack_theta(motion.theta)[1], motion.fps) < 0.2
