@@ -58,7 +58,7 @@ class ComparisonConfig:
     profile: str = "demo"
     """Sizes: smoke, demo or paper."""
     amass: Path | None = None
-    """Folder of AMASS files that become test motions too."""
+    """Folder of AMASS files or BVHs that become test motions too."""
     amass_fps: float | None = None
     """Frames per second of these files, where what they say of themselves is wrong."""
     prefix: str = "compared"
@@ -112,7 +112,7 @@ def _score(config: ComparisonConfig, corpus: str) -> None:
         if kept is not None and not missing:
             continue
         if not ready:
-            prepare(run, config.profile, corpus, config.amass, config.amass_fps)
+            prepare(run, config.profile, corpus, config.amass, amass_fps=config.amass_fps)
             prepare_dsnet(run, config.profile)
             ready = True
         train_dsnet(run, config.profile, seed, missing, config.epochs)

@@ -13,6 +13,7 @@ from benchmarks.prediction.corpora import dsnet, score_files, scores_of
 from bridge.errors import DsnetError
 from bridge.measure.stage_evaluate import TRUE, offset_sizes_m
 from bridge.motion.cells import CELLS
+from bridge.motion.sequences import is_real_motion
 from bridge.runs import Artifact, Run
 
 _SAME = ("profile", "epochs", "test_bed", "sequences")
@@ -83,7 +84,7 @@ def sizes_over_time(evaluated: Artifact) -> dict[str, Any]:
     unseen = [s for s in evaluated.manifest["per_sequence"] if s["cell"] == list(CELLS)[-1]]
     if not unseen:
         return {}
-    shown = next((s for s in unseen if "_amass_" in s["name"]), unseen[0])["name"]
+    shown = next((s for s in unseen if is_real_motion(s["name"])), unseen[0])["name"]
     sizes = {
         name: offset_sizes_m(evaluated, name, shown)
         for name in (TRUE, *evaluated.manifest["predictors"])

@@ -62,12 +62,16 @@ def registered() -> tuple[str, ...]:
 
 
 def prepare(
-    run: str, profile: str, corpus: str, amass: Path | None, amass_fps: float | None = None
+    run: str, profile: str, corpus: str, amass: Path | None, **real_motions: float | None
 ) -> None:
-    """Make a corpus and align it with the robust aligner; what is current is kept."""
+    """Make a corpus and align it with the robust aligner; what is current is kept.
+
+    `real_motions` are the options of `dsnet corpus` about those of `amass`, such as `amass_fps`.
+    """
     real = () if amass is None else ("--amass", str(amass))
-    if amass_fps is not None:
-        real += ("--amass-fps", f"{amass_fps:g}")
+    for name, value in real_motions.items():
+        if value is not None:
+            real += (f"--{name.replace('_', '-')}", f"{value:g}")
     dsnet("corpus", run, profile, *CORPORA[corpus], *real)
     dsnet("align", run, profile, "--aligner", "robust")
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from statistics import mean, stdev
 from typing import Any
 
+from bridge.motion.sequences import is_real_motion
+
 
 def summary(values: Sequence[float | None], form: str) -> str:
     """Mean over seeds, with the standard deviation where there are several; empty if one lacks."""
@@ -18,7 +20,7 @@ def summary(values: Sequence[float | None], form: str) -> str:
 
 def is_real(sequence: Mapping[str, Any]) -> bool:
     """Whether a test sequence is a recorded motion with simulated tissue."""
-    return "_amass_" in sequence["name"]
+    return is_real_motion(sequence["name"])
 
 
 def without_real(score: Mapping[str, Any], cell: str) -> list[Mapping[str, Any]]:

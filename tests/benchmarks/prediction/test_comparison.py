@@ -92,7 +92,7 @@ def test_finished_scores_become_a_page_and_figures(tmp_path, no_training):
 @pytest.mark.parametrize(
     ("plus", "rival", "said"),
     [
-        ((0.90, 0.91), (0.5, 0.6), "DSNet+ has the least error in every cell outside"),
+        ((0.90, 0.91), (0.5, 0.6), "DSNet+ has the least error in every cell, with its worst seed"),
         ((0.80, 0.90), (0.7, 0.84), "but not for: known person, known motion; known"),
         ((0.5, 0.6), (0.90, 0.91), "but not for: known person, known motion; known"),
     ],
