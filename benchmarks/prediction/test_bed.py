@@ -67,9 +67,13 @@ class TestBedConfig:
     profile: str = "demo"
     """Sizes: smoke, demo or paper."""
     amass: Path | None = None
-    """Folder of AMASS files that become test motions too."""
+    """Folder of AMASS files or BVHs that become test motions too."""
     amass_fps: float | None = None
     """Frames per second of these files, where what they say of themselves is wrong."""
+    amass_seconds: float | None = None
+    """Longest part of each that is used; None: the 20 of `dsnet corpus`."""
+    amass_smooth_hz: float | None = None
+    """What is faster in these motions is left out; None: nothing."""
     prefix: str = "bed"
     """Runs are named <prefix>_<corpus>."""
 
@@ -107,7 +111,9 @@ def _score(config: TestBedConfig, corpus: str) -> None:
         if path.exists():
             continue
         if not ready:
-            prepare(run, config.profile, corpus, config.amass, config.amass_fps)
+            prepare(run, config.profile, corpus, config.amass,
+                    amass_fps=config.amass_fps, amass_seconds=config.amass_seconds,
+                    amass_smooth_hz=config.amass_smooth_hz)  # fmt: skip
             if config.dsnet:
                 prepare_dsnet(run, config.profile)
             ready = True
