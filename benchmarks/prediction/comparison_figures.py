@@ -113,11 +113,12 @@ def _draw_over_time(path: Path, score: Mapping[str, Any]) -> None:
     true = np.array(shown["true"])
     for axis, name in zip(axes.flat, names, strict=False):
         seconds = np.arange(len(true)) / _FPS
-        axis.fill_between(seconds, true, color="lightgrey", label="truth")
+        axis.fill_between(seconds, true, color="lightgrey")
         axis.plot(seconds, shown[name], color=_PLUS if name == BEST else _NEW, linewidth=0.9)
         axis.set_title(score["labels"][name], fontsize=7.5)
         axis.set_ylim(0, 1.6 * true.max())
     for axis in axes.flat[len(names) :]:
         axis.set_axis_off()
+    axes[-1, columns // 2].set_xlabel("time [s]; grey: the truth", fontsize=8)
     figure.supylabel("mean over vertices [mm]", fontsize=8)
     save_figure(figure, path)
