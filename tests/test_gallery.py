@@ -16,7 +16,15 @@ from bridge.runtime.characters import open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
 from tests.forged.cyclic import circling
 from tools import build_gallery
-from tools.build_gallery import MAKERS, PICTURES, Gallery, main
+from tools.build_gallery import (
+    FREE_FILE,
+    MAKERS,
+    PICTURES,
+    RECORDED,
+    UNPUBLISHED,
+    Gallery,
+    main,
+)
 from tools.gallery.laps import best_lap, closed_lap
 from tools.gallery.performed import performed
 from tools.gallery.stills import Look, Moment, draw_lying, draw_upright
@@ -30,11 +38,44 @@ def test_every_picture_is_there_and_on_the_page_with_its_command():
     page = (ROOT / "docs" / "gallery.md").read_text()
     assert {path.name for path in PICTURES.iterdir()} == set(MAKERS)
     assert set(re.findall(r"images/gallery/([\w.]+)", page)) == set(MAKERS)
-    commands = set(
-        re.findall(r"`python -m tools.build_gallery (?:--run demo )?--only (\S+)`", page)
-    )
+    options = r"(?:--run demo )?(?:--recording \S+ )?--only (\S+)"
+    commands = set(re.findall(rf"`python -m tools.build_gallery {options}`", page))
     assert commands == set(MAKERS)
     assert "synthetic" in page.lower()
+
+
+def test_the_recorded_clip_is_named_on_the_page_as_its_makers_ask():
+    page = (ROOT / "docs" / "gallery.md").read_text()
+    section = " ".join(page.partition("## Recorded jumps")[2].partition("\n## ")[0].split())
+    for said in (
+        "The data used in this project was obtained from [mocap.cs.cmu.edu]",
+        "The database was created with funding from NSF EIA-0196217.",
+        "Bodies and tissue synthetic, motion recorded",
+        f"--recording {FREE_FILE} --only {RECORDED}`",
+        "subject 01",
+        "motion 01",
+    ):
+        assert said in section
+    assert "motions are synthetic too, but for [one" in " ".join(page.split())
+
+
+def test_no_other_recording_is_in_the_pages():
+    """Clips say of which file they are; those of the synthetic corpus are its takes'."""
+    names = {}
+    for path in PICTURES.glob("*.gif"):
+        with Image.open(path) as clip:
+            (motion,) = re.findall(rb"motion (\S+), controls", clip.info["comment"])
+            names[path.name] = motion.decode()
+    assert names.pop(RECORDED) == FREE_FILE
+    assert [name for name in names.values() if not re.match(r"50\d{3}_\w+_poses\.npz$", name)] == []
+
+
+def test_the_recorded_clip_is_smoothed_and_shows_some_seconds_as_wide_as_it_is():
+    page = (ROOT / "docs" / "gallery.md").read_text()
+    with Image.open(PICTURES / RECORDED) as clip:
+        assert b'"smooth_hz": 8.0' in clip.info["comment"]
+        assert 3.0 <= getattr(clip, "n_frames", 1) * clip.info["duration"] / 1000 <= 5.0
+        assert f'<img src="images/gallery/{RECORDED}" width="{clip.size[0]}"' in page
 
 
 @pytest.mark.parametrize("name", MAKERS)
@@ -107,6 +148,63 @@ def test_a_lap_of_the_sample_closes():
     # The step over the seam is as long as its neighbours'.
     steps = np.abs(np.diff(np.concatenate([lap[-2:], lap[:2]]), axis=0)).max(axis=1)
     assert steps[1] < 1.5 * max(steps[0], steps[2])
+
+
+@pytest.fixture
+def stubs(tmp_path, monkeypatch) -> dict[str, dict]:
+    """Makers that write a line; how recorded motions were to be drawn, by picture."""
+    drawn = {}
+
+    def draw_recording(config, path, file, **asked):
+        drawn[path.name] = {"file": file, **asked}
+        path.write_text("a clip")
+
+    makers = dict.fromkeys(MAKERS, lambda config, path: path.write_text("a picture"))
+    monkeypatch.setattr(build_gallery, "MAKERS", makers | {RECORDED: MAKERS[RECORDED]})
+    monkeypatch.setattr(build_gallery, "recorded_motion", draw_recording)
+    monkeypatch.setattr(build_gallery, "UNPUBLISHED", tmp_path / "unpublished")
+    return drawn
+
+
+def test_without_a_recording_all_others_are_made(stubs, tmp_path):
+    main(Gallery(out=tmp_path / "out"))
+    made = {path.name for path in (tmp_path / "out").iterdir()}
+    assert made == set(MAKERS) - {RECORDED}
+    assert not stubs
+
+
+@pytest.mark.parametrize("name", ["walk_poses.npz", FREE_FILE])
+@pytest.mark.parametrize("only", [(), ("shapes.png",)])
+def test_a_recording_goes_nowhere_near_the_pages_unasked(stubs, tmp_path, name, only):
+    out, file = tmp_path / "out", tmp_path / name
+    main(Gallery(only=only, recording=file, out=out))
+    clip = f"{file.stem}.gif"
+    assert [path.name for path in (tmp_path / "unpublished").iterdir()] == [clip]
+    assert stubs == {clip: {"file": file}}
+    assert tuple(path.name for path in out.glob("*")) == only
+
+
+def test_where_recordings_go_git_does_not_look():
+    assert UNPUBLISHED.relative_to(ROOT).parts[0] == "build"
+    assert "build/" in (ROOT / ".gitignore").read_text().splitlines()
+
+
+def test_the_free_recording_goes_into_the_pages_by_name(stubs, tmp_path):
+    main(Gallery(only=(RECORDED,), recording=tmp_path / FREE_FILE, out=tmp_path / "out"))
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [RECORDED]
+    assert not (tmp_path / "unpublished").exists()
+    assert stubs[RECORDED]["recorded"] == "CMU, subject 01, motion 01"
+    shown = stubs[RECORDED]["shown"]
+    assert 3 * 60 <= shown.stop - shown.start <= 5 * 60
+
+
+@pytest.mark.parametrize("name", ["walk_poses.npz", "02_04.bvh", None])
+def test_another_recording_does_not_get_into_the_pages(stubs, tmp_path, name):
+    file = name and tmp_path / name
+    with pytest.raises(DsnetError, match=rf"expected CMU's {FREE_FILE}.*build/gallery"):
+        main(Gallery(only=(RECORDED,), recording=file, out=tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+    assert not stubs
 
 
 def test_an_unknown_picture_is_refused(tmp_path):

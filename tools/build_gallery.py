@@ -1,11 +1,14 @@
 """Make the pictures of moving bodies in README and docs/gallery.md.
 
-    python -m tools.build_gallery --run demo [--only landing.png gains.png] [--amass FILE]
+    python -m tools.build_gallery --run demo [--only landing.png gains.png]
+    python -m tools.build_gallery --run demo --recording FILE [--only recorded_jumps.gif]
 
 `--run` is the run of `./reproduce.sh`: its DSNet, its DSNet+ and its simulated truth stand beside
-each other; shapes and gains are of the packaged model. Nothing is written into the run. A motion of
-AMASS (`--amass`) becomes a clip in `build/gallery/`, not in `docs/`: AMASS's licence does not let
-others publish its motions.
+each other; shapes and gains are of the packaged model. Nothing is written into the run.
+
+A recorded motion (`--recording`, AMASS's or a BVH) becomes a clip in `build/gallery/`, not in
+`docs/`: AMASS's licence does not let others publish its motions. The only one that goes into
+`docs/` is `recorded_jumps.gif`, if it is asked for by name, of the one file whose makers allow it.
 """
 
 from __future__ import annotations
@@ -14,12 +17,16 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.export import gif
+from bridge.motion import load_motion_file
 from bridge.runs import Run
 from bridge.runs.processes import run_as_process
 from bridge.runtime.characters import open_for_motion
@@ -41,6 +48,13 @@ PICTURES, UNPUBLISHED = ROOT / "docs" / "images" / "gallery", ROOT / "build" / "
 SAMPLE = Path("sample:jumping_jacks")
 _FRAMES_A_PICTURE = 3
 """Of a GIF: 20 pictures a second."""
+RECORDED = "recorded_jumps.gif"
+FREE_FILE, FREE_OF = "01_01.bvh", "CMU, subject 01, motion 01"
+"""The recording that it shows. CMU lets everybody copy, change and hand on its motions."""
+_JUMPS = slice(165, 345)
+"""Two of its jumps, at 60 fps; after them she stands as before, within 10 degrees and 4 mm."""
+_SMOOTH_HZ = 8.0
+"""Recordings tremble, which shakes flesh."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +64,10 @@ class Gallery:
     run: str = "demo"
     """Run whose predictors are shown."""
     only: tuple[str, ...] = ()
-    """Names of pictures; all when left out."""
-    amass: Path | None = None
-    """A motion file of AMASS, for a clip that stays on this machine."""
+    """Names of pictures; when left out all but that of a recording, or with --recording none."""
+    recording: Path | None = None
+    """A recorded motion, for a clip that stays on this machine; with --only recorded_jumps.gif the
+    file that is shown there."""
     out: Path = PICTURES
     """Folder to write."""
     look: Look = field(default_factory=Look)
@@ -65,30 +80,71 @@ def main(config: Gallery) -> None:
     Raises
     ------
     DsnetError
-        If a picture's name is unknown, or the run lacks what it shows.
+        If a picture's name is unknown, or the run or the recording is not one that it shows.
     """
     if unknown := set(config.only) - set(MAKERS):
         raise DsnetError(
             f"--only {' '.join(sorted(unknown))}", f"names among {', '.join(MAKERS)}", "Pass these."
         )
-    config.out.mkdir(parents=True, exist_ok=True)
-    for name in config.only or MAKERS:
-        with tempfile.TemporaryDirectory() as folder:
-            MAKERS[name](config, Path(folder) / name)
-            print(shutil.move(Path(folder) / name, config.out / name))
-    if config.amass is not None:
-        print(real_motion(config, config.amass))
+    of_a_run = [name for name in MAKERS if name != RECORDED]
+    for name in config.only or (of_a_run if config.recording is None else ()):
+        _make(config, config.out / name, MAKERS[name])
+    if config.recording is not None and RECORDED not in config.only:
+        clip = partial(recorded_motion, file=config.recording)
+        _make(config, UNPUBLISHED / f"{config.recording.stem}.gif", clip)
+
+
+def _make(config: Gallery, path: Path, maker: Callable[[Gallery, Path], None]) -> None:
+    """One picture, whole or not at all."""
+    with tempfile.TemporaryDirectory() as folder:
+        maker(config, Path(folder) / path.name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        print(shutil.move(Path(folder) / path.name, path))
 
 
 def jumping_jacks(config: Gallery, path: Path, kind: str = "jumping_jacks") -> None:
     """A clip of one round of a motion: SMPL alone, the run's DSNet, its best predictor."""
-    run = Run(config.run)
-    file, moving = motion_of_kind(run, kind), []
-    for name in (shown_dsnet(run), None):
-        character, motion = open_for_motion(run, name, file)
-        one_round = replace(motion, theta=closed_lap(motion.theta, _FRAMES_A_PICTURE))
-        moving.append(controlled_body(character, one_round, Controls(loop=True)))
-    gif.write(path, *moving, body_px=config.look.body_px)
+    file = motion_of_kind(Run(config.run), kind)
+    lap = partial(closed_lap, multiple=_FRAMES_A_PICTURE)
+    gif.write(path, *_moved(config, file, lap, Controls(loop=True)), body_px=config.look.body_px)
+
+
+def recorded_jumps(config: Gallery, path: Path) -> None:
+    """Two jumps that somebody really did, of the one recording that may be shown here."""
+    if config.recording is None or config.recording.name != FREE_FILE:
+        raise DsnetError(
+            f"--only {RECORDED} with --recording {config.recording}",
+            f"CMU's {FREE_FILE}, which may be handed on",
+            f"Pass --recording {FREE_FILE}, or leave out --only: a clip of another recording goes "
+            "to build/gallery.",
+        )
+    recorded_motion(config, path, config.recording, shown=_JUMPS, recorded=FREE_OF)
+
+
+def recorded_motion(
+    config: Gallery,
+    path: Path,
+    file: Path,
+    shown: slice = slice(None),
+    recorded: str = "",
+    person_of: str = "jumping_jacks",
+) -> None:
+    """A recorded motion as a clip: SMPL alone, the run's DSNet, its best predictor.
+
+    Parameters
+    ----------
+    file : AMASS's or a BVH.
+    shown : frames of it at 60 fps; before them nothing has moved.
+    recorded : whose it is; its file's name when empty.
+    person_of : kind of the run's test motion whose person moves so.
+    """
+    person = load_motion_file(motion_of_kind(Run(config.run), person_of))
+    betas = ",".join(f"{beta:g}" for beta in person.betas)
+    asked = Controls(betas=betas, floor="shift", smooth_hz=_SMOOTH_HZ)
+    moving = _moved(config, file, itemgetter(shown), asked)
+    # Even, and smaller than of a lap: three seconds have twice as many pictures.
+    body_px = config.look.body_px * 4 // 9 * 2
+    gif.write(path, *moving, body_px=body_px, recorded=recorded or file.name)
 
 
 def landing(config: Gallery, path: Path, kind: str = "jumping_jacks") -> None:
@@ -125,22 +181,26 @@ def gains(config: Gallery, path: Path) -> None:
     _draw_asked(config, path, asked, "The gain multiplies the skin's dynamics")
 
 
-def real_motion(config: Gallery, file: Path) -> Path:
-    """A clip of a recorded motion under the run's best predictor; returns where it is."""
-    UNPUBLISHED.mkdir(parents=True, exist_ok=True)
-    path = UNPUBLISHED / f"{file.stem}.gif"
-    character, motion = open_for_motion(Run(config.run), None, file)
-    gif.write(path, controlled_body(character, motion, Controls()), body_px=config.look.body_px)
-    return path
-
-
 MAKERS: dict[str, Callable[[Gallery, Path], None]] = {
     "jumping_jacks.gif": jumping_jacks,
+    RECORDED: recorded_jumps,
     "landing.png": landing,
     "gravity.png": gravity,
     "shapes.png": shapes,
     "gains.png": gains,
 }
+
+
+def _moved(
+    config: Gallery, file: Path, part: Callable[[NDArray], NDArray], controls: Controls
+) -> list[MovingBody]:
+    """A part of a motion (T, 69), by the run's DSNet and by its best predictor."""
+    run, moving = Run(config.run), []
+    for name in (shown_dsnet(run), None):
+        character, motion = open_for_motion(run, name, file, smooth_hz=controls.smooth_hz)
+        motion = replace(motion, theta=part(motion.theta))
+        moving.append(controlled_body(character, motion, controls))
+    return moving
 
 
 def _beside_the_truth(run: Run, kind: str) -> tuple[list[Performed], MovingBody]:

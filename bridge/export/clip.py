@@ -27,9 +27,12 @@ class RenderedClip:
     moving : the same body in the same motion, moved by one predictor or several.
     fps : pictures a second; those frames are drawn that come nearest below the motion's rate.
     body_px : room for each body, from left to right; an even number.
+    recorded : whose motion it is, if it was recorded.
     """
 
-    def __init__(self, moving: Sequence[MovingBody], *, fps: float, body_px: int) -> None:
+    def __init__(
+        self, moving: Sequence[MovingBody], *, fps: float, body_px: int, recorded: str = ""
+    ) -> None:
         self._moving, self._body = moving, moving[0].character.body
         self._motion = motion = moving[0].motion
         self._step = max(1, round(motion.fps / fps))
@@ -43,6 +46,7 @@ class RenderedClip:
             titles=("SMPL alone", *(one.character.chosen.label for one in moving)),
             top_m=self._stage.top_m,
             origin=moving[0].character.chosen.trained.origin,
+            recorded=recorded,
         )
 
     @property

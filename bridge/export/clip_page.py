@@ -11,7 +11,7 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from bridge.report.panels import FOOTERS, MAGNITUDE_COLOURS
+from bridge.report.panels import MAGNITUDE_COLOURS, footer
 from bridge.runs.artifact import DataOrigin
 
 BAR_PX = 62
@@ -27,6 +27,7 @@ class ClipPage:
     width_px, height_px : of the picture, even numbers.
     titles : of the bodies, from left to right.
     top_m : what the darkest colour means.
+    recorded : whose motion it is, if it was recorded.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class ClipPage:
         titles: tuple[str, ...],
         top_m: float,
         origin: DataOrigin,
+        recorded: str = "",
     ) -> None:
         self._picture_px = width_px, height_px
         self.size_px = width_px + BAR_PX, height_px + _TITLE_PX + _FOOT_PX
@@ -48,7 +50,8 @@ class ClipPage:
             title_px = min(max(column_px / 16, 10), 18)
             self._write(figure, (column + 0.5) * column_px, 8, title, title_px)
         below_px = _TITLE_PX + height_px + 5
-        foot = self._write(figure, self.size_px[0] / 2, below_px, FOOTERS[origin], 11)
+        text = footer(origin, recorded)
+        foot = self._write(figure, self.size_px[0] / 2, below_px, text, 11)
         foot.set(color="#8a4b00", style="italic")
         self._draw_bar(figure, top_m)
         canvas = FigureCanvasAgg(figure)

@@ -16,12 +16,13 @@ LONGEST_S = 60.0
 _FPS, _BODY_PX = 20.0, 210
 
 
-def write(path: Path, *moving: MovingBody, body_px: int = _BODY_PX) -> None:
+def write(path: Path, *moving: MovingBody, body_px: int = _BODY_PX, recorded: str = "") -> None:
     """Write the file; of several predictors each moves a body of its own, in the same motion.
 
     Parameters
     ----------
     body_px : room for each body, from left to right; an even number.
+    recorded : whose motion it is, if it was recorded; stands below the pictures.
 
     Raises
     ------
@@ -35,7 +36,7 @@ def write(path: Path, *moving: MovingBody, body_px: int = _BODY_PX) -> None:
             f"at most {LONGEST_S:.0f} s",
             "Pass --to mp4, or a shorter motion.",
         )
-    clip = RenderedClip(moving, fps=_FPS, body_px=body_px)
+    clip = RenderedClip(moving, fps=_FPS, body_px=body_px, recorded=recorded)
     palette = clip.with_all_colours().quantize(method=Image.Quantize.MAXCOVERAGE, kmeans=3)
     pages = (page.quantize(palette=palette, dither=Image.Dither.NONE) for page in clip)
     next(pages).save(

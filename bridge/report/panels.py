@@ -18,11 +18,19 @@ from bridge.runs.artifact import DataOrigin
 
 # Perceptually uniform, and light where nothing happens, so that a body still looks like one.
 MAGNITUDE_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.03, 0.85, 256)))
+_NOBODY = ", no person was measured"
 FOOTERS = {
-    "synthetic": "synthetic: body model and soft tissue are computed, no person was measured",
+    "synthetic": f"synthetic: body model and soft tissue are computed{_NOBODY}",
     "licensed": "made from licensed body model and meshes",
 }
 _DPI = 150
+
+
+def footer(origin: DataOrigin, recorded: str = "") -> str:
+    """What kind of data a picture shows, and whose motion if it was recorded."""
+    if not recorded:
+        return FOOTERS[origin]
+    return f"{FOOTERS[origin].removesuffix(_NOBODY)}; motion recorded: {recorded}"
 
 
 def magnitude_colours(magnitude_m: ArrayLike, top_m: float) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from bridge.body.posing import shaped_joints
 from bridge.export import gif
 from bridge.export.clip_stage import set_stage
 from bridge.motion import pack_theta, unpack_theta
+from bridge.report.panels import FOOTERS, footer
 from bridge.runtime.moving_body import MovingBody
 from tests.bridge.export.conftest import moving_body
 
@@ -58,6 +59,20 @@ def test_several_predictors_side_by_side(short, tmp_path):
     assert min((column.min(axis=-1) < 230).mean() for column in columns) > 0.05
     alone, still, moved = (np.quantile(np.ptp(column, axis=-1), 0.99) for column in columns)
     assert alone < 50 < still < moved
+
+
+def test_a_recorded_motion_is_said_below_the_pictures(short, tmp_path):
+    pages = []
+    for recorded in ("", "somebody"):
+        gif.write(tmp_path / "body.gif", short, body_px=300, recorded=recorded)
+        with Image.open(tmp_path / "body.gif") as clip:
+            pages.append(np.asarray(clip.convert("RGB")).astype(int))
+    differs = np.abs(pages[0] - pages[1]).max(axis=(1, 2)) > 100
+    assert differs[-22:].any()
+    assert not differs[:-22].any()
+    said = "synthetic: body model and soft tissue are computed; motion recorded: somebody"
+    assert footer("synthetic", "somebody") == said
+    assert footer("licensed", "somebody").startswith(FOOTERS["licensed"])
 
 
 def assert_bodies_side_by_side(page, bar_px):
