@@ -20,7 +20,7 @@ from bridge.runtime.moving_body import MovedFrames, MovingBody
 FRAMES_FITTED = 256
 """At most so many frames, evenly spaced, are looked at for directions."""
 MOST_SHAPES = 64
-"""Engines grow slow with more."""
+"""Directions at most; engines grow slow with more. A frame uses one shape of each."""
 ENOUGH_M = 2e-4
 """Largest error of a vertex in the frames that are looked at, where fewer than the most do."""
 

@@ -1,8 +1,9 @@
 """The moving body as UsdSkel has it: SMPL's skeleton and weights, and blend shapes for the rest.
 
 Joint rotations and skinning weights are SMPL's, exactly. What SMPL and the predictor add before
-skinning becomes blend shapes with a weight a frame (`blend_shapes`), each scaled so that its
-weight stays within 1. The largest error that this makes is written into the prim's custom data.
+skinning becomes blend shapes with a weight a frame (`blend_shapes`): for each direction one shape
+along it and one against it, scaled so that weights stay within 0 and 1, for Blender cuts off what
+is below. The largest error that this makes is written into the prim's custom data.
 """
 
 # USD's modules are compiled and come without types.
@@ -43,22 +44,31 @@ class SkeletonVariant:
 
     def write(self, stage: Usd.Stage, root: str, mesh: str) -> None:
         """Define the skeleton below `root`, and bind `mesh`, where the stage is edited now."""
-        weights_m = np.concatenate(self._weights_m)
-        reach_m = np.maximum(np.abs(weights_m).max(axis=0), 1e-9)
+        names, directions, weights_m = self._one_sided()
+        reach_m = weights_m.max(axis=0)
         skel_root = UsdSkel.Root.Define(stage, root)
         skel_root.GetPrim().SetCustomDataByKey("largest_error_mm", 1e3 * self.error_m)
         skeleton = self._write_skeleton(stage, f"{root}/Skeleton")
-        names = [f"shape_{number:02d}" for number in range(len(reach_m))]
         animation = self._write_animation(stage, f"{root}/Animation", names, weights_m / reach_m)
         UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
         UsdSkel.BindingAPI(skeleton).CreateAnimationSourceRel().SetTargets([animation.GetPath()])
         binding = self._bind_mesh(stage, mesh, skeleton)
         binding.CreateBlendShapesAttr(Vt.TokenArray(names))
         targets = binding.CreateBlendShapeTargetsRel()
-        for name, direction, reach in zip(names, self._shapes.directions, reach_m, strict=True):
+        for name, direction, reach in zip(names, directions, reach_m, strict=True):
             shape = UsdSkel.BlendShape.Define(stage, f"{mesh}/{name}")
             shape.CreateOffsetsAttr(_vectors(direction.reshape(-1, 3) * reach))
             targets.AddTarget(shape.GetPath())
+
+    def _one_sided(self) -> tuple[list[str], NDArray[np.float32], NDArray[np.float32]]:
+        """Names, directions (K', 3V) and weights (T, K') >= 0 of all that some frame takes."""
+        weights_m, along = np.concatenate(self._weights_m), self._shapes.directions
+        sides = {"plus": 1, "minus": -1}
+        names = [f"shape_{number:02d}_{side}" for side in sides for number in range(len(along))]
+        directions = np.concatenate([sign * along for sign in sides.values()])
+        sided_m = np.concatenate([(sign * weights_m).clip(0) for sign in sides.values()], axis=1)
+        taken = np.flatnonzero(sided_m.any(axis=0))
+        return [names[number] for number in taken], directions[taken], sided_m[:, taken]
 
     @property
     def _joints_m(self) -> NDArray[np.float64]:

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ pytest.importorskip("pxr")
 from pxr import Gf, Usd, UsdGeom, UsdSkel, UsdValidation
 
 from bridge.export import usd
+from tools.try_blender import SELECT, told
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +96,7 @@ def test_usds_own_skinning_gives_the_body_within_the_error_that_it_states(perfor
     stated_m = 1e-3 * root.GetCustomDataByKey("largest_error_mm")
     assert root.GetTypeName() == "SkelRoot"
     weights = samples(UsdSkel.Animation.Get(stage, "/Body/Animation").GetBlendShapeWeightsAttr())
-    assert np.abs(weights).max() == pytest.approx(1.0)
+    assert (weights.min(), weights.max()) == (0.0, pytest.approx(1.0))
     assert UsdSkel.BakeSkinning(UsdSkel.Root(root), Gf.Interval(0, FRAMES - 1))
     baked = samples(mesh.GetPointsAttr())
     error_m = np.linalg.norm(baked - performed.vertices_m, axis=-1)
@@ -101,6 +104,17 @@ def test_usds_own_skinning_gives_the_body_within_the_error_that_it_states(perfor
     assert error_m.max() <= stated_m + 2e-5
     moved_m = np.abs(np.diff(performed.vertices_m, axis=0)).max()
     assert moved_m > 20 * stated_m
+
+
+def test_the_command_on_the_page_selects_the_skeleton(path, stage, tmp_path):
+    (tmp_path / "BODY.usd").symlink_to(path)
+    subprocess.run([sys.executable, "-c", *told("USD", SELECT)], cwd=tmp_path, check=True)
+    selected = Usd.Stage.Open(str(tmp_path / "SKELETON.usd"))
+    select(stage, "skeleton")
+    for opened in (selected, stage):
+        assert opened.GetDefaultPrim().GetTypeName() == "SkelRoot"
+    stated = [s.GetDefaultPrim().GetCustomDataByKey("largest_error_mm") for s in (selected, stage)]
+    assert stated[0] == stated[1] > 0
 
 
 def test_blend_shapes_are_orthonormal_and_all_that_a_short_motion_needs(character):
