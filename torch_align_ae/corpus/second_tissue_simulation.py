@@ -16,8 +16,8 @@ from torch_align_ae.corpus.second_tissue_parameters import layer_parameters, mus
 from torch_align_ae.corpus.simulation import skin
 
 _LEAST_RATE_HZ = 120.0
-# A parabola through as many frames tells the acceleration, less roughly than three would.
-_PARABOLA_FRAMES = 5
+PARABOLA_FRAMES = 5
+"""A parabola through as many frames tells the acceleration, less roughly than three would."""
 # Angular acceleration and angle of a joint at which its muscles are at 63 % of their tension, and
 # how long they take to get there.
 _EFFORT_RAD_S2, _EFFORT_RAD = 120.0, 1.6
@@ -32,10 +32,20 @@ class SecondTissueSimulator:
     smpl : float64 body model.
     betas : (10,) shape of the subject.
     gravity : whether turned limbs hang.
+    parabola_frames : of the motion, an odd number: through so many a parabola tells the
+        acceleration.
     """
 
-    def __init__(self, smpl: SMPL, betas: Array, *, gravity: bool = True) -> None:
-        self.smpl, self.betas, self._gravity = smpl, betas, gravity
+    def __init__(
+        self,
+        smpl: SMPL,
+        betas: Array,
+        *,
+        gravity: bool = True,
+        parabola_frames: int = PARABOLA_FRAMES,
+    ) -> None:
+        self.smpl, self.betas = smpl, betas
+        self._gravity, self._parabola_frames = gravity, parabola_frames
         self._vertices = shaped_vertices(smpl.data, betas[None])[0]
         self._parameters = layer_parameters(smpl.data, betas)
         self._layers: dict[float, FleshLayer] = {}
@@ -49,7 +59,13 @@ class SecondTissueSimulator:
         substeps = max(1, int(np.ceil(_LEAST_RATE_HZ / fps - 1e-9)))
         layer = self._layer(substeps * fps)
         loads = rest_frame_load(
-            self.smpl, self.betas, theta, fps, layer.free, gravity=self._gravity
+            self.smpl,
+            self.betas,
+            theta,
+            fps,
+            layer.free,
+            gravity=self._gravity,
+            parabola_frames=self._parabola_frames,
         )
         tension = self._tension(theta, fps)[:, layer.free, None]
         result = np.zeros((len(theta), self.smpl.vertex_count, 3), np.float32)
@@ -118,13 +134,15 @@ def rest_frame_load(
     selected: NDArray[np.integer],
     *,
     gravity: bool = True,
+    parabola_frames: int = PARABOLA_FRAMES,
 ) -> Array:
     """f = R^T (g - x'') - g (T, N, 3), m/s^2, of the `selected` vertices (N,).
 
-    x'' is that of parabolas fitted to five frames. In the first frame the body is held: x'' is 0.
+    x'' is that of parabolas fitted to `parabola_frames`. In the first frame the body is held: x''
+    is 0.
     """
     vertices, rotations = skin(smpl, betas, theta, selected)
-    width = min(_PARABOLA_FRAMES, len(theta) - 1 + len(theta) % 2)
+    width = min(parabola_frames, len(theta) - 1 + len(theta) % 2)
     acceleration = np.zeros_like(vertices)
     if width >= 3:
         acceleration = savgol_filter(vertices, width, 2, deriv=2, delta=1 / fps, axis=0)
