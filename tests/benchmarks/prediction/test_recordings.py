@@ -52,7 +52,8 @@ def test_clips_of_real_motions_are_summed_up_for_known_and_new_people(tmp_path):
 def test_the_committed_page_is_made_of_the_committed_scores():
     page = DOCS / "recordings.md"
     command = page.read_text().rpartition("Made by `")[2].partition("`")[0]
-    folders = [DOCS / "cmu", DOCS / "cmu_smoothed"]
+    folders = [DOCS.parents[2] / one for one in command.partition("--folders ")[2].split()]
+    assert len(folders) == 4
     assert page.read_text() == recordings.markdown(page, folders, command)
 
 

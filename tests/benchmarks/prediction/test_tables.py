@@ -65,7 +65,15 @@ def test_finished_scores_are_tabulated_with_their_spread(tmp_path, no_training):
 
 
 @pytest.mark.parametrize(
-    "name", ["prediction", "prediction/as_labelled", "prediction/cmu", "prediction/cmu_smoothed"]
+    "name",
+    [
+        "prediction",
+        "prediction/as_labelled",
+        "prediction/cmu",
+        "prediction/cmu_smoothed",
+        "prediction/cmu_motionbuilder",
+        "prediction/cmu_motionbuilder_smoothed",
+    ],
 )
 def test_the_committed_page_is_made_of_the_committed_scores(name):
     folder = Path(__file__).parents[3] / "docs" / "results" / name
