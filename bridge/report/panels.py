@@ -18,7 +18,7 @@ from bridge.runs.artifact import DataOrigin
 
 # Perceptually uniform, and light where nothing happens, so that a body still looks like one.
 MAGNITUDE_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.03, 0.85, 256)))
-_NOBODY = ", no person was measured"
+_NOBODY = ", no skin was measured"
 FOOTERS = {
     "synthetic": f"synthetic: body model and soft tissue are computed{_NOBODY}",
     "licensed": "made from licensed body model and meshes",
