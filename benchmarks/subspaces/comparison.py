@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -163,7 +162,6 @@ def _make(
 def _tabulated(config: SubspacesConfig, settings: dict[str, Any]) -> dict[str, Any]:
     """Write the page of what is there so far."""
     results = {
-        "command": " ".join(["python", "-m", "benchmarks.subspaces", *sys.argv[1:]]),
         "settings": settings,
         "rows": rows_in(config.out, tuple(CODES)),
     }

@@ -29,7 +29,7 @@ is scored with its weights of the least validation loss ({validation_frames} fra
 {validate_every} steps). Where the rate is searched for, {search_steps} steps are taken at each of
 {rates}, and the least validation loss after them decides. Seconds and milliseconds are medians on
 {machine}, with {threads}; the machine's load was {load}.
-Run `{run}`, seed {seed}. Made by `{command}`.
+Run `{run}`, seed {seed}. Made by {commands}.
 
 ![Training curves](subspaces.png)
 """
@@ -44,9 +44,15 @@ def markdown(folder: Path) -> str:
     return _PAGE.format(
         **{**settings, "rates": ", ".join(f"{rate:g}" for rate in settings["rates"])},
         table="\n".join(lines),
-        command=summary["command"],
+        commands=", ".join(f"`{command}`" for command in _commands(rows)),
         **_machine(rows),
     )
+
+
+def _commands(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Those that made the rows, each once."""
+    arguments = (row["provenance"]["command"][1:] for row in rows)
+    return list(dict.fromkeys(" ".join(["python -m benchmarks.subspaces", *a]) for a in arguments))
 
 
 def draw(path: Path, folder: Path) -> None:
