@@ -12,7 +12,7 @@ from bridge.report.curve_figures import finish_axes
 from bridge.report.panels import new_figure, save_figure
 
 # Okabe and Ito's colours, told apart by every reader; line styles do it in print.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#777777")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#777777")
 _LINES = ("-", "-.", ":")
 _HEAD = ("code", "numbers", "parameters", "R², validation", "mm, validation", "R², held out",
          "mm, held out", "rate", "steps (best)", "s a step", "ms to decode 1, 64")  # fmt: skip
@@ -44,12 +44,12 @@ def markdown(folder: Path) -> str:
     return _PAGE.format(
         **{**settings, "rates": ", ".join(f"{rate:g}" for rate in settings["rates"])},
         table="\n".join(lines),
-        commands=", ".join(f"`{command}`" for command in _commands(rows)),
+        commands=", ".join(f"`{command}`" for command in commands_of(rows)),
         **_machine(rows),
     )
 
 
-def _commands(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def commands_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Those that made the rows, each once."""
     arguments = (row["provenance"]["command"][1:] for row in rows)
     return list(dict.fromkeys(" ".join(["python -m benchmarks.subspaces", *a]) for a in arguments))
@@ -63,7 +63,7 @@ def draw(path: Path, folder: Path) -> None:
     origin = summary["settings"]["data"]
     figure = new_figure(12.0, 4.6, title=f"Codes of {size} numbers in training", origin=origin)
     axes = figure.subplots()
-    styles = zip(cycle(_COLOURS), cycle(_LINES), strict=False)
+    styles = zip(cycle(COLOURS), cycle(_LINES), strict=False)
     for row, (colour, line) in zip((r for r in shown if "curve" in r), styles, strict=False):
         lost = [1 - r2 for r2 in row["curve"]["r2"]]
         axes.plot(row["curve"]["steps"], lost, line, color=colour, label=row["label"])
@@ -80,17 +80,21 @@ def draw(path: Path, folder: Path) -> None:
 def _cells(row: Mapping[str, Any]) -> list[str]:
     decode = row["decode_ms"]
     return [
-        row["label"],
-        str(row["size"]),
-        f"{row['parameters']:,}",
-        *_errors(row["validation"]),
-        *_errors(row["held_out"]),
+        *code_cells(row),
+        *error_cells(row["validation"]),
+        *error_cells(row["held_out"]),
         *_trained(row),
         ", ".join(f"{value:.2f}" for value in decode.values()),
     ]
 
 
-def _errors(found: Mapping[str, float] | None) -> list[str]:
+def code_cells(row: Mapping[str, Any]) -> list[str]:
+    """Label, size and parameters."""
+    return [row["label"], str(row["size"]), f"{row['parameters']:,}"]
+
+
+def error_cells(found: Mapping[str, float] | None) -> list[str]:
+    """R², and mean, 95 % and largest distance in millimetres; empty where there are no frames."""
     if found is None:
         return ["", ""]
     distances = " / ".join(f"{found[key]:.2f}" for key in ("mean_mm", "p95_mm", "max_mm"))

@@ -46,11 +46,12 @@ def refuse_others(folder: Path, settings: Mapping[str, Any]) -> None:
         other = {key: found.get(key) for key in settings if found.get(key) != settings[key]}
         if other:
             raise DsnetError(
-                f"{path} with {_listed(other)}",
-                _listed({key: settings[key] for key in other}),
+                f"{path} with {listed(other)}",
+                listed({key: settings[key] for key in other}),
                 "Pass another --out, or the same settings.",
             )
 
 
-def _listed(settings: Mapping[str, Any]) -> str:
+def listed(settings: Mapping[str, Any]) -> str:
+    """As in "seed 0, steps 345"."""
     return ", ".join(f"{key} {value}" for key, value in settings.items())

@@ -1,0 +1,187 @@
+"""`python -m benchmarks.prediction.noise --out FILE.md --runs ... --recordings DIR`: noisy input.
+
+How a person moved behind a noisy recording nobody knows, so what is predicted from one cannot be
+scored. Here it can: the test motions that we invented are clean and their flesh is known. They are
+given what real recordings have faster than 8 Hz, turn by turn and joint by joint, are smoothed as
+`--smooth-hz` does, and what `dsnet_plus` predicts is compared with the flesh of the clean motion.
+The clean motions, smoothed alike, say what smoothing takes away. What is finished is kept.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, Noise
+from bridge.body import load_body_model
+from bridge.errors import DsnetError
+from bridge.motion import MotionSequence, sequences_of, subject_rows
+from bridge.motion.amass_file import StoredMotion
+from bridge.motion.resampling import continuous_rotations
+from bridge.motion.sequences import is_real_motion
+from bridge.motion.smoothing import smoothed
+from bridge.motion.theta import pack_theta, unpack_theta
+from bridge.motion.tremor import tremor_mm
+from bridge.runs import Artifact, Run
+from bridge.runs.folders import write_text_atomically
+from bridge.runs.processes import notify, run_as_process
+from bridge.runs.run import body_model_path
+from bridge.runtime.motion_predictor import MotionPredictor, choose_predictor
+from bridge.runtime.plus_motion import PLUS
+
+_CUTOFFS_HZ = (None, 15.0, 12.0, 10.0, 8.0, 6.0, 5.0, 4.0)
+_INPUTS = ("clean", "noisy")
+_KINDS = ("offsets", "velocity")
+_HEAD = ("run", "smoothed at [Hz]", *(f"{motion}: {what}" for motion in _INPUTS
+         for what in ("R²", "least R²", "velocity R²")))  # fmt: skip
+_PAGE = """\
+# Predictions from noisy motions (synthetic data but for the noise)
+
+{table}
+
+R² of what `dsnet_plus` predicts against the flesh of the clean motion, over the {clips}
+invented test motions of each run; *least*: of a motion. *Noisy*: each of them with what one of
+{recordings} recordings has faster than {faster:g} Hz; the noisy roots tremble by {least_mm:.1f} to
+{most_mm:.1f} mm above 10 Hz (median {median_mm:.1f}), the clean ones by at most {clean_mm:.1f}.
+Made by `{command}`.
+"""
+
+
+@dataclass(frozen=True)
+class NoiseConfig:
+    """Write the page, and a .json beside it."""
+
+    out: Path
+    """The page, a .md."""
+    runs: tuple[str, ...]
+    """With `truth` and `train_plus`."""
+    recordings: Path
+    """Folder of BVHs or AMASS files whose noise is taken."""
+
+
+def main(config: NoiseConfig) -> None:
+    """Write it.
+
+    Raises
+    ------
+    DsnetError
+        If a run lacks a stage, or the folder holds no recording.
+    """
+    paths = sorted([*config.recordings.rglob("*.bvh"), *config.recordings.rglob("*.npz")])
+    if not paths:
+        raise DsnetError(
+            f"--recordings {config.recordings} without .bvh or .npz", "some", "Check the path."
+        )
+    noises = [Noise.of(path) for path in paths]
+    path = config.out.with_suffix(".json")
+    kept = json.loads(path.read_text(encoding="utf-8"))["runs"] if path.exists() else {}
+    found = {name: kept.get(name) or list(_clips(Run(name), noises)) for name in config.runs}
+    result = {
+        "runs": found,
+        "recordings": len(paths),
+        "command": " ".join(["python", "-m", "benchmarks.prediction.noise", *sys.argv[1:]]),
+    }
+    write_text_atomically(path, json.dumps(result, indent=1) + "\n")
+    write_text_atomically(config.out, markdown(path))
+
+
+def markdown(path: Path) -> str:
+    """The page of a .json."""
+    result = json.loads(path.read_text(encoding="utf-8"))
+    lines = ["| " + " | ".join(_HEAD) + " |", "|---" + "|---:" * (len(_HEAD) - 1) + "|"]
+    for run, clips in result["runs"].items():
+        for cutoff in clips[0]["scores"]:
+            cells = [cell for motion in _INPUTS for cell in _cells(clips, cutoff, motion)]
+            lines.append("| " + " | ".join([f"`{run}`", cutoff, *cells]) + " |")
+    clips = [clip for found in result["runs"].values() for clip in found]
+    noisy_mm = [clip["tremor_mm"]["noisy"] for clip in clips]
+    return _PAGE.format(
+        table="\n".join(lines),
+        clips=" and ".join(sorted({str(len(found)) for found in result["runs"].values()})),
+        recordings=result["recordings"],
+        faster=FASTER_THAN_HZ,
+        least_mm=min(noisy_mm),
+        most_mm=max(noisy_mm),
+        median_mm=float(np.median(noisy_mm)),
+        clean_mm=max(clip["tremor_mm"]["clean"] for clip in clips),
+        command=result["command"],
+    )
+
+
+def _cells(clips: Sequence[Mapping[str, Any]], cutoff: str, motion: str) -> list[str]:
+    scores = [clip["scores"][cutoff][motion] for clip in clips]
+    missed, whole = (
+        {kind: sum(score[kind][part] for score in scores) for kind in _KINDS} for part in (0, 1)
+    )
+    least = min(1 - score["offsets"][0] / score["offsets"][1] for score in scores)
+    r2s = {kind: 1 - missed[kind] / whole[kind] for kind in _KINDS}
+    return [f"{r2s['offsets']:.3f}", f"{least:.3f}", f"{r2s['velocity']:.3f}"]
+
+
+def _clips(run: Run, noises: Sequence[Noise]) -> Iterator[dict[str, Any]]:
+    """Energies missed and there, of every invented test motion, cutoff and input."""
+    truth, body = run.artifact("truth"), load_body_model(body_model_path(run))
+    predict = choose_predictor(run, "dsnet_plus", (PLUS,)).open(body)
+    sequences = sequences_of(truth)
+    rows = subject_rows(sequences)
+    tested = [s for s in sequences if s.split == "test" and not is_real_motion(s.name)]
+    for number, sequence in enumerate(tested):
+        notify(f"{run.name}: {sequence.name}")
+        pose, trans_m = unpack_theta(np.asarray(truth.array("theta")[sequence.frames], np.float64))
+        betas = np.asarray(truth.array("betas")[rows[sequence.subject]], np.float64)
+        noise = noises[number % len(noises)]
+        inputs = {"clean": (pose, trans_m), "noisy": noise.added(pose, trans_m)}
+        stored = {name: _stored(p, m, sequence.fps) for name, (p, m) in inputs.items()}
+        yield {
+            "name": sequence.name,
+            "tremor_mm": {name: round(tremor_mm(one.trans_m, one.fps), 3)
+                          for name, one in stored.items()},
+            "scores": {
+                "none" if cutoff is None else f"{cutoff:g}": {
+                    name: _energies(predict, _smoothed(one, cutoff), betas, truth, sequence)
+                    for name, one in stored.items()
+                }
+                for cutoff in _CUTOFFS_HZ
+            },
+        }  # fmt: skip
+
+
+def _stored(pose: NDArray, trans_m: NDArray, fps: float) -> StoredMotion:
+    return StoredMotion(pose, trans_m, np.zeros(10), "unknown", fps, None)
+
+
+def _smoothed(stored: StoredMotion, cutoff_hz: float | None) -> NDArray:
+    """Its theta (T, 69)."""
+    calm = stored if cutoff_hz is None else smoothed(stored, cutoff_hz)
+    return pack_theta(continuous_rotations(calm.pose), calm.trans_m)
+
+
+def _energies(
+    predict: MotionPredictor,
+    theta: NDArray,
+    betas: NDArray,
+    truth: Artifact,
+    sequence: MotionSequence,
+) -> dict[str, list[float]]:
+    """By kind, the sums of squares of what is missed and of what there is."""
+    found = np.concatenate(list(predict(theta, betas).offsets_m)).astype(np.float64)
+    there = np.asarray(truth.array("offsets")[sequence.frames], np.float64)
+    parts = {
+        "offsets": (found, there),
+        "velocity": (np.diff(found, axis=0), np.diff(there, axis=0)),
+    }
+    return {
+        kind: [float(np.square(a - b).sum()), float(np.square(b).sum())]
+        for kind, (a, b) in parts.items()
+    }
+
+
+if __name__ == "__main__":
+    run_as_process(NoiseConfig, main)

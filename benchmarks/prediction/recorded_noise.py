@@ -1,0 +1,42 @@
+"""What a recording has that is faster than people move, to be added to a motion without noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.motion.resampling import load_motion_file
+from bridge.motion.theta import unpack_theta
+
+FASTER_THAN_HZ = 8.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What a recording has besides its smoothed self: turns in each joint's frame, and steps."""
+
+    turns: NDArray[np.float64]
+    """(T, 22, 3) axis-angle, radians."""
+    steps_m: NDArray[np.float64]
+    """(T, 3) metres."""
+
+    @classmethod
+    def of(cls, path: Path) -> Noise:
+        """Of a recording, at 60 frames a second."""
+        recorded, calm = (load_motion_file(path, smooth_hz=hz) for hz in (None, FASTER_THAN_HZ))
+        (pose, trans_m), (calm_pose, calm_m) = map(unpack_theta, (recorded.theta, calm.theta))
+        turns = Rotation.from_rotvec(calm_pose.reshape(-1, 3)).inv()
+        turns = turns * Rotation.from_rotvec(pose.reshape(-1, 3))
+        return cls(turns.as_rotvec().reshape(pose.shape), trans_m - calm_m)
+
+    def added(self, pose: NDArray, trans_m: NDArray) -> tuple[NDArray, NDArray]:
+        """A motion (T, 22, 3), (T, 3) with this noise, played forth and back where it is longer."""
+        period = np.r_[np.arange(len(self.turns)), np.arange(len(self.turns))[::-1]]
+        frames = np.resize(period, len(pose))
+        turned = Rotation.from_rotvec(pose.reshape(-1, 3))
+        turned = turned * Rotation.from_rotvec(self.turns[frames].reshape(-1, 3))
+        return turned.as_rotvec().reshape(pose.shape), trans_m + self.steps_m[frames]
