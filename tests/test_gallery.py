@@ -73,7 +73,7 @@ def test_no_other_recording_is_in_the_pages():
 def test_the_recorded_clip_is_smoothed_and_shows_some_seconds_as_wide_as_it_is():
     page = (ROOT / "docs" / "gallery.md").read_text()
     with Image.open(PICTURES / RECORDED) as clip:
-        assert b'"smooth_hz": 8.0' in clip.info["comment"]
+        assert b'"smooth_hz": "auto"' in clip.info["comment"]
         assert 3.0 <= getattr(clip, "n_frames", 1) * clip.info["duration"] / 1000 <= 5.0
         assert f'<img src="images/gallery/{RECORDED}" width="{clip.size[0]}"' in page
 

@@ -159,7 +159,7 @@ def gather(
         body = body or load_body_model(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
         motion = load_motion_file(path, source_fps)
-        pieces, smoothing = pieces_between_cuts(motion.theta), "--smooth-hz 8, with --motion,"
+        pieces, smoothing = pieces_between_cuts(motion.theta), "--smooth-hz auto, with --motion,"
         for doubt in doubts_about(motion, pieces, "--amass-fps", smoothing):
             notify(doubt)
         # Those whom the run was aligned with keep the shape that was fitted.

@@ -53,7 +53,7 @@ FREE_FILE, FREE_OF = "01_01.bvh", "CMU, subject 01, motion 01"
 """The recording that it shows. CMU lets everybody copy, change and hand on its motions."""
 _JUMPS = slice(165, 345)
 """Two of its jumps, at 60 fps; after them she stands as before, within 10 degrees and 4 mm."""
-_SMOOTH_HZ = 8.0
+_SMOOTH_HZ = "auto"
 """Recordings tremble, which shakes flesh."""
 
 

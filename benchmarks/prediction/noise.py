@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, Noise
+from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, WHITE_DEG, WHITE_M, Noise
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.amass_file import StoredMotion
 from bridge.motion.resampling import continuous_rotations
 from bridge.motion.sequences import is_real_motion
-from bridge.motion.smoothing import smoothed
+from bridge.motion.smoothing import SmoothHz, smoothed
 from bridge.motion.theta import pack_theta, unpack_theta
 from bridge.motion.tremor import tremor_mm
 from bridge.runs import Artifact, Run
@@ -36,8 +36,8 @@ from bridge.runs.run import body_model_path
 from bridge.runtime.motion_predictor import MotionPredictor, choose_predictor
 from bridge.runtime.plus_motion import PLUS
 
-_CUTOFFS_HZ = (None, 15.0, 12.0, 10.0, 8.0, 6.0, 5.0, 4.0)
-_INPUTS = ("clean", "noisy")
+_CUTOFFS: tuple[SmoothHz | None, ...] = (None, 15.0, 12.0, 10.0, 8.0, 6.0, 5.0, 4.0, "auto")
+_INPUTS = ("clean", "noisy", "white")
 _KINDS = ("offsets", "velocity")
 _HEAD = ("run", "smoothed at [Hz]", *(f"{motion}: {what}" for motion in _INPUTS
          for what in ("R²", "least R²", "velocity R²")))  # fmt: skip
@@ -50,6 +50,8 @@ R² of what `dsnet_plus` predicts against the flesh of the clean motion, over th
 invented test motions of each run; *least*: of a motion. *Noisy*: each of them with what one of
 {recordings} recordings has faster than {faster:g} Hz; the noisy roots tremble by {least_mm:.1f} to
 {most_mm:.1f} mm above 10 Hz (median {median_mm:.1f}), the clean ones by at most {clean_mm:.1f}.
+*White*: with chance in every frame, {white_mm:g} mm and {white_deg:g} degrees along and about each
+axis (root mean square).
 Made by `{command}`.
 """
 
@@ -111,6 +113,8 @@ def markdown(path: Path) -> str:
         most_mm=max(noisy_mm),
         median_mm=float(np.median(noisy_mm)),
         clean_mm=max(clip["tremor_mm"]["clean"] for clip in clips),
+        white_mm=1e3 * WHITE_M,
+        white_deg=WHITE_DEG,
         command=result["command"],
     )
 
@@ -137,18 +141,23 @@ def _clips(run: Run, noises: Sequence[Noise]) -> Iterator[dict[str, Any]]:
         pose, trans_m = unpack_theta(np.asarray(truth.array("theta")[sequence.frames], np.float64))
         betas = np.asarray(truth.array("betas")[rows[sequence.subject]], np.float64)
         noise = noises[number % len(noises)]
-        inputs = {"clean": (pose, trans_m), "noisy": noise.added(pose, trans_m)}
+        white = Noise.white(len(pose), seed=number)
+        inputs = {
+            "clean": (pose, trans_m),
+            "noisy": noise.added(pose, trans_m),
+            "white": white.added(pose, trans_m),
+        }
         stored = {name: _stored(p, m, sequence.fps) for name, (p, m) in inputs.items()}
         yield {
             "name": sequence.name,
             "tremor_mm": {name: round(tremor_mm(one.trans_m, one.fps), 3)
                           for name, one in stored.items()},
             "scores": {
-                "none" if cutoff is None else f"{cutoff:g}": {
+                _named(cutoff): {
                     name: _energies(predict, _smoothed(one, cutoff), betas, truth, sequence)
                     for name, one in stored.items()
                 }
-                for cutoff in _CUTOFFS_HZ
+                for cutoff in _CUTOFFS
             },
         }  # fmt: skip
 
@@ -157,9 +166,13 @@ def _stored(pose: NDArray, trans_m: NDArray, fps: float) -> StoredMotion:
     return StoredMotion(pose, trans_m, np.zeros(10), "unknown", fps, None)
 
 
-def _smoothed(stored: StoredMotion, cutoff_hz: float | None) -> NDArray:
+def _named(cutoff: SmoothHz | None) -> str:
+    return str(cutoff or "none") if cutoff in (None, "auto") else f"{cutoff:g}"
+
+
+def _smoothed(stored: StoredMotion, cutoff: SmoothHz | None) -> NDArray:
     """Its theta (T, 69)."""
-    calm = stored if cutoff_hz is None else smoothed(stored, cutoff_hz)
+    calm = stored if cutoff is None else smoothed(stored, cutoff)
     return pack_theta(continuous_rotations(calm.pose), calm.trans_m)
 
 

@@ -11,8 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from bridge.motion.resampling import load_motion_file
 from bridge.motion.theta import unpack_theta
+from bridge.paper import N_JOINTS
 
 FASTER_THAN_HZ = 8.0
+WHITE_M, WHITE_DEG = 7e-4, 0.2
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,13 @@ class Noise:
         turns = Rotation.from_rotvec(calm_pose.reshape(-1, 3)).inv()
         turns = turns * Rotation.from_rotvec(pose.reshape(-1, 3))
         return cls(turns.as_rotvec().reshape(pose.shape), trans_m - calm_m)
+
+    @classmethod
+    def white(cls, frames: int, seed: int) -> Noise:
+        """Of chance alone, the same at every frequency."""
+        rng = np.random.default_rng(seed)
+        turns = np.radians(WHITE_DEG) * rng.standard_normal((frames, N_JOINTS, 3))
+        return cls(turns, WHITE_M * rng.standard_normal((frames, 3)))
 
     def added(self, pose: NDArray, trans_m: NDArray) -> tuple[NDArray, NDArray]:
         """A motion (T, 22, 3), (T, 3) with this noise, played forth and back where it is longer."""

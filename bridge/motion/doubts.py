@@ -16,7 +16,7 @@ def doubts_about(
     motion: Motion,
     pieces: Sequence[slice],
     rate_option: str = "--motion-fps",
-    smooth_option: str = "--smooth-hz 8",
+    smooth_option: str = "--smooth-hz auto",
 ) -> list[str]:
     """What of the file was left out, where it jumps, and how it moves as nobody can.
 
@@ -32,7 +32,9 @@ def doubts_about(
         cut_warning(motion.source, pieces, motion.fps),
         falls,
         pop_warning(motion, pieces),
-        # At a wrong rate everything trembles.
-        "" if falls else tremor_warning(motion, pieces, smooth_option),
+        # At a wrong rate everything trembles; what `auto` leaves is motion.
+        ""
+        if falls or motion.smooth_hz == "auto"
+        else tremor_warning(motion, pieces, smooth_option),
     )
     return [warning for warning in found if warning]

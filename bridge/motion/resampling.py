@@ -17,7 +17,7 @@ from bridge.motion.amass_file import StoredMotion, read_amass_file
 from bridge.motion.bounds import MOST_FRAMES, RATES_HZ
 from bridge.motion.cuts import find_cuts
 from bridge.motion.motion_file import read_motion_file
-from bridge.motion.smoothing import smoothed
+from bridge.motion.smoothing import SmoothHz, smoothed
 from bridge.motion.theta import pack_theta, unpack_theta
 
 UpAxis = Literal["y", "z"]
@@ -50,8 +50,8 @@ class Motion:
     """(T, 8) DMPL soft tissue coefficients, where the file has them."""
     lead_in: int = 0
     """Frames of the file that come before the motion and are left out."""
-    smooth_hz: float | None = None
-    """What was faster in the file is left out."""
+    smooth_hz: SmoothHz | None = None
+    """What was faster in the file is left out; `auto`: than what suits each moment."""
 
     @property
     def duration_s(self) -> float:
@@ -111,7 +111,7 @@ def load_motion_file(
     path: Path | str,
     source_fps: float | None = None,
     fps: float = DEFAULT_FPS,
-    smooth_hz: float | None = None,
+    smooth_hz: SmoothHz | None = None,
 ) -> Motion:
     """Read any motion that can be followed, y up: AMASS `.npz`, a sample, or BVH.
 
@@ -121,7 +121,8 @@ def load_motion_file(
     ----------
     source_fps : frames per second of the file, where what it says of itself is wrong.
     fps : frames per second of the result.
-    smooth_hz : leave out what is faster (`bridge.motion.smoothing`); None: nothing.
+    smooth_hz : leave out what is faster (`bridge.motion.smoothing`), at a cutoff or `auto`, at the
+        one that suits each moment; None: nothing.
 
     Raises
     ------
@@ -137,7 +138,7 @@ def _prepared(
     fps: float = DEFAULT_FPS,
     source_fps: float | None = None,
     up: UpAxis = "y",
-    smooth_hz: float | None = None,
+    smooth_hz: SmoothHz | None = None,
 ) -> Motion:
     """Smoothed, resampled and turned upright; see `load_amass_motion`."""
     if not (np.isfinite(fps) and fps > 0):

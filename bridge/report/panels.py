@@ -18,9 +18,8 @@ from bridge.runs.artifact import DataOrigin
 
 # Perceptually uniform, and light where nothing happens, so that a body still looks like one.
 MAGNITUDE_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.03, 0.85, 256)))
-_NOBODY = ", no skin was measured"
 FOOTERS = {
-    "synthetic": f"synthetic: body model and soft tissue are computed{_NOBODY}",
+    "synthetic": "synthetic: body model and soft tissue are computed, no skin was measured",
     "licensed": "made from licensed body model and meshes",
 }
 _DPI = 150
@@ -28,9 +27,7 @@ _DPI = 150
 
 def footer(origin: DataOrigin, recorded: str = "") -> str:
     """What kind of data a picture shows, and whose motion if it was recorded."""
-    if not recorded:
-        return FOOTERS[origin]
-    return f"{FOOTERS[origin].removesuffix(_NOBODY)}; motion recorded: {recorded}"
+    return f"{FOOTERS[origin]}; motion recorded: {recorded}" if recorded else FOOTERS[origin]
 
 
 def magnitude_colours(magnitude_m: ArrayLike, top_m: float) -> NDArray[np.float64]:

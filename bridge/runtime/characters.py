@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.motion import Motion, load_motion_file
+from bridge.motion.smoothing import SmoothHz
 from bridge.runs import Run
 from bridge.runtime.dsnet_motion import DSNET
 from bridge.runtime.motion_predictor import Chosen, MotionPredictor, choose_predictor
@@ -75,7 +76,7 @@ def open_for_motion(
     predictor: str | None,
     path: Path,
     motion_fps: float | None = None,
-    smooth_hz: float | None = None,
+    smooth_hz: SmoothHz | None = None,
 ) -> tuple[Character, Motion]:
     """The character that `choose` names, and the motion of a file as it has it.
 

@@ -7,7 +7,7 @@ export and the viewer iterate over.
 from __future__ import annotations
 
 from dataclasses import Field, dataclass, fields, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from bridge.errors import DsnetError
 from bridge.motion import Motion
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap, close_lap
+from bridge.motion.smoothing import described
 from bridge.options import PositiveFloat, check_options
 from bridge.paper import N_BETAS
 from bridge.runs.processes import notify
@@ -50,8 +51,9 @@ class Controls:
     """Body shape in place of the motion file's: ten comma-separated coefficients."""
     motion_fps: PositiveFloat | None = None
     """Frames per second of the motion file, where what it says of itself is wrong."""
-    smooth_hz: PositiveFloat | None = None
-    """Leave out what is faster in the motion: the noise of a recording shakes the skin. Try 8."""
+    smooth_hz: PositiveFloat | Literal["auto"] | None = None
+    """Leave out what is faster in the motion: the noise of a recording shakes the skin. `auto`
+    finds the cutoff that suits each moment."""
 
     def check(self) -> None:
         """Refuse what needs no body to be refused.
@@ -126,14 +128,10 @@ def _check_reading(motion: Motion, controls: Controls) -> None:
         )
     if controls.smooth_hz not in (None, motion.smooth_hz):
         raise DsnetError(
-            f"{motion.source}, {_smoothness(motion)}",
-            f"it smoothed at {controls.smooth_hz:g} Hz, as the controls say",
-            f"Read it by load_motion_file(path, smooth_hz={controls.smooth_hz:g}).",
+            f"{motion.source}, {described(motion.smooth_hz)}",
+            f"it {described(controls.smooth_hz)}, as the controls say",
+            f"Read it by load_motion_file(path, smooth_hz={controls.smooth_hz!r}).",
         )
-
-
-def _smoothness(motion: Motion) -> str:
-    return "as it is" if motion.smooth_hz is None else f"smoothed at {motion.smooth_hz:g} Hz"
 
 
 def stage_motion(

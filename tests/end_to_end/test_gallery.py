@@ -32,4 +32,4 @@ def test_a_recorded_motion_by_a_runs_predictors(smoke_runs, tmp_path, monkeypatc
         comment = clip.info["comment"].decode()
     assert "dsnet_standardised, dsnet_plus of run 'smoke'" in comment
     assert '"floor": "shift"' in comment
-    assert '"smooth_hz": 8.0' in comment
+    assert '"smooth_hz": "auto"' in comment

@@ -15,6 +15,7 @@ from bridge.motion.motion_file import is_bvh, read_motion_file
 from bridge.motion.motion_folder import find_motion_files, subject_and_motion
 from bridge.motion.resampling import load_motion_file, resampled_frames
 from bridge.motion.sequences import REAL_MOTIONS
+from bridge.motion.smoothing import SmoothHz
 from bridge.runs.processes import notify
 from torch_align_ae.corpus.sequences import Take, performers
 from torch_align_ae.corpus.subjects import Gender
@@ -39,7 +40,7 @@ def real_takes(
     subjects: int,
     longest_s: float,
     source_fps: float | None = None,
-    smooth_hz: float | None = None,
+    smooth_hz: SmoothHz | None = None,
 ) -> list[Take]:
     """Each motion done by one known and one new person, the next ones for the next motion.
 
@@ -67,16 +68,22 @@ def real_takes(
             continue
         motion = load_motion_file(path, fps, smooth_hz=smooth_hz)
         used = slice(0, resampled_frames(frames, fps))
-        for doubt in doubts_about(motion, [used], "--amass-fps", "--amass-smooth-hz 8"):
+        for doubt in doubts_about(motion, [used], "--amass-fps", "--amass-smooth-hz auto"):
             notify(doubt)
         name = kind if source_fps is None else f"{kind}_at_{source_fps:g}_hz"
-        name += "" if smooth_hz is None else f"_smoothed_{smooth_hz:g}_hz"
+        name += _suffix(smooth_hz)
         known, new = performers(gender, subjects, row, "rotating")
         takes += [
             Take(person, name, frames, source=path, source_fps=fps, smooth_hz=smooth_hz)
             for person in (*known, *new)
         ]
     return takes
+
+
+def _suffix(smooth_hz: SmoothHz | None) -> str:
+    if smooth_hz is None:
+        return ""
+    return "_smoothed" if smooth_hz == "auto" else f"_smoothed_{smooth_hz:g}_hz"
 
 
 def _kinds(files: Iterable[Path]) -> Iterator[tuple[Path, str]]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from bridge.errors import DsnetError
 from bridge.motion.cells import take_suffix
+from bridge.motion.smoothing import SmoothHz
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS, WHOLE_S
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
 
@@ -46,7 +47,7 @@ class Take:
     """File of a real motion; None for a procedural one."""
     source_fps: float | None = None
     """Frames per second of that file."""
-    smooth_hz: float | None = None
+    smooth_hz: SmoothHz | None = None
     """What is faster in that file is left out."""
 
     @property

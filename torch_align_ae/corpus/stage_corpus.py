@@ -78,8 +78,9 @@ class CorpusConfig:
     """Longest part of a real motion that is used, from its beginning."""
     amass_fps: PositiveFloat | None = None
     """Frames per second of these files, where what they say of themselves is wrong."""
-    amass_smooth_hz: PositiveFloat | None = None
-    """Leave out what is faster in these motions, where their recordings are noisy."""
+    amass_smooth_hz: PositiveFloat | Literal["auto"] | None = None
+    """Leave out what is faster in these motions, where their recordings are noisy; `auto` finds the
+    cutoff that suits each moment."""
     tissue: TissueName = "own"
     """Law of the soft tissue; `second` and `third` are other hands', to test on."""
     form: Literal["clean", "captured"] = "clean"

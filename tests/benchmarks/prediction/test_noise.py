@@ -64,7 +64,7 @@ def test_energies_are_summed_up_by_cutoff_and_input(tmp_path):
     def clip(clean: tuple[float, float], noisy: tuple[float, float]) -> dict:
         scores = {
             name: {"offsets": list(parts), "velocity": [2 * parts[0], parts[1]]}
-            for name, parts in (("clean", clean), ("noisy", noisy))
+            for name, parts in (("clean", clean), ("noisy", noisy), ("white", noisy))
         }
         return {"scores": {"none": scores}, "tremor_mm": {"clean": 0.1, "noisy": 0.9}}
 
@@ -72,7 +72,10 @@ def test_energies_are_summed_up_by_cutoff_and_input(tmp_path):
     path = tmp_path / "noise.json"
     path.write_text(json.dumps({"runs": {"r": clips}, "recordings": 3, "command": "the command"}))
     page = noise.markdown(path)
-    assert "| `r` | none | 0.950 | 0.900 | 0.900 | 0.800 | 0.500 | 0.600 |" in page
+    assert (
+        "| `r` | none | 0.950 | 0.900 | 0.900 | 0.800 | 0.500 | 0.600 | 0.800 | 0.500 | 0.600 |"
+        in page
+    )
     assert "by 0.9 to\n0.9 mm above 10 Hz (median 0.9), the clean ones by at most 0.1" in page
 
 

@@ -70,7 +70,7 @@ def test_a_recorded_motion_is_said_below_the_pictures(short, tmp_path):
     differs = np.abs(pages[0] - pages[1]).max(axis=(1, 2)) > 100
     assert differs[-22:].any()
     assert not differs[:-22].any()
-    said = "synthetic: body model and soft tissue are computed; motion recorded: somebody"
+    said = f"{FOOTERS['synthetic']}; motion recorded: somebody"
     assert footer("synthetic", "somebody") == said
     assert footer("licensed", "somebody").startswith(FOOTERS["licensed"])
 

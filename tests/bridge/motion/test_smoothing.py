@@ -16,8 +16,9 @@ from bridge.motion.amass_file import StoredMotion
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.doubts import doubts_about
 from bridge.motion.sample_files import SAMPLES, sample_path
-from bridge.motion.smoothing import smoothed
+from bridge.motion.smoothing import SmoothHz, smoothed
 from bridge.motion.tremor import tremor_mm
+from bridge.motion.valley import cutoffs_hz, most_cutoff_hz
 from tests.forged.amass import save, smplh
 
 FPS = 120.0
@@ -71,13 +72,57 @@ def test_noise_is_left_out() -> None:
     assert tremor_mm(found.trans_m[::2], FPS / 2) < 0.45
 
 
-def test_a_cut_stays_one() -> None:
+@pytest.mark.parametrize("smooth_hz", [8.0, "auto"])
+def test_a_cut_stays_one(smooth_hz: SmoothHz) -> None:
     whole = slow(240)
     trans_m = whole.trans_m + np.where(np.arange(240) < 120, 0.0, 3.0)[:, None]
-    found = smoothed(replace(whole, trans_m=trans_m), 8.0)
+    found = smoothed(replace(whole, trans_m=trans_m), smooth_hz)
     np.testing.assert_allclose(found.trans_m[118:122, 0], [0, 0, 3, 3], atol=1e-9)
     one = StoredMotion(whole.pose[:1], whole.trans_m[:1], np.zeros(10), "unknown", FPS, None)
-    np.testing.assert_allclose(smoothed(one, 8.0).trans_m, one.trans_m)
+    np.testing.assert_allclose(smoothed(one, smooth_hz).trans_m, one.trans_m)
+
+
+def landing(fps: float = FPS) -> StoredMotion:
+    """Two seconds of slow sway, two in which somebody lands every half second, two of sway."""
+    time_s = np.arange(int(6 * fps)) / fps
+    whole = slow(len(time_s))
+    jumps = np.where((time_s > 2) & (time_s < 4), np.abs(np.sin(2 * np.pi * time_s)), 0.0)
+    trans_m = np.zeros((len(time_s), 3))
+    trans_m[:, 2] = 0.3 * jumps
+    return replace(whole, pose=np.zeros_like(whole.pose), trans_m=trans_m, fps=fps)
+
+
+@pytest.mark.parametrize("fps", [30.0, 60.0, 120.0])
+def test_the_cutoff_follows_the_motion(fps: float) -> None:
+    """High where somebody lands, low where nothing but noise is fast, and highest without noise."""
+    clean = landing(fps)
+    noisy = trembling(clean, 0.0005)
+    calm, landings = (
+        np.r_[0 : int(fps), int(5 * fps) : int(6 * fps)],
+        slice(int(2.5 * fps), int(3.5 * fps)),
+    )
+    found = cutoffs_hz(noisy.pose, noisy.trans_m, fps)
+    assert np.median(found[landings]) > 1.5 * np.median(found[calm])
+    without = cutoffs_hz(clean.pose, clean.trans_m, fps)
+    assert np.median(without[landings]) > np.median(found[landings])
+    assert without.max() < most_cutoff_hz(fps) + 1e-9 < fps / 2
+
+
+def test_auto_keeps_landings_and_leaves_noise_out() -> None:
+    clean = landing()
+    noisy = trembling(clean, 0.0005)
+    away = {hz: np.abs(smoothed(noisy, hz).trans_m - clean.trans_m) for hz in (8.0, "auto")}
+    calm, landings = slice(30, 180), slice(240, 480)
+    assert away["auto"][calm].mean() < 0.9 * away[8.0][calm].mean()
+    assert away["auto"][landings].max() < 0.7 * away[8.0][landings].max()
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 15, 16, 17, 40])
+def test_auto_takes_the_shortest(frames: int) -> None:
+    whole = slow(frames)
+    found = smoothed(whole, "auto")
+    assert apart_rad(found, whole).max() < 1e-3
+    np.testing.assert_allclose(found.trans_m, whole.trans_m, atol=1e-3)
 
 
 @pytest.mark.parametrize("cutoff_hz", [0.0, 60.0, np.nan])
@@ -95,7 +140,10 @@ def test_a_file_that_trembles_is_named_and_then_smoothed(tmp_path: Path) -> None
     raw, still = load_motion_file(path), load_motion_file(path, smooth_hz=8.0)
     (line,) = doubts_about(raw, pieces_between_cuts(raw.theta))
     assert "walk.npz trembles by" in line
-    assert "--smooth-hz 8 leaves that out" in line
+    assert "--smooth-hz auto leaves that out" in line
+    found = load_motion_file(path, smooth_hz="auto")
+    assert doubts_about(found, pieces_between_cuts(found.theta)) == []
+    assert found.smooth_hz == "auto"
     assert doubts_about(still, pieces_between_cuts(still.theta)) == []
     assert (raw.smooth_hz, still.smooth_hz) == (None, 8.0)
     assert len(raw.theta) == len(still.theta)
@@ -105,6 +153,8 @@ def test_a_file_that_trembles_is_named_and_then_smoothed(tmp_path: Path) -> None
 def test_no_motion_of_ours_trembles(name: str) -> None:
     motion = load_motion_file(sample_path(name))
     assert tremor_mm(unpack_theta(motion.theta)[1], motion.fps) < 0.2
+    calmed = load_motion_file(sample_path(name), smooth_hz="auto")
+    assert np.abs(calmed.theta - motion.theta)[:, 66:].max() < 5e-4
 
 
 @pytest.mark.licensed

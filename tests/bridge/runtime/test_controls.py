@@ -56,6 +56,8 @@ def test_a_motion_that_was_read_at_another_rate_is_refused(character, bouncing):
         controlled(character, bouncing, motion_fps=50.0)
     with pytest.raises(DsnetError, match=r"as it is; expected it smoothed at 8 Hz"):
         controlled(character, bouncing, smooth_hz=8.0)
+    with pytest.raises(DsnetError, match=r"as it is; expected it smoothed as it moves.*'auto'"):
+        controlled(character, bouncing, smooth_hz="auto")
 
 
 def test_gain_multiplies_the_skin_alone(character, bouncing):

@@ -11,6 +11,7 @@ import pytest
 from bridge.body import load_body_model, pose_vertices
 from bridge.cli import main
 from bridge.motion import unpack_theta
+from bridge.motion.smoothing import SmoothHz
 from bridge.runtime.body_motion import load_motion
 from bridge.runtime.controls import Controls
 from bridge.runtime.motion_predictor import FRAMES_AT_ONCE
@@ -127,13 +128,16 @@ def test_a_noisy_recording_is_told_and_smoothed(plus_run, tmp_path, capsys):
         noise = 0.001 * np.random.default_rng(0).standard_normal(stored["trans"].shape)
         noisy = save(tmp_path / "noisy.npz", {**stored, "trans": stored["trans"] + noise})
     made, said = {}, {}
-    for name, smooth_hz in {"clean": 8.0, "raw": None, "smoothed": 8.0}.items():
+    asked: dict[str, SmoothHz | None]
+    asked = {"clean": 8.0, "raw": None, "smoothed": 8.0, "as it moves": "auto"}
+    for name, smooth_hz in asked.items():
         source = tmp_path / "hop.npz" if name == "clean" else noisy
         controls = Controls(smooth_hz=smooth_hz)
         said[name], made[name] = predict(plus_run, source, tmp_path / name, capsys, controls)
     assert "noisy.npz trembles by" in said["raw"]
-    assert "trembles" not in said["smoothed"]
-    assert made["smoothed"].manifest["controls"] == {"smooth_hz": 8.0}
+    for name in ("smoothed", "as it moves"):
+        assert "trembles" not in said[name]
+        assert made[name].manifest["controls"] == {"smooth_hz": asked[name]}
     clean = made["clean"].array("offsets")
     raw, smooth = (np.abs(made[n].array("offsets") - clean).mean() for n in ("raw", "smoothed"))
     assert smooth < 0.5 * raw

@@ -108,15 +108,16 @@ def test_a_rate_in_place_of_the_files_is_the_takes_and_in_its_name(amass, tmp_pa
     np.testing.assert_allclose(slow.theta[:, 3:66], own.theta[:49, 3:66], atol=1e-5)
 
 
-def test_noise_is_left_out_of_the_takes_and_their_names_say_so(amass, tmp_path):
-    config = replace(TINY, amass=amass, amass_seconds=1.2, amass_smooth_hz=8.0)
+@pytest.mark.parametrize(("smooth_hz", "suffix"), [(8.0, "smoothed_8_hz"), ("auto", "smoothed")])
+def test_noise_is_left_out_of_the_takes_and_their_names_say_so(amass, tmp_path, smooth_hz, suffix):
+    config = replace(TINY, amass=amass, amass_seconds=1.2, amass_smooth_hz=smooth_hz)
     (known, _) = Takes.of(config).held_out
-    assert known.name == "50004_amass_leg_throw_smoothed_8_hz"
+    assert known.name == f"50004_amass_leg_throw_{suffix}"
     performer = Performer(load_body_model("embedded:female"), "female", seed=0)
     performer.write_amass(tmp_path / "still.npz", known)
     assert known.source is not None
     still = load_amass_motion(tmp_path / "still.npz").theta
-    own = load_motion_file(known.source, smooth_hz=8.0).theta[: len(still)]
+    own = load_motion_file(known.source, smooth_hz=smooth_hz).theta[: len(still)]
     np.testing.assert_allclose(still[:, 3:66], own[:, 3:66], atol=1e-4)
 
 
