@@ -51,7 +51,8 @@ def initialise_with_modes(model: MeshAutoencoder, sample: Tensor, seed: int) -> 
     generator = torch.Generator().manual_seed(seed)
     _vertices, fine, middle, coarse, coarsest = model.widths
     basis = vertex_basis(sample, count=coarsest, size=fine, generator=generator)
-    code = _latent_code(coarsest, model.latent_size, generator)
+    modes = torch.einsum("bvc,vm->bmc", sample, basis[:, :coarsest])
+    code = _latent_code(modes, model.latent_size, generator)
     gain = model.negative_slope**-0.5
     encoder, decoder = model.encoder, model.decoder
 
@@ -102,22 +103,31 @@ def _features(generator: torch.Generator, rows: int, columns: int) -> Tensor:
     return torch.cat([torch.eye(columns), extra])
 
 
-def _latent_code(vertices: int, size: int, generator: torch.Generator) -> Tensor:
-    """(size, vertices * 9): rotated latents of the linear features; the rest see the random ones.
+def _latent_code(modes: Tensor, size: int, generator: torch.Generator) -> Tensor:
+    """(size, M * 9): rotated latents of the linear features; the rest see the random ones.
 
-    Where there are fewer latents than linear features, the leading modes have them. Were the spare
-    latents and the spare features zero on both sides, no gradient would ever reach them; hence
-    their small random weights.
+    Where there are fewer latents than linear features, which are the modes' coefficients
+    (frames, M, 3), their leading principal directions have them. Were the spare latents and the
+    spare features zero on both sides, no gradient would ever reach them; hence their small random
+    weights.
     """
-    coordinates = FEATURES[0]
+    _, vertices, coordinates = modes.shape
     linear = min(vertices * coordinates, size)
     code = torch.zeros(size, vertices, FEATURES[-1])
-    picked = torch.eye(linear, vertices * coordinates)
+    picked = _directions(modes.flatten(1), linear)
     code[:linear, :, :coordinates] = picked.view(linear, vertices, coordinates)
     spare = code[linear:, :, coordinates:]
     spare.copy_(torch.randn(spare.shape, generator=generator) / spare[0:1].numel() ** 0.5)
     square = torch.randn(size, size, generator=generator)
     return torch.linalg.qr(square).Q @ code.flatten(1)
+
+
+def _directions(values: Tensor, count: int) -> Tensor:
+    """(count, n): orthonormal rows that keep most of the energy of values (frames, n)."""
+    if count == values.shape[1]:
+        return torch.eye(count)
+    values = values.double()
+    return torch.linalg.eigh(values.T @ values)[1].flip(1)[:, :count].T.float()
 
 
 def _with_features(weight: Tensor, vertices: int, generator: torch.Generator) -> Tensor:
