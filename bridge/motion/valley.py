@@ -24,7 +24,7 @@ _SMOOTHED_HZ = 1.5
 """Half of the width over which a spectrum is averaged before its valley is sought."""
 _CUTOFF_OF_VALLEY = 1.4
 """At its cutoff a filter has halved what it is given, at the valley motion is still all there is.
-Chosen among 1, 1.2, 1.4, 1.7 and 2 on training motions of the own law."""
+Chosen on training motions of the own law (docs/prediction.md)."""
 _FEWEST_FRAMES = 16
 
 
