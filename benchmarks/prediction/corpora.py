@@ -62,7 +62,7 @@ def registered() -> tuple[str, ...]:
 
 
 def prepare(
-    run: str, profile: str, corpus: str, amass: Path | None, **real_motions: float | None
+    run: str, profile: str, corpus: str, amass: Path | None, **real_motions: float | str | None
 ) -> None:
     """Make a corpus and align it with the robust aligner; what is current is kept.
 
@@ -71,7 +71,7 @@ def prepare(
     real = () if amass is None else ("--amass", str(amass))
     for name, value in real_motions.items():
         if value is not None:
-            real += (f"--{name.replace('_', '-')}", f"{value:g}")
+            real += (f"--{name.replace('_', '-')}", str(value))
     dsnet("corpus", run, profile, *CORPORA[corpus], *real)
     dsnet("align", run, profile, "--aligner", "robust")
 

@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from benchmarks.prediction.corpora import (
     CORPORA,
@@ -72,8 +72,8 @@ class TestBedConfig:
     """Frames per second of these files, where what they say of themselves is wrong."""
     amass_seconds: float | None = None
     """Longest part of each that is used; None: the 20 of `dsnet corpus`."""
-    amass_smooth_hz: float | None = None
-    """What is faster in these motions is left out; None: nothing."""
+    amass_smooth_hz: float | Literal["auto"] | None = None
+    """What is faster in these is left out, `auto` as it suits each moment; None: nothing."""
     prefix: str = "bed"
     """Runs are named <prefix>_<corpus>."""
 

@@ -30,12 +30,16 @@ _FEWEST_FRAMES = 16
 
 def most_cutoff_hz(fps: float) -> float:
     """The cutoff that says that no noise was found."""
-    return _CUTOFF_OF_VALLEY * min(_FASTEST_HZ, fps / 3)
+    return _CUTOFF_OF_VALLEY * _fastest_hz(fps)
+
+
+def _fastest_hz(fps: float) -> float:
+    return min(_FASTEST_HZ, fps / 3)
 
 
 def cutoffs_hz(pose: NDArray, trans_m: NDArray, fps: float) -> NDArray[np.float64]:
     """(T,) cutoff that suits each frame of pose (T, J, 3), axis-angle, and trans (T, 3), metres."""
-    if len(pose) < _FEWEST_FRAMES:
+    if len(pose) < _FEWEST_FRAMES or _fastest_hz(fps) < 2 * _SLOWEST_HZ:
         return np.full(len(pose), most_cutoff_hz(fps))
     felt = _accelerations(pose, trans_m, fps)
     size = max(round(_WINDOW_S * fps), _FEWEST_FRAMES)
@@ -48,7 +52,7 @@ def cutoffs_hz(pose: NDArray, trans_m: NDArray, fps: float) -> NDArray[np.float6
         axis=0,
         mode="nearest",
     )
-    sought = (transform.f >= _SLOWEST_HZ) & (transform.f <= min(_FASTEST_HZ, fps / 3))
+    sought = (transform.f >= _SLOWEST_HZ) & (transform.f <= _fastest_hz(fps))
     valleys_hz = transform.f[sought][averaged[sought].argmin(axis=0)]
     frames = 1 + transform.t(len(felt)) * fps  # the first acceleration is the second frame's
     between = np.interp(np.arange(len(pose)), frames, np.log(valleys_hz))

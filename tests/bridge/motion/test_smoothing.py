@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from bridge.errors import DsnetError
 from bridge.motion import load_motion_file, unpack_theta
 from bridge.motion.amass_file import StoredMotion
+from bridge.motion.bounds import RATES_HZ
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.doubts import doubts_about
 from bridge.motion.sample_files import SAMPLES, sample_path
@@ -123,6 +124,16 @@ def test_auto_takes_the_shortest(frames: int) -> None:
     found = smoothed(whole, "auto")
     assert apart_rad(found, whole).max() < 1e-3
     np.testing.assert_allclose(found.trans_m, whole.trans_m, atol=1e-3)
+
+
+@pytest.mark.parametrize("fps", [*RATES_HZ, 10.0, 17.9, 18.1, 24.0])
+def test_auto_takes_the_slowest_and_the_fastest(fps: float) -> None:
+    """Where frames are too few to tell noise from motion, nothing is left out."""
+    whole = replace(slow(200), fps=fps)
+    found = smoothed(whole, "auto")
+    assert np.isfinite(found.pose).all()
+    if fps < 18:
+        np.testing.assert_allclose(found.trans_m, whole.trans_m, atol=1e-12)
 
 
 @pytest.mark.parametrize("cutoff_hz", [0.0, 60.0, np.nan])
