@@ -53,7 +53,7 @@ def test_the_committed_page_is_made_of_the_committed_scores():
     page = DOCS / "recordings.md"
     command = page.read_text().rpartition("Made by `")[2].partition("`")[0]
     folders = [DOCS.parents[2] / one for one in command.partition("--folders ")[2].split()]
-    assert len(folders) == 4
+    assert len(folders) == 5
     assert page.read_text() == recordings.markdown(page, folders, command)
 
 

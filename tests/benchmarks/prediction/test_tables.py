@@ -73,6 +73,7 @@ def test_finished_scores_are_tabulated_with_their_spread(tmp_path, no_training):
         "prediction/cmu_smoothed",
         "prediction/cmu_motionbuilder",
         "prediction/cmu_motionbuilder_smoothed",
+        "prediction/cmu_motionbuilder_auto",
     ],
 )
 def test_the_committed_page_is_made_of_the_committed_scores(name):
