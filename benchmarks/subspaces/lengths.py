@@ -91,7 +91,7 @@ def draw(path: Path, folders: Sequence[Path]) -> None:
     for row in trained:
         curve, last = row["curve"], row["steps_taken"] == lengths[-1]
         lost = [1 - r2 for r2 in curve["r2"]]
-        line = _LINES[-len(lengths) :][lengths.index(row["steps_taken"])]
+        line = _LINES[max(lengths.index(row["steps_taken"]) - len(lengths), -len(_LINES))]
         label = f"{row['label']}: {row['steps_taken']} steps"
         width = 1.8 if last else 1.2
         colour = colours[row["code"]]
