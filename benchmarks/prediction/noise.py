@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,7 +52,8 @@ invented test motions of each run; *least*: of a motion. *Noisy*: each of them w
 {recordings} recordings has faster than {faster:g} Hz; the noisy roots tremble by {least_mm:.1f} to
 {most_mm:.1f} mm above 10 Hz (median {median_mm:.1f}), the clean ones by at most {clean_mm:.1f}.
 *White*: with chance in every frame, {white_mm:g} mm and {white_deg:g} degrees along and about each
-axis (root mean square).
+axis (root mean square). The fixed cutoff that is best for a noisy motion, and for how many of them:
+{best}.
 Made by `{command}`.
 """
 
@@ -113,6 +115,7 @@ def markdown(path: Path) -> str:
         most_mm=max(noisy_mm),
         median_mm=float(np.median(noisy_mm)),
         clean_mm=max(clip["tremor_mm"]["clean"] for clip in clips),
+        best=_best_cutoffs(clips),
         white_mm=1e3 * WHITE_M,
         white_deg=WHITE_DEG,
         command=result["command"],
@@ -127,6 +130,16 @@ def _cells(clips: Sequence[Mapping[str, Any]], cutoff: str, motion: str) -> list
     least = min(1 - score["offsets"][0] / score["offsets"][1] for score in scores)
     r2s = {kind: 1 - missed[kind] / whole[kind] for kind in _KINDS}
     return [f"{r2s['offsets']:.3f}", f"{least:.3f}", f"{r2s['velocity']:.3f}"]
+
+
+def _best_cutoffs(clips: Sequence[Mapping[str, Any]]) -> str:
+    """How many noisy motions each fixed cutoff is the best for, over all runs."""
+    best = Counter(
+        min(fixed, key=lambda cutoff: clip["scores"][cutoff]["noisy"]["offsets"][0])
+        for clip in clips
+        for fixed in [[cutoff for cutoff in clip["scores"] if cutoff != "auto"]]
+    )
+    return ", ".join(f"{cutoff}: {best[cutoff]}" for cutoff in clips[0]["scores"] if best[cutoff])
 
 
 def _clips(run: Run, noises: Sequence[Noise]) -> Iterator[dict[str, Any]]:

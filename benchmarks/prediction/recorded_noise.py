@@ -1,4 +1,4 @@
-"""What a recording has that is faster than people move, to be added to a motion without noise."""
+"""Noise to be added to a motion that has none: what a recording has faster than 8 Hz, or chance."""
 
 from __future__ import annotations
 

@@ -76,6 +76,7 @@ def test_energies_are_summed_up_by_cutoff_and_input(tmp_path):
         "| `r` | none | 0.950 | 0.900 | 0.900 | 0.800 | 0.500 | 0.600 | 0.800 | 0.500 | 0.600 |"
         in page
     )
+    assert "how many of them:\nnone: 2." in page
     assert "by 0.9 to\n0.9 mm above 10 Hz (median 0.9), the clean ones by at most 0.1" in page
 
 

@@ -166,6 +166,8 @@ def test_no_motion_of_ours_trembles(name: str) -> None:
     assert tremor_mm(unpack_theta(motion.theta)[1], motion.fps) < 0.2
     calmed = load_motion_file(sample_path(name), smooth_hz="auto")
     assert np.abs(calmed.theta - motion.theta)[:, 66:].max() < 5e-4
+    turns = [Rotation.from_rotvec(m.theta[:, :66].reshape(-1, 3)) for m in (motion, calmed)]
+    assert np.degrees((turns[0].inv() * turns[1]).magnitude()).max() < 5
 
 
 @pytest.mark.licensed
