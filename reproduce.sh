@@ -4,7 +4,6 @@
 #                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
 #                  [--engine ray [--address HOST:PORT]]       (on a cluster: docs/scaling.md)
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR [--amass-fps N]] [--dmpl FILE]]  (licensed: docs/data.md)
-#                  [--plan]            (what that would cost, stage by stage; nothing is run)
 #   ./reproduce.sh setup                the environment alone, for runs and tests
 #   ./reproduce.sh test                 the environment, then linters, types and tests
 #   ./reproduce.sh test --slow          the tests that take minutes each, which `test` leaves out
@@ -88,10 +87,9 @@ existing() {
 
 run_stages() {
     local profile=demo run="" seed=0 gender="" corpus=() align=() dyna=() predict=() licensed="" path
-    local aligner="" plan="" engine=() train_ae=() train=()
+    local aligner="" engine=() train_ae=() train=()
     while (($#)); do
         case $1 in
-            --plan) plan=yes && shift && continue ;;
             --profile | --run | --seed | --gender | --aligner | --smpl | --dyna | --amass | --amass-fps | --dmpl | --engine | --address) ;;
             *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
@@ -142,11 +140,6 @@ run_stages() {
         refuse "--gender $gender with licensed files; expected one of the two. The body model of --smpl has its gender."
     [[ -n $run ]] || run=$profile$([[ $gender != male ]] || echo _male)
     local common=(--profile "$profile" --run "$run" --seed "$seed" ${engine[@]+"${engine[@]}"})
-    if [[ -n $plan ]]; then
-        .venv/bin/dsnet plan "${common[@]}" ${corpus[@]+"${corpus[@]}"} ${align[@]+"${align[@]}"} \
-            ${predict[@]+"${predict[@]}"}
-        return
-    fi
     for stage in corpus align train-ae encode train train-plus predict predict-plus decode evaluate report; do
         [[ $stage == corpus && -n $licensed ]] && continue
         # The best road begins at the robust aligner's offsets.

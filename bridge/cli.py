@@ -53,7 +53,6 @@ COMMANDS = {
         "Compare NumPy, PyTorch, Keras, ONNX by layer.",
     ),
     "view": ("bridge.view.stage_view", "Look at predictions in a browser, as they move."),
-    "plan": ("bridge.plan.stage_plan", "Say what a run will cost; make nothing."),
     "check": ("bridge.runs.stage_check", "Compare a run's files and chain with its digests."),
     "bench": ("bridge.bench", "Time the networks against their limits and peers."),
 }

@@ -19,7 +19,7 @@ FORBIDDEN = {
 # A folder imports those before it; paper, errors, endings and options, in none, import no folder.
 ORDER = [
     "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "export",
-    "view", "verify", "plan",
+    "view", "verify",
 ]  # fmt: skip
 COMMANDS = {"cli.py", "bench.py", "bench_graphs.py"}
 THIRD_PARTIES = {
@@ -44,7 +44,6 @@ THIRD_PARTIES = {
     "view": {"numpy", "viser"},
     "measure": {"numpy", "scipy", "tqdm"},
     "verify": {"numpy", "onnx", "safetensors", "tqdm"},
-    "plan": set(),
     "report": {"jinja2", "markdown_it", "matplotlib", "mitsuba", "numpy", "scipy", "tqdm"},
 }
 

@@ -104,19 +104,6 @@ def test_men_are_a_run_of_their_own(reproduce: Reproduce) -> None:
     assert named["align"] == "--profile demo --run men --seed 0"
 
 
-def test_a_plan_takes_the_same_options_and_runs_no_stage(
-    reproduce: Reproduce, tmp_path: Path
-) -> None:
-    planned = stages(reproduce("--plan", "--gender", "male", "--aligner", "sgd", "--seed", "3"))
-    common = "--profile demo --run demo_male --seed 3"
-    assert planned == {"plan": f"{common} --gender male --aligner sgd"}
-    files = ("--smpl", "body f.pkl", "--dyna", "women.h5", "men.h5", "--amass", "amass")
-    planned = stages(reproduce("--profile", "paper", *files, "--plan"))
-    at = tmp_path / "caller"
-    paths = f"--smpl {at}/body f.pkl --dyna {at}/women.h5 {at}/men.h5 --amass {at}/amass"
-    assert planned == {"plan": f"--profile paper --run paper --seed 0 {paths}"}
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -128,7 +115,6 @@ def test_a_plan_takes_the_same_options_and_runs_no_stage(
         (["--amass", "nowhere"], "nowhere does not exist"),
         (["--smpl"], "--smpl needs a value"),
         (["--dynamics"], "unknown option --dynamics"),
-        (["--plan", "--dynamics"], "unknown option --dynamics"),
         (["--aligner", "x"], "--aligner x; expected sgd, robust or both"),
     ],
 )

@@ -70,7 +70,7 @@ def load_results(run: str) -> dict[str, Any]:
 def with_results(page: str, results: dict[str, Any]) -> str:
     """A page's text with each of its generated blocks written anew."""
     blocks = {
-        "times": lambda: times_block(results),
+        "times": lambda: times_block(results, load_results("paper")),
         "results": lambda: results_block(results),
         "speed": lambda: speed_block(results["bench"]),
         "runtime": lambda: runtime_block(results["bench"]["runtime"]),
@@ -79,18 +79,23 @@ def with_results(page: str, results: dict[str, Any]) -> str:
     return _BLOCK.sub(lambda found: found[1] + blocks[found["name"]](), page)
 
 
-def times_block(results: dict[str, Any]) -> str:
-    """How long the run took, where, and what it needs."""
-    disk = results["disk"]
-    # Verification is a command of its own, no stage of ./reproduce.sh.
-    stages = {name: stage for name, stage in results["stages"].items() if name != "verify"}
-    minutes = sum(stage["wall_time_s"] for stage in stages.values()) / 60
-    memory = max(stage["peak_memory_mb"] for stage in stages.values()) / 1000
-    machine = next(iter(stages.values()))["machine"]
+def times_block(demo: dict[str, Any], paper: dict[str, Any]) -> str:
+    """How long both runs took, where, and what they need."""
     return (
-        f"Measured on {machine}: the stages of `demo`, without the report, take "
-        f"{minutes:.0f} minutes\nand at most {memory:.1f} GB of memory; the environment takes "
-        f"{disk['environment'] / 1e9:.1f} GB of disk, the run {disk['run'] / 1e9:.1f} GB.\n"
+        f"Without their reports, {_times('demo', demo)};\n{_times('paper', paper)}. "
+        f"The environment takes {demo['disk']['environment'] / 1e9:.1f} GB.\n"
+    )
+
+
+def _times(run: str, results: dict[str, Any]) -> str:
+    # Verification is a command of its own, no stage of ./reproduce.sh.
+    stages = [stage for name, stage in results["stages"].items() if name != "verify"]
+    minutes = sum(stage["wall_time_s"] for stage in stages) / 60
+    memory = max(stage["peak_memory_mb"] for stage in stages) / 1000
+    return (
+        f"[`{run}`](docs/results/{run}/report.md#how-it-was-made) took {minutes:.0f} minutes, "
+        f"{memory:.1f} GB of memory and {results['disk']['run'] / 1e9:.1f} GB of disk "
+        f"({stages[0]['machine']})"
     )
 
 

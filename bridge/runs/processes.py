@@ -75,21 +75,9 @@ def run_dsnet(command: str, *arguments: str) -> None:
     _run(_DSNET, (command, *arguments))
 
 
-def answer_of_module(module: str, *arguments: str) -> str:
-    """What `python -m module arguments` prints; a child that failed has said why.
-
-    Raises
-    ------
-    SystemExit
-        With the child's exit status when it is not 0.
-    """
-    require_packages_of(module)
-    return _run(_MODULE.format(module), arguments, stdout=subprocess.PIPE)
-
-
-def _run(code: str, arguments: Sequence[str], stdout: int | None = None) -> str:
-    with _begun(code, arguments, stdout=stdout) as child:
-        answer, _ = child.communicate()
+def _run(code: str, arguments: Sequence[str]) -> None:
+    with _begun(code, arguments) as child:
+        child.wait()
     status = child.returncode
     if status == -signal.SIGTERM:
         raise Terminated
@@ -101,7 +89,6 @@ def _run(code: str, arguments: Sequence[str], stdout: int | None = None) -> str:
         )
     if status:
         sys.exit(status)
-    return answer
 
 
 def outcome_of_module(module: str, *arguments: str) -> tuple[int, str]:

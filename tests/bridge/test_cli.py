@@ -51,9 +51,6 @@ def test_help_shows_run_and_seed(command, helps):
     [
         (["fly"], "expected one of corpus"),
         (["report", "--profile", "huge"], "expected one of smoke"),
-        (["plan", "--profile", "huge"], "expected one of smoke"),
-        (["plan", "--run", "../up"], "plain folder name"),
-        (["plan", "--dyna", "x.h5"], "one of --smpl and --dyna"),
         (["report", "--run", "no-such-run"], "unknown run 'no-such-run'"),
         (["report", "--run", "../up"], "plain folder name"),
         (["predict", "--motion", "x.npz"], "--out"),
