@@ -36,11 +36,6 @@ COMMANDS = {
         "bridge.export.stage_export",
         "Write a moving body for Blender, Maya, Houdini, Unreal.",
     ),
-    "pack": (
-        "bridge.export.stage_pack",
-        "Store an artifact's arrays in one small file, within a stated error.",
-    ),
-    "unpack": ("bridge.export.stage_unpack", "Turn such a file back into arrays."),
     "predict-plus": (
         "tf_dsnet.stage_predict_plus",
         "Predict offsets with dsnet_plus.",

@@ -21,8 +21,6 @@ for command in COMMANDS:
 print(json.dumps(shown), flush=True)
 os._exit(0)  # TensorFlow and the renderer in one process abort at its end
 """
-FOLDERS_AND_FILES = ("pack", "unpack")
-"""Commands for anybody's artifacts, not for those of a run."""
 
 
 def test_every_command_has_help(capsys):
@@ -42,7 +40,7 @@ def helps() -> dict[str, str]:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_shows_run_and_seed(command, helps):
-    assert ("--run" in helps[command]) == (command not in FOLDERS_AND_FILES)
+    assert "--run" in helps[command]
     assert "--seed" in helps[command]
 
 
