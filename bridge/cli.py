@@ -49,7 +49,6 @@ COMMANDS = {
     ),
     "view": ("bridge.view.stage_view", "Look at predictions in a browser, as they move."),
     "check": ("bridge.runs.stage_check", "Compare a run's files and chain with its digests."),
-    "bench": ("bridge.bench", "Time the networks against their limits and peers."),
 }
 PROFILES = ("smoke", "demo", "paper")
 

@@ -1,9 +1,9 @@
-"""Copy finished reports into docs/results and write the numbers of `demo` into the pages.
+"""Copy finished reports into docs/results and write the numbers of `demo` into README.
 
     python -m tools.update_readme RUN ...       after `./reproduce.sh --run RUN`
 
 The blocks between `<!-- NAME: ... -->` and `<!-- end -->` are generated, never typed;
-`tests/test_readme.py` compares them with docs/results/demo/results.json.
+`tests/test_readme.py` compares them, and the page of `demo`'s speed, with docs/results/demo.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from typing import Any
 from bridge.measure.roads import TRAIN_PLUS
 from bridge.motion.cells import CELLS
 from bridge.runs import Run
-from tools.runtime_tables import peers_block, runtime_block
+from tools.speed_page import speed_page
 
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "README.md", ROOT / "docs" / "performance.md")
+README = ROOT / "README.md"
+SPEED = ROOT / "docs" / "results" / "demo" / "speed.md"
 KEPT_JSON = ("results", "disk")
 KEPT = ("report.md", "results.json", "figures")
 _BLOCK = re.compile(
@@ -35,10 +36,9 @@ def main() -> None:
     """Refresh docs/results from the runs that are named on the command line, and the pages."""
     for run in sys.argv[1:]:
         keep(Run(run).path, ROOT / "docs" / "results" / run)
-    for page in PAGES:
-        page.write_text(
-            with_results(page.read_text(encoding="utf-8"), load_results("demo")), encoding="utf-8"
-        )
+    SPEED.write_text(speed_page(load_bench(SPEED.parent)), encoding="utf-8")
+    page = with_results(README.read_text(encoding="utf-8"), load_results("demo"))
+    README.write_text(page, encoding="utf-8")
 
 
 def keep(run: Path, target: Path) -> None:
@@ -57,14 +57,16 @@ def keep(run: Path, target: Path) -> None:
 def load_results(run: str) -> dict[str, Any]:
     """The committed results of a run."""
     folder = ROOT / "docs" / "results" / run
-    bench = {
-        path.stem: json.loads(path.read_text(encoding="utf-8"))
-        for path in (folder / "bench").glob("*.json")
-    }
     results, disk = (
         json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in KEPT_JSON
     )
-    return {**results, "bench": bench, "disk": disk}
+    return {**results, "disk": disk}
+
+
+def load_bench(folder: Path) -> dict[str, Any]:
+    """What `python -m benchmarks.speed` measured, by part."""
+    files = (folder / "bench").glob("*.json")
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in files}
 
 
 def with_results(page: str, results: dict[str, Any]) -> str:
@@ -72,9 +74,6 @@ def with_results(page: str, results: dict[str, Any]) -> str:
     blocks = {
         "times": lambda: times_block(results, load_results("paper")),
         "results": lambda: results_block(results),
-        "speed": lambda: speed_block(results["bench"]),
-        "runtime": lambda: runtime_block(results["bench"]["runtime"]),
-        "peers": lambda: peers_block(results["bench"].get("peers")),
     }
     return _BLOCK.sub(lambda found: found[1] + blocks[found["name"]](), page)
 
@@ -160,34 +159,6 @@ def _alignment_lines(alignments: dict[str, dict[str, Any]]) -> list[str]:
             )
         lines.append(f"{text}.")
     return lines
-
-
-def speed_block(bench: dict[str, Any]) -> str:
-    """Training steps beside a peer and the machine's limit; DSNet's epoch and streaming step."""
-    torch, tensorflow = bench["torch"], bench["tensorflow"]
-    median, gflops = torch["median_s"], torch["gflops"]
-    rows = [
-        ("autoencoder, one training step of 64 meshes", f"{median['mesh_autoencoder']:.2f} s"),
-        ("the same of Casas-Otaduy's network", f"{median['casas_otaduy']:.2f} s"),
-        ("ratio of the two, Adam fused on both sides", f"{torch['mesh_to_casas_otaduy']:.2f}"),
-        (
-            "ratio of the two, PyTorch's default Adam on both sides",
-            f"{torch['mesh_to_casas_otaduy_plain_adam']:.2f}",
-        ),
-        (
-            "arithmetic rate of the autoencoder's step, of a plain matrix product",
-            f"{gflops['mesh_autoencoder']:.0f}, {gflops['gemm']:.0f} GFLOP/s",
-        ),
-        ("DSNet, one epoch of 67 x 300 frames", f"{tensorflow['epoch_s']:.2f} s"),
-        ("the same with Keras's own LSTM", f"{tensorflow['epoch_keras_lstm_s']:.2f} s"),
-        ("DSNet, one streamed frame of 1 character", f"{tensorflow['step_us']['1']:.0f} µs"),
-        ("DSNet, one streamed frame of 16 characters", f"{tensorflow['step_us']['16']:.0f} µs"),
-    ]
-    table = "\n".join(f"| {name} | {value} |" for name, value in rows)
-    return (
-        f"Medians on {torch['machine']}, {torch['threads']} threads; written by `dsnet bench`.\n\n"
-        f"| what | measured |\n|---|---:|\n{table}\n"
-    )
 
 
 def _size(folder: Path) -> int:

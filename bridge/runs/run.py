@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
@@ -19,7 +18,6 @@ from bridge.runs.folders import (
     is_unsettled,
     runs_root,
     settle,
-    write_text_atomically,
 )
 from bridge.runs.locks import exclusive, lock_of
 from bridge.runs.writer import ArtifactWriter
@@ -153,12 +151,6 @@ class Run:
             name: str(path.relative_to(home) if path.is_relative_to(home) else path)
             for name, path in files.items()
         }
-
-    def write_bench(self, name: str, results: Mapping[str, Any]) -> None:
-        """Write what a benchmark measured to `bench/<name>.json`."""
-        folder = self.path / "bench"
-        folder.mkdir(parents=True, exist_ok=True)
-        write_text_atomically(folder / f"{name}.json", json.dumps(results, indent=1) + "\n")
 
     def alone(self, stage: str) -> AbstractContextManager[None]:
         """Keep other processes out of `stage`."""

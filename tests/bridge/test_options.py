@@ -101,11 +101,11 @@ def test_a_seed_is_taken_by_a_command_without_one(monkeypatch):
         run: str = "demo"
 
     seen = []
-    module = importlib.import_module(COMMANDS["bench"][0])
+    module = importlib.import_module(COMMANDS["check"][0])
     monkeypatch.setattr(module, "PROFILES", {"demo": Seedless()})
     monkeypatch.setattr(module, "main", seen.append)
-    main(["bench", "--seed", "7", "--run", "x"])
-    main(["bench", "--seed=7"])
+    main(["check", "--seed", "7", "--run", "x"])
+    main(["check", "--seed=7"])
     assert seen == [Seedless("x"), Seedless("demo")]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tools.runtime_tables import PARTS, WHOLE, peers_block, runtime_block
+from tools.speed_page import PARTS, WHOLE, peers_block, runtime_block
 
 
 def shares(ms: float, **others: float) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""`python -m torch_align_ae.bench`: one autoencoder training step against its peers and its limit.
+"""One training step of the autoencoder against its peers and its limit.
 
 Section 5 claims that the mesh autoencoder trains faster than Casas and Otaduy's
 network. Both take the same batch through the same step, turn by turn in one
@@ -15,20 +15,22 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
+from benchmarks.speed.results import write_results
 from bridge.options import PositiveInt, Seed
 from bridge.paper import FEATURES, N_VERTICES
-from bridge.runs import Run
 from bridge.runs.processes import run_as_process
 from bridge.runs.provenance import machine
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder, parameter_count
 from torch_align_ae.autoencoder.allocation import keep_freed_memory
-from torch_align_ae.autoencoder.mesh_autoencoder import conv1d_forward
+from torch_align_ae.autoencoder.mesh_autoencoder import VertexConv
 
 _GEMM_SIZE = 2048
 
@@ -47,16 +49,9 @@ class TorchBenchConfig:
     """Timed steps of each contender, after one that warms it up."""
 
 
-PROFILES = {
-    "smoke": TorchBenchConfig(run="smoke", rounds=2),
-    "demo": TorchBenchConfig(run="demo"),
-    "paper": TorchBenchConfig(run="paper", rounds=15),
-}
-
-
 def main(config: TorchBenchConfig) -> None:
     """Measure, and write runs/<run>/bench/torch.json."""
-    Run(config.run).write_bench("torch", measure(config))
+    write_results(config.run, "torch", measure(config))
 
 
 def measure(config: TorchBenchConfig) -> dict[str, Any]:
@@ -68,11 +63,12 @@ def measure(config: TorchBenchConfig) -> dict[str, Any]:
         offsets = torch.randn(config.batch_size, N_VERTICES, 3)
         mesh, casas = MeshAutoencoder(), CasasOtaduyAutoencoder()
         square = torch.randn(_GEMM_SIZE, _GEMM_SIZE)
+    conv1d = partial(conv1d_forward, mesh)
     # All forms of a network share weights and moments: copies would cost gigabytes.
     mesh_adam, casas_adam = _adam(mesh), _adam(casas)
     contenders: dict[str, Callable[[], object]] = {
         "mesh_autoencoder": _training_step(mesh_adam, mesh, offsets),
-        "mesh_autoencoder_conv1d": _training_step(mesh_adam, _conv1d(mesh), offsets),
+        "mesh_autoencoder_conv1d": _training_step(mesh_adam, conv1d, offsets),
         "mesh_autoencoder_plain_adam": _training_step(mesh_adam, mesh, offsets, fused=False),
         "casas_otaduy": _training_step(casas_adam, casas, offsets),
         "casas_otaduy_plain_adam": _training_step(casas_adam, casas, offsets, fused=False),
@@ -137,8 +133,26 @@ def _adam(model: nn.Module) -> torch.optim.Adam:
     return torch.optim.Adam(model.parameters(), 1e-4, fused=True)
 
 
-def _conv1d(mesh: MeshAutoencoder) -> Callable[[Tensor], Tensor]:
-    return lambda offsets: conv1d_forward(mesh, offsets)
+def conv1d_forward(model: MeshAutoencoder, offsets: Tensor) -> Tensor:
+    """The same network with batch-first `Conv1d`, layer by layer: oracle and peer of the fast form.
+
+    Takes and returns normalised offsets (B, V, 3).
+    """
+    features = offsets  # (B, V, C): Conv1d's channels are the vertices
+    for layer in model.encoder:
+        features = _plain(layer, features)
+    latents = model.to_latent(features.flatten(1))
+    features = model.activate(model.from_latent(latents))
+    features = features.view(-1, model.widths[-1], FEATURES[-1])
+    for layer in model.decoder:
+        features = _plain(layer, features)
+    return model.to_coordinates(features)
+
+
+def _plain(layer: nn.Module, features: Tensor) -> Tensor:
+    if isinstance(layer, VertexConv):
+        return functional.conv1d(features, layer.weight, layer.bias)
+    return layer(features)
 
 
 def _gflops(

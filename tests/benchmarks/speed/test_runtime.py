@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from bridge.runtime import bench_graphs, bench_limits
-from bridge.runtime.bench import RuntimeBenchConfig, main
-from bridge.runtime.bench_limits import GraphCall, operations_bytes
+from benchmarks.speed import graphs, limits
+from benchmarks.speed.limits import GraphCall, operations_bytes
+from benchmarks.speed.runtime import RuntimeBenchConfig, main
 from bridge.verify.draws import SMALL_WIDTHS
 
 PARTS = ("load", "step", "spread", "decoder", "skinning")
@@ -21,11 +21,9 @@ MEASURED = ["times_moving", "times_multiplying", "ms", "must_move_mb", "operatio
 def test_every_part_has_its_ratios(tmp_path, monkeypatch, clock):
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
     widths = (6890, *SMALL_WIDTHS[1:])
-    monkeypatch.setattr(bench_graphs, "INFERRED_WIDTHS", widths)
-    monkeypatch.setattr(
-        bench_graphs, "ARCHITECTURE", {**bench_graphs.ARCHITECTURE, "widths": widths}
-    )
-    monkeypatch.setattr(bench_limits, "_SQUARE", 64)
+    monkeypatch.setattr(graphs, "INFERRED_WIDTHS", widths)
+    monkeypatch.setattr(graphs, "ARCHITECTURE", {**graphs.ARCHITECTURE, "widths": widths})
+    monkeypatch.setattr(limits, "_SQUARE", 64)
     main(RuntimeBenchConfig(run="r", rounds=1, characters=(2,), nodes=30, clock=clock))
     results = json.loads((tmp_path / "r" / "bench" / "runtime.json").read_text())
     assert results["clock"] == clock
@@ -38,7 +36,7 @@ def test_every_part_has_its_ratios(tmp_path, monkeypatch, clock):
 
 
 def test_multiplications_are_those_of_the_papers_sizes():
-    counts = bench_graphs.multiplications(500)
+    counts = graphs.multiplications(500)
     # Each of the four convolutions' weights once a feature, and the linear layer to 270 numbers.
     mixing = 6890 * 2000 + 2000 * 1300 + 1300 * 300 + 300 * 30
     assert counts["decoder"] == 9 * mixing + 270 * 100
@@ -47,7 +45,7 @@ def test_multiplications_are_those_of_the_papers_sizes():
 
 def test_bytes_of_a_product_and_a_sum_are_those_of_their_arrays():
     kernel = np.ones((30, 40), np.float32)
-    model = bench_graphs.graph_of(
+    model = graphs.graph_of(
         lambda g: g.apply("Tanh", g.input("x", ("B", 30)) @ g.array("kernel", kernel))
     )
     rng = np.random.default_rng(0)

@@ -18,10 +18,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from benchmarks.speed.limits import GraphCall
 from bridge.body import BodyModelData
 from bridge.motion import unpack_theta
 from bridge.paper import N_BETAS, THETA_SIZE
-from bridge.runtime.bench_limits import GraphCall
 from torch_align_ae.body import SMPL
 
 Call = Callable[[], Any]

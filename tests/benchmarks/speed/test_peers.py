@@ -9,11 +9,10 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.speed import graphs, limits, peers, posing_peers
+from benchmarks.speed.peers import PeersBenchConfig, main
 from bridge import DsnetError
-from bridge.runtime import bench_graphs, bench_limits
 from bridge.verify.draws import SMALL_WIDTHS
-from torch_align_ae import bench_peers, posing_peers
-from torch_align_ae.bench_peers import PeersBenchConfig, main
 
 WITHOUT_WARNINGS = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 
@@ -23,12 +22,12 @@ def small(tmp_path, monkeypatch):
     """Decoders of few numbers, one turn, and the file that is written."""
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
     widths = (6890, *SMALL_WIDTHS[1:])
-    architecture = {**bench_graphs.ARCHITECTURE, "widths": widths}
-    for module in (bench_graphs, bench_peers):
+    architecture = {**graphs.ARCHITECTURE, "widths": widths}
+    for module in (graphs, peers):
         monkeypatch.setattr(module, "ARCHITECTURE", architecture)
-    monkeypatch.setattr(bench_graphs, "INFERRED_WIDTHS", widths)
-    monkeypatch.setattr(bench_peers, "CASAS_OTADUY_WIDTHS", (20670, 8, 6, 100))
-    monkeypatch.setattr(bench_limits, "_SQUARE", 64)
+    monkeypatch.setattr(graphs, "INFERRED_WIDTHS", widths)
+    monkeypatch.setattr(peers, "CASAS_OTADUY_WIDTHS", (20670, 8, 6, 100))
+    monkeypatch.setattr(limits, "_SQUARE", 64)
 
     def measured(**options) -> dict:
         main(PeersBenchConfig(run="r", rounds=1, bodies=(2,), clock="processor", **options))
@@ -76,10 +75,10 @@ def test_a_peer_that_is_installed_has_its_rows(small, monkeypatch, peer, rows):
 
 def test_what_differs_is_not_compared():
     ones = np.ones((2, 5, 3))
-    bench_peers._require_same({"ours": ones, "theirs": ones + 1e-5})
+    peers._require_same({"ours": ones, "theirs": ones + 1e-5})
     for other in (ones + 1e-3, ones * np.nan):
         with pytest.raises(DsnetError, match="theirs"):
-            bench_peers._require_same({"ours": ones, "theirs": other})
+            peers._require_same({"ours": ones, "theirs": other})
 
 
 def test_bodies_are_given_with_hands_at_rest():

@@ -1,4 +1,4 @@
-"""`dsnet bench`: each framework's timings and the runtime's, each taken in a process of its own."""
+"""`python -m benchmarks.speed --run demo`: every measurement, each in a process of its own."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.speed.results import results_folder
 from bridge.options import Seed
-from bridge.runs import Run
-from bridge.runs.processes import run_module
+from bridge.runs.processes import run_as_process, run_module
 
 
 @dataclass(frozen=True)
-class BenchConfig:
+class SpeedConfig:
     """Time training and streaming, and from a pose to the posed skin, beside peers that are there.
 
     Results go to runs/<run>/bench/{torch,tensorflow,runtime,peers}.json.
@@ -25,20 +25,14 @@ class BenchConfig:
     """Seed of the random inputs."""
 
 
-MODULES = (
-    "torch_align_ae.bench",
-    "tf_dsnet.bench",
-    "bridge.runtime.bench",
-    "torch_align_ae.bench_peers",
-)
-PROFILES = {name: BenchConfig() for name in ("smoke", "demo", "paper")}
+PARTS = ("autoencoder", "dsnet", "runtime", "peers")
 
 
-def main(config: BenchConfig) -> None:
+def main(config: SpeedConfig) -> None:
     """Run the benchmarks one after the other, so that none disturbs another."""
-    for module in MODULES:
-        run_module(module, "--run", config.run, "--seed", str(config.seed))
-    for path in sorted((Run(config.run).path / "bench").glob("*.json")):
+    for part in PARTS:
+        run_module(f"benchmarks.speed.{part}", "--run", config.run, "--seed", str(config.seed))
+    for path in sorted(results_folder(config.run).glob("*.json")):
         results = json.loads(path.read_text(encoding="utf-8"))
         sys.stdout.write(f"{path}\n{_summary(results)}\n")
 
@@ -53,3 +47,7 @@ def _summary(results: dict[str, Any], indent: str = "  ") -> str:
         elif isinstance(value, (int, float)):
             lines.append(f"{indent}{name:<36}{value:.4g}")
     return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    run_as_process(SpeedConfig, main)

@@ -1,7 +1,8 @@
-"""Tables of docs/performance.md about the deployable graphs, their limits and their peers."""
+"""docs/results/demo/speed.md: training, the deployable graphs, their limits and their peers."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 PARTS = {
@@ -36,6 +37,42 @@ DECODING = {
     "casas_otaduy_torch": "the same, PyTorch",
 }
 Shares = dict[str, float]
+
+
+def speed_page(bench: dict[str, Any]) -> str:
+    """Everything that `python -m benchmarks.speed` measured, as Markdown."""
+    return (
+        "# Speed: measured\n\nWritten by `python -m benchmarks.speed` and `python -m "
+        "tools.update_readme`; [what it means](../../performance.md).\n\n"
+        f"## Training, and DSNet alone\n\n{_training(bench)}\n"
+        f"## From a pose to the posed skin\n\n{runtime_block(bench['runtime'])}\n"
+        f"## Beside others\n\n{peers_block(bench.get('peers'))}"
+    )
+
+
+def _training(bench: dict[str, Any]) -> str:
+    """Training steps beside a peer and the machine's limit; DSNet's epoch and streaming step."""
+    torch, tensorflow = bench["torch"], bench["tensorflow"]
+    median, gflops = torch["median_s"], torch["gflops"]
+    rows = [
+        ("autoencoder, one training step of 64 meshes", f"{median['mesh_autoencoder']:.2f} s"),
+        ("the same of Casas-Otaduy's network", f"{median['casas_otaduy']:.2f} s"),
+        ("ratio of the two, Adam fused on both sides", f"{torch['mesh_to_casas_otaduy']:.2f}"),
+        (
+            "ratio of the two, PyTorch's default Adam on both sides",
+            f"{torch['mesh_to_casas_otaduy_plain_adam']:.2f}",
+        ),
+        (
+            "arithmetic rate of the autoencoder's step, of a plain matrix product",
+            f"{gflops['mesh_autoencoder']:.0f}, {gflops['gemm']:.0f} GFLOP/s",
+        ),
+        ("DSNet, one epoch of 67 x 300 frames", f"{tensorflow['epoch_s']:.2f} s"),
+        ("the same with Keras's own LSTM", f"{tensorflow['epoch_keras_lstm_s']:.2f} s"),
+        ("DSNet, one streamed frame of 1 character", f"{tensorflow['step_us']['1']:.0f} µs"),
+        ("DSNet, one streamed frame of 16 characters", f"{tensorflow['step_us']['16']:.0f} µs"),
+    ]
+    table = _table(["what", "measured"], rows)
+    return f"Medians on {torch['machine']}, {torch['threads']} threads.\n\n{table}"
 
 
 def runtime_block(bench: dict[str, Any]) -> str:
@@ -132,6 +169,6 @@ def _counted(count: str, one: str, many: str = "") -> str:
     return f"{count} {one if count == '1' else many or one + 's'}"
 
 
-def _table(head: list[str], rows: list[list[str]]) -> str:
+def _table(head: list[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [head, ["---", *("---:" for _ in head[1:])], *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)

@@ -12,10 +12,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.speed.results import write_results
 from bridge.exchange.clips import Clips
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
-from bridge.runs import Run
 from bridge.runs.processes import run_as_process
 from bridge.runtime.streams.streaming import StreamingPredictor
 from tf_dsnet.framework import keras, tf
@@ -42,11 +42,6 @@ class KerasBenchConfig:
     """Streaming steps to time, after two that are not."""
 
 
-PROFILES: dict[str, KerasBenchConfig] = {
-    name: KerasBenchConfig() for name in ("smoke", "demo", "paper")
-}
-
-
 def main(config: KerasBenchConfig) -> None:
     """Measure and write the results."""
     rng = np.random.default_rng(config.seed)
@@ -61,7 +56,7 @@ def main(config: KerasBenchConfig) -> None:
         "gpus": len(tf.config.list_physical_devices("GPU")),
         "versions": {"tensorflow": tf.__version__, "keras": keras.__version__},
     }
-    Run(config.run).write_bench("tensorflow", results)
+    write_results(config.run, "tensorflow", results)
 
 
 def time_epoch(rng: np.random.Generator, epochs: int) -> dict[str, float]:

@@ -1,11 +1,11 @@
-"""`python -m torch_align_ae.bench_peers`: the deployable graphs beside what others would run.
+"""The deployable graphs beside what others would run.
 
 From a pose to posed vertices: our graph and our PyTorch module, smplx and smplfitter, each given
 the embedded body in SMPL's own format. From latents to offsets: the paper's decoder and Casas and
 Otaduy's, each in ONNX Runtime and in PyTorch, with random weights. Peers that are not installed are
 left out. All are tuned: float32, no gradients, all cores, memory kept between calls, warm. Before
 they are timed, all must give the same vertices and offsets. Turns and limits are those of
-`bridge.runtime.bench_limits`.
+`limits`.
 """
 
 from __future__ import annotations
@@ -24,14 +24,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from bridge.body import load_body_model
-from bridge.errors import DsnetError
-from bridge.options import PositiveInt, Seed
-from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
-from bridge.runs import Run
-from bridge.runs.processes import run_as_process
-from bridge.runs.provenance import machine
-from bridge.runtime.bench_graphs import (
+from benchmarks.speed.graphs import (
     ARCHITECTURE,
     Contender,
     decoder_arrays,
@@ -41,11 +34,18 @@ from bridge.runtime.bench_graphs import (
     skinned,
     weights_bytes,
 )
-from bridge.runtime.bench_limits import Clock, GraphCall, measured
+from benchmarks.speed.limits import Clock, GraphCall, measured
+from benchmarks.speed.posing_peers import PEERS, Call, DrawnBodies, posers
+from benchmarks.speed.results import write_results
+from bridge.body import load_body_model
+from bridge.errors import DsnetError
+from bridge.options import PositiveInt, Seed
+from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
+from bridge.runs.processes import run_as_process
+from bridge.runs.provenance import machine
 from bridge.runtime.graphs.onnx_values import Value, ValueGraph
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder
 from torch_align_ae.autoencoder.allocation import keep_freed_memory
-from torch_align_ae.posing_peers import PEERS, Call, DrawnBodies, posers
 
 _SAME = 1e-4
 """Of the largest number."""
@@ -69,13 +69,6 @@ class PeersBenchConfig:
     """Wall time on all cores; or one core's own time, whose ratios hold on a busy machine too."""
 
 
-PROFILES = {
-    "smoke": PeersBenchConfig(run="smoke", rounds=3),
-    "demo": PeersBenchConfig(),
-    "paper": PeersBenchConfig(run="paper"),
-}
-
-
 @dataclass(frozen=True, eq=False)
 class BothDecoders:
     """A decoder in ONNX Runtime and in PyTorch."""
@@ -87,7 +80,7 @@ class BothDecoders:
 
 def main(config: PeersBenchConfig) -> None:
     """Measure, and write runs/<run>/bench/peers.json."""
-    Run(config.run).write_bench("peers", measure(config))
+    write_results(config.run, "peers", measure(config))
 
 
 def measure(config: PeersBenchConfig) -> dict[str, Any]:

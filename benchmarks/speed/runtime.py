@@ -1,8 +1,8 @@
-"""`python -m bridge.runtime.bench`: from a pose to the posed skin, part by part, against limits.
+"""From a pose to the posed skin, part by part, against limits.
 
 Random weights at the paper's sizes, on the embedded body: what is timed does not depend on them.
 All contenders take turns in one process, so that other load hits all alike; the limits are those of
-`bench_limits`.
+`limits`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 import onnxruntime
 
+from benchmarks.speed.graphs import Contender, make_contenders
+from benchmarks.speed.limits import Clock, GraphCall, measured, operations_bytes
+from benchmarks.speed.results import write_results
 from bridge.options import PositiveInt, Seed
-from bridge.runs import Run
 from bridge.runs.processes import run_as_process
 from bridge.runs.provenance import machine
-from bridge.runtime.bench_graphs import Contender, make_contenders
-from bridge.runtime.bench_limits import Clock, GraphCall, measured, operations_bytes
 
 
 @dataclass(frozen=True)
@@ -41,16 +41,9 @@ class RuntimeBenchConfig:
     """Wall time on all cores; or one core's own time, whose ratios hold on a busy machine too."""
 
 
-PROFILES = {
-    "smoke": RuntimeBenchConfig(run="smoke", rounds=3),
-    "demo": RuntimeBenchConfig(),
-    "paper": RuntimeBenchConfig(run="paper"),
-}
-
-
 def main(config: RuntimeBenchConfig) -> None:
     """Measure, and write runs/<run>/bench/runtime.json."""
-    Run(config.run).write_bench("runtime", measure(config))
+    write_results(config.run, "runtime", measure(config))
 
 
 def measure(config: RuntimeBenchConfig) -> dict[str, Any]:

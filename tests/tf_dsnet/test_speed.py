@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 
-from tf_dsnet import bench
+from benchmarks.speed import dsnet
 
 
 def test_results_are_written(runs, monkeypatch):
-    monkeypatch.setattr(bench, "SEQUENCES", 3)
-    monkeypatch.setattr(bench, "FRAMES", 5)
-    bench.main(bench.KerasBenchConfig(run="tiny", epochs=1, steps=2))
+    monkeypatch.setattr(dsnet, "SEQUENCES", 3)
+    monkeypatch.setattr(dsnet, "FRAMES", 5)
+    dsnet.main(dsnet.KerasBenchConfig(run="tiny", epochs=1, steps=2))
     results = json.loads((runs / "tiny" / "bench" / "tensorflow.json").read_text())
     assert results["epoch_s"] > 0
     assert results["epoch_keras_lstm_s"] > 0
