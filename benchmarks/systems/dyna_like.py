@@ -22,16 +22,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.systems.autoregression import Autoregression, DrivenClip, OneStepFit
+from benchmarks.systems.fitted_once import FitOutcome, FittedOnce
+from benchmarks.systems.kinematics import KINEMATICS_SIZE, changes
 from bridge.errors import DsnetError
 from bridge.exchange.clips import UnpaddedClip, fit_scaling
 from bridge.exchange.codes import DMPL, PCA, CodeName
-from bridge.exchange.trained_dsnet import COMPARED_PRESET, Scaling, TrainedDsnet
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.paper import DMPL_DIRECTIONS, LATENT_SIZE, N_BETAS
 from bridge.tissue.shape import body_mass_index
 from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
-from tf_dsnet.predictors.compared.autoregression import Autoregression, DrivenClip, OneStepFit
-from tf_dsnet.predictors.compared.fitted_once import FitOutcome, FittedOnce
-from tf_dsnet.predictors.compared.kinematics import KINEMATICS_SIZE, changes
 
 RIDGES = (1e-6, 1e-4, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 10.0)
 """Penalties of a frame that are tried, where inputs and latents have a spread of 1."""
@@ -48,7 +48,6 @@ class DynaLike:
 
     name: str = "dyna_like"
     label: str = "Dyna-like, linear autoregression"
-    preset: str = COMPARED_PRESET
     code: CodeName = PCA
     size: int = LATENT_SIZE
     """Of the code."""

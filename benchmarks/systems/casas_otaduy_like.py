@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.systems.history_noise import HistoryNoise
+from benchmarks.systems.kinematics import KINEMATICS_SIZE, changes
+from benchmarks.systems.searched import SearchedNetwork
 from bridge.exchange.clips import Clips
 from bridge.paper import LATENT_SIZE, N_BETAS
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.predictors.base import BodyOf, PredictorSettings
-from tf_dsnet.predictors.compared.history_noise import HistoryNoise
-from tf_dsnet.predictors.compared.kinematics import KINEMATICS_SIZE, changes
-from tf_dsnet.predictors.compared.searched import SearchedNetwork
 from tf_dsnet.trainer import LossOf
 
 HIDDEN = 512

@@ -12,11 +12,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body.posing import pose_features
-from bridge.exchange.input_kinds import CHANGE_S
 from bridge.motion import unpack_theta
-from bridge.paper import N_JOINTS
+from bridge.paper import N_BETAS, N_JOINTS, THETA_SIZE
 from bridge.tissue.oscillators import FPS
 
+CHANGE_FRAMES = 6
+"""Differences are scaled to what they amount to in 0.1 s at 60 fps, which brings them to the size
+of poses: rad and m. One least spread then suits all inputs: a joint that hardly moved in training
+is not magnified until a motion in which it does is beyond all bounds."""
+CHANGE_S = CHANGE_FRAMES / 60
+DIFFERENCES_SIZE = N_BETAS + 2 * THETA_SIZE
+"""148: betas, and theta's first and second differences."""
 ROOT_NUMBERS = 12
 """Velocity, acceleration, angular velocity and angular acceleration of the root."""
 JOINT_NUMBERS = 6
@@ -46,6 +52,15 @@ def kinematics(theta: NDArray, fps: float = FPS) -> NDArray[np.float64]:
     frames = len(turns)
     parts = linear, angular[:, :1], angular_change[:, :1], angular[:, 1:], angular_change[:, 1:]
     return np.concatenate([part.reshape(frames, -1) for part in parts], axis=1)
+
+
+def pose_differences(joined: NDArray) -> NDArray:
+    """(T, 148) of betas and theta (T, 79): differences are 0 while there is no past."""
+    betas, theta = joined[:, :N_BETAS], joined[:, N_BETAS:]
+    first, second = np.zeros_like(theta), np.zeros_like(theta)
+    first[1:] = np.diff(theta, axis=0)
+    second[2:] = np.diff(theta, n=2, axis=0)
+    return np.concatenate([betas, CHANGE_FRAMES * first, CHANGE_FRAMES**2 * second], axis=1)
 
 
 def changes(theta: NDArray) -> NDArray[np.float64]:

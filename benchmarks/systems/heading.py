@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.exchange.input_kinds import CHANGE_FRAMES
+from benchmarks.systems.kinematics import CHANGE_FRAMES
 from bridge.motion import unpack_theta
 from bridge.paper import N_BETAS, N_JOINTS
 

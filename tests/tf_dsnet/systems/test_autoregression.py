@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tf_dsnet.predictors.compared.autoregression import (
+from benchmarks.systems.autoregression import (
     DECAYING,
     Autoregression,
     DrivenClip,

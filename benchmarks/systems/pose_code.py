@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.systems.kinematics import POSE_SIZE
 from bridge.paper import N_BETAS
 from tf_dsnet.framework import Tensor, keras, tf
-from tf_dsnet.predictors.compared.kinematics import POSE_SIZE
 
 CODE_SIZE = 10
 HIDDEN = 500

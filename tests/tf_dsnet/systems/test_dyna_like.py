@@ -8,14 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge import DsnetError
-from bridge.exchange import load_weights, save_weights
-from bridge.paper import N_BETAS
-from bridge.tissue.shape import body_mass_index
-from tests.forged.driven import forged_data, people
-from tf_dsnet.predictors.base import PredictorSettings, TrainingData
-from tf_dsnet.predictors.compared.autoregression import Autoregression, DrivenClip
-from tf_dsnet.predictors.compared.dyna_like import (
+from benchmarks.systems.autoregression import Autoregression, DrivenClip
+from benchmarks.systems.dyna_like import (
     RIDGES,
     DynaLaw,
     DynaLike,
@@ -23,11 +17,17 @@ from tf_dsnet.predictors.compared.dyna_like import (
     fit_law,
     standard_shape,
 )
-from tf_dsnet.predictors.compared.fitted_once import FittedOnce
+from benchmarks.systems.fitted_once import FittedOnce
+from bridge import DsnetError
+from bridge.exchange import load_weights, save_weights
+from bridge.paper import N_BETAS
+from bridge.tissue.shape import body_mass_index
+from tests.forged.driven import forged_data, people
+from tf_dsnet.predictors.base import PredictorSettings, TrainingData
 
 SETTINGS = PredictorSettings(epochs=4)
 ENTRY = DynaLike()
-MODULE = "tf_dsnet.predictors.compared.dyna_like"
+MODULE = "benchmarks.systems.dyna_like"
 
 
 @pytest.fixture(scope="module")

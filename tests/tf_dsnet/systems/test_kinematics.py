@@ -7,9 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.motion import pack_theta, unpack_theta
-from tests.forged.lively import lively, moved
-from tf_dsnet.predictors.compared.kinematics import (
+from benchmarks.systems.kinematics import (
     KINEMATICS_SIZE,
     ROOT_RATES_SIZE,
     changes,
@@ -18,6 +16,8 @@ from tf_dsnet.predictors.compared.kinematics import (
     kinematics,
     root_rates,
 )
+from bridge.motion import pack_theta, unpack_theta
+from tests.forged.lively import lively, moved
 
 FPS = 60.0
 FRAMES = len(lively())

@@ -8,6 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import plugin
+from benchmarks.systems import dyna_like
+from benchmarks.systems.loads import loads_on_skin
+from benchmarks.systems.rate_search import RATES, RateSearch
 from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.exchange.clips import join_inputs
@@ -16,13 +20,12 @@ from bridge.exchange.trained_dsnet import dsnets_of, load_trained_dsnet
 from bridge.runs import Artifact, read_artifact
 from tests.forged.encoded import write_encoded
 from tf_dsnet import stage_predict, stage_train
-from tf_dsnet.predictors import COMPARED, PREDICTORS, load_predictor
-from tf_dsnet.predictors.compared import dyna_like
-from tf_dsnet.predictors.compared.loads import loads_on_skin
-from tf_dsnet.predictors.compared.rate_search import RATES, RateSearch
+from tf_dsnet.predictors import load_predictor, registered_predictors
 from tf_dsnet.stage_predict import PredictStageConfig
 from tf_dsnet.stage_train import TrainConfig
 
+SYSTEMS = plugin.predictors()
+COMPARED = tuple(SYSTEMS)
 TINY = TrainConfig(
     run="tiny", epochs=20, frames=32, validate_every=4, checkpoint_every=3, predictors=COMPARED
 )
@@ -65,9 +68,9 @@ def test_all_are_trained_saved_and_loaded_again(trained, folder):
     made = read_artifact(folder / "predict")
     assert tuple(made.manifest["predictors"]) == COMPARED
     for name in COMPARED:
-        entry, described = PREDICTORS[name], trained.manifest["predictors"][name]
+        entry, described = SYSTEMS[name], trained.manifest["predictors"][name]
         assert made.manifest["codes"][name] == described["code"] == entry.code
-        assert described["lr"] in (0, *RATES)
+        assert described["lr"] in (0, *RATES) or name == "dsnet_differences"
         assert described["departures"]
         latents = made.array(f"latents_{name}")
         assert latents.shape == (195, 8 if entry.code == DMPL else 100)
@@ -115,7 +118,7 @@ def test_nothing_else_takes_them_for_dsnet(encoded_run):
     stage_train.main(replace(TINY, epochs=1, predictors=("dsnet_faithful", "dsnet_two_lstm")))
     made = read_artifact(encoded_run / "train")
     assert dsnets_of(made) == ["dsnet_faithful"]
-    with pytest.raises(DsnetError, match=r"only to be compared with; expected .*dsnet_faithful"):
+    with pytest.raises(DsnetError, match=r"'dsnet_two_lstm', which is not DSNet; .*faithful"):
         load_trained_dsnet(made, "dsnet_two_lstm")
 
 
@@ -194,5 +197,5 @@ def test_it_says_so_if_every_rate_diverges(tmp_path):
 
 def test_each_code_has_its_latents(encoded_run):
     encoded = read_artifact(encoded_run / "encode")
-    assert {entry.code for entry in PREDICTORS.values()} == set(LATENTS_OF)
+    assert {entry.code for entry in registered_predictors().values()} == set(LATENTS_OF)
     assert all(array in encoded.manifest["arrays"] for array in LATENTS_OF.values())

@@ -17,20 +17,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange.clips import Clips, UnpaddedClip
-from bridge.exchange.trained_dsnet import Scaling
-from bridge.paper import LATENT_SIZE, N_BETAS
-from tf_dsnet.framework import Tensor, keras, tf
-from tf_dsnet.predictors.base import BodyOf, PredictorSettings
-from tf_dsnet.predictors.compared.kinematics import POSE_SIZE, deviations_from_rest, root_rates
-from tf_dsnet.predictors.compared.pose_code import (
+from benchmarks.systems.kinematics import POSE_SIZE, deviations_from_rest, root_rates
+from benchmarks.systems.pose_code import (
     CODE_SIZE,
     ENCODER,
     CodeRates,
     encoder_layers,
     learn_pose_code,
 )
-from tf_dsnet.predictors.compared.searched import SearchedNetwork
+from benchmarks.systems.searched import SearchedNetwork
+from bridge.exchange.clips import Clips, UnpaddedClip
+from bridge.exchange.trained_dsnet import Scaling
+from bridge.paper import LATENT_SIZE, N_BETAS
+from tf_dsnet.framework import Tensor, keras, tf
+from tf_dsnet.predictors.base import BodyOf, PredictorSettings
 from tf_dsnet.trainer import LossOf
 
 UNITS = 256

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.systems.heading import ALIGNED_SIZE, heading_aligned, headings
 from bridge.exchange.clips import join_inputs
 from bridge.motion import pack_theta, unpack_theta
 from tests.forged.lively import lively, moved
-from tf_dsnet.predictors.compared.heading import ALIGNED_SIZE, heading_aligned, headings
 
 BETAS = np.random.default_rng(8).normal(size=10)
 

@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.systems.rate_search import RATES, SEARCH_SHARE, RateSearch
 from bridge.exchange.clips import Clips, UnpaddedClip, fit_scaling, join_inputs, make_clips
 from bridge.exchange.codes import CodeName
-from bridge.exchange.trained_dsnet import COMPARED_PRESET, Scaling, TrainedDsnet
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.exchange.weights import refuse_nonfinite
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.losses import sum_of_distances
 from tf_dsnet.model import assign_weights
 from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
-from tf_dsnet.predictors.compared.rate_search import RATES, SEARCH_SHARE, RateSearch
 from tf_dsnet.trainer import LossOf, Trainer
 
 _REMEDY = "Leave this predictor out: dsnet train --help names the others."
@@ -33,7 +33,6 @@ class SearchedNetwork(ABC):
     label: str
     code: CodeName = "pca"
     """Which latents it learns."""
-    preset: str = COMPARED_PRESET
     masked: bool = False
     """Leave padded frames out of the loss and of the batch normalisation."""
 

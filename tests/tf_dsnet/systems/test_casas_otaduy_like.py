@@ -8,6 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.systems.casas_otaduy_like import (
+    CasasOtaduyLike,
+    TwoFrameNetwork,
+    mean_squared_distance,
+    second_differences,
+)
+from benchmarks.systems.history_noise import HistoryNoise
+from benchmarks.systems.rate_search import RateSearch
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
 from bridge.exchange.clips import Clips
@@ -17,14 +25,6 @@ from tests.forged.driven import forged_data, people
 from tf_dsnet.framework import be_reproducible, tf
 from tf_dsnet.model import assign_weights, named_weights
 from tf_dsnet.predictors.base import PredictorSettings, TrainingData
-from tf_dsnet.predictors.compared.casas_otaduy_like import (
-    CasasOtaduyLike,
-    TwoFrameNetwork,
-    mean_squared_distance,
-    second_differences,
-)
-from tf_dsnet.predictors.compared.history_noise import HistoryNoise
-from tf_dsnet.predictors.compared.rate_search import RateSearch
 
 SETTINGS = PredictorSettings(epochs=12, frames=64, batch_size=4)
 ENTRY = CasasOtaduyLike()
@@ -181,7 +181,8 @@ def test_training_that_was_killed_goes_on_bit_identically(trained, data, tmp_pat
 
 
 def test_another_networks_weights_are_refused_in_one_line():
-    other = TrainedDsnet("other", {"fc_1/kernel": np.zeros((3, 3))}, Scaling.identity(211))
+    scaling = Scaling.fitted(np.zeros((2, 211)), np.zeros((2, 100)), 1.0)
+    other = TrainedDsnet("other", {"fc_1/kernel": np.zeros((3, 3))}, scaling)
     with pytest.raises(DsnetError, match="differ from casas_otaduy_like's in") as caught:
         ENTRY.load(other.arrays(), lambda: pytest.fail("no body is needed"))
     assert "\n" not in str(caught.value)

@@ -9,6 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.systems.kinematics import deviations_from_rest, rates, root_rates
+from benchmarks.systems.pose_code import ENCODER, CodeRates, learn_pose_code
+from benchmarks.systems.rate_search import RateSearch
+from benchmarks.systems.softsmpl_like import DynamicLoss, SoftSmplLike, mean_sizes
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
 from bridge.exchange.clips import Clips, join_inputs
@@ -18,10 +22,6 @@ from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, motion, people
 from tf_dsnet.framework import be_reproducible, keras
 from tf_dsnet.predictors.base import PredictorSettings, TrainingData
-from tf_dsnet.predictors.compared.kinematics import deviations_from_rest, rates, root_rates
-from tf_dsnet.predictors.compared.pose_code import ENCODER, CodeRates, learn_pose_code
-from tf_dsnet.predictors.compared.rate_search import RateSearch
-from tf_dsnet.predictors.compared.softsmpl_like import DynamicLoss, SoftSmplLike, mean_sizes
 
 SETTINGS = PredictorSettings(epochs=8, frames=40, batch_size=3)
 ENTRY = SoftSmplLike(pose_steps=60)
@@ -180,7 +180,8 @@ def test_training_that_was_killed_goes_on_bit_identically(trained, data, tmp_pat
 
 
 def test_another_networks_weights_are_refused_in_one_line():
-    other = TrainedDsnet("other", {"fc_1/kernel": np.zeros((3, 3))}, Scaling.identity(211))
+    scaling = Scaling.fitted(np.zeros((2, 211)), np.zeros((2, 100)), 1.0)
+    other = TrainedDsnet("other", {"fc_1/kernel": np.zeros((3, 3))}, scaling)
     with pytest.raises(DsnetError, match="differ from softsmpl_like's in") as caught:
         ENTRY.load(other.arrays(), lambda: pytest.fail("no body is needed"))
     assert "\n" not in str(caught.value)

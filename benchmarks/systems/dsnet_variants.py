@@ -13,16 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.systems.heading import heading_aligned
+from benchmarks.systems.kinematics import pose_differences
+from benchmarks.systems.loads import loads_on_skin
+from benchmarks.systems.radial_basis import RadialBasis
+from benchmarks.systems.searched import SearchedNetwork
 from bridge.exchange.clips import Clips
-from bridge.exchange.input_kinds import DIFFERENCES
 from bridge.paper import DSNET_WIDTHS, N_BETAS
 from tf_dsnet.framework import Tensor, keras
 from tf_dsnet.lstm import BlockLSTM
 from tf_dsnet.predictors.base import BodyOf, PredictorSettings
-from tf_dsnet.predictors.compared.heading import heading_aligned
-from tf_dsnet.predictors.compared.loads import loads_on_skin
-from tf_dsnet.predictors.compared.radial_basis import RadialBasis
-from tf_dsnet.predictors.compared.searched import SearchedNetwork
 
 Told = Callable[[NDArray, BodyOf], NDArray]
 
@@ -111,7 +111,7 @@ VARIANTS = (
     ),
     DsnetVariant(
         "dsnet_pca_differences", "DSNet on PCA latents, pose differences",
-        of_motion=lambda joined, _body: DIFFERENCES.of(joined),
+        of_motion=lambda joined, _body: pose_differences(joined),
         change="is told theta's first and second differences in place of theta",
     ),
     DsnetVariant(

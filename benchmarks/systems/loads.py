@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange.input_kinds import CHANGE_S
+from benchmarks.systems.kinematics import CHANGE_S
 from bridge.paper import N_BETAS
 from bridge.tissue.load import node_loads
 from bridge.tissue.nodes import farthest_points
