@@ -15,6 +15,7 @@ from bridge.plugins import VARIABLE
 
 if TYPE_CHECKING:
     from tf_dsnet.predictors import Predictor
+    from torch_align_ae.corpus.tissue_laws import MakeForm, Tissue
 
 
 def use() -> None:
@@ -40,3 +41,18 @@ def predictors() -> Mapping[str, Predictor]:
         SoftSmplLike(),
     )
     return {entry.name: entry for entry in entries}
+
+
+def tissues() -> Mapping[str, Tissue]:
+    """Laws of soft tissue to test on."""
+    from benchmarks.laws.second_tissue_simulation import SecondTissueSimulator
+    from benchmarks.laws.third_tissue_simulation import ThirdTissueSimulator
+
+    return {"second": SecondTissueSimulator, "third": ThirdTissueSimulator}
+
+
+def mesh_forms() -> Mapping[str, MakeForm]:
+    """What registrations of scans have besides soft tissue."""
+    from benchmarks.laws.captured import CapturedForm
+
+    return {"captured": CapturedForm}

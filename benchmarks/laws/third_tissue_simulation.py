@@ -13,10 +13,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.laws.third_tissue import RATE_HZ, Array, ThirdTissue
+from benchmarks.laws.third_tissue_parameters import third_tissue_parameters
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.simulation import skin
-from torch_align_ae.corpus.third_tissue import RATE_HZ, Array, ThirdTissue
-from torch_align_ae.corpus.third_tissue_parameters import third_tissue_parameters
 
 _FRAMES_PER_BATCH = 32
 _POLAR_STEPS = 8

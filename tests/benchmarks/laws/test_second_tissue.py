@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from benchmarks.laws.second_tissue import FleshLayer, LayerParameters, LayerState
 from tests.torch_align_ae.corpus.test_soft_tissue import patch
-from torch_align_ae.corpus.second_tissue import FleshLayer, LayerParameters, LayerState
 
 NORMAL_RATIO, RATE_HZ = 2.0, 120.0
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])

@@ -8,22 +8,27 @@ import numpy as np
 import pytest
 import trimesh
 
-from bridge.body import load_body_model
-from bridge.body.posing import shaped_vertices
-from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.second_tissue_parameters import (
+from benchmarks import plugin
+from benchmarks.laws.second_tissue_parameters import (
     corpulence_kg_m2,
     layer_parameters,
     prominence_m,
     segment_radii_m,
 )
-from torch_align_ae.corpus.second_tissue_simulation import muscle_activation, rest_frame_load
-from torch_align_ae.corpus.simulation import body_in_double
+from benchmarks.laws.second_tissue_simulation import (
+    SecondTissueSimulator,
+    muscle_activation,
+    rest_frame_load,
+)
+from bridge.body import load_body_model
+from bridge.body.posing import shaped_vertices
+from torch_align_ae.corpus.motions import Skeleton, perform
+from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double
 from torch_align_ae.corpus.subjects import SUBJECTS
-from torch_align_ae.corpus.tissue_laws import TISSUES, tissue_of
 from torch_align_ae.corpus.tissue_parameters import tissue_parameters
 
 FRAMES = 70
+LAWS = {"own": TissueSimulator, **plugin.tissues()}
 HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]
 
 
@@ -40,7 +45,7 @@ def jump(smpl):
 
 def test_the_laws_disagree(smpl, jump):
     """None explains another, at any scale: they are as measurements of different materials."""
-    found = [tissue_of(law, smpl, HEAVY.betas).offsets(jump, 60.0) for law in TISSUES]
+    found = [law(smpl, HEAVY.betas, gravity=True).offsets(jump, 60.0) for law in LAWS.values()]
     for first, second in combinations(found, 2):
         scale = (first * second).sum() / (first**2).sum()
         unexplained = ((second - scale * first) ** 2).sum() / (second**2).sum()
@@ -78,15 +83,15 @@ def test_the_frame_rate_hardly_changes_the_motion(smpl, fps):
 def bounced(smpl, fps):
     theta = np.zeros((round(fps) + 1, 69))
     theta[:, 67] = 0.05 * (1 - np.cos(2 * np.pi * 2 * np.arange(len(theta)) / fps))
-    return tissue_of("second", smpl, HEAVY.betas).offsets(theta, fps)[-1]
+    return SecondTissueSimulator(smpl, HEAVY.betas).offsets(theta, fps)[-1]
 
 
-@pytest.mark.parametrize("law", TISSUES)
+@pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_the_shortest_motions_hang_in_their_first_pose(smpl, law, count):
     theta = np.zeros((count, 69))
     theta[:, 0] = -np.pi / 2
-    found = tissue_of(law, smpl, HEAVY.betas).offsets(theta, 60.0)
+    found = LAWS[law](smpl, HEAVY.betas, gravity=True).offsets(theta, 60.0)
     assert len(found) == count
     assert 0.003 < np.abs(found[-1]).max() < 0.05
 
@@ -111,11 +116,11 @@ def test_a_bent_joint_stays_tense_and_turning_the_body_needs_no_muscle():
 
 
 def test_tense_muscles_hold_flesh(smpl):
-    tissue = TISSUES["second"](smpl, HEAVY.betas)
+    tissue = SecondTissueSimulator(smpl, HEAVY.betas)
     theta = np.zeros((3, 69))
-    relaxed = tissue._tension(theta, 60.0)  # type: ignore[union-attr]
+    relaxed = tissue._tension(theta, 60.0)
     theta[:, 12] = 2.0
-    bent = tissue._tension(theta, 60.0)  # type: ignore[union-attr]
+    bent = tissue._tension(theta, 60.0)
     thigh, arm = (smpl.data.weights[:, joint] > 0.9 for joint in (1, 16))
     assert relaxed.max() == 1
     assert bent[:, thigh].min() > 1.2

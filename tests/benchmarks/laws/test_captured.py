@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.laws.captured import CapturedForm
 from bridge.body import load_body_model
 from bridge.body.posing import joint_rotations, pose_features
 from bridge.body.surface_operators import vertex_normals
 from bridge.motion import unpack_theta
-from torch_align_ae.corpus.captured import CapturedForm
 
 ELBOW = slice(3 * 18, 3 * 19)
 

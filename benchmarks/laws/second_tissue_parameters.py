@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from benchmarks.laws.second_tissue import Array, LayerParameters
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import shaped_vertices
@@ -19,7 +20,6 @@ from bridge.body.surface_operators import (
     vertex_areas_m2,
     vertex_normals,
 )
-from torch_align_ae.corpus.second_tissue import Array, LayerParameters
 
 _SHEAR_SPEED_M_S = 1.0
 _DENSITY_KG_M3 = 985.0

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
+from benchmarks.laws.second_tissue import Array, FleshLayer
+from benchmarks.laws.second_tissue_parameters import layer_parameters, muscle_share
 from bridge.body.posing import shaped_vertices
 from bridge.motion import unpack_theta
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.motions.plan import GRAVITY_M_S2
-from torch_align_ae.corpus.second_tissue import Array, FleshLayer
-from torch_align_ae.corpus.second_tissue_parameters import layer_parameters, muscle_share
 from torch_align_ae.corpus.simulation import skin
 
 _LEAST_RATE_HZ = 120.0

@@ -7,13 +7,14 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from benchmarks import plugin
 from bridge.body import load_body_model
 from bridge.tissue.nodes import TissueNodes
 from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import body_in_double
+from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double
 from torch_align_ae.corpus.subjects import SUBJECTS
-from torch_align_ae.corpus.tissue_laws import TISSUES, tissue_of
 
+LAWS = {"own": TissueSimulator, **plugin.tissues()}
 HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]
 
 
@@ -30,11 +31,13 @@ def smpl():
     return body_in_double(load_body_model("embedded:female"))
 
 
-@pytest.fixture(scope="module", params=TISSUES)
+@pytest.fixture(scope="module", params=LAWS)
 def moved(smpl, request):
     skeleton = Skeleton.of(smpl.data, HEAVY.betas)
     theta = perform("one_leg_jump", "50004", skeleton, frame_count=70, fps=60.0)
-    offsets = [tissue_of(request.param, smpl, p.betas).offsets(theta, 60.0) for p in (HEAVY, LEAN)]
+    offsets = [
+        LAWS[request.param](smpl, p.betas, gravity=True).offsets(theta, 60.0) for p in (HEAVY, LEAN)
+    ]
     return Moved(request.param, *offsets)
 
 
@@ -62,20 +65,20 @@ def test_five_hundred_nodes_keep_all_but_a_hundredth(smpl, moved):
     assert np.square(missed).sum() < 0.01 * np.square(moved.heavy).sum()
 
 
-@pytest.mark.parametrize("law", TISSUES)
+@pytest.mark.parametrize("law", LAWS)
 def test_a_body_at_rest_pose_hangs_as_it_was_scanned(smpl, law):
     theta = np.tile(np.linspace(0, 0.3, 69) * (np.arange(69) >= 66), (4, 1))
-    found = tissue_of(law, smpl, HEAVY.betas).offsets(theta, 60.0)
+    found = LAWS[law](smpl, HEAVY.betas, gravity=True).offsets(theta, 60.0)
     np.testing.assert_allclose(found, 0, atol=1e-9)
 
 
 @pytest.mark.parametrize("gravity", [True, False])
-@pytest.mark.parametrize("law", TISSUES)
+@pytest.mark.parametrize("law", LAWS)
 def test_a_body_that_lies_still_hangs_and_stays(smpl, law, gravity):
     """On her back: gravity in her own frame turns from down to back, and flesh follows it."""
     theta = np.zeros((20, 69))
     theta[:, 0] = -np.pi / 2
-    found = tissue_of(law, smpl, HEAVY.betas, gravity=gravity).offsets(theta, 60.0)
+    found = LAWS[law](smpl, HEAVY.betas, gravity=gravity).offsets(theta, 60.0)
     belly = np.linalg.norm(found[0], axis=-1).argmax()
     if gravity:
         # R^T g - g = (0, +g, -g): towards the head and towards the back.

@@ -18,6 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from benchmarks.laws.third_tissue import ThirdTissueParameters
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import shaped_joints, shaped_vertices
@@ -28,7 +29,6 @@ from bridge.body.surface_operators import (
     volume_m3,
 )
 from torch_align_ae.corpus.surface import smooth_over_surface
-from torch_align_ae.corpus.third_tissue import ThirdTissueParameters
 
 Array = NDArray[np.floating]
 

@@ -11,15 +11,15 @@ from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from benchmarks.laws.third_tissue import RATE_HZ, ThirdTissue, ThirdTissueParameters
+from benchmarks.laws.third_tissue_parameters import fat_depths_m, lean_betas
+from benchmarks.laws.third_tissue_simulation import ThirdTissueSimulator, nearest_rotations
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.simulation import body_in_double
 from torch_align_ae.corpus.subjects import SUBJECTS
-from torch_align_ae.corpus.third_tissue import RATE_HZ, ThirdTissue, ThirdTissueParameters
-from torch_align_ae.corpus.third_tissue_parameters import fat_depths_m, lean_betas
-from torch_align_ae.corpus.third_tissue_simulation import ThirdTissueSimulator, nearest_rotations
 
 HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]
 

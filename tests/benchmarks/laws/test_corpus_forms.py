@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.laws.captured import CapturedForm
 from bridge.body import load_body_model
 from bridge.motion import sequences_of, subject_rows
 from bridge.runs import read_artifact
 from tests.torch_align_ae.corpus.test_stage_corpus import TINY
 from torch_align_ae.corpus import stage_corpus as stage
-from torch_align_ae.corpus.captured import CapturedForm
 from torch_align_ae.corpus.dyna_files import DynaReader
 from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
 
