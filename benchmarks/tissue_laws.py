@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import plugin
 from bridge.body import load_body_model
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import frame_camera, render_bodies
@@ -23,9 +24,8 @@ from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
+from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, posed_meshes
 from torch_align_ae.corpus.subjects import SUBJECTS, Subject
-from torch_align_ae.corpus.tissue_laws import TISSUES, tissue_of
 
 _FPS, _OWN = 60.0, "own"
 _MOTIONS = ("one_leg_jump", "kicking", "hips", "shake_arms")
@@ -53,7 +53,7 @@ class TissueLawsConfig:
 def main(config: TissueLawsConfig) -> dict[str, Any]:
     """Write the results; also returns them."""
     smpl = body_in_double(load_body_model("embedded:female"))
-    rows, pictured = [], {}
+    laws, rows, pictured = {_OWN: TissueSimulator, **plugin.tissues()}, [], {}
     for motion in _MOTIONS:
         for subject in (SUBJECTS["female"][0], SUBJECTS["female"][-1]):
             theta = perform(
@@ -64,7 +64,8 @@ def main(config: TissueLawsConfig) -> dict[str, Any]:
                 fps=_FPS,
             )
             offsets = {
-                name: tissue_of(name, smpl, subject.betas).offsets(theta, _FPS) for name in TISSUES
+                name: law(smpl, subject.betas, gravity=True).offsets(theta, _FPS)
+                for name, law in laws.items()
             }
             rows.append({"motion": motion, "subject": subject.name, "laws": compared(offsets)})
             pictured = pictured or {"subject": subject, "theta": theta, "offsets": offsets}

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.laws.second_tissue_simulation import PARABOLA_FRAMES, SecondTissueSimulator
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.measure.metrics import ErrorSums
@@ -28,7 +29,6 @@ from bridge.motion.sequences import is_real_motion
 from bridge.runs import Artifact, Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
-from torch_align_ae.corpus.second_tissue_simulation import PARABOLA_FRAMES, SecondTissueSimulator
 from torch_align_ae.corpus.simulation import body_in_double
 
 FRAMES = 3

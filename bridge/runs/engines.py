@@ -17,7 +17,7 @@ Engine = Literal["local", "ray"]
 
 _chosen: Engine = "local"
 # Of the driver, and what a worker must know besides its work.
-_PASSED_ON = ("DSNET_RUNS", "PYTHONPATH")
+_PASSED_ON = ("DSNET_RUNS", "DSNET_PLUGINS", "PYTHONPATH")
 
 
 def chosen_engine() -> Engine:

@@ -26,7 +26,7 @@ class DsnetMotionPredictor:
 
     def __call__(self, theta: NDArray, betas: NDArray) -> Prediction:
         """Offsets, and the latents (T, 100) that they are decoded from."""
-        inputs = self._network.input_kind.of(join_inputs(theta, betas)).astype(np.float32)
+        inputs = join_inputs(theta, betas).astype(np.float32)
         network = SteppedDsnet(self._network)
         latents = np.concatenate([network.step(frame[None]) for frame in inputs])
         return Prediction(self._decoded(latents), latents)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
-from bridge.exchange.input_kinds import POSES
 from bridge.exchange.layouts import BATCH_NORM_EPSILON
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.paper import FEATURES, N_BETAS, THETA_SIZE
@@ -53,9 +52,14 @@ def dsnet_body_graph(
     Raises
     ------
     DsnetError
-        If the network is not told of poses, or the decoder is of another body.
+        If the decoder is of another body.
     """
-    _check(network, architecture, body)
+    if architecture["widths"][0] != body.vertex_count:
+        raise DsnetError(
+            f"a decoder of {architecture['widths'][0]} vertices",
+            f"one of the body's {body.vertex_count}",
+            "Name the body model that the run was aligned with.",
+        )
     graph, layout = ValueGraph(), dsnet_layout(network)
     theta = graph.input("theta", ("B", THETA_SIZE))
     betas = graph.input("betas", ("B", N_BETAS))
@@ -102,21 +106,6 @@ def decoded(
         values = _across(graph, weights, "to_coordinates", features)
         scale_m, mean_m = (weights[f"normaliser.{name}"].T for name in ("scale_m", "mean_m"))
         return values * graph.array("scale_m", scale_m) + graph.array("mean_m", mean_m)
-
-
-def _check(network: TrainedDsnet, architecture: Mapping[str, Any], body: BodyModelData) -> None:
-    if network.input_kind != POSES:
-        raise DsnetError(
-            f"{network.name}, a network that is told of {network.input_kind.name}",
-            f"one that is told of {POSES.name}, as {POSES.size} numbers",
-            "Name another predictor.",
-        )
-    if architecture["widths"][0] != body.vertex_count:
-        raise DsnetError(
-            f"a decoder of {architecture['widths'][0]} vertices",
-            f"one of the body's {body.vertex_count}",
-            "Name the body model that the run was aligned with.",
-        )
 
 
 def _stepped(

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.input_kinds import POSES
 from bridge.exchange.layouts import BATCH_NORM_EPSILON
 from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.paper import N_BETAS, THETA_SIZE
@@ -53,7 +52,7 @@ class StreamingPredictor:
     Raises
     ------
     DsnetError
-        If there is no such run, it lacks that network, or the network is not told of poses.
+        If there is no such run, or it lacks that network.
     """
 
     def __init__(
@@ -61,12 +60,6 @@ class StreamingPredictor:
     ) -> None:
         if not isinstance(run, TrainedDsnet):
             run = load_trained_dsnet(Run(os.fspath(run)).artifact("train"), predictor)
-        if run.input_kind != POSES:
-            raise DsnetError(
-                f"{run.name}, a network that is told of {run.input_kind.name}",
-                f"one that is told of {POSES.name}, as {POSES.size} numbers",
-                "Name another predictor, or give it whole motions: dsnet predict --motion.",
-            )
         self._network = SteppedDsnet(run)
 
     def reset(self) -> None:
@@ -114,7 +107,7 @@ class StreamingPredictor:
 
 
 class SteppedDsnet:
-    """A trained DSNet of any kind of inputs, frame by frame; it remembers each character's past."""
+    """A trained DSNet frame by frame; it remembers each character's past."""
 
     def __init__(self, trained: TrainedDsnet) -> None:
         self._encode, self._gates, self._decode = _fold(trained)
@@ -142,7 +135,7 @@ class SteppedDsnet:
         self._memory = self._features_and_hidden = np.empty((0, 0), np.float32)
 
     def step(self, inputs: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Latents (B, 100) of the next frame from inputs (B, I) in a motion's own units."""
+        """Latents (B, 100) of the next frame from inputs (B, 79) in a motion's own units."""
         if not len(self._memory):
             self._start(len(inputs))
         both, units = self._features_and_hidden, self._units

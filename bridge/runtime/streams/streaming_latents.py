@@ -8,12 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange.clips import join_inputs
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.runtime.streams.streaming import SteppedDsnet
-
-_POSES_TOLD = 3
-"""That a kind of inputs looks at, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +17,6 @@ class LatentPast:
     """What the network remembers."""
 
     betas: NDArray
-    theta: NDArray
-    """(1 to 3, 69) newest poses."""
     memory: NDArray[np.float32]
     """(2, 60) the LSTM's cells and hidden state."""
 
@@ -32,14 +26,13 @@ class StreamingLatents:
 
     Parameters
     ----------
-    network : a trained DSNet, told of poses or of their differences.
+    network : a trained DSNet.
     decode : latents (B, 100) to offsets (B, V, 3), metres.
     """
 
     look_ahead = 0
 
     def __init__(self, network: TrainedDsnet, decode: Callable[[NDArray], NDArray]) -> None:
-        self._kind = network.input_kind
         self._network, self._decode = SteppedDsnet(network), decode
 
     def join(self, betas: NDArray) -> NDArray:
@@ -48,18 +41,14 @@ class StreamingLatents:
 
     def begin(self, person: NDArray, theta: NDArray) -> tuple[LatentPast, NDArray]:
         """Remembers nothing."""
-        return self._stepped([person], [theta[None]], None)[0]
+        return self._stepped([person], theta[None], None)[0]
 
     def advance(
         self, pasts: Sequence[LatentPast], theta: NDArray
     ) -> list[tuple[LatentPast, NDArray | None]]:
         """One step of the network for all."""
-        told = [
-            np.concatenate([past.theta, row[None]])[-_POSES_TOLD:]
-            for past, row in zip(pasts, theta, strict=True)
-        ]
         memory = np.stack([past.memory for past in pasts], axis=1)
-        return [*self._stepped([past.betas for past in pasts], told, memory)]
+        return [*self._stepped([past.betas for past in pasts], theta, memory)]
 
     def finish(self, past: LatentPast) -> list[NDArray]:
         """Nothing is owed."""
@@ -76,16 +65,12 @@ class StreamingLatents:
         return code.copy()
 
     def _stepped(
-        self, betas: Sequence[NDArray], told: Sequence[NDArray], memory: NDArray | None
+        self, betas: Sequence[NDArray], theta: NDArray, memory: NDArray | None
     ) -> list[tuple[LatentPast, NDArray]]:
-        rows = [
-            self._kind.of(join_inputs(theta, shape))[-1]
-            for theta, shape in zip(told, betas, strict=True)
-        ]
         self._network.recall(memory)
-        latents = self._network.step(np.array(rows, np.float32))
+        latents = self._network.step(np.concatenate((betas, theta), axis=1, dtype=np.float32))
         remembered = self._network.remembered()
         return [
-            (LatentPast(shape, theta, remembered[:, row].copy()), latents[row])
-            for row, (shape, theta) in enumerate(zip(betas, told, strict=True))
+            (LatentPast(shape, remembered[:, row].copy()), latents[row])
+            for row, shape in enumerate(betas)
         ]

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.laws.second_tissue_simulation import SecondTissueSimulator
 from benchmarks.prediction import readings
 from bridge.body import load_body_model
 from bridge.measure.metrics import ErrorSums
 from tests.forged.lively import lively
-from torch_align_ae.corpus.second_tissue_simulation import SecondTissueSimulator
 from torch_align_ae.corpus.simulation import body_in_double
 
 PAGE = Path(__file__).parents[3] / "docs" / "results" / "prediction" / "readings.md"

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.laws.captured import CapturedForm
 from bridge.motion import unpack_theta
 from bridge.tissue.load import node_loads
 from torch_align_ae.alignment.robust import RobustSettings, align_sequences
 from torch_align_ae.body import rest_pose_offsets
 from torch_align_ae.body.rotations import axis_angle_to_matrix, matrix_to_axis_angle
-from torch_align_ae.corpus.captured import CapturedForm
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, posed_meshes
 from torch_align_ae.corpus.subjects import SUBJECTS
