@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 from bridge.exchange import load_weights
 from bridge.exchange.trained_dsnet import COMPARED_PRESET, check_trained
 from bridge.runs import Artifact
@@ -54,10 +54,11 @@ def predictors_named(names: Iterable[str]) -> list[Predictor]:
     """
     names = list(names)
     if not names or len(set(names)) < len(names) or not set(names) <= PREDICTORS.keys():
+        unknown = next((name for name in names if name not in PREDICTORS), "")
         raise DsnetError(
             f"predictors {' '.join(names) or '(none)'}",
             f"some of {', '.join(PREDICTORS)}, each once",
-            f"Pass --predictors {' '.join(BOTH_PRESETS)}.",
+            did_you_mean(unknown, PREDICTORS, f"Pass --predictors {' '.join(BOTH_PRESETS)}."),
         )
     return [PREDICTORS[name] for name in names]
 
