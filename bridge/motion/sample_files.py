@@ -11,7 +11,9 @@ from pathlib import Path
 from bridge.errors import DsnetError, did_you_mean
 
 SAMPLE_PREFIX = "sample:"
-SAMPLES = ("dancing", "jumping_jacks", "walking")
+CYCLE = "walk_cycle"
+"""The one that repeats, in place: its last frame is its first again."""
+SAMPLES = ("dancing", "jumping_jacks", CYCLE, "walking")
 
 
 def motion_path(name_or_path: Path | str) -> Path:
