@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from bridge.endings import exit_with_one_line
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 
 COMMANDS = {
     "corpus": (
@@ -73,7 +73,9 @@ def _dispatch(arguments: list[str]) -> None:
     command, *options = arguments
     if command not in COMMANDS:
         raise DsnetError(
-            f"command {command!r}", f"one of {', '.join(COMMANDS)}", "See dsnet --help."
+            f"command {command!r}",
+            f"one of {', '.join(COMMANDS)}",
+            did_you_mean(command, COMMANDS, "See dsnet --help."),
         )
     profile = _take_profile(options)
     engine, address = _take(options, "--engine"), _take(options, "--address")
@@ -100,7 +102,9 @@ def _take_profile(options: list[str]) -> str:
     profile = _take(options, "--profile")
     if profile is not None and profile not in PROFILES:
         raise DsnetError(
-            f"profile {profile!r}", f"one of {', '.join(PROFILES)}", "Pass --profile demo."
+            f"profile {profile!r}",
+            f"one of {', '.join(PROFILES)}",
+            did_you_mean(profile, PROFILES, "Pass --profile demo."),
         )
     return profile or "demo"
 

@@ -19,7 +19,7 @@ import os
 from collections.abc import Mapping
 from typing import TypeVar
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 
 VARIABLE = "DSNET_PLUGINS"
 Entry = TypeVar("Entry")
@@ -65,6 +65,10 @@ def entry_named(name: str, flag: str, entries: Mapping[str, Entry]) -> Entry:
         raise DsnetError(
             f"{flag} {name}",
             f"one of {', '.join(entries)}",
-            f"Name one of these, or in {VARIABLE} the module that registers {name}.",
+            did_you_mean(
+                name,
+                entries,
+                f"Name one of these, or in {VARIABLE} the module that registers {name}.",
+            ),
         )
     return entries[name]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 from bridge.exchange.codes import AUTOENCODER, CodeName
 from bridge.exchange.weights import load_weights
 from bridge.paper import INPUT_SIZE, LATENT_SIZE
@@ -144,8 +144,9 @@ def check_trained(train: Artifact, name: str) -> None:
     """
     there = list(train.manifest["predictors"])
     if name not in there:
+        command = f"dsnet train --predictors {' '.join(there)} NAME"
         raise DsnetError(
             f"predictor {name!r} asked of {train.path}",
             f"one of {', '.join(there)}",
-            f"Name one of these, or train it too: dsnet train --predictors {' '.join(there)} NAME.",
+            did_you_mean(name, there, f"Name one of these, or train it too: {command}."),
         )

@@ -8,7 +8,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 
 Writer = Callable[..., None]
 """`write(path, moving)`: writes a `MovingBody` to a new file, or into an empty folder; holds some
@@ -65,7 +65,8 @@ def chosen_format(name: str, out: Path) -> Format:
     """
     if name not in FORMATS:
         known = ", ".join(FORMATS)
-        raise DsnetError(f"--to {name}", f"one of {known}", "Pass one of these.")
+        remedy = did_you_mean(name, FORMATS, "Pass one of these.")
+        raise DsnetError(f"--to {name}", f"one of {known}", remedy)
     form = FORMATS[name]
     if form.package and find_spec(form.package) is None:
         raise DsnetError(

@@ -26,7 +26,7 @@ from bridge.motion.bounds import (
     MOST_FRAMES,
     RATES_HZ,
 )
-from bridge.motion.sample_files import motion_path
+from bridge.motion.sample_files import motion_path, remedy_of_missing
 from bridge.paper import N_BETAS, N_JOINTS
 from bridge.runs.foreign_files import ForeignNpz, open_npz, text_of
 
@@ -113,7 +113,7 @@ def _read(path: Path, file: Path, read: Callable[[ForeignNpz], _Read]) -> _Read:
         with open_npz(file) as archive:
             return read(archive)
     except FileNotFoundError as error:
-        raise _unusable(path, "which does not exist", "Check the path.") from error
+        raise _unusable(path, "which does not exist", remedy_of_missing(path)) from error
     except IsADirectoryError as error:
         raise _unusable(path, "which is a folder", "Name one file in it.") from error
     except (zipfile.BadZipFile, zlib.error) as error:

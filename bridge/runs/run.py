@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bridge.errors import DsnetError, InterruptedWorkError
+from bridge.errors import DsnetError, InterruptedWorkError, did_you_mean
 from bridge.runs.artifact import SCHEMA_VERSION, Artifact, DataOrigin, read_artifact
 from bridge.runs.chain import Chain, command_of
 from bridge.runs.digests import cached_sha256s, json_sha256
@@ -67,13 +67,15 @@ class Run:
 
     def _unfinished(self, stage: str) -> DsnetError:
         having = f"run {self.name!r} without {stage!r}"
+        remedy = f"Run `dsnet {command_of(stage)} --run {self.name}` or `./reproduce.sh` first."
         if not self.path.is_dir():
             names = sorted({p.parent.parent.name for p in runs_root().glob("*/*/" + MANIFEST)})
             having = f"unknown run {self.name!r} (known: {', '.join(names) or 'none'})"
+            remedy = did_you_mean(self.name, names, remedy)
         return DsnetError(
             having,
             f"a finished stage {stage!r} in {self.path}",
-            f"Run `dsnet {command_of(stage)} --run {self.name}` or `./reproduce.sh` first.",
+            remedy,
         )
 
     def build(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 from bridge.runs import Artifact, Run, read_artifact
 from bridge.runs.run import body_model_path
 
@@ -122,10 +122,11 @@ def choose_predictor(run: Run, asked: str | None, roads: tuple[MotionRoad, ...])
             artifacts, body_model = run.artifacts(*road.stages), str(body_model_path(run))
             return Chosen(name, label, why, f"run {run.name!r}", body_model, artifacts, road)
     there = [name for manifest in trained.values() for name in manifest["predictors"]]
+    otherwise = f"Name one of these, or train another: {_commands(run, roads)}."
     raise DsnetError(
         f"predictor {asked!r} asked of run {run.name!r}",
         f"one of {', '.join(there)}",
-        f"Name one of these, or train another: {_commands(run, roads)}.",
+        did_you_mean(asked or "", there, otherwise),
     )
 
 

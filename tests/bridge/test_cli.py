@@ -64,3 +64,54 @@ def test_a_mistake_is_one_line_and_status_2(arguments, words, capsys, tmp_path, 
     assert printed.count("\n") == 1
     assert "Traceback" not in printed
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        ("predcit", "predict"),
+        ("report --profile dmeo", "demo"),
+        ("report --run wlak", "walk"),
+        ("export --to ussd --motion sample:walking --out {tmp}/o", "usd"),
+        ("export --to USD --motion sample:walking --out {tmp}/o", "usd"),
+        ("export --to pc2 --motion wlaking --out {tmp}/o", "sample:walking"),
+        ("predict --motion sample:walkin --out {tmp}/o", "sample:walking"),
+        ("predict --motion walking --out {tmp}/o", "sample:walking"),
+        ("predict --motion sample:walking --predictor dsnet_pluss --out {tmp}/o", "dsnet_plus"),
+        ("predict --motion sample:walking --part-gain bely=2 --out {tmp}/o", "belly"),
+        ("predict --motion sample:walking --shape havy --out {tmp}/o", "heavy"),
+        ("predict --motion sample:walking --shape heigth=182 --out {tmp}/o", "height"),
+        ("corpus --motions hipz --run new", "hips"),
+    ],
+)
+def test_the_nearest_name_is_offered(line, meant, capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    (tmp_path / "walk" / "align").mkdir(parents=True)
+    (tmp_path / "walk" / "align" / "manifest.json").touch()
+    printed = refused(line.format(tmp=tmp_path).split(), capsys)
+    assert f"Did you mean {meant!r}?" in printed
+    assert printed.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "fly",
+        "predict --motion walks.npz --out {tmp}/o",
+        "predict --motion sample:walking --part-gain arms=2 arms=3 --out {tmp}/o",
+        "export --to fbx --motion sample:walking --out {tmp}/o",
+    ],
+)
+def test_what_is_near_none_is_no_question(line, capsys, tmp_path):
+    assert "Did you mean" not in refused(line.format(tmp=tmp_path).split(), capsys)
+
+
+def test_options_keep_the_parsers_own_suggestion(capsys):
+    assert "Perhaps you meant" in refused(["plan", "--gendr", "male"], capsys)
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    assert stopped.value.code == 2
+    return capsys.readouterr().err
