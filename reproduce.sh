@@ -24,8 +24,10 @@ find_python() {
     exit 2
 }
 
+# Where there is no NVIDIA GPU, builds without CUDA.
+nvidia-smi -L >/dev/null 2>&1 && train=train || train=train-cpu
 # What a run on this machine needs; a cluster, tests and pages need half a minute and 0.6 GB more.
-for_runs=train,viewer,usd,clip
+for_runs=$train,viewer,usd,clip
 for_everything=$for_runs,ray,dev,docs
 
 setup() {
@@ -35,10 +37,21 @@ setup() {
     done
     echo "setting up .venv (once)" >&2
     [[ -x .venv/bin/python ]] || "$(find_python)" -m venv .venv
-    .venv/bin/python -m pip install --quiet --disable-pip-version-check \
-        --constraint constraints.txt --editable ".[$extras]"
+    # Both builds of TensorFlow write the same files, and pip keeps the PyTorch that it finds.
+    [[ ! -f $stamp || $(<"$stamp") == "$train",* ]] ||
+        .venv/bin/python -m pip uninstall -qq --yes tensorflow tensorflow-cpu torch
+    # PyTorch's own index has a wheel without CUDA; where neither it nor the wheel is found, PyPI's.
+    [[ $train == train ]] || install torch --no-deps --only-binary :all: --retries 0 --timeout 10 \
+        --index-url https://download.pytorch.org/whl/cpu >/dev/null 2>&1 || true
+    install --editable ".[$extras]"
     # Written last, so that an interrupted installation is done again.
     print_stamp "$extras" >"$stamp"
+}
+
+install() {
+    # Modules are compiled as they are first imported: that is a fraction of what is installed.
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+        --constraint constraints.txt "$@"
 }
 
 print_stamp() {

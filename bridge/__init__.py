@@ -2,4 +2,5 @@
 
 from bridge.errors import DsnetError
 
-__all__ = ["DsnetError"]
+__all__ = ["DsnetError", "__version__"]
+__version__ = "0.1.0"
