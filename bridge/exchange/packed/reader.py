@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from bridge.errors import DsnetError
 from bridge.exchange.packed.codec import MOST_PLANES, CodedFrames, decode
 from bridge.exchange.packed.layout import ABOUT, FORMAT, Bounded, block_name
 from bridge.runs.artifact import DataOrigin
+from bridge.runs.damage import damage_refused
 from bridge.runs.digests import arrays_sha256, json_sha256
 from bridge.runs.foreign_files import ForeignNpz, is_plain_name, open_npz
 
@@ -123,16 +124,12 @@ def open_packed(path: Path | str) -> Iterator[PackedFile]:
         yield packed
 
 
-@contextmanager
-def _damage_named(path: Path) -> Iterator[None]:
-    """Name the file where it cannot be read, which shows in many kinds of errors."""
-    try:
-        yield
-    except DsnetError:
-        raise
-    except Exception as error:
-        raise DsnetError(
+def _damage_named(path: Path) -> AbstractContextManager[None]:
+    return damage_refused(
+        lambda error: DsnetError(
             f"{path}, which does not unpack ({type(error).__name__}: {str(error)[:200]})",
             "a file written by `dsnet pack`",
             "Copy or pack it again.",
-        ) from error
+        ),
+        RecursionError,
+    )
