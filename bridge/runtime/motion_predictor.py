@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError, did_you_mean
 from bridge.runs import Artifact, Run, read_artifact
+from bridge.runs.damage import damage_refused
 from bridge.runs.run import body_model_path
 
 FRAMES_AT_ONCE = 64
@@ -89,17 +90,17 @@ class Chosen:
         DsnetError
             If what its training left does not fit together.
         """
-        try:
-            return self.road.open(self.artifacts, self.name, body)
-        except DsnetError:
-            raise
+
         # Arrays of a stranger's can be missing, of other shapes or types, or none of a network.
-        except Exception as error:
-            raise DsnetError(
+        def refusal(error: Exception) -> DsnetError:
+            return DsnetError(
                 f"{self.name} of {self.owner}, whose arrays do not fit together ({error!s:.200})",
                 "what its training wrote",
                 "Train it again, or copy the run again.",
-            ) from error
+            )
+
+        with damage_refused(refusal):
+            return self.road.open(self.artifacts, self.name, body)
 
 
 def choose_predictor(run: Run, asked: str | None, roads: tuple[MotionRoad, ...]) -> Chosen:
