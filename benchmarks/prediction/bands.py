@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.motion import Motion, MotionSequence, sequences_of
-from bridge.motion.pops import find_pops
+from bridge.motion.motion_checks import find_pops
 from bridge.motion.sequences import is_real_motion
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run

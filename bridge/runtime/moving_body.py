@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bridge.errors import DsnetError
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.doubts import doubts_about
+from bridge.motion.motion_checks import motion_warnings
 from bridge.runs.processes import notify
 from bridge.runtime.characters import Character
 from bridge.runtime.motion_predictor import Prediction
@@ -102,5 +102,5 @@ def announce(moving: MovingBody) -> None:
     """Say on stderr which predictor moves the body, and what is odd about the motion."""
     chosen, motion = moving.character.chosen, moving.motion
     notify(f"{chosen.name} ({chosen.label}) of {chosen.owner} predicts: {chosen.why}")
-    for doubt in doubts_about(motion, moving.pieces):
-        notify(doubt)
+    for warning in motion_warnings(motion, moving.pieces):
+        notify(warning)
