@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from bridge.report.panels import FOOTERS
 from tools.include_results import PAGES as QUOTING
 from tools.include_results import with_included
 from tools.update_readme import PAGES as GENERATED
@@ -17,6 +18,7 @@ PAGES = sorted(
     path.relative_to(ROOT).as_posix()
     for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))
 )
+REPORTS = sorted((ROOT / "docs" / "results").glob("*/report.md"))
 
 
 @pytest.mark.parametrize("page", GENERATED, ids=lambda page: page.name)
@@ -35,6 +37,11 @@ def test_every_generated_block_is_shown_once() -> None:
 @pytest.mark.parametrize("page", QUOTING, ids=lambda page: page.name)
 def test_quoted_tables_are_up_to_date(page):
     assert with_included(page.read_text()) == page.read_text()
+
+
+@pytest.mark.parametrize("report", REPORTS, ids=lambda report: report.parent.name)
+def test_published_reports_claim_what_reports_claim_today(report: Path) -> None:
+    assert f"*{FOOTERS['synthetic']}*" in report.read_text(encoding="utf-8").splitlines()
 
 
 @pytest.mark.parametrize("page", PAGES)
