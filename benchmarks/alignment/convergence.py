@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from benchmarks.alignment.convergence_page import draw_convergence, markdown
 from benchmarks.alignment.descent_rules import ClipSet, Rule, track
+from benchmarks.alignment.gravity import RECORDED
 from benchmarks.alignment.known_clips import KnownClips, load_clips
 from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically
@@ -85,6 +86,7 @@ def main(config: ConvergenceConfig) -> dict[str, Any]:
     rows, shapes_rms = _measure(config, smpl, known)
     results = {
         "data": "synthetic",
+        **RECORDED,
         "clips": names,
         "betas_rms_frame_1": shapes_rms,
         "rules": rows,

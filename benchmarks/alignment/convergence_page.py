@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.ticker import ScalarFormatter
 
+from benchmarks.alignment.gravity import banner
 from bridge.report.panels import new_figure, save_figure
 
 # Okabe and Ito's colours, told apart by every reader.
@@ -27,7 +28,7 @@ _ERRORS = {
 _PAGE = """\
 # The paper's aligner against its steps (synthetic data)
 
-{table}
+{banner}{table}
 
 R² of the offsets against the simulated truth, mean error of the joints' rotations and mean distance
 of the posed body from the mesh, over {frames} frames. Each descent begins where that of the frame
@@ -43,6 +44,7 @@ def markdown(results: dict[str, Any]) -> str:
     """A page with one table, a row for each rule."""
     provenance = results["provenance"]
     return _PAGE.format(
+        banner=banner(results),
         table="\n".join(_table(results["rules"])),
         frames=_frame_count(results),
         betas_rms=results["betas_rms_frame_1"],

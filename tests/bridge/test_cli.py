@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 
 import pytest
 
 from bridge.cli import COMMANDS, main
+from tests.pages import PAGES, commands_on, flags_of
 
 SHOW_HELPS = """
 import contextlib, io, json, os
@@ -115,3 +117,16 @@ def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         main(arguments)
     assert stopped.value.code == 2
     return capsys.readouterr().err
+
+
+def test_commands_of_dsnet_on_pages_are_its_own(helps: dict[str, str]) -> None:
+    lines = [line for page in PAGES for line in commands_on(page)]
+    command = re.compile(r"(?:^|[/\s])dsnet ([a-z][a-z-]+)(.*)")
+    found = [part for line in lines for part in command.findall(line)]
+    assert len(found) > 60
+    common = {"--profile", "--engine", "--address", "--seed", "--help"}
+    known = {command: common | flags_of(text) for command, text in helps.items()}
+    assert not [
+        (name, flag) for name, rest in found for flag in flags_of(rest) - known.get(name, set())
+    ]
+    assert {name for name, _ in found} <= known.keys()

@@ -31,7 +31,7 @@ from torch_align_ae.corpus.takes import Takes
 from torch_align_ae.corpus.tissue_laws import MeshForm, form_named, tissue_named
 
 _NOTICE = """\
-Synthetic data. Bodies, motions and soft tissue are computed; no person was measured.
+Synthetic data. Bodies, motions and soft tissue are computed; no skin was measured.
 The files have the formats of SMPL, Dyna and AMASS, but are none of these data sets.
 The body derives from the MakeHuman assets (CC0).
 """

@@ -167,6 +167,7 @@ def test_results_and_figure(run, tmp_path):
     ]
     stored = json.loads((tmp_path / "out" / "convergence.json").read_text())
     assert (stored["rules"], stored["data"]) == (rows, "synthetic")
+    assert stored["gravity_m_s2"] == pytest.approx(9.81)
     assert "torch" in stored["provenance"]["versions"]
     page = (tmp_path / "out" / "convergence.md").read_text()
     assert page.count("\n| after ") == 3
