@@ -23,6 +23,7 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from benchmarks.alignment.lesser_laws import AllAlike, WeightsAlone
 from bridge.body import load_body_model
 from bridge.measure.metrics import rotation_error_deg
 from bridge.motion import unpack_theta
@@ -30,6 +31,7 @@ from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from bridge.runs.provenance import provenance
 from torch_align_ae.alignment.robust import RobustSettings, align_sequences
+from torch_align_ae.alignment.robust.loads import Loads
 from torch_align_ae.body import SMPL, rest_pose_offsets
 from torch_align_ae.corpus.dyna_files import FPS
 from torch_align_ae.corpus.motions import Skeleton, perform
@@ -43,13 +45,13 @@ from torch_align_ae.corpus.tissue_parameters import (
 
 _SUBJECTS = (SUBJECTS["female"][0], SUBJECTS["female"][3])
 _MOTIONS = ("one_leg_jump", "shake_hips")
-_ALL_ALIKE_M = 1e3
-ALIGNERS: dict[str, RobustSettings | None] = {
+ALIGNERS: dict[str, type[Loads] | None] = {
     "true pose": None,
-    "robust": RobustSettings(),
-    "weights alone": RobustSettings(inertia=False),
-    "all alike": RobustSettings(inertia=False, precision_m=_ALL_ALIKE_M),
+    "robust": Loads,
+    "weights alone": WeightsAlone,
+    "all alike": AllAlike,
 }
+"""By the law that each takes out."""
 
 Array = NDArray[np.floating]
 
@@ -157,15 +159,16 @@ def _smooth_field(smpl: SMPL, subject: Subject, rng: np.random.Generator) -> Arr
     return smooth / np.sqrt(np.square(smooth).sum(1).mean())
 
 
-def _score(takes: list[_Take], settings: RobustSettings | None) -> dict[str, float]:
-    """R2 of the offsets' change over time, and mean pose error; without settings of the truth."""
+def _score(takes: list[_Take], law: type[Loads] | None) -> dict[str, float]:
+    """R2 of the offsets' change over time, and mean pose error; without a law of the truth."""
     smpl = SMPL(load_body_model("embedded:female"))
-    if settings is None:
+    if law is None:
         betas = np.stack([subject.betas for subject in _SUBJECTS]).astype(np.float32)
         thetas = [take.theta for take in takes]
     else:
         meshes = [take.meshes_m for take in takes]
-        betas, thetas = align_sequences(smpl, meshes, [take.subject for take in takes], settings)
+        subjects = [take.subject for take in takes]
+        betas, thetas = align_sequences(smpl, meshes, subjects, RobustSettings(), law=law)
     wrong = right = 0.0
     angles_deg = []
     for take, theta in zip(takes, thetas, strict=True):

@@ -203,7 +203,7 @@ def _predict(settings: Settings, material: Material) -> Work:
 
 
 def _predict_plus(settings: Settings, material: Material) -> Work:
-    frames, arrays = frames_of(material.decoded), 1 + settings["train_plus"]["static"]
+    frames, arrays = frames_of(material.decoded), 2
     size = arrays * frames * MESH_BYTES
     return Work(frames, f"{frames:,} frames", size, mapped_bytes=size)
 
