@@ -144,6 +144,7 @@ run_stages() {
                 path=$(existing "$2")
                 train_ae=(--dmpl "$path")
                 train=(--predictors dsnet_standardised dsnet_faithful dyna_like dyna_like_dmpl)
+                export DSNET_PLUGINS=benchmarks.plugin PYTHONPATH=$PWD
                 ;;
         esac
         shift 2
