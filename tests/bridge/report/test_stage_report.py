@@ -256,12 +256,13 @@ def test_a_licensed_run_has_a_report_without_truth(forged_runs, tmp_path, monkey
     assert "body part" not in page
 
 
-def test_the_best_road_alone_has_a_report(forged_runs, tmp_path, monkeypatch):
+@pytest.mark.parametrize("own_alignment", [False, True])
+def test_the_best_road_alone_has_a_report(own_alignment, forged_runs, tmp_path, monkeypatch):
     """Without the paper's road its tables and figures are left out."""
     runs = tmp_path / "runs"
     for stage in ("corpus", "truth", "align"):
         shutil.copytree(forged_runs / "forged" / stage, runs / "best" / stage)
-    write_best_road(runs / "best", own_alignment=False)
+    write_best_road(runs / "best", own_alignment=own_alignment)
     monkeypatch.setenv("DSNET_RUNS", str(runs))
     monkeypatch.setattr(stage_report, "draw_figure7", lambda path, **_: path.write_bytes(b"x"))
     monkeypatch.setattr(stage_report, "draw_test_strip", lambda path, **_: path.write_bytes(b"x"))
