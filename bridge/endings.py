@@ -112,10 +112,20 @@ def _refusal(error: OSError) -> DsnetError:
 def ends_at_once() -> Iterator[None]:
     """A signal in this block ends the process, which has begun nothing, with its line.
 
-    Libraries that load swallow an exception, or turn it into another.
+    Libraries that load swallow an exception, or turn it into another; what they print may be held
+    back meanwhile.
     """
-    with _answered_by(_end_process):
-        yield
+    stderr = os.dup(2) if sys.stderr else os.open(os.devnull, os.O_WRONLY)
+
+    def end_process(number: int, _frame: FrameType | None) -> NoReturn:
+        os.write(stderr, f"dsnet: {_ENDING[number]}\n".encode())
+        os._exit(128 + number)
+
+    try:
+        with _answered_by(end_process):
+            yield
+    finally:
+        os.close(stderr)
 
 
 @contextmanager
@@ -131,11 +141,6 @@ def _answered_by(handler: Callable[[int, FrameType | None], None]) -> Iterator[N
     finally:
         for one, earlier in before.items():
             signal.signal(one, earlier)
-
-
-def _end_process(number: int, _frame: FrameType | None) -> NoReturn:
-    os.write(2, f"dsnet: {_ENDING[number]}\n".encode())
-    os._exit(128 + number)
 
 
 def _end_work(number: int, frame: FrameType | None) -> None:

@@ -293,3 +293,22 @@ def test_a_missing_stage_is_named(forged_runs, tmp_path, monkeypatch):
     with pytest.raises(DsnetError, match="dsnet train-ae --run half"):
         stage_report.main(stage_report.ReportConfig(run="half"))
     assert not (runs / "half" / "report").exists()
+
+
+def test_a_report_of_less_than_there_is_or_was_is_refused(folder, tmp_path, monkeypatch, capsys):
+    runs = tmp_path / "runs"
+    later = shutil.ignore_patterns("decode", "truth", "evaluate", "report")
+    shutil.copytree(folder.parent, runs / "both", ignore=later)
+    monkeypatch.setenv("DSNET_RUNS", str(runs))
+    stage_evaluate.main(stage_evaluate.EvaluateConfig(run="both"))
+    assert "is evaluated without decode, truth, which it" in capsys.readouterr().err
+    for stage in ("decode", "truth"):
+        shutil.copytree(folder.parent / stage, runs / "both" / stage)
+    with pytest.raises(DsnetError, match=r"made without align, .*decode.*truth.*`dsnet evaluate"):
+        stage_report.main(TINY)
+    stage_evaluate.main(stage_evaluate.EvaluateConfig(run="both"))
+    assert not capsys.readouterr().err
+    shutil.rmtree(runs / "both" / "decode")
+    with pytest.raises(DsnetError, match=r"without 'decode'.*`dsnet decode --run both`"):
+        stage_report.main(TINY)
+    assert not (runs / "both" / "report").exists()
