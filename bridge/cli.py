@@ -7,12 +7,13 @@ when its stage is asked for.
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
+import os
+import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-from bridge.endings import exit_with_one_line
+from bridge.endings import ends_at_once, exit_with_one_line
 from bridge.errors import DsnetError, did_you_mean
 
 COMMANDS = {
@@ -51,16 +52,23 @@ COMMANDS = {
     "check": ("bridge.runs.stage_check", "Compare a run's files and chain with its digests."),
 }
 PROFILES = ("smoke", "demo", "paper")
+_NARROWEST = 40
+"""Columns of a terminal, below which the parser breaks lines for ever."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: run one subcommand."""
     with exit_with_one_line():
-        _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+        with ends_at_once():
+            work = _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+        work()
 
 
-def _dispatch(arguments: list[str]) -> None:
+def _dispatch(arguments: list[str]) -> Callable[[], None]:
+    """What the command line asks for, to be called; nothing is begun before."""
     # Late, so that whoever interrupts while these load reads one line.
+    import dataclasses
+
     import tyro
 
     from bridge.options import check_options, parse_seed
@@ -68,8 +76,7 @@ def _dispatch(arguments: list[str]) -> None:
     from bridge.runs.processes import require_packages_of
 
     if not arguments or arguments[0] in ("-h", "--help"):
-        print(_overview())  # noqa: T201
-        return
+        return lambda: print(_overview())  # noqa: T201
     command, *options = arguments
     if command not in COMMANDS:
         raise DsnetError(
@@ -91,10 +98,16 @@ def _dispatch(arguments: list[str]) -> None:
         prog += " [--seed N]"
         if (seed := _take(options, "--seed")) is not None:
             parse_seed(seed)
+    if shutil.get_terminal_size().columns < _NARROWEST:
+        os.environ["COLUMNS"] = str(_NARROWEST)
     config = tyro.cli(type(default), args=options, default=default, prog=prog)
     check_options(config)
-    with use_engine("local" if engine is None else engine, address):
-        module.main(config)
+
+    def work() -> None:
+        with use_engine("local" if engine is None else engine, address):
+            module.main(config)
+
+    return work
 
 
 def _take_profile(options: list[str]) -> str:

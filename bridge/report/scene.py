@@ -34,7 +34,7 @@ class Scene:
     @property
     def origin(self) -> DataOrigin:
         """`synthetic` or `licensed`."""
-        return self.stages["align"].origin
+        return self.stages["evaluate"].origin
 
     @cached_property
     def roads(self) -> list[Road]:

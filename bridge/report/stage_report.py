@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,6 +11,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from bridge.body import load_body_model
+from bridge.errors import DsnetError
 from bridge.measure.roads import PREDICT_PLUS, TRAIN_PLUS, stages_of_roads
 from bridge.motion import MotionSequence
 from bridge.motion.cells import CELLS
@@ -80,7 +81,7 @@ def main(config: ReportConfig) -> None:
     Raises
     ------
     DsnetError
-        If the run lacks one of the stages before this one.
+        If the run lacks one of the stages before this one, or `evaluate` did when it was made.
     """
     run = Run(config.run)
     roads = stages_of_roads(run)
@@ -88,6 +89,7 @@ def main(config: ReportConfig) -> None:
     for last, beside in _BESIDE.items():
         named.update(beside if last in roads else ())
     stages = run.artifacts(*(stage for stage in _ORDER if stage in named))
+    _require_measured(run, stages, roads)
     body = load_body_model(str(body_model_path(run)))
     scene = Scene(stages, body, config.samples, config.panel_px)
     run.build(
@@ -97,6 +99,19 @@ def main(config: ReportConfig) -> None:
         data=scene.origin,
         upstream=stages,
     )
+
+
+def _require_measured(run: Run, stages: Mapping[str, Artifact], roads: Sequence[str]) -> None:
+    evaluate = stages["evaluate"]
+    measured = evaluate.manifest["upstream"]
+    run.artifacts(*measured)  # what was deleted since is named
+    of_truth = {"truth"} & set(stages) if evaluate.origin == "synthetic" else set()
+    if missed := sorted({*roads, *of_truth} - set(measured)):
+        raise DsnetError(
+            f"run {run.name!r}, whose 'evaluate' was made without {', '.join(missed)}",
+            "one that measured all that there is",
+            f"Run `dsnet evaluate --run {run.name}` again.",
+        )
 
 
 def _make(writer: ArtifactWriter, scene: Scene, run_name: str) -> None:
@@ -172,7 +187,7 @@ def _training_figures(scene: Scene) -> list[FigurePlan]:
         FigurePlan(
             "figure6_lengths",
             "Figure 6. Sequence lengths; shorter ones are padded with zeros, longer ones clipped.",
-            partial(draw_figure6, align=stages["align"]),
+            lambda path: draw_figure6(path, scene.roads[0].align),
         )
     ]
     if scene.follows_paper:

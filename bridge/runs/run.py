@@ -10,11 +10,10 @@ from typing import Any
 
 from bridge.errors import DsnetError, InterruptedWorkError, did_you_mean
 from bridge.runs.artifact import SCHEMA_VERSION, Artifact, DataOrigin, read_artifact
-from bridge.runs.chain import Chain, command_of
+from bridge.runs.chain import Chain, command_of, is_made
 from bridge.runs.digests import cached_sha256s, json_sha256
 from bridge.runs.folders import (
     MANIFEST,
-    is_finished,
     is_unsettled,
     runs_root,
     settle,
@@ -25,6 +24,9 @@ from bridge.runs.writer import ArtifactWriter
 ALIGNMENT = "align"
 # Beside the paper's aligner's, of the same meshes.
 ROBUST_ALIGNMENT = "align_robust"
+
+BENCH = "bench"
+"""A folder in a run that is no stage's."""
 
 
 class Run:
@@ -39,13 +41,13 @@ class Run:
         self.path = runs_root() / name
 
     def finished(self, stage: str) -> bool:
-        """Whether there is an artifact of `stage`, current or not."""
+        """Whether there is an artifact of `stage`, current or not; as `is_made`."""
         if is_unsettled(self.path / stage):
             # Left by a process that was killed while it put the artifact into place; if another
             # one holds the stage, it is alive and does so itself.
             with suppress(DsnetError, OSError), self.alone(stage):
                 settle(self.path / stage)
-        return is_finished(self.path / stage)
+        return is_made(self.path / stage)
 
     def artifact(self, stage: str) -> Artifact:
         """The finished artifact of `stage`, which is one chain with all that it was made from.
@@ -130,9 +132,9 @@ class Run:
         self, stage: str, settings: dict[str, Any], digests: dict[str, str]
     ) -> Artifact | None:
         """The finished artifact of `stage`, if it was made from the same."""
-        if not self.finished(stage):
-            return None
         try:
+            if not self.finished(stage):
+                return None
             finished = read_artifact(self.path / stage)
         except DsnetError:  # damaged, and about to be made again
             return None

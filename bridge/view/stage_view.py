@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import socket
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -113,23 +111,16 @@ def write_recording(
     DsnetError
         If the file exists or cannot be written.
     """
+    from bridge.export.new_path import new_path
     from bridge.view.recording import record
     from bridge.view.viewer import first_selection
 
-    if path.exists() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise DsnetError(
-            f"--record {path}, which exists or cannot be written",
-            "a new file in a folder that is there",
-            "Pass another path.",
-        )
-    try:
-        page = record(performances, first_selection(performances, controls))
-    finally:
-        performances.worker.stop()
-    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".partial", delete=False) as file:
-        file.write(page.encode())
-    Path(file.name).chmod(0o644)
-    os.replace(file.name, path)
+    with new_path(path, "--record") as partial:
+        try:
+            page = record(performances, first_selection(performances, controls))
+        finally:
+            performances.worker.stop()
+        partial.write_text(page, encoding="utf-8", newline="\n")
     notify(f"{path}: {len(page) / 1e6:.1f} MB; open it in any browser")
 
 

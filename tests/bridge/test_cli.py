@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -54,6 +56,10 @@ def test_help_shows_run_and_seed(command, helps):
         (["report", "--run", "no-such-run"], "unknown run 'no-such-run'"),
         (["report", "--run", "../up"], "plain folder name"),
         (["predict", "--motion", "x.npz"], "--out"),
+        (["report", "--run", "x" * 300], "File name too long; expected names of at most 255"),
+        (["export", "--to", "npz", "--motion", "sample:walking", "--out", "."], "of its own"),
+        (["predict", "--motion", "sample:walking", "--out", ""], "of its own"),
+        (["pack", "--folder", ".", "--out", ""], "of its own"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(arguments, words, capsys, tmp_path, monkeypatch):
@@ -109,7 +115,7 @@ def test_what_is_near_none_is_no_question(line, capsys, tmp_path):
 
 
 def test_options_keep_the_parsers_own_suggestion(capsys):
-    assert "Perhaps you meant" in refused(["plan", "--gendr", "male"], capsys)
+    assert "Perhaps you meant" in refused(["corpus", "--gendr", "male"], capsys)
 
 
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -130,3 +136,42 @@ def test_commands_of_dsnet_on_pages_are_its_own(helps: dict[str, str]) -> None:
         (name, flag) for name, rest in found for flag in flags_of(rest) - known.get(name, set())
     ]
     assert {name for name, _ in found} <= known.keys()
+
+
+def dsnet(*arguments: str, python: tuple[str, ...] = (), **given) -> subprocess.CompletedProcess:
+    code = "from bridge.cli import main; main()"
+    return subprocess.run(
+        [sys.executable, *python, "-c", code, *arguments],
+        stderr=subprocess.PIPE, text=True, check=False, timeout=60, **given,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("python", [(), ("-u",)])
+@pytest.mark.parametrize("arguments", [("--help",), ("check", "--help")])
+def test_who_stops_reading_is_told_nothing(arguments, python):
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = dsnet(*arguments, python=python, stdout=writing)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device")
+def test_output_that_has_no_room_is_one_line():
+    with open("/dev/full", "w") as full:
+        done = dsnet("--help", stdout=full)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "room on the disk" in done.stderr
+
+
+def test_a_terminal_of_five_columns_has_a_help():
+    done = dsnet("check", "--help", stdout=subprocess.PIPE, env={**os.environ, "COLUMNS": "5"})
+    assert done.returncode == 0, done.stderr
+    assert "--run" in done.stdout
+
+
+def test_nothing_is_left_or_told_by_onnx_runtime(tmp_path):
+    places = {**os.environ, "TMPDIR": str(tmp_path), "HOME": str(tmp_path)}
+    places.pop("ORT_DISABLE_TELEMETRY", None)
+    subprocess.run([sys.executable, "-c", "import bridge, onnxruntime"], check=True, env=places)
+    assert not list(tmp_path.iterdir())

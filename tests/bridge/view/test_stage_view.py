@@ -88,6 +88,18 @@ def test_a_recording_overwrites_nothing(capsys, tmp_path):
     there = tmp_path / "a.html"
     there.write_text("mine")
     assert "which exists" in refused(capsys, "--record", str(there), "--port", "0")
-    assert "cannot be written" in refused(capsys, "--record", str(tmp_path / "no" / "a.html"))
+    assert "cannot be written" in refused(capsys, "--record", str(there / "b.html"))
     assert there.read_text() == "mine"
     assert [path.name for path in tmp_path.iterdir()] == ["a.html"]
+
+
+@needs_viser
+def test_a_recording_without_room_leaves_nothing(capsys, tmp_path):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, before[1]))
+    try:
+        assert "cannot be written" in refused(capsys, "--record", str(tmp_path / "a.html"))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
