@@ -12,6 +12,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
+from bridge import __version__
 from bridge.endings import exit_with_one_line
 from bridge.errors import DsnetError
 
@@ -70,12 +71,15 @@ def _dispatch(arguments: list[str]) -> None:
     # Late, so that whoever interrupts while these load reads one line.
     import tyro
 
+    from bridge.installation import require_packages_of
     from bridge.options import check_options, parse_seed
     from bridge.runs.engines import use_engine
-    from bridge.runs.processes import require_packages_of
 
     if not arguments or arguments[0] in ("-h", "--help"):
         print(_overview())  # noqa: T201
+        return
+    if arguments == ["--version"]:
+        print(f"dsnet {__version__}")  # noqa: T201
         return
     command, *options = arguments
     if command not in COMMANDS:
@@ -126,6 +130,7 @@ def _take(options: list[str], flag: str) -> str | None:
 def _overview() -> str:
     rows = "\n".join(f"  {name:<14}{summary}" for name, (_, summary) in COMMANDS.items())
     return (
-        "usage: dsnet COMMAND [--profile smoke|demo|paper] [--run NAME] [--seed N] ...\n\n"
+        "usage: dsnet COMMAND [--profile smoke|demo|paper] [--run NAME] [--seed N] ...\n"
+        "       dsnet --version\n\n"
         f"{rows}\n\nEvery command has its own --help; ./reproduce.sh runs them in this order."
     )
