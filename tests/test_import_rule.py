@@ -16,7 +16,7 @@ FORBIDDEN = {
     "torch_align_ae": {"tensorflow", "keras", "tf_dsnet"},
     "tf_dsnet": {"torch", "torch_align_ae"},
 }
-# A folder imports those before it; paper, errors, endings and options, in none, import no folder.
+# A folder imports those before it; the files in none import no folder.
 ORDER = [
     "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "export",
     "view", "verify", "plan",
