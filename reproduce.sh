@@ -31,7 +31,7 @@ for_runs=$train,viewer,usd,clip
 for_everything=$for_runs,ray,dev,docs
 
 setup() {
-    local extras=$1 stamp=.venv/installed enough
+    local extras=$1 stamp=.venv/installed enough module
     for enough in "$extras" "$for_everything"; do
         [[ -f $stamp ]] && cmp -s "$stamp" <(print_stamp "$enough") && return
     done
@@ -44,12 +44,18 @@ setup() {
     [[ $train == train ]] || install torch --no-deps --only-binary :all: --retries 0 --timeout 10 \
         --index-url https://download.pytorch.org/whl/cpu >/dev/null 2>&1 || true
     install --editable ".[$extras]"
+    # What only builds and tests C++ against the frameworks: 0.4 GB.
+    rm -rf .venv/lib/python*/site-packages/{tensorflow/include,torch/include,torch/test}
+    # Most modules are never imported; those that are, are compiled here or by whoever is first.
+    for module in torch_align_ae.alignment.stage_align tf_dsnet.stage_train \
+        bridge.report.stage_report bridge.view.viewer; do
+        PYTHONDONTWRITEBYTECODE="" .venv/bin/python -c "import $module"
+    done
     # Written last, so that an interrupted installation is done again.
     print_stamp "$extras" >"$stamp"
 }
 
 install() {
-    # Modules are compiled as they are first imported: that is a fraction of what is installed.
     .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
         --constraint constraints.txt "$@"
 }

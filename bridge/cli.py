@@ -13,6 +13,7 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 
+from bridge import __version__
 from bridge.endings import ends_at_once, exit_with_one_line
 from bridge.errors import DsnetError, did_you_mean
 
@@ -71,12 +72,14 @@ def _dispatch(arguments: list[str]) -> Callable[[], None]:
 
     import tyro
 
+    from bridge.installation import require_packages_of
     from bridge.options import check_options, parse_seed
     from bridge.runs.engines import use_engine
-    from bridge.runs.processes import require_packages_of
 
     if not arguments or arguments[0] in ("-h", "--help"):
         return lambda: print(_overview())  # noqa: T201
+    if arguments == ["--version"]:
+        return lambda: print(f"dsnet {__version__}")  # noqa: T201
     command, *options = arguments
     if command not in COMMANDS:
         raise DsnetError(
@@ -136,6 +139,7 @@ def _take(options: list[str], flag: str) -> str | None:
 def _overview() -> str:
     rows = "\n".join(f"  {name:<14}{summary}" for name, (_, summary) in COMMANDS.items())
     return (
-        "usage: dsnet COMMAND [--profile smoke|demo|paper] [--run NAME] [--seed N] ...\n\n"
+        "usage: dsnet COMMAND [--profile smoke|demo|paper] [--run NAME] [--seed N] ...\n"
+        "       dsnet --version\n\n"
         f"{rows}\n\nEvery command has its own --help; ./reproduce.sh runs them in this order."
     )

@@ -50,5 +50,9 @@ class DsnetError(Exception):
         return type(self), (self.received, self.expected, self.remedy)
 
 
+class MissingPackageError(DsnetError, ModuleNotFoundError):
+    """A package of an extra is not installed; whoever expects an ImportError gets one."""
+
+
 class InterruptedWorkError(DsnetError):
     """Work was stopped by something other than its inputs: what was done stays, to be resumed."""

@@ -5,7 +5,6 @@ A process that was started here ends with the one that started it, however that 
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import signal
 import subprocess
@@ -23,30 +22,10 @@ from bridge.endings import (
     ignore_interrupts,
     interrupts_withheld,
 )
-from bridge.errors import DsnetError, InterruptedWorkError, printable
+from bridge.errors import InterruptedWorkError, printable
+from bridge.installation import require_packages_of
 
 Config = TypeVar("Config")
-_FRAMEWORKS = {"torch_align_ae": ("torch", "h5py"), "tf_dsnet": ("tensorflow",)}
-"""What the extra `train` brings for each package."""
-
-
-def require_packages_of(module: str) -> None:
-    """Make sure that the framework of a module's package is installed.
-
-    Raises
-    ------
-    DsnetError
-        If it is not: an installation without the extra `train` predicts, shows and exports.
-    """
-    for framework in _FRAMEWORKS.get(module.partition(".")[0], ()):
-        if importlib.util.find_spec(framework) is None:
-            raise DsnetError(
-                f"an installation without {framework}",
-                f"{framework}, which {module} needs",
-                'Install the extra: pip install "dsnet[train]".',
-            )
-
-
 _BEGIN = "from bridge.runs.processes import end_with_parent; end_with_parent();"
 _MODULE = "import runpy; runpy.run_module({!r}, run_name='__main__', alter_sys=True)"
 _DSNET = "from bridge.cli import main; main()"

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import socket
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from bridge.errors import DsnetError
+from bridge.installation import require_package
 from bridge.options import Bounds, PositiveFloat
 from bridge.runs import Run
 from bridge.runs.processes import notify
@@ -51,7 +51,7 @@ def main(config: ViewConfig) -> None:
         or the file is no motion of a body, and what `controlled_body` raises.
     """
     config.check()
-    require_viser()
+    require_package("viser", "viewer", "dsnet view")
     check_address(config.host, config.port)
     run = None if config.run is None else Run(config.run)
     repertoire = open_repertoire(run, config.motion, config)
@@ -60,22 +60,6 @@ def main(config: ViewConfig) -> None:
         write_recording(config.record, performances, config)
     else:
         _serve(config, performances)
-
-
-def require_viser() -> None:
-    """Make sure that the extra `viewer` is installed.
-
-    Raises
-    ------
-    DsnetError
-        If it is not.
-    """
-    if importlib.util.find_spec("viser") is None:
-        raise DsnetError(
-            "an installation without viser",
-            "viser, which shows things in a browser",
-            'Install the extra: pip install "dsnet[viewer]".',
-        )
 
 
 def check_address(host: str, port: int) -> None:

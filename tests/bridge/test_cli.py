@@ -59,7 +59,6 @@ def test_help_shows_run_and_seed(command, helps):
         (["report", "--run", "x" * 300], "File name too long; expected names of at most 255"),
         (["export", "--to", "npz", "--motion", "sample:walking", "--out", "."], "of its own"),
         (["predict", "--motion", "sample:walking", "--out", ""], "of its own"),
-        (["pack", "--folder", ".", "--out", ""], "of its own"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(arguments, words, capsys, tmp_path, monkeypatch):
