@@ -223,8 +223,7 @@ def _evaluate(settings: Settings, material: Material) -> Work:
 
 def _report(settings: Settings, material: Material) -> Work:
     own = settings["report"]
-    text = f"bodies {own['panel_px']} pixels high, {own['samples']} light paths a pixel"
-    return Work(own["samples"] * own["panel_px"] ** 2, text)
+    return Work(own["panel_px"] ** 2, f"bodies {own['panel_px']} pixels high")
 
 
 def _in_arrays(frames: int, arrays: int) -> str:

@@ -18,5 +18,5 @@ RATES = {
     "predict_plus": Rate(5.2, 6345, 300),
     "decode": Rate(25.0, 19035, 0),
     "evaluate": Rate(24.1, 19035, 652),
-    "report": Rate(48.0, 5760000, 562),
+    "report": Rate(48.0, 90000, 562),
 }

@@ -33,7 +33,7 @@ SETTINGS = {
     "predict_plus": {},
     "decode": {},
     "evaluate": {},
-    "report": {"samples": 4, "panel_px": 10},
+    "report": {"panel_px": 10},
 }
 
 
@@ -74,7 +74,7 @@ def test_amounts(found: dict[str, Work]) -> None:
             "predict_plus": 100,  # all but the second of b's
             "decode": 100 * 3,
             "evaluate": 100 * 3,
-            "report": 400,
+            "report": 100,
         }
     )
 
