@@ -42,7 +42,7 @@ LITTLE = {
     "predict-plus": "",
     "decode": "",
     "evaluate": "",
-    "report": "--samples 1 --panel-px 60",
+    "report": "--panel-px 60",
     "check": "",
 }
 """As little work of every stage as it allows."""

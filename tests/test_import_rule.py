@@ -26,7 +26,7 @@ ORDER = [
 THIRD_PARTIES = {
     "": set(),
     "cli.py": {"tyro"},
-    "runs": {"filelock", "numpy", "psutil", "ray", "threadpoolctl", "tyro"},
+    "runs": {"filelock", "numpy", "psutil", "ray", "threadpoolctl", "tqdm", "tyro"},
     "body": {"numpy", "scipy", "trimesh"},
     "motion": {"numpy", "pybvh", "scipy"},
     "exchange": {"numpy", "safetensors"},
@@ -44,9 +44,9 @@ THIRD_PARTIES = {
         "trimesh",
     },
     "view": {"numpy", "viser"},
-    "measure": {"numpy", "scipy", "tqdm"},
-    "verify": {"numpy", "onnx", "safetensors", "tqdm"},
-    "report": {"jinja2", "markdown_it", "matplotlib", "mitsuba", "numpy", "scipy", "tqdm"},
+    "measure": {"numpy", "scipy"},
+    "verify": {"numpy", "onnx", "safetensors"},
+    "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy"},
 }
 
 
@@ -106,7 +106,7 @@ def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
         ("bridge.cli", "torch tensorflow keras"),
         ("bridge.exchange", "torch tensorflow keras"),
         ("bridge.runtime.stage_predict", "torch tensorflow keras"),
-        ("bridge.export.stage_export", "torch tensorflow keras pxr imageio_ffmpeg mitsuba"),
+        ("bridge.export.stage_export", "torch tensorflow keras pxr imageio_ffmpeg embreex"),
         ("bridge.view.stage_view", "torch tensorflow keras viser"),
         ("torch_align_ae", "tensorflow keras"),
         ("tf_dsnet", "torch"),

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.measure.alignment_quality import alignment_errors
@@ -20,6 +19,7 @@ from bridge.measure.spectrum import STEP_HZ
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify
+from bridge.runs.progress import progress
 from bridge.runs.run import body_model_path
 from bridge.runs.worker_pool import worker_pool
 
@@ -128,12 +128,11 @@ class _KeptErrors:
 def _compared(evaluation: Evaluation) -> Iterator[SequenceErrors]:
     sequences = evaluation.sequences()
     with worker_pool("threads", evaluation) as pool:
-        yield from tqdm(
+        yield from progress(
             pool.map(Evaluation.compare, sequences),
-            desc="evaluate",
-            total=len(sequences),
+            what="evaluate",
             unit="sequence",
-            disable=None,
+            total=len(sequences),
         )
 
 

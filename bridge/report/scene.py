@@ -26,8 +26,6 @@ class Scene:
     """Artifacts by stage."""
     body: BodyModelData
     """The body that the run was aligned with."""
-    samples: int = 16
-    """Light paths a pixel."""
     panel_px: int = 300
     """Height of one rendered body."""
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from tqdm import tqdm
-
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.measure.roads import PREDICT_PLUS, TRAIN_PLUS, stages_of_roads
@@ -32,6 +30,7 @@ from bridge.report.parity_figure import draw_parity
 from bridge.report.scene import Scene
 from bridge.report.summary import departures, read_parity, summarise
 from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.progress import progress
 from bridge.runs.run import body_model_path
 
 _BESIDE = {"decode": ("train-ae", "encode", "train"), PREDICT_PLUS: (TRAIN_PLUS,)}
@@ -50,14 +49,12 @@ class ReportConfig:
 
     run: str = "demo"
     """Run to report on."""
-    samples: PositiveInt = 64
-    """Light paths a pixel of the rendered bodies."""
     panel_px: PositiveInt = 300
     """Height of one rendered body in pixels."""
 
 
 PROFILES = {
-    "smoke": ReportConfig(run="smoke", samples=9, panel_px=200),
+    "smoke": ReportConfig(run="smoke", panel_px=200),
     "demo": ReportConfig(run="demo"),
     "paper": ReportConfig(run="paper", panel_px=520),
 }
@@ -91,7 +88,7 @@ def main(config: ReportConfig) -> None:
     stages = run.artifacts(*(stage for stage in _ORDER if stage in named))
     _require_measured(run, stages, roads)
     body = load_body_model(str(body_model_path(run)))
-    scene = Scene(stages, body, config.samples, config.panel_px)
+    scene = Scene(stages, body, config.panel_px)
     run.build(
         "report",
         config,
@@ -116,7 +113,7 @@ def _require_measured(run: Run, stages: Mapping[str, Artifact], roads: Sequence[
 
 def _make(writer: ArtifactWriter, scene: Scene, run_name: str) -> None:
     plans = plan_figures(scene)
-    for plan in tqdm(plans, desc="figures", unit="figure", disable=None):
+    for plan in progress(plans, what="figures", unit="figure"):
         plan.draw(writer.file_path(f"figures/{plan.name}.png"))
     results = summarise(scene.stages, run_name, scene.body.gender)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"

@@ -18,6 +18,7 @@ from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import motion_warnings
 from bridge.runs.processes import notify
+from bridge.runs.progress import progress
 from bridge.runtime.characters import Character
 from bridge.runtime.motion_predictor import Prediction
 from bridge.runtime.skinning import ShapedBody
@@ -96,6 +97,13 @@ class MovingBody:
                 )
             yield MovedFrames(frames, offsets_m, vertices_m)
             start = frames.stop
+
+    def shown(self, what: str) -> Iterator[MovedFrames]:
+        """The same frames; a terminal is told how far `what` is."""
+        with progress(what=what, unit="frame", total=len(self)) as bar:
+            for posed in self:
+                yield posed
+                bar.update(len(posed))
 
 
 def announce(moving: MovingBody) -> None:

@@ -73,8 +73,6 @@ def test_what_makes_sense_passes(config):
         (Config(seed=2**32), "--seed 4294967296; expected 0 to 4294967295"),
         (Config(other_seed=-1), "--other-seed -1; expected 0 to 4294967295"),
         (Config(robust=Inner(0.0)), "--robust.precision-m 0.0; expected more than 0"),
-        # The renderer ends the process when it is asked for no light path.
-        (ReportConfig(samples=0), "--samples 0; expected 1 or more"),
         (ReportConfig(panel_px=0), "--panel-px 0; expected 1 or more"),
     ],
 )

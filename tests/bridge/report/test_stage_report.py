@@ -31,7 +31,7 @@ FIGURES = (
     "loss_dsnet",
     "loss_plus",
 )
-TINY = stage_report.ReportConfig(run="both", samples=1, panel_px=48)
+TINY = stage_report.ReportConfig(run="both", panel_px=48)
 
 
 @pytest.fixture(scope="module")
