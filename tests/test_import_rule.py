@@ -31,7 +31,7 @@ THIRD_PARTIES = {
     "motion": {"numpy", "pybvh", "scipy"},
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},
-    "runtime": {"numpy", "onnx", "onnxruntime", "tyro"},
+    "runtime": {"google", "numpy", "onnx", "onnxruntime", "tyro"},
     "export": {
         "PIL",
         "imageio_ffmpeg",
