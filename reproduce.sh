@@ -105,7 +105,7 @@ existing() {
 }
 
 run_stages() {
-    local profile=demo run="" seed=0 gender="" corpus=() align=() dyna=() predict=() licensed="" path
+    local profile=demo run="" seed=0 gender="" corpus=() align=() dyna=() infer=() licensed="" path
     local aligner="" engine=() train_ae=() train=()
     while (($#)); do
         case $1 in
@@ -143,9 +143,9 @@ run_stages() {
                 ;;
             --amass)
                 path=$(existing "$2")
-                predict+=(--amass "$path")
+                infer+=(--amass "$path")
                 ;;
-            --amass-fps) predict+=(--amass-fps "$2") ;;
+            --amass-fps) infer+=(--amass-fps "$2") ;;
             --dmpl)
                 path=$(existing "$2")
                 train_ae=(--dmpl "$path")
@@ -160,17 +160,16 @@ run_stages() {
         refuse "--gender $gender with licensed files; expected one of the two. The body model of --smpl has its gender."
     [[ -n $run ]] || run=$profile$([[ $gender != male ]] || echo _male)
     local common=(--profile "$profile" --run "$run" --seed "$seed" ${engine[@]+"${engine[@]}"})
-    for stage in corpus align train-ae encode train train-plus predict predict-plus decode evaluate report; do
+    ((${#train[@]})) && [[ $aligner != sgd ]] && train+=(dsnet_plus)
+    for stage in corpus align train-ae encode train infer decode evaluate report; do
         [[ $stage == corpus && -n $licensed ]] && continue
-        # The best road begins at the robust aligner's offsets.
-        [[ $stage == *-plus && $aligner == sgd ]] && continue
         echo "== dsnet $stage" >&2
         case $stage in
             corpus) .venv/bin/dsnet corpus "${common[@]}" ${corpus[@]+"${corpus[@]}"} ;;
             align) .venv/bin/dsnet align "${common[@]}" ${align[@]+"${align[@]}"} ;;
             train-ae) .venv/bin/dsnet train-ae "${common[@]}" ${train_ae[@]+"${train_ae[@]}"} ;;
             train) .venv/bin/dsnet train "${common[@]}" ${train[@]+"${train[@]}"} ;;
-            predict | predict-plus) .venv/bin/dsnet "$stage" "${common[@]}" ${predict[@]+"${predict[@]}"} ;;
+            infer) .venv/bin/dsnet infer "${common[@]}" ${infer[@]+"${infer[@]}"} ;;
             *) .venv/bin/dsnet "$stage" "${common[@]}" ;;
         esac
     done

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import tyro
 
-from benchmarks.many_sequences import LITTLE, run_stage, stage_command
+from benchmarks.many_sequences import LITTLE, Little, run_stage, stage_command
 from benchmarks.scaling.smooth_corpus import SmoothCorpus
 from bridge.runs import Run, read_artifact
 from bridge.runs.folders import MANIFEST, runs_root, write_text_atomically
@@ -71,14 +71,14 @@ def main(config: FullSizeConfig) -> None:
     calm, disturbed = Run("full_size"), Run("full_size_killed")
     corpus.write(calm)
     link_files(calm.path, disturbed.path)
-    for stage, options in STAGES.items():
-        used = run_stage(stage, calm, options)
+    for stage, little in STAGES.items():
+        used = run_stage(stage, calm, little)
         sys.stderr.write(f"{stage}: {used.wall_s:.0f} s, {used.anonymous_mb:,.0f} MB\n")
         stages[stage] = asdict(used)
-    for stage, options in STAGES.items():
+    for stage, little in STAGES.items():
         moments = [rng.uniform(*share) * stages[stage]["wall_s"] for share in _SHARES]
-        kills = [killed(stage, options, disturbed, after_s) for after_s in moments]
-        again_s = run_stage(stage, disturbed, options).wall_s
+        kills = [killed(stage, little, disturbed, after_s) for after_s in moments]
+        again_s = run_stage(stage, disturbed, little).wall_s
         differ = differing(stage, disturbed, calm)
         sys.stderr.write(f"{stage}: {kills}, then {again_s:.0f} s, differ: {differ}\n")
         stages[stage] |= {"kills": [*map(asdict, kills)], "again_s": again_s, "differ": differ}
@@ -111,10 +111,10 @@ def link_files(source: Path, target: Path) -> None:
     shutil.copytree(source, target, copy_function=os.link)
 
 
-def killed(stage: str, options: str, run: Run, after_s: float) -> Kill:
+def killed(stage: str, little: Little, run: Run, after_s: float) -> Kill:
     """Begin a stage; SIGKILL for it and all that it has started; sooner if it has ended by then."""
     child = subprocess.Popen(
-        stage_command(stage, run.name, options),
+        stage_command(stage, run.name, little),
         env={**os.environ, "DSNET_RUNS": str(runs_root().resolve())},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -124,7 +124,7 @@ def killed(stage: str, options: str, run: Run, after_s: float) -> Kill:
     if child.poll() is not None:
         for path in made_by(stage, run):
             shutil.rmtree(path)
-        return killed(stage, options, run, 0.6 * after_s)
+        return killed(stage, little, run, 0.6 * after_s)
     os.killpg(child.pid, signal.SIGKILL)
     child.wait()
     finished = all((path / MANIFEST).exists() for path in made_by(stage, run))
@@ -147,8 +147,8 @@ def differing(stage: str, run: Run, calm: Run) -> list[str]:
 
 def made_by(stage: str, run: Run) -> list[Path]:
     """Folders of the artifacts of a stage."""
-    names = ["align", "align_robust"] if stage == "align" else [stage.replace("-plus", "_plus")]
-    return [run.path / name for name in names]
+    beside = {"align": "align_robust", "train": "train_plus", "infer": "infer_plus"}
+    return [run.path / name for name in (stage, beside.get(stage)) if name]
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -32,18 +32,27 @@ from bridge.runs.provenance import provenance
 TOO_STEEP = 2.6
 """Growth of the time at twice as many sequences: 2 is in proportion, 4 is quadratic."""
 _PER_PERSON = 20
+
+
+@dataclass(frozen=True)
+class Little:
+    """How a stage is called."""
+
+    options: str = ""
+    settings: dict[str, Any] = field(default_factory=dict)
+    """Fields that are no options."""
+
+
 LITTLE = {
-    "align": "--aligner both --steps 1 --first-frame-steps 60 --shape-steps 100",
-    "train-ae": "--steps 2 --validate-every 1 --validation-frames 64",
-    "encode": "",
-    "train": "--epochs 1",
-    "train-plus": "--rounds 3 --steps 1 --nodes 100",
-    "predict": "",
-    "predict-plus": "",
-    "decode": "",
-    "evaluate": "",
-    "report": "--panel-px 60",
-    "check": "",
+    "align": Little("--aligner both --steps 1 --first-frame-steps 60 --shape-steps 100"),
+    "train-ae": Little("--steps 2", {"validate_every": 1, "validation_frames": 64}),
+    "encode": Little(),
+    "train": Little("--epochs 1 --rounds 3", {"plus": {"steps": 1, "nodes": 100}}),
+    "infer": Little(),
+    "decode": Little(),
+    "evaluate": Little(),
+    "report": Little("", {"panel_px": 60}),
+    "check": Little(),
 }
 """As little work of every stage as it allows."""
 
@@ -98,25 +107,29 @@ def _stages(size: int, config: ManySequencesConfig) -> dict[str, ChildUse]:
     corpus = SmoothCorpus(lengths[:half], lengths[half:], max(half // _PER_PERSON, 2))
     corpus.write(run)
     found = {}
-    for stage, options in LITTLE.items():
-        found[stage] = run_stage(stage, run, options)
+    for stage, little in LITTLE.items():
+        found[stage] = run_stage(stage, run, little)
         sys.stderr.write(f"{size} sequences, {stage}: {found[stage].cpu_s:.1f} s\n")
     if not config.keep:
         shutil.rmtree(run.path)
     return found
 
 
-def run_stage(stage: str, run: Run, options: str) -> ChildUse:
+def run_stage(stage: str, run: Run, little: Little) -> ChildUse:
     """One stage of a run as a process, with profile `smoke`."""
     runs = str(runs_root().resolve())
-    return measured(stage_command(stage, run.name, options), {"DSNET_RUNS": runs})
+    return measured(stage_command(stage, run.name, little), {"DSNET_RUNS": runs})
 
 
-def stage_command(stage: str, run: str, options: str) -> list[str]:
+def stage_command(stage: str, run: str, little: Little) -> list[str]:
     """What runs a stage with profile `smoke`."""
-    call = "from bridge.cli import main; main()"
+    call = (
+        "import json, sys; from bridge.cli import main; "
+        "main(sys.argv[2:], **json.loads(sys.argv[1]))"
+    )
     profile = [] if stage == "check" else ["--profile", "smoke"]
-    return [sys.executable, "-c", call, stage, *profile, "--run", run, *options.split()]
+    command = [stage, *profile, "--run", run, *little.options.split()]
+    return [sys.executable, "-c", call, json.dumps(little.settings), *command]
 
 
 def growth(stage: dict[str, Any]) -> float:

@@ -11,7 +11,9 @@ import importlib
 import os
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any
 
 from bridge import __version__
 from bridge.endings import ends_at_once, exit_with_one_line
@@ -28,28 +30,21 @@ COMMANDS = {
     ),
     "train-ae": ("torch_align_ae.autoencoder.stage_train_ae", "Train the mesh autoencoder."),
     "encode": ("torch_align_ae.autoencoder.stage_encode", "Encode the offsets as latents."),
-    "train": ("tf_dsnet.stage_train", "Train DSNet on latents and motions."),
-    "train-plus": (
-        "tf_dsnet.stage_train_plus",
-        "Fit dsnet_plus, oscillators on the skin, to offsets.",
-    ),
-    "predict": ("bridge.runtime.stage_predict", "Predict latents; with --motion, a moving body."),
+    "train": ("tf_dsnet.stage_train", "Train predictors: DSNet and dsnet_plus."),
+    "infer": ("tf_dsnet.stage_infer", "Let a run's predictors predict its sequences."),
+    "decode": ("torch_align_ae.autoencoder.stage_decode", "Decode latents to offsets."),
+    "evaluate": ("bridge.measure.stage_evaluate", "Measure errors against meshes and references."),
+    "report": ("bridge.report.stage_report", "Draw the figures and write the report."),
+    "predict": ("bridge.runtime.stage_predict", "Write the moving body of one motion to files."),
     "export": (
         "bridge.export.stage_export",
         "Write a moving body for Blender, Maya, Houdini, Unreal.",
     ),
-    "predict-plus": (
-        "tf_dsnet.stage_predict_plus",
-        "Predict offsets with dsnet_plus.",
-    ),
-    "decode": ("torch_align_ae.autoencoder.stage_decode", "Decode latents to offsets."),
-    "evaluate": ("bridge.measure.stage_evaluate", "Measure errors against meshes and references."),
-    "report": ("bridge.report.stage_report", "Draw the figures and write the report."),
+    "view": ("bridge.view.stage_view", "Look at predictions in a browser, as they move."),
     "verify": (
         "bridge.verify.stage_verify",
         "Compare NumPy, PyTorch, Keras, ONNX by layer.",
     ),
-    "view": ("bridge.view.stage_view", "Look at predictions in a browser, as they move."),
     "check": ("bridge.runs.stage_check", "Compare a run's files and chain with its digests."),
 }
 PROFILES = ("smoke", "demo", "paper")
@@ -57,19 +52,20 @@ _NARROWEST = 40
 """Columns of a terminal, below which the parser breaks lines for ever."""
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point: run one subcommand."""
+def main(arguments: Sequence[str] | None = None, **settings: Any) -> None:
+    """Entry point: run one subcommand.
+
+    A study may give `settings`: fields of the configuration, by name, that are no options.
+    """
     with exit_with_one_line():
         with ends_at_once():
-            work = _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+            work = _dispatch(list(sys.argv[1:] if arguments is None else arguments), settings)
         work()
 
 
-def _dispatch(arguments: list[str]) -> Callable[[], None]:
+def _dispatch(arguments: list[str], settings: Mapping[str, Any]) -> Callable[[], None]:
     """What the command line asks for, to be called; nothing is begun before."""
     # Late, so that whoever interrupts while these load reads one line.
-    import dataclasses
-
     import tyro
 
     from bridge.installation import require_packages_of
@@ -91,10 +87,10 @@ def _dispatch(arguments: list[str]) -> Callable[[], None]:
     engine, address = _take(options, "--engine"), _take(options, "--address")
     require_packages_of(COMMANDS[command][0])
     module = importlib.import_module(COMMANDS[command][0])
-    default = module.PROFILES[profile]
-    names = {field.name for field in dataclasses.fields(default)}
+    default = _with(module.PROFILES[profile], settings)
+    names = {field.name for field in fields(default)}
     if getattr(default, "run", None):  # some need no run
-        default = dataclasses.replace(default, run=profile)
+        default = replace(default, run=profile)
     prog = f"dsnet {command} [--profile P] [--engine local|ray [--address HOST:PORT]]"
     if "seed" not in names:
         # ./reproduce.sh hands one seed to every command.
@@ -103,7 +99,10 @@ def _dispatch(arguments: list[str]) -> Callable[[], None]:
             parse_seed(seed)
     if shutil.get_terminal_size().columns < _NARROWEST:
         os.environ["COLUMNS"] = str(_NARROWEST)
-    config = tyro.cli(type(default), args=options, default=default, prog=prog)
+    # What only studies set is `Fixed`: no option.
+    config = tyro.cli(
+        type(default), args=options, default=default, prog=prog, config=(tyro.conf.SuppressFixed,)
+    )
     check_options(config)
 
     def work() -> None:
@@ -111,6 +110,15 @@ def _dispatch(arguments: list[str]) -> Callable[[], None]:
             module.main(config)
 
     return work
+
+
+def _with(config: Any, settings: Mapping[str, Any]) -> Any:
+    """A configuration with other values of some fields; mappings are of fields within a field."""
+    own = {
+        name: _with(getattr(config, name), value) if isinstance(value, Mapping) else value
+        for name, value in settings.items()
+    }
+    return replace(config, **own)
 
 
 def _take_profile(options: list[str]) -> str:
@@ -141,5 +149,6 @@ def _overview() -> str:
     return (
         "usage: dsnet COMMAND [--profile smoke|demo|paper] [--run NAME] [--seed N] ...\n"
         "       dsnet --version\n\n"
-        f"{rows}\n\nEvery command has its own --help; ./reproduce.sh runs them in this order."
+        f"{rows}\n\nEvery command has its own --help; ./reproduce.sh runs the stages, corpus to "
+        "report, in this order."
     )

@@ -18,7 +18,7 @@ from bridge.runtime.predict_motion import predict_motion
 def main(smpl: str, *meshes: str) -> None:
     """Meshes to offsets, offsets to a predictor, a motion to a moving body."""
     run_dsnet("align", "--run", "mine", "--aligner", "robust", "--smpl", smpl, "--dyna", *meshes)
-    run_dsnet("train-plus", "--run", "mine")
+    run_dsnet("train", "--run", "mine", "--predictors", "dsnet_plus")
     predict_motion(Run("mine"), "sample:walking", "runs/mine_walking")
 
 

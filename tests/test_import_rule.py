@@ -31,7 +31,7 @@ THIRD_PARTIES = {
     "motion": {"numpy", "pybvh", "scipy"},
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},
-    "runtime": {"google", "numpy", "onnx", "onnxruntime", "tyro"},
+    "runtime": {"google", "numpy", "onnx", "onnxruntime"},
     "export": {
         "PIL",
         "imageio_ffmpeg",
@@ -46,7 +46,7 @@ THIRD_PARTIES = {
     "view": {"numpy", "viser"},
     "measure": {"numpy", "scipy"},
     "verify": {"numpy", "onnx", "safetensors"},
-    "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy"},
+    "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy", "tyro"},
 }
 
 

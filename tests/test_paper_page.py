@@ -48,7 +48,7 @@ def test_the_readme_leads_to_the_page() -> None:
 def test_the_commands_of_the_run_say_where_it_was_cut() -> None:
     stages = json.loads(RESULTS.read_text())["stages"]
     code, network = (stages[stage]["config"] for stage in ("train-ae", "train"))
-    cut = f"--stop-epoch {code['stop_epoch']} --comparison-epochs {code['comparison_epochs']}"
+    cut = f"stop_epoch={code['stop_epoch']}, comparison_epochs={code['comparison_epochs']}"
     text = PAGE.read_text()
-    assert f"dsnet train-ae --profile paper {cut}\n" in text
+    assert f"main(['train-ae', '--profile', 'paper'], {cut})" in text
     assert f"dsnet train --profile paper --epochs {network['epochs']}\n" in text

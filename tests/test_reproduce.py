@@ -15,8 +15,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 # fmt: off
 STAGES = [
-    "corpus", "align", "train-ae", "encode", "train", "train-plus", "predict", "predict-plus",
-    "decode", "evaluate", "report",
+    "corpus", "align", "train-ae", "encode", "train", "infer", "decode", "evaluate", "report",
 ]
 FOR_RUNS = "train-cpu,viewer,usd,clip"
 EVERYTHING = f"{FOR_RUNS},ray,dev,docs"
@@ -81,7 +80,7 @@ def test_licensed_files_take_the_corpus_place(reproduce: Reproduce, tmp_path: Pa
     meshes = f"--dyna {at}/women.h5 {at}/men.h5"
     assert called["align"] == f"{common} --smpl {at}/body f.pkl {meshes}"
     motions = f"--amass {at}/amass --amass-fps 60"
-    assert called["predict"] == called["predict-plus"] == f"{common} {motions}"
+    assert called["infer"] == f"{common} {motions}"
     assert called["train"] == common
 
 
@@ -95,7 +94,6 @@ def test_aligner_is_handed_on(reproduce: Reproduce) -> None:
     for aligner in ("sgd", "robust", "both"):
         called = stages(reproduce("--aligner", aligner))
         assert called.pop("align").endswith(f"--aligner {aligner}")
-        assert ("train-plus" in called) == ("predict-plus" in called) == (aligner != "sgd")
     assert not any("aligner" in options for options in called.values())
 
 

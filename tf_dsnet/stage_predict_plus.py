@@ -1,4 +1,4 @@
-"""Stage `predict-plus`: what `dsnet_plus` makes of the run's sequences and of unseen motions."""
+"""The part of stage `infer` that `dsnet_plus` has: offsets of sequences and unseen motions."""
 
 from __future__ import annotations
 
@@ -13,13 +13,10 @@ from bridge.motion.cuts import predict_between_cuts
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import ArtifactWriter, Run
-from bridge.runs.processes import run_as_process
-from bridge.runs.run import best_alignment, body_model_path
+from bridge.runs.run import INFER_PLUS, TRAIN_PLUS, best_alignment, body_model_path
 from bridge.runs.worker_pool import on_any_node, worker_pool
+from bridge.runtime.run_motions import AmassOptions, MotionSet, find_motions, gather
 from bridge.tissue.trained_plus import NAME, TrainedPlus
-from tf_dsnet.stage_predict import AmassOptions, MotionSet, find_motions, gather
-
-STAGE = "predict_plus"
 
 
 @dataclass(frozen=True)
@@ -34,20 +31,17 @@ class PredictPlusConfig(AmassOptions):
     """Run whose `dsnet_plus` predicts."""
 
 
-PROFILES = {name: PredictPlusConfig(run=name) for name in ("smoke", "demo", "paper")}
-
-
 def main(config: PredictPlusConfig) -> None:
     """Run the stage; a result that is current is kept.
 
     Raises
     ------
     DsnetError
-        If the run has no finished `train-plus`, or an AMASS file is not one.
+        If the run has no finished `train_plus`, or an AMASS file is not one.
     """
     config.check()
     run = Run(config.run)
-    trained, align = run.artifact("train_plus"), best_alignment(run)
+    trained, align = run.artifact(TRAIN_PLUS), best_alignment(run)
     body = load_body_model(str(body_model_path(run)))
     files = find_motions(run, config.amass, align)
 
@@ -56,9 +50,9 @@ def main(config: PredictPlusConfig) -> None:
         labels = {name: one["label"] for name, one in trained.manifest["predictors"].items()}
         writer.record(predictors=labels, default=trained.manifest["default"])
 
-    upstream = {"train_plus": trained, align.path.name: align}
+    upstream = {TRAIN_PLUS: trained, align.path.name: align}
     upstream |= {f"motion_{index}": path for index, path in enumerate(files)}
-    run.build(STAGE, config, make, data=align.origin, upstream=upstream)
+    run.build(INFER_PLUS, config, make, data=align.origin, upstream=upstream)
 
 
 def _write(
@@ -97,7 +91,3 @@ def _write(
     writer.put("theta", theta, "rad, then m")
     writer.put("betas", np.stack([betas[subject] for subject in rows]), "1")
     writer.record(sequences=to_manifest(placed))
-
-
-if __name__ == "__main__":
-    run_as_process(PredictPlusConfig, main)

@@ -1,13 +1,16 @@
-"""Stage `train`: predictors learn latents from motions (Section 5, "Training process")."""
+"""Stage `train`: networks learn latents from motions (Section 5, "Training process"); with them
+`dsnet_plus` learns offsets."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, fields
 from functools import cache
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
+from tyro.conf import Fixed
 
 from bridge.body import load_body_model
 from bridge.exchange import save_weights
@@ -15,9 +18,14 @@ from bridge.exchange.clips import load_unpadded_clips
 from bridge.exchange.codes import CodeName
 from bridge.exchange.trained_dsnet import DSNETS
 from bridge.options import PositiveInt
+from bridge.plugins import entry_named
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.run import body_model_path
+from bridge.runs.processes import notify
+from bridge.runs.run import TRAIN, body_model_path, has_best_alignment
 from bridge.runs.worker_pool import worker_pool
+from bridge.tissue.trained_plus import NAME as PLUS
+from tf_dsnet import stage_train_plus
+from tf_dsnet.oscillators.training import PlusSettings
 from tf_dsnet.predictors import (
     BodyOf,
     Predictor,
@@ -25,36 +33,49 @@ from tf_dsnet.predictors import (
     PredictorTraining,
     TrainingData,
     predictors_named,
+    registered_predictors,
 )
-
-STAGE = "train"
+from tf_dsnet.stage_train_plus import TrainPlusConfig
 
 
 @dataclass(frozen=True)
-class TrainConfig(PredictorSettings):
-    """Train DSNet on the training sequences, once for each predictor that is named.
+class NetworksRecord(PredictorSettings):
+    """What decides whether an artifact of the networks is current."""
 
-    Costs some 60 ms an epoch of both for 40 sequences of 300 frames on two cores, 1 GB.
-    Gives weights and losses of every predictor. The weights of the last epoch are kept: choosing
-    the epoch that suits the validation sequence best would make its error a training error.
-    """
-
-    run: str = "demo"
-    """Name of the run whose latents are learned."""
-    predictors: tuple[str, ...] = DSNETS
-    """Which predictors to train; the first is the one that `predict` shows. `dsnet_faithful`: raw
-    inputs and latents. `dsnet_standardised`: both scaled, a departure from the silent paper. Others
-    are those of the modules that DSNET_PLUGINS names."""
-    validate_every: PositiveInt = 10
+    predictors: tuple[str, ...] = ()
+    """Which predictors to train; all of the product that the run can when left out, with one line
+    about those that it cannot. `dsnet_faithful`: raw inputs and latents. `dsnet_standardised`: both
+    scaled, a departure from the silent paper. `dsnet_plus`: oscillators on the skin, of the robust
+    aligner's offsets. Others are those of the modules that DSNET_PLUGINS names. The first network
+    is the one that `report` shows."""
+    validate_every: Fixed[PositiveInt] = 10
     """Epochs between two validation losses."""
-    checkpoint_every: PositiveInt = 100
+    checkpoint_every: Fixed[PositiveInt] = 100
     """Epochs between two checkpoints."""
 
 
+@dataclass(frozen=True)
+class TrainConfig(NetworksRecord):
+    """Train predictors on the training sequences.
+
+    Costs some 60 ms an epoch of both networks for 40 sequences of 300 frames on two cores, 1 GB,
+    and two minutes for `dsnet_plus`. Gives weights and losses: `train` those of the networks,
+    `train_plus` those of `dsnet_plus`. The weights of the last epoch are kept: choosing the epoch
+    that suits the validation sequence best would make its error a training error.
+    """
+
+    run: str = "demo"
+    """Name of the run whose latents or offsets are learned."""
+    rounds: PositiveInt = 8
+    """Rounds of `dsnet_plus`; each begins with a simulation of every clip."""
+    plus: Fixed[PlusSettings] = field(default_factory=PlusSettings)
+    """How else `dsnet_plus` is trained."""
+
+
 PROFILES: dict[str, TrainConfig] = {
-    "smoke": TrainConfig(run="smoke", epochs=20),
+    "smoke": TrainConfig(run="smoke", epochs=20, rounds=4, plus=PlusSettings(steps=8, nodes=300)),
     "demo": TrainConfig(run="demo"),
-    "paper": TrainConfig(run="paper", epochs=10_000, checkpoint_every=500),
+    "paper": TrainConfig(run="paper", epochs=10_000, checkpoint_every=500, rounds=24),
 }
 
 
@@ -64,10 +85,48 @@ def main(config: TrainConfig) -> None:
     Raises
     ------
     DsnetError
-        If the run has no finished `encode`, a predictor is unknown, or a training diverges.
+        If the run has nothing to learn from, a predictor is unknown, or a training diverges.
     """
-    chosen = predictors_named(config.predictors)
     run = Run(config.run)
+    names = config.predictors or _trainable(run)
+    networks = [name for name in names if name != PLUS]
+    for name in names:
+        entry_named(name, "predictor", {**registered_predictors(), PLUS: None})
+    if networks:
+        _build_networks(run, _record(config, networks), predictors_named(networks))
+    if PLUS in names:
+        stage_train_plus.main(plus_config(config))
+
+
+def plus_config(config: TrainConfig) -> TrainPlusConfig:
+    """How `dsnet_plus` is trained."""
+    own = {"run": config.run, "seed": config.seed, "rounds": config.rounds}
+    return TrainPlusConfig(**asdict(config.plus) | own)
+
+
+def _trainable(run: Run) -> list[str]:
+    """The product's predictors that the run can train."""
+    names, left_out = [], []
+    for can, lacking, those in (
+        (run.finished("encode"), "'encode'", DSNETS),
+        (has_best_alignment(run), "an alignment by the robust aligner", (PLUS,)),
+    ):
+        names += those if can else ()
+        left_out += [] if can else [f"{', '.join(those)}, which needs {lacking}"]
+    if not names:
+        run.artifact("encode")  # says what to run
+    for one in left_out:
+        notify(f"left out: {one}")
+    return names
+
+
+def _record(config: TrainConfig, networks: list[str]) -> NetworksRecord:
+    own: dict[str, Any] = {one.name: getattr(config, one.name) for one in fields(NetworksRecord)}
+    own["predictors"] = tuple(networks)
+    return NetworksRecord(**own)
+
+
+def _build_networks(run: Run, config: NetworksRecord, chosen: list[Predictor]) -> None:
     encoded = run.artifact("encode")
     body = cache(lambda: load_body_model(str(body_model_path(run))))
 
@@ -90,7 +149,7 @@ def main(config: TrainConfig) -> None:
             sequences_trained_on=len(clips.train), sequences_held_out=len(clips.validation)
         )
 
-    run.build(STAGE, config, make, data=encoded.origin, upstream={"encode": encoded})
+    run.build(TRAIN, config, make, data=encoded.origin, upstream={"encode": encoded})
 
 
 def _clips(encoded: Artifact, code: CodeName, body: BodyOf) -> TrainingData:
@@ -98,7 +157,7 @@ def _clips(encoded: Artifact, code: CodeName, body: BodyOf) -> TrainingData:
     return TrainingData(train, load_unpadded_clips(encoded, "validation", code), body)
 
 
-def _train(trainings: Mapping[str, PredictorTraining], config: TrainConfig) -> None:
+def _train(trainings: Mapping[str, PredictorTraining], config: NetworksRecord) -> None:
     """Predictors side by side, epoch by epoch: one alone leaves half of two cores idle."""
     first = min(len(training.losses) for training in trainings.values())
     # disable=None: quiet when the output is not a terminal.
@@ -142,7 +201,7 @@ def _store(name: str, training: PredictorTraining, writer: ArtifactWriter) -> No
 
 
 def _describe(
-    config: TrainConfig,
+    config: NetworksRecord,
     chosen: list[Predictor],
     trainings: Mapping[str, PredictorTraining],
     writer: ArtifactWriter,

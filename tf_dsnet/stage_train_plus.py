@@ -1,4 +1,4 @@
-"""Stage `train-plus`: coupled oscillators learn the offsets of the best alignment."""
+"""The part of stage `train` that `dsnet_plus` has: oscillators learn the best alignment."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from bridge.exchange import save_weights
 from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.exchange.weights import refuse_nonfinite
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.processes import run_as_process
-from bridge.runs.run import best_alignment, body_model_path
+from bridge.runs.run import TRAIN_PLUS, best_alignment, body_model_path
 from bridge.runs.worker_pool import WorkerPool, worker_pool
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import NAME, TrainedPlus
@@ -24,13 +23,12 @@ from tf_dsnet.oscillators.clips import KnownPeople, node_clips
 from tf_dsnet.oscillators.static_part import NodeStatic, fit_static
 from tf_dsnet.oscillators.training import PlusSettings, PlusTraining
 
-STAGE = "train_plus"
 LABEL = "DSNet+, oscillators"
 DEPARTURES = (
     "not the paper's network: damped oscillators on the skin, driven by inertia and gravity",
     "learned from the robust aligner's offsets",
 )
-_REMEDY = "Train with a lower learning rate: dsnet train-plus --help names the options."
+_REMEDY = "Look at the alignment's offsets; a study may lower `PlusSettings.lr`."
 
 
 @dataclass(frozen=True)
@@ -42,13 +40,6 @@ class TrainPlusConfig(PlusSettings):
 
     run: str = "demo"
     """Run whose aligned offsets are learned."""
-
-
-PROFILES = {
-    "smoke": TrainPlusConfig(run="smoke", rounds=4, steps=8, nodes=300),
-    "demo": TrainPlusConfig(run="demo", rounds=8),
-    "paper": TrainPlusConfig(run="paper", rounds=24),
-}
 
 
 def main(config: TrainPlusConfig, training: type[PlusTraining] = PlusTraining) -> None:
@@ -70,7 +61,7 @@ def main(config: TrainPlusConfig, training: type[PlusTraining] = PlusTraining) -
             _Fit(config, training, align, body_path, writer, pool).write()
 
     run.build(
-        STAGE,
+        TRAIN_PLUS,
         config,
         make,
         data=align.origin,
@@ -170,7 +161,3 @@ def _learned(trained: TrainedPlus) -> list[NDArray]:
     weights, static = trained.weights, trained.static
     return [*weights.base.values(), weights.slopes, weights.stiffening_power, weights.residual,
             weights.taps, static.constant_m, static.by_pose_m]  # fmt: skip
-
-
-if __name__ == "__main__":
-    run_as_process(TrainPlusConfig, main)

@@ -42,7 +42,7 @@ def main(config: BuildConfig) -> None:
         common = ("--profile", config.profile, "--run", run.name, "--seed", str(config.seed))
         run_dsnet("corpus", "--gender", gender, *common)
         run_dsnet("align", "--aligner", "robust", *common)
-        run_dsnet("train-plus", *common)
+        run_dsnet("train", "--predictors", NAME, *common)
         pack(run.artifact("train_plus"), packaged_folder(gender), gender, config)
         sys.stdout.write(f"{packaged_folder(gender)}\n")
 

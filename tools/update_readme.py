@@ -15,9 +15,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bridge.measure.roads import TRAIN_PLUS
 from bridge.motion.cells import CELLS
 from bridge.runs import Run
+from bridge.runs.run import TRAIN_PLUS
 from tools.speed_page import speed_page
 
 ROOT = Path(__file__).parents[1]

@@ -32,7 +32,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "250 nodes": ("--nodes", "250"),
     "half the training": ("--rounds", "5"),
 }
-"""Options of `dsnet train-plus`, and of `benchmarks.prediction.lesser_plus`, by what they mean."""
+"""Options of `benchmarks.prediction.lesser_plus` by what they mean."""
 _PAGE = """\
 # What made the difference (synthetic data, corpus `{corpus}`, seed {seed})
 
@@ -94,12 +94,12 @@ def main(config: AblationConfig) -> dict[str, Any]:
 
 
 def _train(run: str, config: AblationConfig, options: tuple[str, ...]) -> None:
-    if not any(option.startswith("--no-") for option in options):
-        train_plus(run, config.profile, config.seed, *options)
+    if not options:
+        train_plus(run, config.profile, config.seed)
         return
     common = ("--run", run, "--profile", config.profile, "--seed", str(config.seed))
     run_module("benchmarks.prediction.lesser_plus", *common, *options)
-    dsnet("predict-plus", run, config.profile)
+    dsnet("infer", run, config.profile)
 
 
 def markdown(results: Mapping[str, Any]) -> str:

@@ -44,7 +44,7 @@ class BandsConfig:
     """Write the page, and a .json beside it."""
 
     run: str
-    """A run of the test bed, finished up to `predict-plus`."""
+    """A run of the test bed, finished up to `infer`."""
     out: Path
     """The page, a .md."""
 
@@ -84,7 +84,7 @@ def markdown(path: Path) -> str:
 
 def energies_of(run: Run, real: bool) -> NDArray[np.float64]:
     """(3, bands) of the truth, the error and the prediction, over the run's test motions."""
-    truth, predicted = run.artifact("truth"), run.artifact("predict_plus")
+    truth, predicted = run.artifact("truth"), run.artifact("infer_plus")
     places = {sequence.name: sequence for sequence in sequences_of(predicted)}
     total = np.zeros((3, len(EDGES_HZ) - 1))
     for sequence in sequences_of(truth):

@@ -27,8 +27,6 @@ CORPORA: dict[str, tuple[str, ...]] = {
     "male_second": ("--gender", "male", "--tissue", "second"),
 }
 """Options of `dsnet corpus`. docs/prediction.md says what was seen of each law."""
-PLUS = ("train-plus", "predict-plus")
-DSNET = ("train", "predict", "decode")
 _DSNETS = ("dsnet_standardised", "dsnet_faithful", "dsnet_differences")
 """DSNet's that are trained beside `dsnet_plus`."""
 
@@ -92,14 +90,14 @@ def train_dsnet(
     """The named predictors on the robust aligner's offsets."""
     length = () if epochs is None else ("--epochs", str(epochs))
     dsnet("train", run, profile, "--seed", str(seed), *length, "--predictors", *names)
-    dsnet("predict", run, profile)
+    dsnet("infer", run, profile)
     dsnet("decode", run, profile)
 
 
-def train_plus(run: str, profile: str, seed: int, *options: str) -> None:
+def train_plus(run: str, profile: str, seed: int) -> None:
     """`dsnet_plus` and its predictions."""
-    dsnet("train-plus", run, profile, "--seed", str(seed), *options)
-    dsnet("predict-plus", run, profile)
+    dsnet("train", run, profile, "--seed", str(seed), "--predictors", "dsnet_plus")
+    dsnet("infer", run, profile)
 
 
 def scores(run: str, profile: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.prediction.lesser_plus`: `dsnet train-plus` without one of its parts."""
+"""`python -m benchmarks.prediction.lesser_plus`: `dsnet_plus` without one of its parts."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from bridge.runs.processes import run_as_process
 from bridge.tissue.trained_plus import NODE_FIELDS
-from tf_dsnet import stage_train_plus
+from tf_dsnet import stage_train, stage_train_plus
 from tf_dsnet.oscillators.layer import OscillatorLayer
 from tf_dsnet.oscillators.training import PlusTraining
-from tf_dsnet.stage_train_plus import PROFILES, TrainPlusConfig
+from tf_dsnet.stage_train_plus import TrainPlusConfig
 
 _NOTHING = dict.fromkeys(NODE_FIELDS, 1e-6) | {"normal_ratio": 1.0}
 """What a coefficient that is left out is held at: it does nothing."""
@@ -62,6 +62,12 @@ class LesserPlusConfig(PartsOfPlus):
     """Sizes: smoke, demo or paper."""
     seed: int = 0
     """Seed of the windows' order."""
+    nodes: int | None = None
+    """Vertices that carry the tissue; the profile's when left out, as those below."""
+    rounds: int | None = None
+    """Rounds of training."""
+    look_ahead: int | None = None
+    """Frames by which the newest load lies ahead of the step."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +102,10 @@ class LesserTraining(PlusTraining):
 
 
 def main(config: LesserPlusConfig) -> None:
-    """Run stage `train-plus` so."""
-    options = {**asdict(PROFILES[config.profile]), **asdict(config)}
+    """Train it so."""
+    whole = stage_train.plus_config(stage_train.PROFILES[config.profile])
+    given = {name: value for name, value in asdict(config).items() if value is not None}
+    options = {**asdict(whole), **given}
     del options["profile"]
     stage_train_plus.main(_LesserStage(**options), LesserTraining)
 

@@ -41,7 +41,7 @@ class RivalsConfig:
     code: Path
     """Folder of its checkout."""
     run: str
-    """A run of the comparison, finished up to `predict-plus`."""
+    """A run of the comparison, finished up to `infer`."""
     out: Path
     """Folder of the comparison's scores; receives rivals-<corpus>-<rival>.json."""
     corpus: str = "own"
@@ -59,7 +59,7 @@ def main(config: RivalsConfig) -> dict[str, Any]:
     check_names([config.rival], tuple(RIVALS), "rival")
     check_names([config.corpus], tuple(CORPORA), "corpora")
     run = Run(config.run)
-    artifacts, align = run.artifacts("predict_plus", "truth"), best_alignment(run)
+    artifacts, align = run.artifacts("infer_plus", "truth"), best_alignment(run)
     body = load_body_model(str(body_model_path(run)))
     rival, clips = RIVALS[config.rival](config.code, body), validation_clips(align)
     if not clips:
@@ -72,7 +72,7 @@ def main(config: RivalsConfig) -> dict[str, Any]:
         "rival": rival.name,
         "corpus": config.corpus,
         "command": " ".join(["python", "-m", "benchmarks.rivals", *sys.argv[1:]]),
-        **score_rival(rival, artifacts["predict_plus"], align, artifacts["truth"], body),
+        **score_rival(rival, artifacts["infer_plus"], align, artifacts["truth"], body),
         "systems": {rival.name: {"label": rival.label, "departures": departures}},
     }
     path = rival_path(config.out, config.corpus, rival.name)

@@ -44,7 +44,7 @@ def score_rival(
     Parameters
     ----------
     rival : with its settings chosen.
-    motions : `theta` and `betas` that predictors were given, `predict_plus`.
+    motions : `theta` and `betas` that predictors were given, `infer_plus`.
     """
     with tempfile.TemporaryDirectory() as folder:
         offsets = _predict(Path(folder) / "offsets", rival, motions, body)

@@ -33,7 +33,7 @@ from bridge.runs.provenance import provenance
 MOTIONS = ("hips", "one_leg_jump", "shake_arms", "jumping_jacks", "jiggle_on_toes",
            "shake_hips", "running_on_spot", "light_hopping_loose")  # fmt: skip
 _OBSERVED = "from benchmarks.scaling.observed import main; main()"
-_STAGES = {"corpus": "truth", "align": "align", "predict-plus": "predict_plus"}
+_STAGES = {"corpus": "truth", "align": "align", "infer": "infer_plus"}
 """Commands that are measured, and the artifact that says how many frames that took."""
 
 
@@ -84,8 +84,8 @@ def _measured(config: ScalingConfig, runs: Path) -> Iterator[dict[str, Any]]:
     for size in config.sizes:
         for workers in config.workers:
             run = _run_name(size, workers)
-            for command, options in _chain(config, size).items():
-                observed = _observe(runs, workers, command, "--profile", config.profile,
+            for command, (options, settings) in _chain(config, size).items():
+                observed = _observe(runs, workers, settings, command, "--profile", config.profile,
                                     "--run", run, *options)  # fmt: skip
                 if command in _STAGES:
                     manifest = read_artifact(runs / run / _STAGES[command]).manifest
@@ -94,27 +94,28 @@ def _measured(config: ScalingConfig, runs: Path) -> Iterator[dict[str, Any]]:
                     yield {**own, "frames": frames, "workers": workers, **observed}
 
 
-def _chain(config: ScalingConfig, size: int) -> dict[str, tuple[str, ...]]:
-    """Commands in their order, with options: mechanics are learned in no time, if badly.
+def _chain(config: ScalingConfig, size: int) -> dict[str, tuple[tuple[str, ...], dict[str, Any]]]:
+    """Commands in their order, with options and other settings.
 
-    What is predicted grows with what is trained on: every motion is done again.
+    Mechanics are learned in no time, if badly. What is predicted grows with what is trained on:
+    every motion is done again.
     """
     corpus = ("--subjects", "2", "--motions", *MOTIONS[:size], "--mean-frames",
-              str(config.mean_frames), "--mosh-seconds", "1.2", "--retakes", str(size),
-              "--mosh-motions", "side_to_side_hopping", "--crossing", "rotating")  # fmt: skip
+              str(config.mean_frames), "--mosh-seconds", "1.2",
+              "--mosh-motions", "side_to_side_hopping")  # fmt: skip
     return {
-        "corpus": corpus,
-        "align": ("--aligner", "robust"),
-        "train-plus": ("--rounds", "1", "--steps", "2"),
-        "predict-plus": (),
+        "corpus": (corpus, {"retakes": size, "crossing": "rotating"}),
+        "align": (("--aligner", "robust"), {}),
+        "train": (("--predictors", "dsnet_plus", "--rounds", "1"), {"plus": {"steps": 2}}),
+        "infer": ((), {}),
     }
 
 
-def _observe(runs: Path, workers: int, *command: str) -> dict[str, Any]:
+def _observe(runs: Path, workers: int, settings: dict[str, Any], *command: str) -> dict[str, Any]:
     out = runs / "observed.json"
     environment = {**os.environ, "DSNET_RUNS": str(runs)}
     subprocess.run(
-        [sys.executable, "-c", _OBSERVED, str(workers), str(out), *command],
+        [sys.executable, "-c", _OBSERVED, str(workers), str(out), json.dumps(settings), *command],
         env=environment,
         check=True,
     )

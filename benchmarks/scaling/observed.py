@@ -81,8 +81,8 @@ class ObservedPools:
 
 
 def main() -> None:
-    """Entry point: number of workers, file to write, and the command with its options."""
-    workers, out, *command = sys.argv[1:]
+    """Entry point: number of workers, file to write, settings, and the command with its options."""
+    workers, out, settings, *command = sys.argv[1:]
     use_workers(int(workers))
     observed, original = ObservedPools(), WorkerPool.map
 
@@ -91,7 +91,7 @@ def main() -> None:
 
     setattr(WorkerPool, "map", observing)  # noqa: B010
     started = time.perf_counter()
-    dsnet(command)
+    dsnet(command, **json.loads(settings))
     wall_s = time.perf_counter() - started
     phases = {name: asdict(phase) for name, phase in observed.phases.items()}
     Path(out).write_text(json.dumps({"wall_s": wall_s, "phases": phases}), encoding="utf-8")

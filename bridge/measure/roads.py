@@ -9,9 +9,9 @@ from functools import cached_property
 from bridge.errors import DsnetError, did_you_mean
 from bridge.motion import MotionSequence, sequences_of
 from bridge.runs import Artifact, Run
+from bridge.runs.run import INFER, INFER_PLUS
 
 PAPER, BEST = "paper", "best"
-TRAIN_PLUS, PREDICT_PLUS = "train_plus", "predict_plus"
 
 
 @dataclass(frozen=True)
@@ -61,10 +61,10 @@ def stages_of_roads(run: Run) -> list[str]:
         If the best road is older than what it was made from.
     """
     names: list[str] = []
-    if run.finished("decode") or not run.finished(PREDICT_PLUS):
-        names += ["align", "predict", "decode"]
-    if run.finished(PREDICT_PLUS):
-        names += [_alignment_of(run.artifact(PREDICT_PLUS)), PREDICT_PLUS]
+    if run.finished("decode") or not run.finished(INFER_PLUS):
+        names += ["align", INFER, "decode"]
+    if run.finished(INFER_PLUS):
+        names += [_alignment_of(run.artifact(INFER_PLUS)), INFER_PLUS]
     return list(dict.fromkeys(names))
 
 
@@ -78,10 +78,10 @@ def roads_of(artifacts: Mapping[str, Artifact]) -> list[Road]:
     roads = []
     if "decode" in artifacts:
         roads.append(
-            Road(PAPER, "align", artifacts["align"], artifacts["predict"], artifacts["decode"])
+            Road(PAPER, "align", artifacts["align"], artifacts[INFER], artifacts["decode"])
         )
-    if PREDICT_PLUS in artifacts:
-        plus = artifacts[PREDICT_PLUS]
+    if INFER_PLUS in artifacts:
+        plus = artifacts[INFER_PLUS]
         alignment = _alignment_of(plus)
         roads.append(Road(BEST, alignment, artifacts[alignment], plus, plus))
     return roads

@@ -14,13 +14,13 @@ from bridge.measure.alignment_quality import alignment_errors
 from bridge.measure.evaluation import Evaluation, SequenceErrors
 from bridge.measure.pooled import Pool, PooledCells
 from bridge.measure.rest_pose_errors import MovementErrors
-from bridge.measure.roads import PREDICT_PLUS, Road, roads_of, stages_of_roads
+from bridge.measure.roads import Road, roads_of, stages_of_roads
 from bridge.measure.spectrum import STEP_HZ
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify
 from bridge.runs.progress import progress
-from bridge.runs.run import body_model_path
+from bridge.runs.run import INFER_PLUS, body_model_path
 from bridge.runs.worker_pool import worker_pool
 
 MESH_ERROR, OFFSET_SIZE = "mesh_error", "offset_size"
@@ -59,7 +59,7 @@ def main(config: EvaluateConfig) -> None:
     roads = roads_of(upstream)
     origin = roads[0].align.origin
     # The truth belongs to the run's own corpus, not to licensed meshes aligned beside it.
-    whole = {"decode", PREDICT_PLUS} | ({"truth"} if origin == "synthetic" else set())
+    whole = {"decode", INFER_PLUS} | ({"truth"} if origin == "synthetic" else set())
     if "truth" in whole and run.finished("truth"):
         upstream["truth"] = run.artifact("truth")
     if absent := sorted(whole - set(upstream)):

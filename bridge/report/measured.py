@@ -52,7 +52,7 @@ def measure(stages: Stages, gender: str) -> dict[str, Measured]:
 
 def _data(stages: Stages, gender: str) -> dict[str, Measured]:
     sequences = sequences_of(stages["align"])
-    tests = [s for s in sequences_of(stages["predict"]) if s.split == "test"]
+    tests = [s for s in sequences_of(stages["infer"]) if s.split == "test"]
     per_subject = Counter(sequence.subject for sequence in sequences).values()
     lengths = [s.length for s in sequences]
     durations_s = [s.length / s.fps for s in sequences]
@@ -105,7 +105,7 @@ def _npz_rate(corpus: Artifact) -> float | None:
 
 
 def _sizes(stages: Stages) -> dict[str, Measured]:
-    decode, predict = stages["decode"], stages["predict"]
+    decode, predict = stages["decode"], stages["infer"]
     shape = decode.array(f"offsets_{decode.manifest['default']}").shape
     theta, betas = predict.array("theta").shape[1], predict.array("betas").shape[1]
     return {
@@ -186,7 +186,7 @@ def _casas_otaduy_widths(parameters: int) -> Measured:
 
 def _dsnet(stages: Stages) -> dict[str, Measured]:
     manifest = stages["train"].manifest
-    config, name = manifest["config"], stages["predict"].manifest["default"]
+    config, name = manifest["config"], stages["infer"].manifest["default"]
     predictor = manifest["predictors"][name]
     weights = load_weights(stages["train"].file(f"{name}.safetensors"))
     epoch_s = manifest["provenance"].get(f"epoch_s_{name}")

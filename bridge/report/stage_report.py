@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from tyro.conf import Fixed
+
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
-from bridge.measure.roads import PREDICT_PLUS, TRAIN_PLUS, stages_of_roads
+from bridge.measure.roads import stages_of_roads
 from bridge.motion import MotionSequence
 from bridge.motion.cells import CELLS
 from bridge.options import PositiveInt
@@ -31,13 +33,13 @@ from bridge.report.scene import Scene
 from bridge.report.summary import departures, read_parity, summarise
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.progress import progress
-from bridge.runs.run import body_model_path
+from bridge.runs.run import INFER, INFER_PLUS, TRAIN_PLUS, body_model_path
 
-_BESIDE = {"decode": ("train-ae", "encode", "train"), PREDICT_PLUS: (TRAIN_PLUS,)}
+_BESIDE = {"decode": ("train-ae", "encode", "train"), INFER_PLUS: (TRAIN_PLUS,)}
 _OPTIONAL = ("corpus", "truth", "verify")
 # As they are made: the page lists what each one took.
-_ORDER = ("corpus", "truth", "align", "align_robust", "train-ae", "encode", "train", "predict",
-          "decode", TRAIN_PLUS, PREDICT_PLUS, "evaluate", "verify")  # fmt: skip
+_ORDER = ("corpus", "truth", "align", "align_robust", "train-ae", "encode", "train", INFER,
+          "decode", TRAIN_PLUS, INFER_PLUS, "evaluate", "verify")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class ReportConfig:
 
     run: str = "demo"
     """Run to report on."""
-    panel_px: PositiveInt = 300
+    panel_px: Fixed[PositiveInt] = 300
     """Height of one rendered body in pixels."""
 
 

@@ -7,11 +7,11 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from bridge.measure.roads import TRAIN_PLUS
 from bridge.motion.cells import CELLS
 from bridge.report.measured import Stages, measure, parameter_counts, validation_result
 from bridge.report.paper_table import compare
 from bridge.runs import Artifact
+from bridge.runs.run import TRAIN_PLUS
 
 _FORWARD = ("layers", "loss", "losses")
 _PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}

@@ -11,7 +11,12 @@ from bridge.runs.digests import cached_sha256s
 from bridge.runs.folders import MANIFEST, is_finished
 
 # Artifacts that are not named after the command that makes them.
-_MADE_BY = {"truth": "corpus", "align_robust": "align"}
+_MADE_BY = {
+    "truth": "corpus",
+    "align_robust": "align",
+    "train_plus": "train",
+    "infer_plus": "infer",
+}
 
 
 class Chain:
@@ -113,4 +118,4 @@ def is_made(folder: Path) -> bool:
 
 def command_of(stage: str) -> str:
     """The command that makes a stage."""
-    return _MADE_BY.get(stage, stage.replace("_", "-"))
+    return _MADE_BY.get(stage, stage)

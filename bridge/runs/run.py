@@ -24,6 +24,9 @@ from bridge.runs.writer import ArtifactWriter
 ALIGNMENT = "align"
 # Beside the paper's aligner's, of the same meshes.
 ROBUST_ALIGNMENT = "align_robust"
+# Of networks, and beside them of dsnet_plus: what was trained, and what it makes of the sequences.
+TRAIN, TRAIN_PLUS = "train", "train_plus"
+INFER, INFER_PLUS = "infer", "infer_plus"
 
 BENCH = "bench"
 """A folder in a run that is no stage's."""
@@ -184,6 +187,17 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
+def has_best_alignment(run: Run) -> bool:
+    """Whether `best_alignment` would find one, current or not."""
+    if run.finished(ROBUST_ALIGNMENT):
+        return True
+    return run.finished(ALIGNMENT) and _is_robust(read_artifact(run.path / ALIGNMENT))
+
+
+def _is_robust(align: Artifact) -> bool:
+    return align.manifest.get("aligner") == "robust"
+
+
 def best_alignment(run: Run) -> Artifact:
     """What the robust aligner made of the run's meshes: beside the paper's alignment or in its
     place.
@@ -197,7 +211,7 @@ def best_alignment(run: Run) -> Artifact:
         return run.artifact(ROBUST_ALIGNMENT)
     if run.finished(ALIGNMENT):
         align = run.artifact(ALIGNMENT)
-        if align.manifest.get("aligner") == "robust":
+        if _is_robust(align):
             return align
     raise DsnetError(
         f"run {run.name!r} without an alignment by the robust aligner",

@@ -146,4 +146,5 @@ def _nothing_trained(run: Run, roads: tuple[MotionRoad, ...]) -> DsnetError:
 
 
 def _commands(run: Run, roads: tuple[MotionRoad, ...]) -> str:
-    return " or ".join(f"`dsnet {road.command} --run {run.name}`" for road in roads)
+    commands = (f"`dsnet {road.command} --run {run.name}`" for road in roads)
+    return " or ".join(dict.fromkeys(commands))

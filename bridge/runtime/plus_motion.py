@@ -68,5 +68,5 @@ def _open(artifacts: Mapping[str, Artifact], _: str, body: BodyModelData) -> Plu
     return PlusMotionPredictor(TrainedPlus.load(artifacts["train_plus"]), body)
 
 
-PLUS = MotionRoad(("train_plus",), "train-plus", _open)
+PLUS = MotionRoad(("train_plus",), "train", _open)
 """The better one: oscillators on the skin, learned from aligned offsets."""

@@ -99,7 +99,7 @@ class TrainedPlus:
         steps = arrays["steps"].ravel().tolist() if "steps" in arrays else [1]
         if steps != [STEPS]:
             received = f"a {NAME} that was trained with {steps} steps a frame"
-            raise DsnetError(received, f"{STEPS} steps", "Train it again: dsnet train-plus.")
+            raise DsnetError(received, f"{STEPS} steps", "Train it again: dsnet train.")
         check_plus_arrays(arrays, NODE_FIELDS)
         base = {name: arrays[f"log_{name}"] for name in NODE_FIELDS}
         others = ("slopes", "stiffening_power", "residual", "taps")

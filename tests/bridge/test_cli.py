@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from bridge.cli import COMMANDS, main
+from bridge.report import stage_report
 from tests.pages import PAGES, commands_on, flags_of
 
 SHOW_HELPS = """
@@ -40,6 +41,29 @@ def helps() -> dict[str, str]:
         [sys.executable, "-c", SHOW_HELPS], capture_output=True, text=True, check=True
     )
     return json.loads(done.stdout)
+
+
+def test_commands_and_options_are_few(helps: dict[str, str]) -> None:
+    options = {
+        command: set(re.findall(r"^\W*(--[a-z][a-z-]*)", text, re.MULTILINE))
+        for command, text in helps.items()
+    }
+    assert all("--run" in found for found in options.values())
+    assert len(COMMANDS) <= 14
+    assert sum(map(len, options.values())) <= 100, options
+
+
+def test_what_only_studies_set_is_no_option(capsys):
+    assert "Unrecognized options: --stop-epoch" in refused(
+        ["train-ae", "--stop-epoch", "3"], capsys
+    )
+
+
+def test_a_study_sets_what_is_no_option(monkeypatch):
+    made = []
+    monkeypatch.setattr(stage_report, "main", made.append)
+    main(["report", "--run", "r"], panel_px=60)
+    assert made == [stage_report.ReportConfig(run="r", panel_px=60)]
 
 
 @pytest.mark.parametrize("command", COMMANDS)

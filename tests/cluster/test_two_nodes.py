@@ -15,10 +15,9 @@ from tests.cluster.nodes import TwoNodes, ended_well, start_dsnet
 pytestmark = pytest.mark.cluster
 pytest.importorskip("ray", reason="Ray is not installed: extra ray")
 
-STAGES = ("corpus", "align", "train-ae", "encode", "train", "train-plus", "predict", "predict-plus",
-          "decode")  # fmt: skip
+STAGES = ("corpus", "align", "train-ae", "encode", "train", "infer", "decode")
 MADE = ("truth", "corpus", "align", "align_robust", "train-ae", "encode", "train", "train_plus",
-        "predict", "predict_plus", "decode")  # fmt: skip
+        "infer", "infer_plus", "decode")  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,9 @@ STAGES = (
     "train-ae",
     "encode",
     "train",
-    "predict",
+    "train_plus",
+    "infer",
+    "infer_plus",
     "decode",
     "evaluate",
 )

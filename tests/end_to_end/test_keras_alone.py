@@ -37,7 +37,7 @@ sys.exit("torch" in sys.modules)
 
 def test_a_motion_becomes_vertices_without_pytorch(smoke_runs, execute, tmp_path, monkeypatch):
     monkeypatch.setenv("DSNET_RUNS", str(smoke_runs))
-    predicted, decoded = (read_artifact(smoke_runs / "smoke" / s) for s in ("predict", "decode"))
+    predicted, decoded = (read_artifact(smoke_runs / "smoke" / s) for s in ("infer", "decode"))
     name, there = predicted.manifest["default"], sequences_of(decoded)[-1]
     here = next(s for s in sequences_of(predicted) if s.name == there.name)
     theta = predicted.array("theta")[here.frames]

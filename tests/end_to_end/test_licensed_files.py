@@ -72,7 +72,7 @@ def test_reproduce_does_it_all(smoke_runs, tmp_path, execute):
     assert counts in done.stderr
     run = tmp_path / "runs" / "l"
     assert not (run / "corpus").exists()
-    predicted = read_artifact(run / "predict")
+    predicted = read_artifact(run / "infer")
     names = {(s.name, s.split) for s in sequences_of(predicted)}
     assert names == {
         ("50004_one_leg_jump", "validation"),

@@ -9,7 +9,7 @@ import pytest
 
 LATER = (
     ["train", "--predictors", "dsnet_standardised"],
-    ["predict"],
+    ["infer"],
     ["decode"],
     ["evaluate"],
     ["report"],

@@ -24,7 +24,7 @@ STAGES = [
     "train-ae",
     "encode",
     "train",
-    "predict",
+    "infer",
     "decode",
     "evaluate",
     "report",

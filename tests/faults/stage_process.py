@@ -1,15 +1,15 @@
 """A stage that counts its operations on files, and may kill itself before one of them.
 
-    python stage_process.py COUNT_FILE KILL_AT COMMAND OPTION ...
+    python stage_process.py COUNT_FILE KILL_AT SETTINGS COMMAND OPTION ...
 
-What is counted lies below `DSNET_RUNS`. KILL_AT 0: never. COMMAND is one of `dsnet`'s, or a module.
+What is counted lies below `DSNET_RUNS`. KILL_AT 0: never. SETTINGS are JSON.
 """
 
 from __future__ import annotations
 
 import atexit
+import json
 import os
-import runpy
 import signal
 import sys
 from pathlib import Path
@@ -37,11 +37,7 @@ def _watch(kill_at: int) -> None:
 
 
 if __name__ == "__main__":
-    count_file, kill_at, command, *options = sys.argv[1:]
+    count_file, kill_at, settings, *command = sys.argv[1:]
     atexit.register(lambda: Path(count_file).write_text(str(_done), encoding="utf-8"))
     _watch(int(kill_at))
-    sys.argv = [command, *options]
-    if "." in command:
-        runpy.run_module(command, run_name="__main__", alter_sys=True)
-    else:
-        main([command, *options])
+    main(command, **json.loads(settings))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -15,26 +16,33 @@ from bridge.runs.folders import MANIFEST
 RUN = "tiny"
 ROOT = Path(__file__).parents[2]
 _COUNTED = (str(Path(__file__).with_name("stage_process.py")),)
-_CALLED = ("-c", "from bridge.cli import main; main()")
+_CALLED = (
+    "-c",
+    "import json, sys; from bridge.cli import main; main(sys.argv[2:], **json.loads(sys.argv[1]))",
+)
 
 _FEW = {
-    "corpus": "--subjects 1 --mean-frames 60 --mosh-seconds 1",
-    "align": "--steps 4 --first-frame-steps 40 --shape-steps 60",
-    "train-ae": "--steps 4 --validate-every 2",
-    "encode": "",
-    "train": "--epochs 6 --checkpoint-every 2 --validate-every 2",
-    "train-plus": "--rounds 3 --steps 2 --nodes 100",
-    "predict": "",
-    "predict-plus": "",
-    "decode": "",
-    "evaluate": "",
-    "report": "--panel-px 80",
+    "corpus": ("--subjects 1 --mean-frames 60 --mosh-seconds 1", {}),
+    "align": ("--steps 4 --first-frame-steps 40 --shape-steps 60", {}),
+    "train-ae": ("--steps 4", {"validate_every": 2}),
+    "encode": ("", {}),
+    "train": (
+        "--epochs 6 --rounds 3",
+        {"checkpoint_every": 2, "validate_every": 2, "plus": {"steps": 2, "nodes": 100}},
+    ),
+    "infer": ("", {}),
+    "decode": ("", {}),
+    "evaluate": ("", {}),
+    "report": ("", {"panel_px": 80}),
 }
+"""Options, and other settings."""
 COMMANDS = tuple(_FEW)
 ARTIFACTS = {
-    **{command: (command.replace("-plus", "_plus"),) for command in COMMANDS},
+    **{command: (command,) for command in COMMANDS},
     "corpus": ("truth", "corpus"),
     "align": ("align", "align_robust"),
+    "train": ("train", "train_plus"),
+    "infer": ("infer", "infer_plus"),
 }
 """What each command makes."""
 
@@ -66,13 +74,12 @@ class Stage:
         handle, name = tempfile.mkstemp()
         os.close(handle)
         self._count = Path(name)
-        options = ["--profile", "smoke", "--run", RUN, *_FEW[command].split()]
+        given, settings = _FEW[command]
+        options = ["--profile", "smoke", "--run", RUN, *given.split()]
         wrapper = [sys.executable, *(_COUNTED if counted else _CALLED)]
         if counted:
             wrapper += [str(self._count), str(kill_at)]
-            if command == "predict":
-                # Itself, not the process that waits for it: its operations are to be counted.
-                command, options = "tf_dsnet.stage_predict", options[2:]
+        wrapper += [json.dumps(settings)]
         self.process = subprocess.Popen(
             [*wrapper, command, *options],
             cwd=ROOT,

@@ -25,7 +25,7 @@ from tests.faults.stages import (
 
 pytestmark = pytest.mark.faults
 FAULT = "kill"
-INTERRUPTED = COMMANDS if LONG else ("align", "train", "predict")
+INTERRUPTED = COMMANDS if LONG else ("align", "train", "infer")
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,18 @@ def children_of(process: int) -> list[int]:
     return [int(child) for child in found.split()]
 
 
-def begin_predict(runs: Path) -> subprocess.Popen[str]:
-    """The stage as a user calls it: a process that waits for TensorFlow's."""
+INFER = f"""
+from bridge.endings import exit_with_one_line
+from bridge.runs.processes import run_dsnet
+with exit_with_one_line():
+    run_dsnet("infer", "--run", {RUN!r})
+"""
+
+
+def begin_infer(runs: Path) -> subprocess.Popen[str]:
+    """A process that waits for a stage's, as the examples have it."""
     return subprocess.Popen(
-        [*DSNET, "predict", "--run", RUN],
+        [sys.executable, "-c", INFER],
         cwd=ROOT,
         env={**os.environ, "DSNET_RUNS": str(runs)},
         stderr=subprocess.PIPE,
@@ -59,15 +67,15 @@ def gone(process: int) -> bool:
 def test_a_child_that_the_system_ends_is_one_line(
     base: Base, tmp_path: Path, tally: Counter[str]
 ) -> None:
-    copy_before("predict", base.runs, tmp_path)
-    process = begin_predict(tmp_path)
+    copy_before("infer", base.runs, tmp_path)
+    process = begin_infer(tmp_path)
     os.kill(child_of(process), signal.SIGKILL)
     said = process.communicate(timeout=600)[1]
     assert process.returncode == 2
     assert said.count("\n") == 1, said
     assert "enough memory" in said
-    assert make("predict", tmp_path).status == 0
-    check_as_undisturbed("predict", base.runs, tmp_path)
+    assert make("infer", tmp_path).status == 0
+    check_as_undisturbed("infer", base.runs, tmp_path)
     tally["child killed: one line"] += 1
 
 
@@ -76,8 +84,8 @@ def test_a_child_that_the_system_ends_is_one_line(
 def test_a_child_ends_with_its_parent(
     number: int, base: Base, tmp_path: Path, tally: Counter[str]
 ) -> None:
-    copy_before("predict", base.runs, tmp_path)
-    process = begin_predict(tmp_path)
+    copy_before("infer", base.runs, tmp_path)
+    process = begin_infer(tmp_path)
     child = child_of(process)
     time.sleep(0.5)
     process.send_signal(number)

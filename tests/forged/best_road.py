@@ -18,7 +18,7 @@ LABEL = "DSNet plus"
 def write_best_road(
     run: Path, *, share: float = 0.9, static_share: float | None = None, own_alignment: bool = True
 ) -> None:
-    """Add `align_robust`, `train_plus` and `predict_plus` to a forged run.
+    """Add `align_robust`, `train_plus` and `infer_plus` to a forged run.
 
     Parameters
     ----------
@@ -92,8 +92,8 @@ def _write_predictions(
         offsets_m = offsets_m + arrays[f"static_{PLUS}"]
     arrays[f"offsets_{PLUS}"] = offsets_m
     write_artifact(
-        run / "predict_plus",
-        "predict_plus",
+        run / "infer_plus",
+        "infer_plus",
         arrays,
         units=dict.fromkeys(arrays, "m") | {"theta": "rad, then m", "betas": "1"},
         data="synthetic",

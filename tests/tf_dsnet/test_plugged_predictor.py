@@ -7,9 +7,9 @@ import pytest
 from bridge import DsnetError, cli
 from bridge.runs import ArtifactWriter, read_artifact
 from tests.forged.plugin import use_plugin
-from tf_dsnet import stage_predict
+from tf_dsnet import stage_infer
 from tf_dsnet.predictors import load_predictor
-from tf_dsnet.stage_predict import PredictStageConfig
+from tf_dsnet.stage_infer import InferConfig
 
 COMMAND = ["train", "--run", "tiny", "--epochs", "2", "--predictors", "mine", "dsnet_faithful"]
 
@@ -19,14 +19,14 @@ def test_it_is_trained_and_predicts(encoded_run, tmp_path, monkeypatch):
     cli.main(COMMAND)
     made = read_artifact(encoded_run / "train")
     assert made.manifest["default"] == "mine"
-    stage_predict.main(PredictStageConfig("tiny"))
-    predicted = read_artifact(encoded_run / "predict")
+    stage_infer.main(InferConfig("tiny"))
+    predicted = read_artifact(encoded_run / "infer")
     assert predicted.manifest["predictors"]["mine"] == "DSNet of mine"
     assert predicted.array("latents_mine").shape == (195, 100)
     monkeypatch.delenv("DSNET_PLUGINS")
     said = r"predictor mine; expected one of dsnet_standardised, dsnet_faithful\. .*DSNET_PLUGINS"
     with pytest.raises(DsnetError, match=said):
-        stage_predict.main(PredictStageConfig("tiny"))
+        stage_infer.main(InferConfig("tiny"))
 
 
 def test_without_the_module_nothing_is_made(encoded_run, capsys):

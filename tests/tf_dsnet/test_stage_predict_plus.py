@@ -1,4 +1,4 @@
-"""Stage `predict-plus`: offsets of the run's sequences and of unseen motions."""
+"""Stage `infer` by `dsnet_plus`: offsets of the run's sequences and of unseen motions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def trained_run(runs: Path, monkeypatch: pytest.MonkeyPatch, **aligned) -> Path:
 def test_evaluated_sequences_are_predicted_end_to_end(runs, monkeypatch):
     run = trained_run(runs, monkeypatch)
     stage_predict_plus.main(PredictPlusConfig("tiny"))
-    made, align = (read_artifact(run / name) for name in ("predict_plus", "align_robust"))
+    made, align = (read_artifact(run / name) for name in ("infer_plus", "align_robust"))
     made.verify()
     # The first training sequence of each person, and the one held out.
     names = ["50000_hips", "50001_hips", "50001_running"]
@@ -56,7 +56,7 @@ def test_evaluated_sequences_are_predicted_end_to_end(runs, monkeypatch):
 def test_the_static_part_is_in_the_whole_and_beside_it(runs, monkeypatch):
     run = trained_run(runs, monkeypatch, misfit_m=0.01)
     stage_predict_plus.main(PredictPlusConfig("tiny"))
-    made = read_artifact(run / "predict_plus")
+    made = read_artifact(run / "infer_plus")
     total, static = (made.array(f"{n}_dsnet_plus") for n in ("offsets", "static"))
     assert static.shape == total.shape == (145, 6890, 3)
     assert made.manifest["arrays"]["static_dsnet_plus"]["unit"] == "m"
@@ -72,7 +72,7 @@ def test_motions_of_known_and_new_people_follow(runs, monkeypatch, tmp_path):
     save(tmp_path / "amass/50001/kicking_poses.npz", smplh(61, 120.0))
     save(tmp_path / "amass/50077/kicking_poses.npz", smplh(61, 120.0), betas=np.full(16, 0.5))
     stage_predict_plus.main(PredictPlusConfig("tiny", amass=tmp_path / "amass"))
-    made = read_artifact(run / "predict_plus")
+    made = read_artifact(run / "infer_plus")
     known, new = sequences_of(made)[-2:]
     assert (known.name, new.name) == ("50001_kicking", "50077_kicking")
     assert {(s.split, s.length, s.fps) for s in (known, new)} == {("test", 31, 60.0)}
@@ -94,4 +94,4 @@ def test_a_run_without_a_model_says_what_to_run(runs, monkeypatch):
     with pytest.raises(DsnetError, match=r"without 'train_plus'") as caught:
         stage_predict_plus.main(PredictPlusConfig("tiny"))
     assert "\n" not in str(caught.value)
-    assert not (run / "predict_plus").exists()
+    assert not (run / "infer_plus").exists()

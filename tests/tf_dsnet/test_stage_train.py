@@ -14,7 +14,10 @@ from bridge.exchange import load_weights
 from bridge.exchange.trained_dsnet import load_trained_dsnet
 from bridge.options import check_options
 from bridge.runs import read_artifact
-from tf_dsnet import stage_train, trainer
+from tests.tf_dsnet.plus import TINY as PLUS_TINY
+from tests.tf_dsnet.plus import forge_run
+from tf_dsnet import stage_infer, stage_train, trainer
+from tf_dsnet.stage_infer import InferConfig
 from tf_dsnet.stage_train import PROFILES, TrainConfig
 
 TINY = TrainConfig(run="tiny", epochs=5, frames=32, validate_every=2, checkpoint_every=2)
@@ -116,11 +119,50 @@ def test_unknown_run_is_one_line(runs):
     assert not runs.exists()
 
 
-@pytest.mark.parametrize("names", [(), ("dsnet_faithful",) * 2])
-def test_senseless_predictors_are_refused(encoded_run, names):
-    with pytest.raises(DsnetError, match="Pass --predictors dsnet_standardised dsnet_faithful"):
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (("dsnet_faithful",) * 2, "Pass --predictors dsnet_standardised dsnet_faithful"),
+        (("dsnet_pluss",), "dsnet_faithful, dsnet_plus.*Did you mean 'dsnet_plus'"),
+        (("dsnet_plus",), "without an alignment by the robust aligner"),
+    ],
+)
+def test_senseless_predictors_are_refused(encoded_run, names, said):
+    with pytest.raises(DsnetError, match=said):
         stage_train.main(replace(TINY, predictors=names))
     assert not list(encoded_run.glob("*train*"))
+
+
+def test_all_that_the_run_can_train_is_trained_and_predicts(encoded_run, monkeypatch, capsys):
+    forge_run(encoded_run.parent, monkeypatch)
+    few = replace(TINY, epochs=1, rounds=1, plus=PLUS_TINY)
+    stage_train.main(few)
+    assert capsys.readouterr().err == ""
+    made = [read_artifact(encoded_run / name).manifest for name in ("train", "train_plus")]
+    assert [list(one["predictors"]) for one in made] == [list(BOTH), ["dsnet_plus"]]
+    assert [one["config"]["seed"] for one in made] == [few.seed, few.seed]
+    stage_infer.main(InferConfig("tiny"))
+    predicted = [read_artifact(encoded_run / name) for name in ("infer", "infer_plus")]
+    assert "latents_dsnet_faithful" in predicted[0].manifest["arrays"]
+    assert "offsets_dsnet_plus" in predicted[1].manifest["arrays"]
+
+
+def test_without_codes_the_oscillators_are_trained_alone(runs, monkeypatch, capsys):
+    run = forge_run(runs, monkeypatch)
+    stage_train.main(replace(TINY, rounds=1, plus=PLUS_TINY))
+    said = capsys.readouterr().err
+    assert said == "dsnet: left out: dsnet_standardised, dsnet_faithful, which needs 'encode'\n"
+    assert not (run / "train").exists()
+    stage_infer.main(InferConfig("tiny"))
+    assert {path.name for path in run.glob("infer*")} == {"infer_plus"}
+
+
+def test_without_a_robust_alignment_the_networks_are_trained_alone(encoded_run, capsys):
+    stage_train.main(replace(TINY, epochs=1))
+    said = capsys.readouterr().err
+    assert said.startswith("dsnet: left out: dsnet_plus, which needs an alignment by the robust")
+    assert said.count("\n") == 1
+    assert not (encoded_run / "train_plus").exists()
 
 
 @pytest.mark.parametrize(
@@ -148,6 +190,7 @@ def test_a_loss_that_is_not_finite_names_its_epoch(encoded_run, monkeypatch):
 
 def test_profiles_train_both_predictors_and_keep_the_papers_settings():
     for config in PROFILES.values():
-        assert config.predictors == BOTH
+        assert config.predictors == ()
+        assert stage_train.plus_config(config).run == config.run
         assert (config.frames, config.batch_size, config.lr_faithful) == (300, 16, 1e-4)
         assert not config.masked

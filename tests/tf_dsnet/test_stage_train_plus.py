@@ -1,4 +1,4 @@
-"""Stage `train-plus` from a forged alignment to a model, and after it was killed."""
+"""`dsnet_plus` in stage `train`, from a forged alignment to a model, and after it was killed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from tests.forged.oscillating import people_of
 from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run
 from tf_dsnet import stage_train_plus
 from tf_dsnet.oscillators.training import PlusTraining
-from tf_dsnet.stage_train_plus import PROFILES
 
 
 @pytest.fixture
@@ -123,9 +122,3 @@ def test_a_loss_that_is_not_finite_names_its_round(run, monkeypatch):
 def test_senseless_numbers_are_refused_before_any_work(change):
     with pytest.raises(DsnetError, match="Pass --"):
         check_options(replace(TINY, **change))
-
-
-def test_every_profile_trains_its_own_run():
-    assert {name: config.run for name, config in PROFILES.items()} == {
-        name: name for name in ("smoke", "demo", "paper")
-    }

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from numpy.typing import NDArray
+from tyro.conf import Fixed
 
 from bridge.body import BodyModelData
 from bridge.exchange.clips import UnpaddedClip
@@ -38,7 +39,7 @@ class PredictorSettings:
     """Adam's learning rate for `dsnet_standardised`; a departure where it is not 0.0001."""
     masked: bool = False
     """Leave padded frames out of the loss and of the batch normalisation (the paper does not)."""
-    min_input_std: NonNegativeFloat = 0.05
+    min_input_std: Fixed[NonNegativeFloat] = 0.05
     """Least spread (rad, m or 1) by which `dsnet_standardised` divides an input."""
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Literal
 
+from tyro.conf import Fixed
+
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
@@ -42,8 +44,8 @@ class AlignConfig:
     aligner: Literal["sgd", "robust", "both"] = "both"
     """Method: `sgd` is the paper's; `robust` keeps the pose from swallowing the dynamics. `both`
     makes the paper's `align` and, beside it, `align_robust`."""
-    robust: RobustSettings = field(default_factory=RobustSettings)
-    """Settings of `robust`; those below are `sgd`'s."""
+    robust: Fixed[RobustSettings] = field(default_factory=RobustSettings)
+    """Settings of `robust`; the options below are `sgd`'s."""
     steps: NonNegativeInt = 140
     """Steps for each frame after a sequence's first (the paper does not say how many). With
     50, jumps and fast limbs are left behind, beyond 400 nothing is gained (docs/alignment.md)."""

@@ -38,12 +38,12 @@ PROFILES = {name: DecodeConfig(run=name) for name in ("smoke", "demo", "paper")}
 def main(config: DecodeConfig) -> None:
     """Run the stage; a result that is current is kept."""
     run = Run(config.run)
-    upstream = run.artifacts("predict", "encode", "train-ae")
+    upstream = run.artifacts("infer", "encode", "train-ae")
     run.build(
         "decode",
         config,
         lambda writer: _make(
-            upstream["predict"], upstream["encode"], load_codecs(upstream["train-ae"]), writer
+            upstream["infer"], upstream["encode"], load_codecs(upstream["train-ae"]), writer
         ),
         data=upstream["encode"].origin,
         upstream=upstream,

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
+from tyro.conf import Fixed
 
 from bridge.body.dmpl_files import load_dmpl_directions
 from bridge.errors import DsnetError
@@ -62,7 +63,7 @@ class TrainAutoencoderConfig(TrialOptions):
     comparisons: tuple[TrialName, ...] = ()
     """Further trainings, only reported: another preset, the sequence-level split, or all frames,
     those of the held-out sequences too."""
-    comparison_epochs: NonNegativeInt = 0
+    comparison_epochs: Fixed[NonNegativeInt] = 0
     """Passes of each of `comparisons`; 0: as long as the training itself."""
     dmpl: Path | None = None
     """DMPL's `model.npz`, beside licensed meshes: its 8 directions become a third code, on which

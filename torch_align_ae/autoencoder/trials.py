@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from tyro.conf import Fixed
 
 from bridge.motion import sequences_of
 from bridge.motion.splits import (
@@ -46,14 +47,14 @@ class TrialOptions:
     """Optimiser steps; 0: as many as `epochs` make."""
     epochs: NonNegativeInt = 100
     """Passes over the training frames when `steps` is 0."""
-    stop_epoch: NonNegativeInt = 0
+    stop_epoch: Fixed[NonNegativeInt] = 0
     """Epoch after which the training, not `comparisons`, ends with the learning rate that it has on
     the way to `epochs`: what a long run is so far, to the bit; 0: never."""
-    validate_every: NonNegativeInt = 0
+    validate_every: Fixed[NonNegativeInt] = 0
     """Steps between two validation losses, the best of which decides what is kept; 0: an epoch."""
-    patience: NonNegativeInt = 10
+    patience: Fixed[NonNegativeInt] = 10
     """Validation losses without a better one after which training stops; 0: never."""
-    validation_frames: NonNegativeInt = 0
+    validation_frames: Fixed[NonNegativeInt] = 0
     """Validation frames scored each time; 0: all. The final score always takes all."""
 
 

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
+from tyro.conf import Fixed
 
 from bridge.body import load_body_model
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
@@ -67,9 +68,9 @@ class CorpusConfig:
     """Held-out kinds of motion that nobody is trained on."""
     mosh_seconds: PositiveFloat = 5.0
     """Length of each held-out motion; lying down and getting up takes its own time if longer."""
-    retakes: NonNegativeInt = 3
+    retakes: Fixed[NonNegativeInt] = 3
     """How many of the motions, the last ones, known people do again and new people too."""
-    crossing: Crossing = "full"
+    crossing: Fixed[Crossing] = "full"
     """Who does each held-out kind: two known and three new people, or one of each in rotation."""
     amass: Path | None = None
     """Folder of AMASS files or BVHs: real motions as further test takes, with simulated tissue."""
@@ -84,7 +85,7 @@ class CorpusConfig:
     """Law of the soft tissue: the product's own, or one of a module that DSNET_PLUGINS names."""
     form: str = "clean"
     """What the meshes have besides soft tissue: nothing, or a form of such a module."""
-    gravity: bool = True
+    gravity: Fixed[bool] = True
     """Whether turned limbs hang."""
 
 

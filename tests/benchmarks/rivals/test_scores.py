@@ -66,7 +66,7 @@ def run(tmp_path, monkeypatch):
     aligned = {"theta": theta[:ALIGNED], "betas": betas[:1], "offsets": offsets[:ALIGNED]}
     aligned["frame_error"] = np.zeros(ALIGNED, np.float32)
     put("align", aligned, SEQUENCES[:2], aligner="robust")
-    put("predict_plus", {"theta": theta, "betas": betas}, SEQUENCES)
+    put("infer_plus", {"theta": theta, "betas": betas}, SEQUENCES)
     return tmp_path
 
 

@@ -54,7 +54,7 @@ def forge(run, *, captured=False, paper=True):
     aligned = {"theta": given["theta"][:16], "betas": given["betas"][:1], "offsets": offsets[:16]}
     put(run, "align", aligned | {"frame_error": np.zeros(16, np.float32)}, ALIGNED)
     if paper:
-        put(run, "predict", given, SEQUENCES)
+        put(run, "infer", given, SEQUENCES)
         labels = {"predictors": {"dsnet": "DSNet"}, "default": "dsnet"}
         decoded = {"offsets_dsnet": np.float32(0.6) * offsets, "offsets_autoencoder": 0 * offsets}
         put(run, "decode", decoded, SEQUENCES, **labels)
@@ -133,8 +133,8 @@ def test_each_road_is_posed_with_its_own_motion(both, name):
 
     aligned = name == "50004_one_leg_jump"
     for predictor, motions, holder, alignment in (
-        (PLUS, "predict_plus", "predict_plus", "align_robust"),
-        ("dsnet", "predict", "decode", "align"),
+        (PLUS, "infer_plus", "infer_plus", "align_robust"),
+        ("dsnet", "infer", "decode", "align"),
     ):
         real = mesh(alignment if aligned else "truth", "offsets")
         predicted = mesh(motions, f"offsets_{predictor}", holder)
@@ -208,8 +208,8 @@ def test_one_road_is_enough(tmp_path, road):
     assert (
         set(evaluate.manifest["upstream"])
         == {
-            "paper": {"align", "predict", "decode", "truth"},
-            "best": {"align", "predict_plus", "truth"},
+            "paper": {"align", "infer", "decode", "truth"},
+            "best": {"align", "infer_plus", "truth"},
         }[road]
     )
 

@@ -84,8 +84,8 @@ def forge_run(root: Path) -> Path:
         **common,
     )
     write_artifact(
-        root / "predict",
-        "predict",
+        root / "infer",
+        "infer",
         {
             **{f"latents_{name}": latents for name in PREDICTORS},
             "theta": found_theta,

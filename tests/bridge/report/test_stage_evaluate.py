@@ -38,7 +38,7 @@ def offsets_of(artifact, name, array="offsets"):
 
 def posed(run, name, row, predictor):
     """(predicted, SMPL's, reference) meshes of a sequence."""
-    predict, decode = run.artifact("predict"), run.artifact("decode")
+    predict, decode = run.artifact("infer"), run.artifact("decode")
     offsets = offsets_of(decode, name, f"offsets_{predictor}")
     reference = run.artifact("truth" if "kicking" in name else "align")
     real = mesh_of(reference, name, row, offsets_of(reference, name))
@@ -87,7 +87,7 @@ def test_a_new_person_has_the_mean_of_all_people(evaluated):
     align = evaluated.artifact("align")
     means = [offsets_of(align, name).mean(axis=0) for name in ("50004_hips", "50020_hips")]
     mean = np.repeat(np.mean(means, axis=0)[None], 8, axis=0)
-    found = mesh_of(evaluated.artifact("predict"), "99001_kicking", 2, mean)
+    found = mesh_of(evaluated.artifact("infer"), "99001_kicking", 2, mean)
     _, plain, real = posed(evaluated, "99001_kicking", 2, "dsnet_small")
     errors = evaluated.artifact("evaluate").manifest["cells"]["new_person_unseen_motion"]
     expected = 1 - ((found - real) ** 2).sum() / ((plain - real) ** 2).sum()
@@ -118,7 +118,7 @@ def forge_resting_person(root, prediction_share):
             "offsets": needed_m[:2].astype(np.float32),
             "frame_error": np.zeros(2, np.float32),
         },
-        "predict": {"theta": theta, "betas": fitted_betas},
+        "infer": {"theta": theta, "betas": fitted_betas},
         "decode": {
             "offsets_any": (prediction_share * needed_m).astype(np.float32),
             "offsets_autoencoder": 0 * tissue_m,
@@ -229,6 +229,6 @@ def test_a_missing_stage_is_named(forged_runs, tmp_path, monkeypatch):
     runs = tmp_path / "runs"
     shutil.copytree(forged_runs / "forged" / "align", runs / "half" / "align")
     monkeypatch.setenv("DSNET_RUNS", str(runs))
-    with pytest.raises(DsnetError, match="dsnet predict --run half"):
+    with pytest.raises(DsnetError, match="dsnet infer --run half"):
         main(EvaluateConfig(run="half"))
     assert not (runs / "half" / "evaluate").exists()

@@ -17,8 +17,8 @@ CHAIN = {
     "train-ae": ("align",),
     "encode": ("align", "train-ae"),
     "train": ("encode",),
-    "predict": ("train", "encode"),
-    "decode": ("predict", "encode", "train-ae"),
+    "infer": ("train", "encode"),
+    "decode": ("infer", "encode", "train-ae"),
 }
 
 
@@ -51,14 +51,14 @@ def run(tmp_path, monkeypatch):
 
 REMADE = (
     "run 'x', whose stages encode, train, predict are older than 'train-ae'; expected one chain. "
-    "Run `dsnet encode --run x`, `dsnet train --run x`, `dsnet predict --run x` again"
+    "Run `dsnet encode --run x`, `dsnet train --run x`, `dsnet infer --run x` again"
 )
 
 
 def test_what_is_older_than_its_source_is_refused_with_the_stages_to_run(run):
     make("train-ae", value=2.0)
     with pytest.raises(DsnetError) as caught:
-        run.artifact("predict")
+        run.artifact("infer")
     assert str(caught.value).startswith(REMADE)
     with pytest.raises(DsnetError, match=r"whose stages encode, train are older than 'train-ae'"):
         run.artifact("train")
@@ -69,12 +69,12 @@ def test_what_is_older_than_its_source_is_refused_with_the_stages_to_run(run):
 def test_several_stages_are_refused_together(run):
     make("train-ae", value=2.0)
     with pytest.raises(DsnetError, match=r"stages encode, train, predict, decode are older"):
-        run.artifacts("align", "predict", "decode")
+        run.artifacts("align", "infer", "decode")
 
 
 def test_making_them_again_in_order_mends_the_chain(run):
     make("train-ae", value=2.0)
-    for stage in ("encode", "train", "predict"):
+    for stage in ("encode", "train", "infer"):
         make(stage, value=1.0)
     with pytest.raises(DsnetError, match=r"stage decode is older than 'predict', 'encode'"):
         run.artifact("decode")
@@ -142,7 +142,7 @@ def test_a_folder_that_has_lost_its_manifest_is_damage_until_it_is_made_again(ru
     lost = r"x/train, which has lost its manifest\.json.*`dsnet train --run x` again"
     for asked in (
         lambda: run.finished("train"),
-        lambda: run.artifact("predict"),
+        lambda: run.artifact("infer"),
         lambda: check(CheckConfig("x")),
     ):
         with pytest.raises(DsnetError, match=lost):

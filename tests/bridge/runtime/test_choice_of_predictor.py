@@ -64,7 +64,7 @@ def test_one_that_the_run_lacks_is_one_line(motion, tmp_path, capsys, asked):
     assert (stopped.value.code, printed.count("\n")) == (2, 1)
     assert f"'{asked}'" in printed
     assert "one of dsnet_standardised, dsnet_faithful." in printed
-    assert "`dsnet train-plus --run r` or `dsnet train --run r`" in printed
+    assert "`dsnet train --run r`" in printed
     assert not (tmp_path / "out").exists()
 
 
@@ -79,7 +79,7 @@ def test_the_networks_are_not_offered_by_a_run_without(plus_run):
 
 
 def test_a_run_without_any_says_what_trains_one(aligned_run):
-    with pytest.raises(DsnetError, match=r"without a trained predictor.*dsnet train-plus --run r"):
+    with pytest.raises(DsnetError, match=r"without a trained predictor.*dsnet train --run r"):
         choose_predictor(aligned_run, None, ROADS)
 
 

@@ -189,23 +189,6 @@ def test_what_cannot_be_is_one_line(bouncing, tmp_path, capsys, options, said):
     assert not list(tmp_path.glob("*out*"))
 
 
-@pytest.mark.parametrize("asked", ["gain", "part_gain", "floor", "loop", "shape", "betas"])
-def test_a_motion_is_needed(asked, capsys):
-    options = {
-        "gain": "--gain 2",
-        "part_gain": "--part-gain belly=2",
-        "floor": "--floor shift",
-        "loop": "--loop",
-        "shape": "--shape tall",
-        "betas": "--betas 1,2",
-    }
-    with pytest.raises(SystemExit) as stopped:
-        main(["predict", "--run", "r", *options[asked].split()])
-    printed = capsys.readouterr().err
-    assert (stopped.value.code, printed.count("\n")) == (2, 1)
-    assert f"--{asked.replace('_', '-')} without --motion" in printed
-
-
 def test_a_part_of_a_lap_is_refused(character, bouncing):
     part = replace(bouncing, theta=bouncing.theta[: LAP // 3])
     with pytest.raises(DsnetError, match=r"--loop with a motion whose \w+ jerks"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from bridge.cli import main
 from bridge.exchange.clips import join_inputs
 from bridge.motion import unpack_theta
 from bridge.runs import write_artifact
-from bridge.runtime import stage_predict
 from bridge.runtime.body_motion import load_motion
 from bridge.runtime.controls import Controls
 from bridge.runtime.predict_motion import predict_motion
@@ -154,10 +152,9 @@ def test_betas_of_the_other_gender_are_told(tmp_path, capsys, gender, betas, sai
     ("options", "words"),
     [
         (["--motion", "m.npz"], "--motion without --out"),
-        (["--out", "o"], "--out without --motion"),
-        (["--betas", "1,2,3"], "--betas without --motion"),
-        (["--motion", "m.npz", "--out", "o", "--amass", "a"], "--amass with --motion"),
-        (["--motion", "m.npz", "--out", "o", "--amass-fps", "9"], "--amass-fps with --motion"),
+        (["--out", "o"], "predict without --motion"),
+        (["--betas", "1,2,3"], "predict without --motion"),
+        ([], "run `dsnet infer` for a run's own sequences"),
         (["--motion", "m.npz", "--out", "o", "--betas", "1,2,3"], "10 finite numbers"),
         (["--motion", "m.npz", "--out", "o", "--betas", "nan" + ",0" * 9], "10 finite numbers"),
     ],
@@ -168,17 +165,3 @@ def test_options_that_do_not_go_together_are_one_line(trained_run, capsys, optio
     printed = capsys.readouterr().err
     assert (stopped.value.code, printed.count("\n")) == (2, 1)
     assert words in printed
-
-
-def test_without_a_motion_the_stage_is_a_process(monkeypatch):
-    asked = []
-    monkeypatch.setattr(stage_predict, "run_module", lambda *arguments: asked.append(arguments))
-    stage_predict.main(stage_predict.PredictConfig("r"))
-    stage_predict.main(stage_predict.PredictConfig(run="r", predictor="p", amass=Path("a")))
-    stage_predict.main(stage_predict.PredictConfig(run="r", amass=Path("a"), amass_fps=60.0))
-    first = ("tf_dsnet.stage_predict", "--run", "r")
-    assert asked == [
-        first,
-        (*first, "--predictor", "p", "--amass", "a"),
-        (*first, "--amass", "a", "--amass-fps", "60.0"),
-    ]

@@ -113,7 +113,7 @@ def test_what_was_compared_is_recorded(verify, tmp_path, monkeypatch, trained, c
         stage: write_artifact(
             tmp_path / "r" / stage, stage, {}, units={}, data="synthetic", config=body
         )
-        for stage in ("align", "encode", "train-ae", "train", "predict")
+        for stage in ("align", "encode", "train-ae", "train", "infer")
     }
     monkeypatch.setattr(stage_verify, "trained_plan", lambda run: Plan([], {}))
     verify(replace(CONFIG, trained=trained))

@@ -19,9 +19,9 @@ from bridge.exchange.codes import DMPL, LATENTS_OF
 from bridge.exchange.trained_dsnet import dsnets_of, load_trained_dsnet
 from bridge.runs import Artifact, read_artifact
 from tests.forged.encoded import write_encoded
-from tf_dsnet import stage_predict, stage_train
+from tf_dsnet import stage_infer, stage_train
 from tf_dsnet.predictors import load_predictor, registered_predictors
-from tf_dsnet.stage_predict import PredictStageConfig
+from tf_dsnet.stage_infer import InferConfig
 from tf_dsnet.stage_train import TrainConfig
 
 SYSTEMS = plugin.predictors()
@@ -39,7 +39,7 @@ BODY = load_body_model("embedded:female")
 @pytest.fixture(autouse=True)
 def body(monkeypatch):
     """The forged run has no corpus."""
-    for stage in (stage_train, stage_predict):
+    for stage in (stage_train, stage_infer):
         monkeypatch.setattr(stage, "body_model_path", lambda run: "embedded:female")
 
 
@@ -64,8 +64,8 @@ def trained(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Artifact:
 
 @pytest.mark.slow
 def test_all_are_trained_saved_and_loaded_again(trained, folder):
-    stage_predict.main(PredictStageConfig("tiny"))
-    made = read_artifact(folder / "predict")
+    stage_infer.main(InferConfig("tiny"))
+    made = read_artifact(folder / "infer")
     assert tuple(made.manifest["predictors"]) == COMPARED
     for name in COMPARED:
         entry, described = SYSTEMS[name], trained.manifest["predictors"][name]

@@ -14,9 +14,9 @@ from bridge import DsnetError
 from bridge.exchange.clips import join_inputs
 from bridge.runs import Artifact, read_artifact
 from bridge.runtime.streams.streaming import StreamingPredictor
-from tf_dsnet import stage_predict, stage_train
+from tf_dsnet import stage_infer, stage_train
 from tf_dsnet.predictors import load_predictor
-from tf_dsnet.stage_predict import PredictStageConfig
+from tf_dsnet.stage_infer import InferConfig
 from tf_dsnet.stage_train import TrainConfig
 
 NAME = "dsnet_differences"
@@ -57,8 +57,8 @@ def test_it_does_not_know_where_it_is(trained):
 
 
 def test_later_stages_take_it_by_name(trained, encoded_run):
-    stage_predict.main(PredictStageConfig("tiny"))
-    made = read_artifact(encoded_run / "predict")
+    stage_infer.main(InferConfig("tiny"))
+    made = read_artifact(encoded_run / "infer")
     assert made.manifest["predictors"] == {NAME: "DSNet, pose differences"}
     assert made.array(f"latents_{NAME}").shape == (195, 100)
 

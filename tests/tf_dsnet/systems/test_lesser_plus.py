@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,8 @@ from benchmarks.prediction.lesser_plus import LesserPlusConfig
 from bridge.runs import read_artifact
 from bridge.tissue.trained_plus import TrainedPlus
 from tests.tf_dsnet.plus import TINY, forge_run
-from tf_dsnet import stage_train_plus
+from tf_dsnet import stage_train, stage_train_plus
+from tf_dsnet.stage_train import TrainConfig
 
 PARTS = ("gravity", "coupling", "bending", "stiffening", "anisotropy", "by_shape", "through_time",
          "static")  # fmt: skip
@@ -25,9 +28,10 @@ def test_the_ablation_leaves_out_each_part():
 @pytest.fixture
 def train(runs, monkeypatch):
     run = forge_run(runs, monkeypatch, misfit_m=0.01)
-    monkeypatch.setitem(lesser_plus.PROFILES, "demo", TINY)
+    tiny = TrainConfig(run="tiny", rounds=TINY.rounds, plus=TINY)
+    monkeypatch.setitem(stage_train.PROFILES, "demo", tiny)
 
-    def of(**without: bool):
+    def of(**without: Any):
         lesser_plus.main(LesserPlusConfig(run="tiny", **without))
         artifact = read_artifact(run / "train_plus")
         return artifact, TrainedPlus.load(artifact)

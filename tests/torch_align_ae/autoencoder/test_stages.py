@@ -61,7 +61,7 @@ def _write_align(run: Run, garbled: int | None = None, data: DataOrigin = "synth
 def _write_prediction(run: Run) -> None:
     latents = np.asarray(run.artifact("encode").array("latents"))
     unseen = MotionSequence("s9_kick", "s9", "kick", len(latents), LENGTH, 60.0, "test")
-    writer = ArtifactWriter(run.path / "predict", "predict", data="synthetic")
+    writer = ArtifactWriter(run.path / "infer", "infer", data="synthetic")
     both = np.concatenate([latents, latents[:LENGTH]])
     writer.put("latents_one", both + 0.1, "1")
     writer.put("latents_other", both * 0.5, "1")
@@ -156,7 +156,7 @@ def test_latents_are_the_codecs_and_scale_is_of_training_sequences(run):
 
 
 def test_decoded_sequences_lie_where_the_index_says(run):
-    decode, predict = run.artifact("decode"), run.artifact("predict")
+    decode, predict = run.artifact("decode"), run.artifact("infer")
     index = sequences_of(decode)
     assert [s.name for s in index] == ["s1_hop", "s1_jump", "s2_hop", "s9_kick"]
     assert [s.start for s in index] == [0, 8, 16, 24]

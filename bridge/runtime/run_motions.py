@@ -1,10 +1,9 @@
-"""Stage `predict`: latents of the run's own sequences and of motions no network has seen."""
+"""Which motions a run's predictors predict: its own sequences, then motions nobody trained on."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,21 +11,16 @@ from numpy.typing import NDArray
 
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
-from bridge.exchange.codes import LATENTS_OF
-from bridge.exchange.trained_dsnet import code_of
-from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
+from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import Motion
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.motion_folder import PeopleOfFolders, find_motion_files, subject_and_motion
 from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat, check_options
-from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.processes import notify, run_as_process
+from bridge.runs import Artifact, Run
+from bridge.runs.processes import notify
 from bridge.runs.run import body_model_path
-from tf_dsnet.trained_predictors import Performance, TrainedPredictors
-
-STAGE = "predict"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,85 +43,15 @@ class AmassOptions:
             )
 
 
-@dataclass(frozen=True)
-class PredictStageConfig(AmassOptions):
-    """Predict the run's sequences at their whole length, then its MoSh-like motions.
-
-    Costs about 0.1 ms a frame. Gives `latents_<name>` of every predictor that the run has trained,
-    `theta`, `betas` and the index of the sequences.
-    """
-
-    run: str = "demo"
-    """Name of the run whose trained network predicts."""
-    predictor: str | None = None
-    """Which trained predictor the report shows first; the run's own default when left out."""
-
-
-PROFILES: dict[str, PredictStageConfig] = {
-    name: PredictStageConfig(run=name) for name in ("smoke", "demo", "paper")
-}
-
-
 @dataclass(frozen=True, eq=False)
 class MotionSet:
-    """Sequences with the motions and shapes that the network is given."""
+    """Sequences with the motions and shapes that predictors are given."""
 
     sequences: list[MotionSequence]
     theta: NDArray[np.float32]
     """(G, 69) all sequences one after another."""
     betas: NDArray[np.float32]
     """(rows, 10) by subject, in order of first appearance."""
-
-    def performances(self) -> Iterator[Performance]:
-        """Each sequence with its own motion and shape."""
-        rows = subject_rows(self.sequences)
-        for one in self.sequences:
-            yield Performance(one.start, self.theta[one.frames], self.betas[rows[one.subject]])
-
-
-def main(config: PredictStageConfig) -> None:
-    """Run the stage; a result that is current is kept.
-
-    Raises
-    ------
-    DsnetError
-        If the run has no finished `train` or not this predictor, or an AMASS file is not one.
-    """
-    config.check()
-    run = Run(config.run)
-    trained, encoded = run.artifact("train"), run.artifact("encode")
-    default = config.predictor or trained.manifest["default"]
-    # The named one first, so that a name that was never trained is refused before any work.
-    names = dict.fromkeys([default, *trained.manifest["predictors"]])
-    predictors = TrainedPredictors(trained, tuple(names), partial(body_model_path, run))
-    _ = predictors.by_name
-    sizes = {name: encoded.array(LATENTS_OF[code_of(trained, name)]).shape[1] for name in names}
-    files = find_motions(run, config.amass, encoded)
-
-    def make(writer: ArtifactWriter) -> None:
-        motions = gather(encoded, run, files, config.amass_fps)
-        writer.put("theta", motions.theta, "rad, then m")
-        writer.put("betas", motions.betas, "1")
-        frames = len(motions.theta)
-        predictors.write(
-            motions.performances(),
-            {
-                name: writer.array_file(
-                    f"latents_{name}", (frames, sizes[name]), np.float32, "latent unit"
-                )
-                for name in names
-            },
-        )
-        writer.record(
-            sequences=to_manifest(motions.sequences),
-            predictors={name: trained.manifest["predictors"][name]["label"] for name in names},
-            codes={name: code_of(trained, name) for name in names},
-            default=default,
-        )
-
-    upstream = {"train": trained, "encode": encoded}
-    upstream |= {f"motion_{index}": path for index, path in enumerate(files)}
-    run.build(STAGE, config, make, data=trained.origin, upstream=upstream)
 
 
 def find_motions(run: Run, amass: Path | None, encoded: Artifact) -> list[Path]:
@@ -189,7 +113,3 @@ def _test_sequence(subject: str, motion_name: str, start: int, motion: Motion) -
         fps=motion.fps,
         split="test",
     )
-
-
-if __name__ == "__main__":
-    run_as_process(PredictStageConfig, main)

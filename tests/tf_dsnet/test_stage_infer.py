@@ -1,11 +1,9 @@
-"""Stage `predict`."""
+"""Stage `infer`."""
 
 from __future__ import annotations
 
 import json
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +17,10 @@ from bridge.motion.cells import cell_of
 from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import content_digest
 from bridge.runs.folders import MANIFEST
+from bridge.runtime import run_motions
 from tests.forged.amass import save, shape, smplh, smplx
-from tf_dsnet import StreamingPredictor, stage_predict
-from tf_dsnet.stage_predict import PredictStageConfig
+from tf_dsnet import StreamingPredictor, stage_infer
+from tf_dsnet.stage_infer import InferConfig
 from tf_dsnet.trained_predictors import TrainedPredictors
 
 
@@ -69,8 +68,8 @@ def forge_mosh(run: Path, names: tuple[str, ...]) -> None:
 
 
 def test_stage_predicts_every_frame_by_both_predictors(trained, encoded_run):
-    stage_predict.main(PredictStageConfig("tiny"))
-    made = read_artifact(encoded_run / "predict")
+    stage_infer.main(InferConfig("tiny"))
+    made = read_artifact(encoded_run / "infer")
     encoded = read_artifact(encoded_run / "encode")
     assert made.manifest["sequences"] == encoded.manifest["sequences"]
     np.testing.assert_array_equal(made.array("theta"), encoded.array("theta"))
@@ -87,20 +86,11 @@ def test_stage_predicts_every_frame_by_both_predictors(trained, encoded_run):
     }
 
 
-def test_a_named_predictor_becomes_the_default(trained, encoded_run):
-    stage_predict.main(PredictStageConfig("tiny", predictor="dsnet_faithful"))
-    made = read_artifact(encoded_run / "predict")
-    assert made.manifest["default"] == "dsnet_faithful"
-    assert set(made.manifest["predictors"]) == {"dsnet_standardised", "dsnet_faithful"}
-
-
-def test_a_run_with_one_predictor_says_what_to_train(encoded_run, trained_dsnet):
+def test_a_run_with_one_predictor_is_predicted_by_it(encoded_run, trained_dsnet):
     write_trained(encoded_run, {"dsnet_standardised": trained_dsnet.arrays()})
-    stage_predict.main(PredictStageConfig("tiny"))
-    made = read_artifact(encoded_run / "predict")
+    stage_infer.main(InferConfig("tiny"))
+    made = read_artifact(encoded_run / "infer")
     assert set(made.manifest["arrays"]) == {"theta", "betas", "latents_dsnet_standardised"}
-    with pytest.raises(DsnetError, match=r"'dsnet_faithful'.*--predictors dsnet_standardised"):
-        stage_predict.main(PredictStageConfig("tiny", predictor="dsnet_faithful"))
 
 
 def test_people_in_a_flat_amass_folder_keep_their_own_shapes(
@@ -110,9 +100,9 @@ def test_people_in_a_flat_amass_folder_keep_their_own_shapes(
     folder = tmp_path / "flat"
     for number, name in enumerate(("jump", "run", "walk")):
         save(folder / f"{name}_poses.npz", smplh(), betas=np.full(16, float(number // 2 + 1)))
-    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
-    stage_predict.main(PredictStageConfig("tiny", amass=folder))
-    made = read_artifact(encoded_run / "predict")
+    monkeypatch.setattr(run_motions, "body_model_path", lambda run: "embedded:female")
+    stage_infer.main(InferConfig("tiny", amass=folder))
+    made = read_artifact(encoded_run / "infer")
     sequences, rows = sequences_of(made), subject_rows(sequences_of(made))
     people = [sequence.subject for sequence in sequences[-3:]]
     assert people == ["flat", "flat", "flat-2"]
@@ -122,9 +112,9 @@ def test_people_in_a_flat_amass_folder_keep_their_own_shapes(
 
 def test_unseen_motions_follow_with_fitted_or_stored_shapes(trained, encoded_run, monkeypatch):
     forge_mosh(encoded_run, ("50004_kicking", "99001_side_to_side_hopping"))
-    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
-    stage_predict.main(PredictStageConfig("tiny"))
-    made = read_artifact(encoded_run / "predict")
+    monkeypatch.setattr(run_motions, "body_model_path", lambda run: "embedded:female")
+    stage_infer.main(InferConfig("tiny"))
+    made = read_artifact(encoded_run / "infer")
     encoded = read_artifact(encoded_run / "encode")
     known, unknown = sequences_of(made)[-2:]
     assert (known.name, unknown.name) == ("50004_kicking", "99001_side_to_side_hopping")
@@ -143,9 +133,9 @@ def test_second_takes_and_real_motions_keep_their_names_and_cells(
 ):
     names = ("50004_hips_take2", "99003_amass_dmpl_sample", "99005_hips")
     forge_mosh(encoded_run, names)
-    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
-    stage_predict.main(PredictStageConfig("tiny"))
-    found = sequences_of(read_artifact(encoded_run / "predict"))[-3:]
+    monkeypatch.setattr(run_motions, "body_model_path", lambda run: "embedded:female")
+    stage_infer.main(InferConfig("tiny"))
+    found = sequences_of(read_artifact(encoded_run / "infer"))[-3:]
     assert [(s.name, s.subject, s.motion) for s in found] == [
         ("50004_hips_take2", "50004", "hips_take2"),
         ("99003_amass_dmpl_sample", "99003", "amass_dmpl_sample"),
@@ -159,12 +149,12 @@ def test_second_takes_and_real_motions_keep_their_names_and_cells(
 
 
 def test_motions_enter_the_decision_whether_the_stage_is_current(trained, encoded_run, monkeypatch):
-    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    monkeypatch.setattr(run_motions, "body_model_path", lambda run: "embedded:female")
     counts = []
     for names in (("50004_kicking",), ("50004_kicking", "50020_kicking")):
         forge_mosh(encoded_run, names)
-        stage_predict.main(PredictStageConfig("tiny"))
-        counts.append(len(sequences_of(read_artifact(encoded_run / "predict"))))
+        stage_infer.main(InferConfig("tiny"))
+        counts.append(len(sequences_of(read_artifact(encoded_run / "infer"))))
     assert counts == [7, 8]
 
 
@@ -174,20 +164,20 @@ def test_a_corpus_beside_licensed_meshes_is_not_predicted(trained, encoded_run):
     path = encoded_run / "encode" / MANIFEST
     manifest = json.loads(path.read_text()) | {"data": "licensed"}
     path.write_text(json.dumps(manifest | {"sha256": content_digest(manifest)}))
-    stage_predict.main(PredictStageConfig("tiny"))
-    made = read_artifact(encoded_run / "predict")
+    stage_infer.main(InferConfig("tiny"))
+    made = read_artifact(encoded_run / "infer")
     assert {sequence.split for sequence in sequences_of(made)} == {"train", "validation"}
 
 
 def test_a_folder_of_amass_is_predicted(trained, encoded_run, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    monkeypatch.setattr(run_motions, "body_model_path", lambda run: "embedded:female")
     save(tmp_path / "MPI_mosh/50004/kicking_poses.npz", smplh(51, 100.0))
     save(tmp_path / "MPI_mosh/50004/shape.npz", shape())
     save(tmp_path / "MPI_mosh/50002/kicking_poses.npz", smplh(), gender="male")
     save(tmp_path / "MoSh/00008/misc_stageii.npz", smplx(61, 120.0))
     save(tmp_path / "DFaust_67/50004/50004_hips_poses.npz", smplh())
-    stage_predict.main(PredictStageConfig("tiny", amass=tmp_path))
-    made = sequences_of(read_artifact(encoded_run / "predict"))
+    stage_infer.main(InferConfig("tiny", amass=tmp_path))
+    made = sequences_of(read_artifact(encoded_run / "infer"))
     tests = [(s.name, s.length) for s in made if s.split == "test"]
     assert tests == [("50004_kicking", 31), ("00008_misc", 31)]
     counts = "2 motions; left out: 1 of motions already there, 1 of male bodies, 1 without poses"
@@ -197,9 +187,9 @@ def test_a_folder_of_amass_is_predicted(trained, encoded_run, tmp_path, monkeypa
 def one_motion(encoded_run, monkeypatch):
     """What is encoded, and the one motion beside it: its file, and what that holds."""
     forge_mosh(encoded_run, ("50004_kicking",))
-    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    monkeypatch.setattr(run_motions, "body_model_path", lambda run: "embedded:female")
     encoded = read_artifact(encoded_run / "encode")
-    (path,) = stage_predict.find_motions(Run("tiny"), None, encoded)
+    (path,) = run_motions.find_motions(Run("tiny"), None, encoded)
     with np.load(path) as stored:
         return encoded, path, dict(stored)
 
@@ -208,32 +198,32 @@ def test_a_motion_that_falls_as_nobody_can_is_told(encoded_run, monkeypatch, cap
     encoded, path, arrays = one_motion(encoded_run, monkeypatch)
     arrays["trans"][:, 2] += 0.25 * np.abs(np.sin(np.arange(51) / 8))
     save(path, arrays)
-    stage_predict.gather(encoded, Run("tiny"), [path])
+    run_motions.gather(encoded, Run("tiny"), [path])
     assert "falls with" in capsys.readouterr().err
 
 
 def test_a_folder_is_played_at_the_rate_that_is_asked_for(encoded_run, monkeypatch, capsys):
     encoded, path, _ = one_motion(encoded_run, monkeypatch)
-    *_, stored = stage_predict.gather(encoded, Run("tiny"), [path]).sequences
-    *_, halved = stage_predict.gather(encoded, Run("tiny"), [path], 50.0).sequences
+    *_, stored = run_motions.gather(encoded, Run("tiny"), [path]).sequences
+    *_, halved = run_motions.gather(encoded, Run("tiny"), [path], 50.0).sequences
     assert (stored.length, halved.length) == (31, 61)
     assert capsys.readouterr().err == ""
 
 
 def test_a_rate_of_no_folder_is_one_line(encoded_run):
     with pytest.raises(DsnetError, match="--amass-fps 60 without --amass"):
-        stage_predict.main(stage_predict.PredictStageConfig(run="tiny", amass_fps=60.0))
+        stage_infer.main(InferConfig(run="tiny", amass_fps=60.0))
 
 
 def test_a_motion_with_a_cut_is_told_and_starts_anew(trained, encoded_run, monkeypatch, capsys):
     encoded, path, arrays = one_motion(encoded_run, monkeypatch)
     arrays["trans"] = arrays["trans"] + 2.0 * (np.arange(len(arrays["trans"])) >= 25)[:, None]
     save(path, arrays)
-    motions = stage_predict.gather(encoded, Run("tiny"), [path])
+    motions = run_motions.gather(encoded, Run("tiny"), [path])
     assert "jumps at frame 15 (0.25 s)" in capsys.readouterr().err
     predictors = TrainedPredictors(trained, (), Path)
     vars(predictors)["by_name"] = {"counting": lambda theta, _: np.arange(len(theta))}
-    *_, last = motions.performances()
+    *_, last = stage_infer.performances(motions)
     counted = predictors.latents("counting", last)
     np.testing.assert_array_equal(counted, [*range(15), *range(16)])
 
@@ -245,18 +235,10 @@ def test_predictors_are_loaded_where_they_are_sent(trained):
 
 
 def test_empty_folder_and_unknown_run_are_refused(trained, encoded_run, tmp_path, monkeypatch):
-    monkeypatch.setattr(stage_predict, "body_model_path", lambda run: "embedded:female")
+    monkeypatch.setattr(run_motions, "body_model_path", lambda run: "embedded:female")
     (tmp_path / "empty").mkdir()
     with pytest.raises(DsnetError, match=r"no \.npz"):
-        stage_predict.main(PredictStageConfig("tiny", amass=tmp_path / "empty"))
+        stage_infer.main(InferConfig("tiny", amass=tmp_path / "empty"))
     with pytest.raises(DsnetError, match="unknown run 'nope'"):
-        stage_predict.main(PredictStageConfig("nope"))
-    assert not (encoded_run / "predict").exists()
-
-
-def test_the_stage_is_a_process_that_ends_with_one_line(runs):
-    command = [sys.executable, "-m", "tf_dsnet.stage_predict", "--run", "nope"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr.startswith("dsnet: unknown run 'nope'")
-    assert done.stderr.count("\n") == 1
+        stage_infer.main(InferConfig("nope"))
+    assert not (encoded_run / "infer").exists()
