@@ -50,7 +50,7 @@ def run(tmp_path, monkeypatch):
 
 
 REMADE = (
-    "run 'x', whose stages encode, train, predict are older than 'train-ae'; expected one chain. "
+    "run 'x', whose stages encode, train, infer are older than 'train-ae'; expected one chain. "
     "Run `dsnet encode --run x`, `dsnet train --run x`, `dsnet infer --run x` again"
 )
 
@@ -68,7 +68,7 @@ def test_what_is_older_than_its_source_is_refused_with_the_stages_to_run(run):
 
 def test_several_stages_are_refused_together(run):
     make("train-ae", value=2.0)
-    with pytest.raises(DsnetError, match=r"stages encode, train, predict, decode are older"):
+    with pytest.raises(DsnetError, match=r"stages encode, train, infer, decode are older"):
         run.artifacts("align", "infer", "decode")
 
 
@@ -76,7 +76,7 @@ def test_making_them_again_in_order_mends_the_chain(run):
     make("train-ae", value=2.0)
     for stage in ("encode", "train", "infer"):
         make(stage, value=1.0)
-    with pytest.raises(DsnetError, match=r"stage decode is older than 'predict', 'encode'"):
+    with pytest.raises(DsnetError, match=r"stage decode is older than 'infer', 'encode'"):
         run.artifact("decode")
     make("decode", value=1.0)
     assert run.artifact("decode").array("x")[0] > 0
@@ -112,7 +112,7 @@ def test_check_reads_every_byte_and_the_chain(run, capsys):
     check(CheckConfig("x"))
     assert capsys.readouterr().out.splitlines()[-1] == "run 'x': 6 stages, one chain"
     make("align", value=2.0)
-    with pytest.raises(DsnetError, match=r"train-ae, encode, train, predict, decode are older"):
+    with pytest.raises(DsnetError, match=r"train-ae, encode, train, infer, decode are older"):
         check(CheckConfig("x"))
 
 
