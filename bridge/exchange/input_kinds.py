@@ -31,7 +31,8 @@ class InputKind:
     size: int
     """Numbers at each frame."""
     of: Callable[[NDArray], NDArray]
-    """From a motion's betas and theta (T, 79), as `join_inputs` gives them, to (T, size)."""
+    """From a motion's betas and theta (T, ..., 79), as `join_inputs` gives them, to
+    (T, ..., size)."""
 
 
 def _poses(joined: NDArray) -> NDArray:
@@ -40,11 +41,11 @@ def _poses(joined: NDArray) -> NDArray:
 
 def _differences(joined: NDArray) -> NDArray:
     """Betas, theta_t - theta_{t-1} and the difference of that; 0 while there is no past."""
-    betas, theta = joined[:, :N_BETAS], joined[:, N_BETAS:]
+    betas, theta = joined[..., :N_BETAS], joined[..., N_BETAS:]
     first, second = np.zeros_like(theta), np.zeros_like(theta)
     first[1:] = np.diff(theta, axis=0)
     second[2:] = np.diff(theta, n=2, axis=0)
-    return np.concatenate([betas, CHANGE_FRAMES * first, CHANGE_FRAMES**2 * second], axis=1)
+    return np.concatenate([betas, CHANGE_FRAMES * first, CHANGE_FRAMES**2 * second], axis=-1)
 
 
 POSES = InputKind("poses", INPUT_SIZE, _poses)

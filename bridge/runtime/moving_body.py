@@ -19,8 +19,8 @@ from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.doubts import doubts_about
 from bridge.runs.processes import notify
 from bridge.runtime.characters import Character
-from bridge.runtime.motion_predictor import Prediction
 from bridge.runtime.skinning import ShapedBody
+from bridge.runtime.stepping import Prediction
 
 
 @dataclass(frozen=True, eq=False)

@@ -151,7 +151,9 @@ class TrainedPlus:
     def static_m(
         self, body: BodyModelData, betas: NDArray, theta: NDArray
     ) -> NDArray[np.float32] | None:
-        """(T, V, 3) the static part; None where there is none. New people have no constant."""
+        """(T, V, 3) the static part of a body (10,) or of T bodies; None where there is none.
+
+        New people have no constant."""
         static = self.static
         if not static:
             return None
@@ -186,9 +188,9 @@ def people_kernel(people: NDArray) -> NDArray[np.floating]:
 
 
 def known_person(betas: NDArray, people: NDArray) -> NDArray[np.floating]:
-    """(P,) 1 for the person of exactly this shape, else zeros."""
-    same = np.isclose(np.asarray(people), np.asarray(betas), atol=1e-5)
-    return np.asarray(same.all(axis=1), np.float32)
+    """(..., P) 1 for the person of exactly the shape betas (..., 10), else zeros."""
+    same = np.isclose(np.asarray(people), np.asarray(betas)[..., None, :], atol=1e-5)
+    return np.asarray(same.all(axis=-1), np.float32)
 
 
 def _kernel(first: NDArray, second: NDArray) -> NDArray[np.floating]:

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.exchange.clips import join_inputs
 from bridge.exchange.trained_dsnet import load_trained_dsnet
 from bridge.runs import Artifact, read_artifact
-from bridge.runtime.streams.streaming import SteppedDsnet, StreamingPredictor
+from bridge.runtime.dsnet_step import DsnetModel
+from bridge.runtime.stepping import codes_of
+from bridge.runtime.streams.streaming import StreamingPredictor
 from tf_dsnet import stage_predict, stage_train
 from tf_dsnet.predictors import BOTH_PRESETS, PREDICTORS, load_predictor
 from tf_dsnet.stage_predict import PredictStageConfig
@@ -57,9 +58,7 @@ def test_the_papers_network_is_counted_where_both_are_trained(encoded_run):
 def test_frame_by_frame_is_the_whole_clip(trained):
     whole = load_predictor(trained, NAME, NO_BODY)(THETA, BETAS)
     loaded = load_trained_dsnet(trained, NAME)
-    inputs = loaded.input_kind.of(join_inputs(THETA, BETAS)).astype(np.float32)
-    network = SteppedDsnet(loaded)
-    stepped = np.concatenate([network.step(frame[None]) for frame in inputs])
+    stepped = np.stack([*codes_of(DsnetModel(loaded), THETA, BETAS)])
     np.testing.assert_allclose(stepped, whole, rtol=1e-4, atol=1e-4)
 
 

@@ -22,8 +22,9 @@ from bridge.runs import write_artifact
 from bridge.runtime import stage_predict
 from bridge.runtime.body_motion import load_motion
 from bridge.runtime.controls import Controls
-from bridge.runtime.dsnet_motion import DsnetMotionPredictor, load_decoder
+from bridge.runtime.dsnet_step import DsnetModel, load_decoder
 from bridge.runtime.predict_motion import predict_motion
+from bridge.runtime.stepping import WholeMotions
 from bridge.verify.reference import dsnet
 from tests.bridge.runtime.conftest import autoencoder_arrays
 from tests.forged.amass import save, smplh
@@ -96,7 +97,7 @@ def test_a_network_of_pose_differences_predicts_the_same_anywhere(trained, train
     network = replace(
         trained, weights={**trained.weights, "fc_enc_1/kernel": kernel}, scaling=scaling
     )
-    predict = DsnetMotionPredictor(network, load_decoder(trained_run.artifact("train-ae")))
+    predict = WholeMotions(DsnetModel(network, load_decoder(trained_run.artifact("train-ae"))))
     theta = np.cumsum(rng.normal(0, 0.05, (70, 69)), axis=0)
     there = theta + np.r_[np.zeros(66), 3.0, 0.0, 3.0]
     first, second = (predict(motion, np.zeros(10)) for motion in (theta, there))

@@ -52,7 +52,9 @@ def test_rest_is_the_sheets():
     shapes = {"omega": 1, "stiffening": 1, "normals": 3, "load": 3}
     given = {name: graph.input(name, ("B", rows, "K")) for name, rows in shapes.items()}
     person = Person(given["omega"], given["stiffening"], given["normals"])
-    settled = SheetGraph(graph, MODEL, sheet).settled(person, given["load"])
+    coefficients = {name: np.exp(log) for name, log in MODEL.weights.base.items()}
+    made = SheetGraph(graph, coefficients, MODEL.nodes.laplacian, MODEL.weights.taps.tolist())
+    settled = made.settled(person, given["load"])
     shape = {"settled": ("B", 3, "K")}
     run = GraphSession(graph.model("settled", {"settled": settled}, shape))
     batch = {
