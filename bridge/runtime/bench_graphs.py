@@ -35,6 +35,7 @@ from bridge.runtime.graphs.onnx_values import Value, ValueGraph
 from bridge.runtime.graphs.plus_graph import plus_graph, spread
 from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
 from bridge.tissue.nodes import TissueNodes
+from bridge.tissue.oscillators import coupling
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 
@@ -123,7 +124,8 @@ def _step(graph: ValueGraph, model: TrainedPlus, body: BodyModelData) -> Value:
 
 def _sheet(graph: ValueGraph, model: TrainedPlus) -> SheetGraph:
     coefficients = {name: np.exp(log) for name, log in model.weights.base.items()}
-    return SheetGraph(graph, coefficients, model.nodes.laplacian, model.weights.taps.tolist())
+    coupled = coupling(coefficients, model.nodes.laplacian)
+    return SheetGraph(graph, coefficients, coupled, model.weights.taps.tolist())
 
 
 def skinned(graph: ValueGraph, body: BodyModelData) -> Value:

@@ -30,15 +30,18 @@ class PlusModel:
     ----------
     model : a trained `dsnet_plus`.
     body : the body model that it was trained with.
+    threads : its operations are small: for one character threads would wait for one another.
     """
 
     codes_are_latents = False
 
-    def __init__(self, model: TrainedPlus, body: BodyModelData) -> None:
+    def __init__(self, model: TrainedPlus, body: BodyModelData, threads: int = 1) -> None:
         self.look_ahead = model.look_ahead
-        self._model, self._body, self._layout = model, body, step_layout(model)
-        # Its operations are small: threads would wait for one another.
-        self._run = GraphSession(plus_step_graph(model, body), threads=1)
+        self.trained, self._body, self._layout = model, body, step_layout(model)
+        self._run = GraphSession(plus_step_graph(model, body), threads)
+
+    def __reduce__(self) -> tuple[type, tuple[TrainedPlus, BodyModelData]]:
+        return type(self), (self.trained, self._body)
 
     def reset(self, betas: NDArray, theta0: NDArray) -> State:
         """The graph settles them in their first step: some 10 ms each."""
@@ -66,8 +69,8 @@ class PlusModel:
 
     def offsets_m(self, betas: NDArray, codes: Codes, theta: NDArray) -> NDArray[np.float32]:
         """Spread over the skin, and the static part."""
-        offsets_m = self._model.nodes.spread(codes.transpose(0, 2, 1))
-        static_m = self._model.static_m(self._body, betas, theta)
+        offsets_m = self.trained.nodes.spread(codes.transpose(0, 2, 1))
+        static_m = self.trained.static_m(self._body, betas, theta)
         return offsets_m if static_m is None else offsets_m + static_m
 
 

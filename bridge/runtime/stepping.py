@@ -11,7 +11,7 @@ pose, without a jolt: `model.stopped(state)` and that pose `look_ahead` times mo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Protocol
@@ -99,13 +99,28 @@ class WholeMotions:
 
 def codes_of(model: Model, theta: NDArray, betas: NDArray) -> Iterator[NDArray[np.float32]]:
     """The code of each frame of a motion theta (T, 69) of a body (10,)."""
-    state = model.reset(betas[None], theta[:1])
-    for frame, pose in enumerate(theta):
-        state, codes = model.step(state, pose[None])
+    return (codes[0] for _, codes in codes_of_several(model, [theta], betas[None]))
+
+
+def codes_of_several(
+    model: Model, motions: Sequence[NDArray], betas: NDArray
+) -> Iterator[tuple[NDArray[np.intp], Codes]]:
+    """For one frame after another, which of some motions (T, 69) of bodies betas (B, 10) have it,
+    and their codes."""
+    lengths = np.array([len(theta) for theta in motions])
+    here = np.arange(len(motions))
+    state = model.reset(betas, np.stack([theta[0] for theta in motions]))
+    for frame in range(lengths.max() + model.look_ahead):
+        left = lengths[here] - frame
+        if left.min() <= -model.look_ahead:
+            goes_on = left > -model.look_ahead
+            here, state, left = here[goes_on], state[goes_on], left[goes_on]
+        if not left.all():
+            state = np.where(left[:, None] == 0, model.stopped(state), state)
+        poses = [motions[row][min(frame, lengths[row] - 1)] for row in here]
+        state, codes = model.step(state, np.stack(poses))
         if frame >= model.look_ahead:
-            yield codes[0]
-    owed = finished(model, state, theta[-1:])
-    yield from (codes[0] for codes in owed[max(model.look_ahead - len(theta), 0) :])
+            yield here, codes
 
 
 def finished(model: Model, state: State, theta: NDArray) -> list[Codes]:

@@ -34,7 +34,7 @@ from bridge.runtime.graphs.shape_graph import known_people, person_of
 from bridge.runtime.graphs.state_layout import StateLayout
 from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import FPS
+from bridge.tissue.oscillators import FPS, coupling
 from bridge.tissue.trained_plus import TrainedPlus
 
 _BLOCK = 106
@@ -117,8 +117,8 @@ class _PlusStep:
         self.model, self.body, self.layout = model, body, layout
         self.graph = graph = ValueGraph()
         coefficients = {name: np.exp(log) for name, log in model.weights.base.items()}
-        taps = model.weights.taps.tolist()
-        self._sheet = SheetGraph(graph, coefficients, model.nodes.laplacian, taps)
+        coupled = coupling(coefficients, model.nodes.laplacian)
+        self._sheet = SheetGraph(graph, coefficients, coupled, model.weights.taps.tolist())
         theta = graph.input("theta", ("B", THETA_SIZE))
         self.betas = graph.input("betas", ("B", N_BETAS))
         state = graph.input("state", ("B", layout.size))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import scipy.sparse as sp
+import numpy as np
 from numpy.typing import NDArray
 
 from bridge.runtime.graphs.onnx_values import Value, ValueGraph
@@ -52,7 +52,7 @@ class SheetGraph:
     ----------
     graph : receives the arrays.
     coefficients : (K, 1) of each of the nodes' coefficients that no shape changes, by name.
-    laplacian : (K, K) of `TissueNodes`.
+    coupled : (K, K) dt^2 C / 4, see `bridge.tissue.oscillators.coupling`.
     taps : shares of the load of a step, from the newest frame to the oldest.
     """
 
@@ -60,16 +60,13 @@ class SheetGraph:
         self,
         graph: ValueGraph,
         coefficients: Mapping[str, NDArray],
-        laplacian: sp.csr_matrix,
+        coupled: NDArray,
         taps: Sequence[float],
     ) -> None:
         self._graph, self._taps = graph, list(map(float, taps))
         self._step_s = 1 / (STEPS * FPS)
         flat = {name: values[:, 0] for name, values in coefficients.items()}
-        tension, bending = sp.diags(flat["wave_speed"] ** 2), sp.diags(flat["bending"])
-        pulls = tension @ laplacian + bending @ laplacian @ laplacian
-        coupling = sp.csr_matrix(self._step_s**2 / 4 * pulls)
-        bound = abs(coupling).sum(1).A1
+        bound = np.abs(coupled).sum(1)
         with graph.section("sheet"):
             self._damping, self._inertia_gain, self._gravity_gain = (
                 graph.array(name, flat[name])
@@ -77,9 +74,8 @@ class SheetGraph:
             )
             self._beyond = graph.array("beyond", flat["normal_ratio"] - 1)
             self._bound = graph.array("bound", bound)
-            self._own_pull = graph.array("own_pull", coupling.diagonal())
-            # Dense: with few hundred nodes faster than a sparse product, as L^2 fills rows.
-            self._pulled = graph.array("pulled", (sp.diags(bound) - coupling).toarray().T)
+            self._own_pull = graph.array("own_pull", coupled.diagonal())
+            self._pulled = graph.array("pulled", (np.diag(bound) - coupled).T)
             self._gravity = graph.array("gravity", GRAVITY_M_S2[:, None])
 
     def felt(self, acceleration: Value | None, columns: list[Value]) -> Value:

@@ -14,6 +14,7 @@ from bridge.runtime.dsnet_step import DsnetModel, load_decoder
 from bridge.runtime.looped import LoopedPredictor
 from bridge.runtime.plus_step import PlusModel
 from bridge.runtime.stepping import FRAMES_AT_ONCE, Prediction, WholeMotions
+from bridge.verify.reference.tissue import moving
 from tests.forged.cyclic import circling
 
 BODY = load_body_model("embedded:female")
@@ -37,7 +38,7 @@ def test_it_is_a_late_lap_of_many(flesh, lap_frames, look_ahead):
     lap = lap_of(circling(lap_frames + 1, lap_frames))
     found = offsets_of(LoopedPredictor(WholeMotions(PlusModel(model, BODY)), lap)(lap.theta, BETAS))
     count = 1 + 600 // lap_frames
-    long = model.moving_m(BODY, BETAS, circling((count + 1) * lap_frames, lap_frames))
+    long = moving(model, BODY, circling((count + 1) * lap_frames, lap_frames), BETAS)
     expected = model.nodes.spread(long[(count - 1) * lap_frames : count * lap_frames])
     assert found.shape == expected.shape
     assert np.abs(expected).max() > 2e-3

@@ -17,6 +17,7 @@ from bridge.runtime.controls import Controls
 from bridge.runtime.plus_step import PlusModel
 from bridge.runtime.predict_motion import predict_motion
 from bridge.runtime.stepping import FRAMES_AT_ONCE, WholeMotions
+from bridge.verify.reference.tissue import moving
 from tests.forged.amass import save, smplh
 
 BODY = load_body_model("embedded:female")
@@ -48,7 +49,7 @@ def test_pieces_are_the_whole_motion(flesh, tmp_path, look_ahead, frames):
     model = replace(flesh, look_ahead=look_ahead)
     found = WholeMotions(PlusModel(model, BODY))(theta, betas)
     assert found.latents is None
-    expected = model.nodes.spread(model.moving_m(BODY, betas, theta))
+    expected = model.nodes.spread(moving(model, BODY, theta, betas))
     np.testing.assert_allclose(whole(found), expected, atol=1e-6)
 
 
