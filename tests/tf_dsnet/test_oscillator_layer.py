@@ -25,7 +25,7 @@ def nodes(body: BodyModelData) -> TissueNodes:
 
 def drawn_layer(nodes: TissueNodes, taps: int) -> OscillatorLayer:
     """Weights of which none is at its start."""
-    layer = OscillatorLayer(nodes, PEOPLE, taps)
+    layer = OscillatorLayer(nodes.laplacian.toarray(), PEOPLE, taps)
     rng = np.random.default_rng(0)
     for weight in layer.trainable_variables:
         scale = 0.1 if weight.name != "taps" else 0.1 / taps
@@ -128,5 +128,5 @@ def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
 
 
 def test_penalty_grows_with_unevenness(nodes):
-    even, uneven = OscillatorLayer(nodes, PEOPLE, 3), drawn_layer(nodes, 3)
+    even, uneven = OscillatorLayer(nodes.laplacian.toarray(), PEOPLE, 3), drawn_layer(nodes, 3)
     assert 0.0 <= float(even.penalty()) < float(uneven.penalty())

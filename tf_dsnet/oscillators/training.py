@@ -22,13 +22,11 @@ from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import STEPS
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
-from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
+from tf_dsnet.framework import be_reproducible, tf
 from tf_dsnet.oscillators.clips import KnownPeople, NodeClip
 from tf_dsnet.oscillators.layer import OscillatorLayer
+from tf_dsnet.oscillators.learner import OscillatorLearner
 
-_QUIET_M = 2e-4
-"""Root mean square offset below which a clip counts no more for being quiet."""
-_QUIET_SHARE = 0.3
 _CLIPS_AT_ONCE = 32
 """Simulated side by side."""
 
@@ -109,11 +107,10 @@ class PlusTraining:
         self._features = np.stack([shape_features(body, b, nodes.vertices) for b in people.betas])
         self._normals = np.stack([shaped_normals(body, b)[nodes.vertices] for b in people.betas])
         self._shares = np.stack([shares_of_people(b, people.betas) for b in people.betas])
-        self.layer = OscillatorLayer(nodes, len(people.names), settings.taps, settings.without)
-        # Keras numbers optimizers that have no name, and a checkpoint knows them by it.
-        self.optimizer = keras.optimizers.Adam(settings.lr, beta_2=0.95, name="adam")
-        self.optimizer.build(self.layer.trainable_variables)
-        self._step = tf.function(self._train_on, reduce_retracing=True)
+        laplacian = nodes.laplacian.toarray()
+        self.layer = OscillatorLayer(laplacian, len(people.names), settings.taps, settings.without)
+        self._learner = OscillatorLearner(self.layer, settings.lr)
+        self.optimizer = self._learner.optimizer
 
     def round(self, number: int, static_m: Sequence[NDArray]) -> list[float]:
         """One round of steps against the offsets less a static part (T, K, 3) of each clip."""
@@ -182,7 +179,7 @@ class PlusTraining:
             "features": np.stack([self._features[self._clips[r].person] for r, _ in windows], 1),
             "shares": np.stack([self._shares[self._clips[r].person] for r, _ in windows], 0),
         }
-        return float(self._step({k: tf.constant(v, tf.float32) for k, v in batch.items()}))
+        return float(self._learner.step({k: tf.constant(v, tf.float32) for k, v in batch.items()}))
 
     def _window(self, row: int, rng: np.random.Generator) -> tuple[int, int]:
         last = max(len(self._clips[row]) - self.settings.window - 1, 2)
@@ -201,28 +198,6 @@ class PlusTraining:
     @staticmethod
     def _frames(array: NDArray, start: int, count: int) -> NDArray:
         return array[np.clip(np.arange(start, start + count), 0, len(array) - 1)]
-
-    def _train_on(self, batch: dict[str, Tensor]) -> Tensor:
-        with tf.GradientTape() as tape:
-            found = self.layer(batch["inertia"], batch["gravity"], batch["now"], batch["before"],
-                               batch["normals"], batch["features"], batch["shares"])  # fmt: skip
-            loss = self._loss(found, batch["target"], batch["counted"])
-            total = loss + self.layer.penalty()
-        gradients = tape.gradient(total, self.layer.trainable_variables)
-        self.optimizer.apply(gradients, self.layer.trainable_variables)
-        return loss
-
-    @staticmethod
-    def _loss(found: Tensor, target: Tensor, counted: Tensor) -> Tensor:
-        """Share of the energy that is missed; quiet clips count a little more than their share.
-
-        Frames (T, 1, B, 1) that are `counted` as 0 do not matter.
-        """
-        missed = tf.reduce_mean(counted * tf.square(found - target), (0, 1, 3))
-        energy = tf.reduce_mean(counted * tf.square(target), (0, 1, 3))
-        quiet = tf.reduce_mean(counted, (0, 1, 3)) * _QUIET_M**2
-        overall = tf.reduce_sum(missed) / tf.reduce_sum(energy)
-        return overall + _QUIET_SHARE * tf.reduce_mean(missed / (energy + quiet))
 
 
 def _a_step_before(offsets_m: NDArray, frame: int) -> NDArray:

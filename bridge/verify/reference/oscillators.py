@@ -39,8 +39,9 @@ class Coefficients:
     """(K, 3) n, outward, in the rest pose."""
 
     def in_float64(self) -> Coefficients:
-        """The same numbers."""
-        return Coefficients(*(np.asarray(getattr(self, f.name), np.float64) for f in fields(self)))
+        """The same numbers; complex ones stay so, for `oscillator_training`."""
+        arrays = [np.asarray(getattr(self, field.name)) for field in fields(self)]
+        return Coefficients(*(a.astype(np.result_type(a, np.float64)) for a in arrays))
 
 
 class Sheet:
@@ -58,7 +59,8 @@ class Sheet:
         tension = c.wave_speed**2 * laplacian
         self._C = tension + c.bending * (laplacian @ laplacian)
         self._dt = 1 / (STEPS * FPS)
-        self._N = self._dt**2 / 4 * np.abs(self._C).sum(1, keepdims=True)
+        absolute = np.where(np.real(self._C) < 0, -self._C, self._C)
+        self._N = self._dt**2 / 4 * absolute.sum(1, keepdims=True)
 
     def frame(
         self, now: np.ndarray, before: np.ndarray, load: np.ndarray
@@ -76,8 +78,8 @@ class Sheet:
         stiffer = square / 2 * c.omega**2 * c.stiffening * strain
         twice = 2 * now + before
         known = square * load + 2 * now - before + drag * before
-        known -= square / 4 * (c.omega**2 * self._stretched(twice) + self._C @ twice)
-        known -= stiffer * self._stretched(before)
+        pulled = square / 4 * (c.omega**2 * self._stretched(twice) + self._C @ twice)
+        known = known - pulled - stiffer * self._stretched(before)
         blocks = (1 + drag + self._N)[..., None] * np.eye(3)
         blocks = blocks + (square / 4 * c.omega**2 + stiffer)[..., None] * self._P
         after = 2 * now - before
