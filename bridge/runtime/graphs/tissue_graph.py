@@ -35,7 +35,7 @@ class Person:
 
 
 @dataclass(frozen=True, eq=False)
-class Springs:
+class StepSprings:
     """A person's coefficients of one step, (B, 1, K)."""
 
     spring: Value
@@ -126,17 +126,17 @@ class SheetGraph:
 
         return self._graph.repeat(_SETTLING, [nothing, nothing.part(1, 0, 1)], sweep)[0]
 
-    def springs(self, person: Person) -> Springs:
+    def springs(self, person: Person) -> StepSprings:
         """A person's coefficients of one step."""
         spring = self._step_s**2 / 4 * person.omega * person.omega
-        return Springs(
+        return StepSprings(
             spring,
             spring * person.stiffening,
             self._step_s * person.omega * self._damping,
             person.normals,
         )
 
-    def step(self, springs: Springs, now: Value, before: Value, load: Value) -> Value:
+    def step(self, springs: StepSprings, now: Value, before: Value, load: Value) -> Value:
         """Offsets (B, 3, K) a step after `now`, which followed `before`."""
         stretched = self._stretched(now, springs)
         stiffer = 2.0 * springs.stiffer * (now * stretched).sum(1)
@@ -151,12 +151,12 @@ class SheetGraph:
             after = self._solved(known + after @ self._pulled, along, beyond, springs)
         return after
 
-    def _stretched(self, offsets_m: Value, springs: Springs) -> Value:
+    def _stretched(self, offsets_m: Value, springs: StepSprings) -> Value:
         """P u."""
         outward = (offsets_m * springs.normals).sum(1)
         return offsets_m + self._beyond * outward * springs.normals
 
-    def _solved(self, left: Value, along: Value, beyond: Value, springs: Springs) -> Value:
+    def _solved(self, left: Value, along: Value, beyond: Value, springs: StepSprings) -> Value:
         """Each node's block, `along` I + `beyond` n n^T, inverted on `left`."""
         outward = (left * springs.normals).sum(1) * beyond / (along + beyond)
         return (left - outward * springs.normals) / along

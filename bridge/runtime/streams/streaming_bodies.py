@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData, load_body_model
+from bridge.body.smpl import Smpl
 from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
 from bridge.runs import Run
 from bridge.runtime.bounds import checked_betas, checked_pose
 from bridge.runtime.characters import choose
 from bridge.runtime.plus_step import PlusModel
-from bridge.runtime.skinning import BodySkin
 from bridge.runtime.stepping import Model
 from bridge.runtime.streams.frame_clock import FrameClock
 from bridge.runtime.streams.streaming_character import StreamedCharacter, advanced
@@ -90,7 +90,7 @@ class StreamingBodies:
             chosen = choose(None if run is None else Run(os.fspath(run)), predictor, gender)
             body = body or load_body_model(chosen.body_model)
             self._model = chosen.open(body)
-        self._body, self._skin = body, BodySkin(body)
+        self._body, self._skin = body, Smpl(body)
         self._characters: dict[int, StreamedCharacter] = {}
         self._numbers = count()
         self.latency_frames = self._clock.latency_frames(self._model.look_ahead)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.body.smpl import ShapedBody
 from bridge.motion.cuts import is_cut
 from bridge.motion.interpolation import between, going_on
-from bridge.runtime.skinning import ShapedBody
 from bridge.runtime.stepping import Model, finished
 from bridge.runtime.streams.frame_clock import FrameClock
 

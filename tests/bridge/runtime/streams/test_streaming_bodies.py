@@ -11,13 +11,13 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model
+from bridge.body.smpl import Smpl
 from bridge.exchange.input_kinds import DIFFERENCES
 from bridge.exchange.trained_dsnet import Scaling
 from bridge.motion import unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.runtime.dsnet_step import DsnetModel, load_decoder
 from bridge.runtime.plus_step import PlusModel
-from bridge.runtime.skinning import ShapedBody
 from bridge.runtime.stepping import WholeMotions
 from bridge.runtime.streams.streaming_bodies import MovedBody, StreamingBodies
 from tests.forged.swaying import swaying
@@ -70,7 +70,7 @@ def test_frame_by_frame_is_the_whole_motion(flesh, look_ahead, frames):
     found = streamed(bodies, theta, BETAS)
     expected = whole(WholeMotions(PlusModel(model, BODY)), theta)
     np.testing.assert_allclose(offsets_of(found), expected, atol=1e-5)
-    posed = ShapedBody(BODY, BETAS).pose(*unpack_theta(theta), expected)
+    posed = Smpl(BODY).person(BETAS).pose(*unpack_theta(theta), expected)
     np.testing.assert_allclose([body.vertices_m for body in found], posed, atol=1e-5)
     assert np.abs(expected).max() > 5e-3 or frames < 80
 
