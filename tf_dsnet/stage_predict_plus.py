@@ -26,7 +26,7 @@ STAGE = "predict_plus"
 
 @dataclass(frozen=True)
 class PredictPlusConfig(AmassOptions):
-    """Predict offsets of the evaluated sequences: about 3 ms a frame, 1 GB.
+    """Predict offsets of the evaluated sequences: about 1 ms a frame, 1 GB.
 
     Gives `offsets_dsnet_plus`, `static_dsnet_plus` where the model has a static part, `theta`,
     `betas` and the index of the sequences.
