@@ -94,6 +94,20 @@ def test_frame_by_frame_is_the_whole_clip(flesh, look_ahead, still):
     assert np.abs(expected - rest).max() > 3e-3
 
 
+@pytest.mark.parametrize("look_ahead", [1, 2])
+@pytest.mark.parametrize("frames", [1, 2, FRAMES])
+def test_a_motion_that_ends_is_the_whole_clip_to_its_last_frame(flesh, look_ahead, frames):
+    """Without moves, the last pose again: it stands still without a jolt."""
+    model, theta = replace(flesh, look_ahead=look_ahead), motion(1)[:frames, None]
+    stepped, moves = Stepped(plus_graph(model, BODY)), plus_layout(model).columns("moves")
+    found = [*stepped.clip(theta, BETAS[1:])]
+    stepped.state = stepped.state.copy()
+    stepped.state[:, moves] = 0
+    found += [stepped(theta[-1], BETAS[1:]) for _ in range(look_ahead)]
+    expected = whole_clip(model, theta[:, 0], BETAS[1])
+    np.testing.assert_allclose(np.stack(found)[look_ahead:, 0], expected, atol=1e-5)
+
+
 def test_one_tap_needs_no_past_loads(flesh):
     weights = replace(flesh.weights, taps=np.ones(1, np.float32))
     model = replace(flesh, weights=weights, look_ahead=0)
