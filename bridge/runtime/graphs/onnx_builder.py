@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import onnx
 import onnxruntime
-from google.protobuf.message import DecodeError
 from numpy.typing import DTypeLike, NDArray
 from onnx import helper, numpy_helper
 
@@ -145,7 +144,9 @@ def held_arrays(path: Path) -> dict[str, NDArray]:
             "Export it again.",
         )
 
-    with damage_refused(refusal, DecodeError, onnx.checker.ValidationError):
+    # protobuf is a dependency of onnx, not ours.
+    undecodable = onnx.serialization.google.protobuf.message.DecodeError  # pyright: ignore[reportPrivateImportUsage]
+    with damage_refused(refusal, undecodable, onnx.checker.ValidationError):
         with open_regular(path) as stream:
             # From bytes: a model in a file may name other files that hold its arrays.
             model = onnx.load_model_from_string(stream.read())
