@@ -17,7 +17,6 @@ from bridge.exchange.weights import refuse_nonfinite
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import run_as_process
 from bridge.runs.run import best_alignment, body_model_path
-from bridge.runs.worker_pool import WorkerPool, worker_pool
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 from tf_dsnet.oscillators.clips import KnownPeople, node_clips
@@ -66,8 +65,7 @@ def main(config: TrainPlusConfig, training: type[PlusTraining] = PlusTraining) -
     body_path = body_model_path(run)
 
     def make(writer: ArtifactWriter) -> None:
-        with worker_pool("processes", None) as pool:
-            _Fit(config, training, align, body_path, writer, pool).write()
+        _Fit(config, training, align, body_path, writer).write()
 
     run.build(
         STAGE,
@@ -88,14 +86,13 @@ class _Fit:
         align: Artifact,
         body_path: Path,
         writer: ArtifactWriter,
-        pool: WorkerPool[None],
     ) -> None:
         self._config, self._align, self._writer = config, align, writer
         body = load_body_model(str(body_path))
         self._nodes = TissueNodes.of(body, config.nodes)
         self._people = KnownPeople.of(align)
         self._clips = node_clips(align, body, self._nodes, self._people, "train")
-        self._training = training(config, body, self._nodes, self._people, self._clips, pool)
+        self._training = training(config, body, self._nodes, self._people, self._clips)
         self._checkpoint = writer.checkpoints / f"{NAME}.safetensors"
         self._losses: list[float] = []
         features = self._clips[0].features.shape[1]

@@ -20,8 +20,8 @@ from bridge.motion.motion_checks import motion_warnings
 from bridge.runs.processes import notify
 from bridge.runs.progress import progress
 from bridge.runtime.characters import Character
-from bridge.runtime.motion_predictor import Prediction
 from bridge.runtime.skinning import ShapedBody
+from bridge.runtime.stepping import Prediction
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,9 @@ from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
 from bridge.runtime.controls import stage_motion
 from bridge.runtime.looped import LoopedPredictor
-from bridge.runtime.motion_predictor import MotionPredictor, Prediction
 from bridge.runtime.part_gains import blended_gain
 from bridge.runtime.skinning import BodySkin, ShapedBody
+from bridge.runtime.stepping import MotionPredictor, Prediction
 from bridge.view.clips import AS_PREDICTED, SMPL_ALONE, Asked, Clip, Gains, Way
 from bridge.view.latest_work import LatestWork, Steps
 from bridge.view.repertoire import Repertoire

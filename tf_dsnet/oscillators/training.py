@@ -10,16 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
-from bridge.runs.worker_pool import WorkerPool
+from bridge.runtime.plus_step import PlusModel
+from bridge.runtime.stepping import codes_of_several
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import STEPS, roll_clip
+from bridge.tissue.oscillators import STEPS
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
@@ -30,6 +30,8 @@ _QUIET_M = 2e-4
 """Root mean square offset below which a clip counts no more for being quiet."""
 _QUIET_SHARE = 0.3
 _STATIC_ROUNDS = (1 / 3, 2 / 3, 1.0)
+_CLIPS_AT_ONCE = 32
+"""Simulated side by side."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,6 @@ class PlusTraining:
     Parameters
     ----------
     clips : what to train on.
-    pool : simulates them; they are small operations in a row, so processes are right for it.
     """
 
     def __init__(
@@ -72,11 +73,10 @@ class PlusTraining:
         nodes: TissueNodes,
         people: KnownPeople,
         clips: Sequence[NodeClip],
-        pool: WorkerPool[None],
     ) -> None:
         be_reproducible(settings.seed)
         self.settings, self._body, self._nodes = settings, body, nodes
-        self._people, self._clips, self._pool = people, list(clips), pool
+        self._people, self._clips = people, list(clips)
         self._features = np.stack([shape_features(body, b, nodes.vertices) for b in people.betas])
         self._normals = np.stack([shaped_normals(body, b)[nodes.vertices] for b in people.betas])
         self._shares = np.stack([shares_of_people(b, people.betas) for b in people.betas])
@@ -109,11 +109,16 @@ class PlusTraining:
 
     def simulate(self) -> list[NDArray[np.float32]]:
         """What the oscillators make of every clip, (T, K, 3) each."""
-        trained = self.trained(StaticPart.nothing())
-        mechanics_of = cache(lambda row: trained.mechanics(self._body, self._people.betas[row]))
-        laplacian = self._nodes.laplacian
-        items = ((mechanics_of(clip.person), laplacian, clip.load) for clip in self._clips)
-        return list(self._pool.map(roll_clip, items))
+        model = PlusModel(self.trained(StaticPart.nothing()), self._body, threads=0)
+        found = [np.empty_like(clip.offsets_m) for clip in self._clips]
+        for start in range(0, len(found), _CLIPS_AT_ONCE):
+            some = self._clips[start : start + _CLIPS_AT_ONCE]
+            betas = self._people.betas[[clip.person for clip in some]]
+            several = codes_of_several(model, [clip.theta for clip in some], betas)
+            for frame, (rows, codes) in enumerate(several):
+                for row, code in zip(rows, codes, strict=True):
+                    found[start + row][frame] = code.T
+        return found
 
     def trained(self, static: StaticPart) -> TrainedPlus:
         """The model as it is now."""

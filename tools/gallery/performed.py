@@ -13,7 +13,7 @@ from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
 from bridge.motion.cells import kind_of
 from bridge.runs import Run
-from bridge.runtime.dsnet_motion import DSNET
+from bridge.runtime.dsnet_step import DSNET
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.skinning import ShapedBody
 from bridge.view.truth import open_truth
