@@ -110,14 +110,14 @@ def codes_of_several(
     lengths = np.array([len(theta) for theta in motions])
     here = np.arange(len(motions))
     state = model.reset(betas, np.stack([theta[0] for theta in motions]))
-    for frame in range(lengths.max() + model.look_ahead):
+    for frame in range(int(lengths.max()) + model.look_ahead):
         left = lengths[here] - frame
         if left.min() <= -model.look_ahead:
             goes_on = left > -model.look_ahead
             here, state, left = here[goes_on], state[goes_on], left[goes_on]
         if not left.all():
             state = np.where(left[:, None] == 0, model.stopped(state), state)
-        poses = [motions[row][min(frame, lengths[row] - 1)] for row in here]
+        poses = [motions[row][min(frame, len(motions[row]) - 1)] for row in here]
         state, codes = model.step(state, np.stack(poses))
         if frame >= model.look_ahead:
             yield here, codes

@@ -95,7 +95,7 @@ def test_anything_else_is_refused(text, tmp_path):
     assert path.read_bytes() == stream.getvalue()
 
 
-def runs_python(*_: object) -> None:
+def runs_python(*_ignored: object) -> None:
     for _ in range(3):
         pass
 

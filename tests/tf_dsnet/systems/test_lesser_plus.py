@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -27,7 +29,7 @@ def train(runs, monkeypatch):
     run = forge_run(runs, monkeypatch, misfit_m=0.01)
     monkeypatch.setitem(lesser_plus.PROFILES, "demo", TINY)
 
-    def of(**without: bool):
+    def of(**without: Any):
         lesser_plus.main(LesserPlusConfig(run="tiny", **without))
         artifact = read_artifact(run / "train_plus")
         return artifact, TrainedPlus.load(artifact)
