@@ -117,7 +117,7 @@ def codes_of_several(
             here, state, left = here[goes_on], state[goes_on], left[goes_on]
         if not left.all():
             state = np.where(left[:, None] == 0, model.stopped(state), state)
-        poses = [motions[row][min(frame, len(motions[row]) - 1)] for row in here]
+        poses = [motions[row][min(frame, len(motions[row]) - 1)] for row in here.tolist()]
         state, codes = model.step(state, np.stack(poses))
         if frame >= model.look_ahead:
             yield here, codes
