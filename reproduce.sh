@@ -26,7 +26,7 @@ find_python() {
 
 # Where there is no NVIDIA GPU, builds without CUDA.
 nvidia-smi -L >/dev/null 2>&1 && train=train || train=train-cpu
-# What a run on this machine needs; a cluster, tests and pages need half a minute and 0.6 GB more.
+# What a run on this machine needs; a cluster, tests and pages need half a minute and 0.8 GB more.
 for_runs=$train,viewer,usd,clip
 for_everything=$for_runs,ray,dev,docs
 
