@@ -63,14 +63,11 @@ run_tests() {
 }
 
 run_all_tests() {
-    # TensorFlow and the renderer in one process abort at its end: each side has its own, as stages do.
     # Long folders stand early in the alphabet: in their own order processes end together.
     local processes=(--numprocesses auto --maxprocesses 4 --no-loadscope-reorder)
     # Each computes on one core: threads of several processes would wait for one another.
     export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
-    # First the one that a marker may leave empty (status 5), so that the last line tells of tests.
-    .venv/bin/python -m pytest "${processes[@]}" --durations=6 tests/tf_dsnet "$@" || (($# && $? == 5))
-    .venv/bin/python -m pytest "${processes[@]}" --durations=12 --ignore tests/tf_dsnet "$@"
+    .venv/bin/python -m pytest "${processes[@]}" --durations=16 "$@"
 }
 
 refuse() {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -49,16 +48,11 @@ def check_names(names: Sequence[str], known: Sequence[str], what: str) -> None:
 
 
 def registered() -> tuple[str, ...]:
-    """Every predictor of `dsnet train` for which no licensed file is needed, asked of a process of
-    its own: TensorFlow and the renderer abort at the end of a process that has both."""
-    ask = (
-        "from tf_dsnet.predictors import PREDICTORS; "
-        f"print(*(name for name, one in PREDICTORS.items() if one.code != {DMPL!r}))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", ask], check=True, stdout=subprocess.PIPE, text=True
-    )
-    return tuple(done.stdout.split())
+    """Every predictor of `dsnet train` for which no licensed file is needed."""
+    # Imported late: TensorFlow takes seconds.
+    from tf_dsnet.predictors import PREDICTORS
+
+    return tuple(name for name, one in PREDICTORS.items() if one.code != DMPL)
 
 
 def prepare(
