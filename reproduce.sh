@@ -81,7 +81,7 @@ run_tests() {
 }
 
 run_all_tests() {
-    # TensorFlow and the renderer in one process abort at its end: each side has its own, as stages do.
+    # PyTorch and TensorFlow in one process have crashed by order of import: each has its own, as stages do.
     # Long folders stand early in the alphabet: in their own order processes end together.
     local processes=(--numprocesses auto --maxprocesses 4 --no-loadscope-reorder)
     # Each computes on one core: threads of several processes would wait for one another.
