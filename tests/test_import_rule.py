@@ -32,7 +32,7 @@ THIRD_PARTIES = {
     "motion": {"numpy", "pybvh", "scipy"},
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},
-    "runtime": {"google", "numpy", "onnx", "onnxruntime", "tyro"},
+    "runtime": {"numpy", "onnx", "onnxruntime", "tyro"},
     "export": {
         "PIL",
         "imageio_ffmpeg",
