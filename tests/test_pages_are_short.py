@@ -49,6 +49,6 @@ def test_tables_of_results_are_linked_not_pasted(page: str) -> None:
     if page == "README.md":
         return
     results = (ROOT / "docs" / "results").rglob("*.md")
-    rows = {line for path in results for line in path.read_text("utf-8").splitlines()}
-    shown = (ROOT / page).read_text("utf-8").splitlines()
+    rows = {line for path in results for line in path.read_text(encoding="utf-8").splitlines()}
+    shown = (ROOT / page).read_text(encoding="utf-8").splitlines()
     assert not [row for row in shown if row.startswith("| ") and row in rows]

@@ -1,4 +1,4 @@
-"""README's table is made from `results.json`: both pipelines, all cells, and what is missing."""
+"""The README's table is made from `results.json`: both pipelines, each cell, what is missing."""
 
 from __future__ import annotations
 
