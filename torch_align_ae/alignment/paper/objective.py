@@ -58,9 +58,7 @@ class MeshDistance:
     def __init__(self, smpl: SMPL) -> None:
         self.smpl = smpl
         parents = smpl.parents[:N_JOINTS]
-        weights = smpl.weights[:N_JOINTS].clone()
-        for hand in range(N_JOINTS, len(smpl.parents)):
-            weights[smpl.parents[hand]] += smpl.weights[hand]
+        weights = smpl.moving_weights()
         posedirs = smpl.posedirs[: 9 * (N_JOINTS - 1)]
         self.tree = JointTree(parents, weights.dtype)
         self.patches = cut_into_patches(weights, posedirs, parents)
