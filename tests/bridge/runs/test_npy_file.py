@@ -95,9 +95,8 @@ def test_anything_else_is_refused(text, tmp_path):
     assert path.read_bytes() == stream.getvalue()
 
 
-def runs_python(*_ignored: object) -> None:
-    for _ in range(3):
-        pass
+def runs_python(*_: object) -> None:
+    list(map(id, range(3)))
 
 
 @pytest.fixture
