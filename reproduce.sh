@@ -4,7 +4,6 @@
 #                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
 #                  [--engine ray [--address HOST:PORT]]       (on a cluster: docs/scaling.md)
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR [--amass-fps N]] [--dmpl FILE]]  (licensed: docs/data.md)
-#                  [--plan]            (what that would cost, stage by stage; nothing is run)
 #   ./reproduce.sh setup                the environment alone, for runs and tests
 #   ./reproduce.sh test                 the environment, then linters, types and tests
 #   ./reproduce.sh test --slow          the tests that take minutes each, which `test` leaves out
@@ -25,21 +24,40 @@ find_python() {
     exit 2
 }
 
-# What a run on this machine needs; a cluster, tests and pages need half a minute and 0.6 GB more.
-for_runs=train,viewer,usd,clip
+# Where there is no NVIDIA GPU, builds without CUDA.
+nvidia-smi -L >/dev/null 2>&1 && train=train || train=train-cpu
+# What a run on this machine needs; a cluster, tests and pages need half a minute and 0.8 GB more.
+for_runs=$train,viewer,usd,clip
 for_everything=$for_runs,ray,dev,docs
 
 setup() {
-    local extras=$1 stamp=.venv/installed enough
+    local extras=$1 stamp=.venv/installed enough module
     for enough in "$extras" "$for_everything"; do
         [[ -f $stamp ]] && cmp -s "$stamp" <(print_stamp "$enough") && return
     done
     echo "setting up .venv (once)" >&2
     [[ -x .venv/bin/python ]] || "$(find_python)" -m venv .venv
-    .venv/bin/python -m pip install --quiet --disable-pip-version-check \
-        --constraint constraints.txt --editable ".[$extras]"
+    # Both builds of TensorFlow write the same files, and pip keeps the PyTorch that it finds.
+    [[ ! -f $stamp || $(<"$stamp") == "$train",* ]] ||
+        .venv/bin/python -m pip uninstall -qq --yes tensorflow tensorflow-cpu torch
+    # PyTorch's own index has a wheel without CUDA; where neither it nor the wheel is found, PyPI's.
+    [[ $train == train ]] || install torch --no-deps --only-binary :all: --retries 0 --timeout 10 \
+        --index-url https://download.pytorch.org/whl/cpu >/dev/null 2>&1 || true
+    install --editable ".[$extras]"
+    # What only builds and tests C++ against the frameworks: 0.4 GB.
+    rm -rf .venv/lib/python*/site-packages/{tensorflow/include,torch/include,torch/test}
+    # Most modules are never imported; those that are, are compiled here or by whoever is first.
+    for module in torch_align_ae.alignment.stage_align tf_dsnet.stage_train \
+        bridge.report.stage_report bridge.view.viewer; do
+        PYTHONDONTWRITEBYTECODE="" .venv/bin/python -c "import $module"
+    done
     # Written last, so that an interrupted installation is done again.
     print_stamp "$extras" >"$stamp"
+}
+
+install() {
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+        --constraint constraints.txt "$@"
 }
 
 print_stamp() {
@@ -63,7 +81,7 @@ run_tests() {
 }
 
 run_all_tests() {
-    # TensorFlow and the renderer in one process abort at its end: each side has its own, as stages do.
+    # PyTorch and TensorFlow in one process have crashed by order of import: each has its own, as stages do.
     # Long folders stand early in the alphabet: in their own order processes end together.
     local processes=(--numprocesses auto --maxprocesses 4 --no-loadscope-reorder)
     # Each computes on one core: threads of several processes would wait for one another.
@@ -88,10 +106,9 @@ existing() {
 
 run_stages() {
     local profile=demo run="" seed=0 gender="" corpus=() align=() dyna=() predict=() licensed="" path
-    local aligner="" plan="" engine=() train_ae=() train=()
+    local aligner="" engine=() train_ae=() train=()
     while (($#)); do
         case $1 in
-            --plan) plan=yes && shift && continue ;;
             --profile | --run | --seed | --gender | --aligner | --smpl | --dyna | --amass | --amass-fps | --dmpl | --engine | --address) ;;
             *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
@@ -133,6 +150,7 @@ run_stages() {
                 path=$(existing "$2")
                 train_ae=(--dmpl "$path")
                 train=(--predictors dsnet_standardised dsnet_faithful dyna_like dyna_like_dmpl)
+                export DSNET_PLUGINS=benchmarks.plugin PYTHONPATH=$PWD
                 ;;
         esac
         shift 2
@@ -142,11 +160,6 @@ run_stages() {
         refuse "--gender $gender with licensed files; expected one of the two. The body model of --smpl has its gender."
     [[ -n $run ]] || run=$profile$([[ $gender != male ]] || echo _male)
     local common=(--profile "$profile" --run "$run" --seed "$seed" ${engine[@]+"${engine[@]}"})
-    if [[ -n $plan ]]; then
-        .venv/bin/dsnet plan "${common[@]}" ${corpus[@]+"${corpus[@]}"} ${align[@]+"${align[@]}"} \
-            ${predict[@]+"${predict[@]}"}
-        return
-    fi
     for stage in corpus align train-ae encode train train-plus predict predict-plus decode evaluate report; do
         [[ $stage == corpus && -n $licensed ]] && continue
         # The best road begins at the robust aligner's offsets.

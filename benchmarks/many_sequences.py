@@ -42,7 +42,7 @@ LITTLE = {
     "predict-plus": "",
     "decode": "",
     "evaluate": "",
-    "report": "--samples 1 --panel-px 60",
+    "report": "--panel-px 60",
     "check": "",
 }
 """As little work of every stage as it allows."""
@@ -56,8 +56,8 @@ class ManySequencesConfig:
     """N."""
     frames: tuple[int, int] = (8, 30)
     """Fewest and most frames of a sequence."""
-    out: Path = Path("docs/results/scaling/many_sequences")
-    """Path of the results, without `.json` and `.md`."""
+    out: Path = Path("docs/results/scaling/many_sequences.json")
+    """The results, which `python -m tools.update_scaling` makes a page of."""
     keep: bool = False
     """Keep the runs, which lie below DSNET_RUNS or `runs/`."""
 
@@ -78,13 +78,9 @@ def main(config: ManySequencesConfig) -> None:
             for stage, start in starts.items()
         },
     }
-    table = as_page(result)
-    sys.stdout.write(table)
+    sys.stdout.write(as_page(result))
     config.out.parent.mkdir(parents=True, exist_ok=True)
-    config.out.with_suffix(".json").write_text(
-        json.dumps(result, indent=1) + "\n", encoding="utf-8"
-    )
-    config.out.with_suffix(".md").write_text(table, encoding="utf-8")
+    config.out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 def start_s(stage: str) -> float:

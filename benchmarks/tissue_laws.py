@@ -1,6 +1,6 @@
 """`python -m benchmarks.tissue_laws --out DIR`: the same motions under every tissue law.
 
-Tabulates how far flesh moves and how much of the other laws' offsets the own one's explain, and
+Measures how far flesh moves and how much of the other laws' offsets the own one's explain, and
 draws one jump under each.
 """
 
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import plugin
 from bridge.body import load_body_model
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import frame_camera, render_bodies
@@ -23,21 +24,12 @@ from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
+from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, posed_meshes
 from torch_align_ae.corpus.subjects import SUBJECTS, Subject
-from torch_align_ae.corpus.tissue_laws import TISSUES, tissue_of
 
 _FPS, _OWN = 60.0, "own"
 _MOTIONS = ("one_leg_jump", "kicking", "hips", "shake_arms")
 _PANELS = 4
-_PAGE = """\
-# The same motions under every tissue law (synthetic data)
-
-{table}
-
-Offsets in millimetres: mean and most; with gravity, {frames} frames at 60 fps. *Unlike* is the
-share of a law's squared offsets that no multiple of the own law's explains. Made by `{command}`.
-"""
 
 
 @dataclass(frozen=True)
@@ -45,7 +37,7 @@ class TissueLawsConfig:
     """Compare the laws on the heaviest and the leanest woman."""
 
     out: Path
-    """Folder that receives tissue_laws.json, tissue_laws.md and tissue_laws.png."""
+    """Folder that receives tissue_laws.json and tissue_laws.png."""
     frames: int = 120
     """Length of each motion at 60 fps."""
 
@@ -53,7 +45,7 @@ class TissueLawsConfig:
 def main(config: TissueLawsConfig) -> dict[str, Any]:
     """Write the results; also returns them."""
     smpl = body_in_double(load_body_model("embedded:female"))
-    rows, pictured = [], {}
+    laws, rows, pictured = {_OWN: TissueSimulator, **plugin.tissues()}, [], {}
     for motion in _MOTIONS:
         for subject in (SUBJECTS["female"][0], SUBJECTS["female"][-1]):
             theta = perform(
@@ -64,7 +56,8 @@ def main(config: TissueLawsConfig) -> dict[str, Any]:
                 fps=_FPS,
             )
             offsets = {
-                name: tissue_of(name, smpl, subject.betas).offsets(theta, _FPS) for name in TISSUES
+                name: law(smpl, subject.betas, gravity=True).offsets(theta, _FPS)
+                for name, law in laws.items()
             }
             rows.append({"motion": motion, "subject": subject.name, "laws": compared(offsets)})
             pictured = pictured or {"subject": subject, "theta": theta, "offsets": offsets}
@@ -73,24 +66,8 @@ def main(config: TissueLawsConfig) -> dict[str, Any]:
     config.out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"
     write_text_atomically(config.out / "tissue_laws.json", text)
-    write_text_atomically(config.out / "tissue_laws.md", markdown(results))
     draw(config.out / "tissue_laws.png", smpl, **pictured)
     return results
-
-
-def markdown(results: dict[str, Any]) -> str:
-    """A page with one table: a row for each motion and subject."""
-    laws = list(results["rows"][0]["laws"])
-    others = [law for law in laws if law != _OWN]
-    head = ["motion", "subject", *(f"`{law}`" for law in laws), *(f"`{o}` unlike" for o in others)]
-    lines = [f"| {' | '.join(head)} |", "|---|---" + "|---:" * (len(head) - 2) + "|"]
-    for row in results["rows"]:
-        found = row["laws"]
-        sizes = [f"{found[law]['mean_mm']:.2f}, {found[law]['max_mm']:.1f}" for law in laws]
-        unlike = [f"{found[law]['unlike']:.2f}" for law in others]
-        cells = [f"`{row['motion']}`", row["subject"], *sizes, *unlike]
-        lines.append(f"| {' | '.join(cells)} |")
-    return _PAGE.format(**results, table="\n".join(lines))
 
 
 def draw(

@@ -7,13 +7,15 @@ when its stage is asked for.
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
+import os
+import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-from bridge.endings import exit_with_one_line
-from bridge.errors import DsnetError
+from bridge import __version__
+from bridge.endings import ends_at_once, exit_with_one_line
+from bridge.errors import DsnetError, did_you_mean
 
 COMMANDS = {
     "corpus": (
@@ -36,11 +38,6 @@ COMMANDS = {
         "bridge.export.stage_export",
         "Write a moving body for Blender, Maya, Houdini, Unreal.",
     ),
-    "pack": (
-        "bridge.export.stage_pack",
-        "Store an artifact's arrays in one small file, within a stated error.",
-    ),
-    "unpack": ("bridge.export.stage_unpack", "Turn such a file back into arrays."),
     "predict-plus": (
         "tf_dsnet.stage_predict_plus",
         "Predict offsets with dsnet_plus.",
@@ -53,34 +50,42 @@ COMMANDS = {
         "Compare NumPy, PyTorch, Keras, ONNX by layer.",
     ),
     "view": ("bridge.view.stage_view", "Look at predictions in a browser, as they move."),
-    "plan": ("bridge.plan.stage_plan", "Say what a run will cost; make nothing."),
     "check": ("bridge.runs.stage_check", "Compare a run's files and chain with its digests."),
-    "bench": ("bridge.bench", "Time the networks against their limits and peers."),
 }
 PROFILES = ("smoke", "demo", "paper")
+_NARROWEST = 40
+"""Columns of a terminal, below which the parser breaks lines for ever."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: run one subcommand."""
     with exit_with_one_line():
-        _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+        with ends_at_once():
+            work = _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+        work()
 
 
-def _dispatch(arguments: list[str]) -> None:
+def _dispatch(arguments: list[str]) -> Callable[[], None]:
+    """What the command line asks for, to be called; nothing is begun before."""
     # Late, so that whoever interrupts while these load reads one line.
+    import dataclasses
+
     import tyro
 
+    from bridge.installation import require_packages_of
     from bridge.options import check_options, parse_seed
     from bridge.runs.engines import use_engine
-    from bridge.runs.processes import require_packages_of
 
     if not arguments or arguments[0] in ("-h", "--help"):
-        print(_overview())  # noqa: T201
-        return
+        return lambda: print(_overview())  # noqa: T201
+    if arguments == ["--version"]:
+        return lambda: print(f"dsnet {__version__}")  # noqa: T201
     command, *options = arguments
     if command not in COMMANDS:
         raise DsnetError(
-            f"command {command!r}", f"one of {', '.join(COMMANDS)}", "See dsnet --help."
+            f"command {command!r}",
+            f"one of {', '.join(COMMANDS)}",
+            did_you_mean(command, COMMANDS, "See dsnet --help."),
         )
     profile = _take_profile(options)
     engine, address = _take(options, "--engine"), _take(options, "--address")
@@ -96,10 +101,16 @@ def _dispatch(arguments: list[str]) -> None:
         prog += " [--seed N]"
         if (seed := _take(options, "--seed")) is not None:
             parse_seed(seed)
+    if shutil.get_terminal_size().columns < _NARROWEST:
+        os.environ["COLUMNS"] = str(_NARROWEST)
     config = tyro.cli(type(default), args=options, default=default, prog=prog)
     check_options(config)
-    with use_engine("local" if engine is None else engine, address):
-        module.main(config)
+
+    def work() -> None:
+        with use_engine("local" if engine is None else engine, address):
+            module.main(config)
+
+    return work
 
 
 def _take_profile(options: list[str]) -> str:
@@ -107,7 +118,9 @@ def _take_profile(options: list[str]) -> str:
     profile = _take(options, "--profile")
     if profile is not None and profile not in PROFILES:
         raise DsnetError(
-            f"profile {profile!r}", f"one of {', '.join(PROFILES)}", "Pass --profile demo."
+            f"profile {profile!r}",
+            f"one of {', '.join(PROFILES)}",
+            did_you_mean(profile, PROFILES, "Pass --profile demo."),
         )
     return profile or "demo"
 
@@ -126,6 +139,7 @@ def _take(options: list[str], flag: str) -> str | None:
 def _overview() -> str:
     rows = "\n".join(f"  {name:<14}{summary}" for name, (_, summary) in COMMANDS.items())
     return (
-        "usage: dsnet COMMAND [--profile smoke|demo|paper] [--run NAME] [--seed N] ...\n\n"
+        "usage: dsnet COMMAND [--profile smoke|demo|paper] [--run NAME] [--seed N] ...\n"
+        "       dsnet --version\n\n"
         f"{rows}\n\nEvery command has its own --help; ./reproduce.sh runs them in this order."
     )

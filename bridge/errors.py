@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 _LONGEST = 4000
 
 
@@ -14,6 +17,19 @@ def _shortened(text: str) -> str:
     """What a stranger's file or a command line was full of, without its middle."""
     half = _LONGEST // 2
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
+
+
+def did_you_mean(name: str, known: Iterable[str], remedy: str, prefix: str = "") -> str:
+    """The remedy for a name that is none of those known, after the nearest of them if one is near.
+
+    Parameters
+    ----------
+    prefix : written before the nearest name, but no part of what is compared.
+    """
+    meant = {one.lower(): prefix + one for one in known}
+    near = [meant[one] for one in get_close_matches(_shortened(name).lower(), meant, n=1)]
+    # A name that is known is wrong for another reason.
+    return f"Did you mean {near[0]!r}? {remedy}" if near and near[0] != name else remedy
 
 
 class DsnetError(Exception):
@@ -32,6 +48,10 @@ class DsnetError(Exception):
     def __reduce__(self) -> tuple[type[DsnetError], tuple[str, str, str]]:
         """As its parts, so that it also comes back from a worker process."""
         return type(self), (self.received, self.expected, self.remedy)
+
+
+class MissingPackageError(DsnetError, ModuleNotFoundError):
+    """A package of an extra is not installed; whoever expects an ImportError gets one."""
 
 
 class InterruptedWorkError(DsnetError):

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
+
+import pytest
 
 from tests.sources import PACKAGES, ROOT, imported_modules, source_files
 
@@ -11,12 +14,14 @@ PROVIDES = {
     "imageio-ffmpeg": "imageio_ffmpeg",
     "markdown-it-py": "markdown_it",
     "pillow": "PIL",
+    "tensorflow-cpu": "tensorflow",
     "usd-core": "pxr",
 }
 # Keras comes with TensorFlow, which fixes its version.
 COMES_WITH = {"keras": "tensorflow"}
 
 
+TEXTS = {"", ".cff", ".html", ".md", ".py", ".sh", ".toml", ".txt"}
 FRAMEWORKS = {"h5py", "tensorflow", "torch"}
 # What one format of `dsnet export` needs, or one command.
 OF_ONE_COMMAND = ("usd", "clip", "viewer", "ray")
@@ -52,4 +57,39 @@ def test_an_installation_without_extras_has_what_prediction_needs_and_no_framewo
     assert imported("bridge") == needed().union(*map(extra, OF_ONE_COMMAND))
     assert not needed() & set().union(*map(extra, EXTRAS))
     assert not needed() & FRAMEWORKS
-    assert extra("train") == FRAMEWORKS
+    assert extra("train") == extra("train-cpu") == FRAMEWORKS
+
+
+def test_both_builds_of_tensorflow_are_the_same_version() -> None:
+    pins = (ROOT / "constraints.txt").read_text()
+    assert len(set(re.findall(r"^tensorflow(?:-cpu)?(==.*)$", pins, re.MULTILINE))) == 1
+    assert "\ntensorflow-cpu==" in pins
+
+
+def test_no_pip_command_names_what_is_not_a_dependency() -> None:
+    """Ours is on no index: a name there like ours is somebody else's."""
+    stated = (ROOT / "pyproject.toml").read_text() + (ROOT / "constraints.txt").read_text()
+    known = set(re.findall(r'^[\s"]*([\w-]+)[=>]=', stated, re.MULTILINE)) | {"anny"}
+    files = subprocess.run(["git", "ls-files"], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    named = {
+        (name, file)
+        for file in files.stdout.splitlines()
+        if file != "tests/test_dependencies.py" and (ROOT / file).suffix in TEXTS
+        for name in installed_by((ROOT / file).read_text(encoding="utf-8"))
+    }
+    assert {"torch", "anny"} <= {name for name, _ in named}
+    assert not {(name, file) for name, file in named if name not in known}
+
+
+def installed_by(text: str) -> set[str]:
+    """Distributions of an index that `pip install` commands in a text name."""
+    commands = re.findall(r"""pip install((?: +(?:"[^"\n]*"|[^\s"'`#)]+))+)""", text)
+    words = {word for command in commands for word in re.findall(r'"[^"]*"|\S+', command)}
+    names = {re.sub(r"\[.*\]|[=<>!~].*|[.,;:]+$", "", word.strip('"')) for word in words}
+    return {name for name in names if re.fullmatch(r"[A-Za-z][\w.-]*", name)}
+
+
+@pytest.mark.parametrize("command", ['"dsnet[viewer]".', "-U dsnet==1 # why", "other dsnet, or"])
+def test_a_distribution_is_found_in_a_pip_command(command: str) -> None:
+    assert "dsnet" in installed_by(f"pip install {command}")
+    assert not installed_by('pip install ".[usd]" --editable "/a b[usd]" # or')

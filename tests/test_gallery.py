@@ -30,7 +30,7 @@ from tools.gallery.performed import performed
 from tools.gallery.stills import Look, Moment, draw_lying, draw_upright
 
 ROOT = Path(__file__).parents[1]
-SMALL = Look(width_px=90, samples=1, body_px=100)
+SMALL = Look(width_px=90, body_px=100)
 MOST_BYTES = {".gif": 3_000_000, ".png": 1_000_000}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -11,20 +12,22 @@ import pytest
 
 from tests.sources import PACKAGES, ROOT, imported_modules, source_files
 
+NO_PRODUCT = {"benchmarks", "tools", "tests"}
 FORBIDDEN = {
     "bridge": {"torch", "tensorflow", "keras", "tf_dsnet", "torch_align_ae"},
     "torch_align_ae": {"tensorflow", "keras", "tf_dsnet"},
     "tf_dsnet": {"torch", "torch_align_ae"},
 }
-# A folder imports those before it; paper, errors, endings and options, in none, import no folder.
+# A folder imports those before it. Files in none, as paper and errors, stand before all of them;
+# cli, the command, after all.
 ORDER = [
-    "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "export",
-    "view", "verify", "plan",
+    "", "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "export",
+    "view", "verify", "cli.py",
 ]  # fmt: skip
-COMMANDS = {"cli.py", "bench.py", "bench_graphs.py"}
 THIRD_PARTIES = {
-    "": {"tyro"},
-    "runs": {"filelock", "numpy", "psutil", "ray", "threadpoolctl", "tyro"},
+    "": set(),
+    "cli.py": {"tyro"},
+    "runs": {"filelock", "numpy", "psutil", "ray", "threadpoolctl", "tqdm", "tyro"},
     "body": {"numpy", "scipy", "trimesh"},
     "motion": {"numpy", "pybvh", "scipy"},
     "exchange": {"numpy", "safetensors"},
@@ -42,41 +45,48 @@ THIRD_PARTIES = {
         "trimesh",
     },
     "view": {"numpy", "viser"},
-    "measure": {"numpy", "scipy", "tqdm"},
-    "verify": {"numpy", "onnx", "safetensors", "tqdm"},
-    "plan": set(),
-    "report": {"jinja2", "markdown_it", "matplotlib", "mitsuba", "numpy", "scipy", "tqdm"},
+    "measure": {"numpy", "scipy"},
+    "verify": {"numpy", "onnx", "safetensors"},
+    "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy"},
 }
 
 
 def folder_of(path: Path) -> str:
-    """The bridge's folder that holds a file; empty for the files beside the folders."""
-    inner = path.relative_to(ROOT / "bridge").parts
-    return inner[0] if len(inner) > 1 else ""
+    """The bridge's folder that holds a file; empty for the files beside the folders, but cli."""
+    first, *below = path.relative_to(ROOT / "bridge").parts
+    return first if below or first in ORDER else ""
 
 
 def upward(folder: str, modules: Iterable[str]) -> list[str]:
     """Those modules that a file in one of the bridge's folders must not import."""
-    allowed = {folder, *ORDER[: ORDER.index(folder) if folder else 0]}
+    later = ORDER[ORDER.index(folder) + 1 :]
     inner = [name.split(".") for name in modules if name.startswith("bridge.")]
-    return [".".join(parts) for parts in inner if parts[1] in ORDER and parts[1] not in allowed]
+    return [".".join(parts) for parts in inner if parts[1] in (*later, "cli")]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_no_source_file_imports_the_other_side(package: str) -> None:
+def test_no_source_file_imports_the_other_side_or_what_is_outside(package: str) -> None:
     for path in source_files(package):
         found = {name.partition(".")[0] for name in imported_modules(path)}
-        assert not found & FORBIDDEN[package], path
+        assert not found & (FORBIDDEN[package] | NO_PRODUCT), path
 
 
 def test_the_bridges_folders_import_in_one_direction() -> None:
-    files = [path for path in source_files("bridge") if path.name not in COMMANDS]
+    files = source_files("bridge")
     found = {path: upward(folder_of(path), imported_modules(path)) for path in files}
     assert not {str(path): names for path, names in found.items() if names}
 
 
+def test_the_page_shows_this_order() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^`.+?` < .+$", page, re.MULTILINE)
+    assert re.findall(r"`(\w+)`", line) == ORDER[1:-1]
+    drawn = re.findall(r"^ {8}(\w+)/ ", page, re.MULTILINE)
+    assert drawn == ORDER[1:-1]
+
+
 def test_every_folder_of_the_bridge_has_its_place() -> None:
-    assert {folder_of(path) for path in source_files("bridge")} == {"", *ORDER}
+    assert {folder_of(path) for path in source_files("bridge")} == set(ORDER)
 
 
 @pytest.mark.parametrize("folder", THIRD_PARTIES)
@@ -95,6 +105,8 @@ def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
     assert upward("motion", names) == ["bridge.report.page"]
     assert upward("report", names) == []
     assert upward("", names) == ["bridge.report.page"]
+    assert upward("cli.py", names) == []
+    assert upward("verify", ["bridge.cli"]) == ["bridge.cli"]
 
 
 @pytest.mark.parametrize(
@@ -103,7 +115,7 @@ def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
         ("bridge.cli", "torch tensorflow keras"),
         ("bridge.exchange", "torch tensorflow keras"),
         ("bridge.runtime.stage_predict", "torch tensorflow keras"),
-        ("bridge.export.stage_export", "torch tensorflow keras pxr imageio_ffmpeg mitsuba"),
+        ("bridge.export.stage_export", "torch tensorflow keras pxr imageio_ffmpeg embreex"),
         ("bridge.view.stage_view", "torch tensorflow keras viser"),
         ("torch_align_ae", "tensorflow keras"),
         ("tf_dsnet", "torch"),

@@ -1,11 +1,8 @@
-"""A fact stands in one place, and a name means one thing."""
+"""A fact stands in one place."""
 
 from __future__ import annotations
 
 import ast
-import builtins
-import collections.abc
-from collections import Counter
 
 from bridge import paper
 from tests.sources import PACKAGES, ROOT, defined_names, parsed, source_files
@@ -14,14 +11,6 @@ from tests.sources import PACKAGES, ROOT, defined_names, parsed, source_files
 UNMISTAKABLE = {paper.N_VERTICES, 3 * paper.N_VERTICES, paper.INPUT_SIZE}
 CONSTANTS = {name for name in vars(paper) if name.isupper()}
 PAPER = ROOT / "bridge" / "paper.py"
-
-
-def test_no_two_classes_share_a_name() -> None:
-    files = source_files(*PACKAGES, "benchmarks", "tools")
-    nodes = (node for path in files for node in ast.walk(parsed(path)))
-    counts = Counter(node.name for node in nodes if isinstance(node, ast.ClassDef))
-    assert [name for name, count in counts.items() if count > 1] == []
-    assert not set(counts) & {*dir(builtins), *collections.abc.__all__}
 
 
 def test_the_papers_constants_are_defined_once() -> None:

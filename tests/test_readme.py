@@ -7,34 +7,28 @@ from pathlib import Path
 
 import pytest
 
-from tools.include_results import PAGES as QUOTING
-from tools.include_results import with_included
-from tools.update_readme import PAGES as GENERATED
-from tools.update_readme import load_results, with_results
+from bridge.report.panels import FOOTERS
+from tests.pages import PAGES, ROOT, commands_on, flags_of
+from tools.speed_page import speed_page
+from tools.update_readme import README, SPEED, load_bench, load_results, with_results
 
-ROOT = Path(__file__).parents[1]
-PAGES = sorted(
-    path.relative_to(ROOT).as_posix()
-    for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))
-)
+REPORTS = sorted((ROOT / "docs" / "results").glob("*/report.md"))
 
 
-@pytest.mark.parametrize("page", GENERATED, ids=lambda page: page.name)
-def test_generated_blocks_are_up_to_date(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    assert "written by tools/update_readme.py" in text
+def test_generated_blocks_are_up_to_date() -> None:
+    text = README.read_text(encoding="utf-8")
+    shown = re.findall(r"<!-- (\w+): written by tools/update_readme.py -->", text)
+    assert sorted(shown) == ["results", "times"]
     assert with_results(text, load_results("demo")) == text
 
 
-def test_every_generated_block_is_shown_once() -> None:
-    text = "".join(page.read_text() for page in GENERATED)
-    shown = re.findall(r"<!-- (\w+): written by tools/update_readme.py -->", text)
-    assert sorted(shown) == ["peers", "results", "runtime", "speed", "times"]
+def test_the_page_of_speed_is_up_to_date() -> None:
+    assert SPEED.read_text(encoding="utf-8") == speed_page(load_bench(SPEED.parent))
 
 
-@pytest.mark.parametrize("page", QUOTING, ids=lambda page: page.name)
-def test_quoted_tables_are_up_to_date(page):
-    assert with_included(page.read_text()) == page.read_text()
+@pytest.mark.parametrize("report", REPORTS, ids=lambda report: report.parent.name)
+def test_published_reports_claim_what_reports_claim_today(report: Path) -> None:
+    assert f"*{FOOTERS['synthetic']}*" in report.read_text(encoding="utf-8").splitlines()
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -51,3 +45,16 @@ def test_links_lead_to_files(page):
     links = re.findall(r"(?:\]\(|src=\")(?!https?://)([^)#\"]+)", path.read_text())
     missing = [link for link in links if not (path.parent / link).exists()]
     assert not missing
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_other_commands_on_pages_exist(page: str) -> None:
+    script = (ROOT / "reproduce.sh").read_text(encoding="utf-8")
+    for line in commands_on(page):
+        if "./reproduce.sh" in line:
+            assert not [flag for flag in flags_of(line) if flag not in script], line
+        for module in re.findall(r"python -m ((?:benchmarks|tests|tools)[\w.]*)", line):
+            path = ROOT / module.replace(".", "/")
+            assert path.with_suffix(".py").exists() or (path / "__main__.py").exists(), line
+        for file in re.findall(r"python (\w\S+\.py)", line):
+            assert (ROOT / file).exists(), line

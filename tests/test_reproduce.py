@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
@@ -17,7 +18,7 @@ STAGES = [
     "corpus", "align", "train-ae", "encode", "train", "train-plus", "predict", "predict-plus",
     "decode", "evaluate", "report",
 ]
-FOR_RUNS = "train,viewer,usd,clip"
+FOR_RUNS = "train-cpu,viewer,usd,clip"
 EVERYTHING = f"{FOR_RUNS},ray,dev,docs"
 # fmt: on
 
@@ -47,9 +48,15 @@ def reproduce(tmp_path: Path) -> Reproduce:
     for name in ("body f.pkl", "women.h5", "men.h5"):
         (caller / name).touch()
 
+    write_command(project, "nvidia-smi", "exit 6")  # its answer where there is no GPU
+    found_first = os.pathsep.join([str(project / ".venv" / "bin"), os.environ["PATH"]])
+
     def run(*options: str) -> subprocess.CompletedProcess[str]:
         command = [str(project / "reproduce.sh"), *options]
-        return subprocess.run(command, cwd=caller, capture_output=True, text=True, check=False)
+        environment = {**os.environ, "PATH": found_first}
+        return subprocess.run(
+            command, cwd=caller, env=environment, capture_output=True, text=True, check=False
+        )
 
     return run
 
@@ -104,19 +111,6 @@ def test_men_are_a_run_of_their_own(reproduce: Reproduce) -> None:
     assert named["align"] == "--profile demo --run men --seed 0"
 
 
-def test_a_plan_takes_the_same_options_and_runs_no_stage(
-    reproduce: Reproduce, tmp_path: Path
-) -> None:
-    planned = stages(reproduce("--plan", "--gender", "male", "--aligner", "sgd", "--seed", "3"))
-    common = "--profile demo --run demo_male --seed 3"
-    assert planned == {"plan": f"{common} --gender male --aligner sgd"}
-    files = ("--smpl", "body f.pkl", "--dyna", "women.h5", "men.h5", "--amass", "amass")
-    planned = stages(reproduce("--profile", "paper", *files, "--plan"))
-    at = tmp_path / "caller"
-    paths = f"--smpl {at}/body f.pkl --dyna {at}/women.h5 {at}/men.h5 --amass {at}/amass"
-    assert planned == {"plan": f"--profile paper --run paper --seed 0 {paths}"}
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -128,7 +122,6 @@ def test_a_plan_takes_the_same_options_and_runs_no_stage(
         (["--amass", "nowhere"], "nowhere does not exist"),
         (["--smpl"], "--smpl needs a value"),
         (["--dynamics"], "unknown option --dynamics"),
-        (["--plan", "--dynamics"], "unknown option --dynamics"),
         (["--aligner", "x"], "--aligner x; expected sgd, robust or both"),
     ],
 )
@@ -200,6 +193,38 @@ def test_what_is_installed_suffices_for_what_is_asked(reproduce: Reproduce, tmp_
         assert "pip install" not in reproduce().stdout
     (tmp_path / "project" / "constraints.txt").write_text("numpy==2.2.6\n")
     assert f"--editable .[{FOR_RUNS}]" in reproduce().stdout
+
+
+def test_a_gpu_decides_between_builds(reproduce: Reproduce, tmp_path: Path) -> None:
+    """Of what another machine's kind of setup has left, the frameworks go first."""
+    project = tmp_path / "project"
+    stamp, removed = project / ".venv" / "installed", "-m pip uninstall -qq --yes tensorflow"
+    stamp.unlink()
+    assert removed not in (first := reproduce().stdout)
+    assert f"--editable .[{FOR_RUNS}]" in first
+    write_command(project, "nvidia-smi", "echo GPU 0")
+    on_gpu = reproduce().stdout
+    assert on_gpu.index(removed) < on_gpu.index("--editable .[train,viewer,usd,clip]")
+    assert removed not in reproduce("setup").stdout
+    write_command(project, "nvidia-smi", "exit 6")
+    assert removed in reproduce("setup").stdout
+
+
+@pytest.mark.parametrize("status", [0, 1])
+def test_pytorch_without_cuda_is_asked_for_where_there_is_no_gpu(
+    reproduce: Reproduce, tmp_path: Path, status: int
+) -> None:
+    """Its index may be out of reach: then the other one's is installed with the rest."""
+    project, asked = tmp_path / "project", tmp_path / "asked"
+    script = f'case "$*" in *whl/cpu*) echo "$@" >>{asked}; exit {status} ;; esac; echo "$@"'
+    write_command(project, "python", script)
+    (project / ".venv" / "installed").unlink()
+    assert f"--editable .[{FOR_RUNS}]" in reproduce().stdout
+    assert "--constraint constraints.txt torch --no-deps" in asked.read_text()
+    asked.unlink()
+    write_command(project, "nvidia-smi", "echo GPU 0")
+    assert "--editable .[train,viewer,usd,clip]" in reproduce().stdout
+    assert not asked.exists()
 
 
 def test_tests_of_each_side_have_a_process(reproduce: Reproduce) -> None:

@@ -1,21 +1,13 @@
-"""docs/scaling.md and the page of storage show the committed results."""
+"""The page of what was measured shows the committed results."""
 
 from __future__ import annotations
 
-from benchmarks.storage.page import page
 from tests.benchmarks.test_scaling import measured
-from tools.update_scaling import PAGE, SCALING, STORAGE, load, with_plan
+from tools.update_scaling import PAGE, load, page
 
 
-def test_the_plan_is_up_to_date():
-    text = PAGE.read_text()
-    assert with_plan(text, load(SCALING), load(STORAGE)) == text
-
-
-def test_the_page_of_storage_is_up_to_date():
-    stored = load(STORAGE)
-    assert stored is not None
-    assert STORAGE.with_suffix(".md").read_text() == page(stored)
+def test_the_page_is_up_to_date():
+    assert page(load("scaling"), load("many_sequences")) == PAGE.read_text(encoding="utf-8")
 
 
 def test_a_measurement_gives_all_tables():
@@ -25,7 +17,6 @@ def test_a_measurement_gives_all_tables():
         one["phases"]["fit"] |= phase
     scaling = {"machine": "a machine", "profile": "demo", "measured": corpora, "overheads": [],
                "manifest_bytes": 160.0, "digest_mb_s": 400.0}  # fmt: skip
-    text = with_plan(PAGE.read_text(), scaling, None)
+    text = page(scaling, load("many_sequences"))
     assert text.count("\n| align |") == len(corpora) + 4 + 1
     assert "nodes for a day" in text
-    assert "Storage is not measured yet." in text

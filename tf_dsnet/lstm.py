@@ -1,4 +1,4 @@
-"""Keras's LSTM with its loop over time in one operation: faster on a CPU (`dsnet bench`)."""
+"""Keras's LSTM with its loop over time in one operation: faster on a CPU."""
 
 from __future__ import annotations
 

@@ -16,9 +16,10 @@ from bridge.exchange.codes import LATENTS_OF
 from bridge.exchange.trained_dsnet import code_of
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.doubts import doubts_about
+from bridge.motion.motion import Motion
+from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.motion_folder import PeopleOfFolders, find_motion_files, subject_and_motion
-from bridge.motion.resampling import Motion, load_motion_file
+from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat, check_options
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.processes import notify, run_as_process
@@ -160,8 +161,8 @@ def gather(
         subject, name = subject_and_motion(path)
         motion = load_motion_file(path, source_fps)
         pieces, smoothing = pieces_between_cuts(motion.theta), "--smooth-hz auto, with --motion,"
-        for doubt in doubts_about(motion, pieces, "--amass-fps", smoothing):
-            notify(doubt)
+        for warning in motion_warnings(motion, pieces, "--amass-fps", smoothing):
+            notify(warning)
         # Those whom the run was aligned with keep the shape that was fitted.
         if subject not in fitted:
             subject = people.of_shape(subject, motion.betas)

@@ -13,12 +13,12 @@ from bridge.body import load_body_model
 from bridge.exchange import save_weights
 from bridge.exchange.clips import load_unpadded_clips
 from bridge.exchange.codes import CodeName
+from bridge.exchange.trained_dsnet import DSNETS
 from bridge.options import PositiveInt
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import body_model_path
 from bridge.runs.worker_pool import worker_pool
 from tf_dsnet.predictors import (
-    BOTH_PRESETS,
     BodyOf,
     Predictor,
     PredictorSettings,
@@ -41,11 +41,10 @@ class TrainConfig(PredictorSettings):
 
     run: str = "demo"
     """Name of the run whose latents are learned."""
-    predictors: tuple[str, ...] = BOTH_PRESETS
+    predictors: tuple[str, ...] = DSNETS
     """Which predictors to train; the first is the one that `predict` shows. `dsnet_faithful`: raw
-    inputs and latents. `dsnet_standardised`: both scaled, a departure from the silent paper.
-    `dsnet_differences`: scaled, and told how poses change in place of poses. The others are there
-    to be compared with: docs/results/comparison.md says what each of them is."""
+    inputs and latents. `dsnet_standardised`: both scaled, a departure from the silent paper. Others
+    are those of the modules that DSNET_PLUGINS names."""
     validate_every: PositiveInt = 10
     """Epochs between two validation losses."""
     checkpoint_every: PositiveInt = 100
@@ -157,7 +156,6 @@ def _describe(
                 "label": entry.label,
                 "lr": trainings[entry.name].lr,
                 "parameters": next(iter(trainings[entry.name].parameters().values())),
-                "preset": entry.preset,
                 "code": entry.code,
                 "departures": list(entry.departures(config)),
             }

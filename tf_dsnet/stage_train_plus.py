@@ -29,7 +29,6 @@ DEPARTURES = (
     "not the paper's network: damped oscillators on the skin, driven by inertia and gravity",
     "learned from the robust aligner's offsets",
 )
-_STATIC_ROUNDS = (1 / 3, 2 / 3, 1.0)
 _REMEDY = "Train with a lower learning rate: dsnet train-plus --help names the options."
 
 
@@ -51,8 +50,10 @@ PROFILES = {
 }
 
 
-def main(config: TrainPlusConfig) -> None:
+def main(config: TrainPlusConfig, training: type[PlusTraining] = PlusTraining) -> None:
     """Run the stage: a result that is current is kept, one that was interrupted is continued.
+
+    A study that trains in another way hands over a configuration and a training of its own.
 
     Raises
     ------
@@ -64,7 +65,7 @@ def main(config: TrainPlusConfig) -> None:
     body_path = body_model_path(run)
 
     def make(writer: ArtifactWriter) -> None:
-        _Fit(config, align, body_path, writer).write()
+        _Fit(config, training, align, body_path, writer).write()
 
     run.build(
         STAGE,
@@ -81,6 +82,7 @@ class _Fit:
     def __init__(
         self,
         config: TrainPlusConfig,
+        training: type[PlusTraining],
         align: Artifact,
         body_path: Path,
         writer: ArtifactWriter,
@@ -90,7 +92,7 @@ class _Fit:
         self._nodes = TissueNodes.of(body, config.nodes)
         self._people = KnownPeople.of(align)
         self._clips = node_clips(align, body, self._nodes, self._people, "train")
-        self._training = PlusTraining(config, body, self._nodes, self._people, self._clips)
+        self._training = training(config, body, self._nodes, self._people, self._clips)
         self._checkpoint = writer.checkpoints / f"{NAME}.safetensors"
         self._losses: list[float] = []
         features = self._clips[0].features.shape[1]
@@ -109,16 +111,12 @@ class _Fit:
             if not np.isfinite(self._losses[-1]):
                 received = f"{NAME} with a loss of {self._losses[-1]} in round {number + 1}"
                 raise DsnetError(received, "a number", _REMEDY)
-            if number + 1 in self._static_rounds():
+            if number + 1 in self._training.static_rounds():
                 moving = self._training.simulate()
                 self._static = fit_static(self._clips, moving, len(self._people.names))
             self._save()
             bar.set_postfix(loss=self._losses[-1])
         self._store()
-
-    def _static_rounds(self) -> set[int]:
-        rounds = self._config.rounds
-        return {round(part * rounds) for part in _STATIC_ROUNDS} if self._config.static else set()
 
     def _of_clips(self) -> list[NDArray[np.float32]]:
         return [self._static.of(clip) for clip in self._clips]

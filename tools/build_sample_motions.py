@@ -3,23 +3,32 @@
     python tools/build_sample_motions.py
 
 They are takes of the corpus's procedural motions by somebody who is in no corpus: the mean body of
-the embedded female, 4 s at 60 frames a second.
+the embedded female, 4 s at 60 frames a second. `walk_cycle` is one lap of such a walk, on a
+treadmill: two steps of half a second, once they are steady, and the first frame again.
 """
 
 from __future__ import annotations
 
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from bridge.body import load_body_model
-from bridge.motion.sample_files import SAMPLES, sample_path
+from bridge.motion.sample_files import CYCLE, SAMPLES, sample_path
 from torch_align_ae.corpus.amass_files import write_amass_motion
 from torch_align_ae.corpus.motions import Skeleton, perform
+from torch_align_ae.corpus.motions.locomotion import walking
+from torch_align_ae.corpus.motions.plan import Array, draw_style
+from torch_align_ae.corpus.motions.posing import pose_body
 
 FPS, SECONDS, SEED = 60, 4, 2021
+LAP = slice(148, 148 + FPS + 1)
+"""Of a walk at tempo 1, whose two steps take a second; from where no foot lands or leaves."""
+FORWARD = -1
+"""The column of theta that holds the way that a body has gone ahead."""
 KEPT = ("poses", "trans", "betas", "gender", "mocap_framerate", "source")
 
 
@@ -29,9 +38,7 @@ def main() -> None:
     betas = np.zeros(10)
     skeleton = Skeleton.of(body, betas)
     for name in SAMPLES:
-        theta = perform(
-            name, "sample", skeleton, frame_count=FPS * SECONDS, fps=FPS, seed=SEED, take=0
-        )
+        theta = _walk_cycle(skeleton) if name == CYCLE else _take(name, skeleton)
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / "motion.npz"
             write_amass_motion(
@@ -47,6 +54,17 @@ def main() -> None:
         small = {key: a.astype(np.float32) if a.dtype == float else a for key, a in kept.items()}
         np.savez_compressed(sample_path(name), **small)
         sys.stdout.write(f"{sample_path(name)}\n")
+
+
+def _take(name: str, skeleton: Skeleton) -> Array:
+    return perform(name, "sample", skeleton, frame_count=FPS * SECONDS, fps=FPS, seed=SEED, take=0)
+
+
+def _walk_cycle(skeleton: Skeleton) -> Array:
+    style = replace(draw_style("sample", CYCLE, skeleton.size, SEED), tempo=1.0, amplitude=1.0)
+    lap = pose_body(skeleton, walking(np.arange(FPS * SECONDS) / FPS, style))[LAP]
+    lap[:, FORWARD] -= np.linspace(0.0, lap[-1, FORWARD] - lap[0, FORWARD], len(lap))
+    return lap
 
 
 if __name__ == "__main__":

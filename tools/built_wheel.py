@@ -29,7 +29,7 @@ def build_wheel(folder: Path) -> Path:
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
     build = ["wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, source]
     subprocess.run([*pip, *build], check=True)
-    [wheel] = folder.glob("dsnet-*.whl")
+    [wheel] = folder.glob("dsnet_skin-*.whl")
     return wheel
 
 

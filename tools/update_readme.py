@@ -1,9 +1,9 @@
-"""Copy finished reports into docs/results and write the numbers of `demo` into the pages.
+"""Copy finished reports into docs/results and write the numbers of `demo` into README.
 
     python -m tools.update_readme RUN ...       after `./reproduce.sh --run RUN`
 
 The blocks between `<!-- NAME: ... -->` and `<!-- end -->` are generated, never typed;
-`tests/test_readme.py` compares them with docs/results/demo/results.json.
+`tests/test_readme.py` compares them, and the page of `demo`'s speed, with docs/results/demo.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from typing import Any
 from bridge.measure.roads import TRAIN_PLUS
 from bridge.motion.cells import CELLS
 from bridge.runs import Run
-from tools.runtime_tables import peers_block, runtime_block
+from tools.speed_page import speed_page
 
 ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "README.md", ROOT / "docs" / "performance.md")
+README = ROOT / "README.md"
+SPEED = ROOT / "docs" / "results" / "demo" / "speed.md"
 KEPT_JSON = ("results", "disk")
 KEPT = ("report.md", "results.json", "figures")
 _BLOCK = re.compile(
@@ -35,10 +36,9 @@ def main() -> None:
     """Refresh docs/results from the runs that are named on the command line, and the pages."""
     for run in sys.argv[1:]:
         keep(Run(run).path, ROOT / "docs" / "results" / run)
-    for page in PAGES:
-        page.write_text(
-            with_results(page.read_text(encoding="utf-8"), load_results("demo")), encoding="utf-8"
-        )
+    SPEED.write_text(speed_page(load_bench(SPEED.parent)), encoding="utf-8")
+    page = with_results(README.read_text(encoding="utf-8"), load_results("demo"))
+    README.write_text(page, encoding="utf-8")
 
 
 def keep(run: Path, target: Path) -> None:
@@ -57,45 +57,49 @@ def keep(run: Path, target: Path) -> None:
 def load_results(run: str) -> dict[str, Any]:
     """The committed results of a run."""
     folder = ROOT / "docs" / "results" / run
-    bench = {
-        path.stem: json.loads(path.read_text(encoding="utf-8"))
-        for path in (folder / "bench").glob("*.json")
-    }
     results, disk = (
         json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in KEPT_JSON
     )
-    return {**results, "bench": bench, "disk": disk}
+    return {**results, "disk": disk}
+
+
+def load_bench(folder: Path) -> dict[str, Any]:
+    """What `python -m benchmarks.speed` measured, by part."""
+    files = (folder / "bench").glob("*.json")
+    return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in files}
 
 
 def with_results(page: str, results: dict[str, Any]) -> str:
     """A page's text with each of its generated blocks written anew."""
     blocks = {
-        "times": lambda: times_block(results),
+        "times": lambda: times_block(results, load_results("paper")),
         "results": lambda: results_block(results),
-        "speed": lambda: speed_block(results["bench"]),
-        "runtime": lambda: runtime_block(results["bench"]["runtime"]),
-        "peers": lambda: peers_block(results["bench"].get("peers")),
     }
     return _BLOCK.sub(lambda found: found[1] + blocks[found["name"]](), page)
 
 
-def times_block(results: dict[str, Any]) -> str:
-    """How long the run took, where, and what it needs."""
-    disk = results["disk"]
-    # Verification is a command of its own, no stage of ./reproduce.sh.
-    stages = {name: stage for name, stage in results["stages"].items() if name != "verify"}
-    minutes = sum(stage["wall_time_s"] for stage in stages.values()) / 60
-    memory = max(stage["peak_memory_mb"] for stage in stages.values()) / 1000
-    machine = next(iter(stages.values()))["machine"]
+def times_block(demo: dict[str, Any], paper: dict[str, Any]) -> str:
+    """How long both runs took, where, and what they need."""
     return (
-        f"Measured on {machine}: the stages of `demo`, without the report, take "
-        f"{minutes:.0f} minutes\nand at most {memory:.1f} GB of memory; the environment takes "
-        f"{disk['environment'] / 1e9:.1f} GB of disk, the run {disk['run'] / 1e9:.1f} GB.\n"
+        f"Without their reports, {_times('demo', demo)};\n{_times('paper', paper)}. "
+        f"The environment takes {demo['disk']['environment'] / 1e9:.1f} GB.\n"
+    )
+
+
+def _times(run: str, results: dict[str, Any]) -> str:
+    # Verification is a command of its own, no stage of ./reproduce.sh.
+    stages = [stage for name, stage in results["stages"].items() if name != "verify"]
+    minutes = sum(stage["wall_time_s"] for stage in stages) / 60
+    memory = max(stage["peak_memory_mb"] for stage in stages) / 1000
+    return (
+        f"[`{run}`](docs/results/{run}/report.md#how-it-was-made) took {minutes:.0f} minutes, "
+        f"{memory:.1f} GB of memory and {results['disk']['run'] / 1e9:.1f} GB of disk "
+        f"({stages[0]['machine']})"
     )
 
 
 def results_block(results: dict[str, Any]) -> str:
-    """Both roads' predictors side by side, on the held-out sequence and in the four cells."""
+    """Both pipelines' predictors side by side, on the held-out sequence and in the four cells."""
     trained = [name for road in results["roads"].values() for name in road["predictors"]]
     names = [*(name for name in results["predictors"] if name in trained), *BESIDE]
     labels = [results["predictors"][name] for name in names]
@@ -121,11 +125,11 @@ def results_block(results: dict[str, Any]) -> str:
 
 
 def _roads_lines(results: dict[str, Any]) -> list[str]:
-    """Which column belongs to which road."""
+    """Which column belongs to which pipeline."""
     lines = []
     for name, road in results["roads"].items():
         labels = ", ".join(results["predictors"][one] for one in road["predictors"])
-        title = {"paper": "The paper's road", "best": "The best road"}[name]
+        title = {"paper": "The paper's pipeline", "best": "This repository's pipeline"}[name]
         lines.append(f"{title} (aligned by `{road['aligner']}`): {labels}.")
     return lines
 
@@ -155,34 +159,6 @@ def _alignment_lines(alignments: dict[str, dict[str, Any]]) -> list[str]:
             )
         lines.append(f"{text}.")
     return lines
-
-
-def speed_block(bench: dict[str, Any]) -> str:
-    """Training steps beside a peer and the machine's limit; DSNet's epoch and streaming step."""
-    torch, tensorflow = bench["torch"], bench["tensorflow"]
-    median, gflops = torch["median_s"], torch["gflops"]
-    rows = [
-        ("autoencoder, one training step of 64 meshes", f"{median['mesh_autoencoder']:.2f} s"),
-        ("the same of Casas-Otaduy's network", f"{median['casas_otaduy']:.2f} s"),
-        ("ratio of the two, Adam fused on both sides", f"{torch['mesh_to_casas_otaduy']:.2f}"),
-        (
-            "ratio of the two, PyTorch's default Adam on both sides",
-            f"{torch['mesh_to_casas_otaduy_plain_adam']:.2f}",
-        ),
-        (
-            "arithmetic rate of the autoencoder's step, of a plain matrix product",
-            f"{gflops['mesh_autoencoder']:.0f}, {gflops['gemm']:.0f} GFLOP/s",
-        ),
-        ("DSNet, one epoch of 67 x 300 frames", f"{tensorflow['epoch_s']:.2f} s"),
-        ("the same with Keras's own LSTM", f"{tensorflow['epoch_keras_lstm_s']:.2f} s"),
-        ("DSNet, one streamed frame of 1 character", f"{tensorflow['step_us']['1']:.0f} µs"),
-        ("DSNet, one streamed frame of 16 characters", f"{tensorflow['step_us']['16']:.0f} µs"),
-    ]
-    table = "\n".join(f"| {name} | {value} |" for name, value in rows)
-    return (
-        f"Medians on {torch['machine']}, {torch['threads']} threads; written by `dsnet bench`.\n\n"
-        f"| what | measured |\n|---|---:|\n{table}\n"
-    )
 
 
 def _size(folder: Path) -> int:

@@ -1,10 +1,8 @@
-"""Write what was measured of pools, and what follows from it, into docs/scaling.md.
+"""Write what was measured of many processes and many sequences: docs/results/scaling/scaling.md.
 
-    python -m benchmarks.storage --run demo     # both on a quiet machine
-    python -m benchmarks.scaling
-    python -m tools.update_scaling
-
-`tests/test_scaling_page.py` compares the page with docs/results/scaling and docs/results/storage.
+python -m benchmarks.scaling       # on a quiet machine
+python -m benchmarks.many_sequences --sequences 2500 --frames 4 8
+python -m tools.update_scaling
 """
 
 from __future__ import annotations
@@ -14,42 +12,38 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.scaling.limits import limits, storage
+from benchmarks.many_sequences import as_page
+from benchmarks.scaling.limits import limits
 from benchmarks.scaling.model import CORES_A_NODE, needs, predicted_and_measured
 
-ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "scaling.md"
-SCALING = ROOT / "docs" / "results" / "scaling" / "scaling.json"
-STORAGE = ROOT / "docs" / "results" / "storage" / "storage.json"
-MARK = "<!-- plan: written by tools/update_scaling.py -->\n"
+FOLDER = Path(__file__).parents[1] / "docs" / "results" / "scaling"
+PAGE = FOLDER / "scaling.md"
 SEQUENCES, FRAMES_EACH = 1_000_000, 321
 """The mean length is that of the paper's corpus."""
 RUNS = 10
 """Into so many the corpus is cut, for comparison: each is below what breaks one."""
-_PACKED = ("`dsnet pack`", 0.01)
 
 
 def main() -> None:
-    """Refresh the page's block."""
-    page = with_plan(PAGE.read_text(encoding="utf-8"), load(SCALING), load(STORAGE))
-    PAGE.write_text(page, encoding="utf-8")
+    """Write the page."""
+    PAGE.write_text(page(load("scaling"), load("many_sequences")), encoding="utf-8")
 
 
-def load(path: Path) -> dict[str, Any] | None:
-    """Committed results; None if there are none."""
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+def load(name: str) -> dict[str, Any]:
+    """Committed results."""
+    return json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
 
 
-def with_plan(page: str, scaling: dict[str, Any] | None, stored: dict[str, Any] | None) -> str:
-    """The page's text with its generated block written anew."""
-    head, rest = page.split(MARK)
-    blocks = _measured(scaling) + _needed(scaling) + _stored(stored)
-    return head + MARK + blocks + rest[rest.index("<!-- end -->") :]
+def page(scaling: dict[str, Any], many: dict[str, Any]) -> str:
+    """Both in Markdown."""
+    return (
+        "# More than one machine: measured\n\nWritten by `python -m tools.update_scaling`; "
+        f"[what it means](../../scaling.md).\n\n{_measured(scaling)}{_needed(scaling)}\n"
+        f"## Many short sequences\n\n{as_page(many)}"
+    )
 
 
-def _measured(scaling: dict[str, Any] | None) -> str:
-    if scaling is None:
-        return "Times are not measured yet.\n"
+def _measured(scaling: dict[str, Any]) -> str:
     rows = [
         (one["stage"], one["frames"], one["workers"], f"{one['wall_s']:.1f}",
          f"{one['frames'] / one['wall_s']:.0f}", *_tasks(one))
@@ -94,9 +88,7 @@ def _tasks(one: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _needed(scaling: dict[str, Any] | None) -> str:
-    if scaling is None:
-        return ""
+def _needed(scaling: dict[str, Any]) -> str:
     whole = SEQUENCES * FRAMES_EACH
     rows = [
         (row["stage"], f"{row['core_hours']:,.0f}", f"{row['alone_hours']:,.0f}",
@@ -110,7 +102,7 @@ def _needed(scaling: dict[str, Any] | None) -> str:
         for row in limits(scaling, FRAMES_EACH)
     ]
     return (
-        f"\n### {SEQUENCES:,} sequences\n\nOf {FRAMES_EACH} frames each, the paper's mean, by the "
+        f"\n## {SEQUENCES:,} sequences\n\nOf {FRAMES_EACH} frames each, the paper's mean, by the "
         f"same lines; nodes of {CORES_A_NODE} cores as fast as these:\n\n"
         + _table(
             f"stage | core hours | of these in one process | nodes for a day | as {RUNS} runs", rows
@@ -122,24 +114,6 @@ def _needed(scaling: dict[str, Any] | None) -> str:
 
 def _each(nodes: int | None) -> str:
     return f"{RUNS} x {nodes}" if nodes else "none suffice"
-
-
-def _stored(stored: dict[str, Any] | None) -> str:
-    if stored is None:
-        return "\nStorage is not measured yet.\n"
-    ratios = {
-        row["source"]: row["ratio"]
-        for row in stored["rows"]
-        if (row["label"], row["bound_mm"]) == _PACKED
-    }
-    found = storage(ratios, SEQUENCES * FRAMES_EACH)
-    rows = [(source, f"{ratio:.1f}", f"{found['raw']:.1f}", f"{found[source]:.1f}")
-            for source, ratio in ratios.items()]  # fmt: skip
-    return (
-        f"\nStorage of {SEQUENCES:,} sequences of {FRAMES_EACH} frames, terabytes; packed within "
-        f"{_PACKED[1]} mm, by run `{stored['run']}` ({stored['data']} data):\n\n"
-        + _table("array | ratio | as it is | packed", rows)
-    )
 
 
 def _table(head: str, rows: Iterable[Iterable[Any]]) -> str:

@@ -122,7 +122,6 @@ def draw_error_bodies(
     title: str,
     origin: DataOrigin,
     panel_px: int = 420,
-    samples: int = 25,
 ) -> None:
     """A body from both sides, coloured by the true offsets and by each aligner's errors.
 
@@ -135,7 +134,7 @@ def draw_error_bodies(
     top_m = scale_top_m(true_m)
     magnitudes_m = [true_m, *errors_m.values()]
     rows = [
-        _bodies(vertices_m, faces, magnitudes_m, top_m, azimuth_deg, panel_px, samples)
+        _bodies(vertices_m, faces, magnitudes_m, top_m, azimuth_deg, panel_px)
         for azimuth_deg in (20.0, 200.0)
     ]
     draw_panels(
@@ -157,7 +156,6 @@ def _bodies(
     top_m: float,
     azimuth_deg: float,
     panel_px: int,
-    samples: int,
 ) -> list[NDArray[np.uint8]]:
     camera = frame_camera([vertices_m], height_px=panel_px, azimuth_deg=azimuth_deg)
     return [
@@ -166,7 +164,6 @@ def _bodies(
             faces,
             camera=camera,
             colours=[magnitude_colours(magnitude_m, top_m)],
-            samples=samples,
         )
         for magnitude_m in magnitudes_m
     ]

@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 
 from benchmarks.alignment import peer_smplfitter
 from benchmarks.alignment.known_sequences import KnownRecording
+from benchmarks.alignment.lesser_laws import WeightsAlone
 from bridge.body import BodyModelData
 from bridge.motion import MotionSequence, pack_theta
 from bridge.runs import ArtifactWriter
 from torch_align_ae.alignment.paper.corpus_fit import CorpusFit, Effort
 from torch_align_ae.alignment.paper.sgd import Descent
 from torch_align_ae.alignment.robust import RobustSettings, align_sequences
+from torch_align_ae.alignment.robust.loads import Loads
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import FPS, DynaReader, write_dyna
 
@@ -53,7 +55,7 @@ def contenders(effort: Effort, folder: Path) -> dict[str, Make]:
         "smplfitter_known_shape_3": _smplfitter_known_shape(3),
         "smplfitter_known_shape_10": _smplfitter_known_shape(10),
         "robust_fast": _robust(RobustSettings.fast()),
-        "robust_without_inertia": _robust(RobustSettings(inertia=False)),
+        "robust_without_inertia": _robust(RobustSettings(), WeightsAlone),
         "robust": _robust(RobustSettings()),
     }
 
@@ -101,14 +103,14 @@ class _PaperSgd:
         ]
 
 
-def _robust(settings: RobustSettings) -> Make:
+def _robust(settings: RobustSettings, law: type[Loads] = Loads) -> Make:
     def make(data: BodyModelData, recordings: Sequence[KnownRecording]) -> Align:
         smpl = SMPL(data)
         subjects = _subject_rows([recording.subject for recording in recordings])
         meshes = [recording.meshes_m for recording in recordings]
 
         def align() -> list[Estimate]:
-            betas, thetas = align_sequences(smpl, meshes, subjects, settings)
+            betas, thetas = align_sequences(smpl, meshes, subjects, settings, law=law)
             return [
                 Estimate(betas[row], theta) for row, theta in zip(subjects, thetas, strict=True)
             ]

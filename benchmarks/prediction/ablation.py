@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.prediction.corpora import CORPORA, check_names, prepare, scores, train_plus
+from benchmarks.prediction.corpora import CORPORA, check_names, dsnet, prepare, scores, train_plus
 from bridge.motion.cells import CELLS
 from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.runs.processes import run_as_process, run_module
 
 VARIANTS: dict[str, tuple[str, ...]] = {
     "all of it": (),
@@ -32,7 +32,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "250 nodes": ("--nodes", "250"),
     "half the training": ("--rounds", "5"),
 }
-"""Options of `dsnet train-plus` by what they mean."""
+"""Options of `dsnet train-plus`, and of `benchmarks.prediction.lesser_plus`, by what they mean."""
 _PAGE = """\
 # What made the difference (synthetic data, corpus `{corpus}`, seed {seed})
 
@@ -77,7 +77,7 @@ def main(config: AblationConfig) -> dict[str, Any]:
         ):
             continue
         prepare(run, config.profile, config.corpus, None)
-        train_plus(run, config.profile, config.seed, *options)
+        _train(run, config, options)
         cells = scores(run, config.profile)["cells"]
         row = {"name": name, "options": list(options), "r2": _r2(cells)}
         write_text_atomically(path, json.dumps(row, indent=1, allow_nan=False) + "\n")
@@ -91,6 +91,15 @@ def main(config: AblationConfig) -> dict[str, Any]:
     write_text_atomically(config.out / "ablation.json", text)
     write_text_atomically(config.out / "ablation.md", markdown(results))
     return results
+
+
+def _train(run: str, config: AblationConfig, options: tuple[str, ...]) -> None:
+    if not any(option.startswith("--no-") for option in options):
+        train_plus(run, config.profile, config.seed, *options)
+        return
+    common = ("--run", run, "--profile", config.profile, "--seed", str(config.seed))
+    run_module("benchmarks.prediction.lesser_plus", *common, *options)
+    dsnet("predict-plus", run, config.profile)
 
 
 def markdown(results: Mapping[str, Any]) -> str:

@@ -29,7 +29,7 @@ def draw_clips(path: Path, run: Run, name: str) -> None:
     Frames are the liveliest of equal parts; colour is the size of the offsets, on one scale.
     """
     stages = run.artifacts(*stages_of_roads(run), "truth")
-    scene = Scene(stages, load_body_model(str(body_model_path(run))), samples=36, panel_px=220)
+    scene = Scene(stages, load_body_model(str(body_model_path(run))), panel_px=220)
     frames, true_m = _liveliest(scene, name)
     labels = {key: label for road in scene.roads for key, label in road.predictors.items()}
     rows = {_TRUE: true_m}
@@ -70,6 +70,4 @@ def _liveliest(scene: Scene, name: str) -> tuple[NDArray[np.int64], NDArray[np.f
 
 
 def _picture(scene: Scene, camera: Camera, body: NDArray, colours: NDArray) -> NDArray[np.uint8]:
-    return render_bodies(
-        [body], scene.body.faces, camera=camera, colours=[colours], samples=scene.samples
-    )
+    return render_bodies([body], scene.body.faces, camera=camera, colours=[colours])

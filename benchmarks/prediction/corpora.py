@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks import plugin
 from bridge.errors import DsnetError
 from bridge.exchange.codes import DMPL
 from bridge.motion.cells import CELLS
@@ -29,7 +30,7 @@ CORPORA: dict[str, tuple[str, ...]] = {
 PLUS = ("train-plus", "predict-plus")
 DSNET = ("train", "predict", "decode")
 _DSNETS = ("dsnet_standardised", "dsnet_faithful", "dsnet_differences")
-"""DSNet as the package uses it."""
+"""DSNet's that are trained beside `dsnet_plus`."""
 
 
 def check_names(names: Sequence[str], known: Sequence[str], what: str) -> None:
@@ -49,12 +50,15 @@ def check_names(names: Sequence[str], known: Sequence[str], what: str) -> None:
 
 
 def registered() -> tuple[str, ...]:
-    """Every predictor of `dsnet train` for which no licensed file is needed, asked of a process of
-    its own: TensorFlow and the renderer abort at the end of a process that has both."""
+    """Every predictor of `dsnet train`, plugins' too, for which no licensed file is needed.
+
+    Asked of a process of its own: frameworks that meet in one have crashed by order of import.
+    """
     ask = (
-        "from tf_dsnet.predictors import PREDICTORS; "
-        f"print(*(name for name, one in PREDICTORS.items() if one.code != {DMPL!r}))"
+        "from tf_dsnet.predictors import registered_predictors; "
+        f"print(*(n for n, one in registered_predictors().items() if one.code != {DMPL!r}))"
     )
+    plugin.use()
     done = subprocess.run(
         [sys.executable, "-c", ask], check=True, stdout=subprocess.PIPE, text=True
     )
@@ -164,4 +168,5 @@ def dsnet(command: str, run: str, profile: str, *options: str) -> None:
     SystemExit
         If it fails; it has said why.
     """
+    plugin.use()
     run_dsnet(command, "--profile", profile, "--run", run, *options)

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from benchmarks.scaling.model import DAY_S
-from bridge.exchange.packed.layout import FRAMES_PER_BLOCK, MOST_BLOCKS
 from bridge.paper import N_VERTICES, THETA_SIZE
 from bridge.runs.foreign_files import MOST_JSON_BYTES
 
@@ -26,11 +25,6 @@ def limits(facts: Mapping[str, Any], frames_each: float) -> list[dict[str, Any]]
     """
     offsets_each, theta_each = _OFFSETS_BYTES * frames_each, _THETA_BYTES * frames_each
     rows = [
-        (
-            "a packed file's directory",
-            MOST_BLOCKS * FRAMES_PER_BLOCK / frames_each,
-            "pack by runs",
-        ),
         (
             f"a manifest lists its sequences: {MOST_JSON_BYTES / 2**20:.0f} MB are read at most",
             MOST_JSON_BYTES / facts["manifest_bytes"],
@@ -54,9 +48,3 @@ def limits(facts: Mapping[str, Any], frames_each: float) -> list[dict[str, Any]]
     ]
     rows.sort(key=lambda row: row[1])
     return [{"what": what, "sequences": at, "remedy": remedy} for what, at, remedy in rows]
-
-
-def storage(ratios: Mapping[str, float], frames: float) -> dict[str, float]:
-    """Terabytes of one array of offsets (or of the meshes) raw, and packed, by source."""
-    raw_tb = _OFFSETS_BYTES * frames / 1e12
-    return {"raw": raw_tb, **{source: raw_tb / ratio for source, ratio in ratios.items()}}

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.paper import DMPL_DIRECTIONS, N_VERTICES
+from bridge.runs.damage import damage_refused
 from bridge.runs.foreign_files import open_npz
 
 _FIELD = "eigvec"
@@ -29,14 +30,14 @@ def load_dmpl_directions(path: str | Path) -> NDArray[np.float64]:
         If the file is missing, damaged or not DMPL's.
     """
     path = Path(path)
-    try:
-        with open_npz(path, _MOST_FILE_BYTES) as archive:
-            archive.check(_FIELD, _MOST_BYTES)
-            found = archive.array(_FIELD)
-    # A damaged or hostile file can fail inside the readers in any way at all.
-    except Exception as error:
+
+    def refusal(error: Exception) -> DsnetError:
         detail = f"no {_FIELD!r}" if isinstance(error, KeyError) else str(error)[:200]
-        raise DsnetError(f"DMPL {path}: {detail}", _EXPECTED, _REMEDY) from error
+        return DsnetError(f"DMPL {path}: {detail}", _EXPECTED, _REMEDY)
+
+    with damage_refused(refusal), open_npz(path, _MOST_FILE_BYTES) as archive:
+        archive.check(_FIELD, _MOST_BYTES)
+        found = archive.array(_FIELD)
     fits = found.shape[:2] == (N_VERTICES, 3) and found.ndim == 3 and found.dtype.kind in "iuf"
     if not fits or found.shape[2] < DMPL_DIRECTIONS:
         raise DsnetError(

@@ -21,6 +21,7 @@ Layout of an asset (plain arrays, no pickles):
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from importlib import resources
 from pathlib import Path
 
@@ -35,6 +36,7 @@ from bridge.body.model_data import (
 )
 from bridge.body.smpl_files import load_smpl_file
 from bridge.errors import DsnetError
+from bridge.runs.foreign_files import ForeignNpz, open_npz
 
 EMBEDDED_PREFIX = "embedded:"
 EMBEDDED_GENDERS = ("female", "male")
@@ -62,14 +64,14 @@ def load_body_model(name_or_path: str | Path) -> BodyModelData:
             " or ".join(EMBEDDED_PREFIX + known for known in EMBEDDED_GENDERS),
             "Choose one of these or give the path of an SMPL model file",
         )
-    with _open_asset(gender) as arrays:
-        return unpack(gender, arrays)
+    with _open_asset(gender) as archive:
+        return unpack(gender, {name: archive.array(name) for name in archive})
 
 
 def embedded_makehuman_index(gender: str = "female") -> np.ndarray:
     """(V,) int64 index of each embedded vertex in MakeHuman's base mesh (CC0)."""
-    with _open_asset(gender) as arrays:
-        return arrays["makehuman_index"].astype(np.int64)
+    with _open_asset(gender) as archive:
+        return archive.array("makehuman_index").astype(np.int64)
 
 
 def unpack(gender: str, arrays: Mapping[str, np.ndarray]) -> BodyModelData:
@@ -89,9 +91,9 @@ def unpack(gender: str, arrays: Mapping[str, np.ndarray]) -> BodyModelData:
     )
 
 
-def _open_asset(gender: str) -> np.lib.npyio.NpzFile:
+def _open_asset(gender: str) -> AbstractContextManager[ForeignNpz]:
     asset = resources.files("bridge.body") / "assets" / f"embedded_{gender}.npz"
-    return np.load(str(asset), allow_pickle=False)
+    return open_npz(str(asset))
 
 
 def _unpack_posedirs(arrays: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.body.measurements import MEASURES, MeasuredBody, Measurements
 from bridge.body.model_data import SHAPE_COUNT, BodyModelData
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 
 SHAPES: Mapping[str, Mapping[str, float]] = {
     "tall": {"height": 1.08, "weight": 1.08**2},
@@ -109,7 +109,7 @@ def _named(names: Sequence[str]) -> list[Mapping[str, float]]:
             raise DsnetError(
                 f"shape {name!r}",
                 f"{', '.join(SHAPES)}, or a measurement such as height=182",
-                "See docs/animation.md.",
+                did_you_mean(name, SHAPES, "See docs/animation.md."),
             )
     return [factors for name, factors in SHAPES.items() if name in names]
 
@@ -123,7 +123,7 @@ def _stated(words: Sequence[str]) -> dict[str, float]:
             raise DsnetError(
                 f"measurement {word!r}{again}",
                 f"each of {', '.join(MEASURES)} at most once",
-                "Write height=182, in cm; weight in kg.",
+                did_you_mean(name, MEASURES, "Write height=182, in cm; weight in kg."),
             )
         stated[name] = _number(word, text)
     return stated

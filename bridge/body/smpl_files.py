@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,9 @@ from bridge.body.pickle_records import MOST_BYTES, as_array
 from bridge.body.safe_pickle import load_restricted, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.paper import N_VERTICES
-from bridge.runs.foreign_files import ForeignNpz, NpyHeader, open_npz, open_regular, text_of
+from bridge.runs.damage import DAMAGE, damage_refused
+from bridge.runs.foreign_files import ForeignNpz, open_npz, open_regular, text_of
+from bridge.runs.npy_file import NpyHeader
 
 # Column counts of `weights` tell SMPL's relatives, which AMASS's readers also download.
 _RELATIVES = {16: "MANO", 52: "SMPL-H", 55: "SMPL-X"}
@@ -80,20 +83,8 @@ def load_smpl_file(path: str | Path) -> BodyModelData:
 
 def _read_fields(path: Path) -> Mapping[str, Any]:
     read = {".npz": _read_npz, ".pkl": _read_pickle}.get(path.suffix.lower(), _read_nothing)
-    try:
+    with damage_refused(partial(_unreadable, path), RecursionError):
         return read(path)
-    except DsnetError:
-        raise
-    except (FileNotFoundError, IsADirectoryError) as error:
-        kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
-        raise DsnetError(
-            f"body model {path}: {kind}",
-            "an SMPL model file (.npz or .pkl), embedded:female or embedded:male",
-            "Check the path",
-        ) from error
-    # A damaged or hostile file can fail inside the readers in any way at all.
-    except Exception as error:
-        raise _unreadable(path, error) from error
 
 
 def _read_nothing(path: Path) -> dict[str, Any]:
@@ -135,13 +126,11 @@ def _read_pickle(path: Path) -> dict[str, Any]:
 def _numeric_array(path: Path, fields: Mapping[str, Any], name: str) -> np.ndarray:
     if name not in fields:
         raise DsnetError(f"body model {path}: no field {name!r}", "all of SMPL's fields", _REMEDY)
-    try:
+    with damage_refused(partial(_unreadable, path), RecursionError):
         array = as_array(fields[name])
         if array.dtype.kind not in "iuf":
             raise TypeError(f"field {name} is not numeric but {array.dtype}")
         return array
-    except Exception as error:
-        raise _unreadable(path, error) from error
 
 
 def _check_is_smpl(path: Path, weights: np.ndarray) -> None:
@@ -180,11 +169,18 @@ def _text(fields: Mapping[str, Any], name: str) -> str:
     value = fields.get(name, "")
     try:
         return text_of(np.asarray(value) if isinstance(value, (str, bytes)) else as_array(value))
-    except Exception:  # of any kind, as in `_numeric_array`
+    except DAMAGE:
         return ""
 
 
 def _unreadable(path: Path, error: Exception) -> DsnetError:
+    if isinstance(error, (FileNotFoundError, IsADirectoryError)):
+        kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
+        return DsnetError(
+            f"body model {path}: {kind}",
+            "an SMPL model file (.npz or .pkl), embedded:female or embedded:male",
+            "Check the path",
+        )
     detail = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     return DsnetError(
         f"body model {path}: cannot be read safely ({detail[:200]})",

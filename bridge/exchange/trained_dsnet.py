@@ -8,16 +8,16 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 from bridge.exchange.codes import AUTOENCODER, CodeName
-from bridge.exchange.input_kinds import InputKind, input_kind_of
 from bridge.exchange.weights import load_weights
 from bridge.paper import INPUT_SIZE, LATENT_SIZE
 from bridge.runs import Artifact
 
 _SCALING = "scaling/"
-COMPARED_PRESET = "compared"
-"""Preset of predictors that are there to be compared with: `evaluate` knows them, nothing else."""
+DSNETS = ("dsnet_standardised", "dsnet_faithful")
+"""The paper's network as predictors. Motions, streams, exports and checks take these; what else a
+run has trained has predictions of the run's own sequences, and its errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class Scaling:
     """An affine map from a motion's own units to the network's, and back for latents."""
 
     input_mean: NDArray[np.float32]
-    """(I,) subtracted from the inputs: 79 of betas and theta, or what another kind has."""
+    """(I,) subtracted from the inputs: DSNet's 79 of betas and theta, or another network's."""
     input_std: NDArray[np.float32]
     """(I,) then divided by."""
     latent_mean: NDArray[np.float32]
@@ -34,9 +34,9 @@ class Scaling:
     """(100,) then divided by."""
 
     @classmethod
-    def identity(cls, input_size: int = INPUT_SIZE) -> Scaling:
+    def identity(cls) -> Scaling:
         """Nothing is changed."""
-        sizes = (input_size, LATENT_SIZE)
+        sizes = (INPUT_SIZE, LATENT_SIZE)
         zeros, ones = ([f(size, np.float32) for size in sizes] for f in (np.zeros, np.ones))
         return cls(zeros[0], ones[0], zeros[1], ones[1])
 
@@ -89,17 +89,8 @@ class TrainedDsnet:
         scaled = _SCALING + names[0] in arrays
         weights = {n: array for n, array in arrays.items() if not n.startswith(_SCALING)}
         if not scaled:
-            return cls(name, weights, Scaling.identity(input_kind_of(weights).size))
+            return cls(name, weights, Scaling.identity())
         return cls(name, weights, Scaling(*(arrays[_SCALING + n] for n in names)))
-
-    @property
-    def input_kind(self) -> InputKind:
-        """What it is told of a motion."""
-        return input_kind_of(self.weights)
-
-    def inputs(self, joined: NDArray) -> NDArray[np.float32]:
-        """Betas and theta of a motion (T, 79) as the network is given them, (T, I)."""
-        return self.scaling.inputs(self.input_kind.of(joined))
 
     def arrays(self) -> dict[str, NDArray]:
         """Weights, and the scaling as `scaling/input_mean` and so on: what a file holds."""
@@ -112,23 +103,30 @@ def load_trained_dsnet(train: Artifact, name: str | None = None) -> TrainedDsnet
     Raises
     ------
     DsnetError
-        If that predictor was not trained in this run, or is only there to be compared with.
+        If that predictor was not trained in this run, or it or its weights are not DSNet's.
     """
     chosen = name or train.manifest["default"]
     check_trained(train, chosen)
     if chosen not in dsnets_of(train):
         raise DsnetError(
-            f"predictor {chosen!r}, which is trained only to be compared with",
+            f"predictor {chosen!r}, which is not DSNet",
             f"one of {', '.join(dsnets_of(train)) or '(none was trained)'}",
             "Name one of these; `dsnet evaluate` has the errors of the others.",
         )
-    return TrainedDsnet.from_arrays(chosen, load_weights(train.file(f"{chosen}.safetensors")))
+    weights = load_weights(train.file(f"{chosen}.safetensors"))
+    size = len(weights.get("fc_enc_1/kernel", ()))
+    if size != INPUT_SIZE:
+        raise DsnetError(
+            f"{chosen}.safetensors of a network of {size} inputs",
+            f"{INPUT_SIZE}, betas and theta",
+            "Pass weights written by `dsnet train`.",
+        )
+    return TrainedDsnet.from_arrays(chosen, weights)
 
 
 def dsnets_of(train: Artifact) -> list[str]:
-    """Names of the predictors of a finished `train` that are DSNet as it is used."""
-    found = train.manifest["predictors"]
-    return [name for name, entry in found.items() if entry.get("preset") != COMPARED_PRESET]
+    """Names of the predictors of a finished `train` that are the paper's network."""
+    return [name for name in train.manifest["predictors"] if name in DSNETS]
 
 
 def code_of(train: Artifact, name: str) -> CodeName:
@@ -146,8 +144,9 @@ def check_trained(train: Artifact, name: str) -> None:
     """
     there = list(train.manifest["predictors"])
     if name not in there:
+        command = f"dsnet train --predictors {' '.join(there)} NAME"
         raise DsnetError(
             f"predictor {name!r} asked of {train.path}",
             f"one of {', '.join(there)}",
-            f"Name one of these, or train it too: dsnet train --predictors {' '.join(there)} NAME.",
+            did_you_mean(name, there, f"Name one of these, or train it too: {command}."),
         )

@@ -13,6 +13,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from bridge.errors import DsnetError
+from bridge.runs.damage import damage_refused
 from bridge.runs.foreign_files import open_regular
 
 _MOST_HEADER_BYTES = 1 << 20
@@ -38,19 +39,20 @@ def load_weights(path: Path | str) -> dict[str, NDArray]:
     DsnetError
         If the file is missing, truncated, of another format or of types that NumPy lacks.
     """
-    try:
+
+    def refusal(error: Exception) -> DsnetError:
+        return DsnetError(
+            f"{path}, which does not load ({str(error)[:200]})",
+            "a safetensors file written by dsnet",
+            "Train again, or copy the file again.",
+        )
+
+    with damage_refused(refusal, SafetensorError):
         with open_regular(path) as stream:
             header_bytes = int.from_bytes(stream.read(8), "little")
         if header_bytes > _MOST_HEADER_BYTES:
             raise ValueError(f"a header of {header_bytes} bytes")
         return _numeric(load_file(path))
-    # Of types that NumPy lacks, safetensors says so in exceptions of several kinds.
-    except Exception as error:
-        raise DsnetError(
-            f"{path}, which does not load ({str(error)[:200]})",
-            "a safetensors file written by dsnet",
-            "Train again, or copy the file again.",
-        ) from error
 
 
 def _of_system(error: SafetensorError, path: Path) -> Exception:

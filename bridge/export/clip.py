@@ -10,12 +10,12 @@ from PIL import Image
 
 from bridge.body.smpl import Smpl
 from bridge.export.clip_page import ClipPage
-from bridge.export.clip_render import PaintedBody, render_clip_picture
 from bridge.export.clip_stage import set_stage
-from bridge.export.surface_frames import VertexNormals
 from bridge.motion import unpack_theta
 from bridge.report.panels import magnitude_colours
-from bridge.report.render import CLAY_SRGB
+from bridge.report.render import render_bodies
+from bridge.runs.progress import progress
+from bridge.runs.worker_pool import worker_pool
 from bridge.runtime.moving_body import MovingBody
 
 
@@ -38,7 +38,6 @@ class RenderedClip:
         self._step = max(1, round(motion.fps / fps))
         self._stage = set_stage(moving, self._step, body_px * (1 + len(moving)))
         self._alone = Smpl(self._body).person(motion.betas)
-        self._normals = VertexNormals(self._body.faces, self._body.vertex_count)
         camera = self._stage.camera
         self._page = ClipPage(
             camera.width_px,
@@ -61,8 +60,14 @@ class RenderedClip:
 
     def __iter__(self) -> Iterator[Image.Image]:
         frames = range(0, len(self._motion.theta), self._step)
-        for frame, *bodies in zip(frames, *map(self._painted, self._moving), strict=True):
-            yield self._draw(frame, bodies)
+        bodies = zip(*map(self._painted, self._moving), strict=True)
+        with (
+            worker_pool("threads", self) as pool,
+            progress(what="pictures", unit="picture", total=len(frames)) as bar,
+        ):
+            for page in pool.map(RenderedClip._draw, zip(frames, bodies, strict=True)):
+                bar.update()
+                yield page
 
     def _painted(self, moving: MovingBody) -> Iterator[tuple[NDArray, NDArray]]:
         """Vertices and colours (V, 3) of each frame that is drawn."""
@@ -76,16 +81,21 @@ class RenderedClip:
         first_m = self._pose_alone(0)
         height = np.ptp(first_m[:, 1])
         ramp = (first_m[:, 1] - first_m[:, 1].min()) / height
-        return self._draw(0, [(first_m, magnitude_colours(ramp, 1.0))] * len(self._moving))
+        return self._draw((0, [(first_m, magnitude_colours(ramp, 1.0))] * len(self._moving)))
 
-    def _draw(self, frame: int, predicted: Sequence[tuple[NDArray, NDArray]]) -> Image.Image:
-        alone_m = self._pose_alone(frame)
-        clay = np.broadcast_to(CLAY_SRGB, alone_m.shape)
-        bodies = []
-        for column, (shape_m, paint) in enumerate([(alone_m, clay), *predicted]):
-            placed = self._stage.place(shape_m, frame, column)
-            bodies.append(PaintedBody(placed, self._normals(placed), paint))
-        picture = render_clip_picture(bodies, self._body.faces, self._stage.camera)
+    def _draw(self, item: tuple[int, Sequence[tuple[NDArray, NDArray]]]) -> Image.Image:
+        """The page of a frame, for which each predictor gives vertices and colours (V, 3)."""
+        frame, predicted = item
+        bodies = [(self._pose_alone(frame), None), *predicted]
+        picture = render_bodies(
+            [
+                self._stage.place(shape_m, frame, column)
+                for column, (shape_m, _) in enumerate(bodies)
+            ],
+            self._body.faces,
+            camera=self._stage.camera,
+            colours=[paint for _, paint in bodies],
+        )
         return self._page.with_picture(picture, frame / self._motion.fps)
 
     def _pose_alone(self, frame: int) -> NDArray[np.float32]:

@@ -43,7 +43,9 @@ class ClipPage:
         self._picture_px = width_px, height_px
         self.size_px = width_px + BAR_PX, height_px + _TITLE_PX + _FOOT_PX
         self._font = ImageFont.load_default(12)
-        figure = Figure(figsize=(self.size_px[0] / _DPI, self.size_px[1] / _DPI), dpi=_DPI)
+        # Matplotlib cuts off what is less than a pixel, as 4.14 * 100 is less than 414.
+        width_in, height_in = ((side_px + 0.5) / _DPI for side_px in self.size_px)
+        figure = Figure(figsize=(width_in, height_in), dpi=_DPI)
         column_px = width_px / len(titles)
         for column, title in enumerate(titles):
             # The longest label of a predictor fills four fifths of its column.

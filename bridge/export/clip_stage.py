@@ -64,7 +64,7 @@ def set_stage(moving: Sequence[MovingBody], step: int, width_px: int) -> ClipSta
     turn = turned_to_camera(pose, _ASIDE_RAD)
     looked_at = -(-len(motion.theta) // (step * _FRAMES_MEASURED))
     low, high, sizes_m = np.full(3, np.inf), np.full(3, -np.inf), []
-    for posed in chain.from_iterable(moving):
+    for posed in chain.from_iterable(one.shown("measure") for one in moving):
         for row in range(-posed.frames.start % step, len(posed), step):
             path_here_m = path_m[posed.frames.start + row]
             seen = turn.apply(posed.vertices_m[row, ::_VERTICES_SKIPPED] - path_here_m)

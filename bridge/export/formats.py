@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
+from bridge.installation import require_package
 
 Writer = Callable[..., None]
 """`write(path, moving)`: writes a `MovingBody` to a new file, or into an empty folder; holds some
@@ -65,14 +65,11 @@ def chosen_format(name: str, out: Path) -> Format:
     """
     if name not in FORMATS:
         known = ", ".join(FORMATS)
-        raise DsnetError(f"--to {name}", f"one of {known}", "Pass one of these.")
+        remedy = did_you_mean(name, FORMATS, "Pass one of these.")
+        raise DsnetError(f"--to {name}", f"one of {known}", remedy)
     form = FORMATS[name]
-    if form.package and find_spec(form.package) is None:
-        raise DsnetError(
-            f"--to {name} without {form.package}",
-            f"an installation with the extra {form.extra!r}",
-            f'Install the extra: pip install "dsnet[{form.extra}]".',
-        )
+    if form.package and form.extra:
+        require_package(form.package, form.extra, f"--to {name}")
     if form.suffixes and out.suffix.lower() not in form.suffixes:
         raise DsnetError(
             f"--out {out} with --to {name}",

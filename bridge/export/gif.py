@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 from bridge.errors import DsnetError
@@ -14,6 +15,8 @@ from bridge.runtime.moving_body import MovingBody
 LONGEST_S = 60.0
 """A GIF is held in memory as a whole; a longer one would also be too large for any use."""
 _FPS, _BODY_PX = 20.0, 210
+# Pillow looks for the nearest of a colour that it rounds down to fours: of 252 in place of white.
+_GREYS = (255, *range(248, 160, -4))
 
 
 def write(path: Path, *moving: MovingBody, body_px: int = _BODY_PX, recorded: str = "") -> None:
@@ -37,7 +40,7 @@ def write(path: Path, *moving: MovingBody, body_px: int = _BODY_PX, recorded: st
             "Pass --to mp4, or a shorter motion.",
         )
     clip = RenderedClip(moving, fps=_FPS, body_px=body_px, recorded=recorded)
-    palette = clip.with_all_colours().quantize(method=Image.Quantize.MAXCOVERAGE, kmeans=3)
+    palette = _palette(clip.with_all_colours())
     pages = (page.quantize(palette=palette, dither=Image.Dither.NONE) for page in clip)
     next(pages).save(
         path,
@@ -47,3 +50,13 @@ def write(path: Path, *moving: MovingBody, body_px: int = _BODY_PX, recorded: st
         loop=0,
         comment=about_in_a_line(*moving).encode("ascii"),
     )
+
+
+def _palette(page: Image.Image) -> Image.Image:
+    """256 colours of a page and of soft shadows, which few greys would cut into bands."""
+    others = 256 - len(_GREYS)
+    found = page.quantize(others, method=Image.Quantize.MAXCOVERAGE, kmeans=3)
+    palette = Image.new("P", (1, 1))
+    greys = np.repeat(_GREYS, 3).tolist()
+    palette.putpalette(greys + (found.getpalette() or [])[: 3 * others])
+    return palette

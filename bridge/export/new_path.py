@@ -14,8 +14,8 @@ from bridge.runs.locks import exclusive
 
 
 @contextmanager
-def new_path(out: Path) -> Iterator[Path]:
-    """Where to write what will be `out`; an exception leaves nothing.
+def new_path(out: Path, flag: str = "--out") -> Iterator[Path]:
+    """Where to write what will be `out`, which `flag` names; an exception leaves nothing.
 
     The path has the same name, so that writers which go by suffixes find theirs.
 
@@ -24,12 +24,12 @@ def new_path(out: Path) -> Iterator[Path]:
     DsnetError
         If `out` is there, lies in a run, cannot be written, or another process is writing it.
     """
-    refuse_taken(out)
+    refuse_taken(out, flag)
     out = out.resolve()
     partial = partial_folder(out)
     try:
-        with exclusive(out, f"--out {out}", "Wait until it has ended, or name another path."):
-            refuse_taken(out)  # once more: it may have been made before we were alone
+        with exclusive(out, f"{flag} {out}", "Wait until it has ended, or name another path."):
+            refuse_taken(out, flag)  # once more: it may have been made before we were alone
             shutil.rmtree(partial, ignore_errors=True)  # of a process that was killed
             partial.mkdir()
             try:
@@ -39,13 +39,13 @@ def new_path(out: Path) -> Iterator[Path]:
                 shutil.rmtree(partial)
     except OSError as error:
         raise DsnetError(
-            f"--out {out}, which cannot be written ({error.strerror or error})",
+            f"{flag} {out}, which cannot be written ({error.strerror or error})",
             "a path that can be made, on a disk with room",
             "Name another path.",
         ) from error
 
 
-def refuse_taken(out: Path) -> None:
+def refuse_taken(out: Path, flag: str = "--out") -> None:
     """Refuse a path that is there, or lies in a run.
 
     Raises
@@ -55,11 +55,11 @@ def refuse_taken(out: Path) -> None:
     """
     if os.path.lexists(out):
         raise DsnetError(
-            f"--out {out}, which exists", "a new path", "Remove it, or name another path."
+            f"{flag} {out}, which exists", "a new path", "Remove it, or name another path."
         )
     if runs_root().resolve() in out.resolve().parent.parents:
         raise DsnetError(
-            f"--out {out}, a path in a run",
+            f"{flag} {out}, a path in a run",
             "a path outside of the runs",
             "Name another path.",
         )

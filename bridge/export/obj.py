@@ -9,6 +9,7 @@ from trimesh.exchange.obj import export_obj
 
 from bridge.export.about import about_in_a_line
 from bridge.export.surface_frames import meshes
+from bridge.runs.progress import progress
 from bridge.runtime.moving_body import MovingBody
 
 _DIGITS = 6
@@ -18,7 +19,8 @@ _DIGITS = 6
 def write(folder: Path, moving: MovingBody) -> None:
     """Write every frame into an empty folder."""
     comment = about_in_a_line(moving)
-    for number, mesh in meshes(moving):
+    frames = progress(meshes(moving), what="obj", unit="frame", total=len(moving))
+    for number, mesh in frames:
         write_obj(folder / f"frame_{number:05d}.obj", mesh, f"frame {number} of {comment}")
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import onnx
 import onnxruntime
+import onnxruntime.capi.onnxruntime_pybind11_state as onnxruntime_state
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
@@ -29,11 +30,23 @@ from bridge.export.precision_error import precision_error
 from bridge.paper import N_BETAS, N_JOINTS, THETA_SIZE
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
+from bridge.runs.damage import damage_refused
 from bridge.runtime.graphs.dsnet_body_graph import dsnet_body_graph
 from bridge.runtime.graphs.onnx_kernels import PRECISIONS, Precision
 from bridge.runtime.graphs.plus_graph import plus_graph
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import NAME, TrainedPlus
+
+_UNREADABLE = (
+    onnxruntime_state.Fail,
+    onnxruntime_state.InvalidArgument,
+    onnxruntime_state.InvalidGraph,
+    onnxruntime_state.InvalidProtobuf,
+    onnxruntime_state.NoSuchFile,
+    onnxruntime_state.NotImplemented,
+    onnxruntime_state.RuntimeException,
+)
+"""What the runtime says of a file; these have no common base."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,12 +141,10 @@ class OnnxCharacters:
     def __init__(self, path: Path, threads: int = 0) -> None:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
-        try:
+        with damage_refused(lambda error: _foreign(path, type(error).__name__), *_UNREADABLE):
             self._session = onnxruntime.InferenceSession(
                 os.fspath(path), options, providers=["CPUExecutionProvider"]
             )
-        except Exception as error:  # the runtime's own have no common base
-            raise _foreign(path, type(error).__name__) from error
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         """What the file says of itself."""
         if "state_layout" not in self.metadata:

@@ -8,13 +8,15 @@ from trimesh.exchange.ply import export_ply
 
 from bridge.export.about import about_in_a_line
 from bridge.export.surface_frames import meshes
+from bridge.runs.progress import progress
 from bridge.runtime.moving_body import MovingBody
 
 
 def write(folder: Path, moving: MovingBody) -> None:
     """Write every frame into an empty folder."""
     comment = about_in_a_line(moving)
-    for number, mesh in meshes(moving):
+    frames = progress(meshes(moving), what="ply", unit="frame", total=len(moving))
+    for number, mesh in frames:
         data = _with_comment(export_ply(mesh, vertex_normal=True), f"frame {number} of {comment}")
         (folder / f"frame_{number:05d}.ply").write_bytes(data)
 

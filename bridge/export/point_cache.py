@@ -28,6 +28,6 @@ def write_companions(folder: Path, moving: MovingBody) -> None:
 
 def positions(moving: MovingBody, dtype: str) -> Iterator[bytes]:
     """Vertices of frame after frame as x, y, z in metres, in pieces."""
-    for posed in moving:
+    for posed in moving.shown("points"):
         points: NDArray = np.ascontiguousarray(posed.vertices_m, dtype)
         yield points.tobytes()

@@ -80,5 +80,5 @@ def _z_up(theta: NDArray, root_joint_m: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def _offsets(moving: MovingBody) -> Iterator[bytes]:
-    for posed in moving:
+    for posed in moving.shown("npz"):
         yield np.ascontiguousarray(posed.offsets_m, "<f4").tobytes()

@@ -91,7 +91,7 @@ def _write_frames(stage: Usd.Stage, moving: MovingBody) -> None:
     with variants.GetVariantEditContext():
         UsdGeom.Xform.Define(stage, ROOT)
         points = _MovingPoints(stage, moving)
-        for posed in moving:
+        for posed in moving.shown("usd"):
             points.add(posed)
             skeleton.add(posed)
             # What is saved is no longer held in memory.

@@ -73,7 +73,7 @@ class Pool:
             self._velocities.append(_Squares.of(movement.velocity))
 
     def summary(self) -> dict[str, Any]:
-        """`mesh`, `offsets` and, in the captured form, `moving` and `static`, each as
+        """`mesh`, `offsets` and, where the truth tells them apart, `moving` and `static`, each as
         `ErrorSums.summary` with `r2_se`, the spread over sequences; `velocity` (with its own),
         `spectrum`, `decay` and `rest` as `MovementErrors.summary`. What was not compared is
         missing.

@@ -167,10 +167,7 @@ class _Poser:
 def true_offsets_m(
     truth: MotionArrays, name: str, frames: slice, vertices: slice = slice(None)
 ) -> NDArray:
-    """(B, V, 3) all that the true mesh has over SMPL: what moves and, if captured, what does not.
-
-    In the captured form the simulation keeps the static misfit apart, as `static`.
-    """
+    """(B, V, 3) all that the true mesh has over SMPL: what moves, and `static` if there is one."""
     moving_m = truth.frames("offsets", name, frames, vertices)
     if not truth.has("static"):
         return moving_m

@@ -1,10 +1,9 @@
 """Predicted offsets against true ones in the rest pose, sequence by sequence.
 
 For synthetic data the true offsets are the simulation's, so that what alignment put into pose and
-shape counts as lost; of licensed files only the aligned offsets are known, each road's own. In the
-captured form a mesh has a static misfit beside the moving tissue: the two are judged together and
-apart, and movement is judged on what moves. Of a predictor that tells no static part, all is taken
-to move.
+shape counts as lost; of licensed files only the aligned offsets are known, each road's own. Where
+a truth has a `static` misfit beside the moving tissue, the two are judged together and apart, and
+movement is judged on what moves. Of a predictor that tells no static part, all is taken to move.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 from bridge.motion import MotionSequence, sequences_of
 from bridge.runs import Artifact, Run
 
@@ -100,9 +100,8 @@ def road_of(roads: Iterable[Road], predictor: str) -> Road:
         if predictor in road.predictors:
             return road
         known += road.predictors
-    raise DsnetError(
-        f"predictor {predictor!r}", f"one of {', '.join(known)}", "Check its name, or train it."
-    )
+    remedy = did_you_mean(predictor, known, "Check its name, or train it.")
+    raise DsnetError(f"predictor {predictor!r}", f"one of {', '.join(known)}", remedy)
 
 
 def _alignment_of(plus: Artifact) -> str:

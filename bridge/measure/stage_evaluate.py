@@ -8,17 +8,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.measure.alignment_quality import alignment_errors
 from bridge.measure.evaluation import Evaluation, SequenceErrors
 from bridge.measure.pooled import Pool, PooledCells
 from bridge.measure.rest_pose_errors import MovementErrors
-from bridge.measure.roads import Road, roads_of, stages_of_roads
+from bridge.measure.roads import PREDICT_PLUS, Road, roads_of, stages_of_roads
 from bridge.measure.spectrum import STEP_HZ
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.processes import notify
+from bridge.runs.progress import progress
 from bridge.runs.run import body_model_path
 from bridge.runs.worker_pool import worker_pool
 
@@ -46,7 +47,7 @@ PROFILES = {name: EvaluateConfig(run=name) for name in ("smoke", "demo", "paper"
 
 
 def main(config: EvaluateConfig) -> None:
-    """Run the stage; a result that is current is kept.
+    """Run the stage, saying what the run lacks; a result that is current is kept.
 
     Raises
     ------
@@ -58,8 +59,11 @@ def main(config: EvaluateConfig) -> None:
     roads = roads_of(upstream)
     origin = roads[0].align.origin
     # The truth belongs to the run's own corpus, not to licensed meshes aligned beside it.
-    if origin == "synthetic" and run.finished("truth"):
+    whole = {"decode", PREDICT_PLUS} | ({"truth"} if origin == "synthetic" else set())
+    if "truth" in whole and run.finished("truth"):
         upstream["truth"] = run.artifact("truth")
+    if absent := sorted(whole - set(upstream)):
+        notify(f"run {run.name!r} is evaluated without {', '.join(absent)}, which it does not have")
     body = load_body_model(str(body_model_path(run)))
     run.build(
         "evaluate",
@@ -124,12 +128,11 @@ class _KeptErrors:
 def _compared(evaluation: Evaluation) -> Iterator[SequenceErrors]:
     sequences = evaluation.sequences()
     with worker_pool("threads", evaluation) as pool:
-        yield from tqdm(
+        yield from progress(
             pool.map(Evaluation.compare, sequences),
-            desc="evaluate",
-            total=len(sequences),
+            what="evaluate",
             unit="sequence",
-            disable=None,
+            total=len(sequences),
         )
 
 

@@ -1,6 +1,7 @@
 """Motions: the pose vector theta, AMASS and BVH files, sequences, and who is trained on what."""
 
-from bridge.motion.resampling import Motion, load_amass_motion, load_motion_file
+from bridge.motion.motion import Motion
+from bridge.motion.resampling import load_amass_motion, load_motion_file
 from bridge.motion.sequences import (
     MotionSequence,
     sequences_of,

@@ -11,6 +11,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -26,8 +27,9 @@ from bridge.motion.bounds import (
     MOST_FRAMES,
     RATES_HZ,
 )
-from bridge.motion.sample_files import motion_path
+from bridge.motion.sample_files import motion_path, remedy_of_missing
 from bridge.paper import N_BETAS, N_JOINTS
+from bridge.runs.damage import damage_refused
 from bridge.runs.foreign_files import ForeignNpz, open_npz, text_of
 
 _POSE_WIDTHS = {72: "SMPL", 156: "SMPL-H", 165: "SMPL-X"}
@@ -109,18 +111,18 @@ def _arrays(archive: ForeignNpz, wanted: tuple[str, ...]) -> dict[str, NDArray]:
 
 def _read(path: Path, file: Path, read: Callable[[ForeignNpz], _Read]) -> _Read:
     """What `read` finds in the archive; `path` is the name that the user knows it by."""
-    try:
-        with open_npz(file) as archive:
-            return read(archive)
-    except FileNotFoundError as error:
-        raise _unusable(path, "which does not exist", "Check the path.") from error
-    except IsADirectoryError as error:
-        raise _unusable(path, "which is a folder", "Name one file in it.") from error
-    except (zipfile.BadZipFile, zlib.error) as error:
-        raise _unusable(path, f"which is damaged ({error})") from error
-    # A foreign or hostile file can fail inside its readers in any way at all.
-    except Exception as error:
-        raise _unusable(path, f"which does not load ({str(error)[:200]})") from error
+    with damage_refused(partial(_unreadable, path)), open_npz(file) as archive:
+        return read(archive)
+
+
+def _unreadable(path: Path, error: Exception) -> DsnetError:
+    if isinstance(error, FileNotFoundError):
+        return _unusable(path, "which does not exist", remedy_of_missing(path))
+    if isinstance(error, IsADirectoryError):
+        return _unusable(path, "which is a folder", "Name one file in it.")
+    if isinstance(error, (zipfile.BadZipFile, zlib.error)):
+        return _unusable(path, f"which is damaged ({error})")
+    return _unusable(path, f"which does not load ({str(error)[:200]})")
 
 
 def _unusable(path: Path, flaw: str, remedy: str = "Download the file again.") -> DsnetError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from bridge.errors import DsnetError
 from bridge.motion.bounds import MOST_FRAMES, RATES_HZ
 from bridge.motion.bvh_channels import PlainBvh
+from bridge.runs.damage import damage_refused
 from bridge.runs.foreign_files import open_regular
 
 if TYPE_CHECKING:
@@ -83,7 +85,7 @@ def read_bvh_file(path: Path) -> BvhFile:
     # It draws too, and so takes half a second to import.
     from pybvh.bvhnode import BvhJoint
 
-    try:
+    with damage_refused(partial(_unreadable, path), RecursionError):
         with open_regular(path, _MOST_BYTES) as file:
             plain = PlainBvh.of(file.read().decode(errors="replace").splitlines(keepends=True))
         read = _read_plain(path, plain)
@@ -105,13 +107,6 @@ def read_bvh_file(path: Path) -> BvhFile:
             },
             fps=1.0 / read.frame_time,
         )
-    except FileNotFoundError as error:
-        raise unusable(path, "which does not exist", "Check the path.") from error
-    except IsADirectoryError as error:
-        raise unusable(path, "which is a folder", "Name one file in it.") from error
-    # A foreign or hostile file can fail inside its reader in any way at all.
-    except Exception as error:
-        raise unusable(path, f"which does not load ({str(error)[:200]})") from error
     _check(found)
     return found
 
@@ -126,6 +121,14 @@ def _read_plain(path: Path, plain: PlainBvh) -> Bvh:
         copy = Path(folder) / path.name
         copy.write_text("".join(plain.lines), encoding="utf-8")
         return pybvh.read_bvh_file(copy, world_up="+y")
+
+
+def _unreadable(path: Path, error: Exception) -> DsnetError:
+    if isinstance(error, FileNotFoundError):
+        return unusable(path, "which does not exist", "Check the path.")
+    if isinstance(error, IsADirectoryError):
+        return unusable(path, "which is a folder", "Name one file in it.")
+    return unusable(path, f"which does not load ({str(error)[:200]})")
 
 
 def unusable(path: Path, flaw: str, remedy: str = "") -> DsnetError:

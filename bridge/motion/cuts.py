@@ -7,9 +7,8 @@ nobody gave. So each piece between cuts is a motion of its own, which begins fro
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +22,6 @@ CUT_RAD = np.radians(150.0)
 """Least turn of a joint between two frames that is one: a skater's spin of six turns a second makes
 36 degrees in 1/60 s, a pitcher's arm 120."""
 _FRAMES_AT_ONCE = 4096
-_FRAMES_TOLD = 5
 
 
 def find_cuts(pose: ArrayLike, trans_m: ArrayLike) -> list[int]:
@@ -58,19 +56,6 @@ def pieces_between_cuts(theta: NDArray) -> list[slice]:
 def predict_between_cuts(predict: Callable[[NDArray], NDArray], theta: NDArray) -> NDArray:
     """What `predict` makes of every piece of a motion (T, 69), one after another: (T, ...)."""
     return np.concatenate([predict(theta[piece]) for piece in pieces_between_cuts(theta)])
-
-
-def cut_warning(source: Path, pieces: Sequence[slice], fps: float) -> str:
-    """One line that names the frames at which pieces begin anew; empty if there is one piece."""
-    frames = [piece.start for piece in pieces[1:]]
-    if not frames:
-        return ""
-    named = ", ".join(f"{frame} ({frame / fps:.2f} s)" for frame in frames[:_FRAMES_TOLD])
-    more = f" and {len(frames) - _FRAMES_TOLD} more" if len(frames) > _FRAMES_TOLD else ""
-    return (
-        f"{source} jumps at frame {named}{more} of its {fps:g} frames a second: "
-        "the tissue starts anew there, from rest"
-    )
 
 
 def turns_rad(pose: NDArray, next_pose: NDArray) -> NDArray[np.float64]:

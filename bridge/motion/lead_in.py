@@ -7,15 +7,10 @@ gave, at every beginning.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.motion.cuts import turns_rad
-
-if TYPE_CHECKING:
-    from bridge.motion.resampling import Motion
 
 LEAP_RAD_S = np.radians(1500.0)
 """Least speed of a joint's first turn that is a leap: only the fastest kick is as fast, and a
@@ -41,13 +36,3 @@ def lead_in_frames(pose: NDArray[np.floating], fps: float) -> int:
     if speed_rad_s[0] < LEAP_RAD_S:
         return 0
     return int(np.flatnonzero(speed_rad_s >= _SETTLED_RAD_S)[-1]) + 1
-
-
-def lead_in_notice(motion: Motion) -> str:
-    """One line that says what of the file is left out; empty if nothing is."""
-    if not motion.lead_in:
-        return ""
-    return (
-        f"{motion.source}: the motion begins after frame {motion.lead_in} of the file; "
-        "before it stands a pose from which nobody gets there so fast"
-    )

@@ -14,11 +14,13 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError
+from bridge.motion.sample_files import CYCLE, SAMPLE_PREFIX
 from bridge.motion.theta import pack_theta, unpack_theta
 
 SMOOTH_DEG, SMOOTH_M = 2.0, 0.005
 """By how much the step of a joint, and of the root's place, may change from frame to frame over the
 seam, where they change by no more than that within the motion."""
+REMEDY = f"Cut the motion to whole laps, as {SAMPLE_PREFIX}{CYCLE} is, or leave out --loop."
 _SAME_DEG, _SAME_M = 0.01, 1e-4
 _LEAST_FRAMES = 5
 
@@ -175,5 +177,5 @@ def _no_loop(received: str, expected: str) -> DsnetError:
     return DsnetError(
         f"--loop with {received}",
         f"{expected}, as within the motion",
-        "Cut the motion to whole laps, or leave out --loop.",
+        REMEDY,
     )

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,61 +15,13 @@ from bridge.errors import DsnetError
 from bridge.motion.amass_file import StoredMotion, read_amass_file
 from bridge.motion.bounds import MOST_FRAMES, RATES_HZ
 from bridge.motion.cuts import find_cuts
+from bridge.motion.motion import DEFAULT_FPS, Y_UP_FROM_Z_UP, Motion, UpAxis
 from bridge.motion.motion_file import read_motion_file
 from bridge.motion.smoothing import SmoothHz, smoothed
-from bridge.motion.theta import pack_theta, unpack_theta
+from bridge.motion.theta import pack_theta
 
-UpAxis = Literal["y", "z"]
-_R_YUP_ZUP = Rotation.from_euler("x", -90, degrees=True)
-DEFAULT_FPS = 60.0
-"""Dyna's rate, to which the paper resamples all motions (Table 1)."""
 # Files store rates such as 120.00004577636719; a last frame must not be lost to that.
 _FRAME_TOLERANCE = 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """A motion that a 22-joint body can follow."""
-
-    theta: NDArray[np.floating]
-    """(T, 69) pose vector of the paper: 22 x 3 axis-angle, radians, and translation, metres."""
-    betas: NDArray[np.float64]
-    """(10,) first shape coefficients. Those of an SMPL-X file live in SMPL-X's shape space."""
-    gender: str
-    """`female`, `male`, `neutral`, or `unknown` where the file does not say."""
-    fps: float
-    """Frames per second of `theta`."""
-    source_fps: float
-    """Frames per second of the file."""
-    source: Path
-    """The file."""
-    up: UpAxis = "y"
-    """Vertical axis of `theta`'s root."""
-    dmpls: NDArray[np.float64] | None = None
-    """(T, 8) DMPL soft tissue coefficients, where the file has them."""
-    lead_in: int = 0
-    """Frames of the file that come before the motion and are left out."""
-    smooth_hz: SmoothHz | None = None
-    """What was faster in the file is left out; `auto`: than what suits each moment."""
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the first frame to the last, seconds."""
-        return (len(self.theta) - 1) / self.fps
-
-    def about_root_joint(self, root_joint_m: ArrayLike) -> Motion:
-        """The motion for a body whose root joint rests at `root_joint_m` (3,) instead of 0.
-
-        SMPL turns the root about its rest position J0, so the file's root joint is at
-        J0 + trans, and turning the world turns that sum: trans' = R (J0 + trans) - J0. A motion
-        that was read without J0 lacks the constant R J0 - J0.
-        """
-        if self.up == "z":
-            return self
-        joint = np.asarray(root_joint_m, dtype=np.float64)
-        pose, trans = unpack_theta(self.theta)
-        shift = _R_YUP_ZUP.apply(joint) - joint
-        return replace(self, theta=pack_theta(pose, trans + shift))
 
 
 def load_amass_motion(
@@ -156,8 +107,8 @@ def _prepared(
         )
     pose, trans_m, dmpls = _resample(stored, fps)
     if up == "y":
-        pose[:, 0] = (_R_YUP_ZUP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
-        trans_m = _R_YUP_ZUP.apply(trans_m)
+        pose[:, 0] = (Y_UP_FROM_Z_UP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
+        trans_m = Y_UP_FROM_Z_UP.apply(trans_m)
     for first, end in pairwise([0, *find_cuts(pose, trans_m), len(pose)]):
         pose[first:end] = continuous_rotations(pose[first:end])
     return Motion(

@@ -113,7 +113,6 @@ def draw_test_strip(path: Path, scene: Scene, sequence: MotionSequence) -> None:
         else [f"{time}\n{title}" for time in times for title in titles],
         origin=scene.origin,
         title=f"Predicted skin offsets of an unseen motion, {sequence.name}: {shown}",
-        samples=scene.samples,
         width_px=int(4.4 * scene.panel_px),
     )
 
@@ -132,9 +131,7 @@ def _lively_frames(scene: Scene, sequence: MotionSequence, count: int) -> NDArra
 def _picture(
     scene: Scene, camera: Camera, body: NDArray, colours: NDArray | None = None
 ) -> NDArray[np.uint8]:
-    return render_bodies(
-        [body], scene.body.faces, camera=camera, colours=[colours], samples=scene.samples
-    )
+    return render_bodies([body], scene.body.faces, camera=camera, colours=[colours])
 
 
 def _row_title(sequence: MotionSequence, frame: int) -> str:

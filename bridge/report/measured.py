@@ -17,6 +17,7 @@ from bridge.motion.sequences import is_real_motion
 from bridge.paper import N_VERTICES, VALIDATION_SEQUENCE
 from bridge.report.paper_table import Measured
 from bridge.runs import Artifact
+from bridge.runs.foreign_files import open_npz
 
 Stages = Mapping[str, Artifact]
 
@@ -99,8 +100,8 @@ def _npz_rate(corpus: Artifact) -> float | None:
     name = next((f for f in files if not is_real_motion(Path(f).name)), None)
     if name is None:
         return None
-    with np.load(corpus.file(name), allow_pickle=False) as motion:
-        return round(motion["mocap_framerate"].item(), 3)
+    with open_npz(corpus.file(name)) as motion:
+        return round(motion.array("mocap_framerate").item(), 3)
 
 
 def _sizes(stages: Stages) -> dict[str, Measured]:

@@ -33,7 +33,6 @@ def draw_motion_strip(
     title: str = "Predicted skin offsets along the motion",
     bodies: int = 8,
     width_px: int = 1300,
-    samples: int = 16,
 ) -> None:
     """Write a PNG of evenly spaced frames side by side; colour is the offset's magnitude.
 
@@ -54,7 +53,6 @@ def draw_motion_strip(
         origin=origin,
         title=title,
         width_px=width_px,
-        samples=samples,
     )
 
 
@@ -69,7 +67,6 @@ def draw_row_of_bodies(
     title: str,
     width_px: int = 1300,
     width_in: float = 12.0,
-    samples: int = 16,
 ) -> None:
     """Write a PNG of bodies side by side, each coloured by the magnitude of its offsets.
 
@@ -92,7 +89,6 @@ def draw_row_of_bodies(
         faces,
         camera=camera,
         colours=list(magnitude_colours(magnitude_m, top_m)),
-        samples=samples,
     )
     figure = new_figure(width_in, _height_in(picture, width_in), title=title, origin=origin)
     _write(path, figure, picture, labels, row, top_m)

@@ -1,24 +1,26 @@
-"""Path-traced pictures of posed bodies on a white floor; equal arguments give equal pixels."""
+"""Pictures of posed bodies on a white floor in soft light; equal arguments give equal pixels.
+
+Light is known at the bodies' vertices and on a coarse grid of the floor (`light`), and what lies
+between is interpolated. One ray a pixel finds the bodies, and more do along their outlines.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter
+
+from bridge.report.light import GRID_BORDER, GRID_STEP_PX, Surface, light_on_bodies, light_on_floor
 
 CLAY_SRGB = (0.86, 0.79, 0.73)
-_SKY, _KEY, _KEY_WIDTH_RAD = 0.4, 5.0, 0.3
-_FLOOR_ALBEDO = 0.9
-# The floor reflects light onto the bodies; without this, bright colours would burn out.
-_BODY_EXPOSURE = 0.75
-# With a pixel's own square about as wide as the renderer's Gaussian filter, 0.5 pixels.
-_BLUR_PX = 0.4
-KEY_DIRECTION = np.array([-0.5, 1.0, 0.75]) / np.linalg.norm([-0.5, 1.0, 0.75])
-"""From the bodies to the lamp."""
+_OUTLINE_PX = 8.0
+"""Where depth changes by more than so many pixels from one to the next, there is an outline."""
+_BLOCK_PX = 8
+_OUTLINE_RAYS = 8
+_SCATTERED = (np.array([0, 4, 2, 6, 1, 5, 3, 7]) + 0.5) / 8
+"""Heights of those rays in a pixel, from left to right: each eighth has one, both ways."""
 
 
 @dataclass(frozen=True)
@@ -47,19 +49,16 @@ def frame_camera(
     azimuth_deg: float = 20.0,
     elevation_deg: float = 8.0,
     margin: float = 0.04,
-    floor_m: float | None = None,
 ) -> Camera:
-    """A camera that sees all of `bodies` (each (V, 3), metres, y up).
+    """A camera that sees all of `bodies` (each (V, 3), metres, y up), on a floor below.
 
     Parameters
     ----------
     width_px : chosen to fit the bodies when None.
     azimuth_deg : 0 looks along -z at the front of a body in its rest pose.
     margin : empty border, as a part of the picture.
-    floor_m : the bodies' lowest point when None.
     """
     points = np.concatenate([np.asarray(body, dtype=np.float64) for body in bodies])
-    floor = float(points[:, 1].min()) if floor_m is None else floor_m
     right, up, back = _camera_axes(np.radians(azimuth_deg), np.radians(elevation_deg))
     seen = points @ np.stack([right, up, back], axis=1)
     low, high = seen.min(axis=0), seen.max(axis=0)
@@ -75,7 +74,7 @@ def frame_camera(
         origin_m=_triple(target + distance * back),
         target_m=_triple(target),
         field_of_view_deg=float(np.degrees(2 * np.arctan(half_width / nearest))),
-        floor_m=floor,
+        floor_m=float(points[:, 1].min()),
         width_px=width_px,
         height_px=height_px,
     )
@@ -87,8 +86,6 @@ def render_bodies(
     *,
     camera: Camera,
     colours: Sequence[ArrayLike | None] | None = None,
-    samples: int = 16,
-    seed: int = 0,
 ) -> NDArray[np.uint8]:
     """Picture of bodies on a floor in soft light.
 
@@ -98,36 +95,121 @@ def render_bodies(
     faces : (F, 3) vertex indices, counter-clockwise from outside.
     camera : see `frame_camera`.
     colours : sRGB colour in [0, 1] of each vertex (V, 3), for each body; clay where None.
-    samples : light paths a pixel.
 
     Returns
     -------
     (height, width, 3) sRGB picture.
     """
-    mi = load_mitsuba()
-    painted = colours if colours is not None else [None] * len(bodies)
-    scene = {
-        "type": "scene",
-        "integrator": {"type": "path", "max_depth": 3, "hide_emitters": True},
-        "light": {"type": "envmap", "bitmap": mi.Bitmap(_environment()), "scale": 1.0},
-        "floor": floor_under(mi, camera),
-        "camera": camera_sensor(mi, camera, samples),
-    }
-    for index, (body, colour) in enumerate(zip(bodies, painted, strict=True)):
-        scene[f"body_{index}"] = _mesh(mi, np.asarray(body), np.asarray(faces), colour)
-    return developed(mi.render(mi.load_dict(scene), spp=samples, seed=seed))
+    view = _View(camera)
+    # About the target: far from the origin, single precision would be too coarse.
+    surface = Surface([np.asarray(body) - camera.target_m for body in bodies], np.asarray(faces))
+    colours = [None] * len(bodies) if colours is None else colours
+    painted = [
+        np.broadcast_to(CLAY_SRGB if colour is None else colour, np.shape(body))
+        for body, colour in zip(bodies, colours, strict=True)
+    ]
+    sent = srgb_to_linear(np.concatenate(painted)) * light_on_bodies(surface, view.back)[:, None]
+    floor = view.floor_light(surface)
+    picture = np.repeat(_tones(floor)[..., None], 3, axis=2)
+    _draw_bodies(picture, floor, surface, sent.astype(np.float32), view)
+    return picture
 
 
-def developed(rendered: Any) -> NDArray[np.uint8]:
-    """The (height, width, 3) sRGB picture of what the renderer gave, smoothed and on white paper.
+class _View:
+    """A camera's rays, about its target."""
 
-    Smoothed here and not by the renderer: its threads would add to each other's pixels, in an order
-    that differs from time to time.
-    """
-    pixels = gaussian_filter(np.array(rendered, dtype=np.float64), (_BLUR_PX, _BLUR_PX, 0))
-    # Where no surface was hit there is white paper, like the unshaded floor.
-    picture = linear_to_srgb(pixels[..., :3] + (1.0 - pixels[..., 3:4]))
-    return np.round(255 * picture).astype(np.uint8)
+    def __init__(self, camera: Camera) -> None:
+        self._floor_m = np.float32(camera.floor_m - camera.target_m[1])
+        self._origin_m = np.subtract(camera.origin_m, camera.target_m)
+        self.back = back = (self._origin_m / np.linalg.norm(self._origin_m)).astype(np.float32)
+        """From the target to the camera."""
+        right = np.cross([0.0, 1.0, 0.0], back)
+        right /= np.linalg.norm(right)
+        self._axes = np.stack([right, np.cross(back, right), back])
+        self._size_px = np.array([camera.width_px, camera.height_px])
+        self._px = 2 * np.tan(np.radians(camera.field_of_view_deg) / 2) / camera.width_px
+        self.pixel_m = self._px * float(np.linalg.norm(self._origin_m))
+        """Width of a pixel at the target."""
+
+    def rays(self, x_px: NDArray, y_px: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Where rays (..., 3) through points of the picture begin, and their directions."""
+        across = (x_px - self._size_px[0] / 2) * self._px
+        along = (self._size_px[1] / 2 - y_px) * self._px
+        right, up, back = self._axes.astype(np.float32)
+        directions = np.multiply.outer(across.astype(np.float32), right) + (
+            np.multiply.outer(along.astype(np.float32), up) - back
+        )
+        return np.broadcast_to(self._origin_m.astype(np.float32), directions.shape), directions
+
+    def covered(self, surface: Surface) -> NDArray[np.bool_]:
+        """Those of (height, width) pixels that may show a body; none that does is left out."""
+        seen = (surface.vertices - self._origin_m) @ self._axes.T
+        places = seen[:, :2] / -seen[:, 2:] / self._px * [1, -1] + self._size_px / 2
+        corners = np.clip(places // _BLOCK_PX, -1, self._size_px // _BLOCK_PX + 1).astype(int) + 1
+        first, second, third = (corners[of] for of in surface.faces.T)
+        left, top = np.minimum(np.minimum(first, second), third).T
+        right, bottom = np.maximum(np.maximum(first, second), third).T + 1
+        # Sums along both axes make a rectangle of ones of its four corners.
+        shape = self._size_px[::-1] // _BLOCK_PX + 4
+        signed = np.zeros(shape[0] * shape[1])
+        for row, column, sign in (
+            (top, left, 1),
+            (bottom, right, 1),
+            (top, right, -1),
+            (bottom, left, -1),
+        ):
+            signed += sign * np.bincount(row * shape[1] + column, minlength=signed.size)
+        blocks = signed.reshape(shape).cumsum(axis=0).cumsum(axis=1)[1:-2, 1:-2] > 0
+        width, height = self._size_px
+        return blocks.repeat(_BLOCK_PX, axis=0).repeat(_BLOCK_PX, axis=1)[:height, :width]
+
+    def floor_light(self, surface: Surface) -> NDArray[np.float32]:
+        """(height, width) light of the floor, which fills the picture."""
+        height, width = -(-self._size_px[::-1] // GRID_STEP_PX) + 2 * GRID_BORDER
+        y = (np.arange(height)[:, None] - GRID_BORDER) * GRID_STEP_PX[0]
+        x = (np.arange(width) - GRID_BORDER) * GRID_STEP_PX[1]
+        origins, directions = self.rays(*np.broadcast_arrays(x, y))
+        # Where a ray does not go down, it is the white beyond the floor's end.
+        far = (self._floor_m - origins[..., 1]) / np.minimum(directions[..., 1], -1e-6)
+        points = origins + far[..., None] * directions
+        light = light_on_floor(surface, points)
+        for axis, (size, step) in enumerate(zip(self._size_px[::-1], GRID_STEP_PX, strict=True)):
+            place = (np.arange(size) + 0.5) / step + GRID_BORDER
+            before, part = place.astype(int), (place % 1).astype(np.float32)
+            part = part[:, None] if axis == 0 else part
+            light = light.take(before, axis) * (1 - part) + light.take(before + 1, axis) * part
+        return light
+
+
+def _draw_bodies(
+    picture: NDArray[np.uint8],
+    floor: NDArray[np.float32],
+    surface: Surface,
+    sent: NDArray[np.float32],
+    view: _View,
+) -> None:
+    """Add bodies whose vertices send light (V, 3) to a picture of the floor."""
+    y, x = np.nonzero(view.covered(surface))
+    far = np.full(floor.shape, np.inf, np.float32)
+    far[y, x], light = surface.seen(*view.rays(x + 0.5, y + 0.5), sent)
+    picture[np.isfinite(far)] = _tones(light)
+    y, x = np.nonzero(_outline(far, _OUTLINE_PX * view.pixel_m))
+    across = (np.arange(_OUTLINE_RAYS) + 0.5) / _OUTLINE_RAYS
+    apart, light = surface.seen(*view.rays(x[:, None] + across, y[:, None] + _SCATTERED), sent)
+    mixed = np.tile(floor[y, x][:, None, None], (1, _OUTLINE_RAYS, 3))
+    mixed[np.isfinite(apart)] = light
+    picture[y, x] = _tones(np.minimum(mixed, 1).mean(axis=1))
+
+
+def _outline(far: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
+    """Those of (H, W) pixels that a neighbour lies before or behind."""
+    found = np.zeros(far.shape, bool)
+    far = np.where(np.isfinite(far), far, -1e9)
+    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        apart = np.abs(far[one] - far[other]) > step
+        found[one] |= apart
+        found[other] |= apart
+    return found
 
 
 def srgb_to_linear(colour: ArrayLike) -> NDArray[np.float64]:
@@ -142,14 +224,9 @@ def linear_to_srgb(light: ArrayLike) -> NDArray[np.float64]:
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-def load_mitsuba() -> Any:
-    """The renderer's module, with the variant that needs no accelerator."""
-    # Imported late: it takes half a second and chooses a variant for the whole process.
-    import mitsuba as mi
-
-    if mi.variant() is None:
-        mi.set_variant("scalar_rgb")
-    return mi
+def _tones(light: NDArray) -> NDArray[np.uint8]:
+    """sRGB values of linear light, which is clipped to [0, 1]."""
+    return _TONES[(np.clip(light, 0, 1) * np.float32(len(_TONES) - 1)).astype(np.int16)]
 
 
 def _camera_axes(azimuth: float, elevation: float) -> tuple[NDArray, NDArray, NDArray]:
@@ -170,72 +247,4 @@ def _triple(vector: NDArray) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _environment(height: int = 64) -> NDArray[np.float32]:
-    """Light from everywhere and a broad lamp: shadows are soft, and equal all over the floor."""
-    polar = (np.arange(height) + 0.5) / height * np.pi
-    around = (np.arange(2 * height) + 0.5) / height * np.pi
-    sine = np.sin(polar)[:, None]
-    # Mitsuba's environment: y up, and column u looks along (sin 2 pi u, cos v, -cos 2 pi u).
-    direction = np.stack(
-        np.broadcast_arrays(
-            sine * np.sin(around), np.cos(polar)[:, None] + 0 * around, -sine * np.cos(around)
-        ),
-        axis=-1,
-    )
-    angle = np.arccos(np.clip(direction @ KEY_DIRECTION, -1, 1))
-    light = _SKY + _KEY * np.exp(-0.5 * (angle / _KEY_WIDTH_RAD) ** 2)
-    on_floor = np.clip(direction[..., 1], 0, None) * sine * (np.pi / height) ** 2
-    # An unshaded floor is a shade brighter than the paper around the picture: both clip to white.
-    light *= 1.08 * np.pi / (_FLOOR_ALBEDO * (light * on_floor).sum())
-    return np.repeat(light[..., None], 3, axis=-1).astype(np.float32)
-
-
-def floor_under(mi: Any, camera: Camera) -> dict[str, Any]:
-    """A white floor that reaches out of every picture."""
-    transform = mi.ScalarTransform4f
-    placed = transform().translate([camera.target_m[0], camera.floor_m, camera.target_m[2]])
-    return {
-        "type": "rectangle",
-        "to_world": placed @ transform().rotate([1, 0, 0], -90) @ transform().scale(60.0),
-        "bsdf": {
-            "type": "diffuse",
-            "reflectance": {"type": "rgb", "value": _FLOOR_ALBEDO},
-        },
-    }
-
-
-def camera_sensor(mi: Any, camera: Camera, samples: int) -> dict[str, Any]:
-    """The renderer's description of a camera."""
-    view = mi.ScalarTransform4f().look_at(camera.origin_m, camera.target_m, [0, 1, 0])
-    return {
-        "type": "perspective",
-        "fov": camera.field_of_view_deg,
-        "fov_axis": "x",
-        "to_world": view,
-        "film": {
-            "type": "hdrfilm",
-            "width": camera.width_px,
-            "height": camera.height_px,
-            "pixel_format": "rgba",
-            "rfilter": {"type": "box"},
-        },
-        "sampler": {"type": "multijitter", "sample_count": samples},
-    }
-
-
-def _mesh(mi: Any, vertices: NDArray, faces: NDArray, colour: ArrayLike | None) -> Any:
-    """A mesh with smooth normals and one colour a vertex."""
-    painted = np.broadcast_to(
-        np.asarray(CLAY_SRGB if colour is None else colour, dtype=np.float64), vertices.shape
-    )
-    painted_linear = _BODY_EXPOSURE * srgb_to_linear(painted)
-    properties = mi.Properties()
-    reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
-    properties["bsdf"] = mi.load_dict({"type": "diffuse", "reflectance": reflectance})
-    mesh = mi.Mesh("body", len(vertices), len(faces), props=properties, has_vertex_normals=True)
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
-    parameters["faces"] = faces.astype(np.uint32).ravel()
-    parameters.update()
-    mesh.add_attribute("vertex_color", 3, painted_linear.astype(np.float32).ravel())
-    return mesh
+_TONES = np.round(255 * linear_to_srgb(np.linspace(0, 1, 1 << 14))).astype(np.uint8)

@@ -26,15 +26,13 @@ class Scene:
     """Artifacts by stage."""
     body: BodyModelData
     """The body that the run was aligned with."""
-    samples: int = 16
-    """Light paths a pixel."""
     panel_px: int = 300
     """Height of one rendered body."""
 
     @property
     def origin(self) -> DataOrigin:
         """`synthetic` or `licensed`."""
-        return self.stages["align"].origin
+        return self.stages["evaluate"].origin
 
     @cached_property
     def roads(self) -> list[Road]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from tqdm import tqdm
-
 from bridge.body import load_body_model
+from bridge.errors import DsnetError
 from bridge.measure.roads import PREDICT_PLUS, TRAIN_PLUS, stages_of_roads
 from bridge.motion import MotionSequence
 from bridge.motion.cells import CELLS
@@ -31,6 +30,7 @@ from bridge.report.parity_figure import draw_parity
 from bridge.report.scene import Scene
 from bridge.report.summary import departures, read_parity, summarise
 from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.progress import progress
 from bridge.runs.run import body_model_path
 
 _BESIDE = {"decode": ("train-ae", "encode", "train"), PREDICT_PLUS: (TRAIN_PLUS,)}
@@ -49,14 +49,12 @@ class ReportConfig:
 
     run: str = "demo"
     """Run to report on."""
-    samples: PositiveInt = 64
-    """Light paths a pixel of the rendered bodies."""
     panel_px: PositiveInt = 300
     """Height of one rendered body in pixels."""
 
 
 PROFILES = {
-    "smoke": ReportConfig(run="smoke", samples=9, panel_px=200),
+    "smoke": ReportConfig(run="smoke", panel_px=200),
     "demo": ReportConfig(run="demo"),
     "paper": ReportConfig(run="paper", panel_px=520),
 }
@@ -80,7 +78,7 @@ def main(config: ReportConfig) -> None:
     Raises
     ------
     DsnetError
-        If the run lacks one of the stages before this one.
+        If the run lacks one of the stages before this one, or `evaluate` did when it was made.
     """
     run = Run(config.run)
     roads = stages_of_roads(run)
@@ -88,8 +86,9 @@ def main(config: ReportConfig) -> None:
     for last, beside in _BESIDE.items():
         named.update(beside if last in roads else ())
     stages = run.artifacts(*(stage for stage in _ORDER if stage in named))
+    _require_measured(run, stages, roads)
     body = load_body_model(str(body_model_path(run)))
-    scene = Scene(stages, body, config.samples, config.panel_px)
+    scene = Scene(stages, body, config.panel_px)
     run.build(
         "report",
         config,
@@ -99,9 +98,22 @@ def main(config: ReportConfig) -> None:
     )
 
 
+def _require_measured(run: Run, stages: Mapping[str, Artifact], roads: Sequence[str]) -> None:
+    evaluate = stages["evaluate"]
+    measured = evaluate.manifest["upstream"]
+    run.artifacts(*measured)  # what was deleted since is named
+    of_truth = {"truth"} & set(stages) if evaluate.origin == "synthetic" else set()
+    if missed := sorted({*roads, *of_truth} - set(measured)):
+        raise DsnetError(
+            f"run {run.name!r}, whose 'evaluate' was made without {', '.join(missed)}",
+            "one that measured all that there is",
+            f"Run `dsnet evaluate --run {run.name}` again.",
+        )
+
+
 def _make(writer: ArtifactWriter, scene: Scene, run_name: str) -> None:
     plans = plan_figures(scene)
-    for plan in tqdm(plans, desc="figures", unit="figure", disable=None):
+    for plan in progress(plans, what="figures", unit="figure"):
         plan.draw(writer.file_path(f"figures/{plan.name}.png"))
     results = summarise(scene.stages, run_name, scene.body.gender)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"
@@ -172,7 +184,7 @@ def _training_figures(scene: Scene) -> list[FigurePlan]:
         FigurePlan(
             "figure6_lengths",
             "Figure 6. Sequence lengths; shorter ones are padded with zeros, longer ones clipped.",
-            partial(draw_figure6, align=stages["align"]),
+            lambda path: draw_figure6(path, scene.roads[0].align),
         )
     ]
     if scene.follows_paper:

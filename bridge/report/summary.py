@@ -29,7 +29,7 @@ def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
         "predictors": evaluate["predictors"],
         "default": evaluate["default"],
         "roads": evaluate["roads"],
-        "data": stages["align"].origin,
+        "data": stages["evaluate"].origin,
         "test_bed": evaluate["test_bed"],
         "validation": validation_result(stages["evaluate"]),
         "cells": evaluate["cells"],

@@ -31,7 +31,7 @@ class ArrayFile:
 
     def read(self, rows: slice) -> NDArray[Any]:
         """Rows as they are now."""
-        return np.array(np.load(self.path, mmap_mode="r", allow_pickle=False)[rows])
+        return np.array(np.memmap(self.path, self.dtype, "r", self.header_bytes, self.shape)[rows])
 
     def write(self, start: int, rows: ArrayLike) -> None:
         """Store rows (n, ...) from row `start` on; they are on the disk when this returns.

@@ -8,21 +8,22 @@ one digest, the manifest's `sha256`. Nothing is read before its bytes are those 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
+from bridge.runs.damage import damage_refused
 from bridge.runs.digests import cached_sha256, cached_sha256s, file_sha256, json_sha256
 from bridge.runs.folders import MANIFEST
-from bridge.runs.foreign_files import NpyHeader, open_regular, read_json
+from bridge.runs.foreign_files import read_json
 from bridge.runs.manifests import flaw_of_manifest
+from bridge.runs.storage import map_npy
 
 SCHEMA_VERSION = 2
 DataOrigin = Literal["synthetic", "licensed"]
@@ -83,19 +84,19 @@ class Artifact:
         entry = self._entry("arrays", name)
         path = self._unchanged(f"{name}.npy", entry)
         shape, dtype = tuple(entry["shape"]), np.dtype(entry["dtype"])
-        try:
-            with open_regular(path) as stream:
-                declared = NpyHeader.read(stream)
-            if (declared.shape, declared.dtype) != (shape, dtype):
-                raise ValueError(f"{declared.dtype} of shape {declared.shape}")
-            # NumPy cannot map an array without elements.
-            return npy.open_memmap(path, mode="r") if math.prod(shape) else np.empty(shape, dtype)
-        except (OSError, ValueError) as error:
-            raise DsnetError(
+
+        def refusal(error: Exception) -> DsnetError:
+            return DsnetError(
                 f"{path}, which does not hold what {MANIFEST} says ({str(error)[:200]})",
                 f"{dtype} of shape {shape}",
                 "Delete the folder and run its stage again.",
-            ) from error
+            )
+
+        with damage_refused(refusal):
+            array = map_npy(path)
+            if (array.shape, array.dtype) != (shape, dtype):
+                raise ValueError(f"{array.dtype} of shape {array.shape}")
+        return array
 
     def file(self, name: str) -> Path:
         """Path of one of the artifact's files that are not arrays.
@@ -197,20 +198,8 @@ def read_artifact(path: Path | str, kind: str | None = None) -> Artifact:
 
 
 def _read_manifest(path: Path) -> dict[str, Any]:
-    try:
+    with damage_refused(partial(_unreadable_manifest, path)):
         manifest = read_json(path)
-    except OSError as error:
-        raise DsnetError(
-            f"{path.parent}, which has no {MANIFEST}",
-            "the folder of a finished stage",
-            "Run that stage first.",
-        ) from error
-    except ValueError as error:
-        raise DsnetError(
-            f"{path}, which is not JSON ({str(error)[:200]})",
-            "a manifest written by dsnet",
-            "Delete the folder and run its stage again.",
-        ) from error
     manifest = manifest if isinstance(manifest, dict) else {}
     missing = sorted(WRITERS_KEYS - set(manifest))
     if missing or manifest["schema"] != SCHEMA_VERSION:
@@ -231,3 +220,17 @@ def _read_manifest(path: Path) -> dict[str, Any]:
     if (written := made.pop("sha256", None)) is not None:
         _compare(path, json_sha256(made), written)
     return _Manifest(path, manifest)
+
+
+def _unreadable_manifest(path: Path, error: Exception) -> DsnetError:
+    if isinstance(error, OSError):
+        return DsnetError(
+            f"{path.parent}, which has no {MANIFEST}",
+            "the folder of a finished stage",
+            "Run that stage first.",
+        )
+    return DsnetError(
+        f"{path}, which is not JSON ({str(error)[:200]})",
+        "a manifest written by dsnet",
+        "Delete the folder and run its stage again.",
+    )

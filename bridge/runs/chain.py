@@ -8,7 +8,7 @@ from pathlib import Path
 from bridge.errors import DsnetError
 from bridge.runs.artifact import Artifact, read_artifact
 from bridge.runs.digests import cached_sha256s
-from bridge.runs.folders import is_finished
+from bridge.runs.folders import MANIFEST, is_finished
 
 # Artifacts that are not named after the command that makes them.
 _MADE_BY = {"truth": "corpus", "align_robust": "align"}
@@ -79,7 +79,7 @@ class Chain:
         given = artifact.manifest["provenance"].get("inputs", {}).get(name)
         if given is not None:
             present = files.get(name, recorded)
-        elif is_finished(self._folder / name):
+        elif is_made(self._folder / name):
             if self._is_old(name):
                 return True
             present = read_artifact(self._folder / name).content_sha256
@@ -88,6 +88,27 @@ class Chain:
         if present != recorded:
             self._changed.append(given or name)
         return present != recorded
+
+
+def is_made(folder: Path) -> bool:
+    """Whether a stage's folder is there, finished.
+
+    Raises
+    ------
+    DsnetError
+        If it has lost its manifest, which is damage, not a stage that was never made.
+    """
+    for _ in range(2):  # another process may have put it into place between the two questions
+        if is_finished(folder):
+            return True
+        if not folder.exists():
+            return False
+    raise DsnetError(
+        f"{folder}, which has lost its {MANIFEST}",
+        "the folder of a finished stage, or none",
+        f"Run `dsnet {command_of(folder.name)} --run {folder.parent.name}` again, with the options "
+        "that it had.",
+    )
 
 
 def command_of(stage: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import logging
 import os
 import signal
@@ -12,12 +11,13 @@ from contextlib import contextmanager
 from typing import Literal, get_args
 
 from bridge.errors import DsnetError
+from bridge.installation import require_package
 
 Engine = Literal["local", "ray"]
 
 _chosen: Engine = "local"
 # Of the driver, and what a worker must know besides its work.
-_PASSED_ON = ("DSNET_RUNS", "PYTHONPATH")
+_PASSED_ON = ("DSNET_RUNS", "DSNET_PLUGINS", "PYTHONPATH")
 
 
 def chosen_engine() -> Engine:
@@ -58,10 +58,7 @@ def use_engine(name: str, address: str | None = None) -> Iterator[None]:
 
 @contextmanager
 def _connected(address: str | None) -> Iterator[None]:
-    if importlib.util.find_spec("ray") is None:
-        raise DsnetError(
-            "an installation without ray", "ray for --engine ray", 'pip install "dsnet[ray]".'
-        )
+    require_package("ray", "ray", "--engine ray")
     # Read when Ray is imported: nothing is reported to anybody, and work without a GPU sees what
     # the machine has.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")

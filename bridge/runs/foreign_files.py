@@ -15,20 +15,18 @@ import stat
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
+
+from bridge.runs.npy_file import NpyHeader, read_npy
 
 _DIRECTORY_BYTES = 1 << 20
 """Of an archive: what stands in it of 10,000 members."""
 MOST_JSON_BYTES = 32 << 20
 """Of a manifest: what `evaluate` says of some 2,300 sequences by seven predictors. As lists in
 lists so many bytes take 0.7 GB of memory."""
-_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _WITHOUT_WAIT = getattr(os, "O_NONBLOCK", 0)
 """Windows has no pipes among its files."""
 _PLAIN_NAME = re.compile(r"[^/\\\0]{1,255}(/[^/\\\0]{1,255}){0,7}")
@@ -93,37 +91,6 @@ def is_plain_name(name: object) -> bool:
     if os.name == "nt" and ":" in name:  # a drive, or a second stream of a file
         return False
     return not {".", ".."} & set(name.split("/"))
-
-
-@dataclass(frozen=True)
-class NpyHeader:
-    """What a `.npy` declares of its array."""
-
-    shape: tuple[int, ...]
-    dtype: np.dtype
-
-    @classmethod
-    def read(cls, stream: IO[bytes]) -> NpyHeader:
-        """From the beginning of a file; the stream is left where the data begin.
-
-        Raises
-        ------
-        ValueError
-            If it is no header of such a file, or declares a shape that is none.
-        """
-        try:
-            shape, _, dtype = _HEADERS[npy.read_magic(stream)](stream)
-        # NumPy parses the header as Python source, which fails in many ways.
-        except Exception as error:
-            raise ValueError(f"a header that is none of a .npy ({error})") from error
-        if len(shape) > 32 or any(size < 0 for size in shape):
-            raise ValueError(f"an array of shape {shape}")
-        return cls(tuple(map(int, shape)), dtype)
-
-    @property
-    def size_bytes(self) -> int:
-        """Of the array in memory."""
-        return math.prod(self.shape) * max(self.dtype.itemsize, 1)
 
 
 def text_of(array: NDArray[Any]) -> str:
@@ -201,11 +168,10 @@ class ForeignNpz(Mapping[str, NpyHeader]):
         Raises
         ------
         Exception
-            Of any kind, if it is damaged or an array of objects.
+            Any of `bridge.runs.damage`, if it is damaged or an array of objects.
         """
-        # An absurd shape of no elements overflows before it is refused.
-        with self.member(name) as stream, np.errstate(all="ignore"):
-            return npy.read_array(stream, allow_pickle=False)
+        with self.member(name) as stream:
+            return read_npy(stream)
 
 
 @contextmanager
@@ -215,7 +181,7 @@ def open_npz(path: Path | str, most_bytes: float = math.inf) -> Iterator[Foreign
     Raises
     ------
     Exception
-        Of any kind, if the file is none; see also `open_regular`.
+        Any of `bridge.runs.damage`, if the file is none; see also `open_regular`.
     """
     with open_regular(path, most_bytes) as stream:
         # zipfile believes the size that an archive declares for its directory.

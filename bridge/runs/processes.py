@@ -5,7 +5,6 @@ A process that was started here ends with the one that started it, however that 
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import signal
 import subprocess
@@ -23,30 +22,10 @@ from bridge.endings import (
     ignore_interrupts,
     interrupts_withheld,
 )
-from bridge.errors import DsnetError, InterruptedWorkError, printable
+from bridge.errors import InterruptedWorkError, printable
+from bridge.installation import require_packages_of
 
 Config = TypeVar("Config")
-_FRAMEWORKS = {"torch_align_ae": ("torch", "h5py"), "tf_dsnet": ("tensorflow",)}
-"""What the extra `train` brings for each package."""
-
-
-def require_packages_of(module: str) -> None:
-    """Make sure that the framework of a module's package is installed.
-
-    Raises
-    ------
-    DsnetError
-        If it is not: an installation without the extra `train` predicts, shows and exports.
-    """
-    for framework in _FRAMEWORKS.get(module.partition(".")[0], ()):
-        if importlib.util.find_spec(framework) is None:
-            raise DsnetError(
-                f"an installation without {framework}",
-                f"{framework}, which {module} needs",
-                'Install the extra: pip install "dsnet[train]".',
-            )
-
-
 _BEGIN = "from bridge.runs.processes import end_with_parent; end_with_parent();"
 _MODULE = "import runpy; runpy.run_module({!r}, run_name='__main__', alter_sys=True)"
 _DSNET = "from bridge.cli import main; main()"
@@ -75,21 +54,9 @@ def run_dsnet(command: str, *arguments: str) -> None:
     _run(_DSNET, (command, *arguments))
 
 
-def answer_of_module(module: str, *arguments: str) -> str:
-    """What `python -m module arguments` prints; a child that failed has said why.
-
-    Raises
-    ------
-    SystemExit
-        With the child's exit status when it is not 0.
-    """
-    require_packages_of(module)
-    return _run(_MODULE.format(module), arguments, stdout=subprocess.PIPE)
-
-
-def _run(code: str, arguments: Sequence[str], stdout: int | None = None) -> str:
-    with _begun(code, arguments, stdout=stdout) as child:
-        answer, _ = child.communicate()
+def _run(code: str, arguments: Sequence[str]) -> None:
+    with _begun(code, arguments) as child:
+        child.wait()
     status = child.returncode
     if status == -signal.SIGTERM:
         raise Terminated
@@ -101,7 +68,6 @@ def _run(code: str, arguments: Sequence[str], stdout: int | None = None) -> str:
         )
     if status:
         sys.exit(status)
-    return answer
 
 
 def outcome_of_module(module: str, *arguments: str) -> tuple[int, str]:

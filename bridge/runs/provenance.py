@@ -6,9 +6,10 @@ import os
 import platform
 import sys
 import time
-from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+from bridge.installation import version_of
 
 try:
     import resource
@@ -20,19 +21,14 @@ _RECORDED_PACKAGES = ("numpy", "scipy", "torch", "tensorflow", "keras")
 
 def provenance(wall_time_s: float) -> dict[str, Any]:
     """When, where, by which command and with which versions something was made."""
-    versions = {"python": platform.python_version()}
-    for package in _RECORDED_PACKAGES:
-        try:
-            versions[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
+    versions = {name: found for name in _RECORDED_PACKAGES if (found := version_of(name))}
     return {
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
         "finished_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "wall_time_s": round(wall_time_s, 3),
         "peak_memory_mb": _peak_memory_mb(),
         "machine": f"{machine()}, {os.cpu_count()} cores",
-        "versions": versions,
+        "versions": {"python": platform.python_version(), **versions},
     }
 
 

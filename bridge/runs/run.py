@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bridge.errors import DsnetError, InterruptedWorkError
+from bridge.errors import DsnetError, InterruptedWorkError, did_you_mean
 from bridge.runs.artifact import SCHEMA_VERSION, Artifact, DataOrigin, read_artifact
-from bridge.runs.chain import Chain, command_of
+from bridge.runs.chain import Chain, command_of, is_made
 from bridge.runs.digests import cached_sha256s, json_sha256
 from bridge.runs.folders import (
     MANIFEST,
-    is_finished,
     is_unsettled,
     runs_root,
     settle,
-    write_text_atomically,
 )
 from bridge.runs.locks import exclusive, lock_of
 from bridge.runs.writer import ArtifactWriter
@@ -27,6 +24,9 @@ from bridge.runs.writer import ArtifactWriter
 ALIGNMENT = "align"
 # Beside the paper's aligner's, of the same meshes.
 ROBUST_ALIGNMENT = "align_robust"
+
+BENCH = "bench"
+"""A folder in a run that is no stage's."""
 
 
 class Run:
@@ -41,13 +41,13 @@ class Run:
         self.path = runs_root() / name
 
     def finished(self, stage: str) -> bool:
-        """Whether there is an artifact of `stage`, current or not."""
+        """Whether there is an artifact of `stage`, current or not; as `is_made`."""
         if is_unsettled(self.path / stage):
             # Left by a process that was killed while it put the artifact into place; if another
             # one holds the stage, it is alive and does so itself.
             with suppress(DsnetError, OSError), self.alone(stage):
                 settle(self.path / stage)
-        return is_finished(self.path / stage)
+        return is_made(self.path / stage)
 
     def artifact(self, stage: str) -> Artifact:
         """The finished artifact of `stage`, which is one chain with all that it was made from.
@@ -69,13 +69,15 @@ class Run:
 
     def _unfinished(self, stage: str) -> DsnetError:
         having = f"run {self.name!r} without {stage!r}"
+        remedy = f"Run `dsnet {command_of(stage)} --run {self.name}` or `./reproduce.sh` first."
         if not self.path.is_dir():
             names = sorted({p.parent.parent.name for p in runs_root().glob("*/*/" + MANIFEST)})
             having = f"unknown run {self.name!r} (known: {', '.join(names) or 'none'})"
+            remedy = did_you_mean(self.name, names, remedy)
         return DsnetError(
             having,
             f"a finished stage {stage!r} in {self.path}",
-            f"Run `dsnet {command_of(stage)} --run {self.name}` or `./reproduce.sh` first.",
+            remedy,
         )
 
     def build(
@@ -130,9 +132,9 @@ class Run:
         self, stage: str, settings: dict[str, Any], digests: dict[str, str]
     ) -> Artifact | None:
         """The finished artifact of `stage`, if it was made from the same."""
-        if not self.finished(stage):
-            return None
         try:
+            if not self.finished(stage):
+                return None
             finished = read_artifact(self.path / stage)
         except DsnetError:  # damaged, and about to be made again
             return None
@@ -153,12 +155,6 @@ class Run:
             name: str(path.relative_to(home) if path.is_relative_to(home) else path)
             for name, path in files.items()
         }
-
-    def write_bench(self, name: str, results: Mapping[str, Any]) -> None:
-        """Write what a benchmark measured to `bench/<name>.json`."""
-        folder = self.path / "bench"
-        folder.mkdir(parents=True, exist_ok=True)
-        write_text_atomically(folder / f"{name}.json", json.dumps(results, indent=1) + "\n")
 
     def alone(self, stage: str) -> AbstractContextManager[None]:
         """Keep other processes out of `stage`."""

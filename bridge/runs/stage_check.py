@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 from bridge.errors import DsnetError
 from bridge.runs.artifact import Artifact, read_artifact
-from bridge.runs.chain import Chain
-from bridge.runs.folders import MANIFEST
-from bridge.runs.run import Run
+from bridge.runs.chain import Chain, is_made
+from bridge.runs.run import BENCH, Run
 
 
 @dataclass(frozen=True)
@@ -32,10 +31,12 @@ def main(config: CheckConfig) -> None:
     Raises
     ------
     DsnetError
-        If there is no such run, a file changed, or a stage is older than what it was made from.
+        If there is no such run, a file changed, a folder has lost its manifest, or a stage is older
+        than what it was made from.
     """
     run = Run(config.run)
-    stages = sorted(path.parent.name for path in run.path.glob(f"*/{MANIFEST}"))
+    there = (path.name for path in run.path.glob("[!.]*") if path.is_dir())
+    stages = sorted(name for name in there if name != BENCH)
     if not stages:
         run.artifact("corpus")
     faults = [fault for fault in (_fault(run, stage) for stage in stages) if fault]
@@ -48,6 +49,7 @@ def main(config: CheckConfig) -> None:
 def _fault(run: Run, stage: str) -> DsnetError | None:
     """Check one stage's files and print the line on it."""
     try:
+        is_made(run.path / stage)
         artifact = read_artifact(run.path / stage)
         artifact.verify()
     except DsnetError as error:

@@ -5,16 +5,20 @@ A mapped file without room kills the process without a word (SIGBUS) when it is 
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from bridge.runs.damage import is_of_the_machine
 from bridge.runs.folders import write_text_atomically
+from bridge.runs.foreign_files import open_regular
+from bridge.runs.npy_file import NpyHeader
 
 _BLOCK_BYTES = 1 << 22
 
@@ -34,16 +38,35 @@ def map_array(path: Path, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[A
         return found
     # Under its name only when it is whole, or a killed stage would go on with half of it.
     new = path.with_suffix(".new")
-    np.lib.format.open_memmap(new, mode="w+", dtype=np.dtype(dtype), shape=shape)
+    np.lib.format.open_memmap(new, mode="w+", dtype=np.dtype(dtype), shape=shape)  # reads nothing
     _take_room(new)
     new.replace(path)  # while nobody has it mapped: Windows refuses else
-    return np.lib.format.open_memmap(path, mode="r+")
+    return map_npy(path, "r+")
+
+
+def map_npy(path: Path, mode: Literal["r", "r+"] = "r") -> NDArray[Any]:
+    """Memory-map the array of a `.npy`; one without elements has no map.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the file is none, or ends before its array does.
+    """
+    with open_regular(path) as stream:
+        header, begins = NpyHeader.read(stream), stream.tell()
+        if header.dtype.hasobject or stream.largest_read < begins + header.size_bytes:
+            raise ValueError(f"no {header.dtype} of shape {header.shape} in it")
+    if not math.prod(header.shape):
+        return np.empty(header.shape, header.dtype)
+    return np.memmap(path, header.dtype, mode, begins, header.shape, header.order)
 
 
 def _mapped(path: Path) -> NDArray[Any] | None:
     try:
-        return np.lib.format.open_memmap(path, mode="r+")
-    except (OSError, ValueError):  # none, or a damaged one
+        return map_npy(path, "r+")
+    except (OSError, ValueError) as error:  # none, or a damaged one
+        if is_of_the_machine(error):
+            raise
         return None
 
 

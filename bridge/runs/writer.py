@@ -29,7 +29,7 @@ from bridge.runs.folders import (
     write_text_atomically,
 )
 from bridge.runs.provenance import provenance
-from bridge.runs.storage import map_array, save_array
+from bridge.runs.storage import map_array, map_npy, save_array
 from bridge.runs.work_time import WorkTime
 
 _BLOCK_ELEMENTS = 1 << 22
@@ -164,9 +164,7 @@ class ArtifactWriter:
 
     def _describe_array(self, name: str) -> dict[str, Any]:
         path = self._partial / f"{name}.npy"
-        # NumPy cannot map an array without elements; small ones need no mapping.
-        mode = "r" if path.stat().st_size > 4096 else None
-        array = np.load(path, mmap_mode=mode, allow_pickle=False)
+        array = map_npy(path)
         if (index := _first_not_finite(array)) is not None:
             place = f"{name}[{', '.join(map(str, index))}]"
             raise DsnetError(

@@ -17,7 +17,7 @@ from bridge.body.shapes import find_shape, parse_shape
 from bridge.errors import DsnetError
 from bridge.motion import Motion
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.loops import Lap, close_lap
+from bridge.motion.loops import REMEDY, Lap, close_lap
 from bridge.motion.smoothing import described
 from bridge.options import PositiveFloat, check_options
 from bridge.paper import N_BETAS
@@ -157,7 +157,7 @@ def stage_motion(
         raise DsnetError(
             f"--loop with {placed.source}, which jumps at frame {pieces[1].start}",
             "a motion without cuts",
-            "Cut the motion to whole laps, or leave out --loop.",
+            REMEDY,
         )
     lap = close_lap(placed.theta, root_joint_m(body, placed.betas))
     return replace(placed, theta=lap.theta), lap

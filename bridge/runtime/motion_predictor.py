@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from bridge.body import BodyModelData
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 from bridge.runs import Artifact, Run, read_artifact
+from bridge.runs.damage import damage_refused
 from bridge.runs.run import body_model_path
 from bridge.runtime.stepping import Model
 
@@ -61,17 +62,17 @@ class Chosen:
         DsnetError
             If what its training left does not fit together.
         """
-        try:
-            return self.road.open(self.artifacts, self.name, body)
-        except DsnetError:
-            raise
+
         # Arrays of a stranger's can be missing, of other shapes or types, or none of a network.
-        except Exception as error:
-            raise DsnetError(
+        def refusal(error: Exception) -> DsnetError:
+            return DsnetError(
                 f"{self.name} of {self.owner}, whose arrays do not fit together ({error!s:.200})",
                 "what its training wrote",
                 "Train it again, or copy the run again.",
-            ) from error
+            )
+
+        with damage_refused(refusal):
+            return self.road.open(self.artifacts, self.name, body)
 
 
 def choose_predictor(run: Run, asked: str | None, roads: tuple[MotionRoad, ...]) -> Chosen:
@@ -94,10 +95,11 @@ def choose_predictor(run: Run, asked: str | None, roads: tuple[MotionRoad, ...])
             artifacts, body_model = run.artifacts(*road.stages), str(body_model_path(run))
             return Chosen(name, label, why, f"run {run.name!r}", body_model, artifacts, road)
     there = [name for manifest in trained.values() for name in manifest["predictors"]]
+    otherwise = f"Name one of these, or train another: {_commands(run, roads)}."
     raise DsnetError(
         f"predictor {asked!r} asked of run {run.name!r}",
         f"one of {', '.join(there)}",
-        f"Name one of these, or train another: {_commands(run, roads)}.",
+        did_you_mean(asked or "", there, otherwise),
     )
 
 

@@ -17,8 +17,9 @@ from bridge.body.smpl import Smpl
 from bridge.errors import DsnetError
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.doubts import doubts_about
+from bridge.motion.motion_checks import motion_warnings
 from bridge.runs.processes import notify
+from bridge.runs.progress import progress
 from bridge.runtime.characters import Character
 from bridge.runtime.stepping import Prediction
 
@@ -97,10 +98,17 @@ class MovingBody:
             yield MovedFrames(frames, offsets_m, vertices_m)
             start = frames.stop
 
+    def shown(self, what: str) -> Iterator[MovedFrames]:
+        """The same frames; a terminal is told how far `what` is."""
+        with progress(what=what, unit="frame", total=len(self)) as bar:
+            for posed in self:
+                yield posed
+                bar.update(len(posed))
+
 
 def announce(moving: MovingBody) -> None:
     """Say on stderr which predictor moves the body, and what is odd about the motion."""
     chosen, motion = moving.character.chosen, moving.motion
     notify(f"{chosen.name} ({chosen.label}) of {chosen.owner} predicts: {chosen.why}")
-    for doubt in doubts_about(motion, moving.pieces):
-        notify(doubt)
+    for warning in motion_warnings(motion, moving.pieces):
+        notify(warning)

@@ -20,8 +20,8 @@ KIND = "prediction"
 
 
 @contextmanager
-def open_out_folder(out: Path, origin: DataOrigin, kind: str = KIND) -> Iterator[ArtifactWriter]:
-    """A writer of the artifact of `kind` that will be `out`; an exception discards it.
+def open_out_folder(out: Path, origin: DataOrigin) -> Iterator[ArtifactWriter]:
+    """A writer of the prediction that will be `out`; an exception discards it.
 
     Raises
     ------
@@ -30,11 +30,11 @@ def open_out_folder(out: Path, origin: DataOrigin, kind: str = KIND) -> Iterator
         is being written by another process.
     """
     out = out.resolve()
-    _refuse_foreign(out, kind)
+    _refuse_foreign(out)
     try:
         with exclusive(out, f"--out {out}", "Wait until it has ended, or name another folder."):
-            _refuse_foreign(out, kind)  # once more: it may have been filled before we were alone
-            writer = ArtifactWriter(out, kind, data=origin)
+            _refuse_foreign(out)  # once more: it may have been filled before we were alone
+            writer = ArtifactWriter(out, KIND, data=origin)
             try:
                 yield writer
             except BaseException:  # an interrupt, too: there is nothing to go on from
@@ -48,7 +48,7 @@ def open_out_folder(out: Path, origin: DataOrigin, kind: str = KIND) -> Iterator
         ) from error
 
 
-def _refuse_foreign(out: Path, kind: str) -> None:
+def _refuse_foreign(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise DsnetError(f"--out {out}, a file", "a folder to write", "Name another path.")
     if out.parent.parent == runs_root().resolve():
@@ -57,16 +57,16 @@ def _refuse_foreign(out: Path, kind: str) -> None:
             "a folder outside of the runs",
             "Name another folder.",
         )
-    if out.is_dir() and (held := _foreign(out, kind)):
+    if out.is_dir() and (held := _foreign(out)):
         raise DsnetError(
             f"--out {out}, which holds {held}",
-            f"a new or empty folder, or one of an earlier {kind} and nothing else",
+            f"a new or empty folder, or one of an earlier {KIND} and nothing else",
             "Name another folder.",
         )
 
 
-def _foreign(out: Path, kind: str) -> str:
-    """What in a folder is not an earlier artifact's of that kind, empty if nothing is."""
+def _foreign(out: Path) -> str:
+    """What in a folder is not an earlier prediction's, empty if nothing is."""
     there = min(out.iterdir(), default=None)
     if there is None:
         return ""
@@ -74,11 +74,11 @@ def _foreign(out: Path, kind: str) -> str:
         artifact = read_artifact(out)
     except DsnetError:
         return f"other files such as {there.name}"
-    if artifact.manifest["kind"] != kind:
+    if artifact.manifest["kind"] != KIND:
         return f"an artifact of kind {artifact.manifest['kind']!r}"
     own = {MANIFEST, *artifact.digests}
     for path in sorted(out.rglob("*")):
         name = path.relative_to(out).as_posix()
         if name not in own and (path.is_symlink() or not path.is_dir()):
-            return f"{name} beside an earlier {kind}"
+            return f"{name} beside an earlier {KIND}"
     return ""

@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 
 from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 from bridge.runs import read_artifact
 from bridge.runtime.motion_predictor import Chosen
 from bridge.runtime.plus_step import PLUS
@@ -39,7 +39,11 @@ def packaged_predictor(gender: str, asked: str | None = None) -> Chosen:
         raise DsnetError(
             f"predictor {asked!r} without a run",
             f"{name}, which comes with the package",
-            "Train another and name its run: ./reproduce.sh, then --run demo.",
+            did_you_mean(
+                asked or "",
+                [name],
+                "Train another and name its run: ./reproduce.sh, then --run demo.",
+            ),
         )
     owner, body_model = f"{OWNER} ({gender}, {model.origin})", EMBEDDED_PREFIX + gender
     artifacts = {PLUS.stages[0]: model}

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.parts import GROUPS, PARTS, part_weights
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 from bridge.options import Bounds
 
 GAINS = Bounds(0, 20)
@@ -70,7 +70,7 @@ def _part_gains(words: Sequence[str]) -> Iterator[tuple[str, float]]:
             raise DsnetError(
                 f"--part-gain {word}{again}",
                 f"each of {', '.join((*PARTS, *GROUPS))} at most once",
-                "Pass --part-gain belly=2 chest=0.5.",
+                did_you_mean(part, (*PARTS, *GROUPS), "Pass --part-gain belly=2 chest=0.5."),
             )
         met.add(part)
         yield part, _gain(word, text)

@@ -21,12 +21,12 @@ def predict_motion(
     *,
     predictor: str | None = None,
     controls: Controls | None = None,
+    strip: bool = True,
 ) -> Artifact:
     """Predict how a body moves in one motion, at 60 fps with y up.
 
     Says on stderr which predictor it took, where the motion has cuts, at which it starts anew, and
-    if its rate cannot be right. To start and to draw the strip takes longer than a short motion's
-    frames.
+    if its rate cannot be right.
 
     Parameters
     ----------
@@ -38,6 +38,7 @@ def predict_motion(
         `manifest.json`.
     predictor : which of the run's; the run's best when None.
     controls : what an animator asks for; nothing when None.
+    strip : whether to draw `strip.png`.
 
     Raises
     ------
@@ -55,7 +56,7 @@ def predict_motion(
     chosen, motion = character.chosen, moving.motion
     with open_out_folder(out, chosen.trained.origin) as writer:
         announce(moving)
-        _draw(writer, *_write_frames(moving, writer), moving)
+        _write(moving, writer, strip=strip)
         writer.record(
             predictor=chosen.name,
             label=chosen.label,
@@ -71,23 +72,22 @@ def predict_motion(
         return writer.finish(config={"run": run and run.name}, upstream=chosen.upstream)
 
 
-def _write_frames(
-    moving: MovingBody, writer: ArtifactWriter
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Write vertices and offsets (T, V, 3), which are returned, and latents if there are any."""
+def _write(moving: MovingBody, writer: ArtifactWriter, *, strip: bool) -> None:
+    """Write vertices and offsets (T, V, 3), latents if there are any, and the strip."""
     if (latents := moving.latents) is not None:
         writer.put("latents", latents, "latent unit")
     shape = (len(moving), moving.character.body.vertex_count, 3)
     offsets_m = writer.open_array("offsets", shape, np.float32, "m")
     vertices_m = writer.open_array("vertices", shape, np.float32, "m")
-    for posed in moving:
+    for posed in moving.shown("predict"):
         offsets_m[posed.frames] = posed.offsets_m
         vertices_m[posed.frames] = posed.vertices_m
-    return vertices_m, offsets_m
+    if strip:
+        _draw(writer, vertices_m, offsets_m, moving)
 
 
 def _draw(writer: ArtifactWriter, vertices_m: NDArray, offsets_m: NDArray, of: MovingBody) -> None:
-    # Starting the renderer takes longer than the first frames, which do not wait for it.
+    # Matplotlib takes longer to load than the first frames, which do not wait for it.
     from bridge.report.motion_strip import draw_motion_strip
 
     path, character = writer.file_path("strip.png"), of.character

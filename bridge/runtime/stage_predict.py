@@ -39,6 +39,8 @@ class PredictConfig(Controls):
     """One AMASS `.npz` or a BVH; with it, vertices are written to --out."""
     out: Path | None = None
     """Folder to write for --motion: a new or empty one, or that of an earlier prediction."""
+    strip: bool = True
+    """Whether --motion also draws `strip.png`, a row of its bodies."""
     profile: tyro.conf.Suppress[str] = "demo"
     """Whose run it is when none is named."""
 
@@ -61,7 +63,14 @@ def main(config: PredictConfig) -> None:
     from bridge.runtime.predict_motion import predict_motion
 
     run = None if config.run is None else Run(config.run)
-    predict_motion(run, config.motion, config.out, predictor=config.predictor, controls=config)
+    predict_motion(
+        run,
+        config.motion,
+        config.out,
+        predictor=config.predictor,
+        controls=config,
+        strip=config.strip,
+    )
 
 
 def _check_together(config: PredictConfig) -> None:

@@ -110,7 +110,7 @@ def codes_of_several(
     lengths = np.array([len(theta) for theta in motions])
     here = np.arange(len(motions))
     state = model.reset(betas, np.stack([theta[0] for theta in motions]))
-    for frame in range(lengths.max() + model.look_ahead):
+    for frame in range(int(lengths.max()) + model.look_ahead):
         left = lengths[here] - frame
         if left.min() <= -model.look_ahead:
             goes_on = left > -model.look_ahead

@@ -10,7 +10,6 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.exchange import load_weights, save_weights
+from bridge.installation import version_of
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 
@@ -125,6 +125,6 @@ def _answer(config: EngineConfig, operations: Operations, packages: Sequence[str
         # A safetensors file sorts its names, and the first layer that differs is the one to name.
         order[case.name] = list(arrays)
         seconds[case.name] = round(time.perf_counter() - started, 3)
-    versions = {package: metadata.version(package) for package in ("numpy", *packages)}
+    versions = {package: version_of(package) for package in ("numpy", *packages)}
     answer = {"versions": versions, "seconds": seconds, "errors": errors, "order": order}
     write_text_atomically(config.out / ANSWER, json.dumps(answer, indent=1) + "\n")

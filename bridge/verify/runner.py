@@ -8,8 +8,8 @@ from pathlib import Path
 
 from numpy.typing import NDArray
 from safetensors import safe_open
-from tqdm import tqdm
 
+from bridge.runs.progress import progress
 from bridge.verify.checks import REFERENCE, Check, Plan, case_name, cases_of, write_plan
 from bridge.verify.compare import Read, Row, compare, compare_files, missing_row
 from bridge.verify.engines import Answer, Ask, ask
@@ -39,8 +39,7 @@ def verify(
     request = folder / "request"
     write_plan(request, plan, cases)
     engines = list(dict.fromkeys(engine for case in cases for engine in case.engines))
-    # disable=None: quiet when the output is not a terminal.
-    bar = tqdm(engines, desc="engines", unit="engine", disable=None)
+    bar = progress(engines, what="engines", unit="engine")
     answers = {engine: run_engine(engine, request, folder / engine) for engine in bar}
     rows = [
         row

@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from bridge.exchange import load_weights
 from bridge.exchange.clips import load_unpadded_clips, make_clips
-from bridge.exchange.input_kinds import POSES
 from bridge.exchange.trained_dsnet import TrainedDsnet, dsnets_of, load_trained_dsnet
 from bridge.paper import N_VERTICES
 from bridge.runs import Artifact, Run
-from bridge.runs.processes import notify
 from bridge.runs.run import body_model_path
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.checks import (
@@ -46,9 +44,6 @@ def trained_plan(run: Run) -> Plan:
 
 
 def _dsnet(trained: TrainedDsnet, encoded: Artifact) -> Plan:
-    if trained.input_kind != POSES:
-        notify(f"{trained.name} is not compared: it is told of {trained.input_kind.name}")
-        return Plan([], {})
     recordings = [
         *load_unpadded_clips(encoded, "validation"),
         *load_unpadded_clips(encoded, "train"),
@@ -89,9 +84,9 @@ def _graphs(run: Run) -> Plan:
         plan = plan + Plan([check], {"plus-trained": weights})
     if run.finished("train") and run.finished("train-ae"):
         codec, train = run.artifact("train-ae"), run.artifact("train")
-        network = load_trained_dsnet(train, train.manifest["default"])
         of_the_body = codec.manifest["architecture"]["widths"][0] == N_VERTICES
-        if of_the_body and network.input_kind == POSES:
+        if of_the_body and (names := dsnets_of(train)):
+            network = load_trained_dsnet(train, names[0])
             weights = {**network.arrays(), **_autoencoder_weights(codec)}
             check = dsnet_graph_check(
                 "dsnet-graph-trained", "dsnet-graph-trained", "stream-trained",

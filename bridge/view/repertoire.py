@@ -15,9 +15,9 @@ from bridge.errors import DsnetError
 from bridge.exchange.trained_dsnet import dsnets_of
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.doubts import doubts_about
+from bridge.motion.motion import DEFAULT_FPS
+from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.motion_folder import subject_and_motion
-from bridge.motion.resampling import DEFAULT_FPS
 from bridge.motion.sample_files import SAMPLE_PREFIX, SAMPLES
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
@@ -112,8 +112,8 @@ def open_repertoire(
 def _given(path: Path, controls: Controls | None) -> Motion:
     controls = controls or Controls()
     motion = load_motion_file(path, controls.motion_fps, smooth_hz=controls.smooth_hz)
-    for doubt in doubts_about(motion, pieces_between_cuts(motion.theta)):
-        notify(doubt)
+    for warning in motion_warnings(motion, pieces_between_cuts(motion.theta)):
+        notify(warning)
     return motion
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
-import os
 import socket
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from bridge.errors import DsnetError
+from bridge.installation import require_package
 from bridge.options import Bounds, PositiveFloat
 from bridge.runs import Run
 from bridge.runs.processes import notify
@@ -53,7 +51,7 @@ def main(config: ViewConfig) -> None:
         or the file is no motion of a body, and what `controlled_body` raises.
     """
     config.check()
-    require_viser()
+    require_package("viser", "viewer", "dsnet view")
     check_address(config.host, config.port)
     run = None if config.run is None else Run(config.run)
     repertoire = open_repertoire(run, config.motion, config)
@@ -62,22 +60,6 @@ def main(config: ViewConfig) -> None:
         write_recording(config.record, performances, config)
     else:
         _serve(config, performances)
-
-
-def require_viser() -> None:
-    """Make sure that the extra `viewer` is installed.
-
-    Raises
-    ------
-    DsnetError
-        If it is not.
-    """
-    if importlib.util.find_spec("viser") is None:
-        raise DsnetError(
-            "an installation without viser",
-            "viser, which shows things in a browser",
-            'Install the extra: pip install "dsnet[viewer]".',
-        )
 
 
 def check_address(host: str, port: int) -> None:
@@ -113,23 +95,16 @@ def write_recording(
     DsnetError
         If the file exists or cannot be written.
     """
+    from bridge.export.new_path import new_path
     from bridge.view.recording import record
     from bridge.view.viewer import first_selection
 
-    if path.exists() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        raise DsnetError(
-            f"--record {path}, which exists or cannot be written",
-            "a new file in a folder that is there",
-            "Pass another path.",
-        )
-    try:
-        page = record(performances, first_selection(performances, controls))
-    finally:
-        performances.worker.stop()
-    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".partial", delete=False) as file:
-        file.write(page.encode())
-    Path(file.name).chmod(0o644)
-    os.replace(file.name, path)
+    with new_path(path, "--record") as partial:
+        try:
+            page = record(performances, first_selection(performances, controls))
+        finally:
+            performances.worker.stop()
+        partial.write_text(page, encoding="utf-8", newline="\n")
     notify(f"{path}: {len(page) / 1e6:.1f} MB; open it in any browser")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.scaling import observed
-from benchmarks.scaling.limits import limits, storage
+from benchmarks.scaling.limits import limits
 from benchmarks.scaling.model import (
     Line,
     needs,
@@ -82,10 +82,6 @@ def test_limits_come_in_their_order():
     assert at == sorted(at)
     by_name = {row["what"].split(":")[0]: row["sequences"] for row in rows}
     assert by_name["a manifest lists its sequences"] == pytest.approx(MOST_JSON_BYTES / 160)
-
-
-def test_storage_of_offsets():
-    assert storage({"a": 2.0}, 1e6) == pytest.approx({"raw": 0.08268, "a": 0.04134})
 
 
 def test_empty_tasks_are_timed():

@@ -39,6 +39,9 @@ def ended(code: str) -> tuple[int, str]:
         ("raise OSError(errno.ENOSPC, 'No space', 'runs/x')", "runs/x: No space left on device;"),
         ("raise OSError(errno.EROFS, 'Read-only')", "dsnet: Read-only file system; expected a"),
         ("os.mkdir(sys.executable + '/x')", "Not a directory; expected a folder"),
+        ("open('x' * 300)", "File name too long; expected names of at most 255 bytes"),
+        ("raise OSError(errno.EMFILE, 'Too many')", "Too many open files; expected a process"),
+        ("raise MemoryError", "expected enough memory"),
     ],
 )
 def test_what_the_system_refuses_is_one_line(code, words):
@@ -48,9 +51,10 @@ def test_what_the_system_refuses_is_one_line(code, words):
 
 
 def test_a_fault_of_the_program_is_none_of_these():
-    status, said = ended("open('nowhere/x')")
-    assert status == 1
-    assert "Traceback" in said
+    for code in ("open('nowhere/x')", "r, w = os.pipe(); os.close(r); os.write(w, b'x')"):
+        status, said = ended(code)
+        assert status == 1
+        assert "Traceback" in said
 
 
 @pytest.mark.parametrize(
@@ -59,6 +63,47 @@ def test_a_fault_of_the_program_is_none_of_these():
 def test_a_signal_is_one_line(number, how):
     status, said = ended(f"signal.raise_signal({int(number)}); time.sleep(60)")
     assert (status, said) == (128 + number, f"dsnet: {how}; run the same command to go on\n")
+
+
+SWALLOWS = """
+import os, signal
+os.dup2(os.open(os.devnull, os.O_WRONLY), 2) if HELD else 0
+try:
+    signal.raise_signal(int(open("number").read()))
+    sum(range(10))
+except BaseException:
+    pass
+"""
+
+
+@pytest.mark.parametrize("block", ["ends_at_once()", "nullcontext()"])
+@pytest.mark.parametrize(
+    ("number", "how"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")]
+)
+def test_a_library_that_loads_swallows_no_signal(block, number, how, tmp_path):
+    # As TensorFlow's is while it loads, and never later.
+    held = block == "ends_at_once()"
+    (tmp_path / "swallows.py").write_text(SWALLOWS.replace("HELD", str(held)))
+    (tmp_path / "number").write_text(str(int(number)))
+    code = f"""
+import sys, time
+from contextlib import nullcontext
+sys.path[:0] = [{str(tmp_path)!r}, {str(Path.cwd())!r}]
+from bridge.endings import ends_at_once, exit_with_one_line
+with exit_with_one_line(), {block}:
+    import swallows
+    time.sleep(30)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=20,
+    )
+    expected = (128 + number, f"dsnet: {how}; run the same command to go on\n")
+    assert (done.returncode, done.stderr) == expected
 
 
 def test_signals_are_answered_as_before_afterwards():

@@ -73,8 +73,6 @@ def test_what_makes_sense_passes(config):
         (Config(seed=2**32), "--seed 4294967296; expected 0 to 4294967295"),
         (Config(other_seed=-1), "--other-seed -1; expected 0 to 4294967295"),
         (Config(robust=Inner(0.0)), "--robust.precision-m 0.0; expected more than 0"),
-        # The renderer ends the process when it is asked for no light path.
-        (ReportConfig(samples=0), "--samples 0; expected 1 or more"),
         (ReportConfig(panel_px=0), "--panel-px 0; expected 1 or more"),
     ],
 )
@@ -101,11 +99,11 @@ def test_a_seed_is_taken_by_a_command_without_one(monkeypatch):
         run: str = "demo"
 
     seen = []
-    module = importlib.import_module(COMMANDS["bench"][0])
+    module = importlib.import_module(COMMANDS["check"][0])
     monkeypatch.setattr(module, "PROFILES", {"demo": Seedless()})
     monkeypatch.setattr(module, "main", seen.append)
-    main(["bench", "--seed", "7", "--run", "x"])
-    main(["bench", "--seed=7"])
+    main(["check", "--seed", "7", "--run", "x"])
+    main(["check", "--seed=7"])
     assert seen == [Seedless("x"), Seedless("demo")]
 
 

@@ -13,10 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge import paper
-from bridge.motion import sequences_of
-from bridge.plan.costs import Material, works
 from bridge.runs import read_artifact
-from tools.update_rates import finished_stages
 
 ROOT = Path(__file__).parents[2]
 STAGES = [
@@ -67,27 +64,6 @@ def test_a_second_run_makes_nothing_again(smoke_runs, execute):
     before = [path.stat().st_mtime_ns for path in manifests]
     assert execute(["./reproduce.sh", "--profile", "smoke"], smoke_runs).returncode == 0
     assert [path.stat().st_mtime_ns for path in manifests] == before
-
-
-@pytest.mark.slow
-def test_the_plan_knew_the_work_of_every_stage(smoke_runs, execute):
-    """Before, by the settings alone; by the finished run's manifests it is the same."""
-    made = finished_stages(smoke_runs / "smoke")
-    settings = {name: stage.manifest["config"] for name, stage in made.items()}
-    expected = works(settings, Material(sequences_of(made["predict"])))
-    for run, state in (("smoke", "done"), ("another", "")):
-        command = ["./reproduce.sh", "--profile", "smoke", "--run", run, "--plan"]
-        done = execute(command, smoke_runs)
-        assert done.returncode == 0, done.stderr
-        for stage, work in expected.items():
-            (row,) = re.findall(rf"^{stage} .*$", done.stdout, re.M)
-            assert work.text in row
-            assert row.endswith(state)
-    assert not (smoke_runs / "another").exists()
-    weighed = sum(path.stat().st_size for path in (smoke_runs / "smoke").rglob("*.*"))
-    np.testing.assert_allclose(
-        sum(work.disk_bytes for work in expected.values()), weighed, rtol=0.1
-    )
 
 
 def forged_motion(path: Path) -> Path:

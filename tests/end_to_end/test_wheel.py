@@ -15,6 +15,7 @@ from packaging.requirements import Requirement
 
 from bridge.runs import read_artifact
 from tests.forged.amass import save, smplh
+from tests.sources import PACKAGES
 from tools.built_wheel import asked_by, build_wheel
 
 pytestmark = pytest.mark.slow
@@ -85,4 +86,13 @@ def test_training_there_says_what_to_install(environment, tmp_path):
     done = execute(command, tmp_path)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert 'pip install "dsnet[train]"' in done.stderr
+    command = done.stderr.strip().partition("Install the extra: ")[2]
+    assert command.startswith(f"{environment}/python")
+    assert '"dsnet-skin[train] @ file://' in command
+    again = execute(["sh", "-c", f"{command} --no-deps --no-index --force-reinstall"], tmp_path)
+    assert "Successfully installed dsnet-skin-" in again.stdout, again.stderr
+
+
+def test_types_come_with_it(environment):
+    [site] = (environment.parent / "lib").glob("python*/site-packages")
+    assert all((site / package / "py.typed").is_file() for package in PACKAGES)

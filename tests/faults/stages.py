@@ -28,7 +28,7 @@ _FEW = {
     "predict-plus": "",
     "decode": "",
     "evaluate": "",
-    "report": "--samples 1 --panel-px 80",
+    "report": "--panel-px 80",
 }
 COMMANDS = tuple(_FEW)
 ARTIFACTS = {

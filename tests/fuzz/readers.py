@@ -39,7 +39,6 @@ READERS = {
     "dyna": Reader("meshes"),
     "artifact": Reader("artifacts"),
     "weights": Reader("networks", "read_weights", "weights_files"),
-    "packed": Reader("packed"),
     "onnx": Reader("networks", "read_graph", "graph_files"),
     "names": Reader("words"),
 }

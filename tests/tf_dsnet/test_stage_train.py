@@ -35,7 +35,7 @@ def test_stage_leaves_both_predictors(encoded_run):
     assert artifact.manifest["parameters"] == {"dsnet": 65_140, "dsnet_trainable": 65_020}
     assert artifact.manifest["default"] == "dsnet_standardised"
     faithful, standardised = (artifact.manifest["predictors"][name] for name in BOTH[::-1])
-    assert (faithful["lr"], faithful["preset"], faithful["departures"]) == (1e-4, "faithful", [])
+    assert (faithful["lr"], faithful["departures"]) == (1e-4, [])
     assert standardised["departures"][1] == "Adam's learning rate is 0.001 instead of 0.0001"
     assert (artifact.manifest["sequences_trained_on"], artifact.origin) == (5, "synthetic")
     with pytest.raises(DsnetError, match="'other'"):
@@ -116,7 +116,7 @@ def test_unknown_run_is_one_line(runs):
     assert not runs.exists()
 
 
-@pytest.mark.parametrize("names", [(), ("dsnet_faithful",) * 2, ("dsnet",)])
+@pytest.mark.parametrize("names", [(), ("dsnet_faithful",) * 2])
 def test_senseless_predictors_are_refused(encoded_run, names):
     with pytest.raises(DsnetError, match="Pass --predictors dsnet_standardised dsnet_faithful"):
         stage_train.main(replace(TINY, predictors=names))

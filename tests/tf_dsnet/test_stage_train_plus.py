@@ -57,14 +57,6 @@ def test_a_misfit_of_each_frame_is_found_at_every_vertex(runs, monkeypatch):
     np.testing.assert_allclose(constant[..., [0, 2]].mean((0, 1)), 0.0, atol=0.002)
 
 
-def test_without_a_static_part_none_is_learned(runs, monkeypatch):
-    run = forge_run(runs, monkeypatch, misfit_m=0.01)
-    stage_train_plus.main(replace(TINY, rounds=1, static=False))
-    artifact = read_artifact(run / "train_plus")
-    assert artifact.manifest["static"] == {"chosen": "none", "left_out_error": {}}
-    assert not TrainedPlus.load(artifact).static.constant_m.any()
-
-
 @pytest.mark.parametrize("killed_in", [1])
 @pytest.mark.slow
 def test_killed_stage_resumes_bit_identically(runs, monkeypatch, killed_in):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from functools import reduce
 
 import numpy as np
@@ -26,8 +26,6 @@ START = {
     "gravity_gain": 1.0,
 }
 """Where training starts: firm flesh; the tissue's own numbers are found from the offsets."""
-_NOTHING = dict.fromkeys(NODE_FIELDS, 1e-6) | {"normal_ratio": 1.0}
-"""What a coefficient that is left out is held at: it does nothing."""
 
 
 class OscillatorLayer(keras.layers.Layer):
@@ -38,12 +36,9 @@ class OscillatorLayer(keras.layers.Layer):
     laplacian : (K, K) of `TissueNodes`.
     people : P known people.
     taps : how many frames of the load act on a step.
-    without : coefficients to leave out, of `NODE_FIELDS`, and "slopes": that shape tells nothing.
     """
 
-    def __init__(
-        self, laplacian: NDArray, people: int, taps: int, without: Collection[str] = ()
-    ) -> None:
+    def __init__(self, laplacian: NDArray, people: int, taps: int) -> None:
         super().__init__(name="oscillators")
         count, dtype = len(laplacian), keras.config.floatx()
         laplacian = laplacian.astype(np.float64)
@@ -61,15 +56,6 @@ class OscillatorLayer(keras.layers.Layer):
         self._stiffening_power = self._weight("stiffening_power", (1,))
         self._residual = self._weight("residual", (people, count, 1))
         self._taps = self._weight("taps", (taps,), 1.0 / taps)
-        for name in without:
-            self._leave_out(name)
-
-    def _leave_out(self, name: str) -> None:
-        if name == "slopes":
-            self._slopes.trainable = self._stiffening_power.trainable = False
-            return
-        self._base[name].assign([np.log(_NOTHING[name])])
-        self._base[name].trainable = self._deviation[name].trainable = False
 
     def _weight(self, name: str, shape: tuple[int, ...], value: float = 0.0) -> keras.Variable:
         start = keras.initializers.Constant(value)
@@ -140,7 +126,6 @@ class OscillatorLayer(keras.layers.Layer):
         terms += [
             3e-2 * tf.reduce_sum(tf.square(self._base[name]))
             for name in ("inertia_gain", "gravity_gain")
-            if self._base[name].trainable
         ]
         terms += [3e-3 * tf.reduce_mean(tf.square(tf.convert_to_tensor(self._residual)))]
         return reduce(operator.add, terms)

@@ -27,6 +27,7 @@ from tf_dsnet.oscillators.clips import KnownPeople, NodeClip
 from tf_dsnet.oscillators.layer import OscillatorLayer
 from tf_dsnet.oscillators.learner import OscillatorLearner
 
+_STATIC_ROUNDS = (1 / 3, 2 / 3, 1.0)
 _CLIPS_AT_ONCE = 32
 """Simulated side by side."""
 
@@ -53,36 +54,6 @@ class PlusSettings:
     """Frames of the load that act on a step."""
     look_ahead: NonNegativeInt = 1
     """Frames by which the newest of them lies ahead of the step; 0 needs no later pose."""
-    gravity: bool = True
-    """Gravity among the loads."""
-    coupling: bool = True
-    """Neighbouring nodes pull at each other."""
-    bending: bool = True
-    """The skin resists bending, besides being under tension."""
-    stiffening: bool = True
-    """Springs stiffen as they are stretched."""
-    anisotropy: bool = True
-    """Springs are stiffer along the skin's normal, or softer, than along the skin."""
-    by_shape: bool = True
-    """The body's shape tells how soft it is where; without, new people are like known ones."""
-    through_time: bool = True
-    """Two thirds of the rounds start from the model's own past, not from the data's."""
-    static: bool = True
-    """Learn a constant and a smooth function of the pose besides, where clips that were left out
-    say that it helps."""
-
-    @property
-    def without(self) -> tuple[str, ...]:
-        """Coefficients that are left out."""
-        parts = {
-            "gravity_gain": self.gravity,
-            "wave_speed": self.coupling,
-            "bending": self.coupling and self.bending,
-            "stiffening": self.stiffening,
-            "normal_ratio": self.anisotropy,
-            "slopes": self.by_shape,
-        }
-        return tuple(name for name, wanted in parts.items() if not wanted)
 
 
 class PlusTraining:
@@ -107,20 +78,31 @@ class PlusTraining:
         self._features = np.stack([shape_features(body, b, nodes.vertices) for b in people.betas])
         self._normals = np.stack([shaped_normals(body, b)[nodes.vertices] for b in people.betas])
         self._shares = np.stack([shares_of_people(b, people.betas) for b in people.betas])
-        laplacian = nodes.laplacian.toarray()
-        self.layer = OscillatorLayer(laplacian, len(people.names), settings.taps, settings.without)
+        self.layer = self.make_layer()
         self._learner = OscillatorLearner(self.layer, settings.lr)
         self.optimizer = self._learner.optimizer
 
     def round(self, number: int, static_m: Sequence[NDArray]) -> list[float]:
         """One round of steps against the offsets less a static part (T, K, 3) of each clip."""
         moving = [c.offsets_m - s for c, s in zip(self._clips, static_m, strict=True)]
-        from_data = number < self.settings.rounds // 3 or not self.settings.through_time
-        starts = moving if from_data else self.simulate()
+        starts = self.starts(number, moving)
         return [
             self._one_step(number * self.settings.steps + step, moving, starts)
             for step in range(self.settings.steps)
         ]
+
+    def make_layer(self) -> OscillatorLayer:
+        """The oscillators before training."""
+        laplacian = self._nodes.laplacian.toarray()
+        return OscillatorLayer(laplacian, len(self._people.names), self.settings.taps)
+
+    def starts(self, number: int, moving: list[NDArray]) -> list[NDArray]:
+        """Offsets of the clips from which a round's windows set out: `moving` is the data's own."""
+        return moving if number < self.settings.rounds // 3 else self.simulate()
+
+    def static_rounds(self) -> set[int]:
+        """How many rounds are done where the static part is fitted anew, if it helps."""
+        return {round(part * self.settings.rounds) for part in _STATIC_ROUNDS}
 
     def simulate(self) -> list[NDArray[np.float32]]:
         """What the oscillators make of every clip, (T, K, 3) each."""

@@ -1,4 +1,8 @@
-"""The registry of predictors: what everything in `tf_dsnet` asks, one file for each entry."""
+"""The registry of predictors: what everything in `tf_dsnet` asks.
+
+A new predictor is a file with a class as `Predictor` says, and a line: here, or in the function
+`predictors()` of a module that `DSNET_PLUGINS` names (`bridge/plugins.py`).
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,8 @@ from collections.abc import Iterable
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
-from bridge.exchange.trained_dsnet import COMPARED_PRESET, check_trained
+from bridge.exchange.trained_dsnet import DSNETS, check_trained
+from bridge.plugins import entry_named, with_plugins
 from bridge.runs import Artifact
 from tf_dsnet.predictors.base import (
     BodyOf,
@@ -16,32 +21,13 @@ from tf_dsnet.predictors.base import (
     PredictorTraining,
     TrainingData,
 )
-from tf_dsnet.predictors.compared.casas_otaduy_like import CasasOtaduyLike
-from tf_dsnet.predictors.compared.dsnet_variants import VARIANTS
-from tf_dsnet.predictors.compared.dyna_like import DynaLike, dyna_like_dmpl
-from tf_dsnet.predictors.compared.softsmpl_like import SoftSmplLike
-from tf_dsnet.predictors.dsnet_differences import DifferencesDsnet
-from tf_dsnet.predictors.dsnet_faithful import FaithfulDsnet
-from tf_dsnet.predictors.dsnet_standardised import StandardisedDsnet
+from tf_dsnet.predictors.dsnet import FaithfulDsnet, StandardisedDsnet
 
-PREDICTORS: dict[str, Predictor] = {
-    entry.name: entry
-    for entry in (
-        StandardisedDsnet(),
-        FaithfulDsnet(),
-        DifferencesDsnet(),
-        *VARIANTS,
-        DynaLike(),
-        dyna_like_dmpl(),
-        CasasOtaduyLike(),
-        SoftSmplLike(),
-    )
-}
-"""Every predictor by name."""
-BOTH_PRESETS = ("dsnet_standardised", "dsnet_faithful")
-"""Those that are trained unless others are named: the paper's network."""
-COMPARED = tuple(name for name, entry in PREDICTORS.items() if entry.preset == COMPARED_PRESET)
-"""Those that are there to be compared with, each given the same care."""
+
+def registered_predictors() -> dict[str, Predictor]:
+    """Every predictor by name: the paper's network, and what plugins add."""
+    own: tuple[Predictor, ...] = (StandardisedDsnet(), FaithfulDsnet())
+    return with_plugins("predictors", {entry.name: entry for entry in own})
 
 
 def predictors_named(names: Iterable[str]) -> list[Predictor]:
@@ -52,14 +38,14 @@ def predictors_named(names: Iterable[str]) -> list[Predictor]:
     DsnetError
         If there is none, one is unknown, or one is named twice.
     """
-    names = list(names)
-    if not names or len(set(names)) < len(names) or not set(names) <= PREDICTORS.keys():
+    names, known = list(names), registered_predictors()
+    if not names or len(set(names)) < len(names):
         raise DsnetError(
-            f"predictors {' '.join(names) or '(none)'}",
-            f"some of {', '.join(PREDICTORS)}, each once",
-            f"Pass --predictors {' '.join(BOTH_PRESETS)}.",
+            f"--predictors {' '.join(names) or '(none)'}",
+            f"some of {', '.join(known)}, each once",
+            f"Pass --predictors {' '.join(DSNETS)}.",
         )
-    return [PREDICTORS[name] for name in names]
+    return [entry_named(name, "predictor", known) for name in names]
 
 
 def load_predictor(train: Artifact, name: str, body: BodyOf) -> PredictMotion:
@@ -68,7 +54,7 @@ def load_predictor(train: Artifact, name: str, body: BodyOf) -> PredictMotion:
     Raises
     ------
     DsnetError
-        If the run has not trained it, or its weights are damaged.
+        If the run has not trained it, nobody registers it, or its weights are damaged.
     """
     check_trained(train, name)
     (entry,) = predictors_named([name])
@@ -76,9 +62,6 @@ def load_predictor(train: Artifact, name: str, body: BodyOf) -> PredictMotion:
 
 
 __all__ = [
-    "BOTH_PRESETS",
-    "COMPARED",
-    "PREDICTORS",
     "BodyOf",
     "PredictMotion",
     "Predictor",
@@ -87,4 +70,5 @@ __all__ = [
     "TrainingData",
     "load_predictor",
     "predictors_named",
+    "registered_predictors",
 ]

@@ -107,11 +107,6 @@ class Predictor(Protocol):
         ...
 
     @property
-    def preset(self) -> str:
-        """Which choice it makes where the paper is silent; `COMPARED` if it is only compared."""
-        ...
-
-    @property
     def code(self) -> CodeName:
         """Which latents it learns."""
         ...

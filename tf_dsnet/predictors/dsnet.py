@@ -1,22 +1,20 @@
-"""What the presets of DSNet share: the paper's network, its training and its predictions."""
+"""The paper's DSNet as two predictors, for it is silent about the scale of motions and latents."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange.clips import UnpaddedClip, join_inputs, make_clips
+from bridge.exchange.clips import fit_scaling, join_inputs, make_clips
 from bridge.exchange.codes import AUTOENCODER, CodeName
-from bridge.exchange.input_kinds import POSES, InputKind
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from tf_dsnet.framework import tf
 from tf_dsnet.model import assign_weights, build_dsnet
-from tf_dsnet.predictors.base import BodyOf, PredictorSettings, TrainingData
+from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
 from tf_dsnet.trainer import DsnetTraining, Trainer
 
 PAPER_LR = 1e-4
@@ -24,30 +22,20 @@ PAPER_LR = 1e-4
 
 
 @dataclass(frozen=True)
-class DsnetPredictor(ABC):
-    """DSNet with one choice of the scale of its inputs and latents, which the paper leaves open."""
+class FaithfulDsnet:
+    """The paper's words and nothing else: raw motions in, latents as the autoencoder gives them."""
 
-    name: str
-    label: str
-    preset: str
+    name: str = "dsnet_faithful"
+    label: str = "DSNet, faithful"
+    code: CodeName = AUTOENCODER
 
-    @property
-    def code(self) -> CodeName:
-        """The paper's."""
-        return AUTOENCODER
-
-    @property
-    def input_kind(self) -> InputKind:
-        """What the network is told of a motion."""
-        return POSES
-
-    @abstractmethod
     def lr(self, settings: PredictorSettings) -> float:
         """Adam's learning rate."""
+        return settings.lr_faithful
 
-    @abstractmethod
     def scaling(self, settings: PredictorSettings, data: TrainingData) -> Scaling:
         """How inputs and latents are scaled."""
+        return Scaling.identity()
 
     def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
         """Where it leaves the paper."""
@@ -62,9 +50,6 @@ class DsnetPredictor(ABC):
         self, settings: PredictorSettings, data: TrainingData, checkpoint: Path
     ) -> DsnetTraining:
         """Begin training, or go on from `checkpoint` if that file is there."""
-        data = replace(
-            data, train=self._inputs(data.train), validation=self._inputs(data.validation)
-        )
         scaling = self.scaling(settings, data)
         train, validation = (
             make_clips(part, scaling, settings.frames) for part in (data.train, data.validation)
@@ -79,16 +64,34 @@ class DsnetPredictor(ABC):
         trainer.trace()
         return DsnetTraining(self.name, trainer, scaling, validation, checkpoint)
 
-    def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> DsnetOfMotions:
+    def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
         """A trained network, applied to whole motions."""
         return DsnetOfMotions(TrainedDsnet.from_arrays(self.name, arrays))
 
-    def _inputs(self, clips: list[UnpaddedClip]) -> list[UnpaddedClip]:
-        return [replace(clip, inputs=self.input_kind.of(clip.inputs)) for clip in clips]
+
+@dataclass(frozen=True)
+class StandardisedDsnet(FaithfulDsnet):
+    """Inputs and latents scaled, which decides how fast Adam learns."""
+
+    name: str = "dsnet_standardised"
+    label: str = "DSNet, standardised"
+
+    def lr(self, settings: PredictorSettings) -> float:
+        """Adam's learning rate."""
+        return settings.lr_standardised
+
+    def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
+        """Where it leaves the paper."""
+        scaled = "inputs and latents are standardised over the training frames"
+        return (scaled, *super().departures(settings))
+
+    def scaling(self, settings: PredictorSettings, data: TrainingData) -> Scaling:
+        """Mean and spread of the training frames."""
+        return fit_scaling(data.train, settings.min_input_std)
 
 
 class DsnetOfMotions:
-    """A trained DSNet, applied to whole motions.
+    """A trained DSNet, applied to whole motions; it may be told of I numbers other than the 79.
 
     Raises
     ------
@@ -97,14 +100,18 @@ class DsnetOfMotions:
     """
 
     def __init__(self, trained: TrainedDsnet) -> None:
-        self._trained = trained
-        input_size = trained.input_kind.size
-        model = build_dsnet(input_size=input_size)
+        self._scaling = trained.scaling
+        size = len(trained.scaling.input_mean)
+        model = build_dsnet(input_size=size)
         assign_weights(model, trained.weights)
-        signature = [tf.TensorSpec((None, None, input_size), tf.float32)]
+        signature = [tf.TensorSpec((None, None, size), tf.float32)]
         self._network = tf.function(lambda x: model(x, training=False), input_signature=signature)
 
     def __call__(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
         """Latents (T, 100) of a motion theta (T, 69) of a body of shape betas (10,)."""
-        inputs = self._trained.inputs(join_inputs(theta, betas))
-        return self._trained.scaling.restore(self._network(inputs[None]).numpy()[0])
+        return self.of_inputs(join_inputs(theta, betas))
+
+    def of_inputs(self, inputs: NDArray) -> NDArray[np.float32]:
+        """Latents (T, 100) of inputs (T, I) in a motion's own units."""
+        outputs = self._network(self._scaling.inputs(inputs)[None])
+        return self._scaling.restore(outputs.numpy()[0])

@@ -29,8 +29,6 @@ class Look:
 
     width_px: int = 900
     """Of what is rendered for a still; a body that lies has 700/900 of it."""
-    samples: int = 48
-    """Light paths a pixel of a still."""
     body_px: int = 260
     """Room for each body of a clip."""
 
@@ -89,7 +87,6 @@ def draw_upright(path: Path, moment: Moment, look: Look) -> None:
         title=moment.title,
         width_px=look.width_px,
         width_in=_WIDTH_IN,
-        samples=look.samples,
     )
 
 
@@ -112,7 +109,6 @@ def draw_lying(path: Path, moment: Moment, look: Look) -> None:
             moment.faces,
             camera=camera,
             colours=[magnitude_colours(size_m, top_m)],
-            samples=look.samples,
         )
         for body_m, size_m in zip(placed_m, moment.sizes_m, strict=True)
     ]

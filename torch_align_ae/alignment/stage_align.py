@@ -110,14 +110,14 @@ def main(config: AlignConfig) -> None:
     smpl_path, dyna_paths, upstream = _inputs(config, run)
     data = load_body_model(smpl_path)
     with DynaReader(dyna_paths) as reader:
-        sequences = index_of(of_one_gender(reader.entries, data.gender), config.validation)
-        for name, record in records_of(config).items():
+        sequences = _index_of(of_one_gender(reader.entries, data.gender), config.validation)
+        for name, record in _records_of(config).items():
             fit = _aligner(config, record.aligner, SMPL(data), reader, sequences)
             made = _Signed(fit, record.aligner)
             run.build(name, record, made, data=data.source, upstream=upstream)
 
 
-def records_of(config: AlignConfig) -> dict[str, SgdRecord | RobustRecord]:
+def _records_of(config: AlignConfig) -> dict[str, SgdRecord | RobustRecord]:
     """What the manifests of the artifacts to make, in order, will say of their settings."""
     aligners = _artifacts(config.aligner)
     return {name: _record(config, aligner) for name, aligner in aligners.items()}
@@ -182,7 +182,7 @@ def _inputs(
     return config.smpl, config.dyna, {"smpl": config.smpl, **dyna}
 
 
-def index_of(entries: list[DynaEntry], validation: tuple[str, ...]) -> list[MotionSequence]:
+def _index_of(entries: list[DynaEntry], validation: tuple[str, ...]) -> list[MotionSequence]:
     """The index of all sequences in file order."""
     splits = splits_of_names([entry.name for entry in entries], validation)
     sequences, start = [], 0

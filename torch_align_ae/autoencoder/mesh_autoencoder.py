@@ -16,7 +16,6 @@ from typing import Literal
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from bridge.errors import DsnetError
 from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE
@@ -136,25 +135,3 @@ def _convolutions(widths: tuple[int, ...]) -> list[tuple[str, nn.Module]]:
 def parameter_count(model: nn.Module) -> int:
     """Number of trainable parameters of a built model."""
     return sum(parameter.numel() for parameter in model.parameters() if parameter.requires_grad)
-
-
-def conv1d_forward(model: MeshAutoencoder, offsets: Tensor) -> Tensor:
-    """The same network with batch-first `Conv1d`, layer by layer: oracle and peer of the fast form.
-
-    Takes and returns normalised offsets (B, V, 3).
-    """
-    features = offsets  # (B, V, C): Conv1d's channels are the vertices
-    for layer in model.encoder:
-        features = _plain(layer, features)
-    latents = model.to_latent(features.flatten(1))
-    features = model.activate(model.from_latent(latents))
-    features = features.view(-1, model.widths[-1], FEATURES[-1])
-    for layer in model.decoder:
-        features = _plain(layer, features)
-    return model.to_coordinates(features)
-
-
-def _plain(layer: nn.Module, features: Tensor) -> Tensor:
-    if isinstance(layer, VertexConv):
-        return functional.conv1d(features, layer.weight, layer.bias)
-    return layer(features)

@@ -66,7 +66,7 @@ class TrainAutoencoderConfig(TrialOptions):
     """Passes of each of `comparisons`; 0: as long as the training itself."""
     dmpl: Path | None = None
     """DMPL's `model.npz`, beside licensed meshes: its 8 directions become a third code, on which
-    predictor `dyna_like_dmpl` can be trained."""
+    a predictor of a plugin can be trained."""
 
 
 PROFILES: dict[str, TrainAutoencoderConfig] = {

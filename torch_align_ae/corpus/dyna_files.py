@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.errors import DsnetError
 from bridge.paper import N_VERTICES
+from bridge.runs.damage import damage_refused
 from bridge.runs.foreign_files import open_regular
 from torch_align_ae.corpus.dyna_bounds import check_bounds, check_own, check_sides, faces_of
 from torch_align_ae.corpus.dyna_layout import (
@@ -117,11 +118,13 @@ class DynaReader:
             file.close()
 
     def _add_file(self, path: Path) -> None:
-        try:
-            open_regular(path).close()
-        except (OSError, ValueError) as error:
+
+        def refusal(error: Exception) -> DsnetError:
             kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
-            raise DsnetError(f"mesh file {path}: {kind}", LAYOUT, "Check the path.") from error
+            return DsnetError(f"mesh file {path}: {kind}", LAYOUT, "Check the path.")
+
+        with damage_refused(refusal):
+            open_regular(path).close()
         with _damage_named(path):
             file = _open(path)
             self._files.append(file)
@@ -244,14 +247,9 @@ def write_dyna(path: Path | str, faces: ArrayLike) -> Iterator[DynaWriter]:
         raise
 
 
-@contextmanager
-def _damage_named(path: Path) -> Iterator[None]:
-    """Name the file when HDF5's library fails in it, which it does with many kinds of errors."""
-    try:
-        yield
-    except DsnetError:
-        raise
-    except Exception as error:
-        raise DsnetError(
+def _damage_named(path: Path) -> AbstractContextManager[None]:
+    return damage_refused(
+        lambda error: DsnetError(
             f"mesh file {path}: not readable as HDF5 ({str(error)[:200]})", LAYOUT, REMEDY
-        ) from error
+        )
+    )

@@ -10,7 +10,7 @@ from itertools import count
 from pathlib import Path
 
 from bridge.motion.cuts import find_cuts
-from bridge.motion.doubts import doubts_about
+from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.motion_file import is_bvh, read_motion_file
 from bridge.motion.motion_folder import find_motion_files, subject_and_motion
 from bridge.motion.resampling import load_motion_file, resampled_frames
@@ -68,8 +68,8 @@ def real_takes(
             continue
         motion = load_motion_file(path, fps, smooth_hz=smooth_hz)
         used = slice(0, resampled_frames(frames, fps))
-        for doubt in doubts_about(motion, [used], "--amass-fps", "--amass-smooth-hz auto"):
-            notify(doubt)
+        for warning in motion_warnings(motion, [used], "--amass-fps", "--amass-smooth-hz auto"):
+            notify(warning)
         name = kind if source_fps is None else f"{kind}_at_{source_fps:g}_hz"
         name += _suffix(smooth_hz)
         known, new = performers(gender, subjects, row, "rotating")

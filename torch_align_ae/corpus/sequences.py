@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 from bridge.motion.cells import take_suffix
 from bridge.motion.smoothing import SmoothHz
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS, WHOLE_S
@@ -143,9 +143,8 @@ def by_subject(takes: Iterable[Take], gender: Gender) -> list[Take]:
 
 def _check_names(motions: tuple[str, ...], known: Iterable[str]) -> None:
     if unknown := sorted(set(motions) - set(known)):
-        raise DsnetError(
-            f"motions {', '.join(unknown)}", f"among {', '.join(known)}", "Check their names."
-        )
+        remedy = did_you_mean(unknown[0], known, "Check their names.")
+        raise DsnetError(f"motions {', '.join(unknown)}", f"among {', '.join(known)}", remedy)
     if repeated := sorted({motion for motion in motions if motions.count(motion) > 1}):
         raise DsnetError(
             f"motions {', '.join(repeated)} more than once", "each once", "Leave out the second."

@@ -21,7 +21,6 @@ from bridge.runs.digests import arrays_sha256
 from bridge.runs.storage import is_written, mark_written
 from bridge.runs.worker_pool import on_any_node, worker_pool
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.captured import CapturedForm
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS
 from torch_align_ae.corpus.performances import Performer
@@ -29,10 +28,10 @@ from torch_align_ae.corpus.sequences import Crossing
 from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
 from torch_align_ae.corpus.subjects import Gender, Subject
 from torch_align_ae.corpus.takes import Takes
-from torch_align_ae.corpus.tissue_laws import TissueName, tissue_of
+from torch_align_ae.corpus.tissue_laws import MeshForm, form_named, tissue_named
 
 _NOTICE = """\
-Synthetic data. Bodies, motions and soft tissue are computed; no person was measured.
+Synthetic data. Bodies, motions and soft tissue are computed; no skin was measured.
 The files have the formats of SMPL, Dyna and AMASS, but are none of these data sets.
 The body derives from the MakeHuman assets (CC0).
 """
@@ -47,9 +46,9 @@ Bodies and soft tissue are computed there too. They are taken from: {files}
 class CorpusConfig:
     """Make the synthetic corpus and, apart from it, the truth that only evaluation may read.
 
-    Costs 165 kB of disk a frame for the truth and the meshes, half as much again in the captured
-    form, and time for the soft tissue above all; what it took stands in the manifests and the
-    report.
+    Costs 165 kB of disk a frame for the truth and the meshes, half as much again in forms other
+    than clean, and time for the soft tissue above all; what it took stands in the manifests and
+    the report.
     """
 
     run: str = "demo"
@@ -81,10 +80,10 @@ class CorpusConfig:
     amass_smooth_hz: PositiveFloat | Literal["auto"] | None = None
     """Leave out what is faster in these motions, where their recordings are noisy; `auto` finds the
     cutoff that suits each moment."""
-    tissue: TissueName = "own"
-    """Law of the soft tissue; `second` and `third` are other hands', to test on."""
-    form: Literal["clean", "captured"] = "clean"
-    """`captured` adds to the meshes what registrations of scans have besides soft tissue."""
+    tissue: str = "own"
+    """Law of the soft tissue: the product's own, or one of a module that DSNET_PLUGINS names."""
+    form: str = "clean"
+    """What the meshes have besides soft tissue: nothing, or a form of such a module."""
     gravity: bool = True
     """Whether turned limbs hang."""
 
@@ -119,7 +118,15 @@ PROFILES: dict[str, CorpusConfig] = {
 
 
 def main(config: CorpusConfig) -> None:
-    """Make `truth`, then `corpus` from it."""
+    """Make `truth`, then `corpus` from it.
+
+    Raises
+    ------
+    DsnetError
+        If there is no such law, form or motion.
+    """
+    tissue_named(config.tissue)
+    form_named(config.form)
     run = Run(config.run)
     takes = Takes.of(config)
     files = {f"motion_{row}": path for row, path in enumerate(takes.files)}
@@ -154,8 +161,8 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, takes: Takes) -> N
     writer.put("betas", np.array([subject.betas for subject in subjects], np.float32), "1")
     shape = (frames, smpl.vertex_count, 3)
     offsets = writer.array_file("offsets", shape, np.float32, "m")
-    if config.form == "captured":
-        form = CapturedForm(smpl.data, config.seed)
+    if make_form := form_named(config.form):
+        form = make_form(smpl.data, config.seed)
         static = writer.open_array("static", shape, np.float32, "m")
         for sequence in sequences:
             theta = thetas[sequence.name].astype(np.float64)
@@ -191,8 +198,8 @@ class _TissueWork:
     def simulate(self, smpl: SMPL, subject: Subject) -> int:
         """Write the offsets of all sequences of a subject that are not done; gives their frames."""
         own = [sequence for sequence in self.sequences if sequence.subject == subject.name]
-        law, gravity = self.config.tissue, self.config.gravity
-        tissue = tissue_of(law, smpl, subject.betas, gravity=gravity)
+        law = tissue_named(self.config.tissue)
+        tissue = law(smpl, subject.betas, gravity=self.config.gravity)
         for sequence in own:
             done = self.checkpoints / f"{sequence.name}.done"
             if not is_written(done, lambda rows=sequence.frames: _digest(self.offsets.read(rows))):
@@ -230,8 +237,8 @@ def _make_corpus(
     for take in takes.held_out:
         performer.write_amass(writer.file_path(f"mosh/{take.name}_poses.npz"), take)
     path = writer.file_path(f"dyna_{config.gender}.h5")
-    captured = CapturedForm(data, config.seed) if config.form == "captured" else None
-    _write_meshes(path, smpl, truth, captured)
+    make_form = form_named(config.form)
+    _write_meshes(path, smpl, truth, make_form and make_form(data, config.seed))
     with h5py.File(path, "r+") as file:
         file.attrs["source"] = "synthetic"
     sequences = [sequence for sequence in sequences_of(truth) if sequence.split != "test"]
@@ -243,8 +250,8 @@ def _make_corpus(
     )
 
 
-def _write_meshes(path: Path, smpl: SMPL, truth: Artifact, captured: CapturedForm | None) -> None:
-    static = truth.array("static") if captured else None
+def _write_meshes(path: Path, smpl: SMPL, truth: Artifact, form: MeshForm | None) -> None:
+    static = truth.array("static") if form else None
     theta, offsets = truth.array("theta"), truth.array("offsets")
     betas, sequences = truth.array("betas"), sequences_of(truth)
     rows = subject_rows(sequences)
@@ -261,7 +268,7 @@ def _write_meshes(path: Path, smpl: SMPL, truth: Artifact, captured: CapturedFor
             if static is not None:
                 own_offsets = own_offsets + static[sequence.frames]
             meshes = posed_meshes(smpl, shape, own_theta, own_offsets)
-            if captured:
-                meshes = captured.registered(sequence.name, meshes, FPS)
+            if form:
+                meshes = form.registered(sequence.name, meshes, FPS)
             file.add(sequence.name, meshes)
             progress.update(sequence.length)

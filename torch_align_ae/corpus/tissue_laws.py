@@ -1,21 +1,25 @@
-"""The tissue laws by name: what a corpus may be made with."""
+"""What a corpus may be made with, by name: laws of soft tissue, and forms of its meshes.
+
+A new law is a file with what `TissueLaw` says, and a line: here, or in the function `tissues()` of
+a module that `DSNET_PLUGINS` names (`bridge/plugins.py`); so is a form, in `mesh_forms()`. Laws to
+test predictors on stand outside of the product, so that nothing in it is made for them.
+"""
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.body import BodyModelData
+from bridge.plugins import entry_named, with_plugins
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.second_tissue_simulation import SecondTissueSimulator
 from torch_align_ae.corpus.simulation import TissueSimulator
-from torch_align_ae.corpus.third_tissue_simulation import ThirdTissueSimulator
-
-TissueName = Literal["own", "second", "third"]
 
 
-class Simulator(Protocol):
+class MovedTissue(Protocol):
     """The soft tissue of one subject."""
 
     def offsets(self, theta: NDArray[np.floating], fps: float) -> NDArray[np.float32]:
@@ -23,18 +27,49 @@ class Simulator(Protocol):
         ...
 
 
-def tissue_of(
-    name: TissueName, smpl: SMPL, betas: NDArray[np.floating], *, gravity: bool = True
-) -> Simulator:
-    """The soft tissue of the subject with shape `betas` (10,) under a law of `TISSUES`."""
-    return TISSUES[name](smpl, betas, gravity=gravity)
+class TissueLaw(Protocol):
+    """A law: of a float64 body model and a shape (10,), with gravity or without."""
+
+    def __call__(self, smpl: SMPL, betas: NDArray[np.floating], /, *, gravity: bool) -> MovedTissue:
+        """The tissue of the subject with this shape."""
+        ...
 
 
-TISSUES: dict[
-    TissueName,
-    type[TissueSimulator] | type[SecondTissueSimulator] | type[ThirdTissueSimulator],
-] = {
-    "own": TissueSimulator,
-    "second": SecondTissueSimulator,
-    "third": ThirdTissueSimulator,
-}
+class MeshForm(Protocol):
+    """What the meshes of a corpus have besides soft tissue."""
+
+    def static(self, subject: str, theta: NDArray[np.floating]) -> NDArray[np.float32]:
+        """What does not move: offsets (T, V, 3) in the rest pose, metres, in poses (T, 69)."""
+        ...
+
+    def registered(self, sequence: str, meshes: NDArray, fps: float) -> NDArray:
+        """Meshes (T, V, 3), metres, as files have them; what differs is no part of the truth."""
+        ...
+
+
+MakeForm = Callable[[BodyModelData, int], MeshForm]
+"""Of a body model and the corpus's seed."""
+
+
+def tissue_named(name: str) -> TissueLaw:
+    """The law of a name.
+
+    Raises
+    ------
+    DsnetError
+        If there is none.
+    """
+    own: dict[str, TissueLaw] = {"own": TissueSimulator}
+    return entry_named(name, "--tissue", with_plugins("tissues", own))
+
+
+def form_named(name: str) -> MakeForm | None:
+    """The form of a name; None for clean meshes, which have nothing besides.
+
+    Raises
+    ------
+    DsnetError
+        If there is none.
+    """
+    own: dict[str, MakeForm | None] = {"clean": None}
+    return entry_named(name, "--form", with_plugins("mesh_forms", own))

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
-from bridge.exchange.input_kinds import POSES
 from bridge.exchange.layouts import BATCH_NORM_EPSILON
 from bridge.exchange.trained_dsnet import TrainedDsnet
-from bridge.paper import FEATURES, LATENT_SIZE, N_BETAS, THETA_SIZE
+from bridge.paper import FEATURES, INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runtime.graphs.body_graph import surface
 from bridge.runtime.graphs.bones_graph import posed_bones, translated, translation
 from bridge.runtime.graphs.onnx_graphs import ACTIVATIONS
@@ -35,10 +34,13 @@ def dsnet_layout(network: TrainedDsnet) -> StateLayout:
 
 
 def dsnet_step_graph(network: TrainedDsnet) -> onnx.ModelProto:
-    """The step of a trained DSNet alone: inputs `motion` (B, I), what its kind of inputs has, in a
-    motion's own units, and `state`; outputs `codes` (B, 100), latents, and `next_state`."""
+    """The step of a trained DSNet alone.
+
+    Inputs `motion` (B, 79), betas and theta, and `state`; outputs `codes` (B, 100), latents, and
+    `next_state`.
+    """
     graph, layout = ValueGraph(), dsnet_layout(network)
-    motion = graph.input("motion", ("B", network.input_kind.size))
+    motion = graph.input("motion", ("B", INPUT_SIZE))
     past = layout.read(graph.input("state", ("B", layout.size)))
     latents, after = _stepped(graph, network, motion, past)
     outputs = {"codes": latents, "next_state": layout.written(graph, after)}
@@ -65,9 +67,14 @@ def dsnet_body_graph(
     Raises
     ------
     DsnetError
-        If the network is not told of poses, or the decoder is of another body.
+        If the decoder is of another body.
     """
-    _check(network, architecture, body)
+    if architecture["widths"][0] != body.vertex_count:
+        raise DsnetError(
+            f"a decoder of {architecture['widths'][0]} vertices",
+            f"one of the body's {body.vertex_count}",
+            "Name the body model that the run was aligned with.",
+        )
     graph, layout = ValueGraph(), dsnet_layout(network)
     theta = graph.input("theta", ("B", THETA_SIZE))
     betas = graph.input("betas", ("B", N_BETAS))
@@ -114,21 +121,6 @@ def decoded(
         values = _across(graph, weights, "to_coordinates", features)
         scale_m, mean_m = (weights[f"normaliser.{name}"].T for name in ("scale_m", "mean_m"))
         return values * graph.array("scale_m", scale_m) + graph.array("mean_m", mean_m)
-
-
-def _check(network: TrainedDsnet, architecture: Mapping[str, Any], body: BodyModelData) -> None:
-    if network.input_kind != POSES:
-        raise DsnetError(
-            f"{network.name}, a network that is told of {network.input_kind.name}",
-            f"one that is told of {POSES.name}, as {POSES.size} numbers",
-            "Name another predictor.",
-        )
-    if architecture["widths"][0] != body.vertex_count:
-        raise DsnetError(
-            f"a decoder of {architecture['widths'][0]} vertices",
-            f"one of the body's {body.vertex_count}",
-            "Name the body model that the run was aligned with.",
-        )
 
 
 def _stepped(

@@ -14,6 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 from onnx import helper, numpy_helper
 
 from bridge.errors import DsnetError
+from bridge.runs.damage import damage_refused
 from bridge.runs.foreign_files import open_regular
 
 OPSET, IR_VERSION = 17, 8
@@ -140,15 +141,19 @@ def held_arrays(path: Path) -> dict[str, NDArray]:
     DsnetError
         If the file is not an ONNX model.
     """
-    try:
+
+    def refusal(error: Exception) -> DsnetError:
+        return DsnetError(
+            f"{path}, which does not load ({type(error).__name__})",
+            "an ONNX model written by dsnet",
+            "Export it again.",
+        )
+
+    # protobuf is a dependency of onnx, not ours.
+    undecodable = onnx.serialization.google.protobuf.message.DecodeError  # pyright: ignore[reportPrivateImportUsage]
+    with damage_refused(refusal, undecodable, onnx.checker.ValidationError):
         with open_regular(path) as stream:
             # From bytes: a model in a file may name other files that hold its arrays.
             model = onnx.load_model_from_string(stream.read())
         onnx.checker.check_model(model)
         return {tensor.name: numpy_helper.to_array(tensor) for tensor in model.graph.initializer}
-    except Exception as error:  # protobuf's and onnx's own have no common base
-        raise DsnetError(
-            f"{path}, which does not load ({type(error).__name__})",
-            "an ONNX model written by dsnet",
-            "Export it again.",
-        ) from error

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.input_kinds import POSES
 from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runs import Run
@@ -27,7 +26,7 @@ class StreamingPredictor:
     Raises
     ------
     DsnetError
-        If there is no such run, it lacks that network, or the network is not told of poses.
+        If there is no such run, or it lacks that network.
     """
 
     def __init__(
@@ -35,12 +34,6 @@ class StreamingPredictor:
     ) -> None:
         if not isinstance(run, TrainedDsnet):
             run = load_trained_dsnet(Run(os.fspath(run)).artifact("train"), predictor)
-        if run.input_kind != POSES:
-            raise DsnetError(
-                f"{run.name}, a network that is told of {run.input_kind.name}",
-                f"one that is told of {POSES.name}, as {POSES.size} numbers",
-                "Name another predictor, or give it whole motions: dsnet predict --motion.",
-            )
         self._model = DsnetModel(run)
         self.reset()
 

@@ -78,6 +78,5 @@ def test_bodies_are_drawn_from_both_sides(tmp_path):
         title="any",
         origin="synthetic",
         panel_px=48,
-        samples=1,
     )
     assert (tmp_path / "bodies.png").stat().st_size > 5_000

@@ -86,7 +86,7 @@ def _with_header(**changes: Any) -> bytes:
     [
         (_with_header(shape=(6890, 3, 100_000)), "'posedirs' is of 2067000000 bytes"),
         (_with_header(shape=(2**32, 2**32)), "'posedirs' is of 18446744073709551616 bytes"),
-        (_with_header(shape=(-1, 3)), "an array of shape"),
+        (_with_header(shape=(-1, 3)), "none of a .npy"),
         (_with_header(descr="|V8"), "'posedirs' is an array of"),
         (_with_header(descr="|S9999999999"), "none of a .npy"),
         (_with_header()[:60], "none of a .npy"),

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from bridge import DsnetError
 from bridge.body.posing import shaped_joints
 from bridge.export import gif
+from bridge.export.clip_page import ClipPage
 from bridge.export.clip_stage import set_stage
 from bridge.motion import pack_theta, unpack_theta
 from bridge.report.panels import FOOTERS, footer
@@ -43,6 +44,7 @@ def test_gif(short, tmp_path):
     assert durations_ms == [50, 50, 50]
     assert path.stat().st_size < 3 * 30_000
     assert_bodies_side_by_side(pages[0], bar_px=62)
+    assert (pages[0][35:60, :5] == 255).all()
     assert np.abs(pages[2] - pages[0]).max() > 100
 
 
@@ -103,6 +105,14 @@ def test_mp4(short, tmp_path):
     pages = np.frombuffer(done.stdout, np.uint8).reshape(-1, height, 302, 3).astype(int)
     assert len(pages) == 4
     assert_bodies_side_by_side(pages[0], bar_px=62)
+
+
+@pytest.mark.parametrize("height_px", [362, 364, 516])
+def test_a_page_is_as_large_as_is_said(height_px):
+    """Rows that are missing would roll every later picture of a clip."""
+    page = ClipPage(580, height_px, titles=("SMPL alone",), top_m=0.01, origin="synthetic")
+    drawn = page.with_picture(np.full((height_px, 580, 3), 128, np.uint8), 0.0)
+    assert drawn.size == page.size_px
 
 
 def test_an_encoder_that_fails_says_why(short, tmp_path):

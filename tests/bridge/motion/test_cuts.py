@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.motion import load_amass_motion, unpack_theta
+from bridge.motion import Motion, load_amass_motion, unpack_theta
 from bridge.motion.cuts import (
-    cut_warning,
     find_cuts,
     is_cut,
     pieces_between_cuts,
     predict_between_cuts,
 )
+from bridge.motion.motion_checks import motion_warnings
 from tests.forged.amass import save, smplh
 from tests.forged.swaying import swaying
 
@@ -85,11 +85,12 @@ def test_each_piece_is_predicted_by_itself():
 def test_the_warning_is_one_line_that_names_the_frames():
     starts = [0, 30, 60, 90, 120, 150, 180, 210]
     pieces = [slice(start, start + 30) for start in starts]
-    said = cut_warning(Path("a.npz"), pieces, 60.0)
+    still = Motion(np.zeros((240, 69)), np.zeros(10), "unknown", 60.0, 60.0, Path("a.npz"))
+    (said,) = motion_warnings(still, pieces)
     assert "a.npz jumps at frame 30 (0.50 s), 60 (1.00 s)" in said
     assert "150 (2.50 s) and 2 more of its 60 frames a second" in said
     assert "\n" not in said
-    assert cut_warning(Path("a.npz"), pieces[:1], 60.0) == ""
+    assert motion_warnings(still, pieces[:1]) == []
 
 
 @pytest.mark.parametrize("rate", [30.0, 50.0, 60.0, 100.0, 120.0, 250.0])

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bridge.errors import DsnetError
-from bridge.motion import load_amass_motion, load_motion_file
+from bridge.motion import Motion, load_amass_motion, load_motion_file
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.free_fall import fall_warning, steepest_fall_g
+from bridge.motion.motion_checks import motion_warnings, steepest_fall_g
 from bridge.motion.sample_files import SAMPLES
 from tests.forged.amass import save, smplh
 
@@ -42,6 +42,11 @@ def test_who_stands_or_was_hardly_seen_does_not_fall():
 def test_a_trembling_tracker_is_no_fall():
     height_m = 0.9 + 1e-3 * np.random.default_rng(0).standard_normal(6000)
     assert steepest_fall_g(height_m, 120.0) < 1.0
+
+
+def fall_warning(motion: Motion, pieces: list[slice]) -> str:
+    said = motion_warnings(motion, pieces)
+    return next((line for line in said if " times gravity " in line), "")
 
 
 def warning_of(path: Path | str, source_fps: float | None = None) -> str:

@@ -12,8 +12,8 @@ from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.motion import load_motion_file, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.doubts import doubts_about
 from bridge.motion.lead_in import lead_in_frames
+from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.motion_file import read_motion_file
 from bridge.motion.sample_files import SAMPLES, sample_path
 from tests.forged.bvh import Skeleton, text, world_of
@@ -65,6 +65,6 @@ def test_a_bvh_begins_with_its_motion_and_says_so(tmp_path: Path) -> None:
     whole, cut = map(load_motion_file, paths)
     np.testing.assert_allclose(whole.theta, cut.theta, atol=1e-9)
     assert (whole.lead_in, cut.lead_in) == (1, 0)
-    (line,) = doubts_about(whole, pieces_between_cuts(whole.theta))
+    (line,) = motion_warnings(whole, pieces_between_cuts(whole.theta))
     assert "whole.bvh: the motion begins after frame 1 of the file" in line
-    assert doubts_about(cut, pieces_between_cuts(cut.theta)) == []
+    assert motion_warnings(cut, pieces_between_cuts(cut.theta)) == []

@@ -10,8 +10,7 @@ import pytest
 
 from bridge.motion import Motion, load_amass_motion, load_motion_file, pack_theta
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.doubts import doubts_about
-from bridge.motion.pops import find_pops
+from bridge.motion.motion_checks import find_pops, motion_warnings
 from bridge.motion.sample_files import SAMPLES, sample_path
 
 FPS = 60.0
@@ -43,7 +42,7 @@ def test_a_leg_that_flips_and_comes_back_is_one_pop_each_time() -> None:
         pose[frame : frame + 3, RIGHT_HIP, 1] = np.radians([60.0, 120.0, 60.0])
     found = motion_of(pose, trans_m)
     assert pops_of(found) == {30: "right_hip", 90: "right_hip"}
-    (line,) = doubts_about(found, pieces_between_cuts(found.theta))
+    (line,) = motion_warnings(found, pieces_between_cuts(found.theta))
     assert line.startswith("walk.bvh moves faster than anybody can: right_hip at 0.50 s, right_hip")
 
 

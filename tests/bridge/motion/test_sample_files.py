@@ -10,16 +10,29 @@ import pytest
 from bridge import DsnetError
 from bridge.motion import load_amass_motion
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.sample_files import SAMPLES, motion_path, sample_path
+from bridge.motion.loops import close_lap
+from bridge.motion.sample_files import CYCLE, SAMPLES, motion_path, sample_path
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-def test_each_is_four_seconds_of_one_movement(name):
-    motion = load_amass_motion(f"sample:{name}")
-    assert (motion.gender, motion.fps, len(motion.theta)) == ("female", 60.0, 240)
-    assert pieces_between_cuts(motion.theta) == [slice(0, 240)]
+def test_each_is_one_movement_of_four_seconds_or_one_lap(name):
+    motion, frames = load_amass_motion(f"sample:{name}"), 61 if name == CYCLE else 240
+    assert (motion.gender, motion.fps, len(motion.theta)) == ("female", 60.0, frames)
+    assert pieces_between_cuts(motion.theta) == [slice(0, frames)]
     assert np.ptp(motion.theta, axis=0).max() > 0.3
     assert sample_path(name).stat().st_size < 50_000
+
+
+def test_one_repeats_in_place():
+    lap = close_lap(load_amass_motion(f"sample:{CYCLE}").theta, np.zeros(3))
+    assert lap.dropped
+    np.testing.assert_allclose(lap.repeated(3), np.tile(lap.theta, (3, 1)), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", sorted({*SAMPLES} - {CYCLE}))
+def test_the_others_do_not_and_say_which_does(name):
+    with pytest.raises(DsnetError, match=r"--loop with a motion.* as sample:walk_cycle is"):
+        close_lap(load_amass_motion(f"sample:{name}").theta, np.zeros(3))
 
 
 @pytest.mark.parametrize("name", SAMPLES)

@@ -15,10 +15,9 @@ from bridge.motion import load_motion_file, unpack_theta
 from bridge.motion.amass_file import StoredMotion
 from bridge.motion.bounds import RATES_HZ
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.doubts import doubts_about
+from bridge.motion.motion_checks import motion_warnings, tremor_mm
 from bridge.motion.sample_files import SAMPLES, sample_path
 from bridge.motion.smoothing import SmoothHz, smoothed
-from bridge.motion.tremor import tremor_mm
 from bridge.motion.valley import cutoffs_hz, most_cutoff_hz
 from tests.forged.amass import save, smplh
 
@@ -149,13 +148,13 @@ def test_a_file_that_trembles_is_named_and_then_smoothed(tmp_path: Path) -> None
     poses[:, :66] = noisy.pose.reshape(480, 66)
     save(path, smplh(480, FPS), poses=poses, trans=noisy.trans_m)
     raw, still = load_motion_file(path), load_motion_file(path, smooth_hz=8.0)
-    (line,) = doubts_about(raw, pieces_between_cuts(raw.theta))
+    (line,) = motion_warnings(raw, pieces_between_cuts(raw.theta))
     assert "walk.npz trembles by" in line
     assert "--smooth-hz auto leaves that out" in line
     found = load_motion_file(path, smooth_hz="auto")
-    assert doubts_about(found, pieces_between_cuts(found.theta)) == []
+    assert motion_warnings(found, pieces_between_cuts(found.theta)) == []
     assert found.smooth_hz == "auto"
-    assert doubts_about(still, pieces_between_cuts(still.theta)) == []
+    assert motion_warnings(still, pieces_between_cuts(still.theta)) == []
     assert (raw.smooth_hz, still.smooth_hz) == (None, 8.0)
     assert len(raw.theta) == len(still.theta)
 

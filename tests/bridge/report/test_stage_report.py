@@ -31,7 +31,7 @@ FIGURES = (
     "loss_dsnet",
     "loss_plus",
 )
-TINY = stage_report.ReportConfig(run="both", samples=1, panel_px=48)
+TINY = stage_report.ReportConfig(run="both", panel_px=48)
 
 
 @pytest.fixture(scope="module")
@@ -256,12 +256,13 @@ def test_a_licensed_run_has_a_report_without_truth(forged_runs, tmp_path, monkey
     assert "body part" not in page
 
 
-def test_the_best_road_alone_has_a_report(forged_runs, tmp_path, monkeypatch):
+@pytest.mark.parametrize("own_alignment", [False, True])
+def test_the_best_road_alone_has_a_report(own_alignment, forged_runs, tmp_path, monkeypatch):
     """Without the paper's road its tables and figures are left out."""
     runs = tmp_path / "runs"
     for stage in ("corpus", "truth", "align"):
         shutil.copytree(forged_runs / "forged" / stage, runs / "best" / stage)
-    write_best_road(runs / "best", own_alignment=False)
+    write_best_road(runs / "best", own_alignment=own_alignment)
     monkeypatch.setenv("DSNET_RUNS", str(runs))
     monkeypatch.setattr(stage_report, "draw_figure7", lambda path, **_: path.write_bytes(b"x"))
     monkeypatch.setattr(stage_report, "draw_test_strip", lambda path, **_: path.write_bytes(b"x"))
@@ -292,3 +293,22 @@ def test_a_missing_stage_is_named(forged_runs, tmp_path, monkeypatch):
     with pytest.raises(DsnetError, match="dsnet train-ae --run half"):
         stage_report.main(stage_report.ReportConfig(run="half"))
     assert not (runs / "half" / "report").exists()
+
+
+def test_a_report_of_less_than_there_is_or_was_is_refused(folder, tmp_path, monkeypatch, capsys):
+    runs = tmp_path / "runs"
+    later = shutil.ignore_patterns("decode", "truth", "evaluate", "report")
+    shutil.copytree(folder.parent, runs / "both", ignore=later)
+    monkeypatch.setenv("DSNET_RUNS", str(runs))
+    stage_evaluate.main(stage_evaluate.EvaluateConfig(run="both"))
+    assert "is evaluated without decode, truth, which it" in capsys.readouterr().err
+    for stage in ("decode", "truth"):
+        shutil.copytree(folder.parent / stage, runs / "both" / stage)
+    with pytest.raises(DsnetError, match=r"made without align, .*decode.*truth.*`dsnet evaluate"):
+        stage_report.main(TINY)
+    stage_evaluate.main(stage_evaluate.EvaluateConfig(run="both"))
+    assert not capsys.readouterr().err
+    shutil.rmtree(runs / "both" / "decode")
+    with pytest.raises(DsnetError, match=r"without 'decode'.*`dsnet decode --run both`"):
+        stage_report.main(TINY)
+    assert not (runs / "both" / "report").exists()

@@ -135,3 +135,27 @@ def test_check_does_not_trust_the_cache(run, monkeypatch, capsys):
 def test_check_of_an_unknown_run_names_the_known_ones(run):
     with pytest.raises(DsnetError, match=r"unknown run 'nope' \(known: x\)"):
         check(CheckConfig("nope"))
+
+
+def test_a_folder_that_has_lost_its_manifest_is_damage_until_it_is_made_again(run, capsys):
+    (run.path / "train" / "manifest.json").unlink()
+    lost = r"x/train, which has lost its manifest\.json.*`dsnet train --run x` again"
+    for asked in (
+        lambda: run.finished("train"),
+        lambda: run.artifact("predict"),
+        lambda: check(CheckConfig("x")),
+    ):
+        with pytest.raises(DsnetError, match=lost):
+            asked()
+    assert "train      FAULT" in capsys.readouterr().out
+    assert run.artifact("encode")
+    make("train", value=1.0)
+    assert run.artifact("decode")
+    (run.path / "train").rename(run.path / ".elsewhere")
+    assert not run.finished("train")
+
+
+def test_check_passes_over_measured_times(run, capsys):
+    run.write_bench("speed", {"s": 1.0})
+    check(CheckConfig("x"))
+    assert "6 stages" in capsys.readouterr().out

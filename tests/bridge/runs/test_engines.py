@@ -20,7 +20,7 @@ from bridge.runs.worker_pool import on_any_node, worker_pool
 )
 def test_slips_are_told_in_one_line(options, said, capsys):
     with pytest.raises(SystemExit) as caught:
-        main(["plan", "--profile", "smoke", *options])
+        main(["check", "--profile", "smoke", *options])
     assert caught.value.code == 2
     told = capsys.readouterr().err.splitlines()
     assert len(told) == 1

@@ -68,6 +68,11 @@ def test_one_that_the_run_lacks_is_one_line(motion, tmp_path, capsys, asked):
     assert not (tmp_path / "out").exists()
 
 
+def test_the_nearest_of_a_run_is_offered(trained_run):
+    with pytest.raises(DsnetError, match=r"Did you mean 'dsnet_standardised'\? .*dsnet train"):
+        choose_predictor(trained_run, "dsnet_standardized", ROADS)
+
+
 def test_the_networks_are_not_offered_by_a_run_without(plus_run):
     with pytest.raises(DsnetError, match=r"one of dsnet_plus\..*`dsnet train --run r`"):
         choose_predictor(plus_run, "dsnet_faithful", ROADS)

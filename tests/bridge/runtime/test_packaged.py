@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bridge import DsnetError
 from bridge.body import load_body_model
@@ -14,6 +16,7 @@ from bridge.motion import Motion, load_amass_motion, pack_theta, unpack_theta
 from bridge.runs import read_artifact
 from bridge.runtime.body_motion import place_motion
 from bridge.runtime.characters import open_character, open_for_motion
+from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.packaged import KIND, packaged_folder, packaged_predictor
 from tests.forged import bvh
@@ -84,3 +87,23 @@ def test_hops_shake_every_body_and_standing_stills_it(gender, first_beta, hops):
     assert size_mm[0] < 1e-3
     assert 0.5 < size_mm.max() < 50  # no jolt, and no blow-up
     assert size_mm[-1] < 0.5 * size_mm.max()
+
+
+def test_the_flesh_of_the_sample_that_repeats_does_too():
+    """Over the seam its steps change no more than within the lap, as they do without --loop."""
+    character, motion = open_for_motion(None, None, Path("sample:walk_cycle"))
+    laps = [
+        np.concatenate(
+            [p.offsets_m for p in controlled_body(character, motion, Controls(loop=loop))]
+        )
+        for loop in (True, False)
+    ]
+    looped, alone = (over_the_seam(lap[:60]) for lap in laps)
+    assert looped < 1 < alone
+
+
+def over_the_seam(lap_m: NDArray) -> float:
+    """Second difference of offsets (T, V, 3) at the seam, as a part of the largest elsewhere."""
+    around = np.concatenate([lap_m, lap_m[:2]])
+    changes_m = np.linalg.norm(np.diff(around, 2, axis=0), axis=-1).max(axis=1)
+    return float(changes_m[-2:].max() / changes_m[:-2].max())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +14,12 @@ from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.cli import main
 from bridge.exchange.clips import join_inputs
-from bridge.exchange.input_kinds import DIFFERENCES
-from bridge.exchange.trained_dsnet import Scaling
 from bridge.motion import unpack_theta
 from bridge.runs import write_artifact
 from bridge.runtime import stage_predict
 from bridge.runtime.body_motion import load_motion
 from bridge.runtime.controls import Controls
-from bridge.runtime.dsnet_step import DsnetModel, load_decoder
 from bridge.runtime.predict_motion import predict_motion
-from bridge.runtime.stepping import WholeMotions
 from bridge.verify.reference import dsnet
 from tests.bridge.runtime.conftest import autoencoder_arrays
 from tests.forged.amass import save, smplh
@@ -87,25 +82,6 @@ def test_another_network_and_shape_can_be_asked_for(trained_run, motion, tmp_pat
     assert other.manifest["upstream"] == {n: a.content_sha256 for n, a in stages.items()}
     recorded = {key: other.manifest[key] for key in ("source", "source_fps", "fps", "up")}
     assert recorded == {"source": "a_poses.npz", "source_fps": 100.0, "fps": 60.0, "up": "y"}
-
-
-@pytest.mark.usefixtures("blank_strip")
-def test_a_network_of_pose_differences_predicts_the_same_anywhere(trained, trained_run, tmp_path):
-    rng = np.random.default_rng(5)
-    kernel = rng.normal(0, 0.05, (DIFFERENCES.size, 64)).astype(np.float32)
-    scaling = Scaling.identity(DIFFERENCES.size)
-    network = replace(
-        trained, weights={**trained.weights, "fc_enc_1/kernel": kernel}, scaling=scaling
-    )
-    predict = WholeMotions(DsnetModel(network, load_decoder(trained_run.artifact("train-ae"))))
-    theta = np.cumsum(rng.normal(0, 0.05, (70, 69)), axis=0)
-    there = theta + np.r_[np.zeros(66), 3.0, 0.0, 3.0]
-    first, second = (predict(motion, np.zeros(10)) for motion in (theta, there))
-    assert first.latents is not None
-    assert second.latents is not None
-    assert np.abs(np.diff(first.latents, axis=0)).max() > 1e-3
-    np.testing.assert_allclose(first.latents, second.latents, atol=1e-4)
-    assert [len(piece) for piece in first.offsets_m] == [64, 6]
 
 
 def test_an_autoencoder_trained_since_is_refused(trained_run, motion, tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +11,11 @@ import pytest
 
 from bridge.body import load_body_model
 from bridge.exchange import save_weights
-from bridge.exchange.input_kinds import DIFFERENCES
 from bridge.exchange.layouts import autoencoder_shapes, dsnet_shapes
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import ArtifactWriter, Run, write_artifact
 from bridge.tissue.trained_plus import TrainedPlus
-from bridge.verify import draws, trained_checks
+from bridge.verify import draws
 from bridge.verify.checks import cases_of
 from bridge.verify.draws import SMALL_WIDTHS
 from bridge.verify.random_checks import full_size_plan, random_plan
@@ -135,23 +133,6 @@ def test_a_runs_own_weights_are_checked(trained_run, tmp_path, ask_reference):
     assert order["ae-trained.float64"][0] == "layer/normaliser.normalise"
     assert order["ae-trained.float64"][-1] == "layer/normaliser.denormalise"
     np.testing.assert_array_equal(plan.arrays["dsnet-faithful-clips"]["real"].sum(axis=1), [10, 20])
-
-
-def test_a_network_of_other_inputs_is_left_out_and_told(trained_run, monkeypatch, capsys):
-    load = trained_checks.load_trained_dsnet
-
-    def with_another(train, name):
-        found = load(train, name)
-        kernel = {"fc_enc_1/kernel": np.zeros((DIFFERENCES.size, 64), np.float32)}
-        other = name == "dsnet_faithful"
-        return replace(found, weights={**found.weights, **kernel}) if other else found
-
-    monkeypatch.setattr(trained_checks, "load_trained_dsnet", with_another)
-    names = {check.name for check in trained_plan(trained_run).checks}
-    assert "dsnet-standardised-stream" in names
-    assert not any(name.startswith("dsnet-faithful") for name in names)
-    said = "dsnet: dsnet_faithful is not compared: it is told of pose differences\n"
-    assert capsys.readouterr().err == said
 
 
 def test_a_run_without_networks_has_no_checks_of_its_own(tmp_path, monkeypatch):

@@ -26,8 +26,8 @@ def refused(capsys: pytest.CaptureFixture[str], *options: str) -> str:
 
 
 def test_without_the_extra_it_is_named(capsys, monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert 'pip install "dsnet[viewer]"' in refused(capsys)
+    monkeypatch.setattr("bridge.installation.find_spec", lambda name: None)
+    assert '[viewer]"' in refused(capsys).partition("pip install")[2]
 
 
 @needs_viser
@@ -88,6 +88,18 @@ def test_a_recording_overwrites_nothing(capsys, tmp_path):
     there = tmp_path / "a.html"
     there.write_text("mine")
     assert "which exists" in refused(capsys, "--record", str(there), "--port", "0")
-    assert "cannot be written" in refused(capsys, "--record", str(tmp_path / "no" / "a.html"))
+    assert "cannot be written" in refused(capsys, "--record", str(there / "b.html"))
     assert there.read_text() == "mine"
     assert [path.name for path in tmp_path.iterdir()] == ["a.html"]
+
+
+@needs_viser
+def test_a_recording_without_room_leaves_nothing(capsys, tmp_path):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, before[1]))
+    try:
+        assert "cannot be written" in refused(capsys, "--record", str(tmp_path / "a.html"))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
-from bridge.motion.free_fall import MOST_FALL_G, steepest_fall_g
+from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.kinematics import world_frames
 from torch_align_ae.corpus.motions import (

@@ -36,6 +36,7 @@ def align_sequences(
     subjects: Sequence[int],
     settings: RobustSettings,
     fps: float = 60.0,
+    law: type[Loads] = Loads,
 ) -> tuple[NDArray[np.float32], list[NDArray[np.float32]]]:
     """Shapes and poses of sequences that are in memory.
 
@@ -45,6 +46,7 @@ def align_sequences(
     meshes : for each sequence (T, V, 3), metres.
     subjects : for each sequence the row of its subject, 0 to S - 1.
     fps : frames per second.
+    law : the loads that are taken out.
 
     Returns
     -------
@@ -52,7 +54,7 @@ def align_sequences(
     thetas : for each sequence (T, 69).
     """
     sample = SkinSample(smpl, settings.vertices)
-    loads = Loads.of(sample, settings)
+    loads = law.of(sample)
     recordings = [
         MeshRecording(lambda start, stop, own=own: own[start:stop], len(own), fps) for own in meshes
     ]

@@ -28,6 +28,8 @@ from torch_align_ae.alignment.robust.tissue import Evidence, Tissue
 
 # Bodies fitted as one batch: fewer waste time between operations, more fall out of the cache.
 BATCH = 32
+# Gauss-Newton steps for the shape of the first frame.
+_SHAPE_STEPS = 8
 # Steps with all vertices alike, from the closed form to where residuals mean something.
 _FIRST_STEPS = 2
 # The shape moves slowly and its equations cost as much as a round.
@@ -64,7 +66,8 @@ def calibrate(
     The first frame's tissue hangs and moves, and a shape fitted to it keeps that for ever. So once
     the loads are known the shape is corrected, round by round, by all frames without theirs.
     """
-    betas = fit_shape(sample, _shape_frames(sample, recordings, settings), settings.shape_steps)
+    first = sample.take(torch.from_numpy(recordings[0].read(0, 1)))
+    betas = fit_shape(sample, first, _SHAPE_STEPS)
     shaped = sample.shaped(betas)
 
     def start(sample: SkinSample, seen: Observed) -> _Batch:
@@ -87,18 +90,21 @@ def calibrate(
         target, weights = tissue.unloaded(batch.seen.vertices, terms), tissue.weights(precision)
         return shape_evidence(sample, shaped, batch.pose, target, weights)
 
-    precision = settings.precision_m
-    clips = _calibration_clips(loads, recordings, settings)
+    precision = loads.precision_m
+    clips = [
+        loads.observe(recording, start, stop)[1]
+        for recording, start, stop in spread_clips(recordings, settings.calibration_frames)
+    ]
     variance_m2 = _noise_variance(loads, clips)
     noise = shared_noise(variance_m2, recordings[0].fps)
     seen = Observed(*(torch.cat(parts) for parts in zip(*clips, strict=True)))
     batches = list(pool.map(start, seen.split(BATCH)))
     evidence = reduce(add, pool.map(gather, batches))
-    noise_m = np.sqrt(variance_m2) if settings.noise and variance_m2 > precision**2 else 0.0
+    noise_m = np.sqrt(variance_m2) if variance_m2 > precision**2 else 0.0
     tissue = evidence.revise(Tissue.unknown(evidence.pull.shape[1], sample.weights, noise_m))
     for turn in range(settings.calibration_rounds):
         tissue = reduce(add, pool.map(improve, batches)).revise(tissue)
-        if settings.correct_shape and turn % _ROUNDS_PER_SHAPE == _ROUNDS_PER_SHAPE - 1:
+        if turn % _ROUNDS_PER_SHAPE == _ROUNDS_PER_SHAPE - 1:
             told = reduce(ShapeEvidence.plus, pool.map(about_shape, batches))
             betas = betas + told.change().to(betas)
             shaped = sample.shaped(betas)
@@ -115,38 +121,13 @@ def fit_unloaded(
     steps: int,
 ) -> Pose:
     """Poses of the sample without its loads; which those are follows the pose, step by step."""
-    weights = tissue.weights(loads.settings.precision_m)
+    weights = tissue.weights(loads.precision_m)
     for _ in range(steps):
         terms = loads.terms(seen, sample.frames(shaped, pose).turn)
         pose = fit_poses(sample, shaped, tissue.unloaded(seen.vertices, terms), weights, pose, 1)
     return pose
 
 
-def _calibration_clips(
-    loads: Loads, recordings: Sequence[MeshRecording], settings: RobustSettings
-) -> list[Observed]:
-    """Consecutive frames, spread over all recordings."""
-    return [
-        loads.observe(recording, start, stop)[1]
-        for recording, start, stop in spread_clips(recordings, settings.calibration_frames)
-    ]
-
-
 def _noise_variance(loads: Loads, clips: Sequence[Observed]) -> float:
     """m^2, of the clip in the middle: some hardly move, some violently."""
     return float(np.median([noise_variance(clip.vertices, loads.around) for clip in clips]))
-
-
-def _shape_frames(
-    sample: SkinSample, recordings: Sequence[MeshRecording], settings: RobustSettings
-) -> Tensor:
-    """(n, 3, N) the frames that give the shape: the first, or some spread over all recordings."""
-    if settings.shape_frames == 1:
-        return sample.take(torch.from_numpy(recordings[0].read(0, 1)))
-    ends = np.cumsum([recording.length for recording in recordings])
-    frames = []
-    for place in np.linspace(0, ends[-1] - 1, settings.shape_frames).astype(int):
-        row = int(np.searchsorted(ends, place, side="right"))
-        within = int(place - (ends[row] - recordings[row].length))
-        frames.append(torch.from_numpy(recordings[row].read(within, within + 1)))
-    return sample.take(torch.cat(frames))

@@ -49,7 +49,7 @@ class RobustCorpusFit:
     ) -> None:
         self._smpl, self._settings, self._sequences = smpl, settings, sequences
         self._sample = SkinSample(smpl, settings.vertices)
-        self._loads = Loads.of(self._sample, settings)
+        self._loads = Loads.of(self._sample)
         self._recordings = [
             MeshRecording(reader.clip(sequence.name).read, sequence.length, sequence.fps)
             for sequence in sequences

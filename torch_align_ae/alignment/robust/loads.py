@@ -21,14 +21,13 @@ in the world's axes, of S'' alone: what a turning limb adds is of second order.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 
 from torch_align_ae.alignment.robust.recording import MeshRecording
 from torch_align_ae.alignment.robust.sample import SkinSample
-from torch_align_ae.alignment.robust.settings import RobustSettings
 
 GRAVITY_M_S2 = 9.81
 # About a load of twice gravity the stiffening term bends; the other terms are linear throughout.
@@ -60,21 +59,23 @@ class Observed(NamedTuple):
 class Loads:
     """The terms of the law for a sample."""
 
+    precision_m: ClassVar[float] = 1e-4
+    """Metres of motion that the terms leave unexplained at which a vertex counts half in the
+    pose."""
     sample: SkinSample
-    settings: RobustSettings
     around: Tensor
     """(N, N) weights of the mean over the skin around: column v is vertex v's."""
     weights_around: Tensor
     """(22, N) that mean of the skinning weights."""
 
     @classmethod
-    def of(cls, sample: SkinSample, settings: RobustSettings) -> Loads:
+    def of(cls, sample: SkinSample) -> Loads:
         """For a sample; who is whose neighbour is told by the template."""
         places = sample.smpl.template[:, sample.vertices].T
         near = torch.exp(-torch.cdist(places, places).square() / (2 * _REACH_M**2))
         near[near < _FAR] = 0
         around = near / near.sum(0)
-        return cls(sample, settings, around, sample.weights @ around)
+        return cls(sample, around, sample.weights @ around)
 
     def observe(self, recording: MeshRecording, start: int, stop: int) -> tuple[Tensor, Observed]:
         """Frames [start, stop) of a recording: meshes (n, V, 3), metres, and their sample."""
@@ -82,50 +83,31 @@ class Loads:
         return meshes, Observed(vertices, acceleration, acceleration @ self.around, jerk)
 
     def terms(self, seen: Observed, turn: Tensor) -> Tensor:
-        """(K, B, 3, N) terms of the law; K is 0 without inertia.
+        """(4, B, 3, N) terms of the law.
 
         Parameters
         ----------
         turn : (B, 22, 3, 3) orientation of the joints, `Frames.turn`.
         """
-        use = self.settings
-        if not use.inertia:
-            return seen.vertices.new_zeros(0, *seen.vertices.shape)
         load = self._with_gravity(seen.acceleration, turn, self.sample.weights)
-        terms = [load]
-        if use.stiffening:
-            squared = load.square().sum(1, keepdim=True)
-            terms.append(load / (1 + squared / _BEND_M_S2**2))
-        if use.coupling:
-            terms.append(self._with_gravity(seen.around, turn, self.weights_around))
-        if use.damping:
-            terms.append(-seen.jerk)
-        return torch.stack(terms)
+        bent = load / (1 + load.square().sum(1, keepdim=True) / _BEND_M_S2**2)
+        around = self._with_gravity(seen.around, turn, self.weights_around)
+        return torch.stack([load, bent, around, -seen.jerk])
 
     def _with_gravity(self, acceleration: Tensor, turn: Tensor, weights: Tensor) -> Tensor:
         """S'' - g + R g (B, 3, N)."""
-        if not self.settings.gravity:
-            return acceleration
         upward = turn[:, :, :, 1].transpose(1, 2) @ weights  # R e_y
         load = acceleration - GRAVITY_M_S2 * upward
         load[:, 1] += GRAVITY_M_S2
         return load
 
     def noise_in_common(self, terms: Tensor) -> Tensor:
-        """(K, N) share of each term in which a vertex's own noise appears as in its acceleration.
+        """(4, N) share of each term in which a vertex's own noise appears as in its acceleration.
 
         Summed over frames. The derivative of the bend of stiffening is passed over: noise is small
         beside the loads that bend it.
         """
         frames = terms.shape[1]
-        if not len(terms):
-            return terms.new_zeros(0, terms.shape[-1])
-        shares = [terms.new_full((terms.shape[-1],), float(frames))]
-        if self.settings.stiffening:
-            squared = terms[0].square().sum(1)
-            shares.append((1 / (1 + squared / _BEND_M_S2**2)).sum(0))
-        if self.settings.coupling:
-            shares.append(frames * self.around.diagonal())
-        if self.settings.damping:
-            shares.append(torch.zeros_like(shares[0]))
-        return torch.stack(shares)
+        own = terms.new_full((terms.shape[-1],), float(frames))
+        bent = (1 / (1 + terms[0].square().sum(1) / _BEND_M_S2**2)).sum(0)
+        return torch.stack([own, bent, frames * self.around.diagonal(), torch.zeros_like(own)])

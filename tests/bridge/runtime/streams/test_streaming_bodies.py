@@ -12,8 +12,6 @@ import pytest
 from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.body.smpl import Smpl
-from bridge.exchange.input_kinds import DIFFERENCES
-from bridge.exchange.trained_dsnet import Scaling
 from bridge.motion import unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.runtime.dsnet_step import DsnetModel, load_decoder
@@ -225,21 +223,6 @@ def test_dsnet_gives_latents_too(trained_run, trained):
     latents = np.concatenate([part.latents for part in parts if part.latents is not None])
     np.testing.assert_allclose(latents_of(found), latents, atol=1e-5)
     np.testing.assert_allclose(offsets_of(found), whole(predict, theta), atol=1e-5)
-
-
-def test_a_network_of_pose_differences_streams(trained, trained_run):
-    rng = np.random.default_rng(5)
-    kernel = rng.normal(0, 0.05, (DIFFERENCES.size, 64)).astype(np.float32)
-    weights = {**trained.weights, "fc_enc_1/kernel": kernel}
-    network = replace(trained, weights=weights, scaling=Scaling.identity(DIFFERENCES.size))
-    decode = load_decoder(trained_run.artifact("train-ae"))
-    bodies = StreamingBodies(trained_run.name)
-    bodies._model = DsnetModel(network, decode)
-    theta = swaying(TIMES_S[:10])
-    found = streamed(bodies, theta, BETAS)
-    latents = WholeMotions(DsnetModel(network, decode))(theta, BETAS).latents
-    assert latents is not None
-    np.testing.assert_allclose(latents_of(found), latents, atol=1e-5)
 
 
 def test_a_model_needs_its_body(flesh):

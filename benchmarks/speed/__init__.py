@@ -1,0 +1,1 @@
+"""How fast training, prediction and posing are, beside their limits and their peers."""

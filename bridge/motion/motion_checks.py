@@ -1,0 +1,190 @@
+"""What is odd about a motion that is used all the same: a line of warning each.
+
+Four faults of recordings are looked for. A *cut* (`bridge.motion.cuts`), where the motion is
+another one. A *pop*: where a recording loses a marker, or its solver turns a limb the other way
+round and back, a leg flips within some frames; the eye sees a flicker, tissue is hit by it and
+swings for half a second. A *fall* that no body falls: a file's rate is a number that somebody
+wrote, and at twice its rate a motion is four times as violent; what gives it away is a jump.
+*Tremor*: at 15 Hz a millimetre that no eye sees is nearly a gravity of acceleration; what moves a
+body is slower than 10 Hz but for moments, so the median of what is faster tells the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.motion.cuts import turns_rad
+from bridge.motion.motion import Motion
+from bridge.motion.theta import unpack_theta
+from bridge.paper import N_JOINTS
+
+MOST_TREMOR_MM = 0.45
+"""Motions without noise stay below 0.2, ours and a real jumping jack; most of CMU's early
+recordings are above it."""
+TREMOR_FROM_HZ = 10.0
+_FEWEST_FRAMES = 30
+MOST_TURN_DEG_S = 3500.0
+"""Of trunk and legs: between the fastest ankles in recorded dances and the faults beside them."""
+MOST_ARM_TURN_DEG_S = 8000.0
+"""Of the arms, the neck and the head: more than a pitcher's shoulder reaches."""
+MOST_ROOT_G = 20.0
+"""Of the root's acceleration from frame to frame: more than recorded landings have."""
+MOST_FALL_G = 2.5
+"""The pelvis may fall faster than the body, whose arms and legs are thrown up meanwhile: 1.4 times
+gravity in a real jumping jack, and 5.5 at twice its rate."""
+_GRAVITY_M_S2 = 9.81
+_FALL_HALF_S = 0.05
+_POPS_APART_S = 0.25
+_TOLD = 5
+_ARMS = ("neck", "head", "collar", "shoulder", "elbow", "wrist")
+_MOST_TURNS_DEG_S = np.array(
+    [
+        MOST_ARM_TURN_DEG_S if name.endswith(_ARMS) else MOST_TURN_DEG_S
+        for name in SMPL_JOINT_NAMES[:N_JOINTS]
+    ]
+)
+
+
+def motion_warnings(
+    motion: Motion,
+    pieces: Sequence[slice],
+    rate_option: str = "--motion-fps",
+    smooth_option: str = "--smooth-hz auto",
+) -> list[str]:
+    """What of the file was left out, where it jumps, and how it moves as nobody can.
+
+    Parameters
+    ----------
+    pieces : `bridge.motion.cuts.pieces_between_cuts` of it.
+    rate_option : the option by which the user says the right frame rate.
+    smooth_option : the one that leaves noise out.
+    """
+    falls = _fall_warning(motion, pieces, rate_option)
+    found = [_lead_in_warning(motion), _cut_warning(motion, pieces), falls]
+    found.append(_pop_warning(motion, pieces))
+    # At a wrong rate everything trembles; what `auto` leaves is motion.
+    if not falls and motion.smooth_hz != "auto":
+        found.append(_tremor_warning(motion, pieces, smooth_option))
+    return [warning for warning in found if warning]
+
+
+def tremor_mm(trans_m: NDArray[np.floating], fps: float) -> float:
+    """Median size of what is faster than 10 Hz in a path (T, 3), metres; 0 of half a second."""
+    if len(trans_m) < _FEWEST_FRAMES or fps <= 2 * TREMOR_FROM_HZ:
+        return 0.0
+    sections = butter(2, TREMOR_FROM_HZ, btype="high", fs=fps, output="sos")
+    fast_m = np.asarray(sosfiltfilt(sections, trans_m, axis=0))
+    return 1e3 * float(np.median(np.linalg.norm(fast_m, axis=1)))
+
+
+def steepest_fall_g(height_m: NDArray, fps: float) -> float:
+    """Largest downward acceleration of a height (T,), in units of gravity; 0 if there is none.
+
+    Each is the mean over a tenth of a second, weighted by a triangle of half its width h:
+    -(y(t - h) - 2 y(t) + y(t + h)) / h^2. So an error of a millimetre makes no more than 0.2.
+    """
+    half = max(1, round(_FALL_HALF_S * fps))
+    if len(height_m) <= 2 * half:
+        return 0.0
+    before, now, after = height_m[: -2 * half], height_m[half:-half], height_m[2 * half :]
+    bent = (2 * now - before - after).max() * (fps / half) ** 2
+    return max(0.0, float(bent) / _GRAVITY_M_S2)
+
+
+def find_pops(motion: Motion, pieces: Sequence[slice]) -> dict[int, str]:
+    """The first frame of each pop, and what moves there: a joint's name, or `root`.
+
+    Frames less than a quarter of a second apart are one pop.
+
+    Parameters
+    ----------
+    pieces : those between cuts.
+    """
+    found: dict[int, str] = {}
+    for piece in pieces:
+        excess = _excess(motion.theta[piece], motion.fps)
+        last = -np.inf
+        for frame in np.flatnonzero((excess > 1).any(axis=1)):
+            if frame - last > _POPS_APART_S * motion.fps:
+                name = [*SMPL_JOINT_NAMES[:N_JOINTS], "root"][int(excess[frame].argmax())]
+                found[piece.start + int(frame)] = name
+            last = frame
+    return found
+
+
+def _excess(theta: NDArray[np.floating], fps: float) -> NDArray[np.float64]:
+    """(T, 23) how far each joint's speed and the root's acceleration are above the bound, as 1."""
+    found = np.zeros((len(theta), N_JOINTS + 1))
+    pose, trans_m = unpack_theta(np.asarray(theta, np.float64))
+    if len(theta) > 1:
+        turn_deg = np.degrees(turns_rad(pose[:-1], pose[1:]))
+        found[1:, :N_JOINTS] = turn_deg * fps / _MOST_TURNS_DEG_S
+    if len(theta) > 2:
+        bent_m = np.linalg.norm(np.diff(trans_m, 2, axis=0), axis=1)
+        found[1:-1, N_JOINTS] = bent_m * fps**2 / (MOST_ROOT_G * _GRAVITY_M_S2)
+    return found
+
+
+def _lead_in_warning(motion: Motion) -> str:
+    if not motion.lead_in:
+        return ""
+    return (
+        f"{motion.source}: the motion begins after frame {motion.lead_in} of the file; "
+        "before it stands a pose from which nobody gets there so fast"
+    )
+
+
+def _cut_warning(motion: Motion, pieces: Sequence[slice]) -> str:
+    frames = [piece.start for piece in pieces[1:]]
+    if not frames:
+        return ""
+    named = _first_of([f"{frame} ({frame / motion.fps:.2f} s)" for frame in frames])
+    return (
+        f"{motion.source} jumps at frame {named} of its {motion.fps:g} frames a second: "
+        "the tissue starts anew there, from rest"
+    )
+
+
+def _fall_warning(motion: Motion, pieces: Sequence[slice], rate_option: str) -> str:
+    height_m = unpack_theta(motion.theta)[1][:, 1]
+    steepest_g = max(steepest_fall_g(height_m[piece], motion.fps) for piece in pieces)
+    if steepest_g <= MOST_FALL_G:
+        return ""
+    fitting = motion.source_fps / np.sqrt(steepest_g)
+    return (
+        f"{motion.source} falls with {steepest_g:.1f} times gravity at its {motion.source_fps:g} "
+        f"frames a second, where one of some {fitting:.0f} would fit: if it is wrong, "
+        f"{rate_option} says the right one"
+    )
+
+
+def _pop_warning(motion: Motion, pieces: Sequence[slice]) -> str:
+    pops = find_pops(motion, pieces)
+    if not pops:
+        return ""
+    named = _first_of([f"{name} at {frame / motion.fps:.2f} s" for frame, name in pops.items()])
+    return (
+        f"{motion.source} moves faster than anybody can: {named}: "
+        "if it is a fault of the recording, smooth it there, for it throws the tissue"
+    )
+
+
+def _tremor_warning(motion: Motion, pieces: Sequence[slice], smooth_option: str) -> str:
+    trans_m = unpack_theta(motion.theta)[1]
+    most_mm = max((tremor_mm(trans_m[piece], motion.fps) for piece in pieces), default=0.0)
+    if most_mm <= MOST_TREMOR_MM:
+        return ""
+    return (
+        f"{motion.source} trembles by {most_mm:.1f} mm above {TREMOR_FROM_HZ:g} Hz, as noisy "
+        f"recordings do, and shakes the tissue: {smooth_option} leaves that out"
+    )
+
+
+def _first_of(named: Sequence[str]) -> str:
+    more = f" and {len(named) - _TOLD} more" if len(named) > _TOLD else ""
+    return ", ".join(named[:_TOLD]) + more

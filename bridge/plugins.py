@@ -1,0 +1,74 @@
+"""What modules outside of the product add to it: predictors, laws of tissue, forms of meshes.
+
+The environment variable `DSNET_PLUGINS` names modules that can be imported, with spaces between
+them. Each has any of the functions
+
+    predictors()    name -> `tf_dsnet.predictors.Predictor`
+    tissues()       name -> `torch_align_ae.corpus.tissue_laws.TissueLaw`
+    mesh_forms()    name -> `torch_align_ae.corpus.tissue_laws.MakeForm`
+
+that return what it adds. They import inside, so that no process loads both frameworks. Only the
+user's environment names a module: files of a run hold plain names, and nothing is imported because
+a file says so.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Mapping
+from typing import TypeVar
+
+from bridge.errors import DsnetError, did_you_mean
+
+VARIABLE = "DSNET_PLUGINS"
+Entry = TypeVar("Entry")
+
+
+def with_plugins(kind: str, own: Mapping[str, Entry]) -> dict[str, Entry]:
+    """The product's own entries by name, and after them those of the function `kind` of plugins.
+
+    Raises
+    ------
+    DsnetError
+        If a module cannot be imported, or registers a name that there is already.
+    """
+    found = dict(own)
+    for module in os.environ.get(VARIABLE, "").split():
+        try:
+            added = dict(getattr(importlib.import_module(module), kind, dict)())
+        except Exception as error:  # a stranger's module can fail in any way
+            raise DsnetError(
+                f"{VARIABLE} with {module}: {type(error).__name__}: {error}",
+                "modules that can be imported",
+                f"Correct {VARIABLE}, or set PYTHONPATH to the folder that holds the module.",
+            ) from error
+        if taken := found.keys() & added.keys():
+            raise DsnetError(
+                f"{VARIABLE} with {module}, which registers {', '.join(sorted(taken))} anew",
+                "names that are not taken",
+                f"Rename what it registers, or leave it out of {VARIABLE}.",
+            )
+        found |= added
+    return found
+
+
+def entry_named(name: str, flag: str, entries: Mapping[str, Entry]) -> Entry:
+    """The entry of a name that was given as an option, or that a file holds.
+
+    Raises
+    ------
+    DsnetError
+        If there is none.
+    """
+    if name not in entries:
+        raise DsnetError(
+            f"{flag} {name}",
+            f"one of {', '.join(entries)}",
+            did_you_mean(
+                name,
+                entries,
+                f"Name one of these, or in {VARIABLE} the module that registers {name}.",
+            ),
+        )
+    return entries[name]

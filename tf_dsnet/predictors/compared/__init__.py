@@ -1,1 +1,0 @@
-"""Predictors that are there to be compared with; see docs/architecture.md, "Predictors"."""
