@@ -18,14 +18,21 @@ from tests.forged.amass import save, smplh
 from tests.forged.oscillating import people_of
 from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run
 from tf_dsnet import stage_predict_plus, stage_train_plus
+from tf_dsnet.oscillators.training import PlusTraining
 from tf_dsnet.stage_predict_plus import PredictPlusConfig
+
+
+class MovingAlone(PlusTraining):
+    def static_rounds(self) -> set[int]:
+        return set()
 
 
 def trained_run(
     runs: Path, monkeypatch: pytest.MonkeyPatch, *, static: bool = True, **aligned
 ) -> Path:
     run = forge_run(runs, monkeypatch, **aligned)
-    stage_train_plus.main(replace(TINY, rounds=1, static=static))
+    training = PlusTraining if static else MovingAlone
+    stage_train_plus.main(replace(TINY, rounds=1), training)
     return run
 
 
