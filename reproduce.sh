@@ -26,7 +26,7 @@ find_python() {
 
 # Where there is no NVIDIA GPU, builds without CUDA.
 nvidia-smi -L >/dev/null 2>&1 && train=train || train=train-cpu
-# What a run on this machine needs; a cluster, tests and pages need half a minute and 0.6 GB more.
+# What a run on this machine needs; a cluster, tests and pages need half a minute and 0.8 GB more.
 for_runs=$train,viewer,usd,clip
 for_everything=$for_runs,ray,dev,docs
 
@@ -81,7 +81,7 @@ run_tests() {
 }
 
 run_all_tests() {
-    # TensorFlow and the renderer in one process abort at its end: each side has its own, as stages do.
+    # PyTorch and TensorFlow in one process have crashed by order of import: each has its own, as stages do.
     # Long folders stand early in the alphabet: in their own order processes end together.
     local processes=(--numprocesses auto --maxprocesses 4 --no-loadscope-reorder)
     # Each computes on one core: threads of several processes would wait for one another.

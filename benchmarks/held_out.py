@@ -20,16 +20,6 @@ from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 
 _ALL_FRAMES = "all_frames"
-_PAGE = """\
-# The autoencoder with and without the held-out clip ({data} data)
-
-| code | drawn from | R² on its validation frames | R² on the held-out clip |
-|---|---|---:|---:|
-{rows}
-
-R² of what a code gives back of the aligned offsets, in metres. Held out: {clips}. {steps} training
-steps, preset `{preset}`, seed {seed}. Made by `{made_by}` and `{command}`.
-"""
 
 
 @dataclass(frozen=True)
@@ -37,7 +27,7 @@ class HeldOutConfig:
     """Tabulate a finished stage `train-ae`."""
 
     out: Path
-    """Folder that receives held_out.json and held_out.md."""
+    """Folder that receives held_out.json."""
     run: str = "demo"
     """Run whose autoencoder was trained with `--comparisons all_frames`."""
 
@@ -55,18 +45,7 @@ def main(config: HeldOutConfig) -> dict[str, Any]:
     config.out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"
     write_text_atomically(config.out / "held_out.json", text)
-    write_text_atomically(config.out / "held_out.md", markdown(results))
     return results
-
-
-def markdown(results: dict[str, Any]) -> str:
-    """A page with one table: a row for each code."""
-    rows = [
-        f"| {row['code']} | {row['drawn_from']} | {row['r2_validation']:.4f} |"
-        f" {row['r2_held_out']:.4f} |"
-        for row in results["rows"]
-    ]
-    return _PAGE.format(**{**results, "rows": "\n".join(rows)})
 
 
 def _results(run: Run) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from bridge.plugins import VARIABLE
 
 if TYPE_CHECKING:
     from tf_dsnet.predictors import Predictor
-    from torch_align_ae.corpus.tissue_laws import MakeForm, Tissue
+    from torch_align_ae.corpus.tissue_laws import MakeForm, TissueLaw
 
 
 def use() -> None:
@@ -43,7 +43,7 @@ def predictors() -> Mapping[str, Predictor]:
     return {entry.name: entry for entry in entries}
 
 
-def tissues() -> Mapping[str, Tissue]:
+def tissues() -> Mapping[str, TissueLaw]:
     """Laws of soft tissue to test on."""
     from benchmarks.laws.second_tissue_simulation import SecondTissueSimulator
     from benchmarks.laws.third_tissue_simulation import ThirdTissueSimulator

@@ -1,6 +1,6 @@
 """`python -m benchmarks.tissue_laws --out DIR`: the same motions under every tissue law.
 
-Tabulates how far flesh moves and how much of the other laws' offsets the own one's explain, and
+Measures how far flesh moves and how much of the other laws' offsets the own one's explain, and
 draws one jump under each.
 """
 
@@ -30,14 +30,6 @@ from torch_align_ae.corpus.subjects import SUBJECTS, Subject
 _FPS, _OWN = 60.0, "own"
 _MOTIONS = ("one_leg_jump", "kicking", "hips", "shake_arms")
 _PANELS = 4
-_PAGE = """\
-# The same motions under every tissue law (synthetic data)
-
-{table}
-
-Offsets in millimetres: mean and most; with gravity, {frames} frames at 60 fps. *Unlike* is the
-share of a law's squared offsets that no multiple of the own law's explains. Made by `{command}`.
-"""
 
 
 @dataclass(frozen=True)
@@ -45,7 +37,7 @@ class TissueLawsConfig:
     """Compare the laws on the heaviest and the leanest woman."""
 
     out: Path
-    """Folder that receives tissue_laws.json, tissue_laws.md and tissue_laws.png."""
+    """Folder that receives tissue_laws.json and tissue_laws.png."""
     frames: int = 120
     """Length of each motion at 60 fps."""
 
@@ -74,24 +66,8 @@ def main(config: TissueLawsConfig) -> dict[str, Any]:
     config.out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"
     write_text_atomically(config.out / "tissue_laws.json", text)
-    write_text_atomically(config.out / "tissue_laws.md", markdown(results))
     draw(config.out / "tissue_laws.png", smpl, **pictured)
     return results
-
-
-def markdown(results: dict[str, Any]) -> str:
-    """A page with one table: a row for each motion and subject."""
-    laws = list(results["rows"][0]["laws"])
-    others = [law for law in laws if law != _OWN]
-    head = ["motion", "subject", *(f"`{law}`" for law in laws), *(f"`{o}` unlike" for o in others)]
-    lines = [f"| {' | '.join(head)} |", "|---|---" + "|---:" * (len(head) - 2) + "|"]
-    for row in results["rows"]:
-        found = row["laws"]
-        sizes = [f"{found[law]['mean_mm']:.2f}, {found[law]['max_mm']:.1f}" for law in laws]
-        unlike = [f"{found[law]['unlike']:.2f}" for law in others]
-        cells = [f"`{row['motion']}`", row["subject"], *sizes, *unlike]
-        lines.append(f"| {' | '.join(cells)} |")
-    return _PAGE.format(**results, table="\n".join(lines))
 
 
 def draw(

@@ -69,9 +69,13 @@ def version_of(package: str) -> str | None:
 def _origin() -> str | None:
     """URL of the folder, wheel or repository that was installed, if it is still there."""
     try:
-        direct = json.loads(metadata.distribution(DISTRIBUTION).read_text("direct_url.json") or "")
-    except (metadata.PackageNotFoundError, ValueError):
+        files = metadata.files(DISTRIBUTION) or ()
+    except metadata.PackageNotFoundError:
         return None
+    stated = [file for file in files if file.name == "direct_url.json"]
+    if not stated:
+        return None
+    direct = json.loads(stated[0].read_text(encoding="utf-8"))
     if vcs := direct.get("vcs_info"):
         return f"{vcs['vcs']}+{direct['url']}@{vcs['commit_id']}"
     from urllib.parse import urlsplit

@@ -14,7 +14,6 @@ PROVIDES = {
     "imageio-ffmpeg": "imageio_ffmpeg",
     "markdown-it-py": "markdown_it",
     "pillow": "PIL",
-    "protobuf": "google",
     "tensorflow-cpu": "tensorflow",
     "usd-core": "pxr",
 }

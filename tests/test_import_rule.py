@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -31,7 +32,7 @@ THIRD_PARTIES = {
     "motion": {"numpy", "pybvh", "scipy"},
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},
-    "runtime": {"google", "numpy", "onnx", "onnxruntime"},
+    "runtime": {"numpy", "onnx", "onnxruntime"},
     "export": {
         "PIL",
         "imageio_ffmpeg",
@@ -74,6 +75,14 @@ def test_the_bridges_folders_import_in_one_direction() -> None:
     files = source_files("bridge")
     found = {path: upward(folder_of(path), imported_modules(path)) for path in files}
     assert not {str(path): names for path, names in found.items() if names}
+
+
+def test_the_page_shows_this_order() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^`.+?` < .+$", page, re.MULTILINE)
+    assert re.findall(r"`(\w+)`", line) == ORDER[1:-1]
+    drawn = re.findall(r"^ {8}(\w+)/ ", page, re.MULTILINE)
+    assert drawn == ORDER[1:-1]
 
 
 def test_every_folder_of_the_bridge_has_its_place() -> None:

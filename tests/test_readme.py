@@ -9,8 +9,6 @@ import pytest
 
 from bridge.report.panels import FOOTERS
 from tests.pages import PAGES, ROOT, commands_on, flags_of
-from tools.include_results import PAGES as QUOTING
-from tools.include_results import with_included
 from tools.speed_page import speed_page
 from tools.update_readme import README, SPEED, load_bench, load_results, with_results
 
@@ -26,11 +24,6 @@ def test_generated_blocks_are_up_to_date() -> None:
 
 def test_the_page_of_speed_is_up_to_date() -> None:
     assert SPEED.read_text(encoding="utf-8") == speed_page(load_bench(SPEED.parent))
-
-
-@pytest.mark.parametrize("page", QUOTING, ids=lambda page: page.name)
-def test_quoted_tables_are_up_to_date(page):
-    assert with_included(page.read_text()) == page.read_text()
 
 
 @pytest.mark.parametrize("report", REPORTS, ids=lambda report: report.parent.name)

@@ -1,4 +1,4 @@
-"""The README's table is made from `results.json`: both roads, the cells, and what is missing."""
+"""The README's table is made from `results.json`: both pipelines, each cell, what is missing."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ def test_both_roads_stand_in_one_table():
         "| 0.90, 1.00 mm | 0.70, 2.00 mm | 0.50, 3.00 mm | 0.30, 4.00 mm |",
         "| new person, unseen motion | 0.90, 1.00 mm | -, - | 0.50, 3.00 mm | 0.30, 4.00 mm |",
     ]
-    assert "The paper's road (aligned by `sgd`): DSNet." in block
-    assert "The best road (aligned by `robust`): DSNet plus." in block
+    assert "The paper's pipeline (aligned by `sgd`): DSNet." in block
+    assert "This repository's pipeline (aligned by `robust`): DSNet plus." in block
     bed = "synthetic data (tissue law `own`, form `clean`, with gravity, female bodies)"
     assert f"seed 3, {bed}; every number" in block
     assert "`align` leaves 2.9 mm" in block

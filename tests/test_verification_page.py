@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from bridge.verify.faults import FAULTS
-from tools.update_verification import PAGE, load_parity, with_table
+from tools.update_verification import PAGE, load_parity, with_outcome
 
 
-def test_the_table_is_up_to_date():
+def test_the_outcome_is_up_to_date():
     page = PAGE.read_text()
-    assert with_table(page) == page
+    assert with_outcome(page) == page
 
 
 def test_every_committed_row_holds():

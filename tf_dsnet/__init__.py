@@ -3,9 +3,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from bridge.runtime.streams.streaming import StreamingPredictor
-
 if TYPE_CHECKING:
+    from bridge.runtime.streams.streaming import StreamingPredictor
     from bridge.runtime.streams.streaming_bodies import StreamingBodies
     from tf_dsnet.codec import load_codec
     from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder
@@ -26,6 +25,7 @@ _LOADED_LATE = {
     "KerasSMPL": "tf_dsnet.smpl",
     "KerasMeshAutoencoder": "tf_dsnet.mesh_autoencoder",
     "StreamingBodies": "bridge.runtime.streams.streaming_bodies",
+    "StreamingPredictor": "bridge.runtime.streams.streaming",
     "build_dsnet": "tf_dsnet.model",
     "load_codec": "tf_dsnet.codec",
     "unpose": "tf_dsnet.unposing",
@@ -33,7 +33,7 @@ _LOADED_LATE = {
 
 
 def __getattr__(name: str) -> Any:
-    # Latents need NumPy alone, so TensorFlow and ONNX are loaded only for what computes with them.
+    # TensorFlow and ONNX Runtime are loaded only for what computes with them.
     if name in _LOADED_LATE:
         return getattr(import_module(_LOADED_LATE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -16,7 +16,6 @@ from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.exchange.weights import refuse_nonfinite
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import TRAIN_PLUS, best_alignment, body_model_path
-from bridge.runs.worker_pool import WorkerPool, worker_pool
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 from tf_dsnet.oscillators.clips import KnownPeople, node_clips
@@ -57,8 +56,7 @@ def main(config: TrainPlusConfig, training: type[PlusTraining] = PlusTraining) -
     body_path = body_model_path(run)
 
     def make(writer: ArtifactWriter) -> None:
-        with worker_pool("processes", None) as pool:
-            _Fit(config, training, align, body_path, writer, pool).write()
+        _Fit(config, training, align, body_path, writer).write()
 
     run.build(
         TRAIN_PLUS,
@@ -79,14 +77,13 @@ class _Fit:
         align: Artifact,
         body_path: Path,
         writer: ArtifactWriter,
-        pool: WorkerPool[None],
     ) -> None:
         self._config, self._align, self._writer = config, align, writer
         body = load_body_model(str(body_path))
         self._nodes = TissueNodes.of(body, config.nodes)
         self._people = KnownPeople.of(align)
         self._clips = node_clips(align, body, self._nodes, self._people, "train")
-        self._training = training(config, body, self._nodes, self._people, self._clips, pool)
+        self._training = training(config, body, self._nodes, self._people, self._clips)
         self._checkpoint = writer.checkpoints / f"{NAME}.safetensors"
         self._losses: list[float] = []
         features = self._clips[0].features.shape[1]

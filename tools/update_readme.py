@@ -99,7 +99,7 @@ def _times(run: str, results: dict[str, Any]) -> str:
 
 
 def results_block(results: dict[str, Any]) -> str:
-    """Both roads' predictors side by side, on the held-out sequence and in the four cells."""
+    """Both pipelines' predictors side by side, on the held-out sequence and in the four cells."""
     trained = [name for road in results["roads"].values() for name in road["predictors"]]
     names = [*(name for name in results["predictors"] if name in trained), *BESIDE]
     labels = [results["predictors"][name] for name in names]
@@ -125,11 +125,11 @@ def results_block(results: dict[str, Any]) -> str:
 
 
 def _roads_lines(results: dict[str, Any]) -> list[str]:
-    """Which column belongs to which road."""
+    """Which column belongs to which pipeline."""
     lines = []
     for name, road in results["roads"].items():
         labels = ", ".join(results["predictors"][one] for one in road["predictors"])
-        title = {"paper": "The paper's road", "best": "The best road"}[name]
+        title = {"paper": "The paper's pipeline", "best": "This repository's pipeline"}[name]
         lines.append(f"{title} (aligned by `{road['aligner']}`): {labels}.")
     return lines
 

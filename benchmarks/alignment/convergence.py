@@ -18,7 +18,6 @@ from typing import Any
 import torch
 from tqdm import tqdm
 
-from benchmarks.alignment.convergence_page import draw_convergence, markdown
 from benchmarks.alignment.descent_rules import ClipSet, Rule, track
 from benchmarks.alignment.gravity import RECORDED
 from benchmarks.alignment.known_clips import KnownClips, load_clips
@@ -36,7 +35,7 @@ class ConvergenceConfig:
     """Align clips with known truth by many stopping rules: about 8 minutes on two cores, 2 GB."""
 
     out: Path
-    """Folder that receives convergence.json, .md and .png."""
+    """Folder that receives convergence.json."""
     run: str = "demo"
     """Run whose synthetic corpus and truth are read."""
     seed: int = 0
@@ -99,8 +98,6 @@ def main(config: ConvergenceConfig) -> dict[str, Any]:
     config.out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(results, indent=1) + "\n"
     write_text_atomically(config.out / "convergence.json", text)
-    write_text_atomically(config.out / "convergence.md", markdown(results))
-    draw_convergence(config.out / "convergence.png", results)
     return results
 
 

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.alignment.laws --out FILE.md --runs ...`: the robust aligner by law.
+"""`python -m benchmarks.alignment.laws --out FILE.json --runs ...`: the robust aligner by law.
 
 Of runs of the test bed, which have aligned meshes and the truth: how much of the true offsets the
 aligner gives back over all sequences, and of which one least.
@@ -19,25 +19,13 @@ from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from bridge.runs.run import best_alignment
 
-_HEAD = ("run", "tissue law", "form", "people", "sequences", "R² of all", "R² of the worst",
-         "which is", "error [mm]", "true offsets [mm]")  # fmt: skip
-_PAGE = """\
-# The robust aligner under each law (synthetic data)
-
-{table}
-
-R² of the aligned offsets against the simulated ones, over all sequences that were aligned and of
-the one that is given back least; error and size are root mean squares over vertices. Gravity is
-among the loads. Made by `{command}`.
-"""
-
 
 @dataclass(frozen=True)
 class LawsConfig:
-    """Write the page, and a .json beside it."""
+    """Write what the aligner gives back."""
 
     out: Path
-    """The page, a .md."""
+    """A .json."""
     runs: tuple[str, ...]
     """With aligned meshes and the truth."""
 
@@ -54,28 +42,7 @@ def main(config: LawsConfig) -> None:
         "runs": {name: _scores(Run(name)) for name in config.runs},
         "command": " ".join(["python", "-m", "benchmarks.alignment.laws", *sys.argv[1:]]),
     }
-    path = config.out.with_suffix(".json")
-    write_text_atomically(path, json.dumps(result, indent=1) + "\n")
-    write_text_atomically(config.out, markdown(path))
-
-
-def markdown(path: Path) -> str:
-    """The page of a .json."""
-    result = json.loads(path.read_text(encoding="utf-8"))
-    lines = ["| " + " | ".join(_HEAD) + " |", "|---" * 4 + "|---:" * 3 + "|---" + "|---:" * 2 + "|"]
-    for run, found in result["runs"].items():
-        worst = min(found["sequences"], key=found["sequences"].get)
-        cells = [
-            f"`{run}`",
-            *(found[key] for key in ("tissue", "form", "gender")),
-            str(len(found["sequences"])),
-            f"{found['r2']:.3f}",
-            f"{found['sequences'][worst]:.3f}",
-            f"`{worst}`",
-            *(f"{found[key]:.2f}" for key in ("error_mm", "true_mm")),
-        ]
-        lines.append("| " + " | ".join(cells) + " |")
-    return _PAGE.format(table="\n".join(lines), command=result["command"])
+    write_text_atomically(config.out, json.dumps(result, indent=1) + "\n")
 
 
 def _scores(run: Run) -> dict[str, Any]:

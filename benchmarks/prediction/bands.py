@@ -1,4 +1,4 @@
-"""`python -m benchmarks.prediction.bands --run RUN --out FILE.md`: errors by frequency.
+"""`python -m benchmarks.prediction.bands --run RUN --out FILE.json`: errors by frequency.
 
 Of a finished run of the test bed with real motions. Each unseen motion's true and predicted offsets
 are windowed (Hann) and transformed over time; energies are summed over vertices and motions, for
@@ -28,9 +28,7 @@ from bridge.runs.processes import run_as_process
 EDGES_HZ = (0, 2, 4, 6, 9, 12, 16, 22, 30)
 _SHORTEST = 120
 _KINDS = {"invented": False, "recorded": True}
-_PAGE = """\
-# Errors by frequency (synthetic data but for the recorded motions)
-
+_NOTE = """\
 {table}
 
 Run `{run}`, `dsnet_plus`, test motions of two seconds and more without pops. *Share*: of the true
@@ -41,12 +39,12 @@ prediction over the truth's. Made by `{command}`.
 
 @dataclass(frozen=True)
 class BandsConfig:
-    """Write the page, and a .json beside it."""
+    """Write a .json, which `benchmarks.prediction.recordings` tabulates."""
 
     run: str
     """A run of the test bed, finished up to `infer`."""
     out: Path
-    """The page, a .md."""
+    """The .json."""
 
 
 def main(config: BandsConfig) -> None:
@@ -65,12 +63,11 @@ def main(config: BandsConfig) -> None:
         "bands": found,
         "command": " ".join(["python", "-m", "benchmarks.prediction.bands", *sys.argv[1:]]),
     }
-    write_text_atomically(config.out.with_suffix(".json"), json.dumps(result, indent=1) + "\n")
-    write_text_atomically(config.out, markdown(config.out.with_suffix(".json")))
+    write_text_atomically(config.out, json.dumps(result, indent=1) + "\n")
 
 
 def markdown(path: Path) -> str:
-    """The page of a .json."""
+    """The table of a .json, and what it says."""
     result = json.loads(path.read_text(encoding="utf-8"))
     edges = [f"{low} to {high}" for low, high in pairwise(EDGES_HZ)]
     head = ["Hz", *(f"{kind}: {what}" for kind in _KINDS for what in ("share", "R²", "gain"))]
@@ -79,7 +76,7 @@ def markdown(path: Path) -> str:
         bands = [result["bands"][kind][number] for kind in _KINDS]
         cells = [f"{b['share']:.3f} | {b['r2']:.2f} | {b['gain']:.2f}" for b in bands]
         lines.append(f"| {edge} | {' | '.join(cells)} |")
-    return _PAGE.format(table="\n".join(lines), run=result["run"], command=result["command"])
+    return _NOTE.format(table="\n".join(lines), run=result["run"], command=result["command"])
 
 
 def energies_of(run: Run, real: bool) -> NDArray[np.float64]:

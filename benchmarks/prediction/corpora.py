@@ -50,7 +50,7 @@ def check_names(names: Sequence[str], known: Sequence[str], what: str) -> None:
 def registered() -> tuple[str, ...]:
     """Every predictor of `dsnet train`, plugins' too, for which no licensed file is needed.
 
-    Asked of a process of its own: TensorFlow and the renderer abort at the end of one of both.
+    Asked of a process of its own: frameworks that meet in one have crashed by order of import.
     """
     ask = (
         "from tf_dsnet.predictors import registered_predictors; "

@@ -34,8 +34,9 @@ from bridge.runs import Artifact, Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import notify, run_as_process
 from bridge.runs.run import body_model_path
-from bridge.runtime.motion_predictor import MotionPredictor, choose_predictor
-from bridge.runtime.plus_motion import PLUS
+from bridge.runtime.motion_predictor import choose_predictor
+from bridge.runtime.plus_step import PLUS
+from bridge.runtime.stepping import MotionPredictor, WholeMotions
 
 _CUTOFFS: tuple[SmoothHz | None, ...] = (None, 15.0, 12.0, 10.0, 8.0, 6.0, 5.0, 4.0, "auto")
 _INPUTS = ("clean", "noisy", "white")
@@ -145,7 +146,7 @@ def _best_cutoffs(clips: Sequence[Mapping[str, Any]]) -> str:
 def _clips(run: Run, noises: Sequence[Noise]) -> Iterator[dict[str, Any]]:
     """Energies missed and there, of every invented test motion, cutoff and input."""
     truth, body = run.artifact("truth"), load_body_model(body_model_path(run))
-    predict = choose_predictor(run, "dsnet_plus", (PLUS,)).open(body)
+    predict = WholeMotions(choose_predictor(run, "dsnet_plus", (PLUS,)).open(body))
     sequences = sequences_of(truth)
     rows = subject_rows(sequences)
     tested = [s for s in sequences if s.split == "test" and not is_real_motion(s.name)]

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.prediction.readings --out FILE.md --runs ...`: the second law, read twice.
+"""`python -m benchmarks.prediction.readings --out FILE.json --runs ...`: one law, read twice.
 
 Simulated tissue follows accelerations, and poses at 60 frames a second do not say what they are:
 the second law takes a parabola through five frames, `dsnet_plus` differences of three. Of a smooth
@@ -36,9 +36,7 @@ _PEOPLE = ("known person", "new person")
 _KINDS = {False: "invented", True: "recorded"}
 _HEAD = ("run", "motions", "who", "clips", f"the law itself, {FRAMES} frames", "least",
          "`dsnet_plus`", "least")  # fmt: skip
-_PAGE = """\
-# One law, accelerations read twice (synthetic data but for the recorded motions)
-
+_NOTE = """\
 {table}
 
 R² of the second law's offsets: medians over the test motions of a run, and the least. *The law
@@ -49,10 +47,10 @@ itself* is simulated again with accelerations from parabolas through {frames} fr
 
 @dataclass(frozen=True)
 class ReadingsConfig:
-    """Write the page, and a .json beside it."""
+    """Write a .json, which `benchmarks.prediction.recordings` tabulates."""
 
     out: Path
-    """The page, a .md."""
+    """The .json."""
     runs: tuple[str, ...]
     """Of the test bed under the second law, finished up to `evaluate`."""
 
@@ -65,23 +63,22 @@ def main(config: ReadingsConfig) -> None:
     DsnetError
         If the run lacks a stage, or is of another law or form.
     """
-    path = config.out.with_suffix(".json")
+    path = config.out
     kept = json.loads(path.read_text(encoding="utf-8"))["runs"] if path.exists() else {}
     result = {
         "runs": {name: kept.get(name) or list(_clips(Run(name))) for name in config.runs},
         "command": " ".join(["python", "-m", "benchmarks.prediction.readings", *sys.argv[1:]]),
     }
     write_text_atomically(path, json.dumps(result, indent=1) + "\n")
-    write_text_atomically(config.out, markdown(path))
 
 
 def markdown(path: Path) -> str:
-    """The page of a .json."""
+    """The table of a .json, and what it says."""
     result = json.loads(path.read_text(encoding="utf-8"))
     lines = ["| " + " | ".join(_HEAD) + " |", "|---" * 3 + "|---:" * (len(_HEAD) - 3) + "|"]
     for run, clips in result["runs"].items():
         lines += ["| " + " | ".join([f"`{run}`", *row]) + " |" for row in _rows(clips)]
-    return _PAGE.format(
+    return _NOTE.format(
         table="\n".join(lines),
         frames=FRAMES,
         own=PARABOLA_FRAMES,

@@ -1,7 +1,9 @@
 """`python -m benchmarks.prediction.recordings --out FILE.md --folders DIR ...`: recorded motions.
 
 Each folder is one of `benchmarks.prediction.test_bed` with real motions; over those of a corpus the
-table has the median of what each clip scores, for known people and for new ones.
+table has the median of what each clip scores, for known people and for new ones. Below it stands
+what lies beside the page: errors by frequency (bands_*.json) and the law read twice
+(readings.json).
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from benchmarks.prediction import bands, readings
 from benchmarks.prediction.corpora import read_index
 from benchmarks.prediction.over_seeds import is_real
 from bridge.errors import DsnetError
@@ -31,7 +34,8 @@ _PAGE = """\
 `dsnet_plus`, trained on the robust aligner's offsets of each corpus as in the test bed, on recorded
 motions that synthetic people follow with simulated tissue: medians over clips, one for each motion
 and person (and seed), of the offsets' root mean square, of R² and of their velocity's R².
-Scores of every clip and the commands that made them: {pages}. Made by `{command}`.
+Scores of every clip and the command that made them lie in the folder of that name.
+Made by `{command}`.
 """
 
 
@@ -62,10 +66,16 @@ def markdown(out: Path, folders: Sequence[Path], command: str) -> str:
     rows = [row for folder in folders for row in _rows(folder)]
     lines = ["| " + " | ".join(_HEAD) + " |", "|---" * 3 + "|---:" * (len(_HEAD) - 3) + "|"]
     lines += ["| " + " | ".join(row) + " |" for row in rows]
-    pages = (
-        f"[{f.name}]({f.resolve().relative_to(out.resolve().parent)}/test_bed.md)" for f in folders
-    )
-    return _PAGE.format(table="\n".join(lines), pages=", ".join(pages), command=command)
+    return _PAGE.format(table="\n".join(lines), command=command) + "".join(_beside(out))
+
+
+def _beside(out: Path) -> Iterator[str]:
+    """Sections of other results that lie where the page does."""
+    for path in sorted(out.parent.glob("bands_*.json")):
+        law = path.stem.partition("_")[2]
+        yield f"\n## Errors by frequency, law `{law}`\n\n{bands.markdown(path)}"
+    if (path := out.with_name("readings.json")).is_file():
+        yield f"\n## The second law, accelerations read twice\n\n{readings.markdown(path)}"
 
 
 def _rows(folder: Path) -> Iterator[list[str]]:

@@ -21,8 +21,9 @@ from benchmarks.rivals.rig import HelperRig, carried_by_skeleton, helper_rig
 from benchmarks.rivals.rival import MotionClip
 from benchmarks.rivals.springs import HelperSprings, SpringSettings
 from bridge.body import BodyModelData
+from bridge.body.smpl import Smpl
 from bridge.errors import DsnetError
-from bridge.measure.posed_meshes import PosedBody
+from bridge.measure.posed_meshes import posed_frames
 from bridge.motion.cuts import predict_between_cuts
 from bridge.tissue.nodes import farthest_points
 
@@ -127,12 +128,13 @@ class SpringDecomposedSkinning:
                 "springs that stay",
                 "Choose by more clips, or by a narrower grid.",
             )
-        weights, posed = rig.weights(self._chosen.power), PosedBody(self._body, betas)
+        weights = rig.weights(self._chosen.power)
+        person = Smpl(self._body, dtype=np.float64).person(betas)
         parts = []
         for start in range(0, len(theta), _BLOCK_FRAMES):
             rows = slice(start, start + _BLOCK_FRAMES)
             world_m = self._chosen.gain * np.einsum("vh,thx->tvx", weights, lag_m[rows])
-            linear = posed.pose(theta[rows]).linear
+            linear = posed_frames(person, theta[rows]).linear
             parts.append(np.linalg.solve(linear, world_m[..., None])[..., 0].astype(np.float32))
         return np.concatenate(parts)
 
@@ -161,7 +163,8 @@ class _Trial:
         count = min(_COMPARED_VERTICES, len(body.v_template))
         chosen = farthest_points(np.asarray(body.v_template, np.float64), count)
         self.motion = (*carried_by_skeleton(rig, body, clip.betas, clip.theta), clip.fps)
-        linear = PosedBody(body, clip.betas).pose(clip.theta).linear[:, chosen]
+        person = Smpl(body, chosen, np.float64).person(clip.betas)
+        linear = posed_frames(person, clip.theta).linear
         self._to_rest = np.linalg.inv(linear)
         self._weights = {power: rig.weights(power)[chosen] for power in powers}
         self._true_m = np.asarray(clip.offsets_m[:, chosen], np.float64)

@@ -35,7 +35,7 @@ from bridge.runtime.graphs.onnx_values import Value, ValueGraph
 from bridge.runtime.graphs.plus_graph import plus_graph, spread
 from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import OscillatorSheet
+from bridge.tissue.oscillators import coupling
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 
@@ -108,7 +108,7 @@ def _load(graph: ValueGraph, model: TrainedPlus, body: BodyModelData) -> Value:
     nodes = surface(graph, body, model.nodes.vertices)
     *columns, shift = (posed.bones @ nodes.weights).split(1, [3, 3, 3, 3])
     places = turned(columns, shift, nodes.rest(posed.features, betas), axis=1)
-    return _sheet(graph, model, body).felt(3600.0 * (places - before), columns)
+    return _sheet(graph, model).felt(3600.0 * (places - before), columns)
 
 
 def _step(graph: ValueGraph, model: TrainedPlus, body: BodyModelData) -> Value:
@@ -119,12 +119,13 @@ def _step(graph: ValueGraph, model: TrainedPlus, body: BodyModelData) -> Value:
     normals, *moving = (graph.input(name, ("B", 3, nodes)) for name in names)
     now, before, load = moving
     person = Person(omega, stiffening, normals)
-    return _sheet(graph, model, body).frame(person, now, before, load)[0]
+    return _sheet(graph, model).frame(person, now, before, load)[0]
 
 
-def _sheet(graph: ValueGraph, model: TrainedPlus, body: BodyModelData) -> SheetGraph:
-    sheet = OscillatorSheet(model.mechanics(body, np.zeros(N_BETAS)), model.nodes.laplacian)
-    return SheetGraph(graph, model, sheet)
+def _sheet(graph: ValueGraph, model: TrainedPlus) -> SheetGraph:
+    coefficients = {name: np.exp(log) for name, log in model.weights.base.items()}
+    coupled = coupling(coefficients, model.nodes.laplacian)
+    return SheetGraph(graph, coefficients, coupled, model.weights.taps.tolist())
 
 
 def skinned(graph: ValueGraph, body: BodyModelData) -> Value:

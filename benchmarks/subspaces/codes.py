@@ -9,17 +9,17 @@ import numpy as np
 import torch
 
 from benchmarks.subspaces.data import SubspaceData
+from benchmarks.subspaces.residual import (
+    RESIDUAL_WIDTH,
+    ResidualAutoencoder,
+    initialise_with_pca,
+)
 from bridge.paper import ALTERNATIVE_WIDTHS, CASAS_OTADUY_WIDTHS, INFERRED_WIDTHS
 from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder.initialisation import SAMPLE_FRAMES, initialise_with_modes
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.normaliser import Normaliser, fit_normaliser
 from torch_align_ae.autoencoder.presets import PRESETS, PresetName
-from torch_align_ae.autoencoder.residual import (
-    RESIDUAL_WIDTH,
-    ResidualAutoencoder,
-    initialise_with_pca,
-)
 
 OffsetAutoencoder: TypeAlias = MeshAutoencoder | CasasOtaduyAutoencoder | ResidualAutoencoder
 

@@ -7,12 +7,12 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-from benchmarks.subspaces.results import read_summary
+from benchmarks.subspaces.results import SUMMARY, read_summary
 from bridge.report.curve_figures import finish_axes
 from bridge.report.panels import new_figure, save_figure
 
 # Okabe and Ito's colours, told apart by every reader; line styles do it in print.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#777777")
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#777777")
 _LINES = ("-", "-.", ":")
 _HEAD = ("code", "numbers", "parameters", "R², validation", "mm, validation", "R², held out",
          "mm, held out", "rate", "steps (best)", "s a step", "ms to decode 1, 64")  # fmt: skip
@@ -27,8 +27,9 @@ the sequences that nothing was fitted to. *Numbers*: kept of a mesh. PCA's param
 and its components. Every network takes {steps} steps of {batch_size} frames in the same order, and
 is scored with its weights of the least validation loss ({validation_frames} frames, every
 {validate_every} steps). Where the rate is searched for, {search_steps} steps are taken at each of
-{rates}, and the least validation loss after them decides. Seconds and milliseconds are medians on
-{machine}, with {threads}; the machine's load was {load}.
+{rates}, and the least validation loss after them decides. Rows of more steps are trainings of
+their own: the rate falls along a cosine, so none is a shorter one continued. Seconds and
+milliseconds are medians on {machine}, with {threads}; the machine's load was {load}.
 Run `{run}`, seed {seed}. Made by {commands}.
 
 ![Training curves](subspaces.png)
@@ -36,20 +37,24 @@ Run `{run}`, seed {seed}. Made by {commands}.
 
 
 def markdown(folder: Path) -> str:
-    """A page with one table of the folder's rows."""
+    """A page with one table: the folder's rows, and longer trainings from the folders in it."""
     summary, rows = read_summary(folder)
+    order = [(row["code"], row["size"]) for row in rows]
+    for longer in sorted(folder.glob(f"*/{SUMMARY}")):
+        rows += read_summary(longer.parent)[1]
+    rows.sort(key=lambda row: order.index((row["code"], row["size"])))
     lines = ["| " + " | ".join(_HEAD) + " |", "|---" + "|---:" * (len(_HEAD) - 1) + "|"]
     lines += ["| " + " | ".join(_cells(row)) + " |" for row in rows]
     settings = summary["settings"]
     return _PAGE.format(
         **{**settings, "rates": ", ".join(f"{rate:g}" for rate in settings["rates"])},
         table="\n".join(lines),
-        commands=", ".join(f"`{command}`" for command in commands_of(rows)),
+        commands=", ".join(f"`{command}`" for command in _commands_of(rows)),
         **_machine(rows),
     )
 
 
-def commands_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def _commands_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Those that made the rows, each once."""
     arguments = (row["provenance"]["command"][1:] for row in rows)
     return list(dict.fromkeys(" ".join(["python -m benchmarks.subspaces", *a]) for a in arguments))
@@ -63,7 +68,7 @@ def draw(path: Path, folder: Path) -> None:
     origin = summary["settings"]["data"]
     figure = new_figure(12.0, 4.6, title=f"Codes of {size} numbers in training", origin=origin)
     axes = figure.subplots()
-    styles = zip(cycle(COLOURS), cycle(_LINES), strict=False)
+    styles = zip(cycle(_COLOURS), cycle(_LINES), strict=False)
     for row, (colour, line) in zip((r for r in shown if "curve" in r), styles, strict=False):
         lost = [1 - r2 for r2 in row["curve"]["r2"]]
         axes.plot(row["curve"]["steps"], lost, line, color=colour, label=row["label"])
@@ -80,20 +85,20 @@ def draw(path: Path, folder: Path) -> None:
 def _cells(row: Mapping[str, Any]) -> list[str]:
     decode = row["decode_ms"]
     return [
-        *code_cells(row),
-        *error_cells(row["validation"]),
-        *error_cells(row["held_out"]),
+        *_code_cells(row),
+        *_error_cells(row["validation"]),
+        *_error_cells(row["held_out"]),
         *_trained(row),
         ", ".join(f"{value:.2f}" for value in decode.values()),
     ]
 
 
-def code_cells(row: Mapping[str, Any]) -> list[str]:
+def _code_cells(row: Mapping[str, Any]) -> list[str]:
     """Label, size and parameters."""
     return [row["label"], str(row["size"]), f"{row['parameters']:,}"]
 
 
-def error_cells(found: Mapping[str, float] | None) -> list[str]:
+def _error_cells(found: Mapping[str, float] | None) -> list[str]:
     """R², and mean, 95 % and largest distance in millimetres; empty where there are no frames."""
     if found is None:
         return ["", ""]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from bridge.body.smpl import Smpl
 from bridge.export.clip_page import ClipPage
 from bridge.export.clip_stage import set_stage
 from bridge.motion import unpack_theta
@@ -16,7 +17,6 @@ from bridge.report.render import render_bodies
 from bridge.runs.progress import progress
 from bridge.runs.worker_pool import worker_pool
 from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.skinning import ShapedBody
 
 
 class RenderedClip:
@@ -37,7 +37,7 @@ class RenderedClip:
         self._motion = motion = moving[0].motion
         self._step = max(1, round(motion.fps / fps))
         self._stage = set_stage(moving, self._step, body_px * (1 + len(moving)))
-        self._alone = ShapedBody(self._body, motion.betas)
+        self._alone = Smpl(self._body).person(motion.betas)
         camera = self._stage.camera
         self._page = ClipPage(
             camera.width_px,
@@ -101,4 +101,4 @@ class RenderedClip:
     def _pose_alone(self, frame: int) -> NDArray[np.float32]:
         """(V, 3) the body without offsets."""
         pose, trans_m = unpack_theta(self._motion.theta[frame : frame + 1])
-        return self._alone.pose(pose, trans_m, np.zeros((1, 1, 3), np.float32))[0]
+        return self._alone.pose(pose, trans_m)[0]

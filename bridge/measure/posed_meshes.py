@@ -1,4 +1,4 @@
-"""Posed meshes by matrix products: `bridge.body.posing` is the slow oracle of what is here."""
+"""SMPL's mesh in some frames, and what offsets of the rest pose add to it."""
 
 from __future__ import annotations
 
@@ -7,14 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.body import BodyModelData
-from bridge.body.posing import (
-    joint_rotations,
-    joint_transforms,
-    pose_features,
-    shaped_joints,
-    shaped_vertices,
-)
+from bridge.body.smpl import ShapedBody
 from bridge.motion import unpack_theta
 
 
@@ -44,31 +37,6 @@ def by_component(vectors: ArrayLike) -> NDArray[np.float64]:
     return np.moveaxis(components, 0, -1)
 
 
-class PosedBody:
-    """One person's body, ready to be posed block by block.
-
-    Parameters
-    ----------
-    betas : (10,) shape.
-    """
-
-    def __init__(self, body: BodyModelData, betas: ArrayLike) -> None:
-        betas = np.asarray(betas, dtype=np.float64)[None]
-        self._body = body
-        self._shaped, self._joints = shaped_vertices(body, betas), shaped_joints(body, betas)
-
-    def pose(self, theta: ArrayLike) -> PosedFrames:
-        """The mesh in frames (B, 69) of pose and translation."""
-        pose, trans = unpack_theta(np.asarray(theta, dtype=np.float64))
-        body, frames = self._body, len(pose)
-        rotations = joint_rotations(body, pose)
-        joints = self._joints.repeat(frames, axis=0)
-        bones = joint_transforms(rotations, joints, body.parents, trans)[..., :3, :]
-        # Products whose rows are components and frames: the layout that `by_component` explains.
-        blended = bones.transpose(2, 3, 0, 1).reshape(12 * frames, -1) @ body.weights.T
-        blended = blended.reshape(3, 4, frames, -1).transpose(2, 3, 0, 1)
-        features = pose_features(rotations)
-        by_pose = np.stack([features @ body.posedirs[:, axis].T for axis in range(3)])
-        rest = self._shaped + np.moveaxis(by_pose, 0, -1)
-        vertices = np.einsum("bvxy,bvy->bvx", blended[..., :3], rest) + blended[..., 3]
-        return PosedFrames(vertices, blended[..., :3])
+def posed_frames(person: ShapedBody, theta: ArrayLike) -> PosedFrames:
+    """The mesh of a person in frames (B, 69) of pose and translation."""
+    return PosedFrames(*person.skin(*unpack_theta(np.asarray(theta, dtype=np.float64))))

@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
+from bridge.body.smpl import ShapedBody, Smpl
 from bridge.measure.metrics import frame_blocks
-from bridge.measure.posed_meshes import PosedBody, PosedFrames
+from bridge.measure.posed_meshes import PosedFrames, posed_frames
 from bridge.measure.roads import Road
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.runs import Artifact
@@ -144,8 +145,8 @@ class _Poser:
     """
 
     def __init__(self, body: BodyModelData) -> None:
-        self._body = body
-        self._people: dict[bytes, PosedBody] = {}
+        self._smpl = Smpl(body, dtype=np.float64)
+        self._people: dict[bytes, ShapedBody] = {}
         self._posed: dict[tuple[bytes, bytes], PosedFrames] = {}
         self._frames: slice | None = None
 
@@ -156,10 +157,10 @@ class _Poser:
         betas, theta = arrays.betas(name), arrays.frames("theta", name, frames)
         person = betas.tobytes()
         if person not in self._people:
-            self._people[person] = PosedBody(self._body, betas)
+            self._people[person] = self._smpl.person(betas)
         key = person, theta.tobytes()
         if key not in self._posed:
-            self._posed[key] = self._people[person].pose(theta)
+            self._posed[key] = posed_frames(self._people[person], theta)
         return self._posed[key]
 
 

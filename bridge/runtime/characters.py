@@ -9,10 +9,11 @@ from bridge.body import BodyModelData, load_body_model
 from bridge.motion import Motion, load_motion_file
 from bridge.motion.smoothing import SmoothHz
 from bridge.runs import Run
-from bridge.runtime.dsnet_motion import DSNET
-from bridge.runtime.motion_predictor import Chosen, MotionPredictor, choose_predictor
+from bridge.runtime.dsnet_step import DSNET
+from bridge.runtime.motion_predictor import Chosen, choose_predictor
 from bridge.runtime.packaged import packaged_predictor
-from bridge.runtime.plus_motion import PLUS
+from bridge.runtime.plus_step import PLUS
+from bridge.runtime.stepping import MotionPredictor, WholeMotions
 
 ROADS = (PLUS, DSNET)
 """Whose predictors can be asked for, the best first."""
@@ -36,7 +37,7 @@ class Character:
             If a file of theirs is damaged.
         """
         body = load_body_model(chosen.body_model)
-        return cls(chosen, body, chosen.open(body))
+        return cls(chosen, body, WholeMotions(chosen.open(body)))
 
 
 def choose(run: Run | None, predictor: str | None = None, gender: str = "unknown") -> Chosen:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import shaped_joints, shaped_vertices
+from bridge.body.smpl import Smpl
 from bridge.errors import DsnetError
 from bridge.motion import Motion, pack_theta, unpack_theta
-from bridge.tissue.load import SkinnedNodes
 
 Floor = Literal["keep", "shift", "scale"]
 _SOLE_PERCENTILE = 1.0
@@ -54,7 +54,8 @@ def lowest_points_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:
     """(T,) height of the body's lowest point in each frame, without skin offsets."""
     feet = body.weights[:, [SMPL_JOINT_NAMES.index(name) for name in _FEET]].sum(axis=1) > 0.5
     looked_at = feet | (np.arange(len(feet)) % _EVERY == 0)
-    places_m, _ = SkinnedNodes(body, np.flatnonzero(looked_at), motion.betas)(motion.theta)
+    person = Smpl(body, np.flatnonzero(looked_at), np.float64).person(motion.betas)
+    places_m = person.pose(*unpack_theta(np.asarray(motion.theta, np.float64)))
     return places_m[..., 1].min(axis=1)
 
 

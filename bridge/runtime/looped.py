@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.motion.loops import Lap
-from bridge.runtime.motion_predictor import FRAMES_AT_ONCE, MotionPredictor, Prediction
+from bridge.runtime.stepping import FRAMES_AT_ONCE, MotionPredictor, Prediction
 
 SETTLED_M = 1e-4
 """Two laps whose offsets differ nowhere by more are the same."""

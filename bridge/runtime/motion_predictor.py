@@ -1,46 +1,18 @@
-"""What predicts one motion's skin offsets, whatever kind it is, and which of a run's does."""
+"""Which predictor of a run moves its body, whatever kind it is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError, did_you_mean
 from bridge.runs import Artifact, Run, read_artifact
 from bridge.runs.damage import damage_refused
 from bridge.runs.run import body_model_path
+from bridge.runtime.stepping import Model
 
-FRAMES_AT_ONCE = 64
-"""Frames in a piece of offsets: what is held in memory at a time."""
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """What a predictor says of one motion of T frames."""
-
-    offsets_m: Iterator[NDArray[np.float32]]
-    """Skin offsets in the rest pose, metres: pieces (T', V, 3) that follow one another."""
-    latents: NDArray[np.float32] | None = None
-    """(T, 100) codes that the offsets are decoded from, if they are."""
-
-
-class MotionPredictor(Protocol):
-    """Predicts motions of the run's body."""
-
-    def __call__(self, theta: NDArray, betas: NDArray) -> Prediction:
-        """Predict a motion theta (T, 69) at 60 frames a second without a cut, of a body (10,).
-
-        The body begins from rest, settled in its first pose.
-        """
-        ...
-
-
-Open = Callable[[Mapping[str, Artifact], str, BodyModelData], MotionPredictor]
+Open = Callable[[Mapping[str, Artifact], str, BodyModelData], Model]
 """A predictor from its road's artifacts by stage, its name, and the body that it moves."""
 
 
@@ -82,7 +54,7 @@ class Chosen:
         """Digests of all that it is made of, by stage."""
         return {stage: artifact.content_sha256 for stage, artifact in self.artifacts.items()}
 
-    def open(self, body: BodyModelData) -> MotionPredictor:
+    def open(self, body: BodyModelData) -> Model:
         """Load it.
 
         Raises

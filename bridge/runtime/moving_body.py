@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.body.smpl import Smpl
 from bridge.errors import DsnetError
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
@@ -20,8 +21,7 @@ from bridge.motion.motion_checks import motion_warnings
 from bridge.runs.processes import notify
 from bridge.runs.progress import progress
 from bridge.runtime.characters import Character
-from bridge.runtime.motion_predictor import Prediction
-from bridge.runtime.skinning import ShapedBody
+from bridge.runtime.stepping import Prediction
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class MovingBody:
 
     def __iter__(self) -> Iterator[MovedFrames]:
         pose, trans = unpack_theta(self.motion.theta)
-        shaped, start = ShapedBody(self.character.body, self.motion.betas), 0
+        shaped, start = Smpl(self.character.body).person(self.motion.betas), 0
         for found_m in chain.from_iterable(found.offsets_m for found in self._predictions()):
             frames = slice(start, start + len(found_m))
             offsets_m = found_m * self._gain

@@ -13,7 +13,7 @@ from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX
 from bridge.errors import DsnetError, did_you_mean
 from bridge.runs import read_artifact
 from bridge.runtime.motion_predictor import Chosen
-from bridge.runtime.plus_motion import PLUS
+from bridge.runtime.plus_step import PLUS
 
 KIND = "packaged-model"
 OWNER = "the packaged model"

@@ -56,9 +56,7 @@ def predict_motion(
     chosen, motion = character.chosen, moving.motion
     with open_out_folder(out, chosen.trained.origin) as writer:
         announce(moving)
-        frames = _write_frames(moving, writer)
-        if strip:
-            _draw(writer, *frames, moving)
+        _write(moving, writer, strip=strip)
         writer.record(
             predictor=chosen.name,
             label=chosen.label,
@@ -74,10 +72,8 @@ def predict_motion(
         return writer.finish(config={"run": run and run.name}, upstream=chosen.upstream)
 
 
-def _write_frames(
-    moving: MovingBody, writer: ArtifactWriter
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Write vertices and offsets (T, V, 3), which are returned, and latents if there are any."""
+def _write(moving: MovingBody, writer: ArtifactWriter, *, strip: bool) -> None:
+    """Write vertices and offsets (T, V, 3), latents if there are any, and the strip."""
     if (latents := moving.latents) is not None:
         writer.put("latents", latents, "latent unit")
     shape = (len(moving), moving.character.body.vertex_count, 3)
@@ -86,7 +82,8 @@ def _write_frames(
     for posed in moving.shown("predict"):
         offsets_m[posed.frames] = posed.offsets_m
         vertices_m[posed.frames] = posed.vertices_m
-    return vertices_m, offsets_m
+    if strip:
+        _draw(writer, vertices_m, offsets_m, moving)
 
 
 def _draw(writer: ArtifactWriter, vertices_m: NDArray, offsets_m: NDArray, of: MovingBody) -> None:

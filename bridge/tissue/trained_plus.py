@@ -14,11 +14,9 @@ from bridge.errors import DsnetError
 from bridge.exchange.weights import load_weights
 from bridge.motion import unpack_theta
 from bridge.runs import Artifact
-from bridge.tissue.load import node_loads
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import FPS, STEPS, NodeMechanics, OscillatorSheet
+from bridge.tissue.oscillators import STEPS
 from bridge.tissue.plus_arrays import check_plus_arrays
-from bridge.tissue.shape import shape_features, shaped_normals
 
 NAME = "dsnet_plus"
 NODE_FIELDS = (
@@ -43,7 +41,7 @@ class Weights:
     residual: NDArray[np.float32]
     """(P, K, 1) what log w of the P known people has besides."""
     taps: NDArray[np.float32]
-    """(N,) of the load, see `NodeMechanics`; they sum to 1."""
+    """(N,) shares of f in a step's load, from the newest frame to the oldest; they sum to 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +73,7 @@ class TrainedPlus:
     people_betas: NDArray[np.float32]
     """(P, 10)."""
     look_ahead: int
+    """Frames after that of a step's load that the newest of these lies; 0 needs no later pose."""
 
     @classmethod
     def load(cls, trained: Artifact) -> TrainedPlus:
@@ -125,33 +124,12 @@ class TrainedPlus:
             "steps": np.array([STEPS], np.int32),
         }
 
-    def mechanics(self, body: BodyModelData, betas: NDArray) -> NodeMechanics:
-        """The coefficients of a person of shape betas (10,), known or new."""
-        features = shape_features(body, betas, self.nodes.vertices)
-        share = shares_of_people(betas, self.people_betas)
-        logs = dict(self.weights.base)
-        own = features @ self.weights.slopes + np.tensordot(share, self.weights.residual, 1)
-        logs["omega"] = logs["omega"] + own
-        logs["stiffening"] = logs["stiffening"] + self.weights.stiffening_power * own
-        fields = {name: np.exp(log).astype(np.float32) for name, log in logs.items()}
-        normals = shaped_normals(body, betas)[self.nodes.vertices]
-        return NodeMechanics(**fields, normals=normals, taps=self.weights.taps,
-                             look_ahead=self.look_ahead)  # fmt: skip
-
-    def moving_m(
-        self, body: BodyModelData, betas: NDArray, theta: NDArray, fps: float = FPS
-    ) -> NDArray[np.floating]:
-        """(T, K, 3) what the loads of a motion theta (T, 69) make of the nodes, which begin at rest
-        in its first pose."""
-        mechanics = self.mechanics(body, betas)
-        load = node_loads(body, self.nodes.vertices, betas, theta, fps)
-        sheet = OscillatorSheet(mechanics, self.nodes.laplacian, fps)
-        return sheet.roll(mechanics.load(load), mechanics.felt(load[:1])[0])
-
     def static_m(
         self, body: BodyModelData, betas: NDArray, theta: NDArray
     ) -> NDArray[np.float32] | None:
-        """(T, V, 3) the static part; None where there is none. New people have no constant."""
+        """(T, V, 3) the static part of a body (10,) or of T bodies; None where there is none.
+
+        New people have no constant."""
         static = self.static
         if not static:
             return None
@@ -186,9 +164,9 @@ def people_kernel(people: NDArray) -> NDArray[np.floating]:
 
 
 def known_person(betas: NDArray, people: NDArray) -> NDArray[np.floating]:
-    """(P,) 1 for the person of exactly this shape, else zeros."""
-    same = np.isclose(np.asarray(people), np.asarray(betas), atol=1e-5)
-    return np.asarray(same.all(axis=1), np.float32)
+    """(..., P) 1 for the person of exactly the shape betas (..., 10), else zeros."""
+    same = np.isclose(np.asarray(people), np.asarray(betas)[..., None, :], atol=1e-5)
+    return np.asarray(same.all(axis=-1), np.float32)
 
 
 def _kernel(first: NDArray, second: NDArray) -> NDArray[np.floating]:

@@ -20,6 +20,7 @@ FRAMEWORKS: Engines = {"torch": BOTH, "keras": BOTH}
 WITH_ONNX: Engines = {**FRAMEWORKS, "onnx": ("float32",)}
 FILES: Engines = {"torch": ("float32",), "keras": ("float32",), "onnx": ("float32",)}
 IN_FLOAT64: Engines = {"torch": ("float64",), "keras": ("float64",)}
+KERAS: Engines = {"keras": BOTH}
 ONNX: Engines = {"onnx": ("float32",)}
 STREAM: Engines = {"stream": ("float32",)}
 

@@ -18,6 +18,17 @@ Arrays = dict[str, NDArray[Any]]
 SMALL_WIDTHS = (40, 24, 24, 12, 6)
 """A hundredth of the network in which one kernel is square, so that it can be transposed unseen."""
 
+_FLESH = {
+    "omega": 30.0,
+    "damping_ratio": 0.15,
+    "stiffening": 500.0,
+    "normal_ratio": 1.4,
+    "wave_speed": 1.0,
+    "bending": 1e-4,
+    "inertia_gain": 0.9,
+    "gravity_gain": 1.1,
+}
+
 
 def dsnet_weights(seed: int) -> Arrays:
     """Weights that keep every layer's output of order one; statistics far from 0 and 1."""
@@ -93,16 +104,6 @@ def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
     pulls = np.repeat(np.array([-1.0, 2.0, -1.0], np.float32) * 1e3, nodes)
     first = np.sort(rng.integers(0, nodes, vertices))
     shares = rng.dirichlet(np.ones(8), vertices)
-    flesh = {
-        "omega": 30.0,
-        "damping_ratio": 0.15,
-        "stiffening": 500.0,
-        "normal_ratio": 1.4,
-        "wave_speed": 1.0,
-        "bending": 1e-4,
-        "inertia_gain": 0.9,
-        "gravity_gain": 1.1,
-    }
     return {
         "nodes/vertices": np.sort(rng.choice(vertices, nodes, replace=False)).astype(np.int32),
         "nodes/owners": np.sort((first[:, None] + np.arange(8)) % nodes, axis=1).astype(np.int32),
@@ -112,7 +113,7 @@ def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
         "nodes/pulls_m2": pulls,
         **{
             f"log_{name}": math.log(value) + _normal(rng, (nodes, 1), 0.2)
-            for name, value in flesh.items()
+            for name, value in _FLESH.items()
         },
         "slopes": _normal(rng, (3, 1), 0.2),
         "stiffening_power": np.array([1.5], np.float32),
@@ -123,6 +124,43 @@ def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
         "people_betas": _normal(rng, (2, N_BETAS), 1.0),
         "look_ahead": np.array([1], np.int32),
         "steps": np.array([STEPS], np.int32),
+    }
+
+
+def oscillators(seed: int, nodes: int = 6, people: int = 2, taps: int = 3) -> Arrays:
+    """Weights of the layer that `dsnet_plus` is trained as, named as by Keras."""
+    rng = np.random.default_rng([seed, 10])
+    return {
+        **{
+            f"log_{name}": math.log(value) + _normal(rng, (1,), 0.2)
+            for name, value in _FLESH.items()
+        },
+        **{f"by_node_{name}": _normal(rng, (nodes, 1), 0.2) for name in _FLESH},
+        "slopes": _normal(rng, (3, 1), 0.2),
+        "stiffening_power": np.array([1.5], np.float32),
+        "residual": _normal(rng, (people, nodes, 1), 0.1),
+        "taps": np.array([0.5, 0.3, 0.4], np.float32)[:taps],
+    }
+
+
+def windows(seed: int, frames: int = 6, nodes: int = 6, clips: int = 3, people: int = 2) -> Arrays:
+    """What that layer learns from: one window is shorter than the others."""
+    rng = np.random.default_rng([seed, 11])
+    normals = _normal(rng, (nodes, clips, 3), 1.0)
+    counted = np.ones((frames, 1, clips, 1), np.float32)
+    counted[-2:, :, 0] = 0
+    pulls = np.abs(_normal(rng, (nodes, nodes), 1e3))
+    return {
+        "laplacian": np.diag(pulls.sum(1)) - pulls,
+        "inertia": _normal(rng, (frames + 2, nodes, clips, 3), 20.0),
+        "gravity": _normal(rng, (frames + 2, nodes, clips, 3), 5.0),
+        "now": _normal(rng, (nodes, clips, 3), 0.02),
+        "before": _normal(rng, (nodes, clips, 3), 0.02),
+        "target": _normal(rng, (frames, nodes, clips, 3), 0.02),
+        "counted": counted,
+        "normals": normals / np.linalg.norm(normals, axis=-1, keepdims=True),
+        "features": _normal(rng, (nodes, clips, 3), 0.3),
+        "shares": _normal(rng, (clips, people), 0.5),
     }
 
 

@@ -7,13 +7,14 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from bridge.body import load_body_model
-from bridge.exchange.layouts import TORCH_ADAM
+from bridge.exchange.layouts import KERAS_ADAM, TORCH_ADAM
 from bridge.paper import INFERRED_WIDTHS, INPUT_SIZE
 from bridge.verify import draws
 from bridge.verify.checks import (
     FILES,
     FRAMEWORKS,
     IN_FLOAT64,
+    KERAS,
     STREAM,
     WITH_ONNX,
     Check,
@@ -29,7 +30,8 @@ from bridge.verify.draws import SMALL_WIDTHS
 
 def random_plan(seed: int, body: str) -> Plan:
     """Everything that needs no run: random weights in small, and the extremes."""
-    return _dsnet(seed) + _autoencoder(seed) + _smpl(seed, body) + _graphs(seed, body) + _files()
+    small = _dsnet(seed) + _autoencoder(seed) + _smpl(seed, body) + _oscillators(seed)
+    return small + _graphs(seed, body) + _files()
 
 
 def full_size_plan(seed: int) -> Plan:
@@ -123,6 +125,19 @@ def _smpl(seed: int, body: str) -> Plan:
         for name in poses
     ]
     return Plan(checks, arrays)
+
+
+def _oscillators(seed: int) -> Plan:
+    """How `dsnet_plus` is trained; steps of Adam in float64 alone, as `trained_checks` says why."""
+    arrays = {"oscillators": draws.oscillators(seed), "windows": draws.windows(seed)}
+    adam = asdict(replace(KERAS_ADAM, learning_rate=0.06, beta_2=0.95))
+    first = Check("oscillators", "oscillators_train", KERAS, "oscillators", "windows",
+                  {"adam": adam, "steps": ()})  # fmt: skip
+    steps = {"adam": adam, "steps": (1, 3)}
+    training = replace(
+        first, name="oscillators-training", engines={"keras": ("float64",)}, options=steps
+    )
+    return Plan([first, training], arrays)
 
 
 def _graphs(seed: int, body: str) -> Plan:

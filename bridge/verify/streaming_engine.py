@@ -1,4 +1,4 @@
-"""The streaming predictor as an engine of `dsnet verify`: NumPy alone, one frame at a time."""
+"""The streaming predictor as an engine of `dsnet verify`: one frame at a time."""
 
 from __future__ import annotations
 

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body.shapes import find_shape
+from bridge.body.smpl import ShapedBody, Smpl
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
 from bridge.runtime.controls import stage_motion
 from bridge.runtime.looped import LoopedPredictor
-from bridge.runtime.motion_predictor import MotionPredictor, Prediction
 from bridge.runtime.part_gains import blended_gain
-from bridge.runtime.skinning import BodySkin, ShapedBody
+from bridge.runtime.stepping import MotionPredictor, Prediction
 from bridge.view.clips import AS_PREDICTED, SMPL_ALONE, Asked, Clip, Gains, Way
 from bridge.view.latest_work import LatestWork, Steps
 from bridge.view.repertoire import Repertoire
@@ -39,7 +39,7 @@ class Performances:
         self.repertoire = repertoire
         self.worker = LatestWork()
         self._most_s = most_s
-        self._skin = BodySkin(repertoire.body)
+        self._skin = Smpl(repertoire.body)
         self._clips: dict[Asked, Clip] = {}
         self._errors: dict[tuple[Asked, Gains], NDArray[np.float32]] = {}
         # Posing needs a shape's blended vertices; sliders bring many shapes, people few.

@@ -273,3 +273,12 @@ def test_one_process_at_a_time(tmp_path):
 @pytest.mark.skipif(not RESULTS.is_dir(), reason="no results are committed yet")
 def test_the_committed_page_is_made_of_the_committed_rows():
     assert (RESULTS / "subspaces.md").read_text() == markdown(RESULTS)
+
+
+def test_a_longer_training_in_the_folder_follows_its_row(tmp_path):
+    leave_run()
+    main(config_of(tmp_path, "pca", "residual"))
+    main(config_of(tmp_path, "residual", out=tmp_path / "out" / "longer", steps=16))
+    rows = [x for x in markdown(tmp_path / "out").splitlines() if x.startswith("| ")][1:]
+    steps = [row.split(" | ")[8].partition(" ")[0] for row in rows]
+    assert steps == ["", "12", "16"]

@@ -16,15 +16,14 @@ from bridge.report import stage_report
 from tests.pages import PAGES, commands_on, flags_of
 
 SHOW_HELPS = """
-import contextlib, io, json, os
+import contextlib, io, json
 from bridge.cli import COMMANDS, main
 shown = {}
 for command in COMMANDS:
     with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.suppress(SystemExit):
         main([command, "--help"])
     shown[command] = out.getvalue()
-print(json.dumps(shown), flush=True)
-os._exit(0)  # TensorFlow and the renderer in one process abort at its end
+print(json.dumps(shown))
 """
 
 
@@ -152,7 +151,7 @@ def test_commands_of_dsnet_on_pages_are_its_own(helps: dict[str, str]) -> None:
     lines = [line for page in PAGES for line in commands_on(page)]
     command = re.compile(r"(?:^|[/\s])dsnet ([a-z][a-z-]+)(.*)")
     found = [part for line in lines for part in command.findall(line)]
-    assert len(found) > 60
+    assert len(found) > 40
     common = {"--profile", "--engine", "--address", "--seed", "--help"}
     known = {command: common | flags_of(text) for command, text in helps.items()}
     assert not [

@@ -52,6 +52,7 @@ def test_of_an_installation_its_source_is(tmp_path: Path, origin: dict | None, s
     shutil.copytree(ROOT / "bridge", site / "bridge", ignore=lambda *_: ["body", "report"])
     (described := site / "dsnet_skin-0.1.0.dist-info").mkdir()
     (described / "METADATA").write_text("Name: dsnet-skin\nVersion: 0.1.0\n")
+    (described / "RECORD").write_text(f"{described.name}/direct_url.json,,\n" * bool(origin))
     if origin:
         (described / "direct_url.json").write_text(
             json.dumps(origin).replace("{there}", f"{there}")

@@ -22,6 +22,7 @@ from bridge.tissue.trained_plus import (
     Weights,
     static_features,
 )
+from bridge.verify.reference.tissue import moving
 from tf_dsnet.oscillators.clips import KnownPeople, NodeClip
 
 HZ = 5.5
@@ -78,8 +79,9 @@ def clip_of(
     """A clip whose offsets are what the model makes of the motion."""
     sequence = MotionSequence(f"{person}_{motion}", str(person), motion, 0, len(theta), 60.0)
     load = node_loads(body, model.nodes.vertices, betas, theta, 60.0)
-    offsets_m = model.moving_m(body, betas, theta)
-    return NodeClip(sequence, person, offsets_m, load, static_features(body, theta))
+    offsets_m = moving(model, body, theta, betas).astype(np.float32)
+    features = static_features(body, theta)
+    return NodeClip(sequence, person, theta, offsets_m, load, features)
 
 
 def clips_of(
@@ -119,7 +121,7 @@ def write_aligned(
                 MotionSequence(f"{subject}_{motion}", subject, motion, start, length, 60.0, split)
             )
             theta.append(lively(length, 10 * person + number).astype(np.float32))
-            offsets.append(model.nodes.spread(model.moving_m(body, betas, theta[-1])))
+            offsets.append(model.nodes.spread(moving(model, body, theta[-1], betas)))
             start += length
     arrays = {
         "betas": model.people_betas,

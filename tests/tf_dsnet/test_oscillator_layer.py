@@ -1,4 +1,4 @@
-"""The Keras layer against the NumPy sheet, and its gradients against differences."""
+"""The Keras layer against the reference, and its gradients against differences."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import pytest
 
 from bridge.body import BodyModelData
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import OscillatorSheet
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
+from bridge.verify.reference.tissue import moving
 from tests.forged.oscillating import clips_of, people_of, true_model
 from tf_dsnet.framework import tf
 from tf_dsnet.oscillators.clips import NodeClip
@@ -25,7 +25,7 @@ def nodes(body: BodyModelData) -> TissueNodes:
 
 def drawn_layer(nodes: TissueNodes, taps: int) -> OscillatorLayer:
     """Weights of which none is at its start."""
-    layer = OscillatorLayer(nodes, PEOPLE, taps)
+    layer = OscillatorLayer(nodes.laplacian.toarray(), PEOPLE, taps)
     rng = np.random.default_rng(0)
     for weight in layer.trainable_variables:
         scale = 0.1 if weight.name != "taps" else 0.1 / taps
@@ -64,8 +64,7 @@ def test_layer_is_the_sheet_for_several_people_at_once(body, nodes, taps, ahead)
     assert {c.person for c in chosen} == {0, 1, 2}
     expected = []
     for clip in chosen:
-        springs = trained.mechanics(body, people[clip.person])
-        expected.append(OscillatorSheet(springs, nodes.laplacian).roll(springs.load(clip.load)))
+        expected.append(moving(trained, body, clip.theta, people[clip.person]))
     starts = [rolled[0] for rolled in expected]
     found = layer(*inputs(body, nodes, chosen, starts, 79, taps, ahead)).numpy()
     assert found.shape == (79, NODES, 4, 3)
@@ -129,5 +128,5 @@ def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
 
 
 def test_penalty_grows_with_unevenness(nodes):
-    even, uneven = OscillatorLayer(nodes, PEOPLE, 3), drawn_layer(nodes, 3)
+    even, uneven = OscillatorLayer(nodes.laplacian.toarray(), PEOPLE, 3), drawn_layer(nodes, 3)
     assert 0.0 <= float(even.penalty()) < float(uneven.penalty())

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bridge.body import BodyModelData
-from bridge.runs.worker_pool import WorkerPool, worker_pool
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus
+from bridge.verify.reference.tissue import coefficients, moving
 from tests.forged.oscillating import HZ, clip_of, clips_of, lively, people_of, true_model
 from tf_dsnet.oscillators.training import PlusSettings, PlusTraining
 
@@ -31,14 +31,9 @@ def truth(nodes: TissueNodes) -> TrainedPlus:
     return true_model(nodes, people_of(4))
 
 
-def in_this_process() -> WorkerPool[None]:
-    with worker_pool("serial", None) as pool:
-        return pool  # nothing ends here
-
-
 def training_of(body, truth: TrainedPlus, settings: PlusSettings = SETTINGS) -> PlusTraining:
     people, clips = clips_of(body, truth)
-    return PlusTraining(settings, body, truth.nodes, people, clips, in_this_process())
+    return PlusTraining(settings, body, truth.nodes, people, clips)
 
 
 def rounds(training: PlusTraining, truth: TrainedPlus, body, numbers) -> list[float]:
@@ -67,16 +62,16 @@ def test_the_loss_falls(trained):
 
 def test_the_frequency_is_found(trained, truth, body):
     for betas in (np.zeros(10), *people_of(4)):
-        found = trained[0].mechanics(body, betas).omega / (2 * np.pi)
-        expected = truth.mechanics(body, betas).omega / (2 * np.pi)
+        found = coefficients(trained[0], body, betas).omega / (2 * np.pi)
+        expected = coefficients(truth, body, betas).omega / (2 * np.pi)
         assert np.median(found / expected) == pytest.approx(1.0, abs=0.05)
-    assert np.median(truth.mechanics(body, np.zeros(10)).omega) == pytest.approx(2 * np.pi * HZ)
+    assert np.median(coefficients(truth, body, np.zeros(10)).omega) == pytest.approx(2 * np.pi * HZ)
 
 
 def test_a_motion_that_was_left_out_is_predicted(trained, truth, body):
     betas = people_of(4)[1]
     clip = clip_of(body, truth, betas, lively(150, 999))
-    assert explained(trained[0].moving_m(body, betas, lively(150, 999)), clip.offsets_m) > 0.95
+    assert explained(moving(trained[0], body, lively(150, 999), betas), clip.offsets_m) > 0.95
 
 
 def test_a_new_persons_softness_follows_from_shape(trained, truth, body):
@@ -84,7 +79,7 @@ def test_a_new_persons_softness_follows_from_shape(trained, truth, body):
         [0.5, 0, -0.5, 0, 0.5, 0, 0, 0, 0, 0], np.float32
     )
     clip = clip_of(body, truth, betas, lively(150, 998))
-    assert explained(trained[0].moving_m(body, betas, lively(150, 998)), clip.offsets_m) > 0.95
+    assert explained(moving(trained[0], body, lively(150, 998), betas), clip.offsets_m) > 0.95
 
 
 @pytest.mark.slow
@@ -107,7 +102,7 @@ def test_frames_after_a_clips_end_count_for_nothing(body, truth):
     for window in (28, 70):
         settings = replace(SETTINGS, window=window, rounds=1, steps=1, batch_size=3)
         people, clips = clips_of(body, truth, frames=30)
-        training = PlusTraining(settings, body, truth.nodes, people, clips, in_this_process())
+        training = PlusTraining(settings, body, truth.nodes, people, clips)
         losses += training.round(0, [np.zeros_like(clip.offsets_m) for clip in clips])
     assert losses[0] == pytest.approx(losses[1], rel=1e-4)
 

@@ -28,6 +28,8 @@ class NodeClip:
     sequence: MotionSequence
     person: int
     """Row among the known people."""
+    theta: NDArray[np.floating]
+    """(T, 69)."""
     offsets_m: NDArray[np.float32]
     """(T, K, 3) aligned offsets at the nodes."""
     load: Load
@@ -100,4 +102,5 @@ def _clip(
     stop = sequence.start + sequence.length
     at_nodes = [nodes.gather(offsets_m[s : min(s + _FRAMES_AT_ONCE, stop)]) for s in starts]
     load = node_loads(body, nodes.vertices, people.betas[person], theta, sequence.fps)
-    return NodeClip(sequence, person, np.concatenate(at_nodes), load, static_features(body, theta))
+    features = static_features(body, theta)
+    return NodeClip(sequence, person, theta, np.concatenate(at_nodes), load, features)

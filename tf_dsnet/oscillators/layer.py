@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from functools import reduce
 
 import numpy as np
+from numpy.typing import NDArray
 
-from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import FPS, STEPS
 from bridge.tissue.shape import SHAPE_FEATURES
 from bridge.tissue.trained_plus import NODE_FIELDS, Weights
@@ -33,18 +33,18 @@ class OscillatorLayer(keras.layers.Layer):
 
     Parameters
     ----------
-    nodes : where they are, and their Laplacian.
+    laplacian : (K, K) of `TissueNodes`.
     people : P known people.
     taps : how many frames of the load act on a step.
     """
 
-    def __init__(self, nodes: TissueNodes, people: int, taps: int) -> None:
+    def __init__(self, laplacian: NDArray, people: int, taps: int) -> None:
         super().__init__(name="oscillators")
-        count = len(nodes)
-        laplacian = nodes.laplacian.toarray().astype(np.float64)
+        count, dtype = len(laplacian), keras.config.floatx()
+        laplacian = laplacian.astype(np.float64)
         # Dense: with 500 nodes faster than TensorFlow's sparse product, and as exact.
-        self._laplacian = tf.constant(laplacian, tf.float32)
-        self._twice_laplacian = tf.constant(laplacian @ laplacian, tf.float32)
+        self._laplacian = tf.constant(laplacian, dtype)
+        self._twice_laplacian = tf.constant(laplacian @ laplacian, dtype)
         self._base = {
             name: self._weight(f"log_{name}", (1,), float(np.log(START[name])))
             for name in NODE_FIELDS

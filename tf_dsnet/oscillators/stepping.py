@@ -48,7 +48,7 @@ class _Step(NamedTuple):
 
 
 def roll(normals: Tensor, loads: Tensor, now: Tensor, before: Tensor, springs: Springs) -> Tensor:
-    """Offsets (T, K, B, 3) of the steps after `now`; see `OscillatorSheet.step`.
+    """Offsets (T, K, B, 3) of the steps after `now`; see `bridge.tissue.oscillators`.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def _forward(normals: Tensor, loads: Tensor, now: Tensor, before: Tensor, spring
         after = _step(normals, loads[step], now, before, springs).guesses[-1]
         return step + 1, after, now, found.write(step, after)
 
-    found = tf.TensorArray(tf.float32, steps, element_shape=now.shape)
+    found = tf.TensorArray(now.dtype, steps, element_shape=now.shape)
     state = (tf.constant(0), now, before, found)
     return tf.while_loop(lambda step, *_: step < steps, advance, state)[-1].stack()
 
@@ -118,7 +118,7 @@ def _backward(
         return step, of_now + here.now, here.before, of_loads.write(step, here.load), summed
 
     nothing = tf.zeros_like(offsets[0])
-    of_loads = tf.TensorArray(tf.float32, steps, element_shape=nothing.shape)
+    of_loads = tf.TensorArray(nothing.dtype, steps, element_shape=nothing.shape)
     state = (steps, nothing, nothing, of_loads, tuple(tf.zeros_like(s) for s in springs))
     *_, of_loads, of_springs = tf.while_loop(lambda left, *_: left > 0, retreat, state)
     return of_loads.stack(), *of_springs

@@ -10,26 +10,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
-from bridge.runs.worker_pool import WorkerPool
+from bridge.runtime.plus_step import PlusModel
+from bridge.runtime.stepping import codes_of_several
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import STEPS, roll_clip
+from bridge.tissue.oscillators import STEPS
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
-from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
+from tf_dsnet.framework import be_reproducible, tf
 from tf_dsnet.oscillators.clips import KnownPeople, NodeClip
 from tf_dsnet.oscillators.layer import OscillatorLayer
+from tf_dsnet.oscillators.learner import OscillatorLearner
 
-_QUIET_M = 2e-4
-"""Root mean square offset below which a clip counts no more for being quiet."""
-_QUIET_SHARE = 0.3
 _STATIC_ROUNDS = (1 / 3, 2 / 3, 1.0)
+_CLIPS_AT_ONCE = 32
+"""Simulated side by side."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,6 @@ class PlusTraining:
     Parameters
     ----------
     clips : what to train on.
-    pool : simulates them; they are small operations in a row, so processes are right for it.
     """
 
     def __init__(
@@ -72,19 +71,16 @@ class PlusTraining:
         nodes: TissueNodes,
         people: KnownPeople,
         clips: Sequence[NodeClip],
-        pool: WorkerPool[None],
     ) -> None:
         be_reproducible(settings.seed)
         self.settings, self._body, self._nodes = settings, body, nodes
-        self._people, self._clips, self._pool = people, list(clips), pool
+        self._people, self._clips = people, list(clips)
         self._features = np.stack([shape_features(body, b, nodes.vertices) for b in people.betas])
         self._normals = np.stack([shaped_normals(body, b)[nodes.vertices] for b in people.betas])
         self._shares = np.stack([shares_of_people(b, people.betas) for b in people.betas])
         self.layer = self.make_layer()
-        # Keras numbers optimizers that have no name, and a checkpoint knows them by it.
-        self.optimizer = keras.optimizers.Adam(settings.lr, beta_2=0.95, name="adam")
-        self.optimizer.build(self.layer.trainable_variables)
-        self._step = tf.function(self._train_on, reduce_retracing=True)
+        self._learner = OscillatorLearner(self.layer, settings.lr)
+        self.optimizer = self._learner.optimizer
 
     def round(self, number: int, static_m: Sequence[NDArray]) -> list[float]:
         """One round of steps against the offsets less a static part (T, K, 3) of each clip."""
@@ -97,7 +93,8 @@ class PlusTraining:
 
     def make_layer(self) -> OscillatorLayer:
         """The oscillators before training."""
-        return OscillatorLayer(self._nodes, len(self._people.names), self.settings.taps)
+        laplacian = self._nodes.laplacian.toarray()
+        return OscillatorLayer(laplacian, len(self._people.names), self.settings.taps)
 
     def starts(self, number: int, moving: list[NDArray]) -> list[NDArray]:
         """Offsets of the clips from which a round's windows set out: `moving` is the data's own."""
@@ -109,11 +106,16 @@ class PlusTraining:
 
     def simulate(self) -> list[NDArray[np.float32]]:
         """What the oscillators make of every clip, (T, K, 3) each."""
-        trained = self.trained(StaticPart.nothing())
-        mechanics_of = cache(lambda row: trained.mechanics(self._body, self._people.betas[row]))
-        laplacian = self._nodes.laplacian
-        items = ((mechanics_of(clip.person), laplacian, clip.load) for clip in self._clips)
-        return list(self._pool.map(roll_clip, items))
+        model = PlusModel(self.trained(StaticPart.nothing()), self._body, threads=0)
+        found = [np.empty_like(clip.offsets_m) for clip in self._clips]
+        for start in range(0, len(found), _CLIPS_AT_ONCE):
+            some = self._clips[start : start + _CLIPS_AT_ONCE]
+            betas = self._people.betas[[clip.person for clip in some]]
+            several = codes_of_several(model, [clip.theta for clip in some], betas)
+            for frame, (rows, codes) in enumerate(several):
+                for row, code in zip(rows, codes, strict=True):
+                    found[start + row][frame] = code.T
+        return found
 
     def trained(self, static: StaticPart) -> TrainedPlus:
         """The model as it is now."""
@@ -159,7 +161,7 @@ class PlusTraining:
             "features": np.stack([self._features[self._clips[r].person] for r, _ in windows], 1),
             "shares": np.stack([self._shares[self._clips[r].person] for r, _ in windows], 0),
         }
-        return float(self._step({k: tf.constant(v, tf.float32) for k, v in batch.items()}))
+        return float(self._learner.step({k: tf.constant(v, tf.float32) for k, v in batch.items()}))
 
     def _window(self, row: int, rng: np.random.Generator) -> tuple[int, int]:
         last = max(len(self._clips[row]) - self.settings.window - 1, 2)
@@ -178,28 +180,6 @@ class PlusTraining:
     @staticmethod
     def _frames(array: NDArray, start: int, count: int) -> NDArray:
         return array[np.clip(np.arange(start, start + count), 0, len(array) - 1)]
-
-    def _train_on(self, batch: dict[str, Tensor]) -> Tensor:
-        with tf.GradientTape() as tape:
-            found = self.layer(batch["inertia"], batch["gravity"], batch["now"], batch["before"],
-                               batch["normals"], batch["features"], batch["shares"])  # fmt: skip
-            loss = self._loss(found, batch["target"], batch["counted"])
-            total = loss + self.layer.penalty()
-        gradients = tape.gradient(total, self.layer.trainable_variables)
-        self.optimizer.apply(gradients, self.layer.trainable_variables)
-        return loss
-
-    @staticmethod
-    def _loss(found: Tensor, target: Tensor, counted: Tensor) -> Tensor:
-        """Share of the energy that is missed; quiet clips count a little more than their share.
-
-        Frames (T, 1, B, 1) that are `counted` as 0 do not matter.
-        """
-        missed = tf.reduce_mean(counted * tf.square(found - target), (0, 1, 3))
-        energy = tf.reduce_mean(counted * tf.square(target), (0, 1, 3))
-        quiet = tf.reduce_mean(counted, (0, 1, 3)) * _QUIET_M**2
-        overall = tf.reduce_sum(missed) / tf.reduce_sum(energy)
-        return overall + _QUIET_SHARE * tf.reduce_mean(missed / (energy + quiet))
 
 
 def _a_step_before(offsets_m: NDArray, frame: int) -> NDArray:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
+from bridge.body.smpl import Smpl
 from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
 from bridge.motion.cells import kind_of
 from bridge.runs import Run
-from bridge.runtime.dsnet_motion import DSNET
+from bridge.runtime.dsnet_step import DSNET
 from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.skinning import ShapedBody
 from bridge.view.truth import open_truth
 
 TAIL = "_poses.npz"
@@ -61,7 +61,7 @@ def true_performance(run: Run, name: str, body: BodyModelData) -> Performed:
         )
     truth = read(name)
     pose, trans_m = unpack_theta(truth.theta)
-    vertices_m = ShapedBody(body, truth.betas).pose(pose, trans_m, truth.offsets_m)
+    vertices_m = Smpl(body).person(truth.betas).pose(pose, trans_m, truth.offsets_m)
     return Performed("truth (simulated)", vertices_m, np.linalg.norm(truth.offsets_m, axis=-1))
 
 

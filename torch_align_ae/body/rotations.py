@@ -49,6 +49,14 @@ def matrix_to_axis_angle(matrix: Tensor) -> Tensor:
     return quaternion[..., 1:] * angle / sine.clamp_min(torch.finfo(matrix.dtype).tiny)
 
 
+def nearest_rotation(matrix: Tensor) -> Tensor:
+    """Rotations nearest to matrices (..., 3, 3): orthogonal Procrustes, in float64."""
+    left, _, right = torch.linalg.svd(matrix.double())
+    handedness = torch.ones_like(left[..., 0])
+    handedness[..., 2] = torch.det(left @ right)
+    return ((left * handedness[..., None, :]) @ right).to(matrix.dtype)
+
+
 def nearest_turns(axis_angle: Tensor, before: Tensor | None = None) -> Tensor:
     """The same rotations, axis-angle (T, J, 3), as a motion without jumps of a full turn.
 

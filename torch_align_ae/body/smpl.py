@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
+from bridge.paper import N_JOINTS
 from torch_align_ae.body.kinematics import bone_transforms, tree_levels
 from torch_align_ae.body.rotations import axis_angle_to_matrix
 
@@ -55,6 +56,13 @@ class SMPL(nn.Module):
     def vertex_count(self) -> int:
         """Number of vertices, V."""
         return self.template.shape[1]
+
+    def moving_weights(self) -> Tensor:
+        """(22, V) skinning weights of the joints that theta moves: the hands' are the wrists'."""
+        weights = self.weights[:N_JOINTS].clone()
+        for hand in range(N_JOINTS, len(self.parents)):
+            weights[self.parents[hand]] += self.weights[hand]
+        return weights
 
     def forward(
         self, betas: Tensor, pose: Tensor, trans: Tensor, offsets: Tensor | None = None

@@ -1,7 +1,7 @@
 """What a corpus may be made with, by name: laws of soft tissue, and forms of its meshes.
 
-A new law is a file with what `Tissue` says, and a line: here, or in the function `tissues()` of a
-module that `DSNET_PLUGINS` names (`bridge/plugins.py`); so is a form, in `mesh_forms()`. Laws to
+A new law is a file with what `TissueLaw` says, and a line: here, or in the function `tissues()` of
+a module that `DSNET_PLUGINS` names (`bridge/plugins.py`); so is a form, in `mesh_forms()`. Laws to
 test predictors on stand outside of the product, so that nothing in it is made for them.
 """
 
@@ -27,7 +27,7 @@ class MovedTissue(Protocol):
         ...
 
 
-class Tissue(Protocol):
+class TissueLaw(Protocol):
     """A law: of a float64 body model and a shape (10,), with gravity or without."""
 
     def __call__(self, smpl: SMPL, betas: NDArray[np.floating], /, *, gravity: bool) -> MovedTissue:
@@ -51,7 +51,7 @@ MakeForm = Callable[[BodyModelData, int], MeshForm]
 """Of a body model and the corpus's seed."""
 
 
-def tissue_named(name: str) -> Tissue:
+def tissue_named(name: str) -> TissueLaw:
     """The law of a name.
 
     Raises
@@ -59,7 +59,7 @@ def tissue_named(name: str) -> Tissue:
     DsnetError
         If there is none.
     """
-    own: dict[str, Tissue] = {"own": TissueSimulator}
+    own: dict[str, TissueLaw] = {"own": TissueSimulator}
     return entry_named(name, "--tissue", with_plugins("tissues", own))
 
 

@@ -7,7 +7,7 @@ training: the network itself takes the first pose for one that was held (Section
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.exchange.layouts import BATCH_NORM_EPSILON
 from bridge.exchange.trained_dsnet import TrainedDsnet
-from bridge.paper import FEATURES, N_BETAS, THETA_SIZE
+from bridge.paper import FEATURES, INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runtime.graphs.body_graph import surface
 from bridge.runtime.graphs.bones_graph import posed_bones, translated, translation
 from bridge.runtime.graphs.onnx_graphs import ACTIVATIONS
@@ -31,6 +31,21 @@ def dsnet_layout(network: TrainedDsnet) -> StateLayout:
     """What a character's row holds."""
     units = len(network.weights["batch_norm/gamma"])
     return StateLayout({"hidden": (units,), "cell": (units,)})
+
+
+def dsnet_step_graph(network: TrainedDsnet) -> onnx.ModelProto:
+    """The step of a trained DSNet alone.
+
+    Inputs `motion` (B, 79), betas and theta, and `state`; outputs `codes` (B, 100), latents, and
+    `next_state`.
+    """
+    graph, layout = ValueGraph(), dsnet_layout(network)
+    motion = graph.input("motion", ("B", INPUT_SIZE))
+    past = layout.read(graph.input("state", ("B", layout.size)))
+    latents, after = _stepped(graph, network, motion, past)
+    outputs = {"codes": latents, "next_state": layout.written(graph, after)}
+    shapes = {"codes": ("B", LATENT_SIZE), "next_state": ("B", layout.size)}
+    return graph.model("dsnet_step", outputs, shapes, checked=False)
 
 
 def dsnet_body_graph(
@@ -111,41 +126,57 @@ def decoded(
 def _stepped(
     graph: ValueGraph, network: TrainedDsnet, inputs: Value, past: Mapping[str, Value]
 ) -> tuple[Value, dict[str, Value]]:
-    """Latents (B, 100) of inputs (B, 79) in a motion's own units, and the memory after them."""
-    scaling, w = network.scaling, network.weights
+    """Latents (B, 100) of inputs (B, I) in a motion's own units, and the memory after them.
+
+    All four gates come from one tanh, as sigmoid(z) = (1 + tanh(z / 2)) / 2.
+    """
     with graph.section("dsnet"):
-        scaled = (inputs - graph.array("input_mean", scaling.input_mean)) / graph.array(
-            "input_std", scaling.input_std
+        encode, recur, decode = (
+            _affine(graph, name, *folded)
+            for name, folded in zip(("encode", "gates", "decode"), _folded(network), strict=True)
         )
-        encoded = _keras_dense(graph, w, "fc_enc_2", _keras_dense(graph, w, "fc_enc_1", scaled))
-        features = graph.apply("Tanh", encoded)
-        gates = (
-            features @ graph.array("lstm/kernel", w["lstm/kernel"])
-            + past["hidden"] @ graph.array("lstm/recurrent_kernel", w["lstm/recurrent_kernel"])
-            + graph.array("lstm/bias", w["lstm/bias"])
-        )
+        features = graph.apply("Tanh", encode(inputs))
+        turned = graph.apply("Tanh", recur(graph.concat([features, past["hidden"]], 1)))
         # Keras's order: input, forget, candidate, output.
-        i, f, c, o = gates.split(1, [len(w["batch_norm/gamma"])] * 4)
-        i, f, o = (graph.apply("Sigmoid", gate) for gate in (i, f, o))
-        cell = f * past["cell"] + i * graph.apply("Tanh", c)
+        i, f, candidate, o = turned.split(1, [len(network.weights["batch_norm/gamma"])] * 4)
+        i, f, o = (0.5 + 0.5 * gate for gate in (i, f, o))
+        cell = f * past["cell"] + i * candidate
         hidden = o * graph.apply("Tanh", cell)
-        gain = w["batch_norm/gamma"] / np.sqrt(w["batch_norm/moving_variance"] + BATCH_NORM_EPSILON)
-        centred = hidden - graph.array("batch_norm/mean", w["batch_norm/moving_mean"])
-        normalised = centred * graph.array("batch_norm/gain", gain)
-        normalised = normalised + graph.array("batch_norm/beta", w["batch_norm/beta"])
-        found = _keras_dense(graph, w, "fc_enc_3", normalised)
-        restored = found * graph.array("latent_std", scaling.latent_std)
-        latents = restored + graph.array("latent_mean", scaling.latent_mean)
-        return latents, {"hidden": hidden, "cell": cell}
+        return decode(hidden), {"hidden": hidden, "cell": cell}
 
 
-def _keras_dense(
-    graph: ValueGraph, weights: Mapping[str, NDArray], layer: str, features: Value
-) -> Value:
-    kernel, bias = (
-        graph.array(f"{layer}/{name}", weights[f"{layer}/{name}"]) for name in ("kernel", "bias")
-    )
-    return features @ kernel + bias
+def _folded(network: TrainedDsnet) -> list[tuple[NDArray, NDArray]]:
+    """Kernel and bias of what is affine in a trained network, folded together once: inputs to
+    tanh's argument, features and hidden state to the gates, hidden state to latents."""
+    w = {name: array.astype(np.float64) for name, array in network.weights.items()}
+    scale = network.scaling
+    gain = w["batch_norm/gamma"] / np.sqrt(w["batch_norm/moving_variance"] + BATCH_NORM_EPSILON)
+    scaled = np.diag(1 / scale.input_std), -scale.input_mean / scale.input_std
+    normalised = np.diag(gain), w["batch_norm/beta"] - gain * w["batch_norm/moving_mean"]
+    restored = np.diag(scale.latent_std), scale.latent_mean
+    dense = {n: (w[f"{n}/kernel"], w[f"{n}/bias"]) for n in ("fc_enc_1", "fc_enc_2", "fc_enc_3")}
+    kernel = np.vstack([w["lstm/kernel"], w["lstm/recurrent_kernel"]])
+    halved = np.repeat([0.5, 0.5, 1.0, 0.5], len(gain))
+    return [
+        _then(scaled, dense["fc_enc_1"], dense["fc_enc_2"]),
+        (kernel * halved, w["lstm/bias"] * halved),
+        _then(normalised, dense["fc_enc_3"], restored),
+    ]
+
+
+def _then(*layers: tuple[NDArray, NDArray]) -> tuple[NDArray, NDArray]:
+    """One affine map in place of several that follow one another."""
+    (kernel, bias), *others = layers
+    for next_kernel, next_bias in others:
+        kernel, bias = kernel @ next_kernel, bias @ next_kernel + next_bias
+    return kernel, bias
+
+
+def _affine(
+    graph: ValueGraph, name: str, kernel: NDArray, bias: NDArray
+) -> Callable[[Value], Value]:
+    held, added = graph.array(f"{name}/kernel", kernel), graph.array(f"{name}/bias", bias)
+    return lambda features: features @ held + added
 
 
 def _dense(graph: ValueGraph, weights: Mapping[str, NDArray], layer: str, features: Value) -> Value:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import onnx
 import onnxruntime
-from google.protobuf.message import DecodeError
 from numpy.typing import DTypeLike, NDArray
 from onnx import helper, numpy_helper
 
@@ -73,8 +72,9 @@ class GraphBuilder:
         trace: bool = False,
         shapes: Mapping[str, Shape] | None = None,
         metadata: Mapping[str, str] | None = None,
+        checked: bool = True,
     ) -> onnx.ModelProto:
-        """The checked model.
+        """The model.
 
         Parameters
         ----------
@@ -83,6 +83,7 @@ class GraphBuilder:
         trace : give every layer's output too, by the layer's name.
         shapes : of outputs, where they are to be declared.
         metadata : what else a reader should know, texts by name.
+        checked : infer shapes within and check it; what is run at once the runtime checks.
         """
         layers = [name for node in self._nodes for name in node.output if name and "/" not in name]
         for output, tensor in outputs.items():
@@ -101,17 +102,20 @@ class GraphBuilder:
             producer_name="dsnet",
         )
         helper.set_model_props(model, dict(metadata or {}))
-        model = onnx.shape_inference.infer_shapes(model)
-        onnx.checker.check_model(model)
+        if checked:
+            model = onnx.shape_inference.infer_shapes(model)
+            onnx.checker.check_model(model)
         return model
 
 
 class GraphSession:
-    """A graph, run by ONNX Runtime on the CPU."""
+    """A graph, run by ONNX Runtime on the CPU, with `threads`; the runtime's own choice when 0."""
 
-    def __init__(self, model: onnx.ModelProto) -> None:
+    def __init__(self, model: onnx.ModelProto, threads: int = 0) -> None:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
         self._session = onnxruntime.InferenceSession(
-            model.SerializeToString(), providers=["CPUExecutionProvider"]
+            model.SerializeToString(), options, providers=["CPUExecutionProvider"]
         )
         self._names = [output.name for output in self._session.get_outputs()]
         self.input_shapes: dict[str, list[Any]] = {
@@ -145,7 +149,9 @@ def held_arrays(path: Path) -> dict[str, NDArray]:
             "Export it again.",
         )
 
-    with damage_refused(refusal, DecodeError, onnx.checker.ValidationError):
+    # protobuf is a dependency of onnx, not ours.
+    undecodable = onnx.serialization.google.protobuf.message.DecodeError  # pyright: ignore[reportPrivateImportUsage]
+    with damage_refused(refusal, undecodable, onnx.checker.ValidationError):
         with open_regular(path) as stream:
             # From bytes: a model in a file may name other files that hold its arrays.
             model = onnx.load_model_from_string(stream.read())

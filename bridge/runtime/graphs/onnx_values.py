@@ -213,10 +213,11 @@ class ValueGraph:
         outputs: Mapping[str, Value],
         shapes: Mapping[str, Shape],
         metadata: Mapping[str, str] | None = None,
+        checked: bool = True,
     ) -> onnx.ModelProto:
-        """The checked model."""
+        """The model; see `GraphBuilder.model`."""
         named = {output: value.name for output, value in outputs.items()}
-        return self._builder.model(name, named, shapes=shapes, metadata=metadata)
+        return self._builder.model(name, named, shapes=shapes, metadata=metadata, checked=checked)
 
     def _led_by(self, leading: Sequence[Value], value: Value) -> Value:
         """A value (B, ...) whose first axis is split into others."""

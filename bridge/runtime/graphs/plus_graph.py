@@ -34,7 +34,7 @@ from bridge.runtime.graphs.shape_graph import known_people, person_of
 from bridge.runtime.graphs.state_layout import StateLayout
 from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import FPS, OscillatorSheet
+from bridge.tissue.oscillators import FPS, coupling
 from bridge.tissue.trained_plus import TrainedPlus
 
 _BLOCK = 106
@@ -67,58 +67,80 @@ def plus_layout(model: TrainedPlus) -> StateLayout:
     return StateLayout({name: shape for name, shape in shapes.items() if np.prod(shape)})
 
 
+def step_layout(model: TrainedPlus) -> StateLayout:
+    """The same without what only the skin must know."""
+    shapes = plus_layout(model).shapes
+    skins = ("known", "late_")
+    return StateLayout({n: shape for n, shape in shapes.items() if not n.startswith(skins)})
+
+
+def plus_step_graph(model: TrainedPlus, body: BodyModelData) -> onnx.ModelProto:
+    """The step of a trained `dsnet_plus` alone: outputs `codes` (B, 3, K), offsets of the nodes in
+    the rest pose, metres, `look_ahead` frames ago, and `next_state`."""
+    step = _PlusStep(model, body, step_layout(model))
+    return step.graph.model(
+        "dsnet_plus_step",
+        {"codes": step.codes, "next_state": step.layout.written(step.graph, step.after)},
+        {"codes": ("B", 3, len(model.nodes)), "next_state": ("B", step.layout.size)},
+        checked=False,
+    )
+
+
 def plus_graph(
     model: TrainedPlus,
     body: BodyModelData,
     metadata: Mapping[str, str] | None = None,
     precision: Precision = "float32",
 ) -> onnx.ModelProto:
-    """The graph of a trained `dsnet_plus` on the body model that it was trained with.
+    """The same step and the skin, on the body model that a `dsnet_plus` was trained with.
 
     Of its kernels only the pose blend shapes are large; `precision` is theirs.
     """
-    return _PlusGraph(model, body, precision).build(metadata or {})
+    step = _PlusStep(model, body, plus_layout(model))
+    vertices, late = _Skin(step, precision).shown()
+    return step.graph.model(
+        "dsnet_plus",
+        {"vertices": vertices, "next_state": step.layout.written(step.graph, step.after | late)},
+        {"vertices": ("B", body.vertex_count, 3), "next_state": ("B", step.layout.size)},
+        {
+            **(metadata or {}),
+            "latency_frames": str(model.look_ahead),
+            "state_layout": step.layout.as_text(),
+        },
+    )
 
 
-class _PlusGraph:
-    def __init__(self, model: TrainedPlus, body: BodyModelData, precision: Precision) -> None:
-        self._model, self._body = model, body
-        self._precision: Precision = precision
-        self._graph, self._layout = ValueGraph(), plus_layout(model)
-        sheet = OscillatorSheet(model.mechanics(body, np.zeros(N_BETAS)), model.nodes.laplacian)
-        self._sheet = SheetGraph(self._graph, model, sheet)
+class _PlusStep:
+    """One frame of B characters: what it was, `past`, what it is, `present`, and what follows."""
 
-    def build(self, metadata: Mapping[str, str]) -> onnx.ModelProto:
-        graph, layout = self._graph, self._layout
+    def __init__(self, model: TrainedPlus, body: BodyModelData, layout: StateLayout) -> None:
+        self.model, self.body, self.layout = model, body, layout
+        self.graph = graph = ValueGraph()
+        coefficients = {name: np.exp(log) for name, log in model.weights.base.items()}
+        coupled = coupling(coefficients, model.nodes.laplacian)
+        self._sheet = SheetGraph(graph, coefficients, coupled, model.weights.taps.tolist())
         theta = graph.input("theta", ("B", THETA_SIZE))
-        betas = graph.input("betas", ("B", N_BETAS))
+        self.betas = graph.input("betas", ("B", N_BETAS))
         state = graph.input("state", ("B", layout.size))
-        bones = posed_bones(graph, self._body, theta, betas)
-        present = self._present(bones, theta, betas)
-        past = layout.read(self._with_past(state, betas, present))
+        bones = posed_bones(graph, body, theta, self.betas)
+        self.present = self._present(bones, theta, self.betas)
+        self.past = layout.read(self._with_past(state, self.betas, self.present))
         with graph.section("load"):
-            after, felt = self._felt(past, present)
+            after, felt = self._felt(self.past, self.present)
         with graph.section("oscillators"):
+            past = self.past
             person = Person(past["omega"], past["stiffening"], past["normals"])
             load = self._sheet.smoothed(felt)
             now, before = self._sheet.frame(person, past["now"], past["before"], load)
             now, before = self._from_the_first_frame_on(past, now, before)
-        after |= {"now": now, "before": before}
-        shown, late = self._shown(past, present)
-        vertices = self._vertices(shown, past, betas, now)
-        return graph.model(
-            "dsnet_plus",
-            {"vertices": vertices, "next_state": layout.written(graph, past | after | late)},
-            {"vertices": ("B", self._body.vertex_count, 3), "next_state": ("B", layout.size)},
-            {**metadata, "latency_frames": str(self._model.look_ahead),
-             "state_layout": layout.as_text()},
-        )  # fmt: skip
+        self.codes = now
+        self.after: Arrays = past | after | {"now": now, "before": before}
 
     def _present(self, bones: PosedBones, theta: Value, betas: Value) -> Arrays:
         """Of this frame: places of the nodes about the root, turns, bones."""
-        graph = self._graph
+        graph = self.graph
         with graph.section("nodes"):
-            nodes = surface(graph, self._body, self._model.nodes.vertices)
+            nodes = surface(graph, self.body, self.model.nodes.vertices)
             blended = self._as_if_whole(bones.bones @ nodes.weights)
             *columns, shift = blended.split(1, [3, 3, 3, 3])
             rest = nodes.rest(bones.features, betas)
@@ -132,13 +154,13 @@ class _PlusGraph:
 
     def _as_if_whole(self, blended: Value) -> Value:
         """What weights that sum to 1 would give: then standing is no turn, and no load."""
-        missing = 1 - self._body.weights[self._model.nodes.vertices].sum(axis=1)
+        missing = 1 - self.body.weights[self.model.nodes.vertices].sum(axis=1)
         still = np.append(np.eye(3).ravel(), np.zeros(3))[:, None]
-        return blended + self._graph.array("missing", still * missing)
+        return blended + self.graph.array("missing", still * missing)
 
     def _with_past(self, state: Value, betas: Value, present: Arrays) -> Value:
         """The state, where those without a past have been given one."""
-        graph = self._graph
+        graph = self.graph
         with graph.section("past"):
             age, betas_before = state.part(1, 0, 1), state.part(1, 1, 1 + N_BETAS)
             apart = graph.apply("Abs", betas - betas_before).max(1)
@@ -155,8 +177,8 @@ class _PlusGraph:
 
     def _begun(self, betas: Value, present: Arrays) -> Value:
         """Rows of those who have stood in the present pose for ever."""
-        graph = self._graph
-        person = person_of(graph, self._body, self._model, betas)
+        graph = self.graph
+        person = person_of(graph, self.body, self.model, betas)
         with graph.section("settled"):
             felt = self._sheet.felt(None, present["turns"].split(1, [3, 3, 3]))
             offsets_m = self._sheet.settled(person, felt)
@@ -167,19 +189,20 @@ class _PlusGraph:
                 "omega": person.omega,
                 "stiffening": person.stiffening,
                 "normals": person.normals,
-                "known": known_people(graph, self._model, betas),
                 "now": offsets_m,
                 "before": offsets_m,
                 "places": present["places"],
                 "moves": 0.0 * offsets_m,
                 "turns": present["turns"],
                 "trans": present["trans"],
-                "felt": graph.concat([felt] * max(len(self._model.weights.taps) - 1, 1), 1),
+                "felt": graph.concat([felt] * max(len(self.model.weights.taps) - 1, 1), 1),
             }
-            frames = max(self._model.look_ahead, 1)
+            if "known" in self.layout.shapes:
+                begun["known"] = known_people(graph, self.model, betas)
+            frames = max(self.model.look_ahead, 1)
             for name in ("bones", "features", "trans"):
                 begun[f"late_{name}"] = graph.concat([_long(present[name])] * frames, 1)
-            return self._layout.written(graph, begun)
+            return self.layout.written(graph, begun)
 
     def _felt(self, past: Arrays, present: Arrays) -> tuple[Arrays, list[Value]]:
         """What the next frame must know, and loads, the newest first: of the frame before this.
@@ -188,13 +211,13 @@ class _PlusGraph:
         of both would have lost the digits that accelerations are made of. What moves in her first
         frame moved before it too, as in whole clips, so that frame has no acceleration.
         """
-        graph, (nodes, count) = self._graph, (len(self._model.nodes), len(self._model.weights.taps))
+        graph, (nodes, count) = self.graph, (len(self.model.nodes), len(self.model.weights.taps))
         steps = (present["trans"] - past["trans"]).reshape(0, 3, 1)
         moves = (present["places"] - past["places"]) + steps
         young = past["age"].reshape(0, 1, 1)  # 0, 1, then what has an acceleration
         counts = FPS**2 * graph.apply("Min", graph.apply("Max", young - 1.0, 0.0), 1.0)
         acceleration = counts * (moves - past["moves"])
-        age = graph.apply("Min", past["age"] + 1.0, float(max(2, self._model.look_ahead + 1)))
+        age = graph.apply("Min", past["age"] + 1.0, float(max(2, self.model.look_ahead + 1)))
         newest = self._sheet.felt(acceleration, past["turns"].split(1, [3, 3, 3]))
         loads = [newest]
         if count > 1:
@@ -208,13 +231,26 @@ class _PlusGraph:
         self, past: Arrays, now: Value, before: Value
     ) -> tuple[Value, Value]:
         """Offsets that rest until the first frame is shown: loads are known so much earlier."""
-        frames, graph = self._model.look_ahead, self._graph
+        frames, graph = self.model.look_ahead, self.graph
         if frames < 2:  # the loads of rest are all that was known
             return now, before
         going = graph.apply("Min", graph.apply("Max", past["age"] + -float(frames), 0.0), 1.0)
         going = going.reshape(0, 1, 1)
         held, held_before = past["now"], past["before"]
         return held + going * (now - held), held_before + going * (before - held_before)
+
+
+class _Skin:
+    """The posed surface of the step's characters, as late as their offsets are."""
+
+    def __init__(self, step: _PlusStep, precision: Precision) -> None:
+        self._step, self._graph, self._model = step, step.graph, step.model
+        self._precision: Precision = precision
+
+    def shown(self) -> tuple[Value, Arrays]:
+        """(B, V, 3) vertices, and what the next frame must know of later ones."""
+        shown, late = self._shown(self._step.past, self._step.present)
+        return self._vertices(shown), late
 
     def _shown(self, past: Arrays, present: Arrays) -> tuple[Arrays, Arrays]:
         """The pose that is shown, and what the next frame must know of later ones."""
@@ -225,22 +261,23 @@ class _PlusGraph:
         for name in names:
             whole = past[f"late_{name}"]
             oldest, *others = whole.split(1, [1] * frames)
-            shape = self._layout.shapes[f"late_{name}"][1:]
+            shape = self._step.layout.shapes[f"late_{name}"][1:]
             shown[name] = oldest.reshape(0, *shape)
             late[f"late_{name}"] = self._graph.concat([*others, _long(present[name])], 1)
         return shown, late
 
-    def _vertices(self, shown: Arrays, past: Arrays, betas: Value, offsets_m: Value) -> Value:
-        """(B, V, 3) the shown pose with its offsets, and what is static of them."""
-        graph, model, body = self._graph, self._model, self._body
+    def _vertices(self, shown: Arrays) -> Value:
+        """The shown pose with its offsets, and what is static of them."""
+        graph, model, body = self._graph, self._model, self._step.body
         with graph.section("skin"):
-            shape, constant = betas, None
+            shape, constant = self._step.betas, None
             if model.static.constant_m.any():
-                shape, constant = graph.concat([betas, past["known"]], 1), model.static.constant_m
+                shape = graph.concat([shape, self._step.past["known"]], 1)
+                constant = model.static.constant_m
             skin = surface(graph, _with_static(body, model), slice(None), constant, self._precision)
             rest = skin.rest(shown["features"], shape)
         with graph.section("spread"):
-            rest = rest + spread(graph, model.nodes, offsets_m)
+            rest = rest + spread(graph, model.nodes, self._step.codes)
         with graph.section("skin"):
             bones = translated(graph, shown["bones"], shown["trans"])
             return skin.skinned(bones, rest)

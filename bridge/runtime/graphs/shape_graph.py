@@ -65,7 +65,7 @@ def _surface(
     first, second, third = corners
     volume = (first * _cross(graph, second, third)).sum(2).sum(1) / 6.0
     of_faces = _cross(graph, second - first, third - first)  # (B, F, 3)
-    around = _faces_around(body, nodes)  # (K, D), F where there are fewer
+    around = _faces_around(body, nodes)
     padded = graph.apply("Pad", of_faces, graph.integers([0, 0, 0, 0, 1, 0]))
     beside = padded.gather(around.ravel(), axis=1).reshape(0, *around.shape, 3)
     total = beside.sum(2).reshape(0, -1, 3)
@@ -75,7 +75,13 @@ def _surface(
 
 
 def _faces_around(body: BodyModelData, nodes: NDArray) -> NDArray[np.int64]:
-    found = [np.flatnonzero((body.faces == node).any(axis=1)) for node in nodes]
+    """(K, D) faces at each node; where there are fewer, one that there is not."""
+    corners = np.argsort(body.faces.ravel(), kind="stable")  # by vertex
+    starts, stops = (
+        np.searchsorted(body.faces.ravel(), nodes, side, sorter=corners)
+        for side in ("left", "right")
+    )
+    found = [corners[start:stop] // 3 for start, stop in zip(starts, stops, strict=True)]
     around = np.full((len(nodes), max(map(len, found))), len(body.faces))
     for row, faces in zip(around, found, strict=True):
         row[: len(faces)] = faces

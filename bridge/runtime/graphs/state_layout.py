@@ -26,6 +26,12 @@ class StateLayout:
     def _sizes(self) -> list[int]:
         return [math.prod(shape) for shape in self.shapes.values()]
 
+    def columns(self, name: str) -> slice:
+        """Where an array lies in a row."""
+        names = list(self.shapes)
+        start = sum(self._sizes[: names.index(name)])
+        return slice(start, start + math.prod(self.shapes[name]))
+
     def read(self, state: Value) -> dict[str, Value]:
         """The arrays (B, ...) of a state (B, S)."""
         parts = state.split(1, self._sizes)

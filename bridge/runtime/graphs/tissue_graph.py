@@ -1,19 +1,20 @@
 """The oscillators of `dsnet_plus` as parts of an ONNX graph: loads, a frame, and rest.
 
-What `bridge.tissue.load` and `bridge.tissue.oscillators` compute, for B characters at once. Nodes
-are the last axis, (B, 3, K): then a coupling of nodes is one matrix product for all.
+`bridge.tissue.oscillators` has the equations. Nodes are the last axis, (B, 3, K): then a coupling
+of nodes is one matrix product for all B characters.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.runtime.graphs.onnx_values import Value, ValueGraph
 from bridge.tissue.load import GRAVITY_M_S2
-from bridge.tissue.oscillators import FPS, STEPS, SWEEPS, OscillatorSheet
-from bridge.tissue.trained_plus import TrainedPlus
+from bridge.tissue.oscillators import FPS, STEPS, SWEEPS
 
 _SETTLING = 400
 """Sweeps at most; sixty do for flesh that was trained."""
@@ -34,7 +35,7 @@ class Person:
 
 
 @dataclass(frozen=True, eq=False)
-class _Springs:
+class StepSprings:
     """A person's coefficients of one step, (B, 1, K)."""
 
     spring: Value
@@ -45,30 +46,36 @@ class _Springs:
 
 
 class SheetGraph:
-    """The nodes' mechanics in a graph; coefficients as in `OscillatorSheet`.
+    """The nodes' mechanics in a graph.
 
     Parameters
     ----------
     graph : receives the arrays.
-    model : a trained `dsnet_plus`.
-    sheet : the model's on any person: coupling does not depend on shape.
+    coefficients : (K, 1) of each of the nodes' coefficients that no shape changes, by name.
+    coupled : (K, K) dt^2 C / 4, see `bridge.tissue.oscillators.coupling`.
+    taps : shares of the load of a step, from the newest frame to the oldest.
     """
 
-    def __init__(self, graph: ValueGraph, model: TrainedPlus, sheet: OscillatorSheet) -> None:
-        self._graph, self._taps = graph, [float(tap) for tap in model.weights.taps]
-        base = model.weights.base
+    def __init__(
+        self,
+        graph: ValueGraph,
+        coefficients: Mapping[str, NDArray],
+        coupled: NDArray,
+        taps: Sequence[float],
+    ) -> None:
+        self._graph, self._taps = graph, list(map(float, taps))
         self._step_s = 1 / (STEPS * FPS)
-
-        def per_node(name: str) -> Value:
-            return graph.array(name, np.exp(base[name][:, 0]))
-
+        flat = {name: values[:, 0] for name, values in coefficients.items()}
+        bound = np.abs(coupled).sum(1)
         with graph.section("sheet"):
-            self._damping = per_node("damping_ratio")
-            self._inertia_gain, self._gravity_gain = map(per_node, ("inertia_gain", "gravity_gain"))
-            self._beyond = graph.array("beyond", np.exp(base["normal_ratio"][:, 0]) - 1)
-            self._bound = graph.array("bound", sheet.bound[:, 0])
-            self._own_pull = graph.array("own_pull", sheet.coupling.diagonal())
-            self._pulled = graph.array("pulled", sheet.pulled.T)
+            self._damping, self._inertia_gain, self._gravity_gain = (
+                graph.array(name, flat[name])
+                for name in ("damping_ratio", "inertia_gain", "gravity_gain")
+            )
+            self._beyond = graph.array("beyond", flat["normal_ratio"] - 1)
+            self._bound = graph.array("bound", bound)
+            self._own_pull = graph.array("own_pull", coupled.diagonal())
+            self._pulled = graph.array("pulled", (np.diag(bound) - coupled).T)
             self._gravity = graph.array("gravity", GRAVITY_M_S2[:, None])
 
     def felt(self, acceleration: Value | None, columns: list[Value]) -> Value:
@@ -94,9 +101,9 @@ class SheetGraph:
 
     def frame(self, person: Person, now: Value, before: Value, load: Value) -> tuple[Value, Value]:
         """Offsets (B, 3, K) a frame after `now`, and a step before that."""
-        springs = self._springs(person)
+        springs = self.springs(person)
         for _ in range(STEPS):
-            before, now = now, self._step(springs, now, before, load)
+            before, now = now, self.step(springs, now, before, load)
         return now, before
 
     def settled(self, person: Person, load: Value) -> Value:
@@ -104,7 +111,7 @@ class SheetGraph:
 
         Sweeps as in a step, with the strain that stiffens the springs followed by Newton's method.
         """
-        springs = self._springs(person)
+        springs = self.springs(person)
         pull, nothing = self._step_s**2 / 4 * load, 0.0 * load
 
         def sweep(offset_m: Value, strain: Value) -> tuple[Value, list[Value]]:
@@ -119,16 +126,18 @@ class SheetGraph:
 
         return self._graph.repeat(_SETTLING, [nothing, nothing.part(1, 0, 1)], sweep)[0]
 
-    def _springs(self, person: Person) -> _Springs:
+    def springs(self, person: Person) -> StepSprings:
+        """A person's coefficients of one step."""
         spring = self._step_s**2 / 4 * person.omega * person.omega
-        return _Springs(
+        return StepSprings(
             spring,
             spring * person.stiffening,
             self._step_s * person.omega * self._damping,
             person.normals,
         )
 
-    def _step(self, springs: _Springs, now: Value, before: Value, load: Value) -> Value:
+    def step(self, springs: StepSprings, now: Value, before: Value, load: Value) -> Value:
+        """Offsets (B, 3, K) a step after `now`, which followed `before`."""
         stretched = self._stretched(now, springs)
         stiffer = 2.0 * springs.stiffer * (now * stretched).sum(1)
         twice, after = 2.0 * now + before, 2.0 * now - before
@@ -142,12 +151,12 @@ class SheetGraph:
             after = self._solved(known + after @ self._pulled, along, beyond, springs)
         return after
 
-    def _stretched(self, offsets_m: Value, springs: _Springs) -> Value:
+    def _stretched(self, offsets_m: Value, springs: StepSprings) -> Value:
         """P u."""
         outward = (offsets_m * springs.normals).sum(1)
         return offsets_m + self._beyond * outward * springs.normals
 
-    def _solved(self, left: Value, along: Value, beyond: Value, springs: _Springs) -> Value:
+    def _solved(self, left: Value, along: Value, beyond: Value, springs: StepSprings) -> Value:
         """Each node's block, `along` I + `beyond` n n^T, inverted on `left`."""
         outward = (left * springs.normals).sum(1) * beyond / (along + beyond)
         return (left - outward * springs.normals) / along

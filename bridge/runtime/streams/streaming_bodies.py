@@ -17,21 +17,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData, load_body_model
+from bridge.body.smpl import Smpl
 from bridge.errors import DsnetError
-from bridge.exchange.trained_dsnet import load_trained_dsnet
 from bridge.motion import unpack_theta
 from bridge.runs import Run
 from bridge.runtime.bounds import checked_betas, checked_pose
 from bridge.runtime.characters import choose
-from bridge.runtime.dsnet_motion import load_decoder
-from bridge.runtime.motion_predictor import Chosen
-from bridge.runtime.plus_motion import PLUS
-from bridge.runtime.skinning import BodySkin
+from bridge.runtime.plus_step import PlusModel
+from bridge.runtime.stepping import Model
 from bridge.runtime.streams.frame_clock import FrameClock
 from bridge.runtime.streams.streaming_character import StreamedCharacter, advanced
-from bridge.runtime.streams.streaming_latents import StreamingLatents
-from bridge.runtime.streams.streaming_model import StreamingModel
-from bridge.runtime.streams.streaming_tissue import StreamingTissue
 from bridge.tissue.trained_plus import TrainedPlus
 
 
@@ -52,9 +47,9 @@ class StreamingBodies:
 
     Each has her own past: what is made of her is independent of who else is there (vertices within
     a micrometre: matrix products of many round differently), of who joins and leaves, and the same
-    as over the whole motion, `PlusMotionPredictor` or `DsnetMotionPredictor` (offsets within
-    1e-5 m). She begins at rest in her first pose. Where a pose jumps as far as `bridge.motion.cuts`
-    calls a cut, she begins anew there.
+    as over the whole motion (offsets within 1e-5 m): both are loops over `Model.step`. She begins
+    at rest in her first pose. Where a pose jumps as far as `bridge.motion.cuts` calls a cut, she
+    begins anew there.
 
     The model computes 60 ticks a second. At another rate poses are interpolated to ticks, as
     `load_amass_motion` resamples, and what is made of ticks to frames. Answers are `latency_frames`
@@ -90,12 +85,12 @@ class StreamingBodies:
         if isinstance(run, TrainedPlus):
             if body is None:
                 raise DsnetError("a model without a body", "the body it moves", "Pass body=.")
-            self._model: StreamingModel = StreamingTissue(run, body)
+            self._model: Model = PlusModel(run, body)
         else:
             chosen = choose(None if run is None else Run(os.fspath(run)), predictor, gender)
             body = body or load_body_model(chosen.body_model)
-            self._model = _open(chosen, body)
-        self._body, self._skin = body, BodySkin(body)
+            self._model = chosen.open(body)
+        self._body, self._skin = body, Smpl(body)
         self._characters: dict[int, StreamedCharacter] = {}
         self._numbers = count()
         self.latency_frames = self._clock.latency_frames(self._model.look_ahead)
@@ -119,7 +114,7 @@ class StreamingBodies:
             If that is no person's shape.
         """
         shape = checked_betas(betas, self._body)
-        character = StreamedCharacter(self._skin.person(shape), self._model.join(shape))
+        character = StreamedCharacter(self._skin.person(shape), shape)
         who = next(self._numbers)
         self._characters[who] = character
         return who
@@ -186,10 +181,11 @@ class StreamingBodies:
         each = list(zip(characters, frames, strict=True))
         codes = [character.code_at(frame, self._clock) for character, frame in each]
         theta = np.stack([character.pose_at(frame) for character, frame in each])
-        offsets_m = self._model.offsets_m([c.person for c in characters], codes, theta)
+        betas = np.stack([character.betas for character in characters])
+        offsets_m = self._model.offsets_m(betas, np.stack(codes), theta)
         shaped = [character.shaped for character in characters]
         vertices_m = self._skin.pose(shaped, *unpack_theta(theta), offsets_m)
-        latents = [self._model.latents(code) for code in codes]
+        latents = codes if self._model.codes_are_latents else [None] * len(codes)
         return [MovedBody(*parts) for parts in zip(vertices_m, offsets_m, latents, strict=True)]
 
     def _character(self, who: int) -> StreamedCharacter:
@@ -200,11 +196,3 @@ class StreamingBodies:
                 "Pass the number that join() gave; who has left may join again.",
             )
         return self._characters[who]
-
-
-def _open(chosen: Chosen, body: BodyModelData) -> StreamingModel:
-    if chosen.road is PLUS:
-        return StreamingTissue(TrainedPlus.load(chosen.artifacts["train_plus"]), body)
-    network = load_trained_dsnet(chosen.artifacts["train"], chosen.name)
-    decoder = load_decoder(chosen.artifacts["train-ae"])
-    return StreamingLatents(network, lambda latents: decoder(latents=latents)["offsets"])

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.body.smpl import ShapedBody
 from bridge.motion.cuts import is_cut
 from bridge.motion.interpolation import between, going_on
-from bridge.runtime.skinning import ShapedBody
+from bridge.runtime.stepping import Model, finished
 from bridge.runtime.streams.frame_clock import FrameClock
-from bridge.runtime.streams.streaming_model import StreamingModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,16 +20,18 @@ class StreamedCharacter:
     """All that one's future depends on; replaced, never changed, so that a refused step is none."""
 
     shaped: ShapedBody
-    person: Any
-    """What the model knows of her."""
+    betas: NDArray
+    """(10,)."""
     frames: int = 0
     """That she was given."""
     poses: tuple[NDArray, ...] = ()
     """The newest of them, (69,) each."""
     since_cut: int = 0
     """How many frames."""
-    past: Any = None
-    """The model's, up to the newest tick."""
+    state: NDArray[np.float32] | None = None
+    """(S,) the model's, after the newest tick."""
+    since_begin: int = 0
+    """How many ticks that state has seen."""
     first: int = 0
     """Number of the first tick that is kept."""
     ticks: tuple[NDArray, ...] = ()
@@ -56,9 +57,34 @@ class StreamedCharacter:
         """(69,) one of the newest."""
         return self.poses[frame - self.frames]
 
-    def finished(self, model: StreamingModel) -> StreamedCharacter:
-        """With all codes, for there are no more frames."""
-        return replace(self, codes=(*self.codes, *model.finish(self.past)))
+    def finished(self, model: Model) -> StreamedCharacter:
+        """With all codes, for she stops here."""
+        if self.state is None:
+            return self
+        owed = finished(model, self.state[None], self.ticks[-1][None])
+        # Of a motion shorter than the look-ahead the first are those before its beginning.
+        owed = owed[max(model.look_ahead - self.since_begin + 1, 0) :]
+        return replace(self, codes=(*self.codes, *(codes[0] for codes in owed)))
+
+    def begun(self, model: Model, theta: NDArray) -> StreamedCharacter:
+        """At rest in the next tick's pose theta (69,), which is still to be stepped."""
+        state = model.reset(self.betas[None], theta[None])[0]
+        return replace(self.finished(model), state=state, since_begin=0)
+
+    def stepped(
+        self, theta: NDArray, state: NDArray, code: NDArray, look_ahead: int
+    ) -> StreamedCharacter:
+        """With one tick more, in the pose theta (69,), and what the model made of it."""
+        # The first tick's code comes again until another's is known.
+        known = (code,) if not 0 < self.since_begin <= look_ahead else ()
+        return replace(
+            self,
+            state=state,
+            since_begin=self.since_begin + 1,
+            ticks=(*self.ticks, theta),
+            begins=(*self.begins, self.since_begin == 0),
+            codes=(*self.codes, *known),
+        )
 
     def without(self, frame: int, clock: FrameClock) -> StreamedCharacter:
         """Only with what frames from this one on need, and what tells a cut to the next."""
@@ -78,7 +104,7 @@ def advanced(
     characters: Sequence[StreamedCharacter],
     theta: NDArray,
     clock: FrameClock,
-    model: StreamingModel,
+    model: Model,
 ) -> list[StreamedCharacter]:
     """Each given one frame more, of theta (B, 69), and all ticks up to it."""
     found = list(characters)
@@ -111,41 +137,19 @@ def advanced(
 
 
 def _ticked(
-    characters: Sequence[StreamedCharacter], theta: NDArray, model: StreamingModel
+    characters: Sequence[StreamedCharacter], theta: NDArray, model: Model
 ) -> list[StreamedCharacter]:
     """Each given one tick more, of theta (B, 69); after a cut its tissue begins anew."""
-    found = list(characters)
     before = np.array(
-        [c.ticks[-1] if c.ticks else row for c, row in zip(found, theta, strict=True)]
+        [c.ticks[-1] if c.ticks else row for c, row in zip(characters, theta, strict=True)]
     )
-    begins = [
-        jumps or c.past is None for c, jumps in zip(found, is_cut(before, theta), strict=True)
+    jumps = is_cut(before, theta)
+    here = [
+        c.begun(model, row) if c.state is None or jump else c
+        for c, row, jump in zip(characters, theta, jumps, strict=True)
     ]
-    goes_on = [row for row, begin in enumerate(begins) if not begin]
-    if goes_on:
-        pasts = [found[row].past for row in goes_on]
-        for row, (past, code) in zip(goes_on, model.advance(pasts, theta[goes_on]), strict=True):
-            found[row] = _with_tick(found[row], theta[row], past, [] if code is None else [code])
-    for row, begin in enumerate(begins):
-        if begin:
-            owed = [] if found[row].past is None else model.finish(found[row].past)
-            past, code = model.begin(found[row].person, theta[row])
-            found[row] = _with_tick(found[row], theta[row], past, [*owed, code], begins=True)
-    return found
-
-
-def _with_tick(
-    character: StreamedCharacter,
-    theta: NDArray,
-    past: Any,
-    codes: Sequence[NDArray],
-    *,
-    begins: bool = False,
-) -> StreamedCharacter:
-    return replace(
-        character,
-        past=past,
-        ticks=(*character.ticks, theta),
-        begins=(*character.begins, begins),
-        codes=(*character.codes, *codes),
-    )
+    states, codes = model.step(np.stack([c.state for c in here if c.state is not None]), theta)
+    return [
+        c.stepped(row, state.copy(), code.copy(), model.look_ahead)
+        for c, row, state, code in zip(here, theta, states, codes, strict=True)
+    ]

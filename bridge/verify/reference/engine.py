@@ -11,7 +11,14 @@ from bridge.exchange.layouts import AdamRule
 from bridge.motion import unpack_theta
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.protocol import Case, Tensors, serve
-from bridge.verify.reference import adam, dsnet, mesh_autoencoder, smpl, tissue
+from bridge.verify.reference import (
+    adam,
+    dsnet,
+    mesh_autoencoder,
+    oscillator_training,
+    smpl,
+    tissue,
+)
 
 
 def dsnet_forward(case: Case) -> Tensors:
@@ -88,6 +95,15 @@ def dsnet_graph(case: Case) -> Tensors:
     return {"layer/vertices": np.stack(frames)}
 
 
+def oscillators_train(case: Case) -> Tensors:
+    """Offsets of windows, loss, gradients, steps of Adam."""
+    weights, given = case.weights(), case.inputs()
+    learned = adam.train(
+        weights, lambda now: oscillator_training.learn(now, given), *_training_of(case)
+    )
+    return {"layer/offsets": oscillator_training.predict(weights, given), **learned}
+
+
 def plus_graph(case: Case) -> Tensors:
     """From poses to the posed skin, by `dsnet_plus`."""
     model, given = TrainedPlus.from_arrays(case.weights()), case.inputs()
@@ -129,6 +145,7 @@ OPERATIONS = {
     "ae_forward": ae_forward,
     "ae_train": ae_train,
     "smpl": posed_bodies,
+    "oscillators_train": oscillators_train,
     "dsnet_graph": dsnet_graph,
     "plus_graph": plus_graph,
 }

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.alignment import compare_page, convergence_page
+from benchmarks.alignment import compare_page
 from benchmarks.alignment.gravity import RECORDED
 
 ROOT = Path(__file__).parents[3]
 FOLDER = Path("docs") / "results" / "alignment"
-PAGES = {"compare_held_out": compare_page.markdown, "convergence": convergence_page.markdown}
+PAGES = {"compare_held_out": compare_page.markdown}
 
 
 @pytest.mark.parametrize("name", PAGES)

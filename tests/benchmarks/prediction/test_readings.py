@@ -1,9 +1,8 @@
-"""One law, accelerations read twice: the page is its numbers, and smooth motions are read alike."""
+"""One law, accelerations read twice: the table, and that smooth motions are read alike."""
 
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 
@@ -13,12 +12,6 @@ from bridge.body import load_body_model
 from bridge.measure.metrics import ErrorSums
 from tests.forged.lively import lively
 from torch_align_ae.corpus.simulation import body_in_double
-
-PAGE = Path(__file__).parents[3] / "docs" / "results" / "prediction" / "readings.md"
-
-
-def test_the_committed_page_is_made_of_its_numbers():
-    assert PAGE.read_text() == readings.markdown(PAGE.with_suffix(".json"))
 
 
 def test_clips_are_summed_up_by_kind_and_person(tmp_path):

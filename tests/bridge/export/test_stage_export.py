@@ -157,7 +157,7 @@ def test_two_processes_and_one_path(motion, tmp_path):
 
 @pytest.mark.parametrize("to", ["npz", "pc2", "mdd", "ply", "usd"])
 def test_pieces_do_not_stay_in_memory(character, tmp_path, monkeypatch, to):
-    monkeypatch.setattr("bridge.runtime.plus_motion.FRAMES_AT_ONCE", 2)
+    monkeypatch.setattr("bridge.runtime.stepping.FRAMES_AT_ONCE", 2)
     moving, alive = Watched.of(moving_body(character, 12)), []
     moving.alive = alive
     path = tmp_path / f"body{(FORMATS[to].suffixes or ('',))[0]}"

@@ -130,7 +130,7 @@ def test_blend_shapes_are_orthonormal_and_all_that_a_short_motion_needs(characte
 
 
 def test_frames_go_to_the_disk_while_others_are_predicted(character, tmp_path, monkeypatch):
-    monkeypatch.setattr("bridge.runtime.plus_motion.FRAMES_AT_ONCE", 4)
+    monkeypatch.setattr("bridge.runtime.stepping.FRAMES_AT_ONCE", 4)
     moving, path, on_disk = moving_body(character, 12), tmp_path / "body.usd", []
     pieces = list(moving)
 

@@ -11,14 +11,13 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model
+from bridge.body.smpl import Smpl
 from bridge.motion import Motion, load_amass_motion, pack_theta, unpack_theta
 from bridge.runtime.body_motion import place_motion
 from bridge.runtime.floor import leg_length_m, lowest_points_m, put_on_floor
-from bridge.runtime.skinning import ShapedBody
 from tests.forged.cyclic import circling
 
 BODY = load_body_model("embedded:female")
-NONE = np.zeros((1, BODY.vertex_count, 3), np.float32)
 OWN, TALL = np.zeros(10), np.r_[2.5, np.zeros(9)]
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
 
@@ -26,7 +25,7 @@ SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sa
 def posed_lowest_m(motion: Motion) -> np.ndarray:
     """(T,) over all vertices."""
     pose, trans = unpack_theta(motion.theta)
-    return ShapedBody(BODY, motion.betas).pose(pose, trans, NONE)[..., 1].min(axis=1)
+    return Smpl(BODY).person(motion.betas).pose(pose, trans)[..., 1].min(axis=1)
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,7 @@ from bridge.motion import Motion, load_motion_file, unpack_theta
 from bridge.runtime.body_motion import place_motion
 from bridge.runtime.controls import Controls
 from bridge.runtime.predict_motion import predict_motion
-from bridge.tissue.load import node_loads
-from bridge.tissue.oscillators import OscillatorSheet
+from bridge.verify.reference.tissue import moving
 
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
 pytestmark = [
@@ -72,10 +71,8 @@ def test_it_dies_away_as_she_stands(mean_mm):
 def test_what_is_left_is_the_sag_of_where_the_arms_hang(mean_mm, plus_run, motion, flesh):
     """The template's arms are raised: hanging, they feel gravity and do not return to zero."""
     last = motion.theta[-1:]
-    mechanics = flesh.mechanics(BODY, motion.betas)
-    load = mechanics.load(node_loads(BODY, flesh.nodes.vertices, motion.betas, last, 60.0))
-    sag_m = OscillatorSheet(mechanics, flesh.nodes.laplacian).settled(load[0])
-    sag_mm = 1e3 * np.linalg.norm(flesh.nodes.spread(sag_m[None])[0], axis=-1)
+    sag_m = moving(flesh, BODY, last, motion.betas)
+    sag_mm = 1e3 * np.linalg.norm(flesh.nodes.spread(sag_m)[0], axis=-1)
     arms = BODY.weights[:, 16:22].sum(axis=1) > 0.5
     assert sag_mm[arms].mean() > 3 * sag_mm[~arms].mean()
     assert sag_mm.mean() < mean_mm[-1] < 2 * sag_mm.mean()

@@ -10,10 +10,11 @@ import pytest
 from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.motion.loops import close_lap
-from bridge.runtime.dsnet_motion import DsnetMotionPredictor, load_decoder
+from bridge.runtime.dsnet_step import DsnetModel, load_decoder
 from bridge.runtime.looped import LoopedPredictor
-from bridge.runtime.motion_predictor import FRAMES_AT_ONCE, Prediction
-from bridge.runtime.plus_motion import PlusMotionPredictor
+from bridge.runtime.plus_step import PlusModel
+from bridge.runtime.stepping import FRAMES_AT_ONCE, Prediction, WholeMotions
+from bridge.verify.reference.tissue import moving
 from tests.forged.cyclic import circling
 
 BODY = load_body_model("embedded:female")
@@ -35,29 +36,29 @@ def test_it_is_a_late_lap_of_many(flesh, lap_frames, look_ahead):
     """The oracle predicts the motion over and over, in one piece."""
     model = replace(flesh, look_ahead=look_ahead)
     lap = lap_of(circling(lap_frames + 1, lap_frames))
-    found = offsets_of(LoopedPredictor(PlusMotionPredictor(model, BODY), lap)(lap.theta, BETAS))
+    found = offsets_of(LoopedPredictor(WholeMotions(PlusModel(model, BODY)), lap)(lap.theta, BETAS))
     count = 1 + 600 // lap_frames
-    long = model.moving_m(BODY, BETAS, circling((count + 1) * lap_frames, lap_frames))
+    long = moving(model, BODY, circling((count + 1) * lap_frames, lap_frames), BETAS)
     expected = model.nodes.spread(long[(count - 1) * lap_frames : count * lap_frames])
     assert found.shape == expected.shape
     assert np.abs(expected).max() > 2e-3
     np.testing.assert_allclose(found, expected, atol=1e-4)
-    once = offsets_of(PlusMotionPredictor(model, BODY)(lap.theta, BETAS))
+    once = offsets_of(WholeMotions(PlusModel(model, BODY))(lap.theta, BETAS))
     assert np.abs(once - found).max() > 1e-3
 
 
 def test_the_last_frame_leads_into_the_first(flesh):
     lap = lap_of(circling(LAP, LAP))
-    predict = LoopedPredictor(PlusMotionPredictor(flesh, BODY), lap)
+    predict = LoopedPredictor(WholeMotions(PlusModel(flesh, BODY)), lap)
     found = offsets_of(predict(lap.theta, BETAS))
     around = np.linalg.norm(np.diff(found, axis=0, append=found[:1]), axis=-1).max(axis=1)
     assert around[-1] < 1.2 * around[:-1].max()
-    alone = offsets_of(PlusMotionPredictor(flesh, BODY)(lap.theta, BETAS))
+    alone = offsets_of(WholeMotions(PlusModel(flesh, BODY))(lap.theta, BETAS))
     assert np.linalg.norm(alone[0] - alone[-1], axis=-1).max() > 1.2 * around.max()
 
 
 def test_the_networks_tissue_repeats_too(trained, trained_run):
-    network = DsnetMotionPredictor(trained, load_decoder(trained_run.artifact("train-ae")))
+    network = WholeMotions(DsnetModel(trained, load_decoder(trained_run.artifact("train-ae"))))
     lap = lap_of(circling(LAP + 1, LAP, turn_rad=1e-9, stride_m=1e-12))
     found = LoopedPredictor(network, lap)(lap.theta, BETAS)
     assert found.latents is not None

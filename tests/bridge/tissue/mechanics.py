@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.tissue.oscillators import NodeMechanics
+from bridge.runtime.graphs.onnx_builder import GraphSession
+from bridge.runtime.graphs.onnx_values import Value, ValueGraph
+from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
+from bridge.tissue.oscillators import STEPS, coupling
+from bridge.verify.reference.oscillators import Coefficients, Sheet
 
 ALONE = sp.csr_matrix((1, 1), dtype=np.float32)
 """Laplacian of a node without neighbours."""
@@ -21,15 +27,13 @@ def mechanics(
     bending: ArrayLike = 0.0,
     normal_ratio: ArrayLike = 1.0,
     normals: ArrayLike = (0.0, 0.0, 1.0),
-    taps: ArrayLike = (1.0,),
-    look_ahead: int = 0,
-) -> NodeMechanics:
+) -> Coefficients:
     """Nodes with gains of 1, alike where a number is given."""
 
     def each(values: ArrayLike) -> NDArray[np.float32]:
         return np.broadcast_to(np.asarray(values, np.float32), count).reshape(count, 1).copy()
 
-    return NodeMechanics(
+    return Coefficients(
         omega=each(2 * np.pi * np.asarray(hz)),
         damping_ratio=each(damping),
         stiffening=each(stiffening),
@@ -39,9 +43,52 @@ def mechanics(
         inertia_gain=each(1.0),
         gravity_gain=each(1.0),
         normals=np.broadcast_to(np.asarray(normals, np.float32), (count, 3)),
-        taps=np.asarray(taps, np.float32),
-        look_ahead=look_ahead,
     )
+
+
+class GraphSheet:
+    """The product's step and rest, by ONNX Runtime; interface as of the reference's `Sheet`."""
+
+    def __init__(self, springs: Coefficients, laplacian: sp.csr_matrix) -> None:
+        fields = vars(springs)
+        coupled, rows = coupling(fields, laplacian), len(springs.normals)
+
+        def session(make: Callable[[SheetGraph, Person, dict[str, Value]], Value]) -> GraphSession:
+            graph = ValueGraph()
+            given = {n: graph.input(n, ("B", 3, rows)) for n in ("now", "before", "load")}
+            own = (graph.array(n, fields[n].T[None]) for n in ("omega", "stiffening", "normals"))
+            sheet = SheetGraph(graph, fields, coupled, [1.0])
+            found = {"found": make(sheet, Person(*own), given)}
+            return GraphSession(graph.model("sheet", found, {}, checked=False), threads=1)
+
+        self._step = session(lambda sheet, own, given: sheet.step(sheet.springs(own), **given))
+        self._settled = session(lambda sheet, own, given: sheet.settled(own, given["load"]))
+
+    def step(self, now: NDArray, before: NDArray, load: NDArray) -> NDArray[np.float32]:
+        return self._step(now=_row(now), before=_row(before), load=_row(load))["found"][0].T
+
+    def frame(self, now: NDArray, before: NDArray, load: NDArray) -> tuple[NDArray, NDArray]:
+        for _ in range(STEPS):
+            before, now = now, self.step(now, before, load)
+        return now, before
+
+    def settled(self, load: NDArray) -> NDArray[np.float32]:
+        given = _row(load)
+        return self._settled(now=given, before=given, load=given)["found"][0].T
+
+
+class ReferenceSheet(Sheet):
+    """The verification's, of a sparse Laplacian."""
+
+    def __init__(self, springs: Coefficients, laplacian: sp.csr_matrix) -> None:
+        super().__init__(springs, laplacian.toarray().astype(np.float64))
+
+
+AnySheet = GraphSheet | ReferenceSheet
+
+
+def _row(nodes: NDArray) -> NDArray[np.float32]:
+    return np.ascontiguousarray(np.asarray(nodes, np.float32).T[None])
 
 
 def masses_of(laplacian: sp.csr_matrix) -> NDArray[np.float64]:

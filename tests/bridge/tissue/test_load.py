@@ -6,8 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bridge.body.posing import pose_vertices
+from bridge.body.smpl import Smpl
 from bridge.motion import pack_theta, unpack_theta
-from bridge.tissue.load import GRAVITY_M_S2, Load, SkinnedNodes, node_loads
+from bridge.tissue.load import GRAVITY_M_S2, Load, node_loads
 
 FPS = 60.0
 SKIN = np.arange(0, 6890, 40)
@@ -36,16 +37,6 @@ def falling(acceleration: np.ndarray, frames: int = 9) -> np.ndarray:
 
 def loads(body, theta: np.ndarray) -> Load:
     return node_loads(body, SKIN, BETAS, theta, FPS)
-
-
-def test_persons_side_by_side_are_skinned_as_each_alone(body):
-    shapes, theta = np.random.default_rng(1).normal(size=(4, 10)), moving(4)
-    people = [SkinnedNodes(body, SKIN, betas) for betas in shapes]
-    together = SkinnedNodes.of_people(people).skin(theta)
-    np.testing.assert_array_equal(people[0].of_person(shapes[1])(theta)[0], people[1](theta)[0])
-    alone = [person.skin(pose[None]) for person, pose in zip(people, theta, strict=True)]
-    for found, expected in zip(together, zip(*alone, strict=True), strict=True):
-        np.testing.assert_allclose(found, np.concatenate(expected), atol=1e-12)
 
 
 def test_standing_as_scanned_is_no_load_at_all(body):
@@ -105,7 +96,7 @@ def test_tilting_the_motion_does_matter(body):
 
 def test_skinning_is_the_body_models(body):
     theta = moving(300)[::100]
-    places, turns = SkinnedNodes(body, SKIN, BETAS)(theta)
+    places, turns = Smpl(body, SKIN, np.float64).person(BETAS).skin(*unpack_theta(theta))
     pose, trans = unpack_theta(theta)
     shape = np.tile(BETAS, (3, 1))
     whole = pose_vertices(body, shape, pose, trans)[:, SKIN]

@@ -2,7 +2,8 @@
 
 An alignment evaluates it hundreds of thousands of times, so it goes through the skin patch by
 patch, each while it is in the cache, and keeps only sums over vertices for the bones. Automatic
-differentiation of `SMPL.forward` gives the same numbers more slowly.
+differentiation gives the same numbers, and takes more than three times as long even patch by patch
+(`benchmarks.alignment.gradients`).
 """
 
 from __future__ import annotations
@@ -58,9 +59,7 @@ class MeshDistance:
     def __init__(self, smpl: SMPL) -> None:
         self.smpl = smpl
         parents = smpl.parents[:N_JOINTS]
-        weights = smpl.weights[:N_JOINTS].clone()
-        for hand in range(N_JOINTS, len(smpl.parents)):
-            weights[smpl.parents[hand]] += smpl.weights[hand]
+        weights = smpl.moving_weights()
         posedirs = smpl.posedirs[: 9 * (N_JOINTS - 1)]
         self.tree = JointTree(parents, weights.dtype)
         self.patches = cut_into_patches(weights, posedirs, parents)

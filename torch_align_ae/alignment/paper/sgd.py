@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from torch_align_ae.alignment.paper.objective import MeshDistance, Shapes
-from torch_align_ae.body.rotations import matrix_to_axis_angle
+from torch_align_ae.body.rotations import matrix_to_axis_angle, nearest_rotation
 
 
 @dataclass(frozen=True)
@@ -121,11 +121,7 @@ def rigid_start(objective: MeshDistance, shapes: Shapes, target: Tensor) -> tupl
     """
     source, target = objective.restore(shapes.vertices), objective.restore(target)
     centre, target_centre = source.mean(1), target.mean(1)
-    covariance = (target - target_centre[:, None]).mT @ (source - centre[:, None])
-    left, _, right = torch.linalg.svd(covariance.double())
-    handedness = torch.ones_like(left[:, 0])
-    handedness[:, 2] = torch.det(left @ right)
-    turn = ((left * handedness[:, None]) @ right).to(target.dtype)
+    turn = nearest_rotation((target - target_centre[:, None]).mT @ (source - centre[:, None]))
     root = shapes.joints[:, 0]
     # The root turns about its own joint: R (x - root) + root + trans.
     trans = target_centre - (turn @ (centre - root)[..., None])[..., 0] - root

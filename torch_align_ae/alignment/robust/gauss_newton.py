@@ -11,6 +11,7 @@ poses. A patch depends on a few joints only, so its J^T W J is a small block of 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
@@ -18,10 +19,16 @@ from torch import Tensor
 
 from bridge.paper import N_JOINTS
 from torch_align_ae.alignment.robust.linearise import linearise
-from torch_align_ae.alignment.robust.sample import Frames, Pose, Shaped, SkinSample
+from torch_align_ae.alignment.robust.sample import (
+    Frames,
+    Pose,
+    SampledPatch,
+    Shaped,
+    SkinSample,
+)
 from torch_align_ae.body.rotations import axis_angle_to_matrix
 
-_UNKNOWNS = 3 * N_JOINTS + 3
+_POSE_UNKNOWNS = 3 * N_JOINTS + 3
 # Relative to each unknown's own curvature. Leaves a millionth of a well-determined step undone
 # and keeps the undetermined ones (the twist of a limb of which nothing is seen) finite.
 _DAMPING = 1e-6
@@ -31,9 +38,10 @@ class NormalEquations(NamedTuple):
     """The quadratic model of B bodies' squared distances about their poses."""
 
     curvature: Tensor
-    """(B, 69, 69): 22 turns about the world's axes, then the translation."""
+    """(B, 69, 69): 22 turns about the world's axes, then the translation; of betas and pose
+    (B, 79, 79)."""
     pull: Tensor
-    """(B, 69) half the descent direction."""
+    """(B, 69) or (B, 79) half the descent direction."""
 
 
 def fit_poses(
@@ -56,39 +64,47 @@ def fit_poses(
     for _ in range(steps):
         frames = sample.frames(shaped, pose)
         equations = normal_equations(sample, shaped, frames, target, weights.sqrt())
-        pose = step(sample, frames, pose, equations)
+        change = solve_damped(*equations).to(pose.trans.dtype)
+        pose = moved(sample, frames, pose, change)
     return pose
 
 
 def normal_equations(
-    sample: SkinSample, shaped: Shaped, frames: Frames, target: Tensor, scale: Tensor
+    sample: SkinSample,
+    shaped: Shaped,
+    frames: Frames,
+    target: Tensor,
+    scale: Tensor,
+    by_betas: Callable[[SampledPatch], Tensor] | None = None,
 ) -> NormalEquations:
-    """Sums over all patches; `scale` (N,) is the square root of the weights."""
-    count, features = len(target), frames.features
-    parents = torch.tensor(sample.parents).clamp_min(0)
-    curvature = target.new_zeros(count, N_JOINTS + 1, 3, N_JOINTS + 1, 3)
-    pull = target.new_zeros(count, N_JOINTS + 1, 3)
+    """Sums over all patches.
+
+    Parameters
+    ----------
+    scale : (N,) square root of the weights.
+    by_betas : of a patch's posed vertices the derivatives (B, 10, 3, n), by unknowns that come
+        before the pose; the sums are then float64.
+    """
+    shapes = 0 if by_betas is None else len(sample.smpl.shapedirs)
+    size, count = shapes + _POSE_UNKNOWNS, len(target)
+    curvature = target.new_zeros(count, size, size, dtype=torch.float64 if by_betas else None)
+    pull = curvature.new_zeros(count, size)
     for patch in sample.patches:
         own = scale[patch.vertices]
-        posed, jacobian = linearise(patch, shaped, frames, features, own, parents)
-        residual = torch.addcmul(-posed, target[:, :, patch.vertices], own)
+        posed, jacobian = linearise(patch, shaped, frames, own)
+        residual = torch.addcmul(-posed, target[:, :, patch.vertices], own).flatten(1)
         rows = jacobian.flatten(3).flatten(1, 2)
         unknowns = torch.cat([patch.joints, torch.tensor([N_JOINTS])])
-        size = len(unknowns)
-        squares = (rows @ rows.mT).view(count, size, 3, size, 3)
+        places = shapes + (3 * unknowns[:, None] + torch.arange(3)).flatten()
+        if by_betas is not None:
+            rows = torch.cat([(by_betas(patch) * own).flatten(2), rows], 1)
+            places = torch.cat([torch.arange(shapes), places])
         # Indexed one axis after the other: both at once would copy the whole array.
-        by_row = curvature.new_zeros(count, size, 3, N_JOINTS + 1, 3)
-        by_row[:, :, :, unknowns] = squares
-        curvature.index_add_(1, unknowns, by_row)
-        forces = (rows @ residual.flatten(1)[..., None]).view(count, size, 3)
-        pull.index_add_(1, unknowns, forces)
-    return NormalEquations(curvature.view(count, _UNKNOWNS, _UNKNOWNS), pull.flatten(1))
-
-
-def step(sample: SkinSample, frames: Frames, pose: Pose, equations: NormalEquations) -> Pose:
-    """The poses after one damped step."""
-    change = solve_damped(equations.curvature, equations.pull).to(pose.trans.dtype)
-    return moved(sample, frames, pose, change)
+        by_row = curvature.new_zeros(count, len(places), size)
+        by_row[:, :, places] = (rows @ rows.mT).to(by_row)
+        curvature.index_add_(1, places, by_row)
+        pull.index_add_(1, places, (rows @ residual[..., None])[..., 0].to(pull))
+    return NormalEquations(curvature, pull)
 
 
 def solve_damped(curvature: Tensor, pull: Tensor) -> Tensor:

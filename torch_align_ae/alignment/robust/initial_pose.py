@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from torch_align_ae.alignment.robust.sample import Pose, Shaped, SkinSample
+from torch_align_ae.body.rotations import nearest_rotation
 
 
 def initial_pose(sample: SkinSample, shaped: Shaped, target: Tensor) -> Pose:
@@ -22,10 +23,7 @@ def initial_pose(sample: SkinSample, shaped: Shaped, target: Tensor) -> Pose:
     source = share @ shaped.vertices.T
     centre = torch.einsum("jn,bxn->bjx", share, target)
     spread = torch.einsum("jn,bxn,yn->bjxy", share, target, shaped.vertices)
-    left, _, right = torch.linalg.svd((spread - centre[..., None] * source[:, None]).double())
-    handedness = torch.ones_like(left[..., 0])
-    handedness[..., 2] = torch.det(left @ right)
-    turn = ((left * handedness[..., None, :]) @ right).to(target.dtype)
+    turn = nearest_rotation(spread - centre[..., None] * source[:, None])
     rotations = turn.clone()
     rotations[:, 1:] = turn[:, list(sample.parents[1:])].mT @ turn[:, 1:]
     root = shaped.joints[0]

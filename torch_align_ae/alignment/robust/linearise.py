@@ -22,21 +22,14 @@ from torch_align_ae.body.rotations import cross_matrix
 
 
 def linearise(
-    patch: SampledPatch,
-    shaped: Shaped,
-    frames: Frames,
-    features: Tensor,
-    scale: Tensor,
-    parents: Tensor,
+    patch: SampledPatch, shaped: Shaped, frames: Frames, scale: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Posed vertices of a patch and their Jacobian, both times `scale`.
 
     Parameters
     ----------
     patch, shaped, frames : C joints, K bones, n vertices, B bodies.
-    features : (B, 189) `frames.features`.
     scale : (n,) square root of each vertex's weight.
-    parents : (22,) parent of each joint, the root's being itself.
 
     Returns
     -------
@@ -45,14 +38,14 @@ def linearise(
         by the translation; then coordinates and vertices.
     """
     weights = patch.weights * scale
-    rest = rest_vertices(patch, shaped, features)
+    rest = rest_vertices(patch, shaped, frames)
     moved = moved_by_bones(patch, frames, rest, weights)
     arms = (patch.below @ moved.flatten(2)).unflatten(2, (3, -1))
     arms -= (patch.carried * scale)[:, None] * frames.place[:, patch.joints, :, None]
     jacobian = arms.new_zeros(len(rest), len(patch.joints) + 1, 3, 3, rest.shape[2])
     _put_cross_products(jacobian[:, :-1], arms)
     if len(patch.jacobian_posedirs):
-        _add_corrections(jacobian, patch, frames, weights, parents)
+        _add_corrections(jacobian, patch, frames, weights)
     for axis in range(3):
         jacobian[:, -1, axis, axis] = scale
     return moved.sum(1), jacobian
@@ -67,13 +60,13 @@ def _put_cross_products(jacobian: Tensor, arms: Tensor) -> None:
 
 
 def _add_corrections(
-    jacobian: Tensor, patch: SampledPatch, frames: Frames, weights: Tensor, parents: Tensor
+    jacobian: Tensor, patch: SampledPatch, frames: Frames, weights: Tensor
 ) -> None:
     """Add what pose blend shapes do while their joint turns."""
     count = len(patch.jacobian_posedirs)
     joints = patch.joints[:count]
     # In the parent's axes, world axis i is row i of the parent's orientation.
-    spin = cross_matrix(frames.turn[:, parents[joints]]) @ frames.rotations[:, joints, None]
+    spin = cross_matrix(frames.turn[:, patch.parents]) @ frames.rotations[:, joints, None]
     spin = spin.transpose(0, 1).flatten(1, 2).flatten(2)  # (P, B * 3, 9)
     rest_change = (spin @ patch.jacobian_posedirs).unflatten(1, (-1, 3)).unflatten(3, (3, -1))
     rest_change = rest_change.transpose(0, 1)  # (B, P, 3 axes, 3 coordinates, n)

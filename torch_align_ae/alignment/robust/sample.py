@@ -64,6 +64,8 @@ class SampledPatch:
     """(C, n) share of each vertex that hangs below the joint."""
     jacobian_posedirs: Tensor
     """(P, 9, 3 n) pose blend shapes of the first P of `joints`, metres."""
+    parents: Tensor
+    """(P,) the joints above these."""
     features: Tensor
     """(Q,) entries of R - I that displace it at all."""
     posedirs: Tensor
@@ -95,9 +97,7 @@ class SkinSample:
         self.smpl = smpl
         self.parents = smpl.parents[:N_JOINTS]
         self._levels = tree_levels(self.parents)
-        weights = smpl.weights[:N_JOINTS].clone()
-        for hand in range(N_JOINTS, len(smpl.parents)):
-            weights[smpl.parents[hand]] += smpl.weights[hand]
+        weights = smpl.moving_weights()
         self.subtree = subtree_matrix(self.parents).to(weights.dtype)
         groups = _limb_by_limb(weights, self.parents, size)
         self.vertices = torch.cat(groups)
@@ -139,12 +139,11 @@ class SkinSample:
     def positions(self, shaped: Shaped, pose: Pose) -> Tensor:
         """(B, 3, N) posed vertices of the sample, metres."""
         frames = self.frames(shaped, pose)
-        features = frames.features
-        parts = []
-        for patch in self.patches:
-            rest = rest_vertices(patch, shaped, features)
-            parts.append(moved_by_bones(patch, frames, rest, patch.weights).sum(1))
-        return torch.cat(parts, 2)
+        parts = (
+            moved_by_bones(patch, frames, rest_vertices(patch, shaped, frames), patch.weights)
+            for patch in self.patches
+        )
+        return torch.cat([part.sum(1) for part in parts], 2)
 
     def _patch(self, rows: slice, weights: Tensor) -> SampledPatch:
         chosen = self.vertices[rows]
@@ -166,14 +165,15 @@ class SkinSample:
             below=self.subtree[joints][:, bones].contiguous(),
             carried=(self.subtree @ weights)[joints].contiguous(),
             jacobian_posedirs=by_joint[correcting - 1].flatten(2).contiguous(),
+            parents=torch.tensor(self.parents)[correcting],
             features=features,
             posedirs=posedirs[features].flatten(1).contiguous(),
         )
 
 
-def rest_vertices(patch: SampledPatch, shaped: Shaped, features: Tensor) -> Tensor:
+def rest_vertices(patch: SampledPatch, shaped: Shaped, frames: Frames) -> Tensor:
     """(B, 3, n) rest vertices of a patch with pose blend shapes, Eq. 2, metres."""
-    corrective = features.index_select(1, patch.features) @ patch.posedirs
+    corrective = frames.features.index_select(1, patch.features) @ patch.posedirs
     return corrective.unflatten(1, (3, -1)).add_(shaped.vertices[:, patch.vertices])
 
 

@@ -6,18 +6,16 @@ So poses are eliminated one by one, and 10 equations are left (the Schur complem
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from bridge.paper import N_JOINTS
-from torch_align_ae.alignment.robust.gauss_newton import moved, solve_damped
+from torch_align_ae.alignment.robust.gauss_newton import moved, normal_equations, solve_damped
 from torch_align_ae.alignment.robust.initial_pose import initial_pose
-from torch_align_ae.alignment.robust.linearise import linearise
 from torch_align_ae.alignment.robust.sample import Frames, Pose, SampledPatch, Shaped, SkinSample
-
-_POSE_UNKNOWNS = 3 * N_JOINTS + 3
 
 
 class ShapeEvidence(NamedTuple):
@@ -46,11 +44,10 @@ def fit_shape(sample: SkinSample, target: Tensor, steps: int) -> Tensor:
     pose = initial_pose(sample, sample.shaped(betas), target)
     alike = target.new_ones(len(sample))
     for _ in range(steps):
-        evidence, responses = _eliminate(sample, sample.shaped(betas), pose, target, alike)
+        evidence, (free, less) = _eliminate(sample, sample.shaped(betas), pose, target, alike)
         change = evidence.change()
-        free, by_betas = responses
         frames = sample.frames(sample.shaped(betas), pose)
-        pose = moved(sample, frames, pose, (free - by_betas @ change).to(target.dtype))
+        pose = moved(sample, frames, pose, (free - less @ change).to(target.dtype))
         betas = betas + change.to(target.dtype)
     return betas
 
@@ -73,47 +70,21 @@ def _eliminate(
 ) -> tuple[ShapeEvidence, tuple[Tensor, Tensor]]:
     """Evidence, and how poses answer: (B, 69) with fixed betas, (B, 69, 10) less by the betas."""
     frames = sample.frames(shaped, pose)
-    curvature, pull = _joint_equations(sample, shaped, frames, target, weights.sqrt())
-    shapes = curvature.shape[1] - _POSE_UNKNOWNS
+    by_betas = partial(_by_betas, sample, frames, _shifts_by_betas(sample, frames))
+    curvature, pull = normal_equations(sample, shaped, frames, target, weights.sqrt(), by_betas)
+    shapes = len(sample.smpl.shapedirs)
     mixed = curvature[:, shapes:, :shapes]
     right = torch.cat([pull[:, shapes:, None], mixed], 2)
     answers = solve_damped(curvature[:, shapes:, shapes:], right)
-    free, by_betas = answers[..., 0], answers[..., 1:]
+    free, less = answers[..., 0], answers[..., 1:]
     evidence = ShapeEvidence(
-        (curvature[:, :shapes, :shapes] - mixed.mT @ by_betas).sum(0),
+        (curvature[:, :shapes, :shapes] - mixed.mT @ less).sum(0),
         (pull[:, :shapes] - (mixed.mT @ free[..., None])[..., 0]).sum(0),
     )
-    return evidence, (free, by_betas)
+    return evidence, (free, less)
 
 
-def _joint_equations(
-    sample: SkinSample, shaped: Shaped, frames: Frames, target: Tensor, scale: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Normal equations (B, 79, 79) and (B, 79) of the betas and each pose, float64.
-
-    `scale` (N,) is the square root of the weights.
-    """
-    shapes, count = len(sample.smpl.shapedirs), len(target)
-    shifts = _shifts_by_betas(sample, frames)
-    size = shapes + _POSE_UNKNOWNS
-    curvature = target.new_zeros(count, size, size, dtype=torch.float64)
-    pull = curvature.new_zeros(count, size)
-    parents = torch.tensor(sample.parents).clamp_min(0)
-    for patch in sample.patches:
-        own = scale[patch.vertices]
-        posed, jacobian = linearise(patch, shaped, frames, frames.features, own, parents)
-        by_shape = (_by_betas(sample, patch, frames, shifts) * own).flatten(2)
-        residual = (target[:, :, patch.vertices] * own - posed).flatten(1)
-        unknowns = torch.cat([patch.joints, torch.tensor([N_JOINTS])])
-        of_pose = (3 * unknowns[:, None] + torch.arange(3)).flatten()
-        places = torch.cat([torch.arange(shapes), shapes + of_pose])
-        rows = torch.cat([by_shape, jacobian.flatten(3).flatten(1, 2)], 1)
-        curvature[:, places[:, None], places] += rows @ rows.mT
-        pull[:, places] += (rows @ residual[..., None])[..., 0]
-    return curvature, pull
-
-
-def _by_betas(sample: SkinSample, patch: SampledPatch, frames: Frames, shifts: Tensor) -> Tensor:
+def _by_betas(sample: SkinSample, frames: Frames, shifts: Tensor, patch: SampledPatch) -> Tensor:
     """(B, 10, 3, n) derivative of a patch's posed vertices by the betas."""
     shapedirs = sample.smpl.shapedirs[:, :, sample.vertices[patch.vertices]]
     turn = frames.turn[:, patch.bones]

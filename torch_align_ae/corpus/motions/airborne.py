@@ -9,10 +9,10 @@ from torch_align_ae.corpus.motions.hops import Hops, HopTimes, plan_hops
 from torch_align_ae.corpus.motions.plan import Array, BodyPlan, FootPath, Style
 from torch_align_ae.corpus.motions.postures import (
     RELAXED_LOWER,
-    Contact,
     Swing,
     arm,
     arms,
+    contacts_between,
     stepping_foot,
     trunk,
 )
@@ -150,8 +150,6 @@ def _running_foot(times_s: Array, hops: Hops, style: Style, order: int) -> FootP
     if order == 1:
         take_offs_s = np.concatenate([hops.take_offs_s[:1] - 0.2, take_offs_s])
     count = min(len(take_offs_s), len(landings_s))
-    starts = [-1.0, *landings_s[:count]]
-    stops = [*take_offs_s[:count], np.inf]
     lift = Swing(
         lift_m=0.26 * style.size * style.amplitude,
         back_m=0.17 * style.size,
@@ -160,7 +158,7 @@ def _running_foot(times_s: Array, hops: Hops, style: Style, order: int) -> FootP
         landing_pitch=0.25,
         standing_pitch=0.05,
     )
-    contacts = [Contact(start, stop) for start, stop in zip(starts, stops, strict=True)]
+    contacts = contacts_between(take_offs_s[:count], landings_s[:count])
     return stepping_foot(times_s, contacts, [lift] * count)
 
 

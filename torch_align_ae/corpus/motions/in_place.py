@@ -7,10 +7,10 @@ import numpy as np
 from torch_align_ae.corpus.motions.curves import axis, bump, cycle, ease, keyframes
 from torch_align_ae.corpus.motions.plan import Array, BodyPlan, FootPath, Style
 from torch_align_ae.corpus.motions.postures import (
-    Contact,
     Swing,
     arm,
     arms,
+    contacts_between,
     standing_foot,
     stepping_foot,
     trunk,
@@ -69,7 +69,7 @@ def knees(times_s: Array, style: Style) -> BodyPlan:
     feet = {}
     for side in (1, -1):
         own = sides == side
-        contacts = _contacts_between(starts_s[own], starts_s[own] + 0.95 * step_s)
+        contacts = contacts_between(starts_s[own], starts_s[own] + 0.95 * step_s)
         swings = [
             Swing(
                 lift, back_m=0.05 * style.size, take_off_pitch=0.35, pitch=0.55, landing_pitch=0.15
@@ -265,9 +265,3 @@ def _planted(
 ) -> BodyPlan:
     foot = standing_foot(times_s, pitch=pitch)
     return BodyPlan(pelvis_m, pelvis_turn, foot, foot, joints)
-
-
-def _contacts_between(take_offs_s: Array, landings_s: Array) -> list[Contact]:
-    starts = np.concatenate([[-1.0], landings_s])
-    stops = np.concatenate([take_offs_s, [np.inf]])
-    return [Contact(start, stop) for start, stop in zip(starts, stops, strict=True)]

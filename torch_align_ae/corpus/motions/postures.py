@@ -93,6 +93,13 @@ class Contact:
         return (self.start_s + self.stop_s) / 2
 
 
+def contacts_between(take_offs_s: Array, landings_s: Array) -> list[Contact]:
+    """Contacts in one place, before the first of these flights and after each."""
+    starts = np.concatenate([[-1.0], landings_s])
+    stops = np.concatenate([take_offs_s, [np.inf]])
+    return [Contact(start, stop) for start, stop in zip(starts, stops, strict=True)]
+
+
 @dataclass(frozen=True)
 class Swing:
     """How a foot travels from one contact to the next."""

@@ -8,9 +8,9 @@ from torch_align_ae.corpus.motions.curves import axis, bump, ease, keyframes, tr
 from torch_align_ae.corpus.motions.plan import GRAVITY_M_S2, Array, BodyPlan, FootPath, Style
 from torch_align_ae.corpus.motions.postures import (
     RELAXED_LOWER,
-    Contact,
     Swing,
     arm,
+    contacts_between,
     standing_foot,
     stepping_foot,
     trunk,
@@ -29,10 +29,9 @@ def basketball_dribble_and_shoot(times_s: Array, style: Style) -> BodyPlan:
         _FLIGHT_S * np.sqrt(style.amplitude) * (1 + 0.04 * style.rng().uniform(-1, 1, len(shots_s)))
     )
     landings_s = shots_s + flights_s
-    starts, stops = [-1.0, *landings_s.tolist()], [*shots_s.tolist(), np.inf]
     foot = stepping_foot(
         times_s,
-        [Contact(start, stop) for start, stop in zip(starts, stops, strict=True)],
+        contacts_between(shots_s, landings_s),
         [Swing(GRAVITY_M_S2 * flight_s**2 / 8 + 0.01) for flight_s in flights_s.tolist()],
     )
     ready = ease(times_s, BEGIN_S, BEGIN_S + 0.6)

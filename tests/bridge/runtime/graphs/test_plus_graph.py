@@ -13,7 +13,8 @@ from bridge.body import load_body_model, pose_vertices
 from bridge.motion import unpack_theta
 from bridge.runtime.graphs.onnx_kernels import Precision
 from bridge.runtime.graphs.plus_graph import plus_graph, plus_layout
-from bridge.runtime.plus_motion import PlusMotionPredictor
+from bridge.runtime.plus_step import PlusModel
+from bridge.runtime.stepping import WholeMotions
 from bridge.tissue.trained_plus import TrainedPlus
 
 BODY = load_body_model("embedded:female")
@@ -57,7 +58,7 @@ class Stepped:
 
 def whole_clip(model: TrainedPlus, theta: np.ndarray, betas: np.ndarray) -> np.ndarray:
     theta, betas = theta.astype(np.float64), betas.astype(np.float64)
-    offsets_m = np.concatenate(list(PlusMotionPredictor(model, BODY)(theta, betas).offsets_m))
+    offsets_m = np.concatenate(list(WholeMotions(PlusModel(model, BODY))(theta, betas).offsets_m))
     shapes = np.tile(betas, (len(theta), 1))
     return pose_vertices(BODY, shapes, *unpack_theta(theta), offsets_m)
 
@@ -91,6 +92,20 @@ def test_frame_by_frame_is_the_whole_clip(flesh, look_ahead, still):
         np.testing.assert_allclose(late, expected[: len(late)], atol=1e-5)
     rest = pose_vertices(BODY, np.tile(BETAS[1], (FRAMES, 1)), *unpack_theta(theta[:, 1]))
     assert np.abs(expected - rest).max() > 3e-3
+
+
+@pytest.mark.parametrize("look_ahead", [1, 2])
+@pytest.mark.parametrize("frames", [1, 2, FRAMES])
+def test_a_motion_that_ends_is_the_whole_clip_to_its_last_frame(flesh, look_ahead, frames):
+    """Without moves, the last pose again: it stands still without a jolt."""
+    model, theta = replace(flesh, look_ahead=look_ahead), motion(1)[:frames, None]
+    stepped, moves = Stepped(plus_graph(model, BODY)), plus_layout(model).columns("moves")
+    found = [*stepped.clip(theta, BETAS[1:])]
+    stepped.state = stepped.state.copy()
+    stepped.state[:, moves] = 0
+    found += [stepped(theta[-1], BETAS[1:]) for _ in range(look_ahead)]
+    expected = whole_clip(model, theta[:, 0], BETAS[1])
+    np.testing.assert_allclose(np.stack(found)[look_ahead:, 0], expected, atol=1e-5)
 
 
 def test_one_tap_needs_no_past_loads(flesh):

@@ -10,9 +10,11 @@ from bridge.runtime.graphs.onnx_builder import GraphSession
 from bridge.runtime.graphs.onnx_values import ValueGraph
 from bridge.runtime.graphs.shape_graph import known_people, person_of
 from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
-from bridge.tissue.oscillators import OscillatorSheet
+from bridge.tissue.oscillators import coupling
 from bridge.tissue.trained_plus import TrainedPlus, known_person
 from bridge.verify import draws
+from bridge.verify.reference.oscillators import Sheet
+from bridge.verify.reference.tissue import coefficients
 
 BODY = load_body_model("embedded:female")
 MODEL = TrainedPlus.from_arrays(draws.tissue(3, BODY))
@@ -30,7 +32,7 @@ def found() -> dict[str, np.ndarray]:
 
 def test_coefficients_are_the_models(found):
     for row, betas in enumerate(BETAS):
-        mechanics = MODEL.mechanics(BODY, betas)
+        mechanics = coefficients(MODEL, BODY, betas)
         for name in ("omega", "stiffening"):
             wanted = getattr(mechanics, name)[:, 0]
             np.testing.assert_allclose(found[name][row, 0], wanted, rtol=1e-5, err_msg=name)
@@ -45,18 +47,20 @@ def test_the_known_are_known(found):
 
 
 def test_rest_is_the_sheets():
-    mechanics = MODEL.mechanics(BODY, BETAS[2])
-    sheet = OscillatorSheet(mechanics, MODEL.nodes.laplacian)
+    mechanics = coefficients(MODEL, BODY, BETAS[2])
+    sheet = Sheet(mechanics, MODEL.nodes.laplacian.toarray())
     load = np.random.default_rng(5).normal(0, 8, (3, len(MODEL.nodes), 3)).astype(np.float32)
     graph = ValueGraph()
     shapes = {"omega": 1, "stiffening": 1, "normals": 3, "load": 3}
     given = {name: graph.input(name, ("B", rows, "K")) for name, rows in shapes.items()}
     person = Person(given["omega"], given["stiffening"], given["normals"])
-    settled = SheetGraph(graph, MODEL, sheet).settled(person, given["load"])
+    even = {name: np.exp(log) for name, log in MODEL.weights.base.items()}
+    made = SheetGraph(graph, even, coupling(even, MODEL.nodes.laplacian), [1.0])
+    settled = made.settled(person, given["load"])
     shape = {"settled": ("B", 3, "K")}
     run = GraphSession(graph.model("settled", {"settled": settled}, shape))
     batch = {
-        name: np.repeat(getattr(mechanics, name).T[None], 3, axis=0)
+        name: np.repeat(getattr(mechanics, name).T[None], 3, axis=0).astype(np.float32)
         for name in ("omega", "stiffening", "normals")
     }
     result = run(**batch, load=np.ascontiguousarray(load.swapaxes(1, 2)))["settled"]

@@ -11,11 +11,12 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model
+from bridge.body.smpl import Smpl
 from bridge.motion import unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.runtime.dsnet_motion import DsnetMotionPredictor, load_decoder
-from bridge.runtime.plus_motion import PlusMotionPredictor
-from bridge.runtime.skinning import ShapedBody
+from bridge.runtime.dsnet_step import DsnetModel, load_decoder
+from bridge.runtime.plus_step import PlusModel
+from bridge.runtime.stepping import WholeMotions
 from bridge.runtime.streams.streaming_bodies import MovedBody, StreamingBodies
 from tests.forged.swaying import swaying
 
@@ -65,9 +66,9 @@ def test_frame_by_frame_is_the_whole_motion(flesh, look_ahead, frames):
     assert bodies.latency_frames == look_ahead
     assert bodies.latency_s == pytest.approx(look_ahead / 60)
     found = streamed(bodies, theta, BETAS)
-    expected = whole(PlusMotionPredictor(model, BODY), theta)
+    expected = whole(WholeMotions(PlusModel(model, BODY)), theta)
     np.testing.assert_allclose(offsets_of(found), expected, atol=1e-5)
-    posed = ShapedBody(BODY, BETAS).pose(*unpack_theta(theta), expected)
+    posed = Smpl(BODY).person(BETAS).pose(*unpack_theta(theta), expected)
     np.testing.assert_allclose([body.vertices_m for body in found], posed, atol=1e-5)
     assert np.abs(expected).max() > 5e-3 or frames < 80
 
@@ -75,7 +76,7 @@ def test_frame_by_frame_is_the_whole_motion(flesh, look_ahead, frames):
 def test_the_static_part_is_that_of_the_pose_answered(flesh_with_static_part):
     theta = swaying(TIMES_S[:20])
     found = streamed(StreamingBodies(flesh_with_static_part, body=BODY), theta, BETAS)
-    expected = whole(PlusMotionPredictor(flesh_with_static_part, BODY), theta)
+    expected = whole(WholeMotions(PlusModel(flesh_with_static_part, BODY)), theta)
     np.testing.assert_allclose(offsets_of(found), expected, atol=1e-5)
 
 
@@ -87,7 +88,7 @@ def test_after_a_cut_she_begins_anew(flesh, cuts, look_ahead):
         theta[cut:, 66] += 0.7
     model = replace(flesh, look_ahead=look_ahead)
     found = streamed(StreamingBodies(model, body=BODY), theta, BETAS)
-    expected = whole(PlusMotionPredictor(model, BODY), theta)
+    expected = whole(WholeMotions(PlusModel(model, BODY)), theta)
     np.testing.assert_allclose(offsets_of(found), expected, atol=1e-5)
 
 
@@ -122,7 +123,7 @@ def test_who_joins_leaves_or_waits_disturbs_nobody(flesh):
         np.testing.assert_allclose(offsets_of(together), offsets_of(alone), atol=1e-6)
         for one, other in zip(together, alone, strict=True):
             np.testing.assert_allclose(one.vertices_m, other.vertices_m, atol=1e-6)
-        expected = whole(PlusMotionPredictor(flesh, BODY), theta, betas)
+        expected = whole(WholeMotions(PlusModel(flesh, BODY)), theta, betas)
         np.testing.assert_allclose(offsets_of(together), expected, atol=1e-5)
 
 
@@ -217,7 +218,7 @@ def test_dsnet_gives_latents_too(trained_run, trained):
     assert bodies.latency_frames == 0
     bodies.join(np.zeros(10))
     found = streamed(bodies, theta, BETAS)
-    predict = DsnetMotionPredictor(trained, load_decoder(trained_run.artifact("train-ae")))
+    predict = WholeMotions(DsnetModel(trained, load_decoder(trained_run.artifact("train-ae"))))
     parts = [predict(theta[part], BETAS) for part in (slice(25), slice(25, None))]
     latents = np.concatenate([part.latents for part in parts if part.latents is not None])
     np.testing.assert_allclose(latents_of(found), latents, atol=1e-5)

@@ -112,8 +112,8 @@ class Latents:
         self.largest = max(self.largest, float(np.abs(latents).max()))
 
     def held_bytes(self) -> int:
-        """Of the network and what it remembers."""
-        return len(pickle.dumps(self.predictor))
+        """Of what the network remembers."""
+        return len(pickle.dumps(self.predictor._state))
 
 
 @pytest.mark.parametrize("steps", [2_000, pytest.param(100_000, marks=pytest.mark.slow)])

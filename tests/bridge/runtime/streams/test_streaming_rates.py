@@ -10,7 +10,8 @@ import pytest
 from bridge.body import load_body_model
 from bridge.motion import load_amass_motion, pack_theta
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.runtime.plus_motion import PlusMotionPredictor
+from bridge.runtime.plus_step import PlusModel
+from bridge.runtime.stepping import WholeMotions
 from bridge.runtime.streams.streaming_bodies import StreamingBodies
 from tests.forged.amass import save, smplh
 from tests.forged.swaying import swaying
@@ -29,7 +30,7 @@ def streamed(model, theta: np.ndarray, fps: float) -> np.ndarray:
 
 
 def whole(model, theta: np.ndarray) -> np.ndarray:
-    predict = PlusMotionPredictor(model, BODY)
+    predict = WholeMotions(PlusModel(model, BODY))
     pieces = [predict(theta[piece], BETAS).offsets_m for piece in pieces_between_cuts(theta)]
     return np.concatenate([offsets for piece in pieces for offsets in piece])
 

@@ -18,12 +18,11 @@ def linearised(sample64, betas, lively, as_pose):
     pose, trans = lively(2, dtype=DOUBLE)
     shaped = sample64.shaped(betas.double())
     frames = sample64.frames(shaped, as_pose(pose, trans))
-    parents = torch.tensor(sample64.parents).clamp_min(0)
     positions = torch.zeros(2, 3, len(sample64), dtype=DOUBLE)
     jacobian = torch.zeros(2, 23, 3, 3, len(sample64), dtype=DOUBLE)
     for patch in sample64.patches:
         scale = torch.ones(patch.weights.shape[1], dtype=DOUBLE)
-        parts = linearise(patch, shaped, frames, frames.features, scale, parents)
+        parts = linearise(patch, shaped, frames, scale)
         unknowns = torch.cat([patch.joints, torch.tensor([22])])
         positions[:, :, patch.vertices] = parts[0]
         jacobian[:, unknowns, :, :, patch.vertices] = parts[1]
@@ -60,11 +59,10 @@ def test_jacobian_is_the_derivative(linearised, sample64, smpl64, betas, lively)
 def test_scale_multiplies_rows(sample, betas, lively, as_pose):
     shaped = sample.shaped(betas)
     frames = sample.frames(shaped, as_pose(*lively(1)))
-    parents = torch.tensor(sample.parents).clamp_min(0)
     patch = sample.patches[1]
     ones = torch.ones(patch.weights.shape[1])
     scale = torch.linspace(0.1, 2, len(ones))
-    plain = linearise(patch, shaped, frames, frames.features, ones, parents)
-    scaled = linearise(patch, shaped, frames, frames.features, scale, parents)
+    plain = linearise(patch, shaped, frames, ones)
+    scaled = linearise(patch, shaped, frames, scale)
     for ours, before in zip(scaled, plain, strict=True):
         torch.testing.assert_close(ours, before * scale, rtol=1e-5, atol=1e-6)

@@ -1,0 +1,124 @@
+"""Numbers that stand in a sentence are those of the results files that it is about."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from statistics import mean, median
+from typing import Any
+
+import pytest
+
+from tests.pages import ROOT
+
+NEW_UNSEEN = "new_person_unseen_motion"
+
+
+def results(name: str) -> Any:
+    return json.loads((ROOT / "docs" / "results" / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def laws() -> Iterator[str]:
+    runs = results("alignment/laws")["runs"]
+    r2 = {name: f"{runs[name]['r2']:.3f}" for name in ("cmu_own", "cmu_second", "cmu_third")}
+    own, second, third = r2.values()
+    yield f"{own} under `own`, {second} under `second` and {third} under `third`"
+    yield f"captured-like form it is {runs['bed_captured']['r2']:.2f}:"
+
+
+def steps() -> Iterator[str]:
+    rules = results("alignment/convergence")["rules"]
+    r2 = {
+        rule["steps"]: f"{rule['r2']:.2f}"
+        for rule in rules
+        if rule["kind"] == "fixed" and rule["betas"] == "true"
+    }
+    yield f"{r2[50]} after 50 steps a frame, {r2[100]} after 100, {r2[400]} after 400"
+    yield f"and {r2[800]} after 800"
+
+
+def unlike() -> Iterator[str]:
+    rows = results("tissue_laws/tissue_laws")["rows"]
+    ends = {}
+    for law in ("second", "third"):
+        shares = [100 * row["laws"][law]["unlike"] for row in rows]
+        ends[law] = f"{min(shares):.0f} to {max(shares):.0f} %"
+    yield f"offsets, {ends['second']} are no multiple of the own law's, of the third's"
+    yield ends["third"]
+
+
+def held_out() -> Iterator[str]:
+    without, with_clip, _ = results("held_out/held_out")["rows"]
+    yield f"from {without['r2_held_out']:.3f} to {with_clip['r2_held_out']:.3f}"
+
+
+def bed(corpus: str, what: str = "offsets", seeds: int = 3) -> str:
+    """R² of a new person's unseen motions, the mean over seeds."""
+    scores = [results(f"prediction/{corpus}-{seed}") for seed in range(seeds)]
+    r2s = [score["cells"][NEW_UNSEEN]["dsnet_plus"][what]["r2"] for score in scores]
+    return f"{mean(r2s):.2f}"
+
+
+def tissues() -> Iterator[str]:
+    yield f"{bed('own')} under the law `own`, on which the settings were chosen, {bed('second')}"
+    yield f"under `second` and {bed('third')} under `third`"
+    yield f"scored by itself, has {bed('captured', 'moving')}."
+    yield f"men under the second law ({bed('male_second', seeds=1)})"
+    yield f"real motion under the second ({real('second')}) and the third ({real('third')})"
+
+
+def real(corpus: str) -> str:
+    """R² of the new person's real motion, the mean over seeds."""
+    r2s = [
+        clip["errors"]["dsnet_plus"]["offsets"]["r2"]
+        for seed in range(3)
+        for clip in results(f"prediction/{corpus}-{seed}")["sequences"]
+        if clip["name"].startswith("99001_amass")
+    ]
+    return f"{mean(r2s):.2f}"
+
+
+def recordings() -> Iterator[str]:
+    auto = results("prediction/cmu_motionbuilder_auto/second-0")["sequences"]
+    people = ("known_person", "new_person")
+    r2s = [
+        [
+            clip["errors"]["dsnet_plus"]["offsets"]["r2"]
+            for clip in auto
+            if "_bvh_" in clip["name"] and clip["cell"].startswith(who)
+        ]
+        for who in people
+    ]
+    (one,) = {f"{median(r2):.2f}" for r2 in r2s}
+    yield f"under the second law is {one}, for known people and for new ones"
+    runs = results("prediction/readings")["runs"]
+    raw, smoothed = (
+        [
+            clip
+            for clip in runs[name]
+            if "_bvh_" in clip["name"] and clip["cell"].startswith("known")
+        ]
+        for name in ("cmu_second", "cmu_smoothed_second")
+    )
+    again, plus, again_smoothed = (
+        f"{median(clip[of] for clip in clips):.2f}"
+        for of, clips in (
+            ("read_otherwise", raw), ("dsnet_plus", raw), ("read_otherwise", smoothed)
+        )
+    )  # fmt: skip
+    yield f"(R² {again} for known people, less than the model's {plus}) and not on smoothed ones"
+    yield f"({again_smoothed})"
+
+
+SAID = {
+    "alignment": (laws, steps),
+    "data": (unlike,),
+    "findings": (held_out,),
+    "prediction": (tissues, recordings),
+}
+
+
+@pytest.mark.parametrize("page", SAID)
+def test_sentences_say_what_the_files_say(page: str) -> None:
+    text = " ".join((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8").split())
+    assert not [said for made in SAID[page] for said in made() if said not in text]
