@@ -2,8 +2,8 @@
 
 An alignment evaluates it hundreds of thousands of times, so it goes through the skin patch by
 patch, each while it is in the cache, and keeps only sums over vertices for the bones. Automatic
-differentiation gives the same numbers, and takes more than three times as long even patch by patch
-(`benchmarks.alignment.gradients`).
+differentiation gives the same numbers; on the one thread of a worker it takes several times as
+long, and about three times even patch by patch (`benchmarks.alignment.gradients`).
 """
 
 from __future__ import annotations
