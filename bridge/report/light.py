@@ -35,7 +35,7 @@ GRID_STEP_PX, GRID_BORDER = np.array([2, 4]), 4
 around the picture."""
 
 
-class Surface:
+class RayScene:
     """All bodies of a picture, to be hit by rays.
 
     Parameters
@@ -106,7 +106,7 @@ def _scene(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Any:
     return scene
 
 
-def light_on_bodies(surface: Surface, towards: NDArray) -> NDArray[np.float32]:
+def light_on_bodies(surface: RayScene, towards: NDArray) -> NDArray[np.float32]:
     """(V,) light that the vertices would send back if they were white.
 
     Neighbours send rays in different directions, and their mean is taken. Those that look away from
@@ -140,7 +140,7 @@ def light_on_bodies(surface: Surface, towards: NDArray) -> NDArray[np.float32]:
     return light.astype(np.float32)
 
 
-def light_on_floor(surface: Surface, points: NDArray) -> NDArray[np.float32]:
+def light_on_floor(surface: RayScene, points: NDArray) -> NDArray[np.float32]:
     """(H, W) light that a white floor sends back at points (H, W, 3) of a grid.
 
     Neighbours send rays in different directions, and their mean is taken.

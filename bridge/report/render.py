@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.report.light import GRID_BORDER, GRID_STEP_PX, Surface, light_on_bodies, light_on_floor
+from bridge.report.light import GRID_BORDER, GRID_STEP_PX, RayScene, light_on_bodies, light_on_floor
 
 CLAY_SRGB = (0.86, 0.79, 0.73)
 _OUTLINE_PX = 8.0
@@ -102,7 +102,7 @@ def render_bodies(
     """
     view = _View(camera)
     # About the target: far from the origin, single precision would be too coarse.
-    surface = Surface([np.asarray(body) - camera.target_m for body in bodies], np.asarray(faces))
+    surface = RayScene([np.asarray(body) - camera.target_m for body in bodies], np.asarray(faces))
     colours = [None] * len(bodies) if colours is None else colours
     painted = [
         np.broadcast_to(CLAY_SRGB if colour is None else colour, np.shape(body))
@@ -141,7 +141,7 @@ class _View:
         )
         return np.broadcast_to(self._origin_m.astype(np.float32), directions.shape), directions
 
-    def covered(self, surface: Surface) -> NDArray[np.bool_]:
+    def covered(self, surface: RayScene) -> NDArray[np.bool_]:
         """Those of (height, width) pixels that may show a body; none that does is left out."""
         seen = (surface.vertices - self._origin_m) @ self._axes.T
         places = seen[:, :2] / -seen[:, 2:] / self._px * [1, -1] + self._size_px / 2
@@ -163,7 +163,7 @@ class _View:
         width, height = self._size_px
         return blocks.repeat(_BLOCK_PX, axis=0).repeat(_BLOCK_PX, axis=1)[:height, :width]
 
-    def floor_light(self, surface: Surface) -> NDArray[np.float32]:
+    def floor_light(self, surface: RayScene) -> NDArray[np.float32]:
         """(height, width) light of the floor, which fills the picture."""
         height, width = -(-self._size_px[::-1] // GRID_STEP_PX) + 2 * GRID_BORDER
         y = (np.arange(height)[:, None] - GRID_BORDER) * GRID_STEP_PX[0]
@@ -184,7 +184,7 @@ class _View:
 def _draw_bodies(
     picture: NDArray[np.uint8],
     floor: NDArray[np.float32],
-    surface: Surface,
+    surface: RayScene,
     sent: NDArray[np.float32],
     view: _View,
 ) -> None:
