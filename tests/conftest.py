@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Iterator
 
@@ -32,6 +33,16 @@ hear_signals()
 def _signals_are_heard() -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
     yield
     hear_signals()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _plugins_are_of_one_module() -> Iterator[None]:  # pyright: ignore[reportUnusedFunction]
+    """Studies name their plugin for their whole process, which is ours."""
+    before = os.environ.pop("DSNET_PLUGINS", None)
+    yield
+    os.environ.pop("DSNET_PLUGINS", None)
+    if before is not None:
+        os.environ["DSNET_PLUGINS"] = before
 
 
 SHARES_NOTHING = "tests/tf_dsnet"
