@@ -12,7 +12,7 @@ from tests.forged.plugin import use_plugin
 from torch_align_ae.corpus.dyna_files import DynaReader
 
 COMMAND = ["corpus", "--profile", "smoke", "--run", "r", "--subjects", "1", "--motions", "hips",
-           "--mean-frames", "60", "--mosh-seconds", "1", "--retakes", "0"]  # fmt: skip
+           "--mean-frames", "60", "--mosh-seconds", "1"]  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -23,7 +23,7 @@ def runs(tmp_path, monkeypatch):
 
 def test_they_make_a_corpus(tmp_path, monkeypatch, runs):
     use_plugin(tmp_path, monkeypatch)
-    cli.main([*COMMAND, "--tissue", "jelly", "--form", "thick"])
+    cli.main([*COMMAND, "--tissue", "jelly", "--form", "thick"], retakes=0)
     truth, corpus = (read_artifact(runs / "r" / name) for name in ("truth", "corpus"))
     assert (truth.manifest["tissue"], truth.manifest["form"]) == ("jelly", "thick")
     assert not truth.array("static").any()
