@@ -14,8 +14,8 @@ from bridge.motion import subject_rows, to_manifest
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.run import INFER, TRAIN, TRAIN_PLUS, body_model_path
 from bridge.runtime.run_motions import AmassOptions, MotionSet, find_motions, gather
-from tf_dsnet import stage_predict_plus
-from tf_dsnet.stage_predict_plus import PredictPlusConfig
+from tf_dsnet import stage_infer_plus
+from tf_dsnet.stage_infer_plus import InferPlusConfig
 from tf_dsnet.trained_predictors import Performance, TrainedPredictors
 
 
@@ -24,7 +24,7 @@ class InferConfig(AmassOptions):
     """Predict the run's sequences at their whole length, then its MoSh-like motions, by every
     predictor that the run has trained.
 
-    Costs about 0.1 ms a frame for each network and 3 ms for `dsnet_plus`, 1 GB. Gives
+    Costs about 0.1 ms a frame for each network and 1 ms for `dsnet_plus`, 1 GB. Gives
     `latents_<name>` of the networks in `infer`, offsets of `dsnet_plus` in `infer_plus`.
     """
 
@@ -49,8 +49,8 @@ def main(config: InferConfig) -> None:
     if run.finished(TRAIN) or not has_plus:
         _by_networks(config, run)
     if has_plus:
-        own = PredictPlusConfig(config.run, amass=config.amass, amass_fps=config.amass_fps)
-        stage_predict_plus.main(own)
+        own = InferPlusConfig(config.run, amass=config.amass, amass_fps=config.amass_fps)
+        stage_infer_plus.main(own)
 
 
 def _by_networks(config: InferConfig, run: Run) -> None:

@@ -84,7 +84,7 @@ def gather(
         body = body or load_body_model(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
         motion = load_motion_file(path, source_fps)
-        pieces, smoothing = pieces_between_cuts(motion.theta), "--smooth-hz auto, with --motion,"
+        pieces, smoothing = pieces_between_cuts(motion.theta), "`dsnet predict --smooth-hz auto`"
         for warning in motion_warnings(motion, pieces, "--amass-fps", smoothing):
             notify(warning)
         # Those whom the run was aligned with keep the shape that was fitted.

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from tqdm import tqdm
 
 from bridge.exchange.codes import AUTOENCODER, LATENTS_OF, CodeName
 from bridge.motion import MotionSequence, sequences_of, to_manifest
@@ -14,6 +13,7 @@ from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.array_file import ArrayFile
+from bridge.runs.progress import progress
 from bridge.runs.worker_pool import on_any_node
 from torch_align_ae.autoencoder.codec import load_codecs
 from torch_align_ae.autoencoder.pca import OffsetCodec
@@ -81,8 +81,8 @@ def _make(
     ]
     stage = _Decoding(predict, encode, codecs, offsets)
     with torch_workers(on_any_node("threads"), stage) as pool:
-        for _ in tqdm(pool.map(_decode, items), desc="decode", total=len(items), unit="sequence",
-                      disable=None):  # fmt: skip
+        done = pool.map(_decode, items)
+        for _ in progress(done, what="decode", unit="sequence", total=len(items)):
             pass
     writer.record(
         sequences=to_manifest(placed), predictors=predictors, default=predict.manifest["default"]

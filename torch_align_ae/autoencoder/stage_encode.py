@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from tqdm import tqdm
 
 from bridge.errors import DsnetError
 from bridge.exchange.codes import AUTOENCODER, LATENTS_OF, UNITS, CodeName
 from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.array_file import ArrayFile
+from bridge.runs.progress import progress
 from bridge.runs.worker_pool import on_any_node
 from torch_align_ae.autoencoder.codec import load_codecs
 from torch_align_ae.autoencoder.pca import OffsetCodec
@@ -66,8 +66,8 @@ def _make(align: Artifact, codecs: Mapping[CodeName, OffsetCodec], writer: Artif
         for code, codec in codecs.items()
     }
     with torch_workers(on_any_node("threads"), _Encoding(align, codecs, latents)) as pool:
-        for _ in tqdm(pool.map(_encode, sequences), desc="encode", total=len(sequences),
-                      unit="sequence", disable=None):  # fmt: skip
+        done = pool.map(_encode, sequences)
+        for _ in progress(done, what="encode", unit="sequence", total=len(sequences)):
             pass
     known = [latents[AUTOENCODER].read(s.frames) for s in sequences if s.split == "train"]
     if not known:

@@ -10,7 +10,6 @@ from typing import Literal
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 from tyro.conf import Fixed
 
 from bridge.body import load_body_model
@@ -19,6 +18,7 @@ from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.array_file import ArrayFile
 from bridge.runs.digests import arrays_sha256
+from bridge.runs.progress import progress
 from bridge.runs.storage import is_written, mark_written
 from bridge.runs.worker_pool import on_any_node, worker_pool
 from torch_align_ae.body import SMPL
@@ -179,11 +179,11 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, takes: Takes) -> N
     work = _TissueWork(config, sequences, thetas, offsets, writer.checkpoints.resolve())
     # A subject a core: the sparse solves release Python's lock, and no subject needs another.
     with (
-        tqdm(total=frames, desc="soft tissue", unit="frame", disable=None) as progress,
+        progress(what="soft tissue", unit="frame", total=frames) as bar,
         worker_pool(on_any_node("threads"), smpl) as pool,
     ):
         for done in pool.map(work.simulate, subjects):
-            progress.update(done)
+            bar.update(done)
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +260,7 @@ def _write_meshes(path: Path, smpl: SMPL, truth: Artifact, form: MeshForm | None
     frames = sum(sequence.length for sequence in dyna)
     with (
         write_dyna(path, smpl.data.faces) as file,
-        tqdm(total=frames, desc="meshes", unit="frame", disable=None) as progress,
+        progress(what="meshes", unit="frame", total=frames) as bar,
     ):
         for sequence in dyna:
             shape = np.asarray(betas[rows[sequence.subject]], np.float64)
@@ -272,4 +272,4 @@ def _write_meshes(path: Path, smpl: SMPL, truth: Artifact, form: MeshForm | None
             if form:
                 meshes = form.registered(sequence.name, meshes, FPS)
             file.add(sequence.name, meshes)
-            progress.update(sequence.length)
+            bar.update(sequence.length)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from tqdm import tqdm
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.motion import MotionSequence, subject_rows, to_manifest
@@ -13,6 +12,7 @@ from bridge.motion.cuts import predict_between_cuts
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import ArtifactWriter, Run
+from bridge.runs.progress import progress
 from bridge.runs.run import INFER_PLUS, TRAIN_PLUS, best_alignment, body_model_path
 from bridge.runs.worker_pool import on_any_node, worker_pool
 from bridge.runtime.plus_step import PlusModel
@@ -22,7 +22,7 @@ from bridge.tissue.trained_plus import NAME, TrainedPlus
 
 
 @dataclass(frozen=True)
-class PredictPlusConfig(AmassOptions):
+class InferPlusConfig(AmassOptions):
     """Predict offsets of the evaluated sequences: about 1 ms a frame, 1 GB.
 
     Gives `offsets_dsnet_plus`, `static_dsnet_plus` where the model has a static part, `theta`,
@@ -33,7 +33,7 @@ class PredictPlusConfig(AmassOptions):
     """Run whose `dsnet_plus` predicts."""
 
 
-def main(config: PredictPlusConfig) -> None:
+def main(config: InferPlusConfig) -> None:
     """Run the stage; a result that is current is kept.
 
     Raises
@@ -88,8 +88,8 @@ def _write(
 
     pairs = list(zip(chosen, placed, strict=True))
     with worker_pool(on_any_node("threads"), model) as pool:
-        for _ in tqdm(pool.map(predict, pairs), desc=NAME, total=len(pairs), unit="sequence",
-                      disable=None):  # fmt: skip
+        done = pool.map(predict, pairs)
+        for _ in progress(done, what=NAME, unit="sequence", total=len(pairs)):
             pass
     theta = np.concatenate([motions.theta[sequence.frames] for sequence in chosen])
     writer.put("theta", theta, "rad, then m")

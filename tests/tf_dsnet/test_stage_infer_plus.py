@@ -17,9 +17,9 @@ from bridge.verify.reference.tissue import moving
 from tests.forged.amass import save, smplh
 from tests.forged.oscillating import people_of
 from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run
-from tf_dsnet import stage_predict_plus, stage_train_plus
+from tf_dsnet import stage_infer_plus, stage_train_plus
 from tf_dsnet.oscillators.training import PlusTraining
-from tf_dsnet.stage_predict_plus import PredictPlusConfig
+from tf_dsnet.stage_infer_plus import InferPlusConfig
 
 
 class MovingAlone(PlusTraining):
@@ -38,7 +38,7 @@ def trained_run(
 
 def test_evaluated_sequences_are_predicted_end_to_end(runs, monkeypatch):
     run = trained_run(runs, monkeypatch, static=False)
-    stage_predict_plus.main(PredictPlusConfig("tiny"))
+    stage_infer_plus.main(InferPlusConfig("tiny"))
     made, align = (read_artifact(run / name) for name in ("infer_plus", "align_robust"))
     made.verify()
     # The first training sequence of each person, and the one held out.
@@ -66,7 +66,7 @@ def test_evaluated_sequences_are_predicted_end_to_end(runs, monkeypatch):
 
 def test_the_static_part_is_in_the_whole_and_beside_it(runs, monkeypatch):
     run = trained_run(runs, monkeypatch, misfit_m=0.01)
-    stage_predict_plus.main(PredictPlusConfig("tiny"))
+    stage_infer_plus.main(InferPlusConfig("tiny"))
     made = read_artifact(run / "infer_plus")
     total, static = (made.array(f"{n}_dsnet_plus") for n in ("offsets", "static"))
     assert static.shape == total.shape == (145, 6890, 3)
@@ -82,7 +82,7 @@ def test_motions_of_known_and_new_people_follow(runs, monkeypatch, tmp_path):
     run = trained_run(runs, monkeypatch, misfit_m=0.01)
     save(tmp_path / "amass/50001/kicking_poses.npz", smplh(61, 120.0))
     save(tmp_path / "amass/50077/kicking_poses.npz", smplh(61, 120.0), betas=np.full(16, 0.5))
-    stage_predict_plus.main(PredictPlusConfig("tiny", amass=tmp_path / "amass"))
+    stage_infer_plus.main(InferPlusConfig("tiny", amass=tmp_path / "amass"))
     made = read_artifact(run / "infer_plus")
     known, new = sequences_of(made)[-2:]
     assert (known.name, new.name) == ("50001_kicking", "50077_kicking")
@@ -103,6 +103,6 @@ def test_motions_of_known_and_new_people_follow(runs, monkeypatch, tmp_path):
 def test_a_run_without_a_model_says_what_to_run(runs, monkeypatch):
     run = forge_run(runs, monkeypatch)
     with pytest.raises(DsnetError, match=r"without 'train_plus'") as caught:
-        stage_predict_plus.main(PredictPlusConfig("tiny"))
+        stage_infer_plus.main(InferPlusConfig("tiny"))
     assert "\n" not in str(caught.value)
     assert not (run / "infer_plus").exists()
