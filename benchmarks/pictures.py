@@ -22,7 +22,6 @@ from pathlib import Path
 import tyro
 
 from bridge.options import PositiveInt
-from bridge.runs import Run
 from bridge.runs.provenance import provenance
 
 _HERE = Path(__file__).parents[1]
@@ -99,7 +98,7 @@ def _commands(run: str) -> dict[str, Sequence[str]]:
 
 def _take(tree: Path, arguments: Sequence[str], run: str) -> Taken:
     """What a command of a tree takes; a picture is timed by the process that draws it."""
-    shutil.rmtree(Run(run).path / "report", ignore_errors=True)
+    shutil.rmtree(tree / "runs" / run / "report", ignore_errors=True)
     with tempfile.TemporaryDirectory() as folder:
         told = [text.replace("OUT", f"{folder}/out") for text in arguments]
         command = [str(tree / ".venv" / "bin" / "python"), *told]
