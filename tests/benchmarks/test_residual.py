@@ -8,8 +8,7 @@ import torch
 
 from benchmarks.subspaces.residual import ResidualAutoencoder, initialise_with_pca
 from bridge.motion.splits import split_frames
-from torch_align_ae.autoencoder.normaliser import fit_normaliser
-from torch_align_ae.autoencoder.pca import PcaCodec
+from torch_align_ae.autoencoder.codes import PcaCodec, fit_normaliser
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
 
 VERTICES, WIDTH, SIZE = 50, 8, 4

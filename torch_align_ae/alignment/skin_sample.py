@@ -1,8 +1,14 @@
-"""The vertices that the robust aligner looks at, cut into patches that few joints move."""
+"""The vertices that the robust aligner looks at, cut into patches that few joints move.
+
+Posed vertices and their derivatives by the pose, the analytic Jacobian of Eq. 1-2: a joint is
+turned by a small rotation vector about itself, *in the world's axes*: everything that hangs below
+it then moves by a cross product with its distance from the joint, so the columns are sums over the
+joints below and need no product at all. Pose blend shapes add the displacement of the rest vertices
+that the turn brings with it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -10,7 +16,8 @@ from torch import Tensor
 
 from bridge.paper import N_JOINTS
 from torch_align_ae.body import SMPL
-from torch_align_ae.body.kinematics import subtree_matrix, tree_levels, world_frames
+from torch_align_ae.body.rotations import cross_matrix
+from torch_align_ae.body.smpl import subtree_matrix, tree_levels, world_frames
 
 # A radian at a joint that corrects a vertex by less than this does not enter the Jacobian; it
 # always enters the residual.
@@ -26,8 +33,7 @@ class Pose(NamedTuple):
     """(B, 3) metres."""
 
 
-@dataclass(frozen=True)
-class Frames:
+class Frames(NamedTuple):
     """Joints of B bodies in the world."""
 
     rotations: Tensor
@@ -45,8 +51,7 @@ class Frames:
         return (self.rotations[:, 1:] - torch.eye(3, dtype=self.turn.dtype)).flatten(1)
 
 
-@dataclass(frozen=True)
-class SampledPatch:
+class SampledPatch(NamedTuple):
     """n neighbouring vertices of the sample."""
 
     vertices: slice
@@ -72,8 +77,7 @@ class SampledPatch:
     """(Q, 3 n) displacement per unit of each, metres."""
 
 
-@dataclass(frozen=True)
-class Shaped:
+class Shaped(NamedTuple):
     """One subject's body in the rest pose."""
 
     vertices: Tensor
@@ -83,14 +87,8 @@ class Shaped:
 
 
 class SkinSample:
-    """N vertices spread over the skin, and what moves each of them.
-
-    Hands never move in theta, so their vertices are handed to the wrists.
-
-    Parameters
-    ----------
-    smpl : the body model.
-    size : about how many vertices; every bone keeps its share.
+    """About `size` vertices, N, spread over the skin, and what moves each; every bone keeps its
+    share. Hands never move in theta, so their vertices are handed to the wrists.
     """
 
     def __init__(self, smpl: SMPL, size: int) -> None:
@@ -139,10 +137,7 @@ class SkinSample:
     def positions(self, shaped: Shaped, pose: Pose) -> Tensor:
         """(B, 3, N) posed vertices of the sample, metres."""
         frames = self.frames(shaped, pose)
-        parts = (
-            moved_by_bones(patch, frames, rest_vertices(patch, shaped, frames), patch.weights)
-            for patch in self.patches
-        )
+        parts = (_moved_by_bones(patch, shaped, frames, patch.weights) for patch in self.patches)
         return torch.cat([part.sum(1) for part in parts], 2)
 
     def _patch(self, rows: slice, weights: Tensor) -> SampledPatch:
@@ -171,36 +166,70 @@ class SkinSample:
         )
 
 
-def rest_vertices(patch: SampledPatch, shaped: Shaped, frames: Frames) -> Tensor:
-    """(B, 3, n) rest vertices of a patch with pose blend shapes, Eq. 2, metres."""
-    corrective = frames.features.index_select(1, patch.features) @ patch.posedirs
-    return corrective.unflatten(1, (3, -1)).add_(shaped.vertices[:, patch.vertices])
+def linearise(
+    patch: SampledPatch, shaped: Shaped, frames: Frames, scale: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Posed vertices of a patch and their Jacobian, both times `scale` (n,), which is the square
+    root of each vertex's weight.
+
+    Positions (B, 3, n) are in metres. The Jacobian (B, C + 1, 3, 3, n) is by the turn of joint c
+    about world axis i, radians, and, last, by the translation; then coordinates and vertices.
+    """
+    weights = patch.weights * scale
+    moved = _moved_by_bones(patch, shaped, frames, weights)
+    arms = (patch.below @ moved.flatten(2)).unflatten(2, (3, -1))
+    arms -= (patch.carried * scale)[:, None] * frames.place[:, patch.joints, :, None]
+    jacobian = arms.new_zeros(len(moved), len(patch.joints) + 1, 3, 3, moved.shape[3])
+    for axis in range(3):  # e_i x arm for each world axis i
+        following, last = (axis + 1) % 3, (axis + 2) % 3
+        torch.neg(arms[:, :, last], out=jacobian[:, :-1, axis, following])
+        jacobian[:, :-1, axis, last] = arms[:, :, following]
+        jacobian[:, -1, axis, axis] = scale
+    if len(patch.jacobian_posedirs):
+        _add_corrections(jacobian, patch, frames, weights)
+    return moved.sum(1), jacobian
 
 
-def moved_by_bones(patch: SampledPatch, frames: Frames, rest: Tensor, weights: Tensor) -> Tensor:
+def _moved_by_bones(patch: SampledPatch, shaped: Shaped, frames: Frames, weights: Tensor) -> Tensor:
     """(B, K, 3, n) each bone's part of the posed vertices; their sum over K is the vertex."""
+    corrective = frames.features.index_select(1, patch.features) @ patch.posedirs
+    rest = corrective.unflatten(1, (3, -1)).add_(shaped.vertices[:, patch.vertices])  # Eq. 2
     turn, shift = frames.turn[:, patch.bones], frames.shift[:, patch.bones]
     moved = (turn.flatten(1, 2) @ rest).unflatten(1, (-1, 3))
     return moved.add_(shift[..., None]).mul_(weights[:, None])
+
+
+def _add_corrections(
+    jacobian: Tensor, patch: SampledPatch, frames: Frames, weights: Tensor
+) -> None:
+    """Add what pose blend shapes do while their joint turns."""
+    count = len(patch.jacobian_posedirs)
+    joints = patch.joints[:count]
+    # In the parent's axes, world axis i is row i of the parent's orientation.
+    spin = cross_matrix(frames.turn[:, patch.parents]) @ frames.rotations[:, joints, None]
+    spin = spin.transpose(0, 1).flatten(1, 2).flatten(2)  # (P, B * 3, 9)
+    rest_change = (spin @ patch.jacobian_posedirs).unflatten(1, (-1, 3)).unflatten(3, (3, -1))
+    rest_change = rest_change.transpose(0, 1)  # (B, P, 3 axes, 3 coordinates, n)
+    turn = frames.turn[:, patch.bones].permute(0, 2, 3, 1).flatten(1, 2)
+    blended = (turn @ weights).unflatten(1, (3, 3))  # (B, 3, 3, n)
+    change = blended[:, None, None, :, 0] * rest_change[:, :, :, None, 0]
+    for axis in (1, 2):
+        change.addcmul_(blended[:, None, None, :, axis], rest_change[:, :, :, None, axis])
+    jacobian[:, :count] += change
 
 
 def _limb_by_limb(weights: Tensor, parents: tuple[int, ...], size: int) -> list[Tensor]:
     """Vertices of each limb, every so-many-th of each dominant bone's."""
     dominant, count = weights.argmax(0), weights.shape[1]
     stride = max(1.0, count / size)
+    # The first joint of each joint's limb: limbs begin where the tree branches.
+    limbs: list[int] = []
     groups: dict[int, list[Tensor]] = {}
-    for bone, limb in enumerate(_limbs(parents)):
+    for bone, parent in enumerate(parents):
+        only_child = parents.count(parent) == 1 and parent >= 0
+        limbs.append(limbs[parent] if only_child else bone)
         own = (dominant == bone).nonzero()[:, 0]
         if len(own):
             keep = torch.arange(0, len(own), stride, dtype=torch.float64).long()
-            groups.setdefault(limb, []).append(own[keep])
+            groups.setdefault(limbs[bone], []).append(own[keep])
     return [torch.cat(bones) for bones in groups.values()]
-
-
-def _limbs(parents: tuple[int, ...]) -> list[int]:
-    """For each joint the first of its limb: limbs begin where the tree branches."""
-    first: list[int] = []
-    for joint, parent in enumerate(parents):
-        only_child = parents.count(parent) == 1 and parent >= 0
-        first.append(first[parent] if only_child else joint)
-    return first
