@@ -33,7 +33,7 @@ def started(normalisation) -> tuple[ResidualAutoencoder, PcaCodec, np.ndarray]:
     return model, pca, offsets_m
 
 
-@pytest.mark.parametrize("normalisation", ["standard", "global_maximum", "vertex_maximum"])
+@pytest.mark.parametrize("normalisation", ["standard", "global_maximum"])
 def test_it_begins_as_pca_of_the_latents_size(normalisation):
     model, pca, offsets_m = started(normalisation)
     normaliser = fit_normaliser(normalisation, offsets_m, FRAMES)

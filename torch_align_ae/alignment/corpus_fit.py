@@ -59,12 +59,9 @@ def windows(sequence: MotionSequence, frames: int) -> list[Window]:
 class AlignedFiles:
     """`theta`, `offsets` and `frame_error` of the artifact, which workers anywhere fill."""
 
-    theta: ArrayFile
-    """(F, 69) radians, and metres."""
-    offsets: ArrayFile
-    """(F, V, 3) metres in the rest pose, Eq. 5."""
-    frame_error: ArrayFile
-    """(F,) mean distance of the posed body's vertices to the mesh, metres."""
+    theta: ArrayFile  # (F, 69) radians, and metres
+    offsets: ArrayFile  # (F, V, 3) metres in the rest pose, Eq. 5
+    frame_error: ArrayFile  # (F,) mean distance of the posed body's vertices to the mesh, metres
 
     @classmethod
     def of(cls, writer: ArtifactWriter, frames: int, vertex_count: int) -> AlignedFiles:

@@ -46,14 +46,10 @@ _LARGEST_MERGED_PATCH = 800
 class Bones(NamedTuple):
     """Bones of a batch in motion, J joints each."""
 
-    jacobian: Tensor
-    """(3, 3, B, J) turn of a joint in its parent's frame by a change of its axis-angle vector."""
-    pose_features: Tensor
-    """(3, 3, B, J) R - I, R being the rotation of a joint in its parent's frame."""
-    T_world_joint: Tensor
-    """(3, 4, B, J + 1); the last is the world's own frame."""
-    T_world_rest: Tensor
-    """(3, 4, B, J) where a bone carries its skin."""
+    jacobian: Tensor  # (3, 3, B, J) turn in the parent's frame by a change of the axis-angle vector
+    pose_features: Tensor  # (3, 3, B, J) R - I, R being the rotation in the parent's frame
+    T_world_joint: Tensor  # (3, 4, B, J + 1); the last is the world's own frame
+    T_world_rest: Tensor  # (3, 4, B, J) where a bone carries its skin
 
 
 class JointTree:
@@ -96,11 +92,7 @@ class JointTree:
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Derivatives by pose (B, J, 3), trans (B, 3) and the joints' places at rest (B, J, 3).
 
-        Parameters
-        ----------
-        by_carrying : (3, 4, B, J) derivatives by the entries of `T_world_rest`.
-        by_pose_features : (3, 3, B, J - 1) derivatives by `pose_features` of all but the root,
-            those of the pose blend shapes.
+        From those by `T_world_rest` and, (3, 3, B, J - 1), `pose_features` of all but the root.
         """
         turn, place = bones.T_world_joint[:, :3], bones.T_world_joint[:, 3, :, :-1]
         above = turn.index_select(3, self._above[:-1])
@@ -145,18 +137,12 @@ def _moment(arms: Tensor, forces: Tensor) -> Tensor:
 class SkinPatch(NamedTuple):
     """N vertices that few bones move."""
 
-    vertices: Tensor
-    """(N,) which they are."""
-    bones: Tensor
-    """(K,) bones that move them."""
-    weights: Tensor
-    """(K, N) their skinning weights."""
-    features: Tensor
-    """(P,) entries of R - I, of all joints but the root, that correct them."""
-    posedirs: Tensor
-    """(P, 3 N) displacement per unit of each, metres: all x, all y, all z."""
-    posedirs_by_row: Tensor
-    """(3 N, P) the same once more: sums over vertices are three times faster in this order."""
+    vertices: Tensor  # (N,) which they are
+    bones: Tensor  # (K,) bones that move them
+    weights: Tensor  # (K, N) their skinning weights
+    features: Tensor  # (P,) entries of R - I, of all joints but the root, that correct them
+    posedirs: Tensor  # (P, 3 N) displacement per unit of each, metres: all x, all y, all z
+    posedirs_by_row: Tensor  # (3 N, P) once more: sums over vertices are three times faster so
 
 
 def cut_into_patches(weights: Tensor, posedirs: Tensor, parents: Sequence[int]) -> list[SkinPatch]:
@@ -211,22 +197,17 @@ class _PatchWork:
         self._skinning = list(zip(self._turn.unbind(1), self._rest_columns.unbind(1), strict=True))
         residuals = self._residual[:, :, None].unbind(1)
         self._unskinning = list(zip(self._turn.unbind(2), residuals, strict=True))
+        # Derivatives of half the squared distance by the arguments of `distance`.
         self.by_bones = target.new_zeros(len(patch.bones), count * 12)
-        """(K, B * 12) derivatives of half the squared distance by `carrying`."""
         self.by_features = target.new_zeros(count, len(patch.features))
-        """(B, P) by `features`."""
         self.by_shaped = torch.zeros_like(self._rest)
-        """(B, 3 N) by `shaped`."""
         self._by_shaped = self.by_shaped.view(count, 3, size)
 
     def distance(self, shaped: Tensor, carrying: Tensor, features: Tensor) -> Tensor:
         """Distances (B,) of the posed patch, metres; leaves the derivatives.
 
-        Parameters
-        ----------
-        shaped : (B, 3 N) patch at rest without pose blend shapes, metres.
-        carrying : (B * 12, K) bones' transforms, columns before rows.
-        features : (B, P) entries of R - I.
+        Of the patch at rest without pose blend shapes (B, 3 N), metres, the bones' transforms
+        (B * 12, K), columns before rows, and entries of R - I (B, P).
         """
         torch.mm(carrying, self._patch.weights, out=self._planes)
         torch.addmm(shaped, features, self._patch.posedirs, out=self._rest)
@@ -247,10 +228,8 @@ class _PatchWork:
 class Shapes(NamedTuple):
     """Bodies of a batch at rest, without pose blend shapes."""
 
-    vertices: Tensor
-    """(B, 3 V) metres, in the order of `MeshDistance.arrange`."""
-    joints: Tensor
-    """(B, 22, 3) metres."""
+    vertices: Tensor  # (B, 3 V) metres, in the order of `MeshDistance.arrange`
+    joints: Tensor  # (B, 22, 3) metres
 
     def rows(self, rows: slice | list[int]) -> Shapes:
         """Some bodies of the batch."""
@@ -260,14 +239,10 @@ class Shapes(NamedTuple):
 class Gradient(NamedTuple):
     """The distance of each mesh, metres, and its derivatives."""
 
-    distance: Tensor
-    """(B,) L2 norm over all coordinates of a mesh: not squared, as in the paper."""
-    pose: Tensor
-    """(B, 22, 3) per radian."""
-    trans: Tensor
-    """(B, 3)."""
-    joints: Tensor
-    """(B, 22, 3) by the joints at rest, while the skin keeps its shape."""
+    distance: Tensor  # (B,) L2 norm over all coordinates of a mesh: not squared, as in the paper
+    pose: Tensor  # (B, 22, 3) per radian
+    trans: Tensor  # (B, 3)
+    joints: Tensor  # (B, 22, 3) by the joints at rest, while the skin keeps its shape
 
 
 class MeshDistance:
@@ -286,8 +261,8 @@ class MeshDistance:
         self._order = torch.cat([(3 * p.vertices + axes).flatten() for p in self.patches])
         self._place = torch.argsort(self._order)
         self._template = self.arrange(smpl.template.T[None])
-        self._shapedirs = self.arrange(smpl.shapedirs.mT)
-        self._joint_shapedirs = smpl.joint_shapedirs[:, :N_JOINTS].flatten(1)
+        self.shapedirs = self.arrange(smpl.shapedirs.mT)
+        self.joint_shapedirs = smpl.joint_shapedirs[:, :N_JOINTS].flatten(1)
 
     def arrange(self, vertices: Tensor) -> Tensor:
         """Meshes (B, V, 3) as (B, 3 V): patch by patch, and of each all x, all y, all z."""
@@ -299,12 +274,8 @@ class MeshDistance:
 
     def shapes(self, betas: Tensor) -> Shapes:
         """Bodies of shape betas (B, 10)."""
-        vertices = torch.addmm(self._template, betas, self._shapedirs)
+        vertices = torch.addmm(self._template, betas, self.shapedirs)
         return Shapes(vertices, self.smpl.joints(betas)[:, :N_JOINTS])
-
-    def by_betas(self, by_vertices: Tensor, by_joints: Tensor) -> Tensor:
-        """(B, 10) derivatives by betas from those by `Shapes`' vertices and joints."""
-        return by_vertices @ self._shapedirs.T + by_joints.flatten(1) @ self._joint_shapedirs.T
 
     def to(self, target: Tensor) -> DistanceTo:
         """The distance to meshes (B, 3 V) from `arrange`, metres."""
@@ -343,7 +314,8 @@ class DistanceTo:
         """(B, 10) derivative of the distances by the shape, `gradient` being the latest."""
         by_vertices = torch.cat([work.by_shaped for work in self._work], 1)
         by_vertices *= _inverse(gradient.distance)[:, None]
-        return self._objective.by_betas(by_vertices, gradient.joints)
+        by_skin = by_vertices @ self._objective.shapedirs.T
+        return by_skin + gradient.joints.flatten(1) @ self._objective.joint_shapedirs.T
 
     def of_skin(self, shapes: Shapes, bones: Bones) -> tuple[Tensor, Tensor, Tensor]:
         """Distances (B,), metres, and the derivatives of half their squares by the bones,

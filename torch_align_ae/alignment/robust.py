@@ -82,10 +82,8 @@ class RobustSettings:
 class Subject(NamedTuple):
     """What is learned of a subject once."""
 
-    betas: Tensor
-    """(10,) shape."""
-    tissue: Tissue
-    """Mechanics of the sample's vertices."""
+    betas: Tensor  # (10,) shape
+    tissue: Tissue  # mechanics of the sample's vertices
 
 
 class RobustFit(CorpusFit):

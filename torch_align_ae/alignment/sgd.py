@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -217,7 +217,7 @@ class SgdFit(CorpusFit):
                 self._objective, targets[leading], self._descent, bar.update
             )
         betas = shapes[self._subject_of]
-        firsts = (_FirstFrames(betas[b], targets[b], self._descent) for b in batches(count))
+        firsts = ((betas[rows], targets[rows], self._descent) for rows in batches(count))
         found = self._pool.map(_fit_first_frames, firsts)
         pose, trans = (torch.cat(parts) for parts in zip(*found, strict=True))
         pose[leading], trans[leading] = lead
@@ -255,29 +255,23 @@ class SgdFit(CorpusFit):
             betas = torch.from_numpy(learned["betas"][self._subject_of[row]])
             return _Tracked(window, self._reader.clip(window.sequence.name), betas, theta)
 
-        def batched(group: Sequence[Window]) -> Iterable[_Batch]:
-            for rows in batches(len(group)):
-                yield _Batch([tracked(group[row]) for row in rows], self._descent, files)
-
         for group in groups:
-            for thetas in self._pool.map(_fit_windows, batched(group)):
+            shared = (
+                ([tracked(group[row]) for row in rows], self._descent, files)
+                for rows in batches(len(group))
+            )
+            for thetas in self._pool.map(_fit_windows, shared):
                 yield from thetas
 
 
-class _FirstFrames(NamedTuple):
-    """First frames of some sequences, their shapes being known."""
-
-    betas: Tensor
-    """(B, 10)."""
-    targets: Tensor
-    """(B, 3 V) from `MeshDistance.arrange`."""
-    descent: Descent
-
-
-def _fit_first_frames(objective: MeshDistance, first: _FirstFrames) -> tuple[Tensor, Tensor]:
-    shapes, steps = objective.shapes(first.betas), first.descent.first_frame_steps
-    start = rigid_start(objective, shapes, first.targets)
-    return fit_pose(objective, shapes, start, first.targets, steps, first.descent)
+def _fit_first_frames(
+    objective: MeshDistance, item: tuple[Tensor, Tensor, Descent]
+) -> tuple[Tensor, Tensor]:
+    """Pose and translation of meshes (B, 3 V), their shapes (B, 10) being known."""
+    betas, targets, descent = item
+    shapes = objective.shapes(betas)
+    start = rigid_start(objective, shapes, targets)
+    return fit_pose(objective, shapes, start, targets, descent.first_frame_steps, descent)
 
 
 class _Tracked(NamedTuple):
@@ -285,46 +279,37 @@ class _Tracked(NamedTuple):
 
     window: Window
     meshes: MeshClip
-    betas: Tensor
-    """(10,) shape of its subject."""
-    theta: NDArray[np.float32]
-    """(69,) of the frame before the window's first; of the very first frame itself."""
+    betas: Tensor  # (10,) shape of its subject
+    theta: NDArray[np.float32]  # (69,) of the frame before the window's first, or of frame 0
 
 
-class _Batch(NamedTuple):
-    """Sequences whose windows begin alike, longest first."""
-
-    tracked: list[_Tracked]
-    descent: Descent
-    files: AlignedFiles
-
-
-def _fit_windows(objective: MeshDistance, batch: _Batch) -> list[NDArray[np.float32]]:
-    """theta of each window, fitted frame after frame of all at once; the rest goes to the files."""
-    start = batch.tracked[0].window.start
-    meshes = [
-        torch.from_numpy(one.meshes.read(one.window.start, one.window.stop))
-        for one in batch.tracked
-    ]
+def _fit_windows(
+    objective: MeshDistance, batch: tuple[list[_Tracked], Descent, AlignedFiles]
+) -> list[NDArray[np.float32]]:
+    """theta of windows that begin alike, longest first, fitted frame after frame of all at once;
+    the rest goes to the files."""
+    tracked, descent, files = batch
+    start = tracked[0].window.start
+    meshes = [torch.from_numpy(o.meshes.read(o.window.start, o.window.stop)) for o in tracked]
     lengths = [len(mesh) for mesh in meshes]
-    before = unpack_theta(np.stack([one.theta for one in batch.tracked]))
+    before = unpack_theta(np.stack([one.theta for one in tracked]))
     pose, trans = (torch.from_numpy(part) for part in before)
     poses = pose.new_zeros(len(pose), lengths[0], *pose.shape[1:])
     translations = trans.new_zeros(len(trans), lengths[0], 3)
-    shapes = objective.shapes(torch.stack([one.betas for one in batch.tracked]))
+    shapes = objective.shapes(torch.stack([one.betas for one in tracked]))
     for frame in range(lengths[0]):
         # Sorted by length, so the sequences that go on are the first ones.
         going = sum(length > frame for length in lengths)
         pose, trans = pose[:going], trans[:going]
         if start + frame > 0:
             target = objective.arrange(torch.stack([mesh[frame] for mesh in meshes[:going]]))
-            own, steps = shapes.rows(slice(going)), batch.descent.steps
-            pose, trans = fit_pose(objective, own, (pose, trans), target, steps, batch.descent)
+            own = shapes.rows(slice(going))
+            pose, trans = fit_pose(objective, own, (pose, trans), target, descent.steps, descent)
         poses[:going, frame], translations[:going, frame] = pose, trans
     thetas = []
-    for one, mesh, *found in zip(batch.tracked, meshes, poses, translations, strict=True):
+    for one, mesh, *found in zip(tracked, meshes, poses, translations, strict=True):
         pose, trans = (part[: len(mesh)] for part in found)
-        batch.files.store(objective.smpl, one.window, one.betas, pose, trans, mesh)
+        files.store(objective.smpl, one.window, one.betas, pose, trans, mesh)
         thetas.append(pack_theta(pose.numpy(), trans.numpy()))
     return thetas
 

@@ -27,23 +27,17 @@ _NEGLIGIBLE_M = 1e-4
 class Pose(NamedTuple):
     """Poses of B bodies."""
 
-    rotations: Tensor
-    """(B, 22, 3, 3) of each joint relative to its parent."""
-    trans: Tensor
-    """(B, 3) metres."""
+    rotations: Tensor  # (B, 22, 3, 3) of each joint relative to its parent
+    trans: Tensor  # (B, 3) metres
 
 
 class Frames(NamedTuple):
     """Joints of B bodies in the world."""
 
-    rotations: Tensor
-    """(B, 22, 3, 3) relative to the parent."""
-    turn: Tensor
-    """(B, 22, 3, 3) orientation."""
-    place: Tensor
-    """(B, 22, 3) position, metres."""
-    shift: Tensor
-    """(B, 22, 3) where the bone's transform takes the origin of the rest pose, metres."""
+    rotations: Tensor  # (B, 22, 3, 3) relative to the parent
+    turn: Tensor  # (B, 22, 3, 3) orientation
+    place: Tensor  # (B, 22, 3) position, metres
+    shift: Tensor  # (B, 22, 3) where the bone's transform takes the origin of the rest pose, metres
 
     @property
     def features(self) -> Tensor:
@@ -54,36 +48,23 @@ class Frames(NamedTuple):
 class SampledPatch(NamedTuple):
     """n neighbouring vertices of the sample."""
 
-    vertices: slice
-    """Its rows of the sample."""
-    bones: Tensor
-    """(K,) bones that move it."""
-    weights: Tensor
-    """(K, n) their skinning weights."""
-    joints: Tensor
-    """(C,) joints whose rotation moves it: first those with pose blend shapes here, then the
-    bones and all above them."""
-    below: Tensor
-    """(C, K) ones where the bone is the joint or hangs below it."""
-    carried: Tensor
-    """(C, n) share of each vertex that hangs below the joint."""
-    jacobian_posedirs: Tensor
-    """(P, 9, 3 n) pose blend shapes of the first P of `joints`, metres."""
-    parents: Tensor
-    """(P,) the joints above these."""
-    features: Tensor
-    """(Q,) entries of R - I that displace it at all."""
-    posedirs: Tensor
-    """(Q, 3 n) displacement per unit of each, metres."""
+    vertices: slice  # its rows of the sample
+    bones: Tensor  # (K,) bones that move it
+    weights: Tensor  # (K, n) their skinning weights
+    joints: Tensor  # (C,) that move it: those with pose blend shapes here, then bones and all above
+    below: Tensor  # (C, K) ones where the bone is the joint or hangs below it
+    carried: Tensor  # (C, n) share of each vertex that hangs below the joint
+    jacobian_posedirs: Tensor  # (P, 9, 3 n) pose blend shapes of the first P of `joints`, metres
+    parents: Tensor  # (P,) the joints above these
+    features: Tensor  # (Q,) entries of R - I that displace it at all
+    posedirs: Tensor  # (Q, 3 n) displacement per unit of each, metres
 
 
 class Shaped(NamedTuple):
     """One subject's body in the rest pose."""
 
-    vertices: Tensor
-    """(3, N) of the sample, metres, without pose blend shapes."""
-    joints: Tensor
-    """(22, 3) metres."""
+    vertices: Tensor  # (3, N) of the sample, metres, without pose blend shapes
+    joints: Tensor  # (22, 3) metres
 
 
 class SkinSample:
@@ -98,10 +79,8 @@ class SkinSample:
         weights = smpl.moving_weights()
         self.subtree = subtree_matrix(self.parents).to(weights.dtype)
         groups = _limb_by_limb(weights, self.parents, size)
-        self.vertices = torch.cat(groups)
-        """(N,) indices into the mesh, in the order of the patches."""
-        self.weights = weights[:, self.vertices]
-        """(22, N) skinning weights."""
+        self.vertices = torch.cat(groups)  # (N,) indices into the mesh, in the order of the patches
+        self.weights = weights[:, self.vertices]  # (22, N) for skinning
         ends = torch.tensor([len(group) for group in groups]).cumsum(0).tolist()
         self.patches = [
             self._patch(slice(start, end), weights)

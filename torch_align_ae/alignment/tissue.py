@@ -75,8 +75,7 @@ _SWEEPS = 60
 class MeshRecording:
     """One sequence of meshes."""
 
-    read: Callable[[int, int], NDArray[np.float32]]
-    """Frames [start, stop) as (n, V, 3) metres."""
+    read: Callable[[int, int], NDArray[np.float32]]  # frames [start, stop) as (n, V, 3) metres
     length: int
     fps: float
 
@@ -140,14 +139,10 @@ def shared_noise(variance_m2: float, fps: float) -> float:
 class Observed(NamedTuple):
     """B frames of the sample of N vertices, with what moves there; needs no pose."""
 
-    vertices: Tensor
-    """(B, 3, N) metres."""
-    acceleration: Tensor
-    """(B, 3, N) m/s^2."""
-    around: Tensor
-    """(B, 3, N) mean acceleration of the skin around each vertex, m/s^2."""
-    jerk: Tensor
-    """(B, 3, N) m/s^3."""
+    vertices: Tensor  # (B, 3, N) metres
+    acceleration: Tensor  # (B, 3, N) m/s^2
+    around: Tensor  # (B, 3, N) mean acceleration of the skin around each vertex, m/s^2
+    jerk: Tensor  # (B, 3, N) m/s^3
 
     def split(self, frames: int) -> list[Observed]:
         """The same in parts of at most so many frames."""
@@ -158,14 +153,11 @@ class Observed(NamedTuple):
 class Loads:
     """The terms of the law for a sample."""
 
+    # Motion that the terms leave unexplained at which a vertex counts half in the pose.
     precision_m: ClassVar[float] = 1e-4
-    """Metres of motion that the terms leave unexplained at which a vertex counts half in the
-    pose."""
     sample: SkinSample
-    around: Tensor
-    """(N, N) weights of the mean over the skin around: column v is vertex v's."""
-    weights_around: Tensor
-    """(22, N) that mean of the skinning weights."""
+    around: Tensor  # (N, N) weights of the mean over the skin around: column v is vertex v's
+    weights_around: Tensor  # (22, N) that mean of the skinning weights
 
     @classmethod
     def of(cls, sample: SkinSample) -> Loads:
@@ -208,13 +200,11 @@ class Loads:
 class Tissue(NamedTuple):
     """Mechanics of the N vertices of a sample, for one subject."""
 
-    compliance_s2: Tensor
-    """(K, N) displacement per load, for each of the K terms of `loads`; that of damping in s^3."""
+    compliance_s2: Tensor  # (K, N) displacement per load, for each of the K terms; damping's in s^3
+    # (N,) root mean square of what the law does not explain; where meshes are noisy, beyond what it
+    # does not explain of the firmest vertices.
     deviation_m: Tensor
-    """(N,) root mean square of what the law does not explain; where meshes are noisy, beyond what
-    it does not explain of the firmest vertices."""
-    noise_m: Tensor
-    """() standard deviation of each coordinate's noise, where it is large; else 0."""
+    noise_m: Tensor  # () standard deviation of each coordinate's noise, where it is large; else 0
 
     @classmethod
     def unknown(cls, terms: int, like: Tensor, noise_m: float = 0.0) -> Tissue:
@@ -240,12 +230,9 @@ class Tissue(NamedTuple):
 class Evidence:
     """Sums over frames from which tissue is estimated; frames may come in any portions."""
 
-    gram: Tensor
-    """(N, K, K) products of the terms with one another."""
-    pull: Tensor
-    """(N, K) products of the terms with the displacement, negative."""
-    displacement: Tensor
-    """(N,) squared."""
+    gram: Tensor  # (N, K, K) products of the terms with one another
+    pull: Tensor  # (N, K) products of the terms with the displacement, negative
+    displacement: Tensor  # (N,) squared
     frames: int
 
     @classmethod

@@ -20,9 +20,9 @@ from bridge.runs import Artifact
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 
 WEIGHTS_FILE = "autoencoder.safetensors"
-NormalisationName = Literal["global_maximum", "vertex_maximum", "standard"]
+NormalisationName = Literal["global_maximum", "standard"]
 _BATCH = 64
-# Vertices that hardly move would otherwise be blown up to pure measurement noise.
+# What hardly moves would otherwise be blown up to pure measurement noise.
 _SMALLEST_SCALE_M = 1e-4
 _SPARE_DIRECTIONS = 20
 
@@ -31,10 +31,8 @@ _SPARE_DIRECTIONS = 20
 class Normaliser:
     """An affine map per coordinate: (offset - mean) / scale, and back."""
 
-    mean_m: Tensor
-    """(V, 3), metres."""
-    scale_m: Tensor
-    """(V, 3), metres, positive."""
+    mean_m: Tensor  # (V, 3), metres
+    scale_m: Tensor  # (V, 3), metres, positive
 
     def normalise(self, offsets_m: Tensor) -> Tensor:
         """Metres (B, V, 3) to the network's numbers."""
@@ -52,37 +50,30 @@ class Normaliser:
 def fit_normaliser(
     name: NormalisationName, offsets_m: NDArray[np.float32], frames: NDArray[np.int64]
 ) -> Normaliser:
-    """'normalized ... within the range of [-1, 1]' (Section 5), read in one of three ways.
+    """'normalized ... within the range of [-1, 1]' (Section 5), read in one of two ways.
 
     Offsets are a millimetre on average and several centimetres at the extreme, so the choice
     decides whether anything is left to learn from. Of the named (training) frames of (F, V, 3):
 
     `global_maximum`
         Divide by the largest coordinate of all: the plainest way to take the words.
-    `vertex_maximum`
-        Remove the mean, divide each vertex's coordinates by their own largest one.
     `standard`
         Remove the mean, divide by one standard deviation; values leave [-1, 1].
         The mean squared error then is the offsets' own, up to one constant.
     """
     total = np.zeros(offsets_m.shape[1:])
-    smallest, largest = np.full_like(total, np.inf), np.full_like(total, -np.inf)
-    squares = 0.0
+    squares = largest = 0.0
     for part in chunks(offsets_m, frames):
         total += part.sum(axis=0, dtype=np.float64)
         squares += float(np.square(part, dtype=np.float64).sum())
-        np.minimum(smallest, part.min(axis=0), out=smallest)
-        np.maximum(largest, part.max(axis=0), out=largest)
-    mean = total / len(frames)
-    if name == "global_maximum":
-        scale = np.full_like(mean, max(np.abs(smallest).max(), np.abs(largest).max()))
-        mean = np.zeros_like(mean)
-    elif name == "vertex_maximum":
-        scale = np.maximum(largest - mean, mean - smallest)
-    else:
+        largest = max(largest, float(np.abs(part).max()))
+    mean, scale_m = total / len(frames), largest
+    if name == "standard":
         variance = squares / (len(frames) * total.size) - np.square(mean).mean()
-        scale = np.full_like(mean, np.sqrt(max(variance, 0.0)))
-    scale = np.maximum(scale, _SMALLEST_SCALE_M)
+        scale_m = np.sqrt(max(variance, 0.0))
+    else:
+        mean = np.zeros_like(mean)
+    scale = np.full_like(mean, max(scale_m, _SMALLEST_SCALE_M))
     return Normaliser(*(torch.from_numpy(part.astype(np.float32)) for part in (mean, scale)))
 
 
@@ -142,10 +133,8 @@ def _in_batches(
 class PcaCodec:
     """Mean and principal directions of offsets; encodes to coefficients in metres."""
 
-    mean_m: NDArray[np.float32]
-    """(V, 3)."""
-    components: NDArray[np.float32]
-    """(K, V * 3), orthonormal rows, in order of falling variance."""
+    mean_m: NDArray[np.float32]  # (V, 3)
+    components: NDArray[np.float32]  # (K, V * 3), orthonormal rows, in order of falling variance
 
     @classmethod
     def fit(

@@ -40,7 +40,6 @@ class VertexConv(nn.Conv1d):
         super().__init__(in_vertices, out_vertices, kernel_size=1)
 
     def forward(self, input: Tensor) -> Tensor:  # noqa: A002
-        """Mix (in, B, C) into (out, B, C)."""
         assert self.bias is not None
         mixed = torch.addmm(self.bias[:, None], self.weight.squeeze(2), input.flatten(1))
         return mixed.view(self.out_channels, *input.shape[1:])
@@ -104,7 +103,6 @@ class MeshAutoencoder(nn.Module):
         return self.to_coordinates(self.decoder(coarse)).transpose(0, 1)
 
     def forward(self, offsets: Tensor) -> Tensor:
-        """Reconstruct normalised offsets (B, V, 3)."""
         return self.decode(self.encode(offsets))
 
 
@@ -138,7 +136,6 @@ class CasasOtaduyAutoencoder(nn.Module):
         return self.decoder(latents).unflatten(1, (-1, 3))
 
     def forward(self, offsets: Tensor) -> Tensor:
-        """Reconstruct normalised offsets (B, V, 3)."""
         return self.decode(self.encode(offsets))
 
 

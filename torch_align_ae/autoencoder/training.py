@@ -86,12 +86,9 @@ class TrainingPlan:
 class TrainingResult:
     """What training leaves behind; the model holds the weights of the least validation loss."""
 
-    losses: NDArray[np.float64]
-    """(R,) mean training loss of the steps before each validation."""
-    validation_losses: NDArray[np.float64]
-    """(R + 1,); the first is before the first step."""
-    steps: NDArray[np.int64]
-    """(R + 1,) steps taken at each validation."""
+    losses: NDArray[np.float64]  # (R,) mean training loss of the steps before each validation
+    validation_losses: NDArray[np.float64]  # (R + 1,); the first is before the first step
+    steps: NDArray[np.int64]  # (R + 1,) steps taken at each validation
 
     @property
     def best(self) -> int:
@@ -114,11 +111,9 @@ class Training(Generic[Network]):
     plan: TrainingPlan
     checkpoint: Path
     label: str = "autoencoder"
-    processes: Processes = ALONE
-    """Those that share each batch."""
+    processes: Processes = ALONE  # those that share each batch
 
-    learning_rate: float = field(init=False)
-    """The largest one."""
+    learning_rate: float = field(init=False)  # the largest one
     step_s: list[float] = field(init=False, default_factory=list)
     """Seconds of each step that this process took; of a GPU only the time to ask for it."""
 

@@ -27,14 +27,10 @@ _SINGULAR_BELOW = 1e-3
 class TreeLevels:
     """A joint tree cut into levels: all joints of a level are posed by one batched product."""
 
-    parents: Tensor
-    """(J,) parent of each joint; the root is its own."""
-    sorted_joints: Tensor
-    """(J,) joints by level, the root first."""
-    sizes: tuple[int, ...]
-    """Number of joints of each level."""
-    parent_slots: tuple[Tensor, ...]
-    """For each level below the root's, the places of its joints' parents in the level above."""
+    parents: Tensor  # (J,) parent of each joint; the root is its own
+    sorted_joints: Tensor  # (J,) joints by level, the root first
+    sizes: tuple[int, ...]  # number of joints of each level
+    parent_slots: tuple[Tensor, ...]  # below the root, the parents' places in the level above
 
 
 def tree_levels(parents: Sequence[int]) -> TreeLevels:
@@ -151,10 +147,6 @@ class SMPL(nn.Module):
         posed = (blended[:, :, :3] * rest[:, None]).sum(2) + blended[:, :, 3]
         return posed.transpose(1, 2).contiguous()
 
-    def rest(self, betas: Tensor) -> tuple[Tensor, Tensor]:
-        """Shaped body of the template pose, M_S: vertices (B, V, 3) and joints (B, 24, 3), m."""
-        return self._planar_shaped(betas).transpose(1, 2), self.joints(betas)
-
     def rest_vertices(self, betas: Tensor, pose: Tensor) -> Tensor:
         """(B, V, 3) shaped body with pose blend shapes, before skinning (Eq. 2), metres."""
         return self.planar_rest(betas, self.rotations(pose)).transpose(1, 2)
@@ -180,7 +172,9 @@ class SMPL(nn.Module):
         identity = torch.eye(3, dtype=rotations.dtype, device=rotations.device)
         features = (rotations[:, 1:] - identity).flatten(1)
         corrective = features @ self.posedirs.flatten(1)
-        return self._planar_shaped(betas) + corrective.unflatten(1, (3, -1))
+        _check_shape("betas", betas, (len(betas), len(self.shapedirs)))
+        shape = betas @ self.shapedirs.flatten(1)
+        return self.template + shape.unflatten(1, (3, -1)) + corrective.unflatten(1, (3, -1))
 
     def blended_transforms(self, betas: Tensor, rotations: Tensor, trans: Tensor) -> Tensor:
         """Each vertex's weighted mean of the bones' transforms, (B, 3, 4, V), rest to world."""
@@ -188,11 +182,6 @@ class SMPL(nn.Module):
         bones = bone_transforms(rotations, self.joints(betas), self.levels, trans)
         planar = bones.permute(0, 2, 3, 1).reshape(-1, len(self.parents))
         return (planar @ self.weights).unflatten(0, (-1, 3, 4))
-
-    def _planar_shaped(self, betas: Tensor) -> Tensor:
-        _check_shape("betas", betas, (len(betas), len(self.shapedirs)))
-        shape = betas @ self.shapedirs.flatten(1)
-        return self.template + shape.unflatten(1, (3, -1))
 
 
 def unpose(smpl: SMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans: Tensor) -> Tensor:

@@ -174,7 +174,9 @@ def test_registrations_keep_a_landings_accelerations(smpl, jump, monkeypatch):
 
 
 def recording(length: int) -> MeshRecording:
-    return MeshRecording(lambda start, stop: np.empty((stop - start, 2, 3)), length, 60.0)
+    return MeshRecording(
+        lambda start, stop: np.empty((stop - start, 2, 3), np.float32), length, 60.0
+    )
 
 
 def test_clips_are_spread_over_all_recordings():
