@@ -14,7 +14,7 @@ AUTOENCODER = """
 import sys, numpy, torch
 from pathlib import Path
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
-from torch_align_ae.autoencoder.normaliser import Normaliser
+from torch_align_ae.autoencoder.codes import Normaliser
 from bridge.motion.splits import split_frames
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
 

@@ -1,4 +1,4 @@
-"""Unposing: the inverse skinning W^-1 of Eq. 5; twin of `torch_align_ae/body/unposing.py`."""
+"""Unposing: the inverse skinning W^-1 of Eq. 5; twin of `torch_align_ae/body/smpl.py`."""
 
 from __future__ import annotations
 

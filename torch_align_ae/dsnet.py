@@ -32,7 +32,6 @@ class TanhLinear(nn.Linear):
     """A linear layer and its tanh, as one Keras layer is both."""
 
     def forward(self, input: Tensor) -> Tensor:  # noqa: A002
-        """Map (..., in) to (..., out)."""
         return torch.tanh(super().forward(input))
 
 
@@ -59,12 +58,9 @@ class BatchNorm(nn.Module):
         mean, variance = self.running_mean, self.running_var
         if self.training:
             mean, variance = _moments(x, real)
-            self._remember(mean.detach(), variance.detach())
+            for running, batch in ((self.running_mean, mean), (self.running_var, variance)):
+                running.copy_(running * self.momentum + batch.detach() * (1.0 - self.momentum))
         return (x - mean) * (self.weight * torch.rsqrt(variance + self.epsilon)) + self.bias
-
-    def _remember(self, mean: Tensor, variance: Tensor) -> None:
-        for running, batch in ((self.running_mean, mean), (self.running_var, variance)):
-            running.copy_(running * self.momentum + batch * (1.0 - self.momentum))
 
 
 class DSNet(nn.Module):
@@ -83,22 +79,19 @@ class DSNet(nn.Module):
         self.batch_norm = BatchNorm(units)
         self.fc_enc_3 = nn.Linear(units, latents)
         self.lstm.bias_hh_l0.requires_grad_(False)
-        self._initialise()
+        self._draw_weights()
 
     def forward(self, motion: Tensor, real: Tensor | None = None) -> Tensor:
         """Latents of whole motions; `real` (B, T), see `BatchNorm`, matters in training only."""
-        return self._latents(motion, real, None)[0]
+        return self.step(motion, real=real)[0]
 
-    def step(self, motion: Tensor, state: State | None = None) -> tuple[Tensor, State]:
+    def step(
+        self, motion: Tensor, state: State | None = None, real: Tensor | None = None
+    ) -> tuple[Tensor, State]:
         """Latents of the next frames of motions (B, T, 79), and the LSTM's state after them.
 
         Without a `state` the motions begin here.
         """
-        return self._latents(motion, None, state)
-
-    def _latents(
-        self, motion: Tensor, real: Tensor | None, state: State | None
-    ) -> tuple[Tensor, State]:
         if motion.ndim != 3 or motion.shape[-1] != INPUT_SIZE:
             raise DsnetError(
                 f"motion of shape {tuple(motion.shape)}",
@@ -109,7 +102,7 @@ class DSNet(nn.Module):
         return self.fc_enc_3(self.batch_norm(memory, real)), after
 
     @torch.no_grad()
-    def _initialise(self) -> None:
+    def _draw_weights(self) -> None:
         """Draw weights as Keras does: PyTorch's own have another spread and random biases."""
         for name, parameter in self.named_parameters():
             if name == "lstm.weight_hh_l0":
@@ -123,13 +116,7 @@ class DSNet(nn.Module):
 
 
 class KerasAdam(torch.optim.Adam):
-    """Adam whose epsilon stands where Keras has it: beside the moment before its correction.
-
-    Parameters
-    ----------
-    parameters : what to train.
-    rule : learning rate, decays and epsilon.
-    """
+    """Adam whose epsilon stands where Keras has it: beside the moment before its correction."""
 
     def __init__(self, parameters: Iterable[nn.Parameter], rule: AdamRule = KERAS_ADAM) -> None:
         super().__init__(parameters, rule.learning_rate, (rule.beta_1, rule.beta_2))
@@ -147,15 +134,9 @@ class KerasAdam(torch.optim.Adam):
 def sum_of_distances(target: Tensor, predicted: Tensor, real: Tensor | None = None) -> Tensor:
     """The paper's loss (Section 4.3), as in `tf_dsnet/losses.py`.
 
-    Parameters
-    ----------
-    target, predicted : (B, T, 100) latents.
-    real : (B, T), True for frames that count; all of them, padding too, when None.
-
-    Returns
-    -------
-    A scalar: sum over t of ||predicted_t - target_t||_2 (not squared), mean over the batch.
-    Its gradient is 0 where a distance is 0.
+    Of latents (B, T, 100): sum over t of ||predicted_t - target_t||_2 (not squared), mean over the
+    batch. `real` (B, T) is True for frames that count; all of them, padding too, when None. The
+    gradient is 0 where a distance is 0.
     """
     squared = (predicted - target).square().sum(-1)  # (B, T)
     nonzero = squared > 0.0
@@ -174,13 +155,7 @@ def named_weights(model: DSNet) -> dict[str, NDArray]:
 
 
 def assign_weights(model: DSNet, weights: Mapping[str, NDArray]) -> None:
-    """Set all weights from arrays named and laid out as by `named_weights`.
-
-    Raises
-    ------
-    DsnetError
-        If a name or a shape is not the network's.
-    """
+    """Set all weights from arrays named and laid out as by `named_weights`."""
     state = {name: torch.from_numpy(array) for name, array in dsnet_to_torch(weights).items()}
     wanted = {name: tuple(value.shape) for name, value in model.state_dict().items()}
     given = {name: tuple(value.shape) for name, value in state.items()}
@@ -191,15 +166,6 @@ def assign_weights(model: DSNet, weights: Mapping[str, NDArray]) -> None:
             "Pass weights written by `dsnet train`.",
         )
     model.load_state_dict(state)
-
-
-def parameter_counts(model: DSNet) -> dict[str, int]:
-    """Parameters as Keras counts them: all, and those that training changes by gradients."""
-    trainable = sum(p.numel() for p in model.parameters() if p.requires_grad)
-    return {
-        "dsnet": trainable + sum(b.numel() for b in model.buffers()),
-        "dsnet_trainable": trainable,
-    }
 
 
 def _moments(x: Tensor, real: Tensor | None) -> tuple[Tensor, Tensor]:

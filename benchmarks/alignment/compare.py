@@ -37,7 +37,7 @@ from bridge.errors import DsnetError
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from bridge.runs.provenance import machine
-from torch_align_ae.alignment.paper.corpus_fit import Effort
+from torch_align_ae.alignment.sgd import Descent
 
 
 @dataclass(frozen=True)
@@ -116,8 +116,12 @@ def _align_in_turns(
     config: CompareConfig, known: Sequence[KnownSequence], folder: Path
 ) -> tuple[dict[str, list[Estimate]], dict[str, list[float]]]:
     """Estimates, and seconds of every round, each summed over the genders' own calls."""
-    effort = Effort(config.steps, config.first_frame_steps, config.shape_steps)
-    makers = contenders(effort, folder)
+    descent = Descent(
+        steps=config.steps,
+        first_frame_steps=config.first_frame_steps,
+        shape_steps=config.shape_steps,
+    )
+    makers = contenders(descent, folder)
     genders = sorted({one.recording.gender for one in known})
     rows = {g: [i for i, one in enumerate(known) if one.recording.gender == g] for g in genders}
     ready = {

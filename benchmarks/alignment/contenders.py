@@ -15,15 +15,15 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.alignment import peer_smplfitter
+from benchmarks.alignment.in_memory import align_sequences
 from benchmarks.alignment.known_sequences import KnownRecording
 from benchmarks.alignment.lesser_laws import WeightsAlone
 from bridge.body import BodyModelData
 from bridge.motion import MotionSequence, pack_theta
 from bridge.runs import ArtifactWriter
-from torch_align_ae.alignment.paper.corpus_fit import CorpusFit, Effort
-from torch_align_ae.alignment.paper.sgd import Descent
-from torch_align_ae.alignment.robust import RobustSettings, align_sequences
-from torch_align_ae.alignment.robust.loads import Loads
+from torch_align_ae.alignment.robust import RobustSettings
+from torch_align_ae.alignment.sgd import Descent, SgdFit
+from torch_align_ae.alignment.tissue import Loads
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import FPS, DynaReader, write_dyna
 
@@ -42,11 +42,11 @@ Align = Callable[[], list[Estimate]]
 Make = Callable[[BodyModelData, Sequence[KnownRecording]], Align]
 
 
-def contenders(effort: Effort, folder: Path) -> dict[str, Make]:
-    """All aligners by name; `effort` and `folder`, for its files, are those of the paper's."""
+def contenders(descent: Descent, folder: Path) -> dict[str, Make]:
+    """All aligners by name; `descent` and `folder`, for its files, are those of the paper's."""
 
     def sgd(data: BodyModelData, recordings: Sequence[KnownRecording]) -> Align:
-        return _PaperSgd(data, recordings, effort, folder)
+        return _PaperSgd(data, recordings, descent, folder)
 
     return {
         "sgd": sgd,
@@ -80,10 +80,10 @@ class _PaperSgd:
         self,
         data: BodyModelData,
         recordings: Sequence[KnownRecording],
-        effort: Effort,
+        descent: Descent,
         folder: Path,
     ) -> None:
-        self._smpl, self._effort = SMPL(data), effort
+        self._smpl, self._descent = SMPL(data), descent
         self._sequences = _index(recordings)
         self._meshes, self._artifact = folder / f"dyna_{data.gender}.h5", folder / data.gender
         with write_dyna(self._meshes, data.faces) as file:
@@ -93,7 +93,7 @@ class _PaperSgd:
     def __call__(self) -> list[Estimate]:
         writer = ArtifactWriter(self._artifact, "align", data="synthetic")
         with DynaReader([self._meshes]) as reader:
-            CorpusFit(self._smpl, reader, self._sequences, self._effort, Descent()).write(writer)
+            SgdFit(self._smpl, reader, self._sequences, self._descent).write(writer)
         betas, theta = (np.load(writer.file_path(f"{name}.npy")) for name in ("betas", "theta"))
         writer.discard()
         rows = _subject_rows([sequence.subject for sequence in self._sequences])

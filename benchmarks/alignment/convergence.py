@@ -25,8 +25,8 @@ from bridge.runs import Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from bridge.runs.provenance import provenance
-from torch_align_ae.alignment.paper.objective import MeshDistance
-from torch_align_ae.alignment.paper.sgd import Descent, fit_shape_and_pose, rigid_start
+from torch_align_ae.alignment.mesh_distance import MeshDistance
+from torch_align_ae.alignment.sgd import Descent, fit_shape_and_pose, rigid_start
 from torch_align_ae.body import SMPL
 
 
@@ -105,9 +105,9 @@ def _measure(
     config: ConvergenceConfig, smpl: SMPL, known: KnownClips
 ) -> tuple[list[dict[str, Any]], float]:
     """Errors of every rule with either shapes; and how far those of frame 1 are from the truth."""
-    objective, descent = MeshDistance(smpl), Descent()
+    objective, descent = MeshDistance(smpl), Descent(shape_steps=config.shape_steps)
     first = objective.arrange(known.first_frames)
-    fitted, *_ = fit_shape_and_pose(objective, first, config.shape_steps, descent)
+    fitted, *_ = fit_shape_and_pose(objective, first, descent)
     betas = {"true": known.betas, "frame 1": fitted}
     clips = _clips(objective, known, list(betas.values()), config.first_frame_steps)
     rows = []

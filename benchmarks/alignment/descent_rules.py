@@ -8,9 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torch_align_ae.alignment.paper.objective import MeshDistance, Shapes
-from torch_align_ae.alignment.paper.sgd import Descending, Descent
-from torch_align_ae.alignment.paper.tracking import groups
+from torch_align_ae.alignment.mesh_distance import MeshDistance, Shapes
+from torch_align_ae.alignment.sgd import Descending, Descent, batches
 from torch_align_ae.workers import torch_workers
 
 
@@ -68,7 +67,7 @@ def track(objective: MeshDistance, clips: ClipSet, rule: Rule, descent: Descent)
         return tuple(torch.stack(parts, 1) for parts in zip(*found, strict=True))
 
     with torch_workers("threads", objective) as pool:
-        found = list(pool.map(follow, groups(len(clips.pose))))
+        found = list(pool.map(follow, batches(len(clips.pose))))
     return Tracked(*(torch.cat(parts) for parts in zip(*found, strict=True)))
 
 

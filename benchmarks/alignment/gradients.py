@@ -29,11 +29,9 @@ from bridge.paper import N_JOINTS
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from bridge.runs.provenance import machine
-from torch_align_ae.alignment.paper.bones import Bones
-from torch_align_ae.alignment.paper.objective import MeshDistance
-from torch_align_ae.alignment.robust.gauss_newton import moved
-from torch_align_ae.alignment.robust.linearise import linearise
-from torch_align_ae.alignment.robust.sample import Pose, SkinSample
+from torch_align_ae.alignment.gauss_newton import moved
+from torch_align_ae.alignment.mesh_distance import Bones, MeshDistance
+from torch_align_ae.alignment.skin_sample import Pose, SkinSample, linearise
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import axis_angle_to_matrix
 
@@ -105,8 +103,8 @@ def gradient_ways(smpl: SMPL, count: int) -> dict[str, Way]:
 
     @torch.no_grad()
     def of_skin_by_hand(bones: Bones) -> tuple[Tensor, ...]:
-        scale = 1 / distance._skin_and_pull(shapes, bones)[:, None]
-        by_carrying, by_features = distance._sums(count)
+        distances, by_carrying, by_features = distance.of_skin(shapes, bones)
+        scale = 1 / distances[:, None]
         return torch.nn.functional.pad(by_features * scale, (1, 0)), by_carrying * scale
 
     def of_patches(patches: list[list[Tensor]], bones: Bones) -> tuple[Tensor, ...]:

@@ -16,8 +16,7 @@ from bridge.measure.metrics import ErrorSums, rotation_error_deg
 from bridge.motion import sequences_of, subject_rows, unpack_theta
 from bridge.runs import Run
 from bridge.runs.run import corpus_body_path
-from torch_align_ae.alignment.fitted import measure
-from torch_align_ae.body import SMPL
+from torch_align_ae.body import SMPL, rest_pose_offsets
 from torch_align_ae.corpus.dyna_files import DynaReader
 
 
@@ -46,12 +45,13 @@ class KnownClips:
         """Errors of betas (S, 10), pose (N, T, 22, 3) and trans (N, T, 3), over all frames."""
         together, r2_of_clip, distances = ErrorSums(), {}, []
         for row, (subject, mesh) in enumerate(zip(self.subjects, self.meshes, strict=True)):
-            fitted = measure(smpl, row, 0, betas[subject], pose[row], trans[row], mesh)
+            shapes = betas[subject].expand(len(mesh), -1)
+            found, apart = rest_pose_offsets(smpl, mesh, shapes, pose[row], trans[row])
             offsets = ErrorSums()
-            offsets.add(fitted.offsets, self.offsets_m[row])
+            offsets.add(found, self.offsets_m[row])
             together.merge(offsets)
             r2_of_clip[self.names[row]] = offsets.r2
-            distances.append(fitted.frame_error)
+            distances.append(apart.mean(1))
         return {
             "r2": together.r2,
             "pose_deg": float(rotation_error_deg(pose, self.pose).mean()),

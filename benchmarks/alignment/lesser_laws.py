@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from torch_align_ae.alignment.robust.loads import Loads, Observed
+from torch_align_ae.alignment.tissue import Loads, Observed
 
 
 class WeightsAlone(Loads):

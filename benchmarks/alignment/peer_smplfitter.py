@@ -26,7 +26,7 @@ from torch import Tensor
 
 from bridge.body import BodyModelData
 from torch_align_ae.body import SMPL
-from torch_align_ae.body.kinematics import world_frames
+from torch_align_ae.body.smpl import world_frames
 
 _POSES, _ANGLE_RAD, _CANDIDATES = 120, 0.4, 200
 # Spreads each joint's weights over tens of vertices, as SMPL's own regressor does.

@@ -29,8 +29,8 @@ from bridge.paper import FEATURES, N_VERTICES
 from bridge.runs.processes import run_as_process
 from bridge.runs.provenance import machine
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder, parameter_count
-from torch_align_ae.autoencoder.allocation import keep_freed_memory
 from torch_align_ae.autoencoder.mesh_autoencoder import VertexConv
+from torch_align_ae.autoencoder.training import keep_freed_memory
 
 _GEMM_SIZE = 2048
 

@@ -45,7 +45,7 @@ from bridge.runs.processes import run_as_process
 from bridge.runs.provenance import machine
 from bridge.runtime.graphs.onnx_values import Value, ValueGraph
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder
-from torch_align_ae.autoencoder.allocation import keep_freed_memory
+from torch_align_ae.autoencoder.training import keep_freed_memory
 
 _SAME = 1e-4
 """Of the largest number."""

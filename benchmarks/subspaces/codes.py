@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-import numpy as np
 import torch
 
 from benchmarks.subspaces.data import SubspaceData
@@ -15,11 +14,13 @@ from benchmarks.subspaces.residual import (
     initialise_with_pca,
 )
 from bridge.paper import ALTERNATIVE_WIDTHS, CASAS_OTADUY_WIDTHS, INFERRED_WIDTHS
-from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
-from torch_align_ae.autoencoder.initialisation import SAMPLE_FRAMES, initialise_with_modes
-from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
-from torch_align_ae.autoencoder.normaliser import Normaliser, fit_normaliser
-from torch_align_ae.autoencoder.presets import PRESETS, PresetName
+from torch_align_ae.autoencoder.codes import Normaliser, fit_normaliser
+from torch_align_ae.autoencoder.mesh_autoencoder import (
+    CasasOtaduyAutoencoder,
+    MeshAutoencoder,
+    initialise_with_modes,
+)
+from torch_align_ae.autoencoder.stage_train_ae import PRESETS, PresetName, mode_sample
 
 OffsetAutoencoder: TypeAlias = MeshAutoencoder | CasasOtaduyAutoencoder | ResidualAutoencoder
 
@@ -68,7 +69,7 @@ CODES: dict[str, SubspaceCode] = {
         CASAS_OTADUY_WIDTHS[1:-1],
     ),
 }
-"""The cheap ones first; `measured` and `literal` are the readings of the paper in `presets.py`."""
+"""The cheap ones first; `measured` and `literal` as in `stage_train_ae.py`."""
 
 
 def new_network(
@@ -89,13 +90,6 @@ def new_network(
         widths = (vertices, *code.widths)
         mesh = MeshAutoencoder(widths, preset.activation, preset.negative_slope, size)
     if preset.initialisation == "modes":
-        initialise_with_modes(mesh, normaliser.normalise(_sample(data)), data.seed)
+        sample = torch.from_numpy(mode_sample(data.offsets_m, data.split, data.seed))
+        initialise_with_modes(mesh, normaliser.normalise(sample), data.seed)
     return mesh, normaliser
-
-
-def _sample(data: SubspaceData) -> torch.Tensor:
-    """Training frames (frames, V, 3) in metres from which the modes are computed."""
-    train = data.split.train
-    count = min(SAMPLE_FRAMES, len(train))
-    frames = np.random.default_rng(data.seed).choice(train, count, replace=False)
-    return torch.from_numpy(np.asarray(data.offsets_m[np.sort(frames)], dtype=np.float32))

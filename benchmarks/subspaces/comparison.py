@@ -32,7 +32,7 @@ from bridge.runs.folders import write_text_atomically
 from bridge.runs.locks import exclusive
 from bridge.runs.provenance import provenance
 from bridge.runs.run import best_alignment
-from torch_align_ae.autoencoder.allocation import keep_freed_memory
+from torch_align_ae.autoencoder.training import keep_freed_memory
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from benchmarks.subspaces.residual import RESIDUAL_WIDTH
 from bridge.motion import sequences_of
 from bridge.motion.splits import FrameSplit, SplitName, held_out_frames, split_autoencoder_frames
 from bridge.runs import Artifact
-from torch_align_ae.autoencoder.pca import PcaCodec
+from torch_align_ae.autoencoder.codes import PcaCodec
 
 
 @dataclass

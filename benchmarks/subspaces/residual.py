@@ -16,8 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from bridge.paper import LATENT_SIZE, N_VERTICES
-from torch_align_ae.autoencoder.normaliser import Normaliser
-from torch_align_ae.autoencoder.pca import PcaCodec
+from torch_align_ae.autoencoder.codes import Normaliser, PcaCodec
 
 RESIDUAL_WIDTH = 300
 """Principal components between the outer layers and the latents; ours."""

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import median
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -17,11 +17,11 @@ from benchmarks.subspaces.codes import OffsetAutoencoder
 from benchmarks.subspaces.data import SubspaceData
 from bridge.measure.metrics import FRAMES_AT_ONCE, ErrorSums
 from bridge.motion.splits import chunks
-from torch_align_ae.autoencoder.normaliser import Normaliser
-from torch_align_ae.autoencoder.pca import OffsetCodec
+from torch_align_ae.autoencoder.codes import Normaliser, PcaCodec
 
 _BATCHES = (1, 64)
 _REPEATS = 30
+OffsetCodec: TypeAlias = "NetworkCodec | PcaCodec"
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from benchmarks.subspaces.codes import OffsetAutoencoder, SubspaceCode, new_netw
 from benchmarks.subspaces.data import SubspaceData
 from bridge.errors import DsnetError
 from bridge.runs.folders import write_text_atomically
-from torch_align_ae.autoencoder.presets import PRESETS
+from torch_align_ae.autoencoder.stage_train_ae import PRESETS
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
 
 OffsetTraining: TypeAlias = Training[OffsetAutoencoder]

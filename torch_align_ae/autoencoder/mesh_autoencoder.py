@@ -1,10 +1,9 @@
-"""Figure 3's autoencoder: from the offsets of 6890 vertices to 100 latents and back.
+"""Figure 3's autoencoder, how its weights begin, and the one that the paper compares it with.
 
-Two linear layers act on each vertex alone (3 -> 4 -> 9 features), four
-convolutions of kernel 1 treat the *vertices* as channels and thin them out,
-and one linear layer maps what is left to the latent vector; the decoder
-mirrors it. The paper prints the layers and the total, 33,626,606, but not the
-widths: those here are inferred, and give that total exactly.
+Two linear layers act on each vertex alone (3 -> 4 -> 9 features), four convolutions of kernel 1
+treat the *vertices* as channels and thin them out, and one linear layer maps what is left to the
+latent vector; the decoder mirrors it. The paper prints the layers and the total, 33,626,606, but
+not the widths: those here are inferred, and give that total exactly.
 """
 
 from __future__ import annotations
@@ -12,15 +11,17 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
 
 from bridge.errors import DsnetError
-from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE
+from bridge.paper import CASAS_OTADUY_WIDTHS, FEATURES, INFERRED_WIDTHS, LATENT_SIZE
 
 ActivationName = Literal["leaky_relu", "elu", "tanh", "relu"]
+SAMPLE_FRAMES = 512
+"""Training frames from which the modes are computed: singular vectors of 6890 x 1536."""
 
 _ACTIVATIONS: dict[str, Callable[[float], nn.Module]] = {
     "leaky_relu": lambda slope: nn.LeakyReLU(slope, inplace=True),
@@ -31,18 +32,14 @@ _ACTIVATIONS: dict[str, Callable[[float], nn.Module]] = {
 
 
 class VertexConv(nn.Conv1d):
-    """A kernel-1 `Conv1d` over vertices, applied to vertices-first features.
-
-    The parameters are those of `nn.Conv1d(in, out, 1)`, but the features come as
-    (in, B, C) where Conv1d wants (B, in, C): so laid out, the whole batch is one
-    matrix product, forwards and backwards, and nothing is transposed on the way.
+    """A kernel-1 `Conv1d` over vertices of features (in, B, C) where Conv1d wants (B, in, C): so
+    laid out, the whole batch is one matrix product, and nothing is transposed on the way.
     """
 
     def __init__(self, in_vertices: int, out_vertices: int) -> None:
         super().__init__(in_vertices, out_vertices, kernel_size=1)
 
     def forward(self, input: Tensor) -> Tensor:  # noqa: A002
-        """Mix (in, B, C) into (out, B, C)."""
         assert self.bias is not None
         mixed = torch.addmm(self.bias[:, None], self.weight.squeeze(2), input.flatten(1))
         return mixed.view(self.out_channels, *input.shape[1:])
@@ -51,17 +48,8 @@ class VertexConv(nn.Conv1d):
 class MeshAutoencoder(nn.Module):
     """The paper's mesh autoencoder (Section 4.1, Figure 3); works on normalised offsets.
 
-    Parameters
-    ----------
-    widths : tuple of int
-        Vertices of the mesh, then after each convolution; see `INFERRED_WIDTHS`.
-    activation : str
-        Nonlinearity after every layer but the two that end encoder and decoder.
-        The paper does not name it.
-    negative_slope : float
-        Slope of `leaky_relu` below zero.
-    latent_size : int
-        Numbers kept of a mesh, n; the paper's is 100.
+    `widths` are the vertices of the mesh, then after each convolution; `activation`, which the
+    paper does not name, follows every layer but the two that end encoder and decoder.
     """
 
     def __init__(
@@ -98,14 +86,13 @@ class MeshAutoencoder(nn.Module):
         return nn.Sequential(steps)
 
     def encode(self, offsets: Tensor) -> Tensor:
-        """Normalised offsets (B, V, 3) to latents (B, n).
-
-        Raises
-        ------
-        DsnetError
-            If the mesh has another number of vertices than the network.
-        """
-        self._check(offsets)
+        """Normalised offsets (B, V, 3) to latents (B, n)."""
+        if offsets.ndim != 3 or offsets.shape[1:] != (self.widths[0], FEATURES[0]):
+            raise DsnetError(
+                f"offsets of shape {tuple(offsets.shape)}",
+                f"(frames, {self.widths[0]}, {FEATURES[0]})",
+                "Use meshes with the topology that the autoencoder was trained on.",
+            )
         coarse = self.encoder(offsets.transpose(0, 1).contiguous())  # (30, B, 9)
         return self.to_latent(coarse.transpose(0, 1).flatten(1))
 
@@ -116,22 +103,158 @@ class MeshAutoencoder(nn.Module):
         return self.to_coordinates(self.decoder(coarse)).transpose(0, 1)
 
     def forward(self, offsets: Tensor) -> Tensor:
-        """Reconstruct normalised offsets (B, V, 3)."""
         return self.decode(self.encode(offsets))
-
-    def _check(self, offsets: Tensor) -> None:
-        if offsets.ndim != 3 or offsets.shape[1:] != (self.widths[0], FEATURES[0]):
-            raise DsnetError(
-                f"offsets of shape {tuple(offsets.shape)}",
-                f"(frames, {self.widths[0]}, {FEATURES[0]})",
-                "Use meshes with the topology that the autoencoder was trained on.",
-            )
 
 
 def _convolutions(widths: tuple[int, ...]) -> list[tuple[str, nn.Module]]:
     return [(f"conv_{k}", VertexConv(*pair)) for k, pair in enumerate(pairwise(widths), start=1)]
 
 
+class CasasOtaduyAutoencoder(nn.Module):
+    """Fully connected autoencoder of flattened offsets (Casas and Otaduy 2018; Section 5):
+    284,678,770 parameters. `widths` are the input size, then the outputs of the encoder's layers
+    but the last.
+    """
+
+    def __init__(
+        self,
+        widths: tuple[int, ...] = CASAS_OTADUY_WIDTHS[:-1],
+        latent_size: int = LATENT_SIZE,
+    ) -> None:
+        super().__init__()
+        self.latent_size = latent_size
+        widths = (*widths, latent_size)
+        self.encoder = _fully_connected(widths)
+        self.decoder = _fully_connected(widths[::-1])
+
+    def encode(self, offsets: Tensor) -> Tensor:
+        """Normalised offsets (B, V, 3) to latents (B, n)."""
+        return self.encoder(offsets.flatten(1))
+
+    def decode(self, latents: Tensor) -> Tensor:
+        """Latents (B, n) to normalised offsets (B, V, 3)."""
+        return self.decoder(latents).unflatten(1, (-1, 3))
+
+    def forward(self, offsets: Tensor) -> Tensor:
+        return self.decode(self.encode(offsets))
+
+
+def _fully_connected(widths: tuple[int, ...]) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for width_in, width_out in pairwise(widths):
+        layers += [nn.Linear(width_in, width_out), nn.LeakyReLU(0.1, inplace=True)]
+    return nn.Sequential(*layers[:-1])
+
+
 def parameter_count(model: nn.Module) -> int:
     """Number of trainable parameters of a built model."""
     return sum(parameter.numel() for parameter in model.parameters() if parameter.requires_grad)
+
+
+@torch.no_grad()
+def initialise_with_modes(model: MeshAutoencoder, sample: Tensor, seed: int) -> None:
+    """Make `model` the best linear code of `sample` that mixes vertices alike for all features.
+
+    PyTorch's own beginning, which the paper presumably used, shrinks the signal by 1/sqrt(3) or
+    more in each layer: fourteen of them answer zero, and most of a short run is spent on growing
+    them. This one is exactly linear and already reconstructs most of the motion. First, for f =
+    LeakyReLU of slope a,
+
+        f(-f(x)) = -a x        for every x,
+
+    so that a *pair* of layers, joined by minus the identity, is linear although both nonlinearities
+    are in place; encoder and decoder have six activations each, hence three pairs. Second, a linear
+    code that mixes vertices alike for all features is best made of the leading left singular
+    vectors of the vertices x (frames, coordinates) matrix. The latents begin as a random rotation
+    of those modes' coefficients, scaled to order one: distances between latents then are distances
+    between offsets, and no latent outweighs another.
+
+    `sample` (frames, V, 3) are normalised offsets of training frames; `seed` decides the random
+    directions that complete the modes, and the rotation.
+    """
+    if model.activation != "leaky_relu" or len(model.widths) != 5:
+        raise ValueError("'modes' needs leaky_relu, whose pairs are linear, and four convolutions")
+    generator = torch.Generator().manual_seed(seed)
+    _vertices, fine, middle, coarse, coarsest = model.widths
+    basis = vertex_basis(sample, count=coarsest, size=fine, generator=generator)
+    modes = torch.einsum("bvc,vm->bmc", sample, basis[:, :coarsest])
+    code = _latent_code(modes, model.latent_size, generator)
+    gain = model.negative_slope**-0.5
+    encoder, decoder = model.encoder, model.decoder
+
+    _set(encoder.linear_1, gain * _features(generator, FEATURES[1], FEATURES[0]))
+    _set(encoder.linear_2, -gain * _features(generator, FEATURES[2], FEATURES[1]))
+    _set(encoder.conv_1, gain * basis.T)
+    _set(encoder.conv_2, -gain * torch.eye(middle, fine))
+    _set(encoder.conv_3, gain * torch.eye(coarse, middle))
+    _set(encoder.conv_4, -gain * torch.eye(coarsest, coarse))
+    _set(model.to_latent, code)
+
+    _set(model.from_latent, gain * _with_features(code.T, coarsest, generator))
+    _set(decoder.conv_1, -gain * torch.eye(coarse, coarsest))
+    _set(decoder.conv_2, gain * torch.eye(middle, coarse))
+    _set(decoder.conv_3, -gain * torch.eye(fine, middle))
+    _set(decoder.conv_4, gain * basis)
+    _set(decoder.linear_1, -gain * torch.eye(FEATURES[1], FEATURES[2]))
+    _set(model.to_coordinates, torch.eye(FEATURES[0], FEATURES[1]))
+    # A root mean square of one is the scale that a predictor learns best.
+    latents = torch.cat([model.encode(part) for part in sample.split(64)])
+    scale = latents.square().mean().sqrt().clamp(min=1e-6)
+    model.to_latent.weight /= scale
+    model.from_latent.weight *= scale
+
+
+def vertex_basis(sample: Tensor, *, count: int, size: int, generator: torch.Generator) -> Tensor:
+    """Orthonormal columns (V, size): the `count` leading vertex modes, then random directions."""
+    snapshots = sample.transpose(0, 1).flatten(1)  # (V, frames * 3)
+    gram = snapshots.T.double() @ snapshots.double()
+    _, vectors = torch.linalg.eigh(gram)
+    modes = snapshots.double() @ vectors.flip(1)[:, :count]
+    others = torch.randn(len(snapshots), size - modes.shape[1], generator=generator)
+    return torch.linalg.qr(torch.cat([modes.float(), others], dim=1)).Q
+
+
+def _set(layer: Any, weight: Tensor) -> None:
+    layer.weight.copy_(weight.reshape(layer.weight.shape))
+    layer.bias.zero_()
+
+
+def _features(generator: torch.Generator, rows: int, columns: int) -> Tensor:
+    """Identity, and below it random features, which nothing reads at first but training may."""
+    extra = torch.randn(rows - columns, columns, generator=generator) / columns**0.5
+    return torch.cat([torch.eye(columns), extra])
+
+
+def _latent_code(modes: Tensor, size: int, generator: torch.Generator) -> Tensor:
+    """(size, M * 9): rotated latents of the linear features; the rest see the random ones.
+
+    Where there are fewer latents than linear features, which are the modes' coefficients
+    (frames, M, 3), their leading principal directions have them. Were the spare latents and the
+    spare features zero on both sides, no gradient would ever reach them; hence their small random
+    weights.
+    """
+    _, vertices, coordinates = modes.shape
+    linear = min(vertices * coordinates, size)
+    code = torch.zeros(size, vertices, FEATURES[-1])
+    picked = torch.eye(linear)
+    if linear < vertices * coordinates:  # orthonormal rows that keep most of the energy
+        values = modes.flatten(1).double()
+        picked = torch.linalg.eigh(values.T @ values)[1].flip(1)[:, :linear].T.float()
+    code[:linear, :, :coordinates] = picked.view(linear, vertices, coordinates)
+    spare = code[linear:, :, coordinates:]
+    spare.copy_(torch.randn(spare.shape, generator=generator) / spare[0:1].numel() ** 0.5)
+    square = torch.randn(size, size, generator=generator)
+    return torch.linalg.qr(square).Q @ code.flatten(1)
+
+
+def _with_features(weight: Tensor, vertices: int, generator: torch.Generator) -> Tensor:
+    """The decoder's first weight (vertices * 9, n), in which no spare feature is zero.
+
+    Where no latent was spare they would all be, and so learn one and the same. Nothing reads them
+    at first: the code stays linear.
+    """
+    weight = weight.clone().view(vertices, FEATURES[-1], -1)
+    spare = weight[:, FEATURES[0] :]
+    if not spare.any():
+        spare.copy_(torch.randn(spare.shape, generator=generator) / weight.shape[-1] ** 0.5)
+    return weight.flatten(0, 1)

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from bridge.exchange.codes import AUTOENCODER, LATENTS_OF, CodeName
+from bridge.exchange.codes import AUTOENCODER, LATENTS_OF
 from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.array_file import ArrayFile
 from bridge.runs.progress import progress
 from bridge.runs.worker_pool import on_any_node
-from torch_align_ae.autoencoder.codec import load_codecs
-from torch_align_ae.autoencoder.pca import OffsetCodec
+from torch_align_ae.autoencoder.codes import load_codecs
 from torch_align_ae.workers import torch_workers
 
 
@@ -42,67 +39,39 @@ def main(config: DecodeConfig) -> None:
     run.build(
         "decode",
         config,
-        lambda writer: _make(
-            upstream["infer"], upstream["encode"], load_codecs(upstream["train-ae"]), writer
-        ),
+        lambda writer: _make(writer, *upstream.values()),
         data=upstream["encode"].origin,
         upstream=upstream,
     )
 
 
-@dataclass(frozen=True)
-class _Decoding:
-    """What a worker needs to decode sequences."""
-
-    predict: Artifact
-    encode: Artifact
-    codecs: Mapping[CodeName, OffsetCodec]
-    offsets: Mapping[str, ArrayFile]
-
-
-def _make(
-    predict: Artifact,
-    encode: Artifact,
-    codecs: Mapping[CodeName, OffsetCodec],
-    writer: ArtifactWriter,
-) -> None:
-    chosen = decoded_sequences(sequences_of(predict))
+def _make(writer: ArtifactWriter, infer: Artifact, encode: Artifact, trained: Artifact) -> None:
+    chosen, codecs = decoded_sequences(sequences_of(infer)), load_codecs(trained)
     placed = end_to_end(chosen)
-    shape = (sum(sequence.length for sequence in chosen), codecs[AUTOENCODER].vertex_count, 3)
-    predictors = predict.manifest["predictors"]
+    shape = (placed[-1].frames.stop, codecs[AUTOENCODER].vertex_count, 3)
+    predictors, codes = infer.manifest["predictors"], infer.manifest.get("codes", {})
     offsets = {
         name: writer.array_file(f"offsets_{name}", shape, np.float32, "m")
         for name in (*predictors, AUTOENCODER)
     }
     aligned = {sequence.name: sequence for sequence in sequences_of(encode)}
-    items = [
-        (source, target, aligned.get(source.name))
-        for source, target in zip(chosen, placed, strict=True)
-    ]
-    stage = _Decoding(predict, encode, codecs, offsets)
-    with torch_workers(on_any_node("threads"), stage) as pool:
-        done = pool.map(_decode, items)
-        for _ in progress(done, what="decode", unit="sequence", total=len(items)):
+
+    def decode(infer: Artifact, item: tuple[MotionSequence, MotionSequence]) -> None:
+        source, target = item
+        latents = {name: infer.array(f"latents_{name}")[source.frames] for name in predictors}
+        # Test sequences were never aligned: their rows keep the zeros of a new array.
+        if known := aligned.get(source.name):
+            latents[AUTOENCODER] = encode.array(LATENTS_OF[AUTOENCODER])[known.frames]
+        for name, values in latents.items():
+            codec = codecs[codes.get(name, AUTOENCODER)]
+            for piece in target.pieces():
+                own = slice(piece.start - target.start, piece.stop - target.start)
+                offsets[name].write(piece.start, codec.decode(values[own]))
+
+    with torch_workers(on_any_node("threads"), infer) as pool:
+        done = pool.map(decode, list(zip(chosen, placed, strict=True)))
+        for _ in progress(done, what="decode", unit="sequence", total=len(chosen)):
             pass
     writer.record(
-        sequences=to_manifest(placed), predictors=predictors, default=predict.manifest["default"]
+        sequences=to_manifest(placed), predictors=predictors, default=infer.manifest["default"]
     )
-
-
-def _decode(
-    stage: _Decoding, item: tuple[MotionSequence, MotionSequence, MotionSequence | None]
-) -> None:
-    source, target, known = item
-    predictors, codes = (
-        stage.predict.manifest["predictors"],
-        stage.predict.manifest.get("codes", {}),
-    )
-    latents = {name: stage.predict.array(f"latents_{name}")[source.frames] for name in predictors}
-    # Test sequences were never aligned: their rows keep the zeros of a new array.
-    if known is not None:
-        latents[AUTOENCODER] = stage.encode.array(LATENTS_OF[AUTOENCODER])[known.frames]
-    for name, values in latents.items():
-        codec = stage.codecs[codes.get(name, AUTOENCODER)]
-        for piece in target.pieces():
-            own = slice(piece.start - target.start, piece.stop - target.start)
-            stage.offsets[name].write(piece.start, codec.decode(values[own]))

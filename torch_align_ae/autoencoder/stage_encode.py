@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from bridge.errors import DsnetError
-from bridge.exchange.codes import AUTOENCODER, LATENTS_OF, UNITS, CodeName
+from bridge.exchange.codes import AUTOENCODER, LATENTS_OF, UNITS
 from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.array_file import ArrayFile
 from bridge.runs.progress import progress
 from bridge.runs.worker_pool import on_any_node
-from torch_align_ae.autoencoder.codec import load_codecs
-from torch_align_ae.autoencoder.pca import OffsetCodec
+from torch_align_ae.autoencoder.codes import load_codecs
 from torch_align_ae.workers import torch_workers
 
 
@@ -37,36 +34,35 @@ PROFILES = {name: EncodeConfig(run=name) for name in ("smoke", "demo", "paper")}
 def main(config: EncodeConfig) -> None:
     """Run the stage; a result that is current is kept."""
     run = Run(config.run)
-    align, trained = run.artifact("align"), run.artifact("train-ae")
+    upstream = {stage: run.artifact(stage) for stage in ("align", "train-ae")}
+    align, trained = upstream.values()
     run.build(
         "encode",
         config,
-        lambda writer: _make(align, load_codecs(trained), writer),
+        lambda writer: _make(align, trained, writer),
         data=align.origin,
-        upstream={"align": align, "train-ae": trained},
+        upstream=upstream,
     )
 
 
-@dataclass(frozen=True)
-class _Encoding:
-    """What a worker needs to encode sequences."""
-
-    align: Artifact
-    codecs: Mapping[CodeName, OffsetCodec]
-    latents: Mapping[CodeName, ArrayFile]
-
-
-def _make(align: Artifact, codecs: Mapping[CodeName, OffsetCodec], writer: ArtifactWriter) -> None:
-    sequences = sequences_of(align)
+def _make(align: Artifact, trained: Artifact, writer: ArtifactWriter) -> None:
+    sequences, codecs = sequences_of(align), load_codecs(trained)
     frames = sum(sequence.length for sequence in sequences)
-    latents: dict[CodeName, ArrayFile] = {
+    latents = {
         code: writer.array_file(
             LATENTS_OF[code], (frames, codec.latent_size), np.float32, UNITS[code]
         )
         for code, codec in codecs.items()
     }
-    with torch_workers(on_any_node("threads"), _Encoding(align, codecs, latents)) as pool:
-        done = pool.map(_encode, sequences)
+
+    def encode(align: Artifact, sequence: MotionSequence) -> None:
+        offsets_m = align.array("offsets")
+        for piece in sequence.pieces():
+            for code, codec in codecs.items():
+                latents[code].write(piece.start, codec.encode(offsets_m[piece]))
+
+    with torch_workers(on_any_node("threads"), align) as pool:
+        done = pool.map(encode, sequences)
         for _ in progress(done, what="encode", unit="sequence", total=len(sequences)):
             pass
     known = [latents[AUTOENCODER].read(s.frames) for s in sequences if s.split == "train"]
@@ -82,10 +78,3 @@ def _make(align: Artifact, codecs: Mapping[CodeName, OffsetCodec], writer: Artif
     writer.put("theta", align.array("theta"), "rad, then m")
     writer.put("betas", align.array("betas"), "1")
     writer.record(sequences=to_manifest(sequences))
-
-
-def _encode(stage: _Encoding, sequence: MotionSequence) -> None:
-    offsets_m = stage.align.array("offsets")
-    for piece in sequence.pieces():
-        for code, codec in stage.codecs.items():
-            stage.latents[code].write(piece.start, codec.encode(offsets_m[piece]))

@@ -2,44 +2,109 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+import time
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from tyro.conf import Fixed
 
 from bridge.body.dmpl_files import load_dmpl_directions
 from bridge.errors import DsnetError
 from bridge.exchange import save_weights
 from bridge.exchange.codes import DMPL, LINEAR_FILES, PCA, CodeName
-from bridge.motion.splits import SplitName
-from bridge.options import NonNegativeInt
-from bridge.paper import ALTERNATIVE_WIDTHS, LATENT_SIZE
-from bridge.runs import Artifact, ArtifactWriter, Run
-from torch_align_ae.autoencoder.allocation import keep_freed_memory
-from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
-from torch_align_ae.autoencoder.codec import WEIGHTS_FILE
-from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder, parameter_count
-from torch_align_ae.autoencoder.pca import PcaCodec, reconstruction_r2
-from torch_align_ae.autoencoder.presets import PresetName
-from torch_align_ae.autoencoder.training import TrainingResult
-from torch_align_ae.autoencoder.trials import (
-    Trial,
-    TrialOptions,
-    follow,
-    r2_held_out,
-    run_trial,
-    split_of,
+from bridge.motion import sequences_of
+from bridge.motion.splits import (
+    FrameSplit,
+    SplitName,
+    held_out_frames,
+    split_autoencoder_frames,
 )
+from bridge.options import NonNegativeInt, PositiveInt, Seed
+from bridge.paper import ALTERNATIVE_WIDTHS, INFERRED_WIDTHS, LATENT_SIZE
+from bridge.runs import Artifact, ArtifactWriter, Run
+from torch_align_ae.autoencoder.codes import (
+    WEIGHTS_FILE,
+    Codec,
+    NormalisationName,
+    OffsetCodec,
+    PcaCodec,
+    fit_normaliser,
+    reconstruction_r2,
+)
+from torch_align_ae.autoencoder.mesh_autoencoder import (
+    SAMPLE_FRAMES,
+    ActivationName,
+    CasasOtaduyAutoencoder,
+    MeshAutoencoder,
+    initialise_with_modes,
+    parameter_count,
+)
+from torch_align_ae.autoencoder.training import Training, TrainingPlan, keep_freed_memory
 from torch_align_ae.processes import Processes, started_by_torchrun
 
+PresetName = Literal["literal", "measured", "short"]
 TrialName = Literal["literal", "measured", "short", "sequence_split", "all_frames"]
 
 
 @dataclass(frozen=True)
-class TrainAutoencoderConfig(TrialOptions):
+class TrainingPreset:
+    """What the paper leaves open about the autoencoder's training, decided one way."""
+
+    normalisation: NormalisationName
+    initialisation: Literal["torch", "modes"]
+    """How the weights begin: as PyTorch's do, or as a linear code."""
+    departures: tuple[str, ...]
+    """Where this preset leaves the paper's words or its plainest meaning."""
+    activation: ActivationName = "leaky_relu"
+    negative_slope: float = 0.1
+    learning_rate: float = 1e-4
+    """Adam's; the paper's is 1e-4."""
+    warmup_steps: int = 0
+    """As the next two, see `TrainingPlan`."""
+    cosine_decay: bool = False
+    learning_rate_of_loss: float = 0.0
+
+
+_OF_LINEAR_CODE = (
+    "offsets have their mean removed and are divided by one standard deviation, "
+    "so that values leave [-1, 1]",
+    "the weights begin as a linear code of the leading vertex modes of training frames",
+)
+_MEASURED = TrainingPreset(
+    normalisation="standard",
+    initialisation="modes",
+    warmup_steps=20,
+    cosine_decay=True,
+    departures=(
+        *_OF_LINEAR_CODE,
+        "the learning rate rises over 20 steps to the paper's 1e-4 and falls along a cosine",
+    ),
+)
+
+PRESETS: dict[PresetName, TrainingPreset] = {
+    "literal": TrainingPreset("global_maximum", "torch", departures=()),
+    "measured": _MEASURED,
+    # Adam's rate decides how far training first moves away from the linear code, and how near it
+    # comes back in few steps: it has to suit the error that this code begins with.
+    "short": replace(
+        _MEASURED,
+        learning_rate_of_loss=0.0134,
+        departures=(
+            *_OF_LINEAR_CODE,
+            "the learning rate is in proportion to the linear code's validation error (1e-3 for "
+            "an error of 0.075) instead of 1e-4; it rises over 20 steps and falls along a cosine",
+        ),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class TrainAutoencoderConfig:
     """Train the mesh autoencoder: about 0.9 s a step of 64 frames on two cores, 1.5 GB of memory.
 
     Several processes, on several machines that see the same runs, share each batch when torchrun
@@ -52,6 +117,25 @@ class TrainAutoencoderConfig(TrialOptions):
 
     run: str = "demo"
     """Folder under runs/ that holds the aligned offsets."""
+    seed: Seed = 0
+    """Decides the split, the weights' beginning and the order of frames."""
+    architecture: Literal["inferred", "alternative"] = "inferred"
+    """Widths 2000-1300-300-30, or 2000-1250-400-20: the same number of parameters."""
+    batch_size: PositiveInt = 64
+    """Frames a step; the paper's is 64."""
+    steps: NonNegativeInt = 0
+    """Optimiser steps; 0: as many as `epochs` make."""
+    epochs: NonNegativeInt = 100
+    """Passes over the training frames when `steps` is 0."""
+    stop_epoch: Fixed[NonNegativeInt] = 0
+    """Epoch after which the training, not `comparisons`, ends with the learning rate that it has on
+    the way to `epochs`: what a long run is so far, to the bit; 0: never."""
+    validate_every: Fixed[NonNegativeInt] = 0
+    """Steps between two validation losses, the best of which decides what is kept; 0: an epoch."""
+    patience: Fixed[NonNegativeInt] = 10
+    """Validation losses without a better one after which training stops; 0: never."""
+    validation_frames: Fixed[NonNegativeInt] = 0
+    """Validation frames scored each time; 0: all. The final score always takes all."""
     preset: PresetName = "measured"
     """How the paper's silences are filled: by its plainest words (`literal`), by what was measured
     to learn, or by what learns in a few hundred steps (`short`)."""
@@ -91,106 +175,184 @@ def main(config: TrainAutoencoderConfig) -> None:
     """Run the stage: a result that is current is kept, one that was interrupted is continued."""
     align = Run(config.run).artifact("align")
     if config.dmpl:
-        _check_dmpl(config.dmpl, align)
+        if align.origin == "synthetic":
+            raise DsnetError(
+                f"--dmpl {config.dmpl} beside synthetic meshes",
+                "meshes of SMPL's topology: vertices of the embedded bodies have another order",
+                "Leave --dmpl out, or align licensed files (docs/data.md).",
+            )
+        load_dmpl_directions(config.dmpl)  # which may refuse it, before hours of training
     keep_freed_memory()
     with started_by_torchrun() as processes:
-        if not processes.leads:
-            follow(align, processes)
+        if processes.leads:
+            Run(config.run).build(
+                "train-ae",
+                config,
+                lambda writer: _make(config, align, writer, processes),
+                data=align.origin,
+                upstream={"align": align} | ({"dmpl": config.dmpl} if config.dmpl else {}),
+            )
+            processes.told(None)
             return
-        Run(config.run).build(
-            "train-ae",
-            config,
-            lambda writer: _make(config, align, writer, processes),
-            data=align.origin,
-            upstream={"align": align} | ({"dmpl": config.dmpl} if config.dmpl else {}),
-        )
-        processes.told(None)
-
-
-def _check_dmpl(path: Path, align: Artifact) -> None:
-    """Before hours of training."""
-    if align.origin == "synthetic":
-        raise DsnetError(
-            f"--dmpl {path} beside synthetic meshes",
-            "meshes of SMPL's topology: vertices of the embedded bodies have another order",
-            "Leave --dmpl out, or align licensed files (docs/data.md).",
-        )
-    load_dmpl_directions(path)
+        # Share the leader's work until it says that there is no more.
+        nothing: _Trial | None = None
+        while trial := processes.told(nothing):
+            codec, split = _beginning(trial, align)
+            _training(trial, codec, split, align, processes).run()
 
 
 def _make(
     config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter, processes: Processes
 ) -> None:
-    codec, result, summary = run_trial(config, _main_trial(config), align, writer, processes)
+    codec, summary = _trained("autoencoder", config, align, writer, processes)
     codec.save(writer.file_path(WEIGHTS_FILE))
-    _put_losses(writer, "", result)
-    linear = _fitted_pca(config, align)
     writer.record(
-        architecture=codec.architecture(),
-        autoencoder=summary,
-        pca=_stored(PCA, linear, config, align, writer),
-        parameters=parameter_counts(),
+        architecture=codec.architecture(), autoencoder=summary, parameters=parameter_counts()
     )
-    if config.dmpl:
-        given = PcaCodec.of_directions(load_dmpl_directions(config.dmpl))
-        writer.record(dmpl=_stored(DMPL, given, config, align, writer))
     del codec
-    compared, length = [], _length_of_comparisons(config)
+    # Linear codes, of the frames that the autoencoder is trained on.
+    split, offsets_m = _split_of(config, align), align.array("offsets")
+    linear: dict[CodeName, PcaCodec]
+    linear = {PCA: PcaCodec.fit(offsets_m, split.train, LATENT_SIZE, seed=config.seed)}
+    if config.dmpl:
+        linear[DMPL] = PcaCodec.of_directions(load_dmpl_directions(config.dmpl))
+    for code, fitted in linear.items():
+        save_weights(writer.file_path(LINEAR_FILES[code]), vars(fitted))
+        kept = {
+            "components": len(fitted.components),
+            "r2_validation": reconstruction_r2(fitted, offsets_m, split.validation),
+            "r2_held_out": _r2_held_out(fitted, align),
+        }
+        writer.record(**{code: kept})
+    compared = []
     for name in config.comparisons:
-        trial = _comparison(config, name)
-        _codec, result, summary = run_trial(length, trial, align, writer, processes)
-        _put_losses(writer, f"_{name}", result)
-        compared.append(summary)
+        other = _comparison(config, name)
+        compared.append(_trained(name, other, align, writer, processes)[1])
     writer.record(comparisons=compared)
 
 
-def _put_losses(writer: ArtifactWriter, suffix: str, result: TrainingResult) -> None:
-    writer.put(f"loss{suffix}", result.losses.astype(np.float32), "1")
-    writer.put(f"validation_loss{suffix}", result.validation_losses.astype(np.float32), "1")
-    writer.put(f"validation_steps{suffix}", result.steps.astype(np.int32), "step")
-
-
-def _main_trial(config: TrainAutoencoderConfig) -> Trial:
-    return Trial("autoencoder", config.preset, config.split, config.include_held_out)
-
-
-def _length_of_comparisons(config: TrainAutoencoderConfig) -> TrainAutoencoderConfig:
-    """The configuration with the comparisons' number of steps."""
-    epochs = config.comparison_epochs
-    whole = replace(config, stop_epoch=0)
-    return replace(whole, steps=0, epochs=epochs) if epochs else whole
-
-
-def _comparison(config: TrainAutoencoderConfig, name: TrialName) -> Trial:
+def _comparison(config: TrainAutoencoderConfig, name: TrialName) -> TrainAutoencoderConfig:
+    config = replace(config, stop_epoch=0)
+    if config.comparison_epochs:
+        config = replace(config, steps=0, epochs=config.comparison_epochs)
     if name == "sequence_split":
-        return Trial(name, config.preset, "sequence", config.include_held_out)
+        return replace(config, split="sequence")
     if name == "all_frames":
-        return Trial(name, config.preset, config.split, include_held_out=True)
-    return Trial(name, name, config.split, config.include_held_out)
+        return replace(config, include_held_out=True)
+    return replace(config, preset=name)
 
 
-def _fitted_pca(config: TrainAutoencoderConfig, align: Artifact) -> PcaCodec:
-    """Of the frames that the autoencoder is trained on."""
-    frames = split_of(config, _main_trial(config), align).train
-    return PcaCodec.fit(align.array("offsets"), frames, LATENT_SIZE, seed=config.seed)
+@dataclass(frozen=True)
+class _Trial:
+    """One training, as the leader of several processes tells it to the others."""
+
+    name: str
+    config: TrainAutoencoderConfig
+    checkpoint: Path
 
 
-def _stored(
-    code: CodeName,
-    codec: PcaCodec,
+def _beginning(trial: _Trial, align: Artifact) -> tuple[Codec, FrameSplit]:
+    """The network before its first step, and the frames that it will see."""
+    config, preset = trial.config, PRESETS[trial.config.preset]
+    offsets_m, split = align.array("offsets"), _split_of(config, align)
+    normaliser = fit_normaliser(preset.normalisation, offsets_m, split.train)
+    widths = INFERRED_WIDTHS if config.architecture == "inferred" else ALTERNATIVE_WIDTHS
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        model = MeshAutoencoder(widths, preset.activation, preset.negative_slope)
+    if preset.initialisation == "modes":
+        sample = torch.from_numpy(mode_sample(offsets_m, split, config.seed))
+        initialise_with_modes(model, normaliser.normalise(sample), config.seed)
+    return Codec(model, normaliser), split
+
+
+def _training(
+    trial: _Trial, codec: Codec, split: FrameSplit, align: Artifact, processes: Processes
+) -> Training[MeshAutoencoder]:
+    config, preset = trial.config, PRESETS[trial.config.preset]
+    per_epoch = math.ceil(len(split.train) / config.batch_size)
+    plan = TrainingPlan(
+        steps=config.steps or config.epochs * per_epoch,
+        stop=config.stop_epoch * per_epoch,
+        batch_size=config.batch_size,
+        learning_rate=preset.learning_rate,
+        learning_rate_of_loss=preset.learning_rate_of_loss,
+        warmup_steps=preset.warmup_steps,
+        cosine_decay=preset.cosine_decay,
+        validate_every=config.validate_every,
+        patience=config.patience,
+        validation_frames=config.validation_frames,
+        seed=config.seed,
+    )
+    model = codec.model.to("cuda" if torch.cuda.is_available() else "cpu")
+    offsets_m, label = align.array("offsets"), f"train-ae {trial.name}"
+    return Training(
+        model, codec.normaliser, offsets_m, split, plan, trial.checkpoint, label, processes
+    )
+
+
+def _trained(
+    name: str,
     config: TrainAutoencoderConfig,
     align: Artifact,
     writer: ArtifactWriter,
-) -> dict[str, Any]:
-    """Write a linear code's file; returns what it keeps of the offsets."""
-    save_weights(writer.file_path(LINEAR_FILES[code]), codec.arrays())
+    processes: Processes,
+) -> tuple[Codec, dict[str, Any]]:
+    """Train, or go on from the writer's checkpoint; and what the manifest says of it."""
+    checkpoint = writer.checkpoints.resolve() / f"{name}.safetensors"
+    trial = processes.told(_Trial(name, config, checkpoint))
+    codec, split = _beginning(trial, align)
     offsets_m = align.array("offsets")
-    split = split_of(config, _main_trial(config), align)
-    return {
-        "components": len(codec.components),
+    initial_r2 = reconstruction_r2(codec, offsets_m, split.validation)
+    training = _training(trial, codec, split, align, processes)
+    started = time.perf_counter()
+    result = training.run()
+    writer.record_measured(**{f"{name}_training_s": round(time.perf_counter() - started, 2)})
+    suffix = "" if name == "autoencoder" else f"_{name}"
+    writer.put(f"loss{suffix}", result.losses.astype(np.float32), "1")
+    writer.put(f"validation_loss{suffix}", result.validation_losses.astype(np.float32), "1")
+    writer.put(f"validation_steps{suffix}", result.steps.astype(np.int32), "step")
+    codec.model.cpu().eval()
+    return codec, {
+        "name": name,
+        "preset": config.preset,
+        **asdict(PRESETS[config.preset]),
+        "loss": "mean squared error of normalised offsets",
+        "split": config.split,
+        "train_frames": len(split.train),
+        "validation_frames": len(split.validation),
+        "steps": training.plan.steps,
+        "learning_rate": float(training.learning_rate),
+        "steps_taken": int(result.steps[-1]),
+        "best_step": int(result.steps[result.best]),
+        "loss_initial": float(result.validation_losses[0]),
+        "loss_best": float(result.validation_losses[result.best]),
+        "r2_initial": initial_r2,
         "r2_validation": reconstruction_r2(codec, offsets_m, split.validation),
-        "r2_held_out": r2_held_out(codec, align),
+        "include_held_out": config.include_held_out,
+        "r2_held_out": _r2_held_out(codec, align),
     }
+
+
+def _split_of(config: TrainAutoencoderConfig, align: Artifact) -> FrameSplit:
+    return split_autoencoder_frames(
+        sequences_of(align), config.seed, by=config.split, include_held_out=config.include_held_out
+    )
+
+
+def mode_sample(
+    offsets_m: NDArray[np.float32], split: FrameSplit, seed: int
+) -> NDArray[np.float32]:
+    """Training frames (frames, V, 3) in metres from which `initialise_with_modes` begins."""
+    count = min(SAMPLE_FRAMES, len(split.train))
+    frames = np.random.default_rng(seed).choice(split.train, count, replace=False)
+    return np.asarray(offsets_m[np.sort(frames)], dtype=np.float32)
+
+
+def _r2_held_out(codec: OffsetCodec, align: Artifact) -> float | None:
+    """R2 on the sequences that are held out; None if there are none."""
+    frames = held_out_frames(sequences_of(align))
+    return reconstruction_r2(codec, align.array("offsets"), frames) if len(frames) else None
 
 
 def parameter_counts() -> dict[str, int]:

@@ -1,17 +1,21 @@
 """Training of an autoencoder: Adam on the mean squared error of normalised offsets.
 
-The paper gives optimiser, learning rate, batch size and split (Section 5) but
-not the loss; the mean squared error is the usual one, and ours.
+The paper gives optimiser, learning rate, batch size and split (Section 5) but not the loss; the
+mean squared error is the usual one, and ours.
 """
 
 from __future__ import annotations
 
+import ctypes
 import math
+import os
+import platform
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import torch
@@ -24,8 +28,7 @@ from bridge.exchange import load_weights
 from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.exchange.weights import refuse_nonfinite
 from bridge.motion.splits import FrameSplit, chunks
-from torch_align_ae.autoencoder.normaliser import Normaliser
-from torch_align_ae.determinism import reproducible
+from torch_align_ae.autoencoder.codes import Normaliser
 from torch_align_ae.processes import Processes
 
 _VALIDATION_BATCH = 64
@@ -83,12 +86,9 @@ class TrainingPlan:
 class TrainingResult:
     """What training leaves behind; the model holds the weights of the least validation loss."""
 
-    losses: NDArray[np.float64]
-    """(R,) mean training loss of the steps before each validation."""
-    validation_losses: NDArray[np.float64]
-    """(R + 1,); the first is before the first step."""
-    steps: NDArray[np.int64]
-    """(R + 1,) steps taken at each validation."""
+    losses: NDArray[np.float64]  # (R,) mean training loss of the steps before each validation
+    validation_losses: NDArray[np.float64]  # (R + 1,); the first is before the first step
+    steps: NDArray[np.int64]  # (R + 1,) steps taken at each validation
 
     @property
     def best(self) -> int:
@@ -111,11 +111,9 @@ class Training(Generic[Network]):
     plan: TrainingPlan
     checkpoint: Path
     label: str = "autoencoder"
-    processes: Processes = ALONE
-    """Those that share each batch."""
+    processes: Processes = ALONE  # those that share each batch
 
-    learning_rate: float = field(init=False)
-    """The largest one."""
+    learning_rate: float = field(init=False)  # the largest one
     step_s: list[float] = field(init=False, default_factory=list)
     """Seconds of each step that this process took; of a GPU only the time to ask for it."""
 
@@ -129,13 +127,7 @@ class Training(Generic[Network]):
         self._scored = scored_frames(self.split, self.plan.validation_frames)
 
     def run(self) -> TrainingResult:
-        """Train to the end of the plan, from the checkpoint if there is one.
-
-        Raises
-        ------
-        DsnetError
-            If a loss or a weight is no longer finite.
-        """
+        """Train to the end of the plan, from the checkpoint if there is one."""
         result = self._start()
         if self.plan.learning_rate_of_loss:
             self.learning_rate = self.plan.learning_rate_of_loss * result.validation_losses[0]
@@ -143,16 +135,22 @@ class Training(Generic[Network]):
         end = self.plan.taken
         bar = tqdm(total=end, initial=done, desc=self.label, unit="step", disable=None)
         with bar, reproducible():
-            while done < end and not self._stale(result):
+            while done < end and not 0 < self.plan.patience <= len(result.losses) - result.best:
                 upto = min(done + (self.plan.validate_every or self._epoch_steps), end)
                 loss = self._train(range(done, upto), bar)
                 done = upto
-                result = self._extended(result, loss, self.validation_loss(), done)
+                loss = self._finite(loss, "loss", done)
+                validation = self._finite(self.validation_loss(), "validation loss", done)
+                result = TrainingResult(
+                    np.append(result.losses, loss),
+                    np.append(result.validation_losses, validation),
+                    np.append(result.steps, done),
+                )
                 if result.best == len(result.losses):
                     self._keep_best()
                 if self.processes.leads:
                     save_training(self.checkpoint, self.model, self._adam, result)
-                bar.set_postfix(validation=f"{result.validation_losses[-1]:.4f}")
+                bar.set_postfix(validation=f"{validation:.4f}")
         self.processes.told(None)  # that its last file is whole
         best = load_weights(self.best_file)
         refuse_nonfinite(best, self.label, _REMEDY)
@@ -176,26 +174,12 @@ class Training(Generic[Network]):
         self._keep_best()
         return TrainingResult(np.empty(0), np.array([loss]), np.array([0]))
 
-    def _extended(
-        self, result: TrainingResult, loss: float, validation_loss: float, step: int
-    ) -> TrainingResult:
-        return TrainingResult(
-            np.append(result.losses, self._finite(loss, "loss", step)),
-            np.append(
-                result.validation_losses, self._finite(validation_loss, "validation loss", step)
-            ),
-            np.append(result.steps, step),
-        )
-
     def _finite(self, loss: float, what: str, step: int) -> float:
         if not math.isfinite(loss):
             raise DsnetError(
                 f"{self.label} with a {what} of {loss} after step {step}", "a number", _REMEDY
             )
         return loss
-
-    def _stale(self, result: TrainingResult) -> bool:
-        return 0 < self.plan.patience <= len(result.losses) - result.best
 
     def _train(self, steps: range, bar: tqdm) -> float:
         """Take these steps; return their mean loss."""
@@ -255,15 +239,12 @@ def scored_frames(split: FrameSplit, wanted: int) -> NDArray[np.int64]:
 
 
 def save_training(
-    path: Path,
-    model: nn.Module,
-    optimizer: torch.optim.Adam,
-    result: TrainingResult,
+    path: Path, model: nn.Module, optimizer: torch.optim.Adam, result: TrainingResult
 ) -> None:
     """Write weights, Adam's moments and the losses atomically.
 
-    No random state is kept: each epoch's order follows from the seed and the
-    epoch's number, and nothing else is drawn.
+    No random state is kept: each epoch's order follows from the seed and the epoch's number, and
+    nothing else is drawn.
     """
     arrays: dict[str, NDArray] = {}
     for name, parameter in model.named_parameters():
@@ -296,3 +277,40 @@ def _assign(model: nn.Module, weights: dict[str, NDArray]) -> None:
 
 def _numpy(tensor: Tensor) -> NDArray[np.float32]:
     return tensor.detach().cpu().numpy()
+
+
+@contextmanager
+def reproducible() -> Iterator[None]:
+    """Compute in an order that does not depend on timing.
+
+    A processor needs nothing but the same number of threads, for sums are split by it; whatever is
+    drawn at random has a generator with the run's seed. On a GPU cuBLAS has to keep one workspace,
+    and operations that add in no fixed order are replaced, or refused with an error.
+    """
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+    # Its attributes are properties, of which the module's own annotations know nothing.
+    settings: Any = torch.utils.deterministic
+    before = torch.are_deterministic_algorithms_enabled(), settings.fill_uninitialized_memory
+    torch.use_deterministic_algorithms(True)
+    # Nothing here reads memory that it has not written, and filling it costs a pass over it.
+    settings.fill_uninitialized_memory = False
+    try:
+        yield
+    finally:
+        torch.use_deterministic_algorithms(before[0])
+        settings.fill_uninitialized_memory = before[1]
+
+
+def keep_freed_memory() -> None:
+    """Ask the C library to keep freed memory instead of returning it to the kernel.
+
+    A training step frees and allocates half a gigabyte of activations and gradients. glibc maps
+    blocks of this size anew each time: 40,000 to 60,000 page faults a step, which are dear in a
+    virtual machine. Kept, there are none. Elsewhere than on glibc this does nothing.
+    """
+    if platform.libc_ver()[0] == "glibc":
+        trim_threshold, top_pad, mmap_max = -1, -2, -4
+        libc = ctypes.CDLL(None)
+        libc.mallopt(mmap_max, 0)
+        libc.mallopt(trim_threshold, 1 << 30)
+        libc.mallopt(top_pad, 1 << 26)

@@ -16,12 +16,17 @@ def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
     angle of zero.
     """
     squared = axis_angle.square().sum(-1)[..., None, None]
+    small = squared < _SERIES_BELOW
+    # Safe to divide by where the series stands in, too.
+    angle = torch.sqrt(torch.where(small, torch.ones_like(squared), squared))
+    series = 1 - squared / 6 + squared**2 / 120
+    sine = torch.where(small, series, torch.sin(angle) / angle)
+    # (1 - cos a) / a^2, by the half angle because 1 - cos a cancels.
+    series = 1 / 2 - squared / 24 + squared**2 / 720
+    versine = torch.where(small, series, 2 * (torch.sin(angle / 2) / angle) ** 2)
     cross = cross_matrix(axis_angle)
-    return (
-        torch.eye(3, dtype=axis_angle.dtype, device=axis_angle.device)
-        + _sin_over_angle(squared) * cross
-        + _versine_over_square(squared) * (cross @ cross)
-    )
+    identity = torch.eye(3, dtype=axis_angle.dtype, device=axis_angle.device)
+    return identity + sine * cross + versine * (cross @ cross)
 
 
 def matrix_to_axis_angle(matrix: Tensor) -> Tensor:
@@ -60,14 +65,8 @@ def nearest_rotation(matrix: Tensor) -> Tensor:
 def nearest_turns(axis_angle: Tensor, before: Tensor | None = None) -> Tensor:
     """The same rotations, axis-angle (T, J, 3), as a motion without jumps of a full turn.
 
-    Parameters
-    ----------
-    axis_angle : (T, J, 3) consecutive frames, radians, each angle at most pi.
-    before : (J, 3) the frame before the first, or None.
-
-    Returns
-    -------
-    (T, J, 3) radians: each frame plus the whole turns that bring it nearest to the one before.
+    To each frame, its angles at most pi, whole turns are added that bring it nearest to the one
+    before; `before` (J, 3) is the frame before the first.
     """
     angle = axis_angle.norm(dim=-1, keepdim=True)
     # A rotation by nothing has no axis along which a turn could be added.
@@ -89,30 +88,5 @@ def cross_matrix(vector: Tensor) -> Tensor:
 
 def axial_vector(matrix: Tensor) -> Tensor:
     """Axial vector (..., 3) of twice the antisymmetric part of `matrix` (..., 3, 3)."""
-    return torch.stack(
-        [
-            matrix[..., 2, 1] - matrix[..., 1, 2],
-            matrix[..., 0, 2] - matrix[..., 2, 0],
-            matrix[..., 1, 0] - matrix[..., 0, 1],
-        ],
-        -1,
-    )
-
-
-def _sin_over_angle(squared: Tensor) -> Tensor:
-    small, angle = _split(squared)
-    series = 1 - squared / 6 + squared**2 / 120
-    return torch.where(small, series, torch.sin(angle) / angle)
-
-
-def _versine_over_square(squared: Tensor) -> Tensor:
-    """(1 - cos a) / a^2, by the half angle because 1 - cos a cancels."""
-    small, angle = _split(squared)
-    series = 1 / 2 - squared / 24 + squared**2 / 720
-    return torch.where(small, series, 2 * (torch.sin(angle / 2) / angle) ** 2)
-
-
-def _split(squared: Tensor) -> tuple[Tensor, Tensor]:
-    """Where to use the series, and an angle that is safe to divide by everywhere."""
-    small = squared < _SERIES_BELOW
-    return small, torch.sqrt(torch.where(small, torch.ones_like(squared), squared))
+    pairs = ((2, 1), (0, 2), (1, 0))
+    return torch.stack([matrix[..., i, j] - matrix[..., j, i] for i, j in pairs], -1)

@@ -1,10 +1,13 @@
-"""SMPL in PyTorch: Eq. 1-2, differentiable in every argument.
+"""SMPL in PyTorch: posing (Eq. 1-2), differentiable in every argument, and unposing (Eq. 5).
 
 Inside, coordinates come before vertices, (B, 3, V): every product of skinning is then a stream
 over contiguous vertices, which a processor does three times faster than many 3 x 3 products.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -13,18 +16,78 @@ from torch import Tensor, nn
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.paper import N_JOINTS
-from torch_align_ae.body.kinematics import bone_transforms, tree_levels
 from torch_align_ae.body.rotations import axis_angle_to_matrix
+
+# A half-and-half blend of two rotations phi apart has determinant cos^2(phi / 2): below this
+# one (phi above 176 degrees) the inverse would blow up a millimetre to three centimetres.
+_SINGULAR_BELOW = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class TreeLevels:
+    """A joint tree cut into levels: all joints of a level are posed by one batched product."""
+
+    parents: Tensor  # (J,) parent of each joint; the root is its own
+    sorted_joints: Tensor  # (J,) joints by level, the root first
+    sizes: tuple[int, ...]  # number of joints of each level
+    parent_slots: tuple[Tensor, ...]  # below the root, the parents' places in the level above
+
+
+def tree_levels(parents: Sequence[int]) -> TreeLevels:
+    """Cut a tree with `parents[0] == -1` and parents before children into levels."""
+    levels, slots = [[0]], []
+    while level := [joint for joint, parent in enumerate(parents) if parent in levels[-1]]:
+        slots.append(torch.tensor([levels[-1].index(parents[joint]) for joint in level]))
+        levels.append(level)
+    return TreeLevels(
+        torch.tensor(parents).clamp_min(0),
+        torch.tensor([joint for level in levels for joint in level]),
+        tuple(len(level) for level in levels),
+        tuple(slots),
+    )
+
+
+def subtree_matrix(parents: Sequence[int]) -> Tensor:
+    """(J, J) ones where the column's joint is the row's joint or hangs below it."""
+    below = torch.eye(len(parents))
+    for joint in range(len(parents) - 1, 0, -1):
+        below[parents[joint]] += below[joint]
+    return below
+
+
+def world_frames(
+    rotations: Tensor, joints: Tensor, levels: TreeLevels, trans: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Orientation (B, J, 3, 3) and position (B, J, 3), metres, of each joint in the world.
+
+    `rotations` (B, J, 3, 3) are relative to the parents, `joints` (B, J, 3) in the rest pose, in
+    metres as `trans` (B, 3), the translation of the root.
+    """
+    bones = joints - joints[:, levels.parents]
+    local = torch.cat([rotations, bones[..., None]], -1)[:, levels.sorted_joints]
+    root, *below = local.split(levels.sizes, 1)
+    start = (joints[:, 0] + trans)[:, None, :, None]
+    T_world_joint = [torch.cat([root[..., :3], start], -1)]
+    for T_parent_joint, slots in zip(below, levels.parent_slots, strict=True):
+        above = T_world_joint[-1][:, slots]
+        turned = above[..., :3] @ T_parent_joint
+        turned[..., 3].add_(above[..., 3])
+        T_world_joint.append(turned)
+    frames = torch.cat(T_world_joint, 1)[:, torch.argsort(levels.sorted_joints)]
+    return frames[..., :3], frames[..., 3]
+
+
+def bone_transforms(rotations: Tensor, joints: Tensor, levels: TreeLevels, trans: Tensor) -> Tensor:
+    """(B, J, 3, 4) `T_world_rest` of each bone; arguments as in `world_frames`."""
+    turn, place = world_frames(rotations, joints, levels, trans)
+    shift = place - (turn @ joints[..., None])[..., 0]
+    return torch.cat([turn, shift[..., None]], -1)
 
 
 class SMPL(nn.Module):
     """A body model with constant parameters, V = 6890 vertices for SMPL.
 
-    Parameters
-    ----------
-    data : the body model.
-    dtype : of the buffers and of all results. Pass float64 here; `.double()` later would only
-        widen values that were already rounded.
+    Pass `dtype` float64 here; `.double()` later would only widen values that were already rounded.
     """
 
     template: Tensor
@@ -54,7 +117,6 @@ class SMPL(nn.Module):
 
     @property
     def vertex_count(self) -> int:
-        """Number of vertices, V."""
         return self.template.shape[1]
 
     def moving_weights(self) -> Tensor:
@@ -67,7 +129,7 @@ class SMPL(nn.Module):
     def forward(
         self, betas: Tensor, pose: Tensor, trans: Tensor, offsets: Tensor | None = None
     ) -> Tensor:
-        """Posed vertices, Eq. 1-2.
+        """Posed vertices (B, V, 3), metres, Eq. 1-2.
 
         Parameters
         ----------
@@ -75,15 +137,6 @@ class SMPL(nn.Module):
         pose : (B, 22, 3) or (B, 24, 3) axis-angle, radians; missing hand joints stay at rest.
         trans : (B, 3) translation, metres.
         offsets : (B, V, 3) displacement added in the rest pose, metres, or None.
-
-        Returns
-        -------
-        (B, V, 3) vertices, metres.
-
-        Raises
-        ------
-        DsnetError
-            If an argument has the wrong shape.
         """
         rotations = self.rotations(pose)
         rest = self.planar_rest(betas, rotations)
@@ -93,10 +146,6 @@ class SMPL(nn.Module):
         blended = self.blended_transforms(betas, rotations, trans)
         posed = (blended[:, :, :3] * rest[:, None]).sum(2) + blended[:, :, 3]
         return posed.transpose(1, 2).contiguous()
-
-    def rest(self, betas: Tensor) -> tuple[Tensor, Tensor]:
-        """Shaped body of the template pose, M_S: vertices (B, V, 3) and joints (B, 24, 3), m."""
-        return self._planar_shaped(betas).transpose(1, 2), self.joints(betas)
 
     def rest_vertices(self, betas: Tensor, pose: Tensor) -> Tensor:
         """(B, V, 3) shaped body with pose blend shapes, before skinning (Eq. 2), metres."""
@@ -123,7 +172,9 @@ class SMPL(nn.Module):
         identity = torch.eye(3, dtype=rotations.dtype, device=rotations.device)
         features = (rotations[:, 1:] - identity).flatten(1)
         corrective = features @ self.posedirs.flatten(1)
-        return self._planar_shaped(betas) + corrective.unflatten(1, (3, -1))
+        _check_shape("betas", betas, (len(betas), len(self.shapedirs)))
+        shape = betas @ self.shapedirs.flatten(1)
+        return self.template + shape.unflatten(1, (3, -1)) + corrective.unflatten(1, (3, -1))
 
     def blended_transforms(self, betas: Tensor, rotations: Tensor, trans: Tensor) -> Tensor:
         """Each vertex's weighted mean of the bones' transforms, (B, 3, 4, V), rest to world."""
@@ -132,10 +183,69 @@ class SMPL(nn.Module):
         planar = bones.permute(0, 2, 3, 1).reshape(-1, len(self.parents))
         return (planar @ self.weights).unflatten(0, (-1, 3, 4))
 
-    def _planar_shaped(self, betas: Tensor) -> Tensor:
-        _check_shape("betas", betas, (len(betas), len(self.shapedirs)))
-        shape = betas @ self.shapedirs.flatten(1)
-        return self.template + shape.unflatten(1, (3, -1))
+
+def unpose(smpl: SMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans: Tensor) -> Tensor:
+    """Rest-pose vertices (B, V, 3), metres, of a posed mesh (B, V, 3): Eq. 5's W^-1.
+
+    `betas`, `pose` and `trans` are as in `SMPL.forward`; the pose blend shapes stay in the result.
+    Where skinning has collapsed a vertex (bones turned half round against each other), the
+    collapsed directions cannot be seen in the posed mesh; there the result keeps SMPL's own
+    rest-pose vertex, so its offset is zero in these directions.
+    """
+    return _unposed(smpl, vertices, betas, pose, trans)[0].transpose(1, 2).contiguous()
+
+
+def rest_pose_offsets(
+    smpl: SMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Eq. 5: Delta = W^-1(S) - (T + M_S(beta) + M_P(theta)), and how far SMPL is from the mesh.
+
+    Arguments as in `unpose`. Offsets (B, V, 3) in the rest pose, metres, and (B, V) distances of
+    the posed body's vertices from the mesh's, metres.
+    """
+    unposed, rest, blended, centred = _unposed(smpl, vertices, betas, pose, trans)
+    posed = (blended[:, :, :3] * rest[:, None]).sum(2)
+    return (unposed - rest).transpose(1, 2).contiguous(), (posed - centred).norm(dim=1)
+
+
+def _unposed(
+    smpl: SMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Unposed mesh and SMPL's rest-pose vertices (B, 3, V), the blended transforms (B, 3, 4, V)
+    and the mesh less their translation (B, 3, V)."""
+    _check_shape("vertices", vertices, (len(betas), smpl.vertex_count, 3))
+    rotations = smpl.rotations(pose)
+    rest = smpl.planar_rest(betas, rotations)
+    blended = smpl.blended_transforms(betas, rotations, trans)
+    centred = vertices.transpose(1, 2) - blended[:, :, 3]
+    # Cramer's rule at every vertex.
+    a, b, c = blended[:, :, 0], blended[:, :, 1], blended[:, :, 2]
+    b_c = torch.linalg.cross(b, c, dim=1)
+    determinant = (a * b_c).sum(1)
+    singular = determinant.abs() < _SINGULAR_BELOW
+    divisor = torch.where(singular, torch.ones_like(determinant), determinant)
+    numerators = [
+        (centred * b_c).sum(1),
+        (centred * torch.linalg.cross(c, a, dim=1)).sum(1),
+        (centred * torch.linalg.cross(a, b, dim=1)).sum(1),
+    ]
+    unposed = torch.stack(numerators, 1) / divisor[:, None]
+    if singular.any():
+        unposed = _keep_collapsed(unposed, singular, blended, centred, rest)
+    return unposed, rest, blended, centred
+
+
+def _keep_collapsed(
+    result: Tensor, singular: Tensor, blended: Tensor, centred: Tensor, rest: Tensor
+) -> Tensor:
+    """Replace singular vertices by the least change of SMPL's rest vertex that explains them."""
+    body, vertex = singular.nonzero(as_tuple=True)
+    matrix = blended[body, :, :3, vertex]
+    start = rest[body, :, vertex]
+    residual = centred[body, :, vertex] - (matrix @ start[..., None])[..., 0]
+    inverse = torch.linalg.pinv(matrix, rtol=_SINGULAR_BELOW**0.5)
+    corrected = start + (inverse @ residual[..., None])[..., 0]
+    return result.transpose(1, 2).index_put((body, vertex), corrected).transpose(1, 2)
 
 
 def _check_shape(name: str, tensor: Tensor, shape: tuple[int, ...]) -> None:

@@ -7,8 +7,7 @@ import torch
 from bridge.exchange import load_weights, save_weights
 from bridge.verify.answers import prefixed
 from bridge.verify.protocol import Case, Tensors
-from torch_align_ae.autoencoder.codec import Codec, read_codec
-from torch_align_ae.autoencoder.normaliser import Normaliser
+from torch_align_ae.autoencoder.codes import Codec, Normaliser, read_codec
 from torch_align_ae.dsnet import DSNet, assign_weights, named_weights
 from torch_align_ae.verify_engine import dsnet, mesh_autoencoder
 

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from bridge.verify.answers import layers, learn
 from bridge.verify.protocol import Case, Tensors
 from torch_align_ae.autoencoder import MeshAutoencoder
-from torch_align_ae.autoencoder.normaliser import Normaliser
+from torch_align_ae.autoencoder.codes import Normaliser
 from torch_align_ae.verify_engine.learning import TorchLearner, outputs_of
 
 

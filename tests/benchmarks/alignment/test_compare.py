@@ -17,7 +17,7 @@ from benchmarks.alignment.scores import Scores, body_of, loads_of, moved_by_toes
 from bridge import DsnetError
 from bridge.body.posing import pose_vertices
 from bridge.motion import unpack_theta
-from torch_align_ae.alignment.paper.corpus_fit import Effort
+from torch_align_ae.alignment.sgd import Descent
 
 # Motions begin at rest; a woman, a man, a woman again, since genders are aligned apart.
 PAIRS = (("50004", "jiggle_on_toes"), ("50002", "one_leg_jump"), ("50020", "one_leg_jump"))
@@ -162,7 +162,7 @@ def test_the_peer_is_given_a_fair_chance(known, tmp_path):
     without_tissue = pose_vertices(body_of(one.recording.gender), one.betas[None], pose, trans)[0]
     betas = first_frame_shape(fitter, torch.tensor(without_tissue, dtype=torch.float32))
     np.testing.assert_allclose(betas, one.betas, atol=0.02)
-    makers = contenders(Effort(1, 1, 1), tmp_path)
+    makers = contenders(Descent(steps=1, first_frame_steps=1, shape_steps=1), tmp_path)
     r2 = {}
     for iterations in (3, 10):
         align = makers[f"smplfitter_known_shape_{iterations}"]

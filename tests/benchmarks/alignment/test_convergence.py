@@ -14,8 +14,8 @@ from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, pack_theta, to_manifest
 from bridge.runs import ArtifactWriter, Run, write_artifact
 from torch_align_ae import SMPL
-from torch_align_ae.alignment.paper.objective import MeshDistance
-from torch_align_ae.alignment.paper.sgd import Descent, fit_pose
+from torch_align_ae.alignment.mesh_distance import MeshDistance
+from torch_align_ae.alignment.sgd import Descent, fit_pose
 from torch_align_ae.corpus.dyna_files import write_dyna
 
 LENGTH = 4

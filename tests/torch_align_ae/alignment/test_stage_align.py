@@ -16,9 +16,9 @@ from bridge.runs import Run
 from bridge.runs.run import best_alignment
 from bridge.runs.stage_check import CheckConfig
 from bridge.runs.stage_check import main as check
-from torch_align_ae.alignment.paper import corpus_fit, tracking
-from torch_align_ae.alignment.robust import RobustSettings
-from torch_align_ae.alignment.robust.corpus_fit import RobustCorpusFit
+from torch_align_ae.alignment import corpus_fit, sgd
+from torch_align_ae.alignment.robust import RobustFit, RobustSettings
+from torch_align_ae.alignment.sgd import SgdFit
 from torch_align_ae.alignment.stage_align import PROFILES, AlignConfig, main
 from torch_align_ae.corpus.dyna_files import write_dyna
 
@@ -95,35 +95,42 @@ def test_pose_is_tracked(runs, config, corpus):
     assert arrays["frame_error"].mean() < 0.02
 
 
-def test_interrupted_run_ends_bit_identical(runs, config, monkeypatch):
+@pytest.mark.parametrize("damaged", [False, True])
+def test_interrupted_run_ends_bit_identical(runs, config, monkeypatch, damaged):
     _, expected = aligned(config)
-    save, saved = corpus_fit._save, []
+    mark_written = corpus_fit.mark_written
 
-    def save_and_stop(writer, state):
-        save(writer, state)
-        saved.append(state.next_frame)
-        if len(saved) == 2:
-            raise KeyboardInterrupt
+    def mark_and_stop(mark, digest):
+        mark_written(mark, digest)
+        raise KeyboardInterrupt
 
     again = dataclasses.replace(config, run="again")
-    monkeypatch.setattr(corpus_fit, "_save", save_and_stop)
-    with pytest.raises(KeyboardInterrupt):
-        main(again)
-    assert saved == [0, 32]
-    monkeypatch.setattr(corpus_fit, "_save", save)
-    monkeypatch.setattr(
-        corpus_fit.CorpusFit, "_first_frames", lambda _: pytest.fail("it began anew")
-    )
+    with monkeypatch.context() as stopping:
+        stopping.setattr(corpus_fit, "mark_written", mark_and_stop)
+        with pytest.raises(KeyboardInterrupt):
+            main(again)
+    partial = runs / "again" / ".align.partial"
+    assert [path.name for path in partial.glob("checkpoints/*.done")] == ["0.done"]
+    if damaged:
+        np.load(partial / "offsets.npy", mmap_mode="r+")[3] += 1
+    starts, fit = [], SgdFit.fit
+
+    def noted(self, learned, groups, files):
+        starts.extend([window.start for window in group] for group in groups)
+        return fit(self, learned, groups, files)
+
+    monkeypatch.setattr(SgdFit, "learn", lambda _: pytest.fail("it began anew"))
+    monkeypatch.setattr(SgdFit, "fit", noted)
     _, found = aligned(again)
     for name, array in expected.items():
         np.testing.assert_array_equal(found[name], array)
+    assert starts == ([[0, 0, 0], [32]] if damaged else [[32]])
 
 
 def test_windows_leave_no_trace(runs, config, monkeypatch):
     """Each window goes on from the pose that the one before ended with."""
     _, expected = aligned(config)
-    for module in (corpus_fit, tracking):
-        monkeypatch.setattr(module, "FRAMES_PER_WINDOW", 5)
+    monkeypatch.setattr(sgd, "FRAMES_PER_WINDOW", 5)
     _, found = aligned(dataclasses.replace(config, run="short"))
     for name, array in expected.items():
         np.testing.assert_allclose(found[name], array, atol=1e-3)
@@ -131,7 +138,7 @@ def test_windows_leave_no_trace(runs, config, monkeypatch):
 
 def test_processes_give_the_same_bits(runs, config, monkeypatch):
     _, expected = aligned(config)
-    monkeypatch.setattr(corpus_fit, "_STEPS_WORTH_PROCESSES", 0)
+    monkeypatch.setattr(sgd, "_STEPS_WORTH_PROCESSES", 0)
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     _, found = aligned(dataclasses.replace(config, run="processes"))
     for name, array in expected.items():
@@ -140,7 +147,7 @@ def test_processes_give_the_same_bits(runs, config, monkeypatch):
 
 def test_current_result_is_kept(runs, config, monkeypatch):
     main(config)
-    monkeypatch.setattr(corpus_fit.CorpusFit, "write", lambda *_: pytest.fail("aligned again"))
+    monkeypatch.setattr(SgdFit, "write", lambda *_: pytest.fail("aligned again"))
     main(config)
 
 
@@ -267,7 +274,7 @@ def test_both_aligners_of_the_same_meshes(runs, config, of_both):
 def test_each_aligners_options_concern_its_own_artifact(runs, of_both, monkeypatch):
     main(of_both)
     made = []
-    for fit in (corpus_fit.CorpusFit, RobustCorpusFit):
+    for fit in (SgdFit, RobustFit):
         write = fit.write
 
         def noted(self, writer, write=write):
@@ -278,21 +285,21 @@ def test_each_aligners_options_concern_its_own_artifact(runs, of_both, monkeypat
     main(of_both)
     assert made == []
     main(dataclasses.replace(of_both, steps=5))
-    assert made == ["CorpusFit"]
+    assert made == ["SgdFit"]
     main(dataclasses.replace(of_both, steps=5, robust=RobustSettings.fast()))
-    assert made == ["CorpusFit", "RobustCorpusFit"]
+    assert made == ["SgdFit", "RobustFit"]
     main(dataclasses.replace(of_both, steps=5, aligner="sgd"))
-    assert made == ["CorpusFit", "RobustCorpusFit"]
+    assert made == ["SgdFit", "RobustFit"]
 
 
 def test_what_the_first_has_finished_is_not_done_again(runs, of_both, monkeypatch):
     with monkeypatch.context() as broken:
-        broken.setattr(RobustCorpusFit, "write", interrupt)
+        broken.setattr(RobustFit, "write", interrupt)
         with pytest.raises(KeyboardInterrupt):
             main(of_both)
     assert Run("t").finished("align")
     assert not Run("t").finished("align_robust")
-    monkeypatch.setattr(corpus_fit.CorpusFit, "write", lambda *_: pytest.fail("aligned again"))
+    monkeypatch.setattr(SgdFit, "write", lambda *_: pytest.fail("aligned again"))
     main(of_both)
     assert Run("t").finished("align_robust")
 

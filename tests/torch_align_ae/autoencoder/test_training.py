@@ -14,11 +14,8 @@ from bridge import DsnetError
 from bridge.exchange import load_weights
 from bridge.motion.splits import split_frames
 from bridge.paper import INFERRED_WIDTHS
-from torch_align_ae.autoencoder.codec import Codec
-from torch_align_ae.autoencoder.initialisation import initialise_with_modes
-from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
-from torch_align_ae.autoencoder.normaliser import fit_normaliser
-from torch_align_ae.autoencoder.pca import reconstruction_r2
+from torch_align_ae.autoencoder.codes import Codec, fit_normaliser, reconstruction_r2
+from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder, initialise_with_modes
 from torch_align_ae.autoencoder.training import Training, TrainingPlan, save_training
 
 SMALL = (60, 40, 30, 20, 12)

@@ -17,7 +17,7 @@ _TRAINING = """
 import sys, numpy, torch
 from pathlib import Path
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
-from torch_align_ae.autoencoder.normaliser import Normaliser
+from torch_align_ae.autoencoder.codes import Normaliser
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
 from torch_align_ae.processes import started_by_torchrun
 from bridge.motion.splits import split_frames

@@ -15,7 +15,7 @@ from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
 from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from torch_align_ae.body import SMPL
-from torch_align_ae.body.kinematics import world_frames
+from torch_align_ae.body.smpl import world_frames
 from torch_align_ae.corpus.motions import (
     DYNA_MOTIONS,
     HELD_OUT_MOTIONS,

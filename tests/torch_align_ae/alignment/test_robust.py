@@ -1,24 +1,30 @@
-"""The robust aligner on tissue that is simulated, where the truth is known."""
+"""The robust aligner on tissue that is simulated, where the truth is known, and as a stage."""
 
 from __future__ import annotations
 
 import os
 
+import h5py
 import numpy as np
 import pytest
 import torch
 
+from benchmarks.alignment.in_memory import align_sequences
 from benchmarks.alignment.lesser_laws import WeightsAlone
 from benchmarks.laws.captured import CapturedForm
-from bridge.motion import unpack_theta
+from bridge.errors import DsnetError
+from bridge.motion import sequences_of, unpack_theta
+from bridge.runs import Run
 from bridge.tissue.load import node_loads
-from torch_align_ae.alignment.robust import RobustSettings, align_sequences, loads
-from torch_align_ae.alignment.robust.loads import Loads
-from torch_align_ae.alignment.robust.sample import SkinSample
-from torch_align_ae.alignment.robust.shape import fit_shape
-from torch_align_ae.alignment.robust.tissue import Tissue
+from torch_align_ae.alignment import tissue
+from torch_align_ae.alignment.gauss_newton import fit_shape
+from torch_align_ae.alignment.robust import RobustFit, RobustSettings, spread_clips
+from torch_align_ae.alignment.skin_sample import SkinSample
+from torch_align_ae.alignment.stage_align import AlignConfig, main
+from torch_align_ae.alignment.tissue import Loads, MeshRecording, Tissue
 from torch_align_ae.body import rest_pose_offsets
 from torch_align_ae.body.rotations import axis_angle_to_matrix, matrix_to_axis_angle
+from torch_align_ae.corpus.dyna_files import write_dyna
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, posed_meshes
 from torch_align_ae.corpus.subjects import SUBJECTS
@@ -73,7 +79,7 @@ def test_shape_is_corrected_for_what_hangs(smpl, jump):
 def test_each_load_does_something(smpl, jump, monkeypatch):
     whole = recovered(smpl, jump)[0]
     assert recovered(smpl, jump, WeightsAlone)[0] < whole - 0.02
-    monkeypatch.setattr(loads, "GRAVITY_M_S2", 0.0)
+    monkeypatch.setattr(tissue, "GRAVITY_M_S2", 0.0)
     assert recovered(smpl, jump)[0] < whole - 0.001
 
 
@@ -109,7 +115,7 @@ def test_a_body_that_hangs_still_is_found_in_any_orientation(smpl, held, monkeyp
 
     # Eight poses say little about how each vertex stiffens.
     assert wrong() < 0.1
-    monkeypatch.setattr(loads, "GRAVITY_M_S2", 0.0)
+    monkeypatch.setattr(tissue, "GRAVITY_M_S2", 0.0)
     assert wrong() > 0.3
 
 
@@ -165,3 +171,105 @@ def test_registrations_keep_a_landings_accelerations(smpl, jump, monkeypatch):
     unknown = Tissue.unknown
     monkeypatch.setattr(Tissue, "unknown", lambda terms, weights, _: unknown(terms, weights, 0.0))
     assert kept() < found - 0.05
+
+
+def recording(length: int) -> MeshRecording:
+    return MeshRecording(
+        lambda start, stop: np.empty((stop - start, 2, 3), np.float32), length, 60.0
+    )
+
+
+def test_clips_are_spread_over_all_recordings():
+    own = [recording(length) for length in (100, 3, 60, 40)]
+    clips = list(spread_clips(own, 96))
+    assert sum(stop - start for _, start, stop in clips) <= 96
+    assert all(0 <= start < stop <= clip.length for clip, start, stop in clips)
+    assert {clip.length for clip, *_ in clips} >= {100, 60, 40}
+
+
+def test_a_lone_frame_is_a_clip():
+    assert [(start, stop) for _, start, stop in spread_clips([recording(1)], 96)] == [(0, 1)]
+
+
+FEW = RobustSettings(vertices=300, steps=3, calibration_frames=16, calibration_rounds=3)
+
+
+@pytest.fixture
+def config(corpus, tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
+    folder = corpus[0]
+    return AlignConfig(
+        run="t",
+        smpl=folder / "SMPL_FEMALE.npz",
+        dyna=(folder / "dyna.h5",),
+        aligner="robust",
+        robust=FEW,
+    )
+
+
+def arrays_of(config):
+    main(config)
+    artifact = Run(config.run).artifact("align")
+    return artifact, {name: np.array(artifact.array(name)) for name in artifact.manifest["arrays"]}
+
+
+def test_artifact_has_the_contracts_arrays_and_what_was_learned(config):
+    _, arrays = arrays_of(config)
+    shapes = {name: array.shape for name, array in arrays.items()}
+    size = len(arrays["sample_vertices"])
+    assert shapes == {
+        "betas": (2, 10),
+        "theta": (58, 69),
+        "offsets": (58, 6890, 3),
+        "frame_error": (58,),
+        "compliance": (2, 4, size),
+        "deviation": (2, size),
+        "noise": (2,),
+        "sample_vertices": (size,),
+    }
+
+
+def test_rows_describe_their_frames(config, smpl):
+    artifact, arrays = arrays_of(config)
+    with h5py.File(config.dyna[0]) as file:
+        for sequence in sequences_of(artifact):
+            rows = sequence.frames
+            pose, trans = (torch.tensor(part) for part in unpack_theta(arrays["theta"][rows]))
+            row = {"50004": 0, "50020": 1}[sequence.subject]
+            betas = torch.tensor(arrays["betas"][row]).expand(sequence.length, -1)
+            mesh = np.moveaxis(np.asarray(file[sequence.name]), -1, 0)
+            offsets = torch.tensor(arrays["offsets"][rows])
+            np.testing.assert_allclose(smpl(betas, pose, trans, offsets), mesh, atol=2e-5)
+
+
+def test_resuming_ends_with_the_same_bytes(config, monkeypatch):
+    _, whole = arrays_of(config)
+    fit_frames, calls = RobustFit.fit_frames, []
+
+    def interrupted(*arguments):
+        calls.append(1)
+        if len(calls) > 2:
+            raise KeyboardInterrupt
+        return fit_frames(*arguments)
+
+    other = AlignConfig(**{**vars(config), "run": "u"})
+    monkeypatch.setattr(RobustFit, "fit_frames", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        main(other)
+    monkeypatch.setattr(RobustFit, "fit_frames", fit_frames)
+    monkeypatch.setattr(RobustFit, "calibrate", None)  # subjects are not learned twice
+    _, resumed = arrays_of(other)
+    assert whole.keys() == resumed.keys()
+    for name, array in whole.items():
+        np.testing.assert_array_equal(resumed[name], array, err_msg=name)
+
+
+def test_meshes_in_another_order_are_refused(config, body, smpl, tmp_path):
+    shuffled = np.random.default_rng(0).permutation(6890)
+    with write_dyna(tmp_path / "odd.h5", body.faces) as writer:
+        mesh = smpl(torch.zeros(1, 10), torch.zeros(1, 22, 3), torch.zeros(1, 3)).numpy()
+        writer.add("50004_hips", np.repeat(mesh[:, shuffled], 4, 0))
+    odd = AlignConfig(**{**vars(config), "dyna": (tmp_path / "odd.h5",)})
+    with pytest.raises(DsnetError, match=r"50004_hips.*SMPL's vertex order"):
+        main(odd)
+    assert not (Run("t").path / "align").exists()

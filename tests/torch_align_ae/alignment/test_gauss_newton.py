@@ -2,10 +2,8 @@ from __future__ import annotations
 
 import torch
 
-from torch_align_ae.alignment.robust.gauss_newton import fit_poses, solve_damped
-from torch_align_ae.alignment.robust.initial_pose import initial_pose
-from torch_align_ae.alignment.robust.sample import SkinSample
-from torch_align_ae.alignment.robust.shape import fit_shape
+from torch_align_ae.alignment.gauss_newton import fit_poses, fit_shape, initial_pose, solve_damped
+from torch_align_ae.alignment.skin_sample import SkinSample
 from torch_align_ae.body.rotations import axis_angle_to_matrix, matrix_to_axis_angle
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from bridge.verify.reference.smpl import left_jacobian
-from torch_align_ae.alignment.robust.linearise import linearise
+from torch_align_ae.alignment.skin_sample import linearise
 
 DOUBLE = torch.float64
 

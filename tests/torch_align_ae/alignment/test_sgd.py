@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from torch_align_ae.alignment.paper.objective import MeshDistance
-from torch_align_ae.alignment.paper.sgd import (
+from torch_align_ae.alignment.mesh_distance import MeshDistance
+from torch_align_ae.alignment.sgd import (
     Descending,
     Descent,
     fit_pose,
@@ -39,7 +39,7 @@ def test_recovers_shape_within_the_methods_floor(objective, smpl, motion):
     pose, trans = (part[:1] for part in motion(1))
     betas = torch.tensor([[0.6, -0.3, 0, 0, 0, 0, 0, 0, 0, 0]])
     target = objective.arrange(smpl(betas, 0.3 * pose, trans))
-    found = fit_shape_and_pose(objective, target, 800, Descent())
+    found = fit_shape_and_pose(objective, target, Descent(shape_steps=800))
     assert root_mean_square_m(objective, target, *found) < 0.006
     assert abs(found[0][0, 0] - 0.6) < 0.1
 

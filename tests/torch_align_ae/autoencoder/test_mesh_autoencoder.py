@@ -9,8 +9,11 @@ import torch
 from benchmarks.speed.autoencoder import conv1d_forward
 from bridge import DsnetError
 from torch_align_ae import CasasOtaduyAutoencoder, MeshAutoencoder
-from torch_align_ae.autoencoder.initialisation import initialise_with_modes, vertex_basis
-from torch_align_ae.autoencoder.mesh_autoencoder import parameter_count
+from torch_align_ae.autoencoder.mesh_autoencoder import (
+    initialise_with_modes,
+    parameter_count,
+    vertex_basis,
+)
 from torch_align_ae.autoencoder.stage_train_ae import parameter_counts
 
 SMALL = (60, 40, 30, 20, 12)

@@ -1,0 +1,165 @@
+"""What both aligners share: an artifact that is filled window by window, and gone on with.
+
+First an aligner learns what it has to know of the subjects, which is one checkpoint. Then it fits
+windows of frames; groups of them are further checkpoints, each a digest of what the files hold. A
+group whose digest does not hold, or that is missing, is fitted again, with the same result.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from tqdm import tqdm
+
+from bridge.errors import DsnetError
+from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
+from bridge.motion import MotionSequence, to_manifest
+from bridge.paper import THETA_SIZE
+from bridge.runs import ArtifactWriter
+from bridge.runs.array_file import ArrayFile
+from bridge.runs.digests import arrays_sha256, json_sha256
+from bridge.runs.storage import is_written, mark_written
+from torch_align_ae.body import SMPL, rest_pose_offsets
+
+# A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
+_WORST_MEAN_M = 0.2
+
+
+class Window(NamedTuple):
+    """Consecutive frames of one sequence, counted within it."""
+
+    sequence: MotionSequence
+    start: int
+    stop: int
+
+    @property
+    def rows(self) -> slice:
+        """The same frames in the artifact's arrays."""
+        return slice(self.sequence.start + self.start, self.sequence.start + self.stop)
+
+
+def windows(sequence: MotionSequence, frames: int) -> list[Window]:
+    """A sequence cut into windows of `frames`."""
+    return [
+        Window(sequence, start, min(start + frames, sequence.length))
+        for start in range(0, sequence.length, frames)
+    ]
+
+
+@dataclass(frozen=True)
+class AlignedFiles:
+    """`theta`, `offsets` and `frame_error` of the artifact, which workers anywhere fill."""
+
+    theta: ArrayFile  # (F, 69) radians, and metres
+    offsets: ArrayFile  # (F, V, 3) metres in the rest pose, Eq. 5
+    frame_error: ArrayFile  # (F,) mean distance of the posed body's vertices to the mesh, metres
+
+    @classmethod
+    def of(cls, writer: ArtifactWriter, frames: int, vertex_count: int) -> AlignedFiles:
+        """Those of the artifact being written; what they hold already stays."""
+        return cls(
+            writer.array_file("theta", (frames, THETA_SIZE), np.float32, "rad and m"),
+            writer.array_file("offsets", (frames, vertex_count, 3), np.float32, "m"),
+            writer.array_file("frame_error", (frames,), np.float32, "m"),
+        )
+
+    def store(
+        self, smpl: SMPL, window: Window, betas: Tensor, pose: Tensor, trans: Tensor, mesh: Tensor
+    ) -> None:
+        """Write offsets and errors of n frames, their shape (10,) and poses being known.
+
+        `pose` (n, 22, 3) is in radians, `trans` (n, 3) and `mesh` (n, V, 3) in metres.
+        """
+        offsets, distances = rest_pose_offsets(smpl, mesh, betas.expand(len(mesh), -1), pose, trans)
+        frame_error = distances.mean(1)
+        check_distances(window, frame_error)
+        self.offsets.write(window.rows.start, offsets.numpy())
+        self.frame_error.write(window.rows.start, frame_error.numpy())
+
+    def digest(self, group: Iterable[Window]) -> str:
+        """Of what the files hold of these windows now."""
+        return json_sha256(
+            [
+                arrays_sha256({name: file.read(window.rows) for name, file in vars(self).items()})
+                for window in group
+            ]
+        )
+
+
+def check_distances(window: Window, distances_m: Tensor) -> None:
+    """Refuse frames whose mean distances (n,) from the fitted body no soft tissue explains."""
+    if (distances_m < _WORST_MEAN_M).all():
+        return
+    # What is not a number counts as the worst.
+    worst = int(distances_m.nan_to_num(torch.inf, torch.inf).argmax())
+    raise DsnetError(
+        f"{window.sequence.name}, whose frame {window.start + worst} stays"
+        f" {100 * distances_m[worst]:.0f} cm from SMPL",
+        "meshes with SMPL's vertex order",
+        "Register the meshes to SMPL's template, leave this sequence out, or take more steps.",
+    )
+
+
+class CorpusFit(ABC):
+    """A corpus to align by one method; `write` fills the artifact."""
+
+    ALIGNER: ClassVar[str]
+    LEARNED: ClassVar[Mapping[str, str]]
+    """What the artifact holds of what is learned: names and units."""
+
+    def __init__(self, smpl: SMPL, sequences: Sequence[MotionSequence]) -> None:
+        self.smpl, self.sequences = smpl, sequences
+
+    @abstractmethod
+    def learn(self) -> dict[str, NDArray]:
+        """`LEARNED`, and whatever else fitting begins with."""
+
+    @abstractmethod
+    def groups(self) -> list[list[Window]]:
+        """All windows, in the groups and the order in which they are fitted."""
+
+    @abstractmethod
+    def fit(
+        self,
+        learned: Mapping[str, NDArray],
+        groups: Sequence[Sequence[Window]],
+        files: AlignedFiles | None,
+    ) -> Generator[NDArray[np.float32], None, None]:
+        """theta (n, 69) of each window, in order.
+
+        Workers write the rest to the files, if there are any; before a theta is asked for, all
+        those before it are in the files.
+        """
+
+    def write(self, writer: ArtifactWriter) -> None:
+        """Write all arrays, or the part that an earlier process left to do."""
+        checkpoint = writer.checkpoints / "subjects.safetensors"
+        if (learned := load_checkpoint(checkpoint)) is None:
+            learned = self.learn()
+            save_checkpoint(checkpoint, learned)
+        frames = sum(sequence.length for sequence in self.sequences)
+        files = AlignedFiles.of(writer, frames, self.smpl.vertex_count)
+        marks = {writer.checkpoints / f"{i}.done": g for i, g in enumerate(self.groups())}
+        left = {m: g for m, g in marks.items() if not is_written(m, partial(files.digest, g))}
+        done = frames - sum(w.stop - w.start for group in left.values() for w in group)
+        with (
+            tqdm(total=frames, initial=done, desc="align", unit="frame", disable=None) as bar,
+            closing(self.fit(learned, list(left.values()), files)) as thetas,
+        ):
+            for mark, group in left.items():
+                for window, theta in zip(group, thetas, strict=False):
+                    files.theta.write(window.rows.start, theta)
+                    bar.update(len(theta))
+                mark_written(mark, files.digest(group))
+        for name, unit in self.LEARNED.items():
+            writer.put(name, learned[name], unit)
+        writer.record(sequences=to_manifest(self.sequences), aligner=self.ALIGNER)

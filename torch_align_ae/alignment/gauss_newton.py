@@ -1,0 +1,184 @@
+"""Second-order fitting of poses and shape: damped Gauss-Newton on weighted vertex distances.
+
+With residuals r = s - x(theta) at weights w and the Jacobian J of x, a step solves
+
+    (J^T W J + damping) change = J^T W r,
+
+the minimum of the squared distances if x were linear. Unknowns are turns about the world's axes,
+not axis-angle components: their Jacobian is a cross product (`linearise`) and has no singular
+poses. A patch depends on a few joints only, so its J^T W J is a small block of the whole.
+
+The normal equations of one body's shape in B poses have a block for each pose, coupled by the betas
+alone. So poses are eliminated one by one, and 10 equations are left (the Schur complement).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from bridge.paper import N_JOINTS
+from torch_align_ae.alignment.skin_sample import (
+    Frames,
+    Pose,
+    SampledPatch,
+    Shaped,
+    SkinSample,
+    linearise,
+)
+from torch_align_ae.body.rotations import axis_angle_to_matrix, nearest_rotation
+
+_POSE_UNKNOWNS = 3 * N_JOINTS + 3
+# Relative to each unknown's own curvature. Leaves a millionth of a well-determined step undone
+# and keeps the undetermined ones (the twist of a limb of which nothing is seen) finite.
+_DAMPING = 1e-6
+
+
+def initial_pose(sample: SkinSample, shaped: Shaped, target: Tensor) -> Pose:
+    """Where to begin: each bone turned as its vertices are, orthogonal Procrustes, bone by bone.
+
+    Blended skinning and pose blend shapes are left out, so joints are a few degrees off. `target`
+    is the sample (B, 3, N) of the meshes, metres.
+    """
+    share = sample.weights.square()
+    share = share / share.sum(1, keepdim=True)
+    source = share @ shaped.vertices.T
+    centre = torch.einsum("jn,bxn->bjx", share, target)
+    spread = torch.einsum("jn,bxn,yn->bjxy", share, target, shaped.vertices)
+    turn = nearest_rotation(spread - centre[..., None] * source[:, None])
+    rotations = turn.clone()
+    rotations[:, 1:] = turn[:, list(sample.parents[1:])].mT @ turn[:, 1:]
+    root = shaped.joints[0]
+    # The root turns about its own joint: R (x - root) + root + trans.
+    trans = centre[:, 0] - turn[:, 0] @ (source[0] - root) - root
+    return Pose(rotations, trans)
+
+
+def fit_poses(
+    sample: SkinSample, shaped: Shaped, target: Tensor, weights: Tensor, pose: Pose, steps: int
+) -> Pose:
+    """Poses of one body that bring the sample near to targets (B, 3, N), metres.
+
+    `weights` (N,) are those of the squared distances, `pose` is where to start.
+    """
+    for _ in range(steps):
+        frames = sample.frames(shaped, pose)
+        equations = normal_equations(sample, shaped, frames, target, weights.sqrt())
+        change = solve_damped(*equations).to(pose.trans.dtype)
+        pose = moved(sample, frames, pose, change)
+    return pose
+
+
+def normal_equations(
+    sample: SkinSample,
+    shaped: Shaped,
+    frames: Frames,
+    target: Tensor,
+    scale: Tensor,
+    by_betas: Callable[[SampledPatch], Tensor] | None = None,
+) -> tuple[Tensor, Tensor]:
+    """The quadratic model of B bodies' squared distances about their poses.
+
+    Curvature (B, 69, 69) by 22 turns about the world's axes, then the translation, and half the
+    descent direction (B, 69). `scale` (N,) is the square root of the weights. With `by_betas`, a
+    patch's derivatives (B, 10, 3, n), the betas come before the pose; the sums are then float64.
+    """
+    shapes = 0 if by_betas is None else len(sample.smpl.shapedirs)
+    size, count = shapes + _POSE_UNKNOWNS, len(target)
+    curvature = target.new_zeros(count, size, size, dtype=torch.float64 if by_betas else None)
+    pull = curvature.new_zeros(count, size)
+    for patch in sample.patches:
+        own = scale[patch.vertices]
+        posed, jacobian = linearise(patch, shaped, frames, own)
+        residual = torch.addcmul(-posed, target[:, :, patch.vertices], own).flatten(1)
+        rows = jacobian.flatten(3).flatten(1, 2)
+        unknowns = torch.cat([patch.joints, torch.tensor([N_JOINTS])])
+        places = shapes + (3 * unknowns[:, None] + torch.arange(3)).flatten()
+        if by_betas is not None:
+            rows = torch.cat([(by_betas(patch) * own).flatten(2), rows], 1)
+            places = torch.cat([torch.arange(shapes), places])
+        # Indexed one axis after the other: both at once would copy the whole array.
+        by_row = curvature.new_zeros(count, len(places), size)
+        by_row[:, :, places] = (rows @ rows.mT).to(by_row)
+        curvature.index_add_(1, places, by_row)
+        pull.index_add_(1, places, (rows @ residual[..., None])[..., 0].to(pull))
+    return curvature, pull
+
+
+def solve_damped(curvature: Tensor, pull: Tensor) -> Tensor:
+    """(..., U) or (..., U, n) solution in float64: float32 would lose weakly determined unknowns.
+
+    Damping is relative to each one's own curvature, or to their mean where it has none.
+    """
+    curvature, pull = curvature.double(), pull.double()
+    diagonal = curvature.diagonal(dim1=-2, dim2=-1)
+    floor = diagonal.mean(-1, keepdim=True)
+    damping = _DAMPING * (diagonal + _DAMPING * floor)
+    curvature = curvature + torch.diag_embed(damping)
+    return torch.linalg.solve(curvature, pull)
+
+
+def moved(sample: SkinSample, frames: Frames, pose: Pose, change: Tensor) -> Pose:
+    """Poses after turns about the world's axes and a translation (B, 69)."""
+    turns = change[:, : 3 * N_JOINTS].unflatten(1, (N_JOINTS, 3))
+    parents = list(sample.parents[1:])
+    in_parent = (frames.turn[:, parents].mT @ turns[:, 1:, :, None])[..., 0]
+    turns = torch.cat([turns[:, :1], in_parent], 1)
+    rotations = axis_angle_to_matrix(turns) @ pose.rotations
+    return Pose(rotations, pose.trans + change[:, 3 * N_JOINTS :])
+
+
+def fit_shape(sample: SkinSample, target: Tensor, steps: int) -> Tensor:
+    """betas (10,) of the one body that is seen in all frames (B, 3, N) of `target`, metres.
+
+    Every vertex counts alike: how soft they are is not known before the shape is.
+    """
+    betas = target.new_zeros(len(sample.smpl.shapedirs))
+    pose = initial_pose(sample, sample.shaped(betas), target)
+    alike = target.new_ones(len(sample))
+    for _ in range(steps):
+        shaped = sample.shaped(betas)
+        curvature, pull, free, less = shape_equations(sample, shaped, pose, target, alike)
+        change = solve_damped(curvature, pull)
+        of_pose = (free - less @ change).to(target.dtype)
+        pose = moved(sample, sample.frames(shaped, pose), pose, of_pose)
+        betas = betas + change.to(target.dtype)
+    return betas
+
+
+def shape_equations(
+    sample: SkinSample, shaped: Shaped, pose: Pose, target: Tensor, weights: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """What B frames (B, 3, N), metres, say about the betas, whatever the poses.
+
+    Curvature (10, 10) and pull (10,), to be summed over frames; and how the poses answer: by
+    (B, 69) with fixed betas, less (B, 69, 10) by the betas. `weights` (N,) are those of the squared
+    distances.
+    """
+    frames = sample.frames(shaped, pose)
+    joint_shapedirs = sample.smpl.joint_shapedirs[:, :N_JOINTS]
+    # (B, 10, 22, 3) derivative of `frames.shift` by the betas, through the joints' places.
+    places = [sample.places(frames.rotations, joints) for joints in joint_shapedirs]
+    turned = torch.einsum("bjxy,sjy->bsjx", frames.turn, joint_shapedirs)
+    shifts = torch.stack(places, 1) - turned
+
+    def by_betas(patch: SampledPatch) -> Tensor:
+        shapedirs = sample.smpl.shapedirs[:, :, sample.vertices[patch.vertices]]
+        blended = torch.einsum("bkxi,kn->bxin", frames.turn[:, patch.bones], patch.weights)
+        by_skin = torch.einsum("bxin,sin->bsxn", blended, shapedirs)
+        return by_skin + torch.einsum("bskx,kn->bsxn", shifts[:, :, patch.bones], patch.weights)
+
+    curvature, pull = normal_equations(sample, shaped, frames, target, weights.sqrt(), by_betas)
+    shapes = len(joint_shapedirs)
+    mixed = curvature[:, shapes:, :shapes]
+    right = torch.cat([pull[:, shapes:, None], mixed], 2)
+    answers = solve_damped(curvature[:, shapes:, shapes:], right)
+    free, less = answers[..., 0], answers[..., 1:]
+    return (
+        (curvature[:, :shapes, :shapes] - mixed.mT @ less).sum(0),
+        (pull[:, :shapes] - (mixed.mT @ free[..., None])[..., 0]).sum(0),
+        free,
+        less,
+    )

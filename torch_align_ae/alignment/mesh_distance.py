@@ -1,0 +1,348 @@
+"""The mesh distance of Section 3.3 and its gradient, written out by hand.
+
+An alignment evaluates it hundreds of thousands of times, so it goes through the skin patch by
+patch, each while it is in the cache, and keeps only sums over vertices for the bones. Automatic
+differentiation gives the same numbers; on the one thread of a worker it takes several times as
+long, and about three times even patch by patch (`benchmarks.alignment.gradients`).
+
+*Skin.* With w_k the weights, T_k = [R_k t_k] the bones' transforms and x the rest vertex, the posed
+vertex less the mesh's is r = sum_k w_k (R_k x + t_k) - s. Of half the squared distance, |r|^2 / 2,
+the derivatives are r by t, r x^T by R (both blended, so weighted by w_k for bone k) and
+(sum_k w_k R_k)^T r by x, and what x gets the blend shapes pass on to their features.
+
+*Bones.* A joint feels the force and the torque of everything that hangs on it, as in rigid-body
+mechanics. Let G = [G_R g] be the derivatives by T_world_rest = [R t] of one bone. A small turn w
+about the world's origin changes R by w x R and t by w x t, so the distance by w . (sum of columns
+R_i x G_i + t x g): the bone's torque about the origin; g is its force. Turning a joint moves its
+whole subtree, and about the joint's own place p instead of the origin: the torque there is
+(sum of torques) - p x (sum of forces).
+
+Vectors and matrices of bones stand component first, (3, B, J) and (3, 3, B, J), so that each
+operation runs over all joints of the batch in one sweep: on matrices of 3 x 3 side by side PyTorch
+takes far longer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from bridge.paper import N_JOINTS
+from torch_align_ae.body import SMPL
+from torch_align_ae.body.smpl import subtree_matrix
+
+# A mesh that is met exactly has no direction of steepest descent; it then stays where it is.
+_SMALLEST_DISTANCE_M = 1e-12
+# A squared angle below this changes no coefficient of a rotation by more than float64's rounding
+# of the rotation.
+_SMALLEST_SQUARED = 1e-8
+# Measured: smaller patches spend their time between operations, larger ones leave the cache.
+_LARGEST_MERGED_PATCH = 800
+
+
+class Bones(NamedTuple):
+    """Bones of a batch in motion, J joints each."""
+
+    jacobian: Tensor  # (3, 3, B, J) turn in the parent's frame by a change of the axis-angle vector
+    pose_features: Tensor  # (3, 3, B, J) R - I, R being the rotation in the parent's frame
+    T_world_joint: Tensor  # (3, 4, B, J + 1); the last is the world's own frame
+    T_world_rest: Tensor  # (3, 4, B, J) where a bone carries its skin
+
+
+class JointTree:
+    """A tree of J joints, parents before children; `parents[0]` is -1."""
+
+    def __init__(self, parents: tuple[int, ...], dtype: torch.dtype) -> None:
+        world = len(parents)
+        above = [world, *parents[1:], world]
+        self._above = torch.tensor(above)
+        # What each frame is chained to, round by round, until all are relative to the world. A
+        # round doubles the number of joints that a frame has behind it.
+        self._rounds = []
+        while set(above) != {world}:
+            self._rounds.append(torch.tensor(above))
+            above = [above[joint] for joint in above]
+        self._subtree = subtree_matrix(parents).to(dtype)
+        self._identity = torch.eye(3, dtype=dtype)[:, :, None, None]
+
+    def move(self, joints: Tensor, pose: Tensor, trans: Tensor) -> Bones:
+        """Bones of pose (B, J, 3), radians, trans (B, 3) and joints at rest (B, J, 3), metres."""
+        joints = joints.permute(2, 0, 1)
+        jacobian, pose_features = self._turns(pose.permute(2, 0, 1).contiguous())
+        frames = pose_features.new_zeros(3, 4, len(pose), len(self._above))
+        turn, place = frames[:, :3], frames[:, 3]
+        turn[..., :-1] = pose_features
+        turn += self._identity
+        place[..., 0] = trans.T
+        place[..., :-1] += joints
+        place[..., 1:-1] -= joints.index_select(2, self._above[1:-1])
+        for above in self._rounds:
+            before = frames.index_select(3, above)
+            frames = (before[:, :3, None] * frames).sum(1)
+            frames[:, 3] += before[:, 3]
+        rest = frames[..., :-1].clone()
+        rest[:, 3] -= (rest[:, :3] * joints).sum(1)
+        return Bones(jacobian, pose_features, frames, rest)
+
+    def gradient(
+        self, bones: Bones, by_carrying: Tensor, by_pose_features: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Derivatives by pose (B, J, 3), trans (B, 3) and the joints' places at rest (B, J, 3).
+
+        From those by `T_world_rest` and, (3, 3, B, J - 1), `pose_features` of all but the root.
+        """
+        turn, place = bones.T_world_joint[:, :3], bones.T_world_joint[:, 3, :, :-1]
+        above = turn.index_select(3, self._above[:-1])
+        torque = _moment(bones.T_world_rest, by_carrying)
+        force, torque = (torch.stack([by_carrying[:, 3], torque]) @ self._subtree.T).unbind()
+        torque -= torch.linalg.cross(place, force, dim=0)
+        spin = _transposed_times(above, torque)
+        rotation = bones.pose_features[..., 1:] + self._identity
+        spin[..., 1:] += _moment(rotation, by_pose_features)
+        joints = _transposed_times(above - turn[..., :-1], force)
+        pose = _transposed_times(bones.jacobian, spin)
+        return pose.permute(1, 2, 0), force[..., 0].T, joints.permute(1, 2, 0)
+
+    def _turns(self, axis_angle: Tensor) -> tuple[Tensor, Tensor]:
+        """Left Jacobians (3, 3, ...) and R - I of axis-angle vectors (3, ...): Rodrigues' formula.
+
+        exp(v + dv) = exp(J dv) exp(v) to first order, J being the left Jacobian.
+        """
+        squared = axis_angle.square().sum(0)
+        safe = squared.clamp_min(_SMALLEST_SQUARED)
+        angle = safe.sqrt()
+        sine = torch.sin(angle) / angle
+        # (1 - cos a) / a^2 by the half angle, because 1 - cos a cancels.
+        versine = 2 * (torch.sin(angle / 2) / angle).square()
+        x, y, z = axis_angle
+        zero = torch.zeros_like(x)
+        cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero]).unflatten(0, (3, 3))
+        twice = axis_angle[:, None] * axis_angle - squared * self._identity
+        jacobian = self._identity + versine * cross + (1 - sine) / safe * twice
+        return jacobian, sine * cross + versine * twice
+
+
+def _transposed_times(matrix: Tensor, vector: Tensor) -> Tensor:
+    return (matrix * vector[:, None]).sum(0)
+
+
+def _moment(arms: Tensor, forces: Tensor) -> Tensor:
+    """Sum over columns (3, n, ...) of arm x force."""
+    return torch.linalg.cross(arms, forces, dim=0).sum(1)
+
+
+class SkinPatch(NamedTuple):
+    """N vertices that few bones move."""
+
+    vertices: Tensor  # (N,) which they are
+    bones: Tensor  # (K,) bones that move them
+    weights: Tensor  # (K, N) their skinning weights
+    features: Tensor  # (P,) entries of R - I, of all joints but the root, that correct them
+    posedirs: Tensor  # (P, 3 N) displacement per unit of each, metres: all x, all y, all z
+    posedirs_by_row: Tensor  # (3 N, P) once more: sums over vertices are three times faster so
+
+
+def cut_into_patches(weights: Tensor, posedirs: Tensor, parents: Sequence[int]) -> list[SkinPatch]:
+    """Patches of a bone or a few, which hold every vertex once.
+
+    Nothing is left out: a bone or a joint that does not occur in a patch has weights (J, V) or
+    blend shapes (9 (J - 1), 3, V) of exactly zero there.
+    """
+    main_bone = weights.argmax(0)
+    sizes = torch.bincount(main_bone, minlength=len(weights)).tolist()
+    # For each bone, the bone that stands for its patch: children join parents while they fit.
+    joined = list(range(len(sizes)))
+    for bone in range(len(sizes) - 1, 0, -1):
+        parent = parents[bone]
+        if sizes[bone] + sizes[parent] <= _LARGEST_MERGED_PATCH:
+            sizes[parent] += sizes[bone]
+            joined[bone] = parent
+    for bone in range(1, len(sizes)):
+        joined[bone] = joined[joined[bone]]
+    patch_of_vertex = torch.tensor(joined)[main_bone]
+    patches = []
+    for patch in patch_of_vertex.unique():
+        vertices = (patch_of_vertex == patch).nonzero()[:, 0]
+        own, directions = weights[:, vertices], posedirs[:, :, vertices].flatten(1)
+        bones, features = own.any(1).nonzero()[:, 0], directions.any(1).nonzero()[:, 0]
+        directions = directions[features]
+        patches.append(
+            SkinPatch(vertices, bones, own[bones], features, directions, directions.T.contiguous())
+        )
+    return patches
+
+
+class _PatchWork:
+    """A patch of N vertices and the memory for a batch's work on it.
+
+    Every view of the memory is made once: at each step views would cost as much as the
+    arithmetic, and fresh pages more. Of `planes` (B * 12 N or more numbers) and `rest` (B * 3 N)
+    other patches make use, too; `target` (B, 3 N) is metres.
+    """
+
+    def __init__(self, patch: SkinPatch, target: Tensor, planes: Tensor, rest: Tensor) -> None:
+        self._patch = patch
+        count, size = len(target), len(patch.vertices)
+        self._target = target.view(count, 3, size)
+        # Each vertex's blended transform, columns before rows, and later the derivatives by it.
+        self._planes = planes[: count * 12 * size].view(count * 12, size)
+        columns = self._planes.view(count, 4, 3, size)
+        self._turn, self._residual = columns[:, :3], columns[:, 3]
+        self._residual_rows = self._residual[:, None]
+        self._rest = rest[: count * 3 * size].view(count, 3 * size)
+        self._rest_columns = self._rest.view(count, 3, 1, size)
+        self._skinning = list(zip(self._turn.unbind(1), self._rest_columns.unbind(1), strict=True))
+        residuals = self._residual[:, :, None].unbind(1)
+        self._unskinning = list(zip(self._turn.unbind(2), residuals, strict=True))
+        # Derivatives of half the squared distance by the arguments of `distance`.
+        self.by_bones = target.new_zeros(len(patch.bones), count * 12)
+        self.by_features = target.new_zeros(count, len(patch.features))
+        self.by_shaped = torch.zeros_like(self._rest)
+        self._by_shaped = self.by_shaped.view(count, 3, size)
+
+    def distance(self, shaped: Tensor, carrying: Tensor, features: Tensor) -> Tensor:
+        """Distances (B,) of the posed patch, metres; leaves the derivatives.
+
+        Of the patch at rest without pose blend shapes (B, 3 N), metres, the bones' transforms
+        (B * 12, K), columns before rows, and entries of R - I (B, P).
+        """
+        torch.mm(carrying, self._patch.weights, out=self._planes)
+        torch.addmm(shaped, features, self._patch.posedirs, out=self._rest)
+        self._residual.sub_(self._target)
+        for column, coordinate in self._skinning:
+            self._residual.addcmul_(column, coordinate)
+        distance = torch.linalg.vector_norm(self._residual, dim=(1, 2))
+        (row, residual), *others = self._unskinning
+        torch.mul(row, residual, out=self._by_shaped)
+        for row, residual in others:
+            self._by_shaped.addcmul_(row, residual)
+        torch.mul(self._rest_columns, self._residual_rows, out=self._turn)
+        torch.mm(self._patch.weights, self._planes.T, out=self.by_bones)
+        torch.mm(self.by_shaped, self._patch.posedirs_by_row, out=self.by_features)
+        return distance
+
+
+class Shapes(NamedTuple):
+    """Bodies of a batch at rest, without pose blend shapes."""
+
+    vertices: Tensor  # (B, 3 V) metres, in the order of `MeshDistance.arrange`
+    joints: Tensor  # (B, 22, 3) metres
+
+    def rows(self, rows: slice | list[int]) -> Shapes:
+        """Some bodies of the batch."""
+        return Shapes(self.vertices[rows], self.joints[rows])
+
+
+class Gradient(NamedTuple):
+    """The distance of each mesh, metres, and its derivatives."""
+
+    distance: Tensor  # (B,) L2 norm over all coordinates of a mesh: not squared, as in the paper
+    pose: Tensor  # (B, 22, 3) per radian
+    trans: Tensor  # (B, 3)
+    joints: Tensor  # (B, 22, 3) by the joints at rest, while the skin keeps its shape
+
+
+class MeshDistance:
+    """|| W(T + M_S(beta) + M_P(theta)) - S ||_2 for batches of bodies with 22 moving joints.
+
+    Hands never move in theta, so their vertices are handed to the wrists.
+    """
+
+    def __init__(self, smpl: SMPL) -> None:
+        self.smpl = smpl
+        parents = smpl.parents[:N_JOINTS]
+        weights = smpl.moving_weights()
+        self.tree = JointTree(parents, weights.dtype)
+        self.patches = cut_into_patches(weights, smpl.posedirs[: 9 * (N_JOINTS - 1)], parents)
+        axes = torch.arange(3)[:, None]
+        self._order = torch.cat([(3 * p.vertices + axes).flatten() for p in self.patches])
+        self._place = torch.argsort(self._order)
+        self._template = self.arrange(smpl.template.T[None])
+        self.shapedirs = self.arrange(smpl.shapedirs.mT)
+        self.joint_shapedirs = smpl.joint_shapedirs[:, :N_JOINTS].flatten(1)
+
+    def arrange(self, vertices: Tensor) -> Tensor:
+        """Meshes (B, V, 3) as (B, 3 V): patch by patch, and of each all x, all y, all z."""
+        return vertices.flatten(1)[:, self._order]
+
+    def restore(self, arranged: Tensor) -> Tensor:
+        """The meshes (B, V, 3) that `arrange` was given."""
+        return arranged[:, self._place].unflatten(1, (-1, 3))
+
+    def shapes(self, betas: Tensor) -> Shapes:
+        """Bodies of shape betas (B, 10)."""
+        vertices = torch.addmm(self._template, betas, self.shapedirs)
+        return Shapes(vertices, self.smpl.joints(betas)[:, :N_JOINTS])
+
+    def to(self, target: Tensor) -> DistanceTo:
+        """The distance to meshes (B, 3 V) from `arrange`, metres."""
+        return DistanceTo(self, target)
+
+
+class DistanceTo:
+    """`MeshDistance` of a batch of bodies to a mesh each, with the memory that it works in."""
+
+    def __init__(self, objective: MeshDistance, target: Tensor) -> None:
+        self._objective, patches = objective, objective.patches
+        self._bones = torch.cat([patch.bones for patch in patches])
+        self._features = torch.cat([patch.features for patch in patches])
+        # Split like the patches: vertices' coordinates, bones, features.
+        self._sizes = [3 * len(patch.vertices) for patch in patches]
+        self._bone_counts = [len(patch.bones) for patch in patches]
+        self._feature_counts = [len(patch.features) for patch in patches]
+        rest = target.new_zeros(len(target) * max(self._sizes))
+        planes = target.new_zeros(4 * len(rest))
+        self._work = [
+            _PatchWork(patch, part, planes, rest)
+            for patch, part in zip(patches, target.split(self._sizes, 1), strict=True)
+        ]
+
+    def gradient(self, shapes: Shapes, pose: Tensor, trans: Tensor) -> Gradient:
+        """Distance and its gradient at pose (B, 22, 3), radians, and trans (B, 3), metres."""
+        tree = self._objective.tree
+        bones = tree.move(shapes.joints, pose, trans)
+        distance, by_carrying, by_pose_features = self.of_skin(shapes, bones)
+        scale = _inverse(distance)[:, None]
+        return Gradient(
+            distance, *tree.gradient(bones, by_carrying * scale, by_pose_features * scale)
+        )
+
+    def betas_gradient(self, gradient: Gradient) -> Tensor:
+        """(B, 10) derivative of the distances by the shape, `gradient` being the latest."""
+        by_vertices = torch.cat([work.by_shaped for work in self._work], 1)
+        by_vertices *= _inverse(gradient.distance)[:, None]
+        by_skin = by_vertices @ self._objective.shapedirs.T
+        return by_skin + gradient.joints.flatten(1) @ self._objective.joint_shapedirs.T
+
+    def of_skin(self, shapes: Shapes, bones: Bones) -> tuple[Tensor, Tensor, Tensor]:
+        """Distances (B,), metres, and the derivatives of half their squares by the bones,
+        (3, 4, B, 22), and by R - I of all joints but the root, (3, 3, B, 21)."""
+        count = len(shapes.vertices)
+        carrying = bones.T_world_rest.permute(2, 1, 0, 3).flatten(0, 2)
+        features = bones.pose_features[..., 1:].permute(2, 3, 0, 1).flatten(1)
+        parts = zip(
+            self._work,
+            shapes.vertices.split(self._sizes, 1),
+            carrying.index_select(1, self._bones).split(self._bone_counts, 1),
+            features.index_select(1, self._features).split(self._feature_counts, 1),
+            strict=True,
+        )
+        distances = torch.stack([work.distance(*part) for work, *part in parts])
+        by_bones = torch.cat([work.by_bones for work in self._work])
+        by_features = torch.cat([work.by_features for work in self._work], 1)
+        by_carrying = by_bones.new_zeros(N_JOINTS, count * 12)
+        by_carrying.index_add_(0, self._bones, by_bones)
+        by_pose_features = by_features.new_zeros(count, 9 * (N_JOINTS - 1))
+        by_pose_features.index_add_(1, self._features, by_features)
+        return (
+            torch.linalg.vector_norm(distances, dim=0),
+            by_carrying.view(N_JOINTS, count, 4, 3).permute(3, 2, 1, 0),
+            by_pose_features.view(count, N_JOINTS - 1, 3, 3).permute(2, 3, 0, 1),
+        )
+
+
+def _inverse(distance: Tensor) -> Tensor:
+    return 1 / distance.clamp_min(_SMALLEST_DISTANCE_M)

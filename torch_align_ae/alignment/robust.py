@@ -1,0 +1,267 @@
+"""The robust aligner: poses from the vertices that soft tissue moves least, less their inertia.
+
+Not the paper's method: it mends the limit that the paper admits in Section 6, that fitted poses
+absorb part of the dynamics; `tissue` says how. A subject's shape, and how soft its body is where,
+are learned from some of its frames; then every frame is fitted on its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from bridge.motion import MotionSequence, pack_theta
+from bridge.motion.sequences import subjects_of
+from bridge.options import NonNegativeInt, PositiveInt
+from bridge.runs.progress import progress
+from bridge.runs.worker_pool import on_any_node, worker_pool
+from torch_align_ae.alignment.corpus_fit import AlignedFiles, CorpusFit, Window, windows
+from torch_align_ae.alignment.gauss_newton import (
+    fit_poses,
+    fit_shape,
+    initial_pose,
+    shape_equations,
+    solve_damped,
+)
+from torch_align_ae.alignment.skin_sample import Pose, Shaped, SkinSample
+from torch_align_ae.alignment.tissue import (
+    Evidence,
+    Loads,
+    MeshRecording,
+    Observed,
+    Tissue,
+    noise_variance,
+    shared_noise,
+)
+from torch_align_ae.body import SMPL
+from torch_align_ae.body.rotations import matrix_to_axis_angle, nearest_turns
+from torch_align_ae.workers import torch_workers
+
+# Bodies fitted as one batch: fewer waste time between operations, more fall out of the cache.
+_BATCH = 32
+# Read and fitted by one thread at a time.
+_FRAMES_PER_WINDOW = 2 * _BATCH
+# Consecutive frames that are read together for calibration.
+_CLIP = 8
+# Gauss-Newton steps for the shape of the first frame.
+_SHAPE_STEPS = 8
+# Steps with all vertices alike, from the closed form to where residuals mean something.
+_FIRST_STEPS = 2
+# The shape moves slowly and its equations cost as much as a round.
+_ROUNDS_PER_SHAPE = 2
+_OF_A_SUBJECT = {"betas": "1", "compliance": "s^2", "deviation": "m", "noise": "m"}
+
+
+@dataclass(frozen=True)
+class RobustSettings:
+    """How much work the robust aligner does; `docs/alignment.md` shows what each buys."""
+
+    vertices: PositiveInt = 800
+    """About how many of the mesh's vertices the pose is read from."""
+    steps: NonNegativeInt = 4
+    """Gauss-Newton steps for each frame."""
+    calibration_frames: PositiveInt = 192
+    """Frames of each subject, spread over all of its motions, that tell how soft it is where."""
+    calibration_rounds: NonNegativeInt = 12
+    """Revisions of each subject's softness."""
+
+    @classmethod
+    def fast(cls) -> RobustSettings:
+        """Half the work or less."""
+        return cls(vertices=400, calibration_frames=96)
+
+
+class Subject(NamedTuple):
+    """What is learned of a subject once."""
+
+    betas: Tensor  # (10,) shape
+    tissue: Tissue  # mechanics of the sample's vertices
+
+
+class RobustFit(CorpusFit):
+    """One corpus to align: of each sequence a recording, less its loads by a law of tissue.
+
+    Besides what every aligner gives, the artifact holds what was learned of each subject's
+    tissue: `compliance` (S, K, N) and `deviation` (S, N) at `sample_vertices` (N,) of the mesh, and
+    the meshes' `noise` (S,).
+    """
+
+    ALIGNER = "robust"
+    LEARNED: ClassVar = {**_OF_A_SUBJECT, "sample_vertices": "index"}
+
+    def __init__(
+        self,
+        smpl: SMPL,
+        recordings: Sequence[MeshRecording],
+        sequences: Sequence[MotionSequence],
+        settings: RobustSettings,
+        law: type[Loads] = Loads,
+    ) -> None:
+        super().__init__(smpl, sequences)
+        names = (sequence.name for sequence in sequences)
+        self._recordings = dict(zip(names, recordings, strict=True))
+        self._settings, self._sample = settings, SkinSample(smpl, settings.vertices)
+        self._loads = law.of(self._sample)
+
+    def learn(self) -> dict[str, NDArray]:
+        """`LEARNED` of all subjects."""
+        names = subjects_of(self.sequences)
+        # Here all cores work on one person; on a cluster each node has people of its own.
+        with worker_pool(on_any_node("serial"), self) as pool:
+            found = pool.map(RobustFit.calibrate, names)
+            found = progress(found, what="subjects", unit="subject", total=len(names))
+            columns = zip(*((betas, *tissue) for betas, tissue in found), strict=True)
+            named = zip(_OF_A_SUBJECT, columns, strict=True)
+            learned = {name: torch.stack(column).numpy() for name, column in named}
+        return {**learned, "sample_vertices": self._sample.vertices.numpy()}
+
+    def groups(self) -> list[list[Window]]:
+        """Sequence by sequence."""
+        return [windows(sequence, _FRAMES_PER_WINDOW) for sequence in self.sequences]
+
+    def fit(
+        self,
+        learned: Mapping[str, NDArray],
+        groups: Sequence[Sequence[Window]],
+        files: AlignedFiles | None,
+    ) -> Generator[NDArray[np.float32], None, None]:
+        """theta of each window, whose turns go on from the window before without jumps of 2 pi."""
+        columns = (torch.from_numpy(learned[name]) for name in _OF_A_SUBJECT)
+        rows = zip(subjects_of(self.sequences), *columns, strict=True)
+        known = {name: Subject(betas, Tissue(*tissue)) for name, betas, *tissue in rows}
+
+        def fitted(fit: RobustFit, window: Window) -> tuple[Tensor, Tensor]:
+            subject = known[window.sequence.subject]
+            recording = fit._recordings[window.sequence.name]
+            meshes, seen = fit._loads.observe(recording, window.start, window.stop)
+            pose, trans = fit.fit_frames(subject, seen)
+            if files:
+                files.store(fit.smpl, window, subject.betas, pose, trans, meshes)
+            return pose, trans
+
+        last: Tensor | None = None
+        cut = [window for group in groups for window in group]
+        with torch_workers(on_any_node("threads"), self) as pool:
+            for window, (pose, trans) in zip(cut, pool.map(fitted, cut), strict=True):
+                pose = nearest_turns(pose, last if window.start else None)
+                last = pose[-1]
+                yield pack_theta(pose.numpy(), trans.numpy())
+
+    def fit_frames(self, subject: Subject, seen: Observed) -> tuple[Tensor, Tensor]:
+        """Pose (n, 22, 3) axis-angle and translation (n, 3) of frames of a known subject."""
+        shaped = self._sample.shaped(subject.betas)
+        poses = [
+            self._fit_unloaded(
+                shaped,
+                subject.tissue,
+                part,
+                initial_pose(self._sample, shaped, part.vertices),
+                self._settings.steps,
+            )
+            for part in seen.split(_BATCH)
+        ]
+        rotations = torch.cat([pose.rotations for pose in poses])
+        return matrix_to_axis_angle(rotations), torch.cat([pose.trans for pose in poses])
+
+    def _fit_unloaded(
+        self, shaped: Shaped, tissue: Tissue, seen: Observed, pose: Pose, steps: int
+    ) -> Pose:
+        """Poses of the sample without its loads; which those are follows the pose, step by step."""
+        weights = tissue.weights(self._loads.precision_m)
+        for _ in range(steps):
+            terms = self._loads.terms(seen, self._sample.frames(shaped, pose).turn)
+            target = tissue.unloaded(seen.vertices, terms)
+            pose = fit_poses(self._sample, shaped, target, weights, pose, 1)
+        return pose
+
+    def calibrate(self, subject: str) -> Subject:
+        """Learn the shape and then how soft the body is where, from frames of all its recordings.
+
+        The first frame's tissue hangs and moves, and a shape fitted to it keeps that for ever. So
+        once the loads are known the shape is corrected, round by round, by all frames without
+        theirs.
+        """
+        sample, loads, precision_m = self._sample, self._loads, self._loads.precision_m
+        own = [self._recordings[s.name] for s in self.sequences if s.subject == subject]
+
+        def start(_: RobustFit, seen: Observed) -> _Calibrated:
+            pose = initial_pose(sample, shaped, seen.vertices)
+            alike = seen.vertices.new_ones(len(sample))
+            pose = fit_poses(sample, shaped, seen.vertices, alike, pose, _FIRST_STEPS)
+            return _Calibrated(seen, pose)
+
+        def gather(_: RobustFit, some: _Calibrated) -> Evidence:
+            displacement = some.seen.vertices - sample.positions(shaped, some.pose)
+            terms = loads.terms(some.seen, sample.frames(shaped, some.pose).turn)
+            in_common = noise * loads.noise_in_common(terms)
+            return Evidence.of(displacement, terms).less_noise(in_common)
+
+        def improve(fit: RobustFit, some: _Calibrated) -> Evidence:
+            some.pose = self._fit_unloaded(shaped, tissue, some.seen, some.pose, 1)
+            return gather(fit, some)
+
+        def about_shape(_: RobustFit, some: _Calibrated) -> tuple[Tensor, ...]:
+            terms = loads.terms(some.seen, sample.frames(shaped, some.pose).turn)
+            target, weights = (
+                tissue.unloaded(some.seen.vertices, terms),
+                tissue.weights(precision_m),
+            )
+            return shape_equations(sample, shaped, some.pose, target, weights)[:2]
+
+        with torch_workers("threads", self) as pool:
+            first = sample.take(torch.from_numpy(own[0].read(0, 1)))
+            betas = fit_shape(sample, first, _SHAPE_STEPS)
+            shaped = sample.shaped(betas)
+            clips = [
+                loads.observe(recording, start, stop)[1]
+                for recording, start, stop in spread_clips(own, self._settings.calibration_frames)
+            ]
+            # Of the clip in the middle: some hardly move, some violently.
+            variances_m2 = [noise_variance(clip.vertices, loads.around) for clip in clips]
+            variance_m2 = float(np.median(variances_m2))
+            noise = shared_noise(variance_m2, own[0].fps)
+            seen = Observed(*(torch.cat(parts) for parts in zip(*clips, strict=True)))
+            batches = list(pool.map(start, seen.split(_BATCH)))
+            evidence = reduce(add, pool.map(gather, batches))
+            noise_m = np.sqrt(variance_m2) if variance_m2 > precision_m**2 else 0.0
+            tissue = evidence.revise(
+                Tissue.unknown(evidence.pull.shape[1], sample.weights, noise_m)
+            )
+            for turn in range(self._settings.calibration_rounds):
+                tissue = reduce(add, pool.map(improve, batches)).revise(tissue)
+                if turn % _ROUNDS_PER_SHAPE == _ROUNDS_PER_SHAPE - 1:
+                    equations = zip(*pool.map(about_shape, batches), strict=True)
+                    change = solve_damped(*(reduce(add, parts) for parts in equations))
+                    betas = betas + change.to(betas)
+                    shaped = sample.shaped(betas)
+        return Subject(betas, tissue)
+
+
+@dataclass
+class _Calibrated:
+    """Some calibration frames and their poses so far."""
+
+    seen: Observed
+    pose: Pose
+
+
+def spread_clips(
+    recordings: Sequence[MeshRecording], frames: int
+) -> Iterator[tuple[MeshRecording, int, int]]:
+    """Short clips (recording, start, stop) evenly spread over all frames, `frames` in all."""
+    ends = np.cumsum([recording.length for recording in recordings])
+    count = max(min(frames, int(ends[-1])) // _CLIP, 1)
+    for centre in (np.arange(count) + 0.5) * ends[-1] / count:
+        row = int(np.searchsorted(ends, centre, side="right"))
+        recording = recordings[row]
+        within = int(centre) - int(ends[row] - recording.length)
+        start = min(max(within - _CLIP // 2, 0), max(recording.length - _CLIP, 0))
+        yield recording, start, min(start + _CLIP, recording.length)

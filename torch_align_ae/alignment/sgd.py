@@ -1,0 +1,323 @@
+"""The paper's aligner (Section 3.3): gradient descent with momentum on the mesh distance.
+
+The distance is a norm that is not squared, so its gradient does not fade near the optimum: with
+the paper's rate the fit circles the optimum at about 2 mm (root mean square over vertices) and
+comes no closer however long it runs. That is the method, and it is kept; of the iterates, the
+one with the smallest distance is returned, which is Eq. 5's "best matching" theta*.
+
+Each frame is started from the pose of the one before, so many sequences are followed at once: in
+groups that advance frame by frame as one batch.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from tqdm import tqdm
+
+from bridge.motion import MotionSequence, pack_theta, subject_rows, unpack_theta
+from bridge.options import NonNegativeFloat, NonNegativeInt, PositiveFloat
+from bridge.runs import ArtifactWriter
+from bridge.runs.worker_pool import WorkerPool, on_any_node
+from torch_align_ae.alignment.corpus_fit import (
+    AlignedFiles,
+    CorpusFit,
+    Window,
+    check_distances,
+    windows,
+)
+from torch_align_ae.alignment.mesh_distance import MeshDistance, Shapes
+from torch_align_ae.body import SMPL
+from torch_align_ae.body.rotations import matrix_to_axis_angle, nearest_rotation
+from torch_align_ae.corpus.dyna_files import DynaReader, MeshClip
+from torch_align_ae.workers import one_arithmetic_thread, torch_workers
+
+# Read, fitted and written between two checkpoints: two chunks of the corpus's files.
+FRAMES_PER_WINDOW = 32
+# Fewer bodies waste time between operations, many more fall out of the cache (measured: 20-60).
+_BODIES_AT_ONCE = 40
+# For fewer steps of a body, less than a minute of one core, processes are not worth their start.
+_STEPS_WORTH_PROCESSES = 100_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Descent:
+    """How to descend, and for how long."""
+
+    steps: NonNegativeInt = 140
+    """Steps for each frame after a sequence's first (the paper does not say how many). With
+    50, jumps and fast limbs are left behind, beyond 400 nothing is gained (docs/alignment.md)."""
+    first_frame_steps: NonNegativeInt = 2000
+    """Steps for the pose of a sequence's first frame, its subject's shape being known."""
+    shape_steps: NonNegativeInt = 8000
+    """Steps for a subject's shape, together with the pose of its very first frame."""
+    lr: PositiveFloat = 1e-4
+    """Learning rate (paper: 0.0001)."""
+    momentum: NonNegativeFloat = 0.9
+    """Momentum (paper: 0.9)."""
+
+
+def fit_pose(
+    objective: MeshDistance,
+    shapes: Shapes,
+    start: tuple[Tensor, Tensor],
+    target: Tensor,
+    steps: int,
+    descent: Descent,
+) -> tuple[Tensor, Tensor]:
+    """Pose (B, 22, 3) and translation (B, 3) that bring fixed shapes near meshes from `arrange`.
+
+    `start` is the pose and translation to begin with.
+    """
+    with torch.inference_mode():
+        distance = objective.to(target)
+        descending = Descending(descent, *start)
+        for _ in range(steps):
+            gradient = distance.gradient(shapes, *descending.variables)
+            descending.step(gradient.distance, gradient.pose, gradient.trans)
+    pose, trans = descending.best()
+    return pose, trans
+
+
+def fit_shape_and_pose(
+    objective: MeshDistance,
+    target: Tensor,
+    descent: Descent,
+    after_step: Callable[[], object] = lambda: None,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """betas (B, 10), pose (B, 22, 3) and translation (B, 3) of first frames from
+    `MeshDistance.arrange`."""
+    with torch.inference_mode():
+        distance = objective.to(target)
+        betas = target.new_zeros(len(target), len(objective.smpl.shapedirs))
+        start = rigid_start(objective, objective.shapes(betas), target)
+        descending = Descending(descent, betas, *start)
+        for _ in range(descent.shape_steps):
+            betas, pose, trans = descending.variables
+            gradient = distance.gradient(objective.shapes(betas), pose, trans)
+            by_betas = distance.betas_gradient(gradient)
+            descending.step(gradient.distance, by_betas, gradient.pose, gradient.trans)
+            after_step()
+    betas, pose, trans = descending.best()
+    return betas, pose, trans
+
+
+class Descending:
+    """Gradient descent with momentum on a batch of variables: `torch.optim.SGD`, made lighter.
+
+    Of each body's iterates the one with the smallest distance is kept, the paper's theta*.
+    """
+
+    def __init__(self, descent: Descent, *start: Tensor) -> None:
+        self.rate = descent.lr
+        """Learning rate: the paper's is the same at every step."""
+        self._momentum = descent.momentum
+        self._shapes = [variable.shape[1:] for variable in start]
+        self._state = torch.cat([variable.flatten(1) for variable in start], 1)
+        self._velocity = torch.zeros_like(self._state)
+        self._best = self._state.clone()
+        self._smallest = self._state.new_full((len(self._state),), torch.inf)
+        self.variables = self._parts(self._state)
+
+    def step(self, distance: Tensor, *gradients: Tensor) -> Tensor:
+        """Go on from where the distance (B,) and its gradients were taken.
+
+        Returns whether each body was closer there than ever before, (B,).
+        """
+        closer = distance < self._smallest
+        self._best = torch.where(closer[:, None], self._state, self._best)
+        self._smallest = torch.fmin(distance, self._smallest)
+        gradient = torch.cat([gradient.flatten(1) for gradient in gradients], 1)
+        self._velocity.mul_(self._momentum).add_(gradient)
+        self._state.sub_(self._velocity, alpha=self.rate)
+        return closer
+
+    def best(self) -> list[Tensor]:
+        """The variables of each body where its distance was smallest."""
+        return self._parts(self._best.clone())
+
+    def _parts(self, state: Tensor) -> list[Tensor]:
+        parts = state.split([shape.numel() for shape in self._shapes], 1)
+        return [part.unflatten(1, shape) for part, shape in zip(parts, self._shapes, strict=True)]
+
+
+def rigid_start(objective: MeshDistance, shapes: Shapes, target: Tensor) -> tuple[Tensor, Tensor]:
+    """Template pose turned and moved onto the meshes: where a first frame's descent begins.
+
+    The paper does not say where its descent begins; from an unturned body it would not find a
+    person who looks the other way.
+    """
+    source, target = objective.restore(shapes.vertices), objective.restore(target)
+    centre, target_centre = source.mean(1), target.mean(1)
+    turn = nearest_rotation((target - target_centre[:, None]).mT @ (source - centre[:, None]))
+    root = shapes.joints[:, 0]
+    # The root turns about its own joint: R (x - root) + root + trans.
+    trans = target_centre - (turn @ (centre - root)[..., None])[..., 0] - root
+    pose = torch.zeros_like(shapes.joints)
+    pose[:, 0] = matrix_to_axis_angle(turn)
+    return pose, trans
+
+
+class SgdFit(CorpusFit):
+    """One corpus to align by the paper's method.
+
+    Shapes come from the first frame of each subject's first sequence and then stay (Section 3.3).
+    """
+
+    ALIGNER = "sgd"
+    LEARNED: ClassVar = {"betas": "1"}
+
+    def __init__(
+        self, smpl: SMPL, reader: DynaReader, sequences: Sequence[MotionSequence], descent: Descent
+    ) -> None:
+        super().__init__(smpl, sequences)
+        self._objective, self._reader, self._descent = MeshDistance(smpl), reader, descent
+        rows = subject_rows(sequences)
+        self._subject_of = [rows[sequence.subject] for sequence in sequences]
+        self._pool: WorkerPool[MeshDistance]
+
+    def write(self, writer: ArtifactWriter) -> None:
+        """As every aligner; all that workers do is done by the same ones.
+
+        A step is some hundred small operations: processes, or nodes, unless there is little to do.
+        """
+        steps = self._descent.steps * sum(sequence.length for sequence in self.sequences)
+        if steps < _STEPS_WORTH_PROCESSES:
+            workers = torch_workers("serial", self._objective)
+        else:
+            n_workers = min(os.cpu_count() or 1, len(batches(len(self.sequences))))
+            workers = torch_workers(on_any_node("processes"), self._objective, n_workers)
+        with workers as self._pool:
+            super().write(writer)
+
+    def learn(self) -> dict[str, NDArray]:
+        """Shape of every subject, and `theta` (N, 69) of every sequence's first frame."""
+        count = len(self.sequences)
+        meshes = np.empty((count, self.smpl.vertex_count, 3), np.float32)
+        for row, sequence in enumerate(self.sequences):
+            meshes[row] = self._reader.frames(sequence.name, 0, 1)[0]
+        meshes = torch.from_numpy(meshes)
+        targets = self._objective.arrange(meshes)
+        leading = [self._subject_of.index(row) for row in range(max(self._subject_of) + 1)]
+        # A step of few subjects takes its time between operations: one core does them all at once.
+        total = self._descent.shape_steps
+        with (
+            one_arithmetic_thread(),
+            tqdm(total=total, desc="shapes", unit="step", disable=None) as bar,
+        ):
+            shapes, *lead = fit_shape_and_pose(
+                self._objective, targets[leading], self._descent, bar.update
+            )
+        betas = shapes[self._subject_of]
+        firsts = ((betas[rows], targets[rows], self._descent) for rows in batches(count))
+        found = self._pool.map(_fit_first_frames, firsts)
+        pose, trans = (torch.cat(parts) for parts in zip(*found, strict=True))
+        pose[leading], trans[leading] = lead
+        for row, sequence in enumerate(self.sequences):
+            one = slice(row, row + 1)
+            posed = self.smpl(betas[one], pose[one], trans[one])[0]
+            distance_m = (posed - meshes[row]).norm(dim=1).mean()[None]
+            check_distances(Window(sequence, 0, 1), distance_m)
+        return {"betas": shapes.numpy(), "theta": pack_theta(pose.numpy(), trans.numpy())}
+
+    def groups(self) -> list[list[Window]]:
+        """The same window of all sequences; longest first, so that those that end together share
+        a batch."""
+        longest_first = sorted(self.sequences, key=lambda sequence: -sequence.length)
+        parts = [windows(sequence, FRAMES_PER_WINDOW) for sequence in longest_first]
+        return [
+            [own[number] for own in parts if number < len(own)] for number in range(len(parts[0]))
+        ]
+
+    def fit(
+        self,
+        learned: Mapping[str, NDArray],
+        groups: Sequence[Sequence[Window]],
+        files: AlignedFiles | None,
+    ) -> Generator[NDArray[np.float32], None, None]:
+        """theta of each window; each goes on from the frame before, which is in the files."""
+        assert files is not None
+        row_of = {sequence.name: row for row, sequence in enumerate(self.sequences)}
+
+        def tracked(window: Window) -> _Tracked:
+            row, first = row_of[window.sequence.name], window.rows.start
+            theta = learned["theta"][row]
+            if window.start:
+                theta = files.theta.read(slice(first - 1, first))[0]
+            betas = torch.from_numpy(learned["betas"][self._subject_of[row]])
+            return _Tracked(window, self._reader.clip(window.sequence.name), betas, theta)
+
+        for group in groups:
+            shared = (
+                ([tracked(group[row]) for row in rows], self._descent, files)
+                for rows in batches(len(group))
+            )
+            for thetas in self._pool.map(_fit_windows, shared):
+                yield from thetas
+
+
+def _fit_first_frames(
+    objective: MeshDistance, item: tuple[Tensor, Tensor, Descent]
+) -> tuple[Tensor, Tensor]:
+    """Pose and translation of meshes (B, 3 V), their shapes (B, 10) being known."""
+    betas, targets, descent = item
+    shapes = objective.shapes(betas)
+    start = rigid_start(objective, shapes, targets)
+    return fit_pose(objective, shapes, start, targets, descent.first_frame_steps, descent)
+
+
+class _Tracked(NamedTuple):
+    """A sequence that is followed through a window."""
+
+    window: Window
+    meshes: MeshClip
+    betas: Tensor  # (10,) shape of its subject
+    theta: NDArray[np.float32]  # (69,) of the frame before the window's first, or of frame 0
+
+
+def _fit_windows(
+    objective: MeshDistance, batch: tuple[list[_Tracked], Descent, AlignedFiles]
+) -> list[NDArray[np.float32]]:
+    """theta of windows that begin alike, longest first, fitted frame after frame of all at once;
+    the rest goes to the files."""
+    tracked, descent, files = batch
+    start = tracked[0].window.start
+    meshes = [torch.from_numpy(o.meshes.read(o.window.start, o.window.stop)) for o in tracked]
+    lengths = [len(mesh) for mesh in meshes]
+    before = unpack_theta(np.stack([one.theta for one in tracked]))
+    pose, trans = (torch.from_numpy(part) for part in before)
+    poses = pose.new_zeros(len(pose), lengths[0], *pose.shape[1:])
+    translations = trans.new_zeros(len(trans), lengths[0], 3)
+    shapes = objective.shapes(torch.stack([one.betas for one in tracked]))
+    for frame in range(lengths[0]):
+        # Sorted by length, so the sequences that go on are the first ones.
+        going = sum(length > frame for length in lengths)
+        pose, trans = pose[:going], trans[:going]
+        if start + frame > 0:
+            target = objective.arrange(torch.stack([mesh[frame] for mesh in meshes[:going]]))
+            own = shapes.rows(slice(going))
+            pose, trans = fit_pose(objective, own, (pose, trans), target, descent.steps, descent)
+        poses[:going, frame], translations[:going, frame] = pose, trans
+    thetas = []
+    for one, mesh, *found in zip(tracked, meshes, poses, translations, strict=True):
+        pose, trans = (part[: len(mesh)] for part in found)
+        files.store(objective.smpl, one.window, one.betas, pose, trans, mesh)
+        thetas.append(pack_theta(pose.numpy(), trans.numpy()))
+    return thetas
+
+
+def batches(count: int) -> list[list[int]]:
+    """The rows 0 to `count` in batches of nearly equal size.
+
+    An even number of them, so that two cores end together.
+    """
+    number = min(count, 2 * math.ceil(count / (2 * _BODIES_AT_ONCE)))
+    return [rows.tolist() for rows in np.array_split(np.arange(count), max(number, 1))]

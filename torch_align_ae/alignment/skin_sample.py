@@ -1,0 +1,214 @@
+"""The vertices that the robust aligner looks at, cut into patches that few joints move.
+
+Posed vertices and their derivatives by the pose, the analytic Jacobian of Eq. 1-2: a joint is
+turned by a small rotation vector about itself, *in the world's axes*: everything that hangs below
+it then moves by a cross product with its distance from the joint, so the columns are sums over the
+joints below and need no product at all. Pose blend shapes add the displacement of the rest vertices
+that the turn brings with it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from bridge.paper import N_JOINTS
+from torch_align_ae.body import SMPL
+from torch_align_ae.body.rotations import cross_matrix
+from torch_align_ae.body.smpl import subtree_matrix, tree_levels, world_frames
+
+# A radian at a joint that corrects a vertex by less than this does not enter the Jacobian; it
+# always enters the residual.
+_NEGLIGIBLE_M = 1e-4
+
+
+class Pose(NamedTuple):
+    """Poses of B bodies."""
+
+    rotations: Tensor  # (B, 22, 3, 3) of each joint relative to its parent
+    trans: Tensor  # (B, 3) metres
+
+
+class Frames(NamedTuple):
+    """Joints of B bodies in the world."""
+
+    rotations: Tensor  # (B, 22, 3, 3) relative to the parent
+    turn: Tensor  # (B, 22, 3, 3) orientation
+    place: Tensor  # (B, 22, 3) position, metres
+    shift: Tensor  # (B, 22, 3) where the bone's transform takes the origin of the rest pose, metres
+
+    @property
+    def features(self) -> Tensor:
+        """(B, 189) entries of R - I of every joint but the root."""
+        return (self.rotations[:, 1:] - torch.eye(3, dtype=self.turn.dtype)).flatten(1)
+
+
+class SampledPatch(NamedTuple):
+    """n neighbouring vertices of the sample."""
+
+    vertices: slice  # its rows of the sample
+    bones: Tensor  # (K,) bones that move it
+    weights: Tensor  # (K, n) their skinning weights
+    joints: Tensor  # (C,) that move it: those with pose blend shapes here, then bones and all above
+    below: Tensor  # (C, K) ones where the bone is the joint or hangs below it
+    carried: Tensor  # (C, n) share of each vertex that hangs below the joint
+    jacobian_posedirs: Tensor  # (P, 9, 3 n) pose blend shapes of the first P of `joints`, metres
+    parents: Tensor  # (P,) the joints above these
+    features: Tensor  # (Q,) entries of R - I that displace it at all
+    posedirs: Tensor  # (Q, 3 n) displacement per unit of each, metres
+
+
+class Shaped(NamedTuple):
+    """One subject's body in the rest pose."""
+
+    vertices: Tensor  # (3, N) of the sample, metres, without pose blend shapes
+    joints: Tensor  # (22, 3) metres
+
+
+class SkinSample:
+    """About `size` vertices, N, spread over the skin, and what moves each; every bone keeps its
+    share. Hands never move in theta, so their vertices are handed to the wrists.
+    """
+
+    def __init__(self, smpl: SMPL, size: int) -> None:
+        self.smpl = smpl
+        self.parents = smpl.parents[:N_JOINTS]
+        self._levels = tree_levels(self.parents)
+        weights = smpl.moving_weights()
+        self.subtree = subtree_matrix(self.parents).to(weights.dtype)
+        groups = _limb_by_limb(weights, self.parents, size)
+        self.vertices = torch.cat(groups)  # (N,) indices into the mesh, in the order of the patches
+        self.weights = weights[:, self.vertices]  # (22, N) for skinning
+        ends = torch.tensor([len(group) for group in groups]).cumsum(0).tolist()
+        self.patches = [
+            self._patch(slice(start, end), weights)
+            for start, end in zip([0, *ends[:-1]], ends, strict=True)
+        ]
+
+    def __len__(self) -> int:
+        return len(self.vertices)
+
+    def take(self, meshes: Tensor) -> Tensor:
+        """The sample (B, 3, N) of meshes (B, V, 3)."""
+        return meshes[:, self.vertices].transpose(1, 2).contiguous()
+
+    def shaped(self, betas: Tensor) -> Shaped:
+        """The body of shape betas (10,)."""
+        shape = torch.tensordot(betas, self.smpl.shapedirs[:, :, self.vertices], 1)
+        joints = self.smpl.joints(betas[None])[0, :N_JOINTS]
+        return Shaped(self.smpl.template[:, self.vertices] + shape, joints)
+
+    def frames(self, shaped: Shaped, pose: Pose) -> Frames:
+        """Where the joints of a body are in B poses."""
+        joints = shaped.joints.expand(len(pose.trans), -1, -1)
+        turn, place = world_frames(pose.rotations, joints, self._levels, pose.trans)
+        shift = place - (turn @ joints[..., None])[..., 0]
+        return Frames(pose.rotations, turn, place, shift)
+
+    def places(self, rotations: Tensor, joints: Tensor) -> Tensor:
+        """(B, 22, 3) where the joints of a rest pose (22, 3) go without translation; linear."""
+        count = len(rotations)
+        nowhere = joints.new_zeros(count, 3)
+        return world_frames(rotations, joints.expand(count, -1, -1), self._levels, nowhere)[1]
+
+    def positions(self, shaped: Shaped, pose: Pose) -> Tensor:
+        """(B, 3, N) posed vertices of the sample, metres."""
+        frames = self.frames(shaped, pose)
+        parts = (_moved_by_bones(patch, shaped, frames, patch.weights) for patch in self.patches)
+        return torch.cat([part.sum(1) for part in parts], 2)
+
+    def _patch(self, rows: slice, weights: Tensor) -> SampledPatch:
+        chosen = self.vertices[rows]
+        weights = weights[:, chosen]
+        posedirs = self.smpl.posedirs[: 9 * (N_JOINTS - 1), :, chosen]
+        by_joint = posedirs.unflatten(0, (N_JOINTS - 1, 9))
+        bones = weights.any(1).nonzero()[:, 0]
+        corrects = by_joint.norm(dim=(1, 2)).amax(1) > _NEGLIGIBLE_M
+        correcting = corrects.nonzero()[:, 0] + 1
+        above = self.subtree[:, bones].any(1)
+        above[correcting] = False
+        joints = torch.cat([correcting, above.nonzero()[:, 0]])
+        features = posedirs.flatten(1).any(1).nonzero()[:, 0]
+        return SampledPatch(
+            vertices=rows,
+            bones=bones,
+            weights=weights[bones].contiguous(),
+            joints=joints,
+            below=self.subtree[joints][:, bones].contiguous(),
+            carried=(self.subtree @ weights)[joints].contiguous(),
+            jacobian_posedirs=by_joint[correcting - 1].flatten(2).contiguous(),
+            parents=torch.tensor(self.parents)[correcting],
+            features=features,
+            posedirs=posedirs[features].flatten(1).contiguous(),
+        )
+
+
+def linearise(
+    patch: SampledPatch, shaped: Shaped, frames: Frames, scale: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Posed vertices of a patch and their Jacobian, both times `scale` (n,), which is the square
+    root of each vertex's weight.
+
+    Positions (B, 3, n) are in metres. The Jacobian (B, C + 1, 3, 3, n) is by the turn of joint c
+    about world axis i, radians, and, last, by the translation; then coordinates and vertices.
+    """
+    weights = patch.weights * scale
+    moved = _moved_by_bones(patch, shaped, frames, weights)
+    arms = (patch.below @ moved.flatten(2)).unflatten(2, (3, -1))
+    arms -= (patch.carried * scale)[:, None] * frames.place[:, patch.joints, :, None]
+    jacobian = arms.new_zeros(len(moved), len(patch.joints) + 1, 3, 3, moved.shape[3])
+    for axis in range(3):  # e_i x arm for each world axis i
+        following, last = (axis + 1) % 3, (axis + 2) % 3
+        torch.neg(arms[:, :, last], out=jacobian[:, :-1, axis, following])
+        jacobian[:, :-1, axis, last] = arms[:, :, following]
+        jacobian[:, -1, axis, axis] = scale
+    if len(patch.jacobian_posedirs):
+        _add_corrections(jacobian, patch, frames, weights)
+    return moved.sum(1), jacobian
+
+
+def _moved_by_bones(patch: SampledPatch, shaped: Shaped, frames: Frames, weights: Tensor) -> Tensor:
+    """(B, K, 3, n) each bone's part of the posed vertices; their sum over K is the vertex."""
+    corrective = frames.features.index_select(1, patch.features) @ patch.posedirs
+    rest = corrective.unflatten(1, (3, -1)).add_(shaped.vertices[:, patch.vertices])  # Eq. 2
+    turn, shift = frames.turn[:, patch.bones], frames.shift[:, patch.bones]
+    moved = (turn.flatten(1, 2) @ rest).unflatten(1, (-1, 3))
+    return moved.add_(shift[..., None]).mul_(weights[:, None])
+
+
+def _add_corrections(
+    jacobian: Tensor, patch: SampledPatch, frames: Frames, weights: Tensor
+) -> None:
+    """Add what pose blend shapes do while their joint turns."""
+    count = len(patch.jacobian_posedirs)
+    joints = patch.joints[:count]
+    # In the parent's axes, world axis i is row i of the parent's orientation.
+    spin = cross_matrix(frames.turn[:, patch.parents]) @ frames.rotations[:, joints, None]
+    spin = spin.transpose(0, 1).flatten(1, 2).flatten(2)  # (P, B * 3, 9)
+    rest_change = (spin @ patch.jacobian_posedirs).unflatten(1, (-1, 3)).unflatten(3, (3, -1))
+    rest_change = rest_change.transpose(0, 1)  # (B, P, 3 axes, 3 coordinates, n)
+    turn = frames.turn[:, patch.bones].permute(0, 2, 3, 1).flatten(1, 2)
+    blended = (turn @ weights).unflatten(1, (3, 3))  # (B, 3, 3, n)
+    change = blended[:, None, None, :, 0] * rest_change[:, :, :, None, 0]
+    for axis in (1, 2):
+        change.addcmul_(blended[:, None, None, :, axis], rest_change[:, :, :, None, axis])
+    jacobian[:, :count] += change
+
+
+def _limb_by_limb(weights: Tensor, parents: tuple[int, ...], size: int) -> list[Tensor]:
+    """Vertices of each limb, every so-many-th of each dominant bone's."""
+    dominant, count = weights.argmax(0), weights.shape[1]
+    stride = max(1.0, count / size)
+    # The first joint of each joint's limb: limbs begin where the tree branches.
+    limbs: list[int] = []
+    groups: dict[int, list[Tensor]] = {}
+    for bone, parent in enumerate(parents):
+        only_child = parents.count(parent) == 1 and parent >= 0
+        limbs.append(limbs[parent] if only_child else bone)
+        own = (dominant == bone).nonzero()[:, 0]
+        if len(own):
+            keep = torch.arange(0, len(own), stride, dtype=torch.float64).long()
+            groups.setdefault(limbs[bone], []).append(own[keep])
+    return [torch.cat(bones) for bones in groups.values()]

@@ -1,0 +1,261 @@
+"""Codes of offsets: the trained autoencoder with its normaliser, and PCA to compare it with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from bridge.errors import DsnetError
+from bridge.exchange import load_weights, save_weights
+from bridge.exchange.codes import AUTOENCODER, LINEAR_FILES, CodeName
+from bridge.motion.splits import chunks
+from bridge.runs import Artifact
+from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
+
+WEIGHTS_FILE = "autoencoder.safetensors"
+NormalisationName = Literal["global_maximum", "standard"]
+_BATCH = 64
+# What hardly moves would otherwise be blown up to pure measurement noise.
+_SMALLEST_SCALE_M = 1e-4
+_SPARE_DIRECTIONS = 20
+
+
+@dataclass(frozen=True)
+class Normaliser:
+    """An affine map per coordinate: (offset - mean) / scale, and back."""
+
+    mean_m: Tensor  # (V, 3), metres
+    scale_m: Tensor  # (V, 3), metres, positive
+
+    def normalise(self, offsets_m: Tensor) -> Tensor:
+        """Metres (B, V, 3) to the network's numbers."""
+        return (offsets_m - self.mean_m) / self.scale_m
+
+    def denormalise(self, values: Tensor) -> Tensor:
+        """The network's numbers (B, V, 3) to metres."""
+        return values * self.scale_m + self.mean_m
+
+    def to(self, device: torch.device) -> Normaliser:
+        """The same map on another device."""
+        return Normaliser(self.mean_m.to(device), self.scale_m.to(device))
+
+
+def fit_normaliser(
+    name: NormalisationName, offsets_m: NDArray[np.float32], frames: NDArray[np.int64]
+) -> Normaliser:
+    """'normalized ... within the range of [-1, 1]' (Section 5), read in one of two ways.
+
+    Offsets are a millimetre on average and several centimetres at the extreme, so the choice
+    decides whether anything is left to learn from. Of the named (training) frames of (F, V, 3):
+
+    `global_maximum`
+        Divide by the largest coordinate of all: the plainest way to take the words.
+    `standard`
+        Remove the mean, divide by one standard deviation; values leave [-1, 1].
+        The mean squared error then is the offsets' own, up to one constant.
+    """
+    total = np.zeros(offsets_m.shape[1:])
+    squares = largest = 0.0
+    for part in chunks(offsets_m, frames):
+        total += part.sum(axis=0, dtype=np.float64)
+        squares += float(np.square(part, dtype=np.float64).sum())
+        largest = max(largest, float(np.abs(part).max()))
+    mean, scale_m = total / len(frames), largest
+    if name == "standard":
+        variance = squares / (len(frames) * total.size) - np.square(mean).mean()
+        scale_m = np.sqrt(max(variance, 0.0))
+    else:
+        mean = np.zeros_like(mean)
+    scale = np.full_like(mean, max(scale_m, _SMALLEST_SCALE_M))
+    return Normaliser(*(torch.from_numpy(part.astype(np.float32)) for part in (mean, scale)))
+
+
+@dataclass(frozen=True)
+class Codec:
+    """A trained autoencoder on NumPy arrays; any number of frames in bounded memory."""
+
+    model: MeshAutoencoder
+    normaliser: Normaliser
+
+    def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Offsets (B, V, 3) in metres to latents (B, 100)."""
+        return _in_batches(lambda x: self.model.encode(self.normaliser.normalise(x)), offsets_m)
+
+    def decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Latents (B, 100) to offsets (B, V, 3) in metres."""
+        return _in_batches(lambda z: self.normaliser.denormalise(self.model.decode(z)), latents)
+
+    @property
+    def vertex_count(self) -> int:
+        return len(self.normaliser.mean_m)
+
+    @property
+    def latent_size(self) -> int:
+        return self.model.latent_size
+
+    def architecture(self) -> dict[str, Any]:
+        """What a manifest must say so that `load_codec` can build the network again."""
+        model = self.model
+        return {
+            "widths": list(model.widths),
+            "activation": model.activation,
+            "negative_slope": model.negative_slope,
+        }
+
+    def save(self, path: Path) -> None:
+        """Write weights and normaliser as named arrays."""
+        weights = {f"model.{name}": value for name, value in self.model.state_dict().items()}
+        weights["normaliser.mean_m"] = self.normaliser.mean_m
+        weights["normaliser.scale_m"] = self.normaliser.scale_m
+        save_weights(path, {name: value.cpu().numpy() for name, value in weights.items()})
+
+
+@torch.inference_mode()
+def _in_batches(
+    function: Callable[[Tensor], Tensor], values: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    parts = [
+        # A copy, because memory-mapped artifacts are read-only and tensors are not.
+        function(torch.from_numpy(np.array(values[start : start + _BATCH], dtype=np.float32)))
+        for start in range(0, max(len(values), 1), _BATCH)
+    ]
+    return torch.cat(parts).numpy()
+
+
+@dataclass(frozen=True)
+class PcaCodec:
+    """Mean and principal directions of offsets; encodes to coefficients in metres."""
+
+    mean_m: NDArray[np.float32]  # (V, 3)
+    components: NDArray[np.float32]  # (K, V * 3), orthonormal rows, in order of falling variance
+
+    @classmethod
+    def fit(
+        cls,
+        offsets_m: NDArray[np.float32],
+        frames: NDArray[np.int64],
+        size: int = 100,
+        *,
+        passes: int = 3,
+        seed: int = 0,
+    ) -> PcaCodec:
+        """Fit `size` components to the named frames of (F, V, 3) without holding them in memory.
+
+        Randomised subspace iteration (Halko, Martinsson, Tropp 2011): each pass streams the frames
+        once and multiplies the subspace by their covariance.
+        """
+        total = np.zeros(offsets_m.shape[1:])
+        for part in chunks(offsets_m, frames):
+            total += part.sum(axis=0, dtype=np.float64)
+        mean = (total / len(frames)).astype(np.float32)
+        width = min(size + _SPARE_DIRECTIONS, mean.size)
+        subspace = np.random.default_rng(seed).standard_normal((mean.size, width), np.float32)
+        basis, inner = subspace, np.empty(0)
+        for _ in range(passes):
+            # (X'X) basis, and basis' (X'X) basis, of the centred frames X.
+            basis = np.linalg.qr(subspace)[0]
+            subspace, inner = np.zeros_like(basis), np.zeros((width, width))
+            for part in chunks(offsets_m, frames):
+                centred = (part - mean).reshape(len(part), -1)
+                coefficients = centred @ basis
+                subspace += centred.T @ coefficients
+                inner += np.float64(coefficients.T @ coefficients)
+        rotation = np.linalg.eigh(inner)[1][:, ::-1][:, :size]
+        return cls(mean, np.ascontiguousarray((basis @ rotation.astype(np.float32)).T))
+
+    @classmethod
+    def of_directions(cls, directions: NDArray[np.floating]) -> PcaCodec:
+        """The code of given directions (V, 3, K) about zero: they are made orthonormal in order."""
+        columns = directions.reshape(-1, directions.shape[2]).astype(np.float64)
+        basis, upper = np.linalg.qr(columns)
+        components = (basis * np.where(np.diag(upper) < 0, -1.0, 1.0)).T.astype(np.float32)
+        return cls(np.zeros(directions.shape[:2], np.float32), np.ascontiguousarray(components))
+
+    @property
+    def vertex_count(self) -> int:
+        return len(self.mean_m)
+
+    @property
+    def latent_size(self) -> int:
+        return len(self.components)
+
+    def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Offsets (B, V, 3) in metres to coefficients (B, K) in metres."""
+        centred = np.asarray(offsets_m - self.mean_m, dtype=np.float32)
+        return _product(centred.reshape(len(offsets_m), -1), self.components.T)
+
+    def decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Coefficients (B, K) to offsets (B, V, 3) in metres."""
+        offsets_m = _product(latents, self.components).reshape(-1, *self.mean_m.shape)
+        return offsets_m + self.mean_m
+
+
+def _product(left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.float32]:
+    """PyTorch's, which obeys `torch_workers`: NumPy's bits depend on how many cores there are."""
+    return (torch.tensor(left) @ torch.from_numpy(right)).numpy()
+
+
+OffsetCodec: TypeAlias = Codec | PcaCodec
+
+
+def reconstruction_r2(
+    codec: OffsetCodec, offsets_m: NDArray[np.float32], frames: NDArray[np.int64]
+) -> float:
+    """R2 = 1 - sum |x~ - x|^2 / sum |x|^2 over the named frames, in metres; SMPL alone has 0."""
+    error = energy = 0.0
+    for part in chunks(offsets_m, frames):
+        rebuilt = codec.decode(codec.encode(part))
+        error += float(np.square(rebuilt - part, dtype=np.float64).sum())
+        energy += float(np.square(part, dtype=np.float64).sum())
+    return 1 - error / energy if energy else float("nan")
+
+
+def load_codec(artifact: Artifact, name: str = WEIGHTS_FILE) -> Codec:
+    """Load the codec of a finished `train-ae` stage."""
+    return read_codec(artifact.file(name), artifact.manifest["architecture"])
+
+
+def load_codecs(artifact: Artifact) -> dict[CodeName, OffsetCodec]:
+    """Every code of a finished `train-ae` stage."""
+    codecs: dict[CodeName, OffsetCodec] = {AUTOENCODER: load_codec(artifact)}
+    for code, name in LINEAR_FILES.items():
+        if name in artifact.manifest["files"]:
+            path = artifact.file(name)
+            arrays = load_weights(path)
+            named = set(arrays) == {"mean_m", "components"}
+            if not named or arrays["components"].shape[1:] != (arrays["mean_m"].size,):
+                raise DsnetError(
+                    f"{path} with {', '.join(sorted(arrays)) or 'no arrays'}",
+                    "mean_m (V, 3) and components (K, V * 3)",
+                    "Delete the folder and run `dsnet train-ae` again.",
+                )
+            codecs[code] = PcaCodec(arrays["mean_m"], arrays["components"])
+    return codecs
+
+
+def read_codec(path: Path, architecture: Mapping[str, Any]) -> Codec:
+    """Load a codec from its weights and `Codec.architecture`'s values."""
+    with torch.device("meta"):
+        model = MeshAutoencoder(**{**architecture, "widths": tuple(architecture["widths"])})
+    weights = load_weights(path)
+    expected = {f"model.{name}": tuple(v.shape) for name, v in model.state_dict().items()}
+    vertices = (model.widths[0], 3)
+    expected |= {"normaliser.mean_m": vertices, "normaliser.scale_m": vertices}
+    if {name: value.shape for name, value in weights.items()} != expected:
+        raise DsnetError(
+            f"{path} with other arrays than the network in its manifest",
+            f"{len(expected)} arrays of widths {model.widths}",
+            "Delete the folder and run `dsnet train-ae` again.",
+        )
+    tensors = {name: torch.from_numpy(value) for name, value in weights.items()}
+    normaliser = Normaliser(tensors.pop("normaliser.mean_m"), tensors.pop("normaliser.scale_m"))
+    state = {name.removeprefix("model."): value for name, value in tensors.items()}
+    model.load_state_dict(state, assign=True)
+    return Codec(model.eval(), normaliser)
