@@ -1,4 +1,4 @@
-"""The layers that learn, forwards and backwards.
+"""The layers that learn, nonlinearities and losses, forwards and backwards.
 
 Each `*_backward` takes the gradient of a scalar by the layer's output and returns the gradients
 by its input and its parameters. Arrays are batch-first; leading axes are any.
@@ -6,12 +6,12 @@ by its input and its parameters. Arrays are batch-first; leading axes are any.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 Array = np.ndarray
+Arrays = dict[str, np.ndarray]
 
 
 def dense(x: Array, kernel: Array, bias: Array) -> Array:
@@ -34,6 +34,19 @@ def vertex_mix_backward(dy: Array, x: Array, weight: Array) -> tuple[Array, Arra
     """Gradients by x, weight and bias."""
     by_weight = np.tensordot(dy, x, axes=((0, 2), (0, 2)))
     return weight[:, :, 0].T @ dy, by_weight[:, :, None], dy.sum(axis=(0, 2))
+
+
+def activate(name: str, z: Array, negative_slope: float) -> tuple[Array, Array]:
+    """`leaky_relu`, `elu`, `tanh` or `relu` of z, and the slope there: the one from below at 0."""
+    if name == "tanh":
+        return np.tanh(z), 1 - np.tanh(z) ** 2
+    below = {
+        "leaky_relu": (negative_slope * z, negative_slope),
+        "elu": (np.expm1(np.minimum(z, 0.0)), np.exp(np.minimum(z, 0.0))),
+        "relu": (0.0, 0.0),
+    }
+    value, slope = below[name]
+    return np.where(z > 0, z, value), np.where(z > 0, 1.0, slope)
 
 
 def sigmoid(z: Array) -> Array:
@@ -86,31 +99,28 @@ def lstm_backward(
         dhidden = dhidden + dy[:, t]
         squashed = np.tanh(step.cell)
         dcell = dcell + dhidden * step.output_gate * (1 - squashed**2)
-        dgates = np.concatenate(
-            [
-                dcell * step.candidate * step.input_gate * (1 - step.input_gate),
-                dcell * past_cell * step.forget_gate * (1 - step.forget_gate),
-                dcell * step.input_gate * (1 - step.candidate**2),
-                dhidden * squashed * step.output_gate * (1 - step.output_gate),
-            ],
-            axis=-1,
-        )
-        by_x[:, t] = dgates @ kernel.T
-        by_kernel += x[:, t].T @ dgates
-        by_recurrent += past_hidden.T @ dgates
-        by_bias += dgates.sum(axis=0)
-        dhidden = dgates @ recurrent.T
+        dgates = [
+            dcell * step.candidate * step.input_gate * (1 - step.input_gate),
+            dcell * past_cell * step.forget_gate * (1 - step.forget_gate),
+            dcell * step.input_gate * (1 - step.candidate**2),
+            dhidden * squashed * step.output_gate * (1 - step.output_gate),
+        ]
+        dz = np.concatenate(dgates, axis=-1)
+        by_x[:, t] = dz @ kernel.T
+        by_kernel += x[:, t].T @ dz
+        by_recurrent += past_hidden.T @ dz
+        by_bias += dz.sum(axis=0)
+        dhidden = dz @ recurrent.T
         dcell = dcell * step.forget_gate
     return by_x, by_kernel, by_recurrent, by_bias
 
 
-@dataclass(frozen=True)
-class Moments:
-    """Statistics of a batch over the frames that count; (H,) each."""
+class Moments(NamedTuple):
+    """Statistics of a batch over the frames that count."""
 
     mean: Array
+    """(H,), like the variance, which is biased: divided by the count."""
     variance: Array
-    """Biased: divided by the count."""
     counted: Array
     """(B, T, 1) 1 where a frame counts."""
     divisor: float
@@ -154,3 +164,24 @@ def batch_norm_backward(
     through_statistics = batch.counted * (by_mean + 2 * by_variance * deviation) / batch.divisor
     by_gamma = (dy * deviation / spread).sum(axis=(0, 1))
     return slope + through_statistics, by_gamma, dy.sum(axis=(0, 1))
+
+
+def sum_of_distances(
+    target: Array, predicted: Array, real: Array | None = None
+) -> tuple[float, Array]:
+    """Section 4.3: sum over t of the L2 distance, mean over the batch; and its gradient.
+
+    Of (B, T, D), over the frames where `real` (B, T). The gradient is 0 where a distance is 0.
+    """
+    counts = np.ones(target.shape[:2]) if real is None else real.astype(float)
+    difference = predicted - target
+    distance = np.linalg.norm(difference, axis=-1)
+    direction = difference / np.where(distance > 0, distance, 1.0)[..., None]
+    clips = len(target)
+    return float((counts * distance).sum() / clips), counts[..., None] * direction / clips
+
+
+def mean_squared_error(target: Array, predicted: Array) -> tuple[float, Array]:
+    """The autoencoder's: mean over all numbers of the squared difference; and its gradient."""
+    difference = predicted - target
+    return float((difference**2).mean()), 2 * difference / difference.size

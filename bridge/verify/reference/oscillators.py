@@ -1,18 +1,38 @@
-"""The sheet of oscillators in float64, as the equations of `bridge.tissue.oscillators` say it.
+"""`dsnet_plus` in float64: the equations of `bridge.tissue.oscillators`, streams and training.
 
 Plain and slow: every node's block is a matrix that is solved with, rest is Newton's method on all
-offsets together.
+offsets together, and gradients are steps into the imaginary direction, as `smpl` explains them.
+Coefficients are the trained ones, which are float32; what is computed from them is float64.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from bridge.body import BodyModelData, load_body_model
+from bridge.exchange.layouts import KERAS_ADAM
+from bridge.motion import unpack_theta
 from bridge.tissue.oscillators import FPS, STEPS, SWEEPS
+from bridge.tissue.shape import shape_features, shaped_normals
+from bridge.tissue.trained_plus import TrainedPlus, shares_of_people
+from bridge.verify.engine import Tensors, prefixed
+from bridge.verify.reference import smpl
+from bridge.verify.reference.dsnet import Pass, train
+from bridge.verify.reference.layers import Arrays
 
 _NEWTON, _SOLVED = 100, 1e-13
+_GRAVITY_M_S2 = np.array([0.0, -9.81, 0.0])
+_QUIET_M, _QUIET_SHARE = 2e-4, 0.3
+_PRIOR = {
+    "omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "normal_ratio": 3e-3,
+    "wave_speed": 1e-2, "bending": 1e-2, "inertia_gain": 3e-2, "gravity_gain": 3e-2,
+}  # fmt: skip
+"""Of nodes' deviations from all nodes' mean."""
+_GAINS, _PEOPLE = 3e-2, 3e-3
+"""Of gains that are not 1, and of what people have besides their shape's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,19 +58,27 @@ class Coefficients:
     normals: np.ndarray
     """(K, 3) n, outward, in the rest pose."""
 
+    @classmethod
+    def of_logarithms(
+        cls, logs: Mapping[str, np.ndarray], own: np.ndarray, power: np.ndarray, normals: np.ndarray
+    ) -> Coefficients:
+        """Of a person who has `own` (K, 1) of log w; log a follows it by `power`."""
+        person = {**logs, "omega": logs["omega"] + own}
+        person["stiffening"] = logs["stiffening"] + power * own
+        return cls(**{name: np.exp(log) for name, log in person.items()}, normals=normals)
+
     def in_float64(self) -> Coefficients:
-        """The same numbers; complex ones stay so, for `oscillator_training`."""
+        """The same numbers; complex ones stay so."""
         arrays = [np.asarray(getattr(self, field.name)) for field in fields(self)]
         return Coefficients(*(a.astype(np.result_type(a, np.float64)) for a in arrays))
 
+    def load(self, inertia: np.ndarray, gravity: np.ndarray) -> np.ndarray:
+        """(..., K, 3) what the nodes feel."""
+        return self.inertia_gain * inertia + self.gravity_gain * gravity
+
 
 class Sheet:
-    """The nodes of one person.
-
-    Parameters
-    ----------
-    laplacian : (K, K) of the nodes.
-    """
+    """The nodes of one person, of a dense Laplacian (K, K)."""
 
     def __init__(self, coefficients: Coefficients, laplacian: np.ndarray) -> None:
         self._c = c = coefficients.in_float64()
@@ -113,3 +141,143 @@ class Sheet:
     def _stretched(self, offsets_m: np.ndarray) -> np.ndarray:
         """P u."""
         return np.einsum("kxy,ky->kx", self._P, offsets_m)
+
+
+def posed(
+    model: TrainedPlus, body: BodyModelData, theta: np.ndarray, betas: np.ndarray
+) -> np.ndarray:
+    """Vertices (T, V, 3), metres, as a stream of poses theta (T, 69) of one character gives them.
+
+    She begins settled in her first pose; what is shown is `look_ahead` frames old, her first pose
+    until then.
+    """
+    rows = np.maximum(np.arange(len(theta)) - model.look_ahead, 0)
+    at_nodes, shown = moving(model, body, theta, betas)[rows], theta[rows]
+    offsets_m = np.einsum("vk,tvkx->tvx", model.nodes.shares, at_nodes[:, model.nodes.owners])
+    static_m = model.static_m(body, betas, shown)
+    if static_m is not None:
+        offsets_m = offsets_m + static_m
+    return smpl.posed_vertices(body, betas[None], *unpack_theta(shown), offsets_m)
+
+
+def moving(
+    model: TrainedPlus, body: BodyModelData, theta: np.ndarray, betas: np.ndarray
+) -> np.ndarray:
+    """(T, K, 3) offsets of the nodes over a motion theta (T, 69), which ends standing still."""
+    person = coefficients(model, body, betas)
+    felt = _felt(model, person, body, theta, betas)
+    sheet = Sheet(person, model.nodes.laplacian.toarray().astype(np.float64))
+    now = before = sheet.settled(felt[0])
+    offsets_m, taps = [now], model.weights.taps.astype(np.float64)
+    for frame in range(1, len(theta)):
+        newest = frame - 1 + model.look_ahead
+        known = felt[np.clip(newest - np.arange(len(taps)), 0, len(felt) - 1)]
+        now, before = sheet.frame(now, before, np.tensordot(taps, known, 1))
+        offsets_m.append(now)
+    return np.stack(offsets_m)
+
+
+def coefficients(model: TrainedPlus, body: BodyModelData, betas: np.ndarray) -> Coefficients:
+    """What a `dsnet_plus` says of a person of shape betas (10,), known or new."""
+    weights = model.weights
+    features = shape_features(body, betas, model.nodes.vertices)
+    shares = shares_of_people(betas, model.people_betas)
+    own = features @ weights.slopes + np.tensordot(shares, weights.residual, 1)
+    logs = {name: np.asarray(log, np.float64) for name, log in weights.base.items()}
+    normals = shaped_normals(body, betas)[model.nodes.vertices]
+    return Coefficients.of_logarithms(logs, own, weights.stiffening_power, normals)
+
+
+def _felt(
+    model: TrainedPlus,
+    person: Coefficients,
+    body: BodyModelData,
+    theta: np.ndarray,
+    betas: np.ndarray,
+) -> np.ndarray:
+    """(T, K, 3) loads: the first and last frame, which have no acceleration, stand still.
+
+    Skinning weights that sum to 1 only up to rounding are made to: standing is no turn exactly.
+    """
+    pose, trans = unpack_theta(np.asarray(theta, np.float64))
+    vertices, turned = model.nodes.vertices, smpl.rotations(pose)
+    turns, shift = smpl.skinning(body, betas[None], turned, trans, vertices)
+    turns = turns + (1 - body.weights[vertices].sum(1))[:, None, None] * np.eye(3)
+    rest = smpl.rest_vertices(body, betas[None], turned, vertices)
+    places = (turns @ rest[..., None])[..., 0] + shift
+    acceleration = np.zeros_like(places)
+    acceleration[1:-1] = (places[2:] - 2 * places[1:-1] + places[:-2]) * FPS**2
+    back = turns.swapaxes(-1, -2)
+    inertia = -(back @ acceleration[..., None])[..., 0]
+    return person.load(inertia, back @ _GRAVITY_M_S2 - _GRAVITY_M_S2)
+
+
+def predict(w: Arrays, given: Arrays) -> np.ndarray:
+    """Offsets (T, K, B, 3) of B windows, from weights named as the Keras layer's and a batch."""
+    return np.stack([_window(w, given, clip) for clip in range(given["now"].shape[1])], axis=2)
+
+
+def learn(w: Arrays, given: Arrays) -> Pass:
+    """Loss, and the gradient of it and the prior by every number of every weight."""
+    gradients = {}
+    for name, values in w.items():
+        slopes = np.zeros(values.size)
+        for place in range(values.size):
+            moved = values.astype(np.complex128)
+            moved.flat[place] += 1j * smpl.H
+            other = {**w, name: moved}
+            total = _loss(predict(other, given), given) + _prior(other)
+            slopes[place] = np.imag(total) / smpl.H
+        gradients[name] = slopes.reshape(values.shape)
+    offsets = predict(w, given)
+    return Pass(float(_loss(offsets, given)), gradients, {}, {"offsets": offsets})
+
+
+def _window(w: Arrays, given: Arrays, clip: int) -> np.ndarray:
+    """(T, K, 3)."""
+    own = given["features"][:, clip] @ w["slopes"]
+    own = own + np.tensordot(given["shares"][clip], w["residual"], 1)  # (K, 1)
+    logs = {name: w[f"log_{name}"] + w[f"by_node_{name}"] for name in _PRIOR}
+    normals = given["normals"][:, clip]
+    normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    person = Coefficients.of_logarithms(logs, own, w["stiffening_power"], normals)
+    felt = person.load(given["inertia"][:, :, clip], given["gravity"][:, :, clip])
+    sheet, taps, found = Sheet(person, given["laplacian"]), w["taps"] / w["taps"].sum(), []
+    now, before = given["now"][:, clip], given["before"][:, clip]
+    for newest in range(len(taps) - 1, len(felt)):
+        load = np.tensordot(taps, felt[newest - np.arange(len(taps))], 1)
+        now, before = sheet.frame(now, before, load)
+        found.append(now)
+    return np.stack(found)
+
+
+def _loss(found: np.ndarray, given: Arrays) -> np.ndarray:
+    """The share of the energy that is missed, and some of each window's own share."""
+    counted, target = given["counted"], given["target"]
+    missed, energy = ((counted * values**2).mean((0, 1, 3)) for values in (found - target, target))
+    quiet = counted.mean((0, 1, 3)) * _QUIET_M**2
+    return missed.sum() / energy.sum() + _QUIET_SHARE * (missed / (energy + quiet)).mean()
+
+
+def _prior(w: Arrays) -> np.ndarray:
+    """Nodes are alike, people follow their shape, and gains are 1."""
+    uneven = sum(weight * (w[f"by_node_{name}"] ** 2).mean() for name, weight in _PRIOR.items())
+    gains = sum((w[f"log_{name}"] ** 2).sum() for name in ("inertia_gain", "gravity_gain"))
+    return uneven + _GAINS * gains + _PEOPLE * (w["residual"] ** 2).mean()
+
+
+def oscillators_train(
+    w: Arrays, steps: list[int], learning_rate: float, **given: np.ndarray
+) -> Tensors:
+    """Offsets of windows, loss, gradients, steps of Adam."""
+    rule = replace(KERAS_ADAM, learning_rate=learning_rate, beta_2=0.95)
+    offsets = prefixed("layer", {"offsets": predict(w, given)})
+    return offsets | train(w, lambda now: learn(now, given), rule, steps)
+
+
+def plus_graph(w: Arrays, theta: np.ndarray, betas: np.ndarray, body: str) -> Tensors:
+    """From poses theta (T, B, 69) of B characters to the posed skin, by `dsnet_plus`."""
+    model, data = TrainedPlus.from_arrays(w), load_body_model(body)
+    characters = zip(theta.swapaxes(0, 1), betas, strict=True)
+    clips = [posed(model, data, own, shape) for own, shape in characters]
+    return {"layer/vertices": np.stack(clips, axis=1)}

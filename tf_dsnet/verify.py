@@ -1,0 +1,291 @@
+"""`python -m tf_dsnet.verify`: what Keras and TensorFlow answer to `dsnet verify`.
+
+Operations and names are those of `bridge.verify.engine`; the product's own networks, trainer,
+learner, KerasSMPL and files compute.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import load_body_model
+from bridge.exchange import load_weights, save_weights
+from bridge.exchange.clips import Clips
+from bridge.exchange.layouts import mesh_autoencoder_from_keras
+from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
+from tf_dsnet import mesh_autoencoder, model
+from tf_dsnet.codec import KerasCodec
+from tf_dsnet.framework import Tensor, keras, tf
+from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, TorchAdam
+from tf_dsnet.oscillators.layer import OscillatorLayer
+from tf_dsnet.oscillators.learner import OscillatorLearner
+from tf_dsnet.smpl import KerasSMPL
+from tf_dsnet.trainer import Trainer
+from tf_dsnet.unposing import unpose
+
+NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
+LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
+
+
+def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
+    """Every layer at rest: the whole batch, row by row, or frame by frame."""
+    network = _dsnet(weights)
+    if run != "steps":
+        traced = _traced(network)
+        call = tf.function(lambda x: traced(x, training=False), reduce_retracing=True)
+        return joined(_in_order(call(rows)) for rows in batches(motion, run))
+    layer, frames = network.get_layer, []
+    state = [tf.zeros((len(motion), layer("lstm").units), motion.dtype)] * 2
+    for frame in motion.swapaxes(0, 1):  # the LSTM's cell is given its state by hand
+        first = layer("fc_enc_1")(frame)
+        second = layer("fc_enc_2")(first)
+        hidden, state = layer("lstm").cell(second, state)
+        normalised = layer("batch_norm")(hidden[:, None], training=False)
+        last = layer("fc_enc_3")(normalised)
+        outputs = (first[:, None], second[:, None], hidden[:, None], normalised, last)
+        frames.append(dict(zip(LAYERS, outputs, strict=True)))
+    return joined(frames, axis=1)
+
+
+def dsnet_train(
+    weights: Tensors,
+    motion: NDArray,
+    latents: NDArray,
+    real: NDArray,
+    masked: bool,
+    steps: Sequence[int],
+) -> Tensors:
+    """Layers, loss and gradients of the first pass in training, and the steps after it."""
+    _compute_in(motion)
+    clips = Clips(motion, latents, real)
+    trainer = Trainer(clips, lr=1e-4, batch_size=len(clips), masked=masked)
+    network = trainer.model
+    _exact(trainer.optimizer)
+    epochs = iter(range(1, max(steps, default=0) + 1))
+    trained_names = [name for name in model.named_weights(network) if "/moving_" not in name]
+
+    def state() -> dict[str, Tensors]:
+        moments = _moments(trainer.optimizer)
+        named = {kind: dict(zip(trained_names, m, strict=True)) for kind, m in moments.items()}
+        return {"weight": model.named_weights(network), **named}
+
+    # Every pass in training moves the running statistics on: begin with the weights each time.
+    model.assign_weights(network, weights)
+    seen = _in_order(_traced(network)([motion, real] if masked else motion, training=True))
+    model.assign_weights(network, weights)
+    first_pass = trainer.gradients()
+    model.assign_weights(network, weights)
+    learned = trained(steps, first_pass, lambda: trainer.epoch(next(epochs)), state)
+    return prefixed("layer", seen) | learned
+
+
+def ae_forward(
+    weights: Tensors, values: NDArray, architecture: dict[str, Any], run: str
+) -> Tensors:
+    """Every layer, and the normaliser's where the weights hold one."""
+    scaling = [weights.pop(name) for name in NORMALISER if name in weights]
+    network = _autoencoder(weights, architecture)
+    sides = [(side, _layers_of(side)) for side in (network.encoder, network.decoder)]
+    traced = [keras.Model(s.inputs, {layer: s.get_layer(layer).output for layer in names})
+              for s, names in sides]  # fmt: skip
+
+    def layers(rows: Tensor) -> dict[str, Tensor]:
+        outputs = traced[0](rows)
+        outputs |= traced[1](outputs["to_latent"])
+        # Features last, as everywhere but inside the convolutions.
+        return {
+            name: tf.transpose(outputs[name], (0, 2, 1)) if ".conv_" in name else outputs[name]
+            for _, names in sides
+            for name in names
+        }
+
+    if not scaling:
+        return joined(layers(rows) for rows in batches(values, run))
+    codec = KerasCodec(network, *scaling)
+    normalised = codec.normalise(values)
+    seen = layers(normalised)
+    last = codec.denormalise(seen["to_coordinates"])
+    ends = {"normaliser.normalise": normalised}, {"normaliser.denormalise": last}
+    return prefixed("layer", ends[0] | seen | ends[1])
+
+
+def ae_train(
+    weights: Tensors,
+    values: NDArray,
+    architecture: dict[str, Any],
+    steps: Sequence[int],
+    target: NDArray | None = None,
+) -> Tensors:
+    """Loss and gradients of the reconstruction of one batch, and steps on it."""
+    network = _autoencoder(weights, architecture).model
+    given, wanted = tf.constant(values), tf.constant(values if target is None else target)
+    adam = TorchAdam()
+    _exact(adam)
+
+    def one_pass() -> tuple[float, list[Tensor]]:
+        with tf.GradientTape() as tape:
+            loss = tf.reduce_mean(tf.square(network(given) - wanted))
+        return float(loss), tape.gradient(loss, network.trainable_variables)
+
+    def canonical(arrays: Sequence[NDArray]) -> Tensors:
+        names = mesh_autoencoder.named_variables(network)
+        return mesh_autoencoder_from_keras(dict(zip(names, arrays, strict=True)))
+
+    def step() -> float:
+        loss, gradients = one_pass()
+        adam.apply(gradients, network.trainable_variables)
+        return loss
+
+    def state() -> dict[str, Tensors]:
+        moments = {kind: canonical(arrays) for kind, arrays in _moments(adam).items()}
+        return {"weight": mesh_autoencoder.named_weights(network), **moments}
+
+    loss, gradients = one_pass()
+    return trained(steps, (loss, canonical([g.numpy() for g in gradients])), step, state)
+
+
+def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tensors:
+    """Parts of the forward pass, the unposed mesh, and the gradient of sum(probe * vertices)."""
+    given = {name: tf.constant(array) for name, array in arguments.items()}
+    posed = KerasSMPL(load_body_model(body), given["pose"].dtype)
+    with tf.GradientTape() as tape:
+        tape.watch(given)
+        vertices = posed(**given)
+        total = tf.reduce_sum(probe * vertices)
+    motion = {name: given[name] for name in ("betas", "pose", "trans")}
+    outputs = {
+        "rotations": posed.rotations(given["pose"]),
+        "joints": posed.joints(given["betas"]),
+        "rest_vertices": posed.rest_vertices(given["betas"], given["pose"]),
+        "vertices": vertices,
+        "unposed": unpose(posed, tf.constant(mesh), **motion),
+    }
+    return prefixed("layer", outputs) | prefixed("grad", tape.gradient(total, given))
+
+
+def oscillators_train(
+    weights: Tensors, steps: Sequence[int], learning_rate: float, **windows: NDArray
+) -> Tensors:
+    """Offsets of some windows, loss and gradients of the first pass, and the steps after it."""
+    _compute_in(windows["now"])
+    laplacian = windows.pop("laplacian")
+    layer = OscillatorLayer(laplacian, len(weights["residual"]), len(weights["taps"]))
+    for variable in layer.weights:
+        variable.assign(weights[variable.name])
+    # Stored in float32, unit vectors are so to eight digits.
+    windows["normals"] /= np.linalg.norm(windows["normals"], axis=-1, keepdims=True)
+    batch = {name: tf.constant(array) for name, array in windows.items()}
+    learner = OscillatorLearner(layer, learning_rate)
+    _exact(learner.optimizer)
+
+    def named(arrays: Sequence[Any]) -> Tensors:
+        names = [variable.name for variable in layer.trainable_variables]
+        return {name: np.array(array) for name, array in zip(names, arrays, strict=True)}
+
+    def state() -> dict[str, Tensors]:
+        moments = {kind: named(arrays) for kind, arrays in _moments(learner.optimizer).items()}
+        return {"weight": named(layer.trainable_variables), **moments}
+
+    offsets = learner.offsets(batch).numpy()
+    loss, slopes = learner.gradients(batch)
+    first_pass = float(loss), named(slopes)
+    learned = trained(steps, first_pass, lambda: float(learner.step(batch)), state)
+    return {"layer/offsets": offsets, **learned}
+
+
+def formats(weights: Tensors, architecture: dict[str, Any] | None = None) -> Tensors:
+    """Weights read back from memory, and from fresh networks that were given each file.
+
+    DSNet's, or the autoencoder's of an architecture.
+    """
+    if architecture is None:
+        module, first, second = model, _dsnet(weights), model.build_dsnet()
+    else:
+        module, first = mesh_autoencoder, _autoencoder(weights, architecture).model
+        second = KerasMeshAutoencoder(**architecture).model
+    with tempfile.TemporaryDirectory() as folder:
+        path, network_path = Path(folder) / "w.safetensors", Path(folder) / "network.keras"
+        save_weights(path, module.named_weights(first))
+        module.assign_weights(second, load_weights(path))
+        first.save(network_path)
+        third = keras.saving.load_model(network_path, compile=False, safe_mode=True)
+    kept: Tensors = {}
+    for name, network in (("memory", first), ("safetensors", second), ("keras", third)):
+        kept |= prefixed(f"weight/{name}", module.named_weights(network))
+    return kept
+
+
+def _dsnet(weights: Tensors) -> keras.Model:
+    """The product's network in the weights' precision."""
+    _compute_in(weights["lstm/bias"])
+    network = model.build_dsnet()
+    model.assign_weights(network, weights)
+    return network
+
+
+def _autoencoder(weights: Tensors, architecture: dict[str, Any]) -> KerasMeshAutoencoder:
+    """The twin in the weights' precision."""
+    _compute_in(weights["to_latent.bias"])
+    network = KerasMeshAutoencoder(**architecture)
+    mesh_autoencoder.assign_weights(network.model, weights)
+    return network
+
+
+def _traced(network: keras.Model) -> keras.Model:
+    return keras.Model(network.inputs, {n: network.get_layer(n).output for n in LAYERS})
+
+
+def _in_order(outputs: dict[str, Tensor]) -> Tensors:
+    return {name: outputs[name].numpy() for name in LAYERS}
+
+
+def _layers_of(side: keras.Model) -> list[str]:
+    """Linear layers and nonlinearities; what only moves numbers has no counterpart elsewhere."""
+    keras_layers = keras.layers
+    moving = (keras_layers.InputLayer, keras_layers.Flatten, keras_layers.Reshape,
+              keras_layers.Permute)  # fmt: skip
+    return [layer.name for layer in side.layers if not isinstance(layer, moving)]
+
+
+def _moments(adam: keras.optimizers.Adam) -> dict[str, list[NDArray]]:
+    """Adam's, in the order of the variables that are trained."""
+    return {
+        kind: [v.numpy() for v in adam.variables if v.path.endswith(end)]
+        for kind, end in (("adam_m", "_momentum"), ("adam_v", "_velocity"))
+    }
+
+
+def _compute_in(array: NDArray) -> None:
+    """Build layers and optimizers in an array's precision from now on."""
+    keras.config.set_floatx(array.dtype.name)
+    # The first layer of a process fixes the policy, and a later floatx does not change it.
+    keras.config.set_dtype_policy(array.dtype.name)
+
+
+def _exact(adam: keras.optimizers.Adam) -> None:
+    """Let Adam correct its moments with decays in float64, if that is what it computes in.
+
+    Keras turns its decays, Python's numbers, into float32 before it widens them: 1 - 0.999 is then
+    off by 1.3e-5, and so is every step. In float32 that is the rule itself.
+    """
+    if keras.config.floatx() == "float64":
+        adam.beta_1, adam.beta_2 = np.float64(adam.beta_1), np.float64(adam.beta_2)
+
+
+if __name__ == "__main__":
+    operations: dict[str, Callable[..., Tensors]] = {
+        "dsnet_forward": dsnet_forward,
+        "dsnet_train": dsnet_train,
+        "ae_forward": ae_forward,
+        "ae_train": ae_train,
+        "smpl": smpl,
+        "oscillators_train": oscillators_train,
+        "formats": formats,
+    }
+    serve(operations, "tensorflow", "keras")
