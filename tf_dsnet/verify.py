@@ -7,7 +7,7 @@ learner, KerasSMPL and files compute.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,17 +53,11 @@ def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
     return joined(frames, axis=1)
 
 
-def dsnet_train(
-    weights: Tensors,
-    motion: NDArray,
-    latents: NDArray,
-    real: NDArray,
-    masked: bool,
-    steps: Sequence[int],
-) -> Tensors:
+def dsnet_train(weights: Tensors, masked: bool, steps: Sequence[int], **arrays: NDArray) -> Tensors:
     """Layers, loss and gradients of the first pass in training, and the steps after it."""
+    motion, real = arrays["motion"], arrays["real"]
     _compute_in(motion)
-    clips = Clips(motion, latents, real)
+    clips = Clips(motion, arrays["latents"], real)
     trainer = Trainer(clips, lr=1e-4, batch_size=len(clips), masked=masked)
     network = trainer.model
     _exact(trainer.optimizer)
@@ -279,13 +273,7 @@ def _exact(adam: keras.optimizers.Adam) -> None:
 
 
 if __name__ == "__main__":
-    operations: dict[str, Callable[..., Tensors]] = {
-        "dsnet_forward": dsnet_forward,
-        "dsnet_train": dsnet_train,
-        "ae_forward": ae_forward,
-        "ae_train": ae_train,
-        "smpl": smpl,
-        "oscillators_train": oscillators_train,
-        "formats": formats,
-    }
-    serve(operations, "tensorflow", "keras")
+    operations = (
+        dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, oscillators_train, formats
+    )  # fmt: skip
+    serve(*operations, packages=("tensorflow", "keras"))

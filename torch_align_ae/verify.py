@@ -24,13 +24,7 @@ from torch_align_ae.autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.codec import Codec, read_codec
 from torch_align_ae.autoencoder.normaliser import Normaliser
 from torch_align_ae.body import SMPL, unpose
-from torch_align_ae.dsnet import (
-    DSNet,
-    KerasAdam,
-    assign_weights,
-    named_weights,
-    sum_of_distances,
-)
+from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, named_weights, sum_of_distances
 
 NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
@@ -56,20 +50,18 @@ def dsnet_forward(
 
 def dsnet_train(
     weights: Tensors,
-    motion: NDArray,
-    latents: NDArray,
-    real: NDArray,
     masked: bool,
     steps: Sequence[int],
     faults: Faults = NO_FAULTS,
+    **clips: NDArray,
 ) -> Tensors:
     """Layers, loss and gradients of the first pass in training, and the steps after it."""
-    given, target, mask = (torch.from_numpy(array) for array in (motion, latents, real))
-    counted = mask if masked and not faults.get("forget_mask") else None
+    given = {name: torch.from_numpy(array) for name, array in clips.items()}
+    real = given["real"] if masked and not faults.get("forget_mask") else None
     model = _dsnet(weights, faults).train()
 
     def loss() -> Tensor:
-        return sum_of_distances(target, model(given, counted), counted)
+        return sum_of_distances(given["latents"], model(given["motion"], real), real)
 
     adam = KerasAdam(model.parameters())
     adam.epsilon = faults.get("adam_epsilon", adam.epsilon)
@@ -263,12 +255,5 @@ def _trained(
 
 
 if __name__ == "__main__":
-    operations = {
-        "dsnet_forward": dsnet_forward,
-        "dsnet_train": dsnet_train,
-        "ae_forward": ae_forward,
-        "ae_train": ae_train,
-        "smpl": smpl,
-        "formats": formats,
-    }
-    serve(operations, "torch")
+    operations = (dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, formats)
+    serve(*operations, packages=("torch",))

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from bridge.body import load_body_model
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.paper import DSNET_WIDTHS, N_BETAS
-from bridge.runtime.graphs import dsnet_body_graph, onnx_graphs, plus_graph
+from bridge.runtime.graphs import dsnet_body_graph, onnx_graphs
+from bridge.runtime.graphs import plus_graph as plus_graphs
 from bridge.runtime.graphs.onnx_builder import GraphSession, held_arrays, save_graph
 from bridge.runtime.streams.streaming import StreamingPredictor
 from bridge.tissue.trained_plus import TrainedPlus
@@ -75,9 +76,9 @@ def dsnet_graph(
     return _stepped(graph, theta, betas)
 
 
-def plus_body_graph(weights: Tensors, theta: NDArray, betas: NDArray, body: str) -> Tensors:
+def plus_graph(weights: Tensors, theta: NDArray, betas: NDArray, body: str) -> Tensors:
     """The same of `dsnet_plus`."""
-    graph = plus_graph.plus_graph(TrainedPlus.from_arrays(weights), load_body_model(body))
+    graph = plus_graphs.plus_graph(TrainedPlus.from_arrays(weights), load_body_model(body))
     return _stepped(graph, theta, betas)
 
 
@@ -119,12 +120,5 @@ def _through_file(model: onnx.ModelProto) -> Tensors:
 
 
 if __name__ == "__main__":
-    operations = {
-        "dsnet_forward": dsnet_forward,
-        "dsnet_stream": dsnet_stream,
-        "ae_forward": ae_forward,
-        "dsnet_graph": dsnet_graph,
-        "plus_graph": plus_body_graph,
-        "formats": formats,
-    }
-    serve(operations, "onnx", "onnxruntime")
+    operations = (dsnet_forward, dsnet_stream, ae_forward, dsnet_graph, plus_graph, formats)
+    serve(*operations, packages=("onnx", "onnxruntime"))

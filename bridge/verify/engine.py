@@ -2,8 +2,8 @@
 
 A request is `<engine>.json`, the list of its cases, and an `.npz` for each set of arrays; all
 numbers in it are float32, so every engine starts from the same ones whatever it computes in. An
-engine is a table of functions `operation(weights, **inputs, **options)` that give tensors by name,
-first computed first. A case is one check in one precision.
+engine is functions `operation(weights, **inputs, **options)`, which give tensors by name, first
+computed first. A case is one check in one precision.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from bridge.runs.processes import outcome_of_module
 
 DTypeName = Literal["float64", "float32"]
 Tensors = dict[str, NDArray[Any]]
-Operations = Mapping[str, Callable[..., Tensors]]
+Operation = Callable[..., Tensors]
 
 REFERENCE, FORMATS = "numpy", "formats"
 ENGINES = {
@@ -42,7 +42,7 @@ class Check:
 
     name: str
     op: str
-    """As the engines know it."""
+    """Name of the engines' function."""
     engines: Mapping[str, Sequence[DTypeName]]
     """Which engines are compared with the reference, and in which precisions."""
     weights: Tensors = field(default_factory=dict)
@@ -126,13 +126,20 @@ def ask(engine: str, request: Path, out: Path) -> Answer:
     return Answer(out, **json.loads((out / "answer.json").read_text(encoding="utf-8")))
 
 
-def serve(operations: Operations, *packages: str) -> None:
+def serve(*operations: Operation, packages: Iterable[str]) -> None:
     """Be an engine: what its module does as a process; `packages` are those that compute."""
     engine, request, out = sys.argv[1:]
-    answer(engine, Path(request), Path(out), operations, *packages)
+    named = {operation.__name__: operation for operation in operations}
+    answer(engine, Path(request), Path(out), named, packages)
 
 
-def answer(engine: str, request: Path, out: Path, operations: Operations, *packages: str) -> None:
+def answer(
+    engine: str,
+    request: Path,
+    out: Path,
+    operations: Mapping[str, Operation],
+    packages: Iterable[str],
+) -> None:
     """Compute an engine's cases of a request, and say how it went."""
     seconds: dict[str, float] = {}
     errors: dict[str, str] = {}
@@ -185,13 +192,10 @@ def trained(
     step: Callable[[], float],
     state: Callable[[], Mapping[str, Tensors]],
 ) -> Tensors:
-    """The first pass of a framework's training, and what each number of steps leaves.
+    """Loss and gradients of a first pass with the initial weights, and what each of `steps` leaves.
 
-    Parameters
-    ----------
-    first_pass : loss and gradients with the initial weights, which they stay.
-    step : takes a step, and gives the loss before it.
-    state : arrays of `weight`, and Adam's moments `adam_m` and `adam_v`, under canonical names.
+    `step` takes a step and gives the loss before it; `state` gives arrays of `weight`, and Adam's
+    moments `adam_m` and `adam_v`, all under canonical names.
     """
     loss, gradients = first_pass
     dtype = next(iter(gradients.values())).dtype

@@ -1,8 +1,8 @@
-"""DSNet (Section 5, Figure 5), forwards for a clip or a frame, and backwards; and Adam."""
+"""DSNet (Section 5, Figure 5), forwards and backwards; and Adam."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from bridge.exchange.layouts import (
     MASKED_COUNT_EPSILON,
     AdamRule,
 )
-from bridge.verify.engine import Tensors, prefixed
+from bridge.verify.engine import Tensors, prefixed, trained
 from bridge.verify.reference import layers
 from bridge.verify.reference.layers import Arrays
 
@@ -36,26 +36,14 @@ class Pass(NamedTuple):
 def predict(w: Arrays, motion: np.ndarray) -> Arrays:
     """Every layer's output for whole clips (B, T, 79), with the running statistics."""
     outputs, _steps = _up_to_lstm(w, motion)
-    return _from_lstm(w, outputs, *_running(w))
-
-
-def predict_by_frames(w: Arrays, motion: np.ndarray) -> Arrays:
-    """The same one frame at a time: nothing but hidden and cell state pass from one to the next."""
-    hidden = cell = np.zeros((len(motion), len(w["lstm/recurrent_kernel"])))
-    frames = []
-    for frame in motion.swapaxes(0, 1):
-        outputs = _dense_layers(w, frame)
-        step = layers.lstm_step(outputs["fc_enc_2"], hidden, cell, *_lstm_weights(w))
-        hidden, cell = step.hidden, step.cell
-        frames.append(_from_lstm(w, {**outputs, "lstm": hidden}, *_running(w)))
-    return {name: np.stack([frame[name] for frame in frames], axis=1) for name in LAYERS}
+    return _from_lstm(w, outputs, w["batch_norm/moving_mean"], w["batch_norm/moving_variance"])
 
 
 def predict_latents(w: Arrays, motion: np.ndarray) -> np.ndarray:
-    """(B, T, 100) of motions (B, T, 79) in their own units, frame by frame, by `scaling/...`."""
+    """(B, T, 100) of motions (B, T, 79) in their own units, by `scaling/...` among the weights."""
     if "scaling/input_mean" in w:
         motion = (motion - w["scaling/input_mean"]) / w["scaling/input_std"]
-    latents = predict_by_frames(w, motion)["fc_enc_3"]
+    latents = predict(w, motion)["fc_enc_3"]
     if "scaling/latent_mean" in w:
         latents = latents * w["scaling/latent_std"] + w["scaling/latent_mean"]
     return latents
@@ -95,16 +83,12 @@ def learn(
     return Pass(loss, g, moved_on, outputs)
 
 
-def _dense_layers(w: Arrays, motion: np.ndarray) -> Arrays:
+def _up_to_lstm(w: Arrays, motion: np.ndarray) -> tuple[Arrays, list[layers.LstmStep]]:
     first = layers.dense(motion, w["fc_enc_1/kernel"], w["fc_enc_1/bias"])
     second = np.tanh(layers.dense(first, w["fc_enc_2/kernel"], w["fc_enc_2/bias"]))
-    return {"fc_enc_1": first, "fc_enc_2": second}
-
-
-def _up_to_lstm(w: Arrays, motion: np.ndarray) -> tuple[Arrays, list[layers.LstmStep]]:
-    outputs = _dense_layers(w, motion)
-    steps = layers.lstm(outputs["fc_enc_2"], *_lstm_weights(w))
-    return {**outputs, "lstm": np.stack([step.hidden for step in steps], axis=1)}, steps
+    steps = layers.lstm(second, w["lstm/kernel"], w["lstm/recurrent_kernel"], w["lstm/bias"])
+    hidden = np.stack([step.hidden for step in steps], axis=1)
+    return {"fc_enc_1": first, "fc_enc_2": second, "lstm": hidden}, steps
 
 
 def _from_lstm(w: Arrays, outputs: Arrays, mean: np.ndarray, variance: np.ndarray) -> Arrays:
@@ -112,14 +96,6 @@ def _from_lstm(w: Arrays, outputs: Arrays, mean: np.ndarray, variance: np.ndarra
     normalised = layers.batch_norm(outputs["lstm"], mean, variance, gamma, beta, BATCH_NORM_EPSILON)
     latents = layers.dense(normalised, w["fc_enc_3/kernel"], w["fc_enc_3/bias"])
     return {**outputs, "batch_norm": normalised, "fc_enc_3": latents}
-
-
-def _lstm_weights(w: Arrays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return w["lstm/kernel"], w["lstm/recurrent_kernel"], w["lstm/bias"]
-
-
-def _running(w: Arrays) -> tuple[np.ndarray, np.ndarray]:
-    return w["batch_norm/moving_mean"], w["batch_norm/moving_variance"]
 
 
 def adam_step(
@@ -141,31 +117,31 @@ def adam_step(
 
 
 def train(
-    weights: Arrays, run_pass: Callable[[Arrays], Pass], rule: AdamRule, steps: Iterable[int]
+    weights: Arrays, run_pass: Callable[[Arrays], Pass], rule: AdamRule, steps: Sequence[int]
 ) -> Tensors:
-    """Take steps on one batch, and name what they leave as `engine.trained` does.
+    """Take steps on one batch; what `engine.trained` gives."""
+    first = now = run_pass(weights)
+    m = v = {name: np.zeros_like(gradient) for name, gradient in first.gradients.items()}
+    t, w = 0, weights
 
-    `loss` and `grad/...` of the first pass; `losses` before each step; `step_n/weight/...`,
-    `step_n/adam_m/...` and `step_n/adam_v/...` for each n of `steps`.
-    """
-    now = run_pass(weights)
-    kept = {"loss": np.array([now.loss]), **prefixed("grad", now.gradients)}
-    first = {name: np.zeros_like(gradient) for name, gradient in now.gradients.items()}
-    second, losses = dict(first), []
-    for t in range(1, max(steps, default=0) + 1):
-        losses.append(now.loss)
-        stepped, first, second = adam_step(rule, t, weights, now.gradients, first, second)
-        weights = {**weights, **now.statistics, **stepped}
-        if t in steps:
-            for kind, arrays in {"weight": weights, "adam_m": first, "adam_v": second}.items():
-                kept |= prefixed(f"step_{t}/{kind}", arrays)
-        now = run_pass(weights)
-    return {**kept, "losses": np.array(losses)} if losses else kept
+    def step() -> float:
+        nonlocal now, m, v, t, w
+        t, before = t + 1, now.loss
+        stepped, m, v = adam_step(rule, t, w, now.gradients, m, v)
+        w = {**w, **now.statistics, **stepped}
+        now = run_pass(w)
+        return before
+
+    def state() -> dict[str, Arrays]:
+        return {"weight": w, "adam_m": m, "adam_v": v}
+
+    return trained(steps, (first.loss, first.gradients), step, state)
 
 
 def dsnet_forward(w: Arrays, motion: np.ndarray, run: str) -> Tensors:
-    """Whole clips, or one frame at a time."""
-    return prefixed("layer", (predict_by_frames if run == "steps" else predict)(w, motion))
+    """Every layer; however an engine runs, the LSTM here takes one frame after another."""
+    del run
+    return prefixed("layer", predict(w, motion))
 
 
 def dsnet_stream(w: Arrays, motion: np.ndarray) -> Tensors:
@@ -174,15 +150,10 @@ def dsnet_stream(w: Arrays, motion: np.ndarray) -> Tensors:
 
 
 def dsnet_train(
-    w: Arrays,
-    motion: np.ndarray,
-    latents: np.ndarray,
-    real: np.ndarray,
-    masked: bool,
-    steps: list[int],
+    w: Arrays, masked: bool, steps: list[int], real: np.ndarray, **clips: np.ndarray
 ) -> Tensors:
     """Layers in training mode, loss, gradients, steps of Adam."""
     counted = real if masked else None
-    outputs = learn(w, motion, latents, counted).outputs
-    trained = train(w, lambda now: learn(now, motion, latents, counted), KERAS_ADAM, steps)
-    return {**prefixed("layer", outputs), **trained}
+    first = learn(w, **clips, real=counted)
+    learned = train(w, lambda now: learn(now, **clips, real=counted), KERAS_ADAM, steps)
+    return {**prefixed("layer", first.outputs), **learned}

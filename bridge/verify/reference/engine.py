@@ -9,7 +9,7 @@ import numpy as np
 
 from bridge.body import load_body_model
 from bridge.motion import unpack_theta
-from bridge.verify.engine import Operations, Tensors, serve
+from bridge.verify.engine import Tensors, serve
 from bridge.verify.reference import dsnet, mesh_autoencoder, oscillators, smpl
 
 
@@ -27,17 +27,17 @@ def dsnet_graph(
     return {"layer/vertices": np.stack(frames)}
 
 
-OPERATIONS: Operations = {
-    "dsnet_forward": dsnet.dsnet_forward,
-    "dsnet_stream": dsnet.dsnet_stream,
-    "dsnet_train": dsnet.dsnet_train,
-    "ae_forward": mesh_autoencoder.ae_forward,
-    "ae_train": mesh_autoencoder.ae_train,
-    "smpl": smpl.smpl,
-    "oscillators_train": oscillators.oscillators_train,
-    "dsnet_graph": dsnet_graph,
-    "plus_graph": oscillators.plus_graph,
-}
+OPERATIONS = (
+    dsnet.dsnet_forward,
+    dsnet.dsnet_stream,
+    dsnet.dsnet_train,
+    mesh_autoencoder.ae_forward,
+    mesh_autoencoder.ae_train,
+    smpl.smpl,
+    oscillators.oscillators_train,
+    dsnet_graph,
+    oscillators.plus_graph,
+)
 
 if __name__ == "__main__":
-    serve(OPERATIONS, "scipy")
+    serve(*OPERATIONS, packages=("scipy",))

@@ -25,17 +25,6 @@ def dense_backward(dy: Array, x: Array, kernel: Array) -> tuple[Array, Array, Ar
     return dy @ kernel.T, rows.T @ slopes, slopes.sum(axis=0)
 
 
-def vertex_mix(x: Array, weight: Array, bias: Array) -> Array:
-    """Kernel-1 convolution over vertices: x (B, in, C), weight (out, in, 1) -> (B, out, C)."""
-    return weight[:, :, 0] @ x + bias[:, None]
-
-
-def vertex_mix_backward(dy: Array, x: Array, weight: Array) -> tuple[Array, Array, Array]:
-    """Gradients by x, weight and bias."""
-    by_weight = np.tensordot(dy, x, axes=((0, 2), (0, 2)))
-    return weight[:, :, 0].T @ dy, by_weight[:, :, None], dy.sum(axis=(0, 2))
-
-
 def activate(name: str, z: Array, negative_slope: float) -> tuple[Array, Array]:
     """`leaky_relu`, `elu`, `tanh` or `relu` of z, and the slope there: the one from below at 0."""
     if name == "tanh":
@@ -65,23 +54,19 @@ class LstmStep(NamedTuple):
     output_gate: Array
 
 
-def lstm_step(
-    x: Array, hidden: Array, cell: Array, kernel: Array, recurrent: Array, bias: Array
-) -> LstmStep:
-    """One frame x (B, in) from the state before it; gates in the order i, f, c, o."""
-    i, f, c, o = np.split(x @ kernel + hidden @ recurrent + bias, 4, axis=-1)
-    i, f, c, o = sigmoid(i), sigmoid(f), np.tanh(c), sigmoid(o)
-    cell = f * cell + i * c
-    return LstmStep(o * np.tanh(cell), cell, i, f, c, o)
-
-
 def lstm(x: Array, kernel: Array, recurrent: Array, bias: Array) -> list[LstmStep]:
-    """All frames of x (B, T, in) from a state of zeros, one step each."""
+    """All frames of x (B, T, in) from a state of zeros, one by one; gates in the order i, f, c, o.
+
+    Nothing but hidden and cell state passes from one frame to the next.
+    """
     hidden = cell = np.zeros((len(x), len(recurrent)))
     steps: list[LstmStep] = []
     for frame in x.swapaxes(0, 1):
-        steps.append(lstm_step(frame, hidden, cell, kernel, recurrent, bias))
-        hidden, cell = steps[-1].hidden, steps[-1].cell
+        i, f, c, o = np.split(frame @ kernel + hidden @ recurrent + bias, 4, axis=-1)
+        i, f, c, o = sigmoid(i), sigmoid(f), np.tanh(c), sigmoid(o)
+        cell = f * cell + i * c
+        hidden = o * np.tanh(cell)
+        steps.append(LstmStep(hidden, cell, i, f, c, o))
     return steps
 
 

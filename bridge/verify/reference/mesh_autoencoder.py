@@ -55,19 +55,26 @@ def forward(
             features = features.reshape(len(features), -1)
         elif name == "decoder.conv_1":
             features = features.reshape(len(features), -1, FEATURES[-1])
-        chain.inputs[name] = features
-        weight, bias = w[f"{name}.weight"], w[f"{name}.bias"]
-        if ".conv_" in name:
-            features = layers.vertex_mix(features, weight, bias)
-        else:
-            features = layers.dense(features, weight.T, bias)
-        chain.outputs[name] = features
+        chain.inputs[name] = given = _mixed_last(name, features)
+        features = layers.dense(given, _kernel(w, name), w[f"{name}.bias"])
+        chain.outputs[name] = features = _mixed_last(name, features)
         if name not in _WITHOUT_NONLINEARITY:
             features, chain.slopes[name] = layers.activate(
                 architecture["activation"], features, architecture["negative_slope"]
             )
             chain.outputs[f"{name}_activation"] = features
     return chain
+
+
+def _kernel(w: Arrays, name: str) -> np.ndarray:
+    """(in, out) of a linear layer's (out, in), or of a convolution's (out, in, 1)."""
+    weight = w[f"{name}.weight"]
+    return weight.reshape(weight.shape[:2]).T
+
+
+def _mixed_last(name: str, features: np.ndarray) -> np.ndarray:
+    """Vertices last, and back, where a convolution of kernel 1 mixes them."""
+    return features.swapaxes(1, 2) if ".conv_" in name else features
 
 
 def decode(w: Arrays, latents: np.ndarray, architecture: Architecture) -> np.ndarray:
@@ -79,22 +86,17 @@ def decode(w: Arrays, latents: np.ndarray, architecture: Architecture) -> np.nda
 
 
 def learn(w: Arrays, values: np.ndarray, target: np.ndarray, architecture: Architecture) -> Pass:
-    """Loss between what becomes of values (B, V, 3) and a target, and all of its gradients.
-
-    In training the target is the values themselves.
-    """
+    """Loss between what becomes of values (B, V, 3) and a target, and all of its gradients."""
     chain = forward(w, values, architecture)
     loss, dy = layers.mean_squared_error(target, chain.outputs["to_coordinates"])
     gradients: Arrays = {}
     for name in reversed(layers_of(w)):
         dy = dy.reshape(chain.outputs[name].shape) * chain.slopes.get(name, 1.0)
-        given, weight = chain.inputs[name], w[f"{name}.weight"]
-        if ".conv_" in name:
-            dy, by_weight, by_bias = layers.vertex_mix_backward(dy, given, weight)
-        else:
-            dy, by_kernel, by_bias = layers.dense_backward(dy, given, weight.T)
-            by_weight = by_kernel.T
-        gradients[f"{name}.weight"], gradients[f"{name}.bias"] = by_weight, by_bias
+        dy, by_kernel, gradients[f"{name}.bias"] = layers.dense_backward(
+            _mixed_last(name, dy), chain.inputs[name], _kernel(w, name)
+        )
+        dy = _mixed_last(name, dy)
+        gradients[f"{name}.weight"] = by_kernel.T.reshape(w[f"{name}.weight"].shape)
     return Pass(loss, gradients, {}, chain.outputs)
 
 
@@ -108,8 +110,7 @@ def ae_forward(w: Arrays, values: np.ndarray, architecture: Architecture, run: s
     outputs = forward(w, normalised, architecture).outputs
     last = outputs["to_coordinates"] * scale_m + mean_m
     return prefixed(
-        "layer",
-        {"normaliser.normalise": normalised, **outputs, "normaliser.denormalise": last},
+        "layer", {"normaliser.normalise": normalised, **outputs, "normaliser.denormalise": last}
     )
 
 
@@ -118,8 +119,8 @@ def ae_train(
     values: np.ndarray,
     architecture: Architecture,
     steps: list[int],
-    target: np.ndarray | None = None,
+    **target: np.ndarray,
 ) -> Tensors:
-    """Loss, gradients, steps of Adam."""
-    wanted = values if target is None else target
+    """Loss, gradients, steps of Adam; towards the values themselves if there is no `target`."""
+    wanted = target.get("target", values)
     return train(w, lambda now: learn(now, values, wanted, architecture), TORCH_ADAM, steps)

@@ -6,17 +6,19 @@ needs no formula of its own. All functions take complex numbers as they take rea
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.verify.engine import Tensors, prefixed
-from bridge.verify.reference.layers import Arrays
+from bridge.verify.reference.layers import Array, Arrays
 
 H = 1e-30
 _ALL = slice(None)
 
 
-def rotations(pose: np.ndarray) -> np.ndarray:
+def rotations(pose: Array) -> Array:
     """(B, 24, 3, 3) of axis-angle vectors (B, 22 or 24, 3), radians, by Rodrigues' formula.
 
     The hand joints that a pose of 22 lacks are at rest.
@@ -29,14 +31,14 @@ def rotations(pose: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * cross @ cross
 
 
-def joints(body: BodyModelData, betas: np.ndarray) -> np.ndarray:
+def joints(body: BodyModelData, betas: Array) -> Array:
     """(B, 24, 3) joints of bodies of shapes betas (B, 10) in the rest pose, metres."""
     return body.J_regressor.toarray() @ (body.v_template + _blended(body.shapedirs, betas))
 
 
 def rest_vertices(
-    body: BodyModelData, betas: np.ndarray, turns: np.ndarray, vertices: np.ndarray | slice = _ALL
-) -> np.ndarray:
+    body: BodyModelData, betas: Array, turns: Array, vertices: Array | slice = _ALL
+) -> Array:
     """(B, V, 3) of some vertices, shaped and with pose blend shapes, before skinning, metres."""
     features = (turns[:, 1:] - np.eye(3)).reshape(len(turns), -1)
     shaped = body.v_template[vertices] + _blended(body.shapedirs[vertices], betas)
@@ -44,12 +46,8 @@ def rest_vertices(
 
 
 def skinning(
-    body: BodyModelData,
-    betas: np.ndarray,
-    turns: np.ndarray,
-    trans: np.ndarray,
-    vertices: np.ndarray | slice = _ALL,
-) -> tuple[np.ndarray, np.ndarray]:
+    body: BodyModelData, betas: Array, turns: Array, trans: Array, vertices: Array | slice = _ALL
+) -> tuple[Array, Array]:
     """Turn (B, V, 3, 3) and shift (B, V, 3) of some vertices from the rest pose to the world.
 
     The root turns about its own joint and is then moved by `trans` (B, 3).
@@ -66,73 +64,51 @@ def skinning(
 
 
 def posed_vertices(
-    body: BodyModelData,
-    betas: np.ndarray,
-    pose: np.ndarray,
-    trans: np.ndarray,
-    offsets: np.ndarray | float = 0.0,
-) -> np.ndarray:
+    body: BodyModelData, betas: Array, pose: Array, trans: Array, offsets: Array | float = 0.0
+) -> Array:
     """(B, V, 3), metres, with offsets added in the rest pose."""
     turns = rotations(pose)
     turn, shift = skinning(body, betas, turns, trans)
     return _applied(turn, rest_vertices(body, betas, turns) + offsets) + shift
 
 
-def gradient(
-    body: BodyModelData,
-    betas: np.ndarray,
-    pose: np.ndarray,
-    trans: np.ndarray,
-    offsets: np.ndarray,
-    probe: np.ndarray,
-) -> Arrays:
+def gradient(body: BodyModelData, given: Arrays, probe: Array) -> Arrays:
     """Gradient of sum(probe * vertices) by betas, pose, trans and offsets; probe (B, V, 3)."""
 
-    def by(name: str, row: int) -> np.ndarray:
-        given = {"betas": betas[row], "pose": pose[row], "trans": trans[row]}
-        steps = 1j * H * np.eye(given[name].size).reshape(-1, *given[name].shape)
-        moved = {key: value[None] for key, value in given.items()}
-        moved[name] = moved[name] + steps
-        slopes = np.tensordot(posed_vertices(body, **moved, offsets=offsets[row]), probe[row], 2)
-        return (np.imag(slopes) / H).reshape(given[name].shape)
+    def by(name: str, row: int) -> Array:
+        moved = {key: array[row : row + 1] for key, array in given.items()}
+        shape = moved[name].shape[1:]
+        size = math.prod(shape)
+        moved[name] = moved[name] + 1j * H * np.eye(size).reshape(size, *shape)
+        slopes = np.tensordot(posed_vertices(body, **moved), probe[row], 2)
+        return (np.imag(slopes) / H).reshape(shape)
 
+    turn, _shift = skinning(body, given["betas"], rotations(given["pose"]), given["trans"])
     names, rows = ("betas", "pose", "trans"), range(len(probe))
-    turn, _shift = skinning(body, betas, rotations(pose), trans)
-    by_offsets = _applied(turn.swapaxes(-1, -2), probe)
-    return {name: np.stack([by(name, row) for row in rows]) for name in names} | {
-        "offsets": by_offsets
-    }
+    slopes = {name: np.stack([by(name, row) for row in rows]) for name in names}
+    return {**slopes, "offsets": _applied(turn.swapaxes(-1, -2), probe)}
 
 
-def smpl(
-    betas: np.ndarray,
-    pose: np.ndarray,
-    trans: np.ndarray,
-    offsets: np.ndarray,
-    mesh: np.ndarray,
-    probe: np.ndarray,
-    body: str,
-) -> Tensors:
+def smpl(body: str, mesh: Array, probe: Array, **given: Array) -> Tensors:
     """Parts of the forward pass, the rest pose of `mesh` (B, V, 3), and the gradient."""
-    data, turns = load_body_model(body), rotations(pose)
-    turn, shift = skinning(data, betas, turns, trans)
+    data, betas, turns = load_body_model(body), given["betas"], rotations(given["pose"])
+    turn, shift = skinning(data, betas, turns, given["trans"])
     outputs = {
         "rotations": turns,
         "joints": joints(data, betas),
         "rest_vertices": rest_vertices(data, betas, turns),
-        "vertices": posed_vertices(data, betas, pose, trans, offsets),
+        "vertices": posed_vertices(data, **given),
         "unposed": np.linalg.solve(turn, (mesh - shift)[..., None])[..., 0],
     }
-    slopes = gradient(data, betas, pose, trans, offsets, probe)
-    return prefixed("layer", outputs) | prefixed("grad", slopes)
+    return prefixed("layer", outputs) | prefixed("grad", gradient(data, given, probe))
 
 
-def _blended(shapes: np.ndarray, amounts: np.ndarray) -> np.ndarray:
+def _blended(shapes: Array, amounts: Array) -> Array:
     """Shapes (V, 3, N) in amounts (B, N), added up: (B, V, 3)."""
     flat = amounts @ shapes.reshape(-1, shapes.shape[-1]).T
     return flat.reshape(len(amounts), *shapes.shape[:-1])
 
 
-def _applied(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def _applied(matrices: Array, vectors: Array) -> Array:
     """(..., 3) of (..., 3, 3) and (..., 3)."""
     return np.einsum("...xy,...y->...x", matrices, vectors)

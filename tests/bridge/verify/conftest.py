@@ -27,8 +27,8 @@ def ask_reference() -> Ask:
 def _ask(engine: str, request: Path, out: Path) -> Answer:
     """Answer for any engine in place of its process; float32 is the float64 result, rounded."""
     out.mkdir(parents=True)
-    operations = {name: partial(_rounded, op) for name, op in OPERATIONS.items()}
-    answer(engine, request, out, {**operations, FORMATS: partial(_read_back, engine)})
+    operations = {op.__name__: partial(_rounded, op) for op in OPERATIONS}
+    answer(engine, request, out, {**operations, FORMATS: partial(_read_back, engine)}, ["numpy"])
     return Answer(out, **json.loads((out / "answer.json").read_text()))
 
 

@@ -40,7 +40,7 @@ def test_arrays_come_in_the_cases_precision_and_start_from_the_same_numbers(tmp_
         seen.append((weights, options))
         return {"layer/second": np.zeros(()), "layer/first": weights["w"]}
 
-    answer("torch", tmp_path / "request", tmp_path, {"op": op})
+    answer("torch", tmp_path / "request", tmp_path, {"op": op}, ["numpy"])
     ((arrays, given),) = seen
     assert given == {"run": "whole", "steps": [1, 10]}
     assert arrays["w"].dtype == dtype

@@ -43,12 +43,6 @@ def test_dense():
     assert_gradients(layers.dense, layers.dense_backward(PROBE, X, KERNEL), X, KERNEL, BIAS)
 
 
-def test_vertex_mix():
-    x, weight, bias = RNG.normal(size=(2, 6, 4)), RNG.normal(size=(5, 6, 1)), RNG.normal(size=5)
-    slopes = layers.vertex_mix_backward(PROBE, x, weight)
-    assert_gradients(layers.vertex_mix, slopes, x, weight, bias)
-
-
 def test_lstm():
     kernel, recurrent = RNG.normal(size=(3, 16)), RNG.normal(size=(4, 16))
     bias = RNG.normal(size=16)

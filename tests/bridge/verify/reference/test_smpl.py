@@ -34,7 +34,7 @@ def test_gradient(body, joints, angle):
     """Along random directions, one argument at a time; at 0 and at pi as well."""
     given, rng = draw(joints, angle), np.random.default_rng(1)
     probe = rng.normal(size=(2, 6890, 3))
-    gradient = smpl.gradient(body, **given, probe=probe)
+    gradient = smpl.gradient(body, given, probe)
     for name in ARGUMENTS:
         direction = rng.normal(size=given[name].shape)
 
@@ -48,7 +48,7 @@ def test_gradient(body, joints, angle):
 
 def test_gradient_at_rest_is_finite(body):
     given = draw(24, 0.0)
-    gradient = smpl.gradient(body, **given, probe=np.ones((2, 6890, 3)))
+    gradient = smpl.gradient(body, given, np.ones((2, 6890, 3)))
     assert all(np.isfinite(array).all() for array in gradient.values())
 
 
