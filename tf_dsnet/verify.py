@@ -7,7 +7,7 @@ learner, KerasSMPL and files compute.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from tf_dsnet.trainer import Trainer
 from tf_dsnet.unposing import unpose
 
 NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
+Options = dict[str, Any]
 LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
 
 
@@ -53,7 +54,7 @@ def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
     return joined(frames, axis=1)
 
 
-def dsnet_train(weights: Tensors, masked: bool, steps: Sequence[int], **arrays: NDArray) -> Tensors:
+def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **arrays: NDArray) -> Tensors:
     """Layers, loss and gradients of the first pass in training, and the steps after it."""
     motion, real = arrays["motion"], arrays["real"]
     _compute_in(motion)
@@ -62,12 +63,10 @@ def dsnet_train(weights: Tensors, masked: bool, steps: Sequence[int], **arrays: 
     network = trainer.model
     _exact(trainer.optimizer)
     epochs = iter(range(1, max(steps, default=0) + 1))
-    trained_names = [name for name in model.named_weights(network) if "/moving_" not in name]
 
-    def state() -> dict[str, Tensors]:
-        moments = _moments(trainer.optimizer)
-        named = {kind: dict(zip(trained_names, m, strict=True)) for kind, m in moments.items()}
-        return {"weight": model.named_weights(network), **named}
+    def named(arrays: Sequence[NDArray]) -> Tensors:
+        names = [name for name in model.named_weights(network) if "/moving_" not in name]
+        return dict(zip(names, arrays, strict=True))
 
     # Every pass in training moves the running statistics on: begin with the weights each time.
     model.assign_weights(network, weights)
@@ -75,50 +74,46 @@ def dsnet_train(weights: Tensors, masked: bool, steps: Sequence[int], **arrays: 
     model.assign_weights(network, weights)
     first_pass = trainer.gradients()
     model.assign_weights(network, weights)
+    state = _state_of(trainer.optimizer, named, lambda: model.named_weights(network))
     learned = trained(steps, first_pass, lambda: trainer.epoch(next(epochs)), state)
     return prefixed("layer", seen) | learned
 
 
-def ae_forward(
-    weights: Tensors, values: NDArray, architecture: dict[str, Any], run: str
-) -> Tensors:
+def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: str) -> Tensors:
     """Every layer, and the normaliser's where the weights hold one."""
     scaling = [weights.pop(name) for name in NORMALISER if name in weights]
     network = _autoencoder(weights, architecture)
-    sides = [(side, _layers_of(side)) for side in (network.encoder, network.decoder)]
-    traced = [keras.Model(s.inputs, {layer: s.get_layer(layer).output for layer in names})
-              for s, names in sides]  # fmt: skip
+    # Linear layers and nonlinearities; what only moves numbers has no counterpart elsewhere.
+    encoder, decoder = (
+        {n.name: n.output for n in side.layers if n.weights or n.name.endswith("_activation")}
+        for side in (network.encoder, network.decoder)
+    )
+    encode = keras.Model(network.encoder.inputs, encoder)
+    decode = keras.Model(network.decoder.inputs, decoder)
 
     def layers(rows: Tensor) -> dict[str, Tensor]:
-        outputs = traced[0](rows)
-        outputs |= traced[1](outputs["to_latent"])
+        encoded = encode(rows)
+        outputs = {**encoded, **decode(encoded["to_latent"])}
         # Features last, as everywhere but inside the convolutions.
-        return {
-            name: tf.transpose(outputs[name], (0, 2, 1)) if ".conv_" in name else outputs[name]
-            for _, names in sides
-            for name in names
-        }
+        mixing = {name for name in outputs if ".conv_" in name}
+        swapped = {name: tf.transpose(outputs[name], (0, 2, 1)) for name in mixing}
+        return {name: {**outputs, **swapped}[name] for name in (*encoder, *decoder)}
 
     if not scaling:
         return joined(layers(rows) for rows in batches(values, run))
     codec = KerasCodec(network, *scaling)
     normalised = codec.normalise(values)
-    seen = layers(normalised)
-    last = codec.denormalise(seen["to_coordinates"])
-    ends = {"normaliser.normalise": normalised}, {"normaliser.denormalise": last}
-    return prefixed("layer", ends[0] | seen | ends[1])
+    outputs = {"normaliser.normalise": normalised, **layers(normalised)}
+    outputs["normaliser.denormalise"] = codec.denormalise(outputs["to_coordinates"])
+    return prefixed("layer", outputs)
 
 
 def ae_train(
-    weights: Tensors,
-    values: NDArray,
-    architecture: dict[str, Any],
-    steps: Sequence[int],
-    target: NDArray | None = None,
+    weights: Tensors, values: NDArray, architecture: Options, steps: list[int], **target: NDArray
 ) -> Tensors:
     """Loss and gradients of the reconstruction of one batch, and steps on it."""
     network = _autoencoder(weights, architecture).model
-    given, wanted = tf.constant(values), tf.constant(values if target is None else target)
+    given, wanted = tf.constant(values), tf.constant(target.get("target", values))
     adam = TorchAdam()
     _exact(adam)
 
@@ -136,10 +131,7 @@ def ae_train(
         adam.apply(gradients, network.trainable_variables)
         return loss
 
-    def state() -> dict[str, Tensors]:
-        moments = {kind: canonical(arrays) for kind, arrays in _moments(adam).items()}
-        return {"weight": mesh_autoencoder.named_weights(network), **moments}
-
+    state = _state_of(adam, canonical, lambda: mesh_autoencoder.named_weights(network))
     loss, gradients = one_pass()
     return trained(steps, (loss, canonical([g.numpy() for g in gradients])), step, state)
 
@@ -164,7 +156,7 @@ def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tens
 
 
 def oscillators_train(
-    weights: Tensors, steps: Sequence[int], learning_rate: float, **windows: NDArray
+    weights: Tensors, steps: list[int], learning_rate: float, **windows: NDArray
 ) -> Tensors:
     """Offsets of some windows, loss and gradients of the first pass, and the steps after it."""
     _compute_in(windows["now"])
@@ -182,10 +174,7 @@ def oscillators_train(
         names = [variable.name for variable in layer.trainable_variables]
         return {name: np.array(array) for name, array in zip(names, arrays, strict=True)}
 
-    def state() -> dict[str, Tensors]:
-        moments = {kind: named(arrays) for kind, arrays in _moments(learner.optimizer).items()}
-        return {"weight": named(layer.trainable_variables), **moments}
-
+    state = _state_of(learner.optimizer, named, lambda: named(layer.trainable_variables))
     offsets = learner.offsets(batch).numpy()
     loss, slopes = learner.gradients(batch)
     first_pass = float(loss), named(slopes)
@@ -193,7 +182,7 @@ def oscillators_train(
     return {"layer/offsets": offsets, **learned}
 
 
-def formats(weights: Tensors, architecture: dict[str, Any] | None = None) -> Tensors:
+def formats(weights: Tensors, architecture: Options | None = None) -> Tensors:
     """Weights read back from memory, and from fresh networks that were given each file.
 
     DSNet's, or the autoencoder's of an architecture.
@@ -223,7 +212,7 @@ def _dsnet(weights: Tensors) -> keras.Model:
     return network
 
 
-def _autoencoder(weights: Tensors, architecture: dict[str, Any]) -> KerasMeshAutoencoder:
+def _autoencoder(weights: Tensors, architecture: Options) -> KerasMeshAutoencoder:
     """The twin in the weights' precision."""
     _compute_in(weights["to_latent.bias"])
     network = KerasMeshAutoencoder(**architecture)
@@ -239,20 +228,19 @@ def _in_order(outputs: dict[str, Tensor]) -> Tensors:
     return {name: outputs[name].numpy() for name in LAYERS}
 
 
-def _layers_of(side: keras.Model) -> list[str]:
-    """Linear layers and nonlinearities; what only moves numbers has no counterpart elsewhere."""
-    keras_layers = keras.layers
-    moving = (keras_layers.InputLayer, keras_layers.Flatten, keras_layers.Reshape,
-              keras_layers.Permute)  # fmt: skip
-    return [layer.name for layer in side.layers if not isinstance(layer, moving)]
+def _state_of(
+    adam: keras.optimizers.Adam,
+    named: Callable[[Sequence[NDArray]], Tensors],
+    weights: Callable[[], Tensors],
+) -> Callable[[], dict[str, Tensors]]:
+    """Gives weights and moments; `named` names arrays of the variables that are trained."""
 
+    def moments(kind: str) -> Tensors:
+        return named([v.numpy() for v in adam.variables if v.path.endswith(kind)])
 
-def _moments(adam: keras.optimizers.Adam) -> dict[str, list[NDArray]]:
-    """Adam's, in the order of the variables that are trained."""
-    return {
-        kind: [v.numpy() for v in adam.variables if v.path.endswith(end)]
-        for kind, end in (("adam_m", "_momentum"), ("adam_v", "_velocity"))
-    }
+    return lambda: {
+        "weight": weights(), "adam_m": moments("_momentum"), "adam_v": moments("_velocity")
+    }  # fmt: skip
 
 
 def _compute_in(array: NDArray) -> None:

@@ -29,6 +29,7 @@ from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, named_weights
 NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
 Faults = Mapping[str, Any]
+Options = dict[str, Any]
 NO_FAULTS: Faults = MappingProxyType({})
 
 
@@ -49,11 +50,7 @@ def dsnet_forward(
 
 
 def dsnet_train(
-    weights: Tensors,
-    masked: bool,
-    steps: Sequence[int],
-    faults: Faults = NO_FAULTS,
-    **clips: NDArray,
+    weights: Tensors, masked: bool, steps: list[int], faults: Faults = NO_FAULTS, **clips: NDArray
 ) -> Tensors:
     """Layers, loss and gradients of the first pass in training, and the steps after it."""
     given = {name: torch.from_numpy(array) for name, array in clips.items()}
@@ -72,19 +69,15 @@ def dsnet_train(
 
 @torch.inference_mode()
 def ae_forward(
-    weights: Tensors,
-    values: NDArray,
-    architecture: dict[str, Any],
-    run: str,
-    faults: Faults = NO_FAULTS,
+    weights: Tensors, values: NDArray, architecture: Options, run: str, **_faults: Faults
 ) -> Tensors:
     """Every layer, and the normaliser's where the weights hold one."""
-    del faults  # this one is in the weights
     scaling = [weights.pop(name) for name in NORMALISER if name in weights]
     model = _autoencoder(weights, architecture).eval()
     # One nonlinearity serves many layers, so outputs are named in the order of their calls.
-    encoder, decoder = ([f"{s}.{n}" for n in getattr(model, s)._modules] for s in _SIDES)
-    code = ["to_latent", "from_latent", "from_latent_activation"]
+    sides = ("encoder", "decoder")
+    encoder, decoder = ([f"{s}.{n}" for n in getattr(model, s)._modules] for s in sides)
+    code = ("to_latent", "from_latent", "from_latent_activation")
     names = [*encoder, *code, *decoder, "to_coordinates"]
     modules = [module for module in model.modules() if not list(module.children())]
 
@@ -98,20 +91,17 @@ def ae_forward(
         return joined(layers(torch.from_numpy(rows)) for rows in batches(values, run))
     normaliser = Normaliser(*(torch.from_numpy(array) for array in scaling))
     normalised = normaliser.normalise(torch.from_numpy(values))
-    seen = layers(normalised)
-    last = normaliser.denormalise(torch.from_numpy(seen["to_coordinates"]))
-    ends = {"normaliser.normalise": normalised}, {"normaliser.denormalise": last}
-    return prefixed("layer", ends[0] | seen | ends[1])
-
-
-_SIDES = ("encoder", "decoder")
+    outputs = {"normaliser.normalise": normalised.numpy(), **layers(normalised)}
+    last = torch.from_numpy(outputs["to_coordinates"])
+    outputs["normaliser.denormalise"] = normaliser.denormalise(last).numpy()
+    return prefixed("layer", outputs)
 
 
 def ae_train(
     weights: Tensors,
     values: NDArray,
-    architecture: dict[str, Any],
-    steps: Sequence[int],
+    architecture: Options,
+    steps: list[int],
     target: NDArray | None = None,
     faults: Faults = NO_FAULTS,
 ) -> Tensors:
@@ -148,7 +138,7 @@ def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tens
     return prefixed("layer", outputs) | prefixed("grad", dict(zip(variables, found, strict=True)))
 
 
-def formats(weights: Tensors, architecture: dict[str, Any] | None = None) -> Tensors:
+def formats(weights: Tensors, architecture: Options | None = None) -> Tensors:
     """Weights read back from memory, and from fresh networks that were given each file.
 
     DSNet's, or the autoencoder's of an architecture.
@@ -184,7 +174,7 @@ def _dsnet(weights: Tensors, faults: Faults) -> DSNet:
     return model
 
 
-def _autoencoder(weights: Tensors, architecture: dict[str, Any]) -> MeshAutoencoder:
+def _autoencoder(weights: Tensors, architecture: Options) -> MeshAutoencoder:
     """The product's network in the weights' precision."""
     with torch.device("meta"):
         model = MeshAutoencoder(**{**architecture, "widths": tuple(architecture["widths"])})
@@ -224,7 +214,7 @@ def _trained(
     adam: torch.optim.Adam,
     loss: Callable[[], Tensor],
     canonical: Callable[[Tensors], Tensors],
-    steps: Sequence[int],
+    steps: list[int],
 ) -> Tensors:
     """Training on one batch; `canonical` names and lays out arrays of the model's state."""
     learned = {name: p for name, p in model.named_parameters() if p.requires_grad}

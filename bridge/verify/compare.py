@@ -105,11 +105,8 @@ def verify(
 ) -> tuple[list[Row], dict[str, Answer]]:
     """All rows of some checks, and what the engines said.
 
-    Parameters
-    ----------
-    folder : an empty folder for requests and answers; the caller removes it.
-    faulty : what an engine is asked in place of the checks, when a fault is to be found.
-    run_engine : asks one engine.
+    `folder` is empty and takes requests and answers; `faulty` is what an engine is asked in place
+    of the checks, when a fault is to be found.
     """
     engines = dict.fromkeys([REFERENCE, *(name for check in checks for name in check.engines)])
     write_requests(folder / "request", {**dict.fromkeys(engines, checks), **(faulty or {})})
@@ -164,22 +161,11 @@ def compare(
         limit = tolerance_of(part, dtype).limit
         differences = {n: _difference(expected[n], found.get(n), dtype, not limit) for n in names}
         worst = max(differences, key=lambda name: differences[name].max_rel)
-        wrong = (name for name, d in differences.items() if not d.max_rel <= limit)
-        first = next(wrong, "")
-        yield Row(
-            check.name,
-            part,
-            engine,
-            dtype,
-            max(difference.max_abs for difference in differences.values()),
-            differences[worst].max_rel,
-            worst,
-            differences[worst].index,
-            limit,
-            not first,
-            first,
-            differences[first].problem if first else "",
-        )
+        max_abs = max(difference.max_abs for difference in differences.values())
+        _, max_rel, index, _ = differences[worst]
+        first = next((name for name in names if not differences[name].max_rel <= limit), "")
+        verdict = (limit, not first, first, differences[first].problem if first else "")
+        yield Row(check.name, part, engine, dtype, max_abs, max_rel, worst, index, *verdict)
 
 
 class _Difference(NamedTuple):
