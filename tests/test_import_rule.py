@@ -46,7 +46,7 @@ THIRD_PARTIES = {
     },
     "view": {"numpy", "viser"},
     "measure": {"numpy", "scipy"},
-    "verify": {"numpy", "onnx", "safetensors"},
+    "verify": {"numpy", "onnx"},
     "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy", "tyro"},
 }
 

@@ -1,134 +1,254 @@
-"""What is verified: each check is one operation, asked of several engines in their precisions."""
+"""What is verified: a table of checks on random weights, and on what a run has trained.
+
+Random inputs stand at the edge of what may come; a stage that a run does not have has no checks.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange import save_weights
-from bridge.exchange.layouts import KERAS_ADAM, TORCH_ADAM
-from bridge.verify.protocol import Case, DTypeName, write_request
+from bridge.body import load_body_model
+from bridge.exchange import load_weights
+from bridge.exchange.clips import load_unpadded_clips, make_clips
+from bridge.exchange.trained_dsnet import TrainedDsnet, dsnets_of, load_trained_dsnet
+from bridge.paper import INFERRED_WIDTHS, INPUT_SIZE, N_VERTICES
+from bridge.runs import Artifact, Run
+from bridge.runs.run import body_model_path
+from bridge.tissue.trained_plus import TrainedPlus
+from bridge.verify import draws
+from bridge.verify.draws import SMALL_WIDTHS
+from bridge.verify.engine import FORMATS, Check, DTypeName, Tensors
 
-REFERENCE = "numpy"
-Engines = Mapping[str, tuple[DTypeName, ...]]
 BOTH: tuple[DTypeName, ...] = ("float64", "float32")
-FRAMEWORKS: Engines = {"torch": BOTH, "keras": BOTH}
-WITH_ONNX: Engines = {**FRAMEWORKS, "onnx": ("float32",)}
-FILES: Engines = {"torch": ("float32",), "keras": ("float32",), "onnx": ("float32",)}
-IN_FLOAT64: Engines = {"torch": ("float64",), "keras": ("float64",)}
-KERAS: Engines = {"keras": BOTH}
-ONNX: Engines = {"onnx": ("float32",)}
-STREAM: Engines = {"stream": ("float32",)}
+DOUBLE, SINGLE = BOTH[:1], BOTH[1:]
+FRAMEWORKS = {"torch": BOTH, "keras": BOTH}
+WITH_ONNX = {**FRAMEWORKS, "onnx": SINGLE}
+IN_FLOAT64 = {"torch": DOUBLE, "keras": DOUBLE}
+FILES = {"torch": SINGLE, "keras": SINGLE, "onnx": SINGLE}
+ONNX, STREAM = {"onnx": SINGLE}, {"stream": SINGLE}
+
+CLIPS, FRAMES, MESHES, GRAPH_FRAMES = 2, 120, 2, 8
+NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
+Options = Mapping[str, Any]
 
 
-@dataclass(frozen=True, eq=False)
-class Check:
-    """One operation on one set of numbers."""
-
-    name: str
-    """Unique; the table's first column."""
-    op: str
-    """As the engines know it."""
-    engines: Engines
-    """Which engines are compared with the reference, and in which precisions."""
-    weights: str = ""
-    """Name of a set of weights."""
-    inputs: str = ""
-    """Name of a set of inputs."""
-    options: Mapping[str, Any] = field(default_factory=dict)
-    """What the operation needs besides arrays."""
-    leave_out: tuple[str, ...] = ()
-    """Tensors that are not compared, because the numbers do not define them."""
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """Checks, and the arrays that they name."""
-
-    checks: Sequence[Check]
-    arrays: Mapping[str, Mapping[str, NDArray[Any]]]
-    """Sets of weights and inputs by name."""
-
-    def __add__(self, other: Plan) -> Plan:
-        return Plan([*self.checks, *other.checks], {**self.arrays, **other.arrays})
-
-
-def autoencoder_checks(
-    name: str, weights: str, inputs: str, widths: tuple[int, ...], **architecture: Any
-) -> list[Check]:
-    """Forward pass and gradients of one autoencoder."""
-    options = autoencoder_options(widths, **architecture)
-    learning = {**options, "adam": asdict(TORCH_ADAM), "steps": []}
+def random_checks(seed: int, body: str) -> list[Check]:
+    """Everything that needs no run: random weights in small, and the extremes."""
+    small = [*_dsnet(seed), *_autoencoder(seed), *_smpl(seed, body), *_oscillators(seed)]
+    data = load_body_model(body)
+    options = _architecture((data.vertex_count, *SMALL_WIDTHS[1:]))
+    dsnet = {
+        **draws.dsnet_weights(seed),
+        **draws.autoencoder_weights(seed, options["architecture"]["widths"]),
+        "normaliser.mean_m": np.full((data.vertex_count, 3), 1e-3, np.float32),
+        "normaliser.scale_m": np.full((data.vertex_count, 3), 2e-3, np.float32),
+    }
+    plus, stream = draws.tissue(seed, data), draws.stream(seed, 8, 2)
+    stream["betas"][1] = plus["people_betas"][0]  # the second of the two is known
     return [
-        Check(name, "ae_forward", WITH_ONNX, weights, inputs, {**options, "run": "whole"}),
-        Check(f"{name}-gradients", "ae_train", FRAMEWORKS, weights, inputs, learning),
+        *small,
+        Check("dsnet-graph", "dsnet_graph", ONNX, dsnet, stream, {"body": body, **options}),
+        Check("plus-graph", "plus_graph", ONNX, plus, stream, {"body": body}),
+        Check("dsnet-files", FORMATS, FILES, draws.dsnet_weights(seed)),
+        Check(
+            "ae-files",
+            FORMATS,
+            FILES,
+            draws.autoencoder_weights(seed, SMALL_WIDTHS),
+            options=_architecture(SMALL_WIDTHS),
+        ),
     ]
 
 
-def autoencoder_options(
-    widths: tuple[int, ...], activation: str = "leaky_relu", negative_slope: float = 0.1
-) -> dict[str, Any]:
-    """The part of an autoencoder's options that says which network it is."""
-    architecture = {"widths": widths, "activation": activation, "negative_slope": negative_slope}
-    return {"architecture": architecture}
+def full_size_checks(seed: int) -> list[Check]:
+    """The autoencoder's 33,626,606 parameters: every layer and every gradient, two meshes."""
+    weights = draws.autoencoder_weights(seed, INFERRED_WIDTHS)
+    values = draws.values(seed, 2, INFERRED_WIDTHS[0])
+    options = _architecture(INFERRED_WIDTHS)
+    return [
+        _ae_forward("ae-full", weights, values, options),
+        _ae_train("ae-full-gradients", weights, values, options, ()),
+    ]
 
 
-def dsnet_graph_check(
-    name: str, weights: str, inputs: str, body: str, **architecture: Any
+def _dsnet(seed: int) -> list[Check]:
+    weights, clips = draws.dsnet_weights(seed), draws.clips(seed, 4, 30)
+    motion = draws.motion(seed, 3, 40)
+
+    def forward(name: str, inputs: Tensors, run: str = "whole") -> Check:
+        return _dsnet_forward(f"dsnet-{name}", weights, inputs, run)
+
+    return [
+        forward("whole-clip", motion),
+        forward("frame-by-frame", motion, "steps"),
+        forward("singles", motion, "singles"),
+        forward("T1", draws.motion(seed, 3, 1)),
+        forward("T1000", draws.motion(seed, 1, 1000)),
+        forward("zeros", {"motion": np.zeros((2, 20, INPUT_SIZE), np.float32)}),
+        forward("large", draws.motion(seed, 2, 20, size=5.0)),
+        # tanh of +-500: what float32 loses there is in the argument, before any engine's tanh.
+        replace(forward("saturating", draws.motion(seed, 2, 20, size=50.0)), engines=IN_FLOAT64),
+        Check("dsnet-stream", "dsnet_stream", STREAM, weights, motion),
+        _dsnet_train("dsnet-training", weights, clips, (1, 10)),
+        _dsnet_train("dsnet-training-masked", weights, clips, (1, 10), masked=True),
+    ]
+
+
+def _autoencoder(seed: int) -> list[Check]:
+    weights, vertices = draws.autoencoder_weights(seed, SMALL_WIDTHS), SMALL_WIDTHS[0]
+    values, options = draws.values(seed, 3, vertices), _architecture(SMALL_WIDTHS)
+
+    def forward(name: str, inputs: Tensors = values, options: Options = options) -> Check:
+        return _ae_forward(f"ae-{name}", weights, inputs, options)
+
+    return [
+        forward("batch"),
+        forward("singles", options={**options, "run": "singles"}),
+        forward("zeros", {"values": np.zeros((2, vertices, 3), np.float32)}),
+        forward("large", draws.values(seed, 3, vertices, size=1e3)),
+        *(forward(n, options=_architecture(SMALL_WIDTHS, n)) for n in ("elu", "tanh", "relu")),
+        _ae_train("ae-training", weights, values, options, (1, 10)),
+    ]
+
+
+def _smpl(seed: int, body: str) -> list[Check]:
+    data = load_body_model(body)
+    poses = {
+        "moderate": draws.poses(seed, 3, 24, 0.5),
+        "rest": draws.poses(seed, 1, 24, 0.0),
+        "half-turns": draws.poses(seed, 2, 24, np.pi),
+        "large": draws.poses(seed, 2, 22, 11.0),
+    }
+    # Bones turned far against each other collapse vertices between them: no inverse is defined.
+    collapsing = ("half-turns", "large")
+    return [
+        Check(
+            f"smpl-{name}",
+            "smpl",
+            FRAMEWORKS,
+            inputs=draws.bodies(seed, data, pose),
+            options={"body": body},
+            leave_out=("layer/unposed",) if name in collapsing else (),
+        )
+        for name, pose in poses.items()
+    ]
+
+
+def _oscillators(seed: int) -> list[Check]:
+    """How `dsnet_plus` is trained; steps of Adam in float64 alone, as those of trained weights."""
+    first = Check(
+        "oscillators",
+        "oscillators_train",
+        {"keras": BOTH},
+        draws.oscillators(seed),
+        draws.windows(seed),
+        {"learning_rate": 0.06, "steps": ()},
+    )
+    options = {**first.options, "steps": (1, 3)}
+    return [
+        first,
+        replace(first, name="oscillators-training", engines={"keras": DOUBLE}, options=options),
+    ]
+
+
+def trained_checks(run: Run) -> list[Check]:
+    """Of every predictor and of the autoencoder that the run has trained, and of their graphs."""
+    train, train_ae, train_plus = (
+        run.artifact(stage) if run.finished(stage) else None
+        for stage in ("train", "train-ae", "train_plus")
+    )
+    dsnets = [load_trained_dsnet(train, name) for name in dsnets_of(train)] if train else []
+    checks = [check for d in dsnets for check in _trained_dsnet(d, run.artifact("encode"))]
+    graphs: list[tuple[str, str, Tensors, Options]] = []
+    if train_plus:
+        weights = TrainedPlus.load(train_plus).arrays()
+        graphs.append(("plus-graph-trained", "plus_graph", weights, {}))
+    if train_ae:
+        stored = load_weights(train_ae.file("autoencoder.safetensors"))
+        weights = {name.removeprefix("model."): array for name, array in stored.items()}
+        options = {"architecture": dict(train_ae.manifest["architecture"])}
+        checks += _trained_autoencoder(weights, options, run.artifact("align").array("offsets"))
+        if dsnets and options["architecture"]["widths"][0] == N_VERTICES:
+            both = {**dsnets[0].arrays(), **weights}
+            graphs.append(("dsnet-graph-trained", "dsnet_graph", both, options))
+    if graphs:
+        stream, body = _stream(run.artifact("align")), {"body": str(body_model_path(run))}
+        checks += [Check(n, op, ONNX, w, stream, {**body, **own}) for n, op, w, own in graphs]
+    return checks
+
+
+def _trained_dsnet(trained: TrainedDsnet, encoded: Artifact) -> list[Check]:
+    splits = ("validation", "train")
+    recordings = [r for split in splits for r in load_unpadded_clips(encoded, split)][:CLIPS]
+    padded = make_clips(recordings, trained.scaling, FRAMES)
+    clips = {"motion": padded.inputs, "latents": padded.latents, "real": padded.real}
+    motion = {"motion": recordings[0].inputs[None, :FRAMES].astype(np.float32)}
+    key, weights, inputs = trained.name.replace("_", "-"), dict(trained.weights), clips["motion"]
+    return [
+        _dsnet_forward(key, weights, {"motion": inputs}),
+        _dsnet_forward(f"{key}-frame-by-frame", weights, {"motion": inputs}, "steps"),
+        Check(f"{key}-stream", "dsnet_stream", STREAM, trained.arrays(), motion),
+        _dsnet_train(f"{key}-gradients", weights, clips, ()),
+        # Adam's first step is hardly more than a gradient's sign, which float32 does not know of
+        # the gradients near zero that trained weights have.
+        replace(_dsnet_train(f"{key}-training", weights, clips, (1,)), engines=IN_FLOAT64),
+    ]
+
+
+def _trained_autoencoder(weights: Tensors, options: Options, frames: NDArray) -> list[Check]:
+    rows = np.linspace(0, len(frames) - 1, MESHES + 2).astype(int)[1:-1]
+    offsets_m = np.asarray(frames[rows], dtype=np.float32)
+    mean_m, scale_m = (weights[name] for name in NORMALISER)
+    bare = {name: array for name, array in weights.items() if name not in NORMALISER}
+    learned = {
+        "values": ((offsets_m - mean_m) / scale_m).astype(np.float32),
+        # Training begins with the least-squares solution and ends near another: there each
+        # gradient is the difference of equal sums, of which any engine keeps the rounding.
+        "target": np.random.default_rng(0).normal(size=offsets_m.shape).astype(np.float32),
+    }
+    # A gradient jumps at the kinks of LeakyReLU, and of the trained network's hundred thousands of
+    # units some stand nearer to one than float32 can tell.
+    gradients = _ae_train("ae-trained-gradients", bare, learned, options, ())
+    return [
+        _ae_forward("ae-trained", weights, {"values": offsets_m}, options),
+        replace(gradients, engines=IN_FLOAT64),
+    ]
+
+
+def _stream(align: Artifact) -> Tensors:
+    """Two characters, eight frames from two places of the corpus."""
+    theta, betas = align.array("theta"), align.array("betas")
+    starts = (len(theta) // 4, len(theta) // 2)
+    poses = [np.asarray(theta[start : start + GRAPH_FRAMES], np.float32) for start in starts]
+    return {"theta": np.stack(poses, axis=1), "betas": np.asarray(betas, np.float32)[[0, -1]]}
+
+
+def _architecture(widths: tuple[int, ...], activation: str = "leaky_relu") -> dict[str, Any]:
+    named = {"widths": widths, "activation": activation, "negative_slope": 0.1}
+    return {"architecture": named}
+
+
+def _dsnet_forward(name: str, weights: Tensors, inputs: Tensors, run: str = "whole") -> Check:
+    return Check(name, "dsnet_forward", WITH_ONNX, weights, inputs, {"run": run})
+
+
+def _dsnet_train(
+    name: str, weights: Tensors, clips: Tensors, steps: tuple[int, ...], *, masked: bool = False
 ) -> Check:
-    """The deployable graph of DSNet and a decoder, from poses to the posed skin."""
-    options = {"body": body, **autoencoder_options(**architecture)}
-    return Check(name, "dsnet_graph", ONNX, weights, inputs, options)
-
-
-def plus_graph_check(name: str, weights: str, inputs: str, body: str) -> Check:
-    """The deployable graph of `dsnet_plus`, from poses to the posed skin."""
-    return Check(name, "plus_graph", ONNX, weights, inputs, {"body": body})
-
-
-def cases_of(checks: Sequence[Check]) -> list[Case]:
-    """One case a check and precision; the reference answers each check once, in float64."""
-    cases = []
-    for check in checks:
-        for dtype in BOTH:
-            asked = [name for name, dtypes in check.engines.items() if dtype in dtypes]
-            answered_by_arithmetic = dtype == "float64" and check.op != "formats"
-            engines = (*((REFERENCE,) if answered_by_arithmetic else ()), *asked)
-            if engines:
-                cases.append(
-                    Case(
-                        case_name(check, dtype),
-                        check.op,
-                        dtype,
-                        engines,
-                        check.weights and f"{check.weights}.safetensors",
-                        check.inputs and f"{check.inputs}.safetensors",
-                        check.options,
-                    )
-                )
-    return cases
-
-
-def case_name(check: Check, dtype: DTypeName) -> str:
-    """Name of a check's case in one precision."""
-    return f"{check.name}.{dtype}"
-
-
-def write_plan(folder: Path, plan: Plan, cases: Sequence[Case]) -> None:
-    """Lay out a request: first the arrays that the plan's checks name, then the list of cases."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in {n for check in plan.checks for n in (check.weights, check.inputs) if n}:
-        save_weights(folder / f"{name}.safetensors", plan.arrays[name])
-    write_request(folder, cases)
-
-
-def dsnet_training(
-    name: str, weights: str, clips: str, masked: bool, steps: tuple[int, ...] = (1, 10)
-) -> Check:
-    """Training of DSNet by Keras's Adam."""
-    options = {"masked": masked, "adam": asdict(KERAS_ADAM), "steps": steps}
+    options = {"masked": masked, "steps": steps}
     return Check(name, "dsnet_train", FRAMEWORKS, weights, clips, options)
+
+
+def _ae_forward(name: str, weights: Tensors, values: Tensors, options: Options) -> Check:
+    return Check(name, "ae_forward", WITH_ONNX, weights, values, {"run": "whole", **options})
+
+
+def _ae_train(
+    name: str, weights: Tensors, values: Tensors, options: Options, steps: tuple[int, ...]
+) -> Check:
+    return Check(name, "ae_train", FRAMEWORKS, weights, values, {**options, "steps": steps})

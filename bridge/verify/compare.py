@@ -1,21 +1,74 @@
-"""One engine's tensors against the reference's: the rows of the table."""
+"""Runs the engines on checks and compares each tensor with the reference's: the rows of the table.
+
+Every tolerance is relative to the largest number of the reference's tensor: rounding errors are
+made by the large terms of a sum and carried to the small results beside them.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from bridge.verify.protocol import DTypeName
-from bridge.verify.tolerances import tolerance_of
+from bridge.runs.progress import progress
+from bridge.verify.engine import (
+    FORMATS,
+    REFERENCE,
+    Answer,
+    Ask,
+    Check,
+    DTypeName,
+    ask,
+    write_requests,
+)
 
-_STEP = re.compile(r"step_(\d+)/(weight|adam_m|adam_v)/(.*)")
-Read = Callable[[str], Any]
-"""Gives a tensor by its name, or None."""
+
+class Tolerance(NamedTuple):
+    """How far two engines may differ, relative to the tensor's scale, and why so far."""
+
+    limit: float
+    reason: str
+
+
+TOLERANCES = {
+    "EXACT": Tolerance(0.0, "weights are moved and not computed, so every bit comes back"),
+    "FLOAT64": Tolerance(
+        1e-10,
+        "2^-53 is 1.1e-16; sums of 6890 terms, 1000 steps of a recurrence or ten of Adam leave "
+        "five digits to spare, and the smallest classical mistake (Adam's epsilon) is above it",
+    ),
+    "FLOAT32_FORWARD": Tolerance(
+        1e-5, "2^-24 is 6e-8, times the square root of the longest sum (6890 terms: 83) is 5e-6"
+    ),
+    "FLOAT32_GRADIENT": Tolerance(
+        1e-4,
+        "a gradient sums over frames and vertices what a forward pass has already rounded, and "
+        "its terms cancel: one digit more than forwards",
+    ),
+}
+FILE_FORMATS = {
+    "torch": ("memory", "safetensors", "state_dict"),
+    "keras": ("memory", "safetensors", "keras"),
+    "onnx": ("onnx",),
+}
+"""What each engine writes and reads back."""
+CAUSES = {
+    "layers": "layer {layer}",
+    "loss": "the loss",
+    "gradients": "backward pass of layer {layer}",
+    "moments": "Adam's moments, first of {parameter}",
+    "statistics": "running statistics {parameter}",
+    "weights": "Adam's update (its moments agree), first of {parameter}",
+    "losses": "the losses of later steps",
+    "files": "file format {format}: {parameter}",
+}
+"""By kind of part, in the order in which a mistake shows."""
 
 
 @dataclass(frozen=True)
@@ -44,99 +97,158 @@ class Row:
     """Why there was nothing to compare."""
 
 
-@dataclass(frozen=True)
-class Difference:
-    """Two tensors compared."""
+def verify(
+    checks: Sequence[Check],
+    folder: Path,
+    faulty: Mapping[str, Sequence[Check]] | None = None,
+    run_engine: Ask = ask,
+) -> tuple[list[Row], dict[str, Answer]]:
+    """All rows of some checks, and what the engines said.
 
-    name: str
+    `folder` is empty and takes requests and answers; `faulty` is what an engine is asked in place
+    of the checks, when a fault is to be found.
+    """
+    engines = dict.fromkeys([REFERENCE, *(name for check in checks for name in check.engines)])
+    write_requests(folder / "request", {**dict.fromkeys(engines, checks), **(faulty or {})})
+    answers = {
+        engine: run_engine(engine, folder / "request", folder / engine)
+        for engine in progress(list(engines), what="engines", unit="engine")
+    }
+    rows = [
+        row
+        for check in checks
+        for engine, dtypes in check.engines.items()
+        for dtype in dtypes
+        for row in _rows_of(check, engine, dtype, answers)
+    ]
+    return rows, answers
+
+
+def _rows_of(
+    check: Check, engine: str, dtype: DTypeName, answers: Mapping[str, Answer]
+) -> Iterator[Row]:
+    asked: list[tuple[str, DTypeName]] = [(engine, dtype)]
+    if check.op != FORMATS:
+        asked.append((REFERENCE, "float64"))
+    for name, precision in asked:
+        if problem := answers[name].why_missing(check, precision):
+            nothing = (np.inf, np.inf, "", (), 0.0, False, "", problem)
+            yield Row(check.name, "all", name, precision, *nothing)
+            return
+    with np.load(answers[engine].path(check, dtype)) as found:
+        if check.op == FORMATS:
+            named = [(k, n, a) for k in FILE_FORMATS[engine] for n, a in check.weights.items()]
+            weights = {f"weight/{kind}/{name}": array for kind, name, array in named}
+            yield from compare(check, engine, dtype, weights, found)
+        else:
+            with np.load(answers[REFERENCE].path(check, "float64")) as expected:
+                yield from compare(check, engine, dtype, expected, found)
+
+
+def compare(
+    check: Check,
+    engine: str,
+    dtype: DTypeName,
+    expected: Mapping[str, NDArray[Any]],
+    found: Mapping[str, NDArray[Any]],
+) -> Iterator[Row]:
+    """Rows for all tensors of one case; `expected` has those first that are computed first."""
+    parts: dict[str, list[str]] = {}
+    for name in expected:
+        if name not in check.leave_out:
+            parts.setdefault(part_of(name), []).append(name)
+    for part, names in parts.items():
+        limit = tolerance_of(part, dtype).limit
+        differences = {n: _difference(expected[n], found.get(n), dtype, not limit) for n in names}
+        worst = max(differences, key=lambda name: differences[name].max_rel)
+        max_abs = max(difference.max_abs for difference in differences.values())
+        _, max_rel, index, _ = differences[worst]
+        first = next((name for name in names if not differences[name].max_rel <= limit), "")
+        verdict = (limit, not first, first, differences[first].problem if first else "")
+        yield Row(check.name, part, engine, dtype, max_abs, max_rel, worst, index, *verdict)
+
+
+class _Difference(NamedTuple):
     max_abs: float
     max_rel: float
     index: tuple[int, ...]
     problem: str = ""
 
 
-def part_of(tensor: str) -> str:
-    """The row to which a tensor belongs."""
-    kind = tensor.partition("/")[0]
-    if step := _STEP.fullmatch(tensor):
-        count, state, name = step.groups()
-        if state == "weight":
-            state = "statistics" if "/moving_" in name else "weights"
-        return f"{'moments' if state.startswith('adam') else state} after {count}"
-    names = {"layer": "layers", "grad": "gradients", "weight": "files"}
-    return names.get(kind, kind)
-
-
-def compare(
-    check: str, engine: str, dtype: DTypeName, names: Sequence[str], expected: Read, found: Read
-) -> list[Row]:
-    """Rows for all tensors of one case.
-
-    Parameters
-    ----------
-    names : the reference's tensors, first computed first.
-    expected, found : the reference's, always float64, and the engine's.
-    """
-    part_places = {part: k for k, part in enumerate(dict.fromkeys(map(part_of, names)))}
-    ordered = sorted(names, key=lambda name: part_places[part_of(name)])
-    return [
-        _row(check, part, engine, dtype, [_difference(n, expected, found, dtype) for n in group])
-        for part, group in groupby(ordered, key=part_of)
-    ]
-
-
-def compare_files(
-    check: str, engine: str, dtype: DTypeName, names: Sequence[str], expected: Read, found: Read
-) -> Row:
-    """The row of weights that came back from files: every bit counts, a zero's sign too."""
-
-    def bits(name: str) -> Difference:
-        difference = _difference(name, expected, found, dtype)
-        if difference.problem or expected(name).tobytes() == found(name).tobytes():
-            return difference
-        return replace(difference, max_rel=np.inf, problem="not the same bits")
-
-    return _row(check, "files", engine, dtype, [bits(name) for name in names])
-
-
-def missing_row(check: str, engine: str, dtype: DTypeName, problem: str) -> Row:
-    """The row of a case without a result."""
-    return Row(check, "all", engine, dtype, np.inf, np.inf, "", (), 0.0, False, "", problem)
-
-
-def _row(
-    check: str, part: str, engine: str, dtype: DTypeName, differences: list[Difference]
-) -> Row:
-    limit = tolerance_of(part, dtype).limit
-    worst = max(differences, key=lambda d: d.max_rel)
-    first = next((d for d in differences if not d.max_rel <= limit), None)
-    return Row(
-        check,
-        part,
-        engine,
-        dtype,
-        max(d.max_abs for d in differences),
-        worst.max_rel,
-        worst.name,
-        worst.index,
-        limit,
-        first is None,
-        first.name if first else "",
-        first.problem if first else "",
-    )
-
-
-def _difference(name: str, read_expected: Read, read_found: Read, dtype: DTypeName) -> Difference:
-    expected, found = read_expected(name), read_found(name)
-    if expected is None or found is None:
-        return Difference(name, np.inf, np.inf, (), "no such tensor")
+def _difference(
+    expected: NDArray[Any], found: NDArray[Any] | None, dtype: DTypeName, to_the_bit: bool
+) -> _Difference:
+    """Of two tensors; to the bit, a zero's sign counts too."""
+    if found is None:
+        return _Difference(np.inf, np.inf, (), "no such tensor")
     if (expected.shape, dtype) != (found.shape, found.dtype):
         problem = f"{found.dtype} {found.shape} for {dtype} {expected.shape}"
-        return Difference(name, np.inf, np.inf, (), problem)
+        return _Difference(np.inf, np.inf, (), problem)
     apart = np.abs(found.astype(np.float64) - expected)
     # A NaN is as far away as can be, and may not hide behind a comparison that is false.
     apart[~np.isfinite(apart)] = np.inf
     place = np.unravel_index(np.argmax(apart), apart.shape)
     largest, scale = float(apart[place]), float(np.abs(expected).max())
+    index = tuple(int(k) for k in place)
+    if to_the_bit and expected.tobytes() != found.tobytes():
+        return _Difference(largest, np.inf, index, "not the same bits")
     relative = largest / scale if scale and np.isfinite(largest) else np.inf if largest else 0.0
-    return Difference(name, largest, relative, tuple(int(k) for k in place))
+    return _Difference(largest, relative, index)
+
+
+def part_of(tensor: str) -> str:
+    """The row to which a tensor belongs."""
+    if step := re.fullmatch(r"step_(\d+)/(weight|adam_m|adam_v)/(.*)", tensor):
+        count, state, name = step.groups()
+        if state == "weight":
+            return f"{'statistics' if '/moving_' in name else 'weights'} after {count}"
+        return f"moments after {count}"
+    kind = tensor.partition("/")[0]
+    return {"layer": "layers", "grad": "gradients", "weight": "files"}.get(kind, kind)
+
+
+def tolerance_of(part: str, dtype: DTypeName) -> Tolerance:
+    """The limit for one part of a check's results."""
+    if part == "files":
+        return TOLERANCES["EXACT"]
+    if dtype == "float64":
+        return TOLERANCES["FLOAT64"]
+    forward = part in ("layers", "loss", "losses")
+    return TOLERANCES["FLOAT32_FORWARD" if forward else "FLOAT32_GRADIENT"]
+
+
+def diagnose(rows: Iterable[Row]) -> dict[str, list[str]]:
+    """What is wrong, as a sentence by engine, and the checks that say so.
+
+    Of each check only the first part that failed counts, for all that comes after it must fail;
+    and a loss only if no check of that engine has found a layer.
+    """
+    found: dict[str, list[str]] = {}
+    failed = [row for row in rows if not row.passed]
+    for (check, engine, dtype), group in groupby(failed, lambda r: (r.check, r.engine, r.dtype)):
+        first = min(group, key=_place)
+        found.setdefault(f"{engine}: {_cause(first)}", []).append(f"{check} {dtype}")
+    explained = {cause.partition(":")[0] for cause in found if ": layer " in cause}
+    return {
+        cause: checks
+        for cause, checks in found.items()
+        if not (cause.endswith(": the loss") and cause.partition(":")[0] in explained)
+    }
+
+
+def _place(row: Row) -> tuple[int, int]:
+    kind, _, count = row.part.partition(" after ")
+    # Losses differ from the second step on, so after the first step's weights.
+    return int(count or kind == "losses"), [*CAUSES, "all"].index(kind)
+
+
+def _cause(row: Row) -> str:
+    if row.part == "all":
+        return f"no result, {row.problem}"
+    # `layer/lstm`, `grad/lstm/kernel`, `step_1/adam_m/lstm/kernel`, `weight/keras/lstm/kernel`
+    kind, _, name = row.first.partition("/")
+    within, _, parameter = name.partition("/")
+    layer = re.split(r"/|\.(?=weight$|bias$)", name)[0] if kind == "grad" else name
+    cause = CAUSES[row.part.partition(" after ")[0]]
+    cause = cause.format(layer=layer, parameter=parameter, format=within)
+    return f"{cause} ({row.problem})" if row.problem else cause

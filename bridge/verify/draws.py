@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, pose_vertices
 from bridge.body.model_data import POSE_FEATURE_COUNT
-from bridge.exchange.layouts import Shapes, autoencoder_shapes, dsnet_shapes
+from bridge.exchange.layouts import autoencoder_shapes, dsnet_shapes
 from bridge.paper import DSNET_WIDTHS, INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.tissue.oscillators import STEPS
 
@@ -19,15 +19,9 @@ SMALL_WIDTHS = (40, 24, 24, 12, 6)
 """A hundredth of the network in which one kernel is square, so that it can be transposed unseen."""
 
 _FLESH = {
-    "omega": 30.0,
-    "damping_ratio": 0.15,
-    "stiffening": 500.0,
-    "normal_ratio": 1.4,
-    "wave_speed": 1.0,
-    "bending": 1e-4,
-    "inertia_gain": 0.9,
-    "gravity_gain": 1.1,
-}
+    "omega": 30.0, "damping_ratio": 0.15, "stiffening": 500.0, "normal_ratio": 1.4,
+    "wave_speed": 1.0, "bending": 1e-4, "inertia_gain": 0.9, "gravity_gain": 1.1,
+}  # fmt: skip
 
 
 def dsnet_weights(seed: int) -> Arrays:
@@ -42,8 +36,8 @@ def dsnet_weights(seed: int) -> Arrays:
 def autoencoder_weights(seed: int, widths: tuple[int, ...]) -> Arrays:
     """Weights through which a signal keeps its size for all the network's fourteen layers."""
     rng = np.random.default_rng([seed, 2])
-    shapes: Shapes = autoencoder_shapes(widths)
-    return {name: _draw(rng, shape, math.prod(shape[1:]) / 2) for name, shape in shapes.items()}
+    shapes = autoencoder_shapes(widths).items()
+    return {name: _draw(rng, shape, math.prod(shape[1:]) / 2) for name, shape in shapes}
 
 
 def motion(seed: int, clips: int, frames: int, size: float = 0.5) -> Arrays:
@@ -57,12 +51,9 @@ def clips(seed: int, count: int, frames: int) -> Arrays:
     rng = np.random.default_rng([seed, 4])
     lengths = np.linspace(frames, frames / 3, count).astype(int)
     real = np.arange(frames) < lengths[:, None]
-    given = {"motion": INPUT_SIZE, "latents": LATENT_SIZE}
-    padded = {
-        name: _normal(rng, (count, frames, width), 0.5) * real[..., None]
-        for name, width in given.items()
-    }
-    return {**padded, "real": real}
+    drawn = (_normal(rng, (count, frames, width), 0.5) for width in (INPUT_SIZE, LATENT_SIZE))
+    motion, latents = (array * real[..., None] for array in drawn)
+    return {"motion": motion, "latents": latents, "real": real}
 
 
 def values(seed: int, count: int, vertices: int, size: float = 1.0) -> Arrays:
@@ -111,10 +102,7 @@ def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
         "nodes/areas_m2": rng.uniform(1e-4, 4e-4, vertices).astype(np.float32),
         "nodes/edges": np.concatenate(beside).astype(np.int32),
         "nodes/pulls_m2": pulls,
-        **{
-            f"log_{name}": math.log(value) + _normal(rng, (nodes, 1), 0.2)
-            for name, value in _FLESH.items()
-        },
+        **_logarithms(rng, (nodes, 1)),
         "slopes": _normal(rng, (3, 1), 0.2),
         "stiffening_power": np.array([1.5], np.float32),
         "residual": _normal(rng, (2, nodes, 1), 0.1),
@@ -131,10 +119,7 @@ def oscillators(seed: int, nodes: int = 6, people: int = 2, taps: int = 3) -> Ar
     """Weights of the layer that `dsnet_plus` is trained as, named as by Keras."""
     rng = np.random.default_rng([seed, 10])
     return {
-        **{
-            f"log_{name}": math.log(value) + _normal(rng, (1,), 0.2)
-            for name, value in _FLESH.items()
-        },
+        **_logarithms(rng, (1,)),
         **{f"by_node_{name}": _normal(rng, (nodes, 1), 0.2) for name in _FLESH},
         "slopes": _normal(rng, (3, 1), 0.2),
         "stiffening_power": np.array([1.5], np.float32),
@@ -169,6 +154,10 @@ def poses(seed: int, count: int, joints: int, angle: float) -> NDArray[np.float6
     axes = np.random.default_rng([seed, 7]).normal(size=(count, joints, 3))
     axes[0] = np.eye(3)[np.arange(joints) % 3]
     return angle * axes / np.linalg.norm(axes, axis=-1, keepdims=True)
+
+
+def _logarithms(rng: np.random.Generator, shape: tuple[int, ...]) -> Arrays:
+    return {f"log_{n}": math.log(value) + _normal(rng, shape, 0.2) for n, value in _FLESH.items()}
 
 
 def _draw(rng: np.random.Generator, shape: tuple[int, ...], fan_in: float) -> NDArray[np.float32]:

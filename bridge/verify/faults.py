@@ -6,17 +6,14 @@ them, or an option that sets one constant of what the engine built.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange import save_weights
-from bridge.verify.checks import Plan, cases_of
-from bridge.verify.protocol import Case
+from bridge.verify.engine import FORMATS, Check, Tensors
 
 FAULTY = "torch"
 FaultName = Literal[
@@ -29,24 +26,22 @@ FaultName = Literal[
     "inverted_momentum",
     "adam_epsilon",
 ]
-Arrays = Mapping[str, NDArray[Any]]
 
 
-@dataclass(frozen=True)
-class Fault:
+class Fault(NamedTuple):
     """One mistake."""
 
     named: str
     """Words of the diagnosis that name the place."""
-    checks: tuple[str, ...]
-    """The checks that show it soonest; the tests ask only these."""
-    weights: Callable[[Arrays], Arrays] = dict
+    check: str
+    """That shows it soonest; the tests ask only this."""
+    weights: Callable[[Tensors], Tensors] = dict
     """What it does to canonical weights."""
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = {}
     """What it sets in the engine."""
 
 
-def _changed(prefix: str, change: Callable[[NDArray], NDArray]) -> Callable[[Arrays], Arrays]:
+def _changed(prefix: str, change: Callable[[NDArray], NDArray]) -> Callable[[Tensors], Tensors]:
     """Change the arrays whose names begin so, wherever there are any."""
     return lambda arrays: {n: change(a) if n.startswith(prefix) else a for n, a in arrays.items()}
 
@@ -62,66 +57,45 @@ def _gates_transposed(array: NDArray) -> NDArray:
     return np.concatenate([block.T for block in np.split(array, 4, axis=-1)], axis=-1)
 
 
+_CLIP, _TRAINING = "dsnet-whole-clip", "dsnet-training"
+_RECURRENT, _SQUARE = "lstm/recurrent_kernel", "encoder.conv_2.weight"
 FAULTS: dict[FaultName, Fault] = {
-    "gate_order": Fault("layer lstm", ("dsnet-whole-clip",), _changed("lstm/", _gates_swapped)),
-    "batch_norm_epsilon": Fault(
-        "layer batch_norm", ("dsnet-whole-clip",), options={"batch_norm_epsilon": 1e-5}
-    ),
-    "dropped_bias": Fault(
-        "layer fc_enc_2", ("dsnet-whole-clip",), _changed("fc_enc_2/bias", np.zeros_like)
-    ),
+    "gate_order": Fault("layer lstm", _CLIP, _changed("lstm/", _gates_swapped)),
+    "batch_norm_epsilon": Fault("layer batch_norm", _CLIP, options={"batch_norm_epsilon": 1e-5}),
+    "dropped_bias": Fault("layer fc_enc_2", _CLIP, _changed("fc_enc_2/bias", np.zeros_like)),
     "transposed_recurrent_kernel": Fault(
-        "layer lstm",
-        ("dsnet-whole-clip",),
-        _changed("lstm/recurrent_kernel", _gates_transposed),
+        "layer lstm", _CLIP, _changed(_RECURRENT, _gates_transposed)
     ),
     "transposed_kernel": Fault(
-        "layer encoder.conv_2",
-        ("ae-batch",),
-        _changed("encoder.conv_2.weight", lambda kernel: kernel.swapaxes(0, 1)),
+        "layer encoder.conv_2", "ae-batch", _changed(_SQUARE, lambda kernel: kernel.swapaxes(0, 1))
     ),
     "forgotten_mask": Fault(
-        "layer batch_norm", ("dsnet-training-masked",), options={"forget_mask": True}
+        "layer batch_norm", "dsnet-training-masked", options={"forget_mask": True}
     ),
     "inverted_momentum": Fault(
-        "statistics batch_norm/moving_mean",
-        ("dsnet-training",),
-        options={"batch_norm_momentum": 0.01},
+        "statistics batch_norm/moving_mean", _TRAINING, options={"batch_norm_momentum": 0.01}
     ),
-    "adam_epsilon": Fault("Adam's update", ("dsnet-training",), options={"adam_epsilon": 1e-8}),
+    "adam_epsilon": Fault("Adam's update", _TRAINING, options={"adam_epsilon": 1e-8}),
 }
 
 
-def shown_by_torch(plan: Plan) -> Plan:
-    """The checks of a plan that the faulty engine computes from weights, and that engine only."""
-    checks = [
+def shown_by_torch(checks: Iterable[Check]) -> list[Check]:
+    """Those that the faulty engine computes from weights, and that engine only."""
+    return [
         replace(check, engines={FAULTY: check.engines[FAULTY]})
-        for check in plan.checks
-        if FAULTY in check.engines and check.weights and check.op != "formats"
+        for check in checks
+        if FAULTY in check.engines and check.weights and check.op != FORMATS
     ]
-    return Plan(checks, plan.arrays)
 
 
-def faulty_cases(plan: Plan, name: FaultName, request: Path) -> list[Case]:
-    """The plan's cases, but the faulty engine's own copies carry the fault.
-
-    The weights that it is given are written below `request`.
-    """
-    cases: list[Case] = []
-    for case in cases_of(plan.checks):
-        others = tuple(engine for engine in case.engines if engine != FAULTY)
-        if others:
-            cases.append(replace(case, engines=others))
-        if FAULTY in case.engines:
-            cases.append(_spoilt(case, plan, name, request))
-    return cases
-
-
-def _spoilt(case: Case, plan: Plan, name: FaultName, request: Path) -> Case:
-    fault, spoilt_file = FAULTS[name], f"{name}-{case.weights_file}"
-    if not (request / spoilt_file).exists():
-        request.mkdir(parents=True, exist_ok=True)
-        right = plan.arrays[case.weights_file.removesuffix(".safetensors")]
-        save_weights(request / spoilt_file, fault.weights(right))
-    options = {**case.options, "faults": dict(fault.options)}
-    return replace(case, weights_file=spoilt_file, options=options, engines=(FAULTY,))
+def spoilt(checks: Iterable[Check], name: FaultName) -> list[Check]:
+    """The checks with a fault: what the faulty engine is asked in their place."""
+    fault = FAULTS[name]
+    return [
+        replace(
+            check,
+            weights=fault.weights(check.weights),
+            options={**check.options, "faults": dict(fault.options)},
+        )
+        for check in checks
+    ]

@@ -18,20 +18,20 @@ from typing import Any
 
 from bridge.errors import DsnetError
 from bridge.options import Seed
-from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs import ArtifactWriter, Run
 from bridge.runs.run import body_model_path
-from bridge.verify import tolerances
-from bridge.verify.checks import Plan
-from bridge.verify.compare import Row
-from bridge.verify.engines import Answer
-from bridge.verify.faults import FaultName, faulty_cases, shown_by_torch
-from bridge.verify.findings import diagnose, summary, text_table
-from bridge.verify.random_checks import full_size_plan, random_plan
-from bridge.verify.runner import verify
-from bridge.verify.trained_checks import trained_plan
+from bridge.verify.checks import full_size_checks, random_checks, trained_checks
+from bridge.verify.compare import TOLERANCES, Row, diagnose, verify
+from bridge.verify.engine import Answer
+from bridge.verify.faults import FAULTY, FaultName, shown_by_torch, spoilt
 
 STAGE = "verify"
 EMBEDDED_BODY = "embedded:female"
+_COLUMNS = (
+    "check", "part", "engine", "precision", "max abs", "max rel", "worst tensor", "index",
+    "tolerance", "verdict",
+)  # fmt: skip
+_NUMBERS = ("max abs", "max rel", "tolerance")
 
 
 @dataclass(frozen=True)
@@ -63,56 +63,41 @@ PROFILES = {
 
 
 def main(config: VerifyConfig) -> None:
-    """Compare, print, write; nothing is ever skipped because it was done before.
-
-    Raises
-    ------
-    DsnetError
-        If there is no such run.
-    SystemExit
-        With status 1 if a row failed.
-    """
+    """Compare, print, write; nothing is ever skipped because it was done before."""
     run = Run(config.run)
     if config.inject:
+        checks = shown_by_torch(random_checks(config.seed, EMBEDDED_BODY))
+        faulty = {FAULTY: spoilt(checks, config.inject)}
         with tempfile.TemporaryDirectory(prefix="dsnet-") as scratch:
-            rows = _find_fault(config.inject, config.seed, Path(scratch))
-    else:
-        _check_run(config, run)
-        rows = _make(config, run)
-    sys.exit(0 if all(row.passed for row in rows) else 1)
-
-
-def _check_run(config: VerifyConfig, run: Run) -> None:
-    if config.trained and not run.path.is_dir():
+            rows, _answers = verify(checks, Path(scratch), faulty)
+    elif config.trained and not run.path.is_dir():
         raise DsnetError(
             f"unknown run {config.run!r}",
             f"a run in {run.path.parent}",
             "Run ./reproduce.sh first, or pass --no-trained to compare random weights.",
         )
-
-
-def _find_fault(name: FaultName, seed: int, folder: Path) -> list[Row]:
-    plan = shown_by_torch(random_plan(seed, EMBEDDED_BODY))
-    cases = faulty_cases(plan, name, folder / "request")
-    rows, _answers = verify(plan, folder, cases)
-    _print(rows)
-    return rows
+    else:
+        with run.alone(STAGE):
+            rows = _make(config, run)
+    sys.stdout.write(f"{text_table(rows)}\n\n{summary(rows, diagnose(rows))}\n")
+    sys.exit(0 if all(row.passed for row in rows) else 1)
 
 
 def _make(config: VerifyConfig, run: Run) -> list[Row]:
-    with run.alone(STAGE):
-        return _make_alone(config, run)
-
-
-def _make_alone(config: VerifyConfig, run: Run) -> list[Row]:
-    sources = _sources(config, run)
+    trained = ("encode", "train-ae", "train", "train_plus") if config.trained else ()
+    sources = {s: run.artifact(s) for s in ("align", *trained) if run.finished(s)}
     origin = sources["align"].origin if "align" in sources else "synthetic"
+    body = str(body_model_path(run)) if "align" in sources else EMBEDDED_BODY
     # A fresh writer each time: what is asked is whether they agree now.
     writer = ArtifactWriter(run.path / STAGE, STAGE, data=origin)
     try:
-        plan = plan_of(config, run)
+        checks = random_checks(config.seed, body)
+        if config.full_size:
+            checks += full_size_checks(config.seed)
+        if config.trained:
+            checks += trained_checks(run)
         started = time.perf_counter()
-        rows, answers = verify(plan, writer.checkpoints / "work")
+        rows, answers = verify(checks, writer.checkpoints / "work")
     except BaseException:  # an interrupt, too: there is nothing to go on from
         writer.discard()
         raise
@@ -125,29 +110,15 @@ def _make_alone(config: VerifyConfig, run: Run) -> list[Row]:
     settings = {key: value for key, value in asdict(config).items() if key != "run"}
     upstream = {name: source.content_sha256 for name, source in sources.items()}
     writer.finish(config=settings, upstream=upstream)
-    _print(rows)
     return rows
-
-
-def plan_of(config: VerifyConfig, run: Run) -> Plan:
-    """All checks for a run."""
-    plan = random_plan(config.seed, _body(run))
-    if config.full_size:
-        plan = plan + full_size_plan(config.seed)
-    return plan + trained_plan(run) if config.trained else plan
 
 
 def parity(rows: Sequence[Row], answers: Mapping[str, Answer]) -> dict[str, Any]:
     """The contents of `parity.json`; what is infinite is null."""
-    limits = {
-        name: asdict(value)
-        for name, value in vars(tolerances).items()
-        if isinstance(value, tolerances.Tolerance)
-    }
     return {
         "passed": all(row.passed for row in rows),
         "diagnosis": diagnose(rows),
-        "tolerances": limits,
+        "tolerances": {name: limit._asdict() for name, limit in TOLERANCES.items()},
         "engines": {name: dict(answer.versions) for name, answer in answers.items()},
         "rows": [
             {key: None if value == float("inf") else value for key, value in asdict(row).items()}
@@ -156,16 +127,40 @@ def parity(rows: Sequence[Row], answers: Mapping[str, Answer]) -> dict[str, Any]
     }
 
 
-def _print(rows: Sequence[Row]) -> None:
-    sys.stdout.write(f"{text_table(rows)}\n\n{summary(rows, diagnose(rows))}\n")
+def text_table(rows: Sequence[Row]) -> str:
+    """The table for a terminal, columns aligned."""
+    lines = [_COLUMNS, *map(_cells, rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+
+    def aligned(line: Sequence[str]) -> str:
+        columns = zip(_COLUMNS, line, widths, strict=True)
+        cells = (c.rjust(w) if name in _NUMBERS else c.ljust(w) for name, c, w in columns)
+        return "  ".join(cells).rstrip()
+
+    return "\n".join(map(aligned, lines))
 
 
-def _body(run: Run) -> str:
-    """The run's own body model, or the embedded one before anything was aligned."""
-    return str(body_model_path(run)) if run.finished("align") else EMBEDDED_BODY
+def _cells(row: Row) -> tuple[str, ...]:
+    return (
+        row.check,
+        row.part,
+        row.engine,
+        row.dtype,
+        f"{row.max_abs:.1e}",
+        f"{row.max_rel:.1e}",
+        row.tensor,
+        ",".join(map(str, row.index)),
+        f"{row.tolerance:.0e}" if row.tolerance else "bits",
+        "ok" if row.passed else f"FAIL {row.problem or 'first: ' + row.first}",
+    )
 
 
-def _sources(config: VerifyConfig, run: Run) -> dict[str, Artifact]:
-    """The stages whose results are compared, those that there are."""
-    trained = ("encode", "train-ae", "train", "train_plus") if config.trained else ()
-    return {stage: run.artifact(stage) for stage in ("align", *trained) if run.finished(stage)}
+def summary(rows: Sequence[Row], diagnosis: Mapping[str, Sequence[str]]) -> str:
+    """How many rows hold; and of those that do not, what is wrong."""
+    failed = sum(not row.passed for row in rows)
+    if not failed:
+        return f"all {len(rows)} rows hold"
+    causes = [
+        f"  {cause}\n    in {', '.join(sorted(set(checks)))}" for cause, checks in diagnosis.items()
+    ]
+    return "\n".join([f"{failed} of {len(rows)} rows FAIL; what differs first:", *causes])

@@ -22,7 +22,7 @@ from bridge.tissue.trained_plus import (
     Weights,
     static_features,
 )
-from bridge.verify.reference.tissue import moving
+from bridge.verify.reference.oscillators import moving
 from tf_dsnet.oscillators.clips import KnownPeople, NodeClip
 
 HZ = 5.5

@@ -33,11 +33,11 @@ def values() -> np.ndarray:
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 def test_encoder_and_decoder_are_the_references(values, activation):
     network = small(activation)
-    outputs = reference.run(
+    outputs = reference.forward(
         {name: array.astype(np.float64) for name, array in named_weights(network.model).items()},
         values.astype(np.float64),
-        reference.Architecture(4, activation, 0.1),
-    )
+        {"activation": activation, "negative_slope": 0.1},
+    ).outputs
     latents = network.encode(values)
     np.testing.assert_allclose(latents, outputs["to_latent"], atol=2e-5)
     found = network.decode(latents)

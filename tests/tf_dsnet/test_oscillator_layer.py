@@ -9,7 +9,7 @@ from bridge.body import BodyModelData
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
-from bridge.verify.reference.tissue import moving
+from bridge.verify.reference.oscillators import moving
 from tests.forged.oscillating import clips_of, people_of, true_model
 from tf_dsnet.framework import tf
 from tf_dsnet.oscillators.clips import NodeClip

@@ -10,7 +10,7 @@ import pytest
 from bridge.body import BodyModelData
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus
-from bridge.verify.reference.tissue import coefficients, moving
+from bridge.verify.reference.oscillators import coefficients, moving
 from tests.forged.oscillating import HZ, clip_of, clips_of, lively, people_of, true_model
 from tf_dsnet.oscillators.training import PlusSettings, PlusTraining
 

@@ -13,7 +13,7 @@ from bridge.body import load_body_model
 from bridge.motion import sequences_of, subject_rows
 from bridge.runs import read_artifact
 from bridge.tissue.trained_plus import TrainedPlus
-from bridge.verify.reference.tissue import moving
+from bridge.verify.reference.oscillators import moving
 from tests.forged.amass import save, smplh
 from tests.forged.oscillating import people_of
 from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run

@@ -13,7 +13,6 @@ from bridge.exchange import load_weights, save_weights
 from bridge.exchange.layouts import KERAS_ADAM
 from bridge.verify import draws
 from bridge.verify.reference import dsnet as reference
-from bridge.verify.reference.adam import adam_step
 from torch_align_ae.dsnet import (
     DSNet,
     KerasAdam,
@@ -36,20 +35,14 @@ def network(weights) -> DSNet:
 
 
 @pytest.fixture
-def batch() -> reference.Batch:
-    """Three motions of different lengths, padded with zeros."""
+def batch() -> dict[str, NDArray]:
+    """Three motions of different lengths, padded with zeros: motion, latents, real."""
     drawn = draws.clips(4, count=3, frames=9)
-    return reference.Batch(
-        drawn["motion"].astype(np.float64), drawn["latents"].astype(np.float64), drawn["real"]
-    )
+    return {n: a if n == "real" else a.astype(np.float64) for n, a in drawn.items()}
 
 
-def tensors(batch: reference.Batch) -> tuple[Tensor, Tensor, Tensor]:
-    return (
-        torch.from_numpy(batch.motion),
-        torch.from_numpy(batch.latents),
-        torch.from_numpy(batch.real),
-    )
+def tensors(batch: dict[str, NDArray]) -> tuple[Tensor, ...]:
+    return tuple(map(torch.from_numpy, batch.values()))
 
 
 def test_counts_are_the_papers_and_kerass():
@@ -60,15 +53,15 @@ def test_counts_are_the_papers_and_kerass():
 
 
 def test_whole_clips_are_the_references(network, weights, batch):
-    expected = reference.predict(weights, batch.motion)["fc_enc_3"]
+    expected = reference.predict(weights, batch["motion"])["fc_enc_3"]
     with torch.inference_mode():
-        found = network.eval()(torch.from_numpy(batch.motion))
+        found = network.eval()(torch.from_numpy(batch["motion"]))
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 @torch.inference_mode()
 def test_step_by_step_is_the_whole_clip(network, batch):
-    motion = torch.from_numpy(batch.motion)
+    motion = torch.from_numpy(batch["motion"])
     whole, state, parts = network.eval()(motion), None, []
     for part in motion.split([1, 1, 3, 4], dim=1):
         latents, state = network.step(part, state)
@@ -79,12 +72,12 @@ def test_step_by_step_is_the_whole_clip(network, batch):
 @pytest.mark.parametrize("masked", [False, True])
 def test_ten_steps_of_training_are_the_references(network, weights, batch, masked):
     motion, latents, real = tensors(batch)
-    seen = batch if masked else reference.Batch(batch.motion, batch.latents, None)
+    seen = batch if masked else {**batch, "real": None}
     adam = KerasAdam(network.parameters())
     first = second = {name: np.zeros_like(array) for name, array in weights.items()}
     for t in range(1, 11):
-        expected = reference.learn(weights, seen)
-        stepped, first, second = adam_step(
+        expected = reference.learn(weights, **seen)
+        stepped, first, second = reference.adam_step(
             KERAS_ADAM, t, weights, expected.gradients, first, second
         )
         weights = {**weights, **expected.statistics, **stepped}

@@ -1,4 +1,4 @@
-"""The layers that learn, forwards and backwards.
+"""The layers that learn, nonlinearities and losses, forwards and backwards.
 
 Each `*_backward` takes the gradient of a scalar by the layer's output and returns the gradients
 by its input and its parameters. Arrays are batch-first; leading axes are any.
@@ -6,12 +6,12 @@ by its input and its parameters. Arrays are batch-first; leading axes are any.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 Array = np.ndarray
+Arrays = dict[str, np.ndarray]
 
 
 def dense(x: Array, kernel: Array, bias: Array) -> Array:
@@ -25,15 +25,17 @@ def dense_backward(dy: Array, x: Array, kernel: Array) -> tuple[Array, Array, Ar
     return dy @ kernel.T, rows.T @ slopes, slopes.sum(axis=0)
 
 
-def vertex_mix(x: Array, weight: Array, bias: Array) -> Array:
-    """Kernel-1 convolution over vertices: x (B, in, C), weight (out, in, 1) -> (B, out, C)."""
-    return weight[:, :, 0] @ x + bias[:, None]
-
-
-def vertex_mix_backward(dy: Array, x: Array, weight: Array) -> tuple[Array, Array, Array]:
-    """Gradients by x, weight and bias."""
-    by_weight = np.tensordot(dy, x, axes=((0, 2), (0, 2)))
-    return weight[:, :, 0].T @ dy, by_weight[:, :, None], dy.sum(axis=(0, 2))
+def activate(name: str, z: Array, negative_slope: float) -> tuple[Array, Array]:
+    """`leaky_relu`, `elu`, `tanh` or `relu` of z, and the slope there: the one from below at 0."""
+    if name == "tanh":
+        return np.tanh(z), 1 - np.tanh(z) ** 2
+    below = {
+        "leaky_relu": (negative_slope * z, negative_slope),
+        "elu": (np.expm1(np.minimum(z, 0.0)), np.exp(np.minimum(z, 0.0))),
+        "relu": (0.0, 0.0),
+    }
+    value, slope = below[name]
+    return np.where(z > 0, z, value), np.where(z > 0, 1.0, slope)
 
 
 def sigmoid(z: Array) -> Array:
@@ -52,23 +54,19 @@ class LstmStep(NamedTuple):
     output_gate: Array
 
 
-def lstm_step(
-    x: Array, hidden: Array, cell: Array, kernel: Array, recurrent: Array, bias: Array
-) -> LstmStep:
-    """One frame x (B, in) from the state before it; gates in the order i, f, c, o."""
-    i, f, c, o = np.split(x @ kernel + hidden @ recurrent + bias, 4, axis=-1)
-    i, f, c, o = sigmoid(i), sigmoid(f), np.tanh(c), sigmoid(o)
-    cell = f * cell + i * c
-    return LstmStep(o * np.tanh(cell), cell, i, f, c, o)
-
-
 def lstm(x: Array, kernel: Array, recurrent: Array, bias: Array) -> list[LstmStep]:
-    """All frames of x (B, T, in) from a state of zeros, one step each."""
+    """All frames of x (B, T, in) from a state of zeros, one by one; gates in the order i, f, c, o.
+
+    Nothing but hidden and cell state passes from one frame to the next.
+    """
     hidden = cell = np.zeros((len(x), len(recurrent)))
     steps: list[LstmStep] = []
     for frame in x.swapaxes(0, 1):
-        steps.append(lstm_step(frame, hidden, cell, kernel, recurrent, bias))
-        hidden, cell = steps[-1].hidden, steps[-1].cell
+        i, f, c, o = np.split(frame @ kernel + hidden @ recurrent + bias, 4, axis=-1)
+        i, f, c, o = sigmoid(i), sigmoid(f), np.tanh(c), sigmoid(o)
+        cell = f * cell + i * c
+        hidden = o * np.tanh(cell)
+        steps.append(LstmStep(hidden, cell, i, f, c, o))
     return steps
 
 
@@ -86,31 +84,28 @@ def lstm_backward(
         dhidden = dhidden + dy[:, t]
         squashed = np.tanh(step.cell)
         dcell = dcell + dhidden * step.output_gate * (1 - squashed**2)
-        dgates = np.concatenate(
-            [
-                dcell * step.candidate * step.input_gate * (1 - step.input_gate),
-                dcell * past_cell * step.forget_gate * (1 - step.forget_gate),
-                dcell * step.input_gate * (1 - step.candidate**2),
-                dhidden * squashed * step.output_gate * (1 - step.output_gate),
-            ],
-            axis=-1,
-        )
-        by_x[:, t] = dgates @ kernel.T
-        by_kernel += x[:, t].T @ dgates
-        by_recurrent += past_hidden.T @ dgates
-        by_bias += dgates.sum(axis=0)
-        dhidden = dgates @ recurrent.T
+        dgates = [
+            dcell * step.candidate * step.input_gate * (1 - step.input_gate),
+            dcell * past_cell * step.forget_gate * (1 - step.forget_gate),
+            dcell * step.input_gate * (1 - step.candidate**2),
+            dhidden * squashed * step.output_gate * (1 - step.output_gate),
+        ]
+        dz = np.concatenate(dgates, axis=-1)
+        by_x[:, t] = dz @ kernel.T
+        by_kernel += x[:, t].T @ dz
+        by_recurrent += past_hidden.T @ dz
+        by_bias += dz.sum(axis=0)
+        dhidden = dz @ recurrent.T
         dcell = dcell * step.forget_gate
     return by_x, by_kernel, by_recurrent, by_bias
 
 
-@dataclass(frozen=True)
-class Moments:
-    """Statistics of a batch over the frames that count; (H,) each."""
+class Moments(NamedTuple):
+    """Statistics of a batch over the frames that count."""
 
     mean: Array
+    """(H,), like the variance, which is biased: divided by the count."""
     variance: Array
-    """Biased: divided by the count."""
     counted: Array
     """(B, T, 1) 1 where a frame counts."""
     divisor: float
@@ -154,3 +149,24 @@ def batch_norm_backward(
     through_statistics = batch.counted * (by_mean + 2 * by_variance * deviation) / batch.divisor
     by_gamma = (dy * deviation / spread).sum(axis=(0, 1))
     return slope + through_statistics, by_gamma, dy.sum(axis=(0, 1))
+
+
+def sum_of_distances(
+    target: Array, predicted: Array, real: Array | None = None
+) -> tuple[float, Array]:
+    """Section 4.3: sum over t of the L2 distance, mean over the batch; and its gradient.
+
+    Of (B, T, D), over the frames where `real` (B, T). The gradient is 0 where a distance is 0.
+    """
+    counts = np.ones(target.shape[:2]) if real is None else real.astype(float)
+    difference = predicted - target
+    distance = np.linalg.norm(difference, axis=-1)
+    direction = difference / np.where(distance > 0, distance, 1.0)[..., None]
+    clips = len(target)
+    return float((counts * distance).sum() / clips), counts[..., None] * direction / clips
+
+
+def mean_squared_error(target: Array, predicted: Array) -> tuple[float, Array]:
+    """The autoencoder's: mean over all numbers of the squared difference; and its gradient."""
+    difference = predicted - target
+    return float((difference**2).mean()), 2 * difference / difference.size

@@ -1,130 +1,126 @@
 """The mesh autoencoder (Section 4.1, Figure 3): each layer's output, and its gradient.
 
-The network is a chain, so both directions are one loop over its list of layers.
+The network is a chain, so both directions are one loop over its list of layers. A layer acts on
+the last axis, or mixes vertices if it is a convolution; a nonlinearity follows all but the two
+that end encoder and decoder.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from bridge.exchange.layouts import TORCH_ADAM
 from bridge.paper import FEATURES
+from bridge.verify.engine import Tensors, prefixed
 from bridge.verify.reference import layers
-from bridge.verify.reference.activations import activate, slope
-from bridge.verify.reference.adam import Arrays, Pass
-from bridge.verify.reference.losses import mean_squared_error
+from bridge.verify.reference.dsnet import Pass, train
+from bridge.verify.reference.layers import Arrays
+
+_WITHOUT_NONLINEARITY = ("to_latent", "to_coordinates")
+Architecture = Mapping[str, Any]
+"""With the nonlinearity's name, `activation`, and the `negative_slope` of `leaky_relu`."""
 
 
-@dataclass(frozen=True)
-class Layer:
-    """One link of the chain."""
+class Chain(NamedTuple):
+    """What running the chain leaves."""
 
-    name: str
-    """As in the weights' names."""
-    kind: Literal["linear", "conv"]
-    """Acts on the last axis, or mixes vertices."""
-    activated: bool
-    """Whether the nonlinearity follows."""
-
-
-@dataclass(frozen=True)
-class Architecture:
-    """What besides weights decides what the network computes."""
-
-    convolutions: int
-    """In the encoder, and again in the decoder."""
-    activation: str
-    """Name of the nonlinearity."""
-    negative_slope: float
-    """Of `leaky_relu` below zero."""
-
-    @property
-    def chain(self) -> tuple[Layer, ...]:
-        """All layers, first to last."""
-        numbers = range(1, self.convolutions + 1)
-        return (
-            Layer("encoder.linear_1", "linear", True),
-            Layer("encoder.linear_2", "linear", True),
-            *(Layer(f"encoder.conv_{k}", "conv", True) for k in numbers),
-            Layer("to_latent", "linear", False),
-            Layer("from_latent", "linear", True),
-            *(Layer(f"decoder.conv_{k}", "conv", True) for k in numbers),
-            Layer("decoder.linear_1", "linear", True),
-            Layer("to_coordinates", "linear", False),
-        )
+    outputs: Arrays
+    """By layer, before its nonlinearity; after it as `<layer>_activation`."""
+    inputs: Arrays
+    """By layer."""
+    slopes: Arrays
+    """Of the nonlinearity, by layer that has one."""
 
 
-def run(weights: Arrays, values: np.ndarray, architecture: Architecture) -> Arrays:
-    """Every layer's output, before and after its nonlinearity, for values (B, V, 3)."""
-    outputs, _given = _forward(weights, values, architecture.chain, architecture)
-    return outputs
+def layers_of(w: Arrays) -> list[str]:
+    """Names of all layers, first to last."""
+    numbers = range(1, 1 + sum(name.startswith("encoder.conv_") for name in w) // 2)
+    encoder, decoder = ([f"{side}.conv_{k}" for k in numbers] for side in ("encoder", "decoder"))
+    return [
+        "encoder.linear_1", "encoder.linear_2", *encoder, "to_latent",
+        "from_latent", *decoder, "decoder.linear_1", "to_coordinates",
+    ]  # fmt: skip
 
 
-def decode(weights: Arrays, latents: np.ndarray, architecture: Architecture) -> np.ndarray:
-    """Normalised offsets (B, V, 3) of latents (B, 100)."""
-    chain = architecture.chain
-    second_half = chain[[layer.name for layer in chain].index("from_latent") :]
-    return _forward(weights, latents, second_half, architecture)[0]["to_coordinates"]
+def forward(
+    w: Arrays, values: np.ndarray, architecture: Architecture, names: Sequence[str] = ()
+) -> Chain:
+    """Every layer's output for values (B, V, 3), or of some consecutive layers for their input."""
+    chain, features = Chain({}, {}, {}), values
+    for name in names or layers_of(w):
+        if name == "to_latent":  # about the latents the features of all vertices are one long row
+            features = features.reshape(len(features), -1)
+        elif name == "decoder.conv_1":
+            features = features.reshape(len(features), -1, FEATURES[-1])
+        chain.inputs[name] = given = _mixed_last(name, features)
+        features = layers.dense(given, _kernel(w, name), w[f"{name}.bias"])
+        chain.outputs[name] = features = _mixed_last(name, features)
+        if name not in _WITHOUT_NONLINEARITY:
+            features, chain.slopes[name] = layers.activate(
+                architecture["activation"], features, architecture["negative_slope"]
+            )
+            chain.outputs[f"{name}_activation"] = features
+    return chain
 
 
-def learn(
-    weights: Arrays, values: np.ndarray, target: np.ndarray, architecture: Architecture
-) -> Pass:
-    """Loss between what becomes of values (B, V, 3) and a target, and all of its gradients.
+def _kernel(w: Arrays, name: str) -> np.ndarray:
+    """(in, out) of a linear layer's (out, in), or of a convolution's (out, in, 1)."""
+    weight = w[f"{name}.weight"]
+    return weight.reshape(weight.shape[:2]).T
 
-    In training the target is the values themselves.
-    """
-    outputs, given = _forward(weights, values, architecture.chain, architecture)
-    loss, dy = mean_squared_error(target, outputs["to_coordinates"])
+
+def _mixed_last(name: str, features: np.ndarray) -> np.ndarray:
+    """Vertices last, and back, where a convolution of kernel 1 mixes them."""
+    return features.swapaxes(1, 2) if ".conv_" in name else features
+
+
+def decode(w: Arrays, latents: np.ndarray, architecture: Architecture) -> np.ndarray:
+    """Offsets (B, V, 3) of latents (B, 100), in metres by the normaliser among the weights."""
+    names = layers_of(w)
+    second_half = names[names.index("from_latent") :]
+    values = forward(w, latents, architecture, second_half).outputs["to_coordinates"]
+    return values * w["normaliser.scale_m"] + w["normaliser.mean_m"]
+
+
+def learn(w: Arrays, values: np.ndarray, target: np.ndarray, architecture: Architecture) -> Pass:
+    """Loss between what becomes of values (B, V, 3) and a target, and all of its gradients."""
+    chain = forward(w, values, architecture)
+    loss, dy = layers.mean_squared_error(target, chain.outputs["to_coordinates"])
     gradients: Arrays = {}
-    for layer in reversed(architecture.chain):
-        z = outputs[layer.name]
-        dy = dy.reshape(z.shape)
-        if layer.activated:
-            dy = dy * slope(architecture.activation, z, architecture.negative_slope)
-        dy, by_weight, by_bias = _backward(layer, dy, given[layer.name], weights)
-        gradients[f"{layer.name}.weight"], gradients[f"{layer.name}.bias"] = by_weight, by_bias
-    return Pass(loss, gradients, {})
+    for name in reversed(layers_of(w)):
+        dy = dy.reshape(chain.outputs[name].shape) * chain.slopes.get(name, 1.0)
+        dy, by_kernel, gradients[f"{name}.bias"] = layers.dense_backward(
+            _mixed_last(name, dy), chain.inputs[name], _kernel(w, name)
+        )
+        dy = _mixed_last(name, dy)
+        gradients[f"{name}.weight"] = by_kernel.T.reshape(w[f"{name}.weight"].shape)
+    return Pass(loss, gradients, {}, chain.outputs)
 
 
-def _forward(
-    w: Arrays, values: np.ndarray, chain: Sequence[Layer], architecture: Architecture
-) -> tuple[Arrays, Arrays]:
-    """Outputs by name (activated ones as `<layer>_activation`), and each layer's own input."""
-    outputs: Arrays = {}
-    given: Arrays = {}
-    features = values
-    for layer in chain:
-        given[layer.name] = features = _as_input_of(layer, features)
-        weight, bias = w[f"{layer.name}.weight"], w[f"{layer.name}.bias"]
-        if layer.kind == "linear":
-            features = layers.dense(features, weight.T, bias)
-        else:
-            features = layers.vertex_mix(features, weight, bias)
-        outputs[layer.name] = features
-        if layer.activated:
-            features = activate(architecture.activation, features, architecture.negative_slope)
-            outputs[f"{layer.name}_activation"] = features
-    return outputs, given
+def ae_forward(w: Arrays, values: np.ndarray, architecture: Architecture, run: str) -> Tensors:
+    """Every layer; from metres to metres where the weights hold the normaliser."""
+    del run  # rows do not know of each other
+    if "normaliser.mean_m" not in w:
+        return prefixed("layer", forward(w, values, architecture).outputs)
+    mean_m, scale_m = w["normaliser.mean_m"], w["normaliser.scale_m"]
+    normalised = (values - mean_m) / scale_m
+    outputs = forward(w, normalised, architecture).outputs
+    last = outputs["to_coordinates"] * scale_m + mean_m
+    return prefixed(
+        "layer", {"normaliser.normalise": normalised, **outputs, "normaliser.denormalise": last}
+    )
 
 
-def _as_input_of(layer: Layer, features: np.ndarray) -> np.ndarray:
-    """Around the latent vector the features of all vertices are one long row."""
-    if layer.name == "to_latent":
-        return features.reshape(len(features), -1)
-    if layer.name == "decoder.conv_1":
-        return features.reshape(len(features), -1, FEATURES[-1])
-    return features
-
-
-def _backward(
-    layer: Layer, dy: np.ndarray, x: np.ndarray, w: Arrays
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    weight = w[f"{layer.name}.weight"]
-    if layer.kind == "conv":
-        return layers.vertex_mix_backward(dy, x, weight)
-    by_x, by_kernel, by_bias = layers.dense_backward(dy, x, weight.T)
-    return by_x, by_kernel.T, by_bias
+def ae_train(
+    w: Arrays,
+    values: np.ndarray,
+    architecture: Architecture,
+    steps: list[int],
+    **target: np.ndarray,
+) -> Tensors:
+    """Loss, gradients, steps of Adam; towards the values themselves if there is no `target`."""
+    wanted = target.get("target", values)
+    return train(w, lambda now: learn(now, values, wanted, architecture), TORCH_ADAM, steps)

@@ -14,7 +14,7 @@ from bridge.runtime.dsnet_step import DsnetModel, load_decoder
 from bridge.runtime.looped import LoopedPredictor
 from bridge.runtime.plus_step import PlusModel
 from bridge.runtime.stepping import FRAMES_AT_ONCE, Prediction, WholeMotions
-from bridge.verify.reference.tissue import moving
+from bridge.verify.reference.oscillators import moving
 from tests.forged.cyclic import circling
 
 BODY = load_body_model("embedded:female")

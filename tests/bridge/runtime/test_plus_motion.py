@@ -17,7 +17,7 @@ from bridge.runtime.controls import Controls
 from bridge.runtime.plus_step import PlusModel
 from bridge.runtime.predict_motion import predict_motion
 from bridge.runtime.stepping import FRAMES_AT_ONCE, WholeMotions
-from bridge.verify.reference.tissue import moving
+from bridge.verify.reference.oscillators import moving
 from tests.forged.amass import save, smplh
 
 BODY = load_body_model("embedded:female")

@@ -2,58 +2,69 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from bridge.exchange import save_weights
-from bridge.verify.engines import Answer, Ask
-from bridge.verify.protocol import Case, EngineConfig, Tensors, read_request
+from bridge.verify.compare import FILE_FORMATS
+from bridge.verify.engine import FORMATS, Answer, Ask, Tensors, answer, prefixed
 from bridge.verify.reference import dsnet
 from bridge.verify.reference.engine import OPERATIONS
-from bridge.verify.runner import FILE_FORMATS
 
 
 @pytest.fixture(scope="session")
 def ask_reference() -> Ask:
-    """In place of `bridge.verify.engines.ask`."""
-    return _answer
+    """In place of `bridge.verify.engine.ask`."""
+    return _ask
 
 
-def _answer(engine: str, request: Path, out: Path) -> Answer:
+def _ask(engine: str, request: Path, out: Path) -> Answer:
     """Answer for any engine in place of its process; float32 is the float64 result, rounded."""
     out.mkdir(parents=True)
-    order = {}
-    for case in read_request(EngineConfig(request, out, engine)):
-        tensors = {n: np.atleast_1d(a) for n, a in _computed(case, engine).items()}
-        rounded = {name: array.astype(case.dtype) for name, array in tensors.items()}
-        save_weights(out / f"{case.name}.safetensors", rounded)
-        order[case.name] = list(tensors)
-    return Answer(out, {"numpy": np.__version__}, {}, {}, order)
+    operations = {op.__name__: partial(_rounded, op) for op in OPERATIONS}
+    answer(engine, request, out, {**operations, FORMATS: partial(_read_back, engine)}, ["numpy"])
+    return Answer(out, **json.loads((out / "answer.json").read_text()))
 
 
-def _computed(case: Case, engine: str) -> Tensors:
-    if case.op == "formats":
-        return {
-            f"weight/{name}/{key}": array
-            for name in FILE_FORMATS[engine]
-            for key, array in case.weights().items()
-        }
-    faults = case.options.get("faults", {})
-    options = dict(case.options)
-    if "adam_epsilon" in faults:
-        options["adam"] = {**options.get("adam", {}), "epsilon": faults["adam_epsilon"]}
+def _read_back(engine: str, weights: Tensors, **_architecture: Any) -> Tensors:
+    read = (prefixed(f"weight/{name}", weights) for name in FILE_FORMATS[engine])
+    return {name: array for arrays in read for name, array in arrays.items()}
+
+
+def _rounded(
+    operation: Callable[..., Tensors],
+    *weights: Tensors,
+    faults: Mapping[str, Any] | None = None,
+    **given: Any,
+) -> Tensors:
+    faults, wide = faults or {}, [_wide(arrays) for arrays in weights]
+    single = any(a.dtype == np.float32 for a in [*_arrays(*weights), *_arrays(given)])
     if faults.get("forget_mask"):
-        options["masked"] = False
+        given["masked"] = False
     constants = {
         "BATCH_NORM_EPSILON": faults.get("batch_norm_epsilon"),
         "BATCH_NORM_MOMENTUM": faults.get("batch_norm_momentum"),
     }
+    if "adam_epsilon" in faults:
+        constants["KERAS_ADAM"] = replace(dsnet.KERAS_ADAM, epsilon=faults["adam_epsilon"])
     with pytest.MonkeyPatch.context() as patch:
         for name, value in constants.items():
             if value is not None:
                 patch.setattr(dsnet, name, value)
-        exact = replace(case, dtype="float64", options=options)
-        return dict(OPERATIONS[case.op](exact))
+        found = operation(*wide, **_wide(given))
+    return {name: array.astype(np.float32 if single else float) for name, array in found.items()}
+
+
+def _arrays(*sets: Mapping[str, Any]) -> list[np.ndarray]:
+    return [array for arrays in sets for array in arrays.values() if hasattr(array, "dtype")]
+
+
+def _wide(given: Mapping[str, Any]) -> dict[str, Any]:
+    is_single = {name: getattr(array, "dtype", None) == np.float32 for name, array in given.items()}
+    return {n: array.astype(float) if is_single[n] else array for n, array in given.items()}

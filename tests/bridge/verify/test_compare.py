@@ -1,18 +1,29 @@
-"""What counts as a difference, where it is, and in which row it stands."""
+"""What counts as a difference, where it is, in which row it stands, and what is missing."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from bridge.verify.compare import compare, compare_files, part_of
-from bridge.verify.tolerances import tolerance_of
+from bridge.verify import draws
+from bridge.verify.compare import compare, part_of, tolerance_of, verify
+from bridge.verify.engine import Check, DTypeName
 
 Arrays = dict[str, np.ndarray]
+CLIP = Check(
+    "clip",
+    "dsnet_forward",
+    {"torch": ("float64",)},
+    draws.dsnet_weights(0),
+    draws.motion(0, 1, 3),
+    {"run": "whole"},
+)
 
 
-def rows_of(expected: Arrays, found: Arrays):
-    return compare("check", "torch", "float64", list(expected), expected.get, found.get)
+def rows_of(expected: Arrays, found: Arrays, dtype: DTypeName = "float64"):
+    return list(compare(Check("check", "op", {}), "torch", dtype, expected, found))
 
 
 @pytest.mark.parametrize(
@@ -107,7 +118,7 @@ def test_tolerances_are_the_stated_ones(part, dtype, limit):
 def test_weights_in_files_keep_every_bit(found, passed):
     name = "weight/keras/bias"
     expected = {name: np.array([0.0, 1.5], np.float32)}
-    row = compare_files("files", "keras", "float32", [name], expected.get, {name: found}.get)
+    (row,) = rows_of(expected, {name: found}, "float32")
     assert row.passed == passed
 
 
@@ -116,3 +127,46 @@ def test_no_number_on_either_side_agrees_with_nothing():
     (row,) = rows_of(nan, nan)
     assert not row.passed
     assert row.max_rel == np.inf
+
+
+@pytest.mark.parametrize("left_out", [False, True])
+def test_what_is_left_out_is_not_compared(tmp_path, ask_reference, left_out):
+    def ask(engine, request, out):
+        answer = ask_reference(engine, request, out)
+        if engine == "torch":
+            path = out / "clip.float64.npz"
+            arrays = dict(np.load(path))
+            np.savez(path, **{**arrays, "layer/lstm": arrays["layer/lstm"] + 1})
+        return answer
+
+    check = replace(CLIP, leave_out=("layer/lstm",) if left_out else ())
+    (row,), _ = verify([check], tmp_path / "work", run_engine=ask)
+    assert row.passed == left_out
+
+
+@pytest.mark.parametrize("silent", ["torch", "numpy"])
+def test_an_engine_without_a_result_is_a_row_that_fails(tmp_path, ask_reference, silent):
+    def ask(engine, request, out):
+        answer = ask_reference(engine, request, out)
+        if engine != silent:
+            return answer
+        (out / "clip.float64.npz").unlink()
+        return replace(answer, errors={"clip.float64": "ValueError: too tired"})
+
+    (row,), _ = verify([CLIP], tmp_path / "work", run_engine=ask)
+    assert not row.passed
+    assert (row.engine, row.problem) == (silent, "ValueError: too tired")
+
+
+def test_a_format_that_is_not_returned_fails(tmp_path, ask_reference):
+    def ask(engine, request, out):
+        answer = ask_reference(engine, request, out)
+        if engine == "torch":
+            path = out / "files.float32.npz"
+            np.savez(path, **{n: a for n, a in np.load(path).items() if "/state_dict/" not in n})
+        return answer
+
+    check = Check("files", "formats", {"torch": ("float32",)}, draws.dsnet_weights(0))
+    (row,), _ = verify([check], tmp_path / "work", run_engine=ask)
+    assert not row.passed
+    assert row.first.startswith("weight/state_dict/")

@@ -1,4 +1,4 @@
-"""Each classical mistake is found and its place named; the plan without a mistake passes."""
+"""Each classical mistake is found and its place named; without a mistake all passes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,10 @@ from typing import get_args
 
 import pytest
 
-from bridge.verify.checks import Plan, cases_of
-from bridge.verify.compare import Row
-from bridge.verify.engines import Ask, ask
-from bridge.verify.faults import FAULTS, FaultName, faulty_cases, shown_by_torch
-from bridge.verify.findings import diagnose
-from bridge.verify.random_checks import random_plan
-from bridge.verify.runner import verify
+from bridge.verify.checks import random_checks
+from bridge.verify.compare import Row, diagnose, verify
+from bridge.verify.engine import Ask, Check, ask
+from bridge.verify.faults import FAULTS, FaultName, shown_by_torch, spoilt
 
 
 def test_every_fault_has_a_name():
@@ -29,21 +26,18 @@ def rows(
     Checks are named `<fault>:<check>`; those of no fault begin with `none:`.
     """
     folder = tmp_path_factory.mktemp("faults")
-    whole = shown_by_torch(random_plan(0, "embedded:female"))
-    soonest = {check for fault in FAULTS.values() for check in fault.checks}
-    plan = _named(whole, "none", soonest)
-    cases = cases_of(plan.checks)
+    whole = shown_by_torch(random_checks(0, "embedded:female"))
+    checks = faulty = _named(whole, "none", {fault.check for fault in FAULTS.values()})
     for name, fault in FAULTS.items():
-        spoilt = _named(whole, name, set(fault.checks))
-        cases += faulty_cases(spoilt, name, folder / "request")
-        plan = plan + spoilt
-    return verify(plan, folder, cases, ask if request.param == "torch" else ask_reference)[0]
+        own = _named(whole, name, {fault.check})
+        checks, faulty = checks + own, faulty + spoilt(own, name)
+    run_engine = ask if request.param == "torch" else ask_reference
+    return verify(checks, folder, {"torch": faulty}, run_engine)[0]
 
 
-def _named(plan: Plan, prefix: str, names: set[str]) -> Plan:
-    checks = [check for check in plan.checks if check.name in names]
-    renamed = [replace(check, name=f"{prefix}:{check.name}") for check in checks]
-    return replace(plan, checks=renamed)
+def _named(checks: list[Check], prefix: str, names: set[str]) -> list[Check]:
+    chosen = [check for check in checks if check.name in names]
+    return [replace(check, name=f"{prefix}:{check.name}") for check in chosen]
 
 
 def test_no_fault_no_finding(rows):
@@ -58,5 +52,4 @@ def test_each_fault_is_found_and_named(rows, name):
     found = diagnose(own)
     assert found, "the fault went unseen"
     assert all(FAULTS[name].named in cause for cause in found), found
-    checks = {f"{name}:{check}" for check in FAULTS[name].checks}
-    assert {row.check for row in own if not row.passed} == checks
+    assert {row.check for row in own if not row.passed} == {f"{name}:{FAULTS[name].check}"}

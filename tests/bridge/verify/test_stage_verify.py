@@ -10,9 +10,8 @@ import pytest
 
 from bridge import DsnetError
 from bridge.runs import read_artifact, write_artifact
-from bridge.verify import runner, stage_verify
-from bridge.verify.checks import Plan
-from bridge.verify.random_checks import random_plan
+from bridge.verify import compare, stage_verify
+from bridge.verify.checks import random_checks
 
 CONFIG = stage_verify.VerifyConfig(run="r", trained=False, full_size=False)
 
@@ -21,22 +20,21 @@ CONFIG = stage_verify.VerifyConfig(run="r", trained=False, full_size=False)
 def verify(tmp_path, monkeypatch, ask_reference, capsys):
     """Run the stage on three quick checks without a framework: exit status and printed text."""
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
-    whole = random_plan(0, "embedded:female")
     quick = ("dsnet-T1", "ae-batch", "dsnet-files", "dsnet-training")
-    plan = Plan([check for check in whole.checks if check.name in quick], whole.arrays)
-    monkeypatch.setattr(stage_verify, "random_plan", lambda seed, body: plan)
+    checks = [check for check in random_checks(0, "embedded:female") if check.name in quick]
+    monkeypatch.setattr(stage_verify, "random_checks", lambda seed, body: [*checks])
     spoilt = {"engine": "", "value": 0.0}
 
     def ask(engine, request, out):
         answer = ask_reference(engine, request, out)
         if engine == spoilt["engine"]:
-            _shift(out / "ae-batch.float32.safetensors", spoilt["value"])
+            _shift(out / "ae-batch.float32.npz", spoilt["value"])
         return answer
 
     monkeypatch.setattr(
         stage_verify,
         "verify",
-        lambda plan, folder, cases=None: runner.verify(plan, folder, cases, ask),
+        lambda checks, folder, faulty=None: compare.verify(checks, folder, faulty, ask),
     )
 
     def run(config=CONFIG, engine="", value=0.0):
@@ -49,11 +47,9 @@ def verify(tmp_path, monkeypatch, ask_reference, capsys):
 
 
 def _shift(path, value):
-    from bridge.exchange import load_weights, save_weights
-
-    arrays = load_weights(path)
+    arrays = dict(np.load(path))
     arrays["layer/encoder.conv_3"][1, 2, 3] += value
-    save_weights(path, arrays)
+    np.savez(path, **arrays)
 
 
 def test_agreement_exits_with_0_and_leaves_a_complete_artifact(verify, tmp_path):
@@ -115,7 +111,7 @@ def test_what_was_compared_is_recorded(verify, tmp_path, monkeypatch, trained, c
         )
         for stage in ("align", "encode", "train-ae", "train", "infer")
     }
-    monkeypatch.setattr(stage_verify, "trained_plan", lambda run: Plan([], {}))
+    monkeypatch.setattr(stage_verify, "trained_checks", lambda run: [])
     verify(replace(CONFIG, trained=trained))
     upstream = read_artifact(tmp_path / "r" / "verify").manifest["upstream"]
     assert upstream == {stage: stages[stage].content_sha256 for stage in compared}
@@ -129,7 +125,7 @@ def test_unknown_run(tmp_path, monkeypatch):
 
 
 def test_an_interrupt_leaves_nothing(tmp_path, monkeypatch):
-    def interrupted(plan, folder):
+    def interrupted(checks, folder):
         folder.mkdir(parents=True)
         raise KeyboardInterrupt
 

@@ -12,6 +12,13 @@ from torch_align_ae.alignment.skin_sample import linearise
 DOUBLE = torch.float64
 
 
+def left_jacobian(vector: np.ndarray) -> np.ndarray:
+    """J (3, 3) with exp(v + dv) = exp(J dv) exp(v) to first order, for a vector v in radians."""
+    moved = rotations((vector + 1e-30j * np.eye(3))[:, None])[:, 0]  # a step along each axis
+    turns = np.imag(moved) / 1e-30 @ np.real(moved).swapaxes(-1, -2)
+    return turns[:, [2, 0, 1], [1, 2, 0]].T
+
+
 @pytest.fixture(scope="module")
 def linearised(sample64, betas, lively, as_pose):
     """Positions (B, 3, N) and Jacobian (B, 23, 3, 3, N) put together from all patches."""

@@ -13,8 +13,7 @@ from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
 from bridge.tissue.oscillators import coupling
 from bridge.tissue.trained_plus import TrainedPlus, known_person
 from bridge.verify import draws
-from bridge.verify.reference.oscillators import Sheet
-from bridge.verify.reference.tissue import coefficients
+from bridge.verify.reference.oscillators import Sheet, coefficients
 
 BODY = load_body_model("embedded:female")
 MODEL = TrainedPlus.from_arrays(draws.tissue(3, BODY))

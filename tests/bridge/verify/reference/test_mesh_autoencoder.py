@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 
 from bridge.exchange.layouts import autoencoder_shapes
 from bridge.verify.reference import mesh_autoencoder
-from bridge.verify.reference.mesh_autoencoder import Architecture
 
 WIDTHS = (11, 7, 7, 4, 2)
+LEAKY = {"activation": "leaky_relu", "negative_slope": 0.1}
 
 
 def small(seed: int = 0) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -22,7 +22,7 @@ def small(seed: int = 0) -> tuple[dict[str, np.ndarray], np.ndarray]:
 
 def test_layers_come_in_the_order_of_figure_3():
     weights, values = small()
-    outputs = mesh_autoencoder.run(weights, values, Architecture(4, "elu", 0.1))
+    outputs = mesh_autoencoder.forward(weights, values, {**LEAKY, "activation": "elu"}).outputs
     plain = [name for name in outputs if not name.endswith("_activation")]
     assert plain == [name.removesuffix(".weight") for name in weights if name.endswith("weight")]
     assert outputs["to_latent"].shape == (3, 100)
@@ -35,7 +35,7 @@ def test_layers_come_in_the_order_of_figure_3():
 
 @pytest.mark.parametrize("activation", ["leaky_relu", "elu", "tanh", "relu"])
 def test_gradients_of_every_parameter(activation):
-    architecture = Architecture(4, activation, 0.1)
+    architecture = {**LEAKY, "activation": activation}
     weights, values = small()
     target = 0.5 * values
     gradients = mesh_autoencoder.learn(weights, values, target, architecture).gradients
@@ -54,10 +54,9 @@ def test_gradients_of_every_parameter(activation):
 
 def test_batch_is_its_singles():
     weights, values = small()
-    architecture = Architecture(4, "leaky_relu", 0.1)
-    together = mesh_autoencoder.run(weights, values, architecture)["to_coordinates"]
-    alone = [
-        mesh_autoencoder.run(weights, values[k : k + 1], architecture)["to_coordinates"][0]
-        for k in range(3)
-    ]
-    assert_allclose(together, alone, rtol=1e-12, atol=1e-14)
+
+    def last(rows: np.ndarray) -> np.ndarray:
+        return mesh_autoencoder.forward(weights, rows, LEAKY).outputs["to_coordinates"]
+
+    alone = [last(values[k : k + 1])[0] for k in range(3)]
+    assert_allclose(last(values), alone, rtol=1e-12, atol=1e-14)

@@ -1,13 +1,13 @@
-"""SMPL's gradient by forces and torques against central differences."""
+"""SMPL against the body model's other float64 posing, its gradient against central differences."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData, load_body_model, pose_vertices
+from bridge.body.posing import joint_rotations
 from bridge.verify.reference import smpl
 
 ARGUMENTS = ("betas", "pose", "trans", "offsets")
@@ -34,7 +34,7 @@ def test_gradient(body, joints, angle):
     """Along random directions, one argument at a time; at 0 and at pi as well."""
     given, rng = draw(joints, angle), np.random.default_rng(1)
     probe = rng.normal(size=(2, 6890, 3))
-    gradient = smpl.gradient(smpl.Bodies(body, **given), probe)
+    gradient = smpl.gradient(body, given, probe)
     for name in ARGUMENTS:
         direction = rng.normal(size=given[name].shape)
 
@@ -48,14 +48,15 @@ def test_gradient(body, joints, angle):
 
 def test_gradient_at_rest_is_finite(body):
     given = draw(24, 0.0)
-    gradient = smpl.gradient(smpl.Bodies(body, **given), np.ones((2, 6890, 3)))
+    gradient = smpl.gradient(body, given, np.ones((2, 6890, 3)))
     assert all(np.isfinite(array).all() for array in gradient.values())
 
 
-@pytest.mark.parametrize("angle", [0.0, 1e-8, 1e-2, 1.0, np.pi, 5.0])
-def test_left_jacobian(angle):
-    vector = angle * np.array([2.0, -1.0, 2.0]) / 3
-    step = 1e-6 * np.array([0.3, 0.5, -0.2])
-    after, before = (Rotation.from_rotvec(vector + sign * step) for sign in (1, -1))
-    turned = (after * before.inv()).as_rotvec()
-    assert_allclose(smpl.left_jacobian(vector) @ (2 * step), turned, rtol=1e-6, atol=1e-15)
+@pytest.mark.parametrize(("joints", "angle"), [(24, 0.7), (24, np.pi), (22, 11.0), (24, 0.0)])
+def test_vertices(body, joints, angle):
+    """By formulas of their own: of rotations, of bones, and of what is blended."""
+    given = draw(joints, angle)
+    assert_allclose(smpl.rotations(given["pose"]), joint_rotations(body, given["pose"]), atol=1e-14)
+    assert_allclose(smpl.posed_vertices(body, **given), pose_vertices(body, **given), atol=1e-13)
+    few = smpl.posed_vertices(body, **{**given, "betas": given["betas"][:1]})
+    assert_allclose(few[0], pose_vertices(body, **given)[0], atol=1e-13)

@@ -11,7 +11,7 @@ from bridge.runtime.plus_step import PlusModel
 from bridge.runtime.stepping import WholeMotions
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
-from bridge.verify.reference import tissue
+from bridge.verify.reference import oscillators
 
 BODY = load_body_model("embedded:female")
 
@@ -26,6 +26,6 @@ def test_a_stream_is_the_whole_clip(look_ahead):
     offsets_m = np.concatenate(list(WholeMotions(PlusModel(model, BODY))(theta, betas).offsets_m))
     shapes = np.tile(betas, (len(theta), 1))
     whole = pose_vertices(BODY, shapes, *unpack_theta(theta), offsets_m)
-    found = tissue.posed(model, BODY, theta, betas)
+    found = oscillators.posed(model, BODY, theta, betas)
     np.testing.assert_allclose(found[look_ahead:], whole[: len(whole) - look_ahead], atol=1e-6)
     assert np.abs(offsets_m).max() > 1e-3

@@ -1,0 +1,267 @@
+"""`python -m tf_dsnet.verify`: what Keras and TensorFlow answer to `dsnet verify`.
+
+Operations and names are those of `bridge.verify.engine`; the product's own networks, trainer,
+learner, KerasSMPL and files compute.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import load_body_model
+from bridge.exchange import load_weights, save_weights
+from bridge.exchange.clips import Clips
+from bridge.exchange.layouts import mesh_autoencoder_from_keras
+from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
+from tf_dsnet import mesh_autoencoder, model
+from tf_dsnet.codec import KerasCodec
+from tf_dsnet.framework import Tensor, keras, tf
+from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, TorchAdam
+from tf_dsnet.oscillators.layer import OscillatorLayer
+from tf_dsnet.oscillators.learner import OscillatorLearner
+from tf_dsnet.smpl import KerasSMPL
+from tf_dsnet.trainer import Trainer
+from tf_dsnet.unposing import unpose
+
+NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
+Options = dict[str, Any]
+LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
+
+
+def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
+    """Every layer at rest: the whole batch, row by row, or frame by frame."""
+    network = _dsnet(weights)
+    if run != "steps":
+        traced = _traced(network)
+        call = tf.function(lambda x: traced(x, training=False), reduce_retracing=True)
+        return joined(_in_order(call(rows)) for rows in batches(motion, run))
+    layer, frames = network.get_layer, []
+    state = [tf.zeros((len(motion), layer("lstm").units), motion.dtype)] * 2
+    for frame in motion.swapaxes(0, 1):  # the LSTM's cell is given its state by hand
+        first = layer("fc_enc_1")(frame)
+        second = layer("fc_enc_2")(first)
+        hidden, state = layer("lstm").cell(second, state)
+        normalised = layer("batch_norm")(hidden[:, None], training=False)
+        last = layer("fc_enc_3")(normalised)
+        outputs = (first[:, None], second[:, None], hidden[:, None], normalised, last)
+        frames.append(dict(zip(LAYERS, outputs, strict=True)))
+    return joined(frames, axis=1)
+
+
+def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **arrays: NDArray) -> Tensors:
+    """Layers, loss and gradients of the first pass in training, and the steps after it."""
+    motion, real = arrays["motion"], arrays["real"]
+    _compute_in(motion)
+    clips = Clips(motion, arrays["latents"], real)
+    trainer = Trainer(clips, lr=1e-4, batch_size=len(clips), masked=masked)
+    network = trainer.model
+    _exact(trainer.optimizer)
+    epochs = iter(range(1, max(steps, default=0) + 1))
+
+    def named(arrays: Sequence[NDArray]) -> Tensors:
+        names = [name for name in model.named_weights(network) if "/moving_" not in name]
+        return dict(zip(names, arrays, strict=True))
+
+    # Every pass in training moves the running statistics on: begin with the weights each time.
+    model.assign_weights(network, weights)
+    seen = _in_order(_traced(network)([motion, real] if masked else motion, training=True))
+    model.assign_weights(network, weights)
+    first_pass = trainer.gradients()
+    model.assign_weights(network, weights)
+    state = _state_of(trainer.optimizer, named, lambda: model.named_weights(network))
+    learned = trained(steps, first_pass, lambda: trainer.epoch(next(epochs)), state)
+    return prefixed("layer", seen) | learned
+
+
+def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: str) -> Tensors:
+    """Every layer, and the normaliser's where the weights hold one."""
+    scaling = [weights.pop(name) for name in NORMALISER if name in weights]
+    network = _autoencoder(weights, architecture)
+    # Linear layers and nonlinearities; what only moves numbers has no counterpart elsewhere.
+    encoder, decoder = (
+        {n.name: n.output for n in side.layers if n.weights or n.name.endswith("_activation")}
+        for side in (network.encoder, network.decoder)
+    )
+    encode = keras.Model(network.encoder.inputs, encoder)
+    decode = keras.Model(network.decoder.inputs, decoder)
+
+    def layers(rows: Tensor) -> dict[str, Tensor]:
+        encoded = encode(rows)
+        outputs = {**encoded, **decode(encoded["to_latent"])}
+        # Features last, as everywhere but inside the convolutions.
+        mixing = {name for name in outputs if ".conv_" in name}
+        swapped = {name: tf.transpose(outputs[name], (0, 2, 1)) for name in mixing}
+        return {name: {**outputs, **swapped}[name] for name in (*encoder, *decoder)}
+
+    if not scaling:
+        return joined(layers(rows) for rows in batches(values, run))
+    codec = KerasCodec(network, *scaling)
+    normalised = codec.normalise(values)
+    outputs = {"normaliser.normalise": normalised, **layers(normalised)}
+    outputs["normaliser.denormalise"] = codec.denormalise(outputs["to_coordinates"])
+    return prefixed("layer", outputs)
+
+
+def ae_train(
+    weights: Tensors, values: NDArray, architecture: Options, steps: list[int], **target: NDArray
+) -> Tensors:
+    """Loss and gradients of the reconstruction of one batch, and steps on it."""
+    network = _autoencoder(weights, architecture).model
+    given, wanted = tf.constant(values), tf.constant(target.get("target", values))
+    adam = TorchAdam()
+    _exact(adam)
+
+    def one_pass() -> tuple[float, list[Tensor]]:
+        with tf.GradientTape() as tape:
+            loss = tf.reduce_mean(tf.square(network(given) - wanted))
+        return float(loss), tape.gradient(loss, network.trainable_variables)
+
+    def canonical(arrays: Sequence[NDArray]) -> Tensors:
+        names = mesh_autoencoder.named_variables(network)
+        return mesh_autoencoder_from_keras(dict(zip(names, arrays, strict=True)))
+
+    def step() -> float:
+        loss, gradients = one_pass()
+        adam.apply(gradients, network.trainable_variables)
+        return loss
+
+    state = _state_of(adam, canonical, lambda: mesh_autoencoder.named_weights(network))
+    loss, gradients = one_pass()
+    return trained(steps, (loss, canonical([g.numpy() for g in gradients])), step, state)
+
+
+def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tensors:
+    """Parts of the forward pass, the unposed mesh, and the gradient of sum(probe * vertices)."""
+    given = {name: tf.constant(array) for name, array in arguments.items()}
+    posed = KerasSMPL(load_body_model(body), given["pose"].dtype)
+    with tf.GradientTape() as tape:
+        tape.watch(given)
+        vertices = posed(**given)
+        total = tf.reduce_sum(probe * vertices)
+    motion = {name: given[name] for name in ("betas", "pose", "trans")}
+    outputs = {
+        "rotations": posed.rotations(given["pose"]),
+        "joints": posed.joints(given["betas"]),
+        "rest_vertices": posed.rest_vertices(given["betas"], given["pose"]),
+        "vertices": vertices,
+        "unposed": unpose(posed, tf.constant(mesh), **motion),
+    }
+    return prefixed("layer", outputs) | prefixed("grad", tape.gradient(total, given))
+
+
+def oscillators_train(
+    weights: Tensors, steps: list[int], learning_rate: float, **windows: NDArray
+) -> Tensors:
+    """Offsets of some windows, loss and gradients of the first pass, and the steps after it."""
+    _compute_in(windows["now"])
+    laplacian = windows.pop("laplacian")
+    layer = OscillatorLayer(laplacian, len(weights["residual"]), len(weights["taps"]))
+    for variable in layer.weights:
+        variable.assign(weights[variable.name])
+    # Stored in float32, unit vectors are so to eight digits.
+    windows["normals"] /= np.linalg.norm(windows["normals"], axis=-1, keepdims=True)
+    batch = {name: tf.constant(array) for name, array in windows.items()}
+    learner = OscillatorLearner(layer, learning_rate)
+    _exact(learner.optimizer)
+
+    def named(arrays: Sequence[Any]) -> Tensors:
+        names = [variable.name for variable in layer.trainable_variables]
+        return {name: np.array(array) for name, array in zip(names, arrays, strict=True)}
+
+    state = _state_of(learner.optimizer, named, lambda: named(layer.trainable_variables))
+    offsets = learner.offsets(batch).numpy()
+    loss, slopes = learner.gradients(batch)
+    first_pass = float(loss), named(slopes)
+    learned = trained(steps, first_pass, lambda: float(learner.step(batch)), state)
+    return {"layer/offsets": offsets, **learned}
+
+
+def formats(weights: Tensors, architecture: Options | None = None) -> Tensors:
+    """Weights read back from memory, and from fresh networks that were given each file.
+
+    DSNet's, or the autoencoder's of an architecture.
+    """
+    if architecture is None:
+        module, first, second = model, _dsnet(weights), model.build_dsnet()
+    else:
+        module, first = mesh_autoencoder, _autoencoder(weights, architecture).model
+        second = KerasMeshAutoencoder(**architecture).model
+    with tempfile.TemporaryDirectory() as folder:
+        path, network_path = Path(folder) / "w.safetensors", Path(folder) / "network.keras"
+        save_weights(path, module.named_weights(first))
+        module.assign_weights(second, load_weights(path))
+        first.save(network_path)
+        third = keras.saving.load_model(network_path, compile=False, safe_mode=True)
+    kept: Tensors = {}
+    for name, network in (("memory", first), ("safetensors", second), ("keras", third)):
+        kept |= prefixed(f"weight/{name}", module.named_weights(network))
+    return kept
+
+
+def _dsnet(weights: Tensors) -> keras.Model:
+    """The product's network in the weights' precision."""
+    _compute_in(weights["lstm/bias"])
+    network = model.build_dsnet()
+    model.assign_weights(network, weights)
+    return network
+
+
+def _autoencoder(weights: Tensors, architecture: Options) -> KerasMeshAutoencoder:
+    """The twin in the weights' precision."""
+    _compute_in(weights["to_latent.bias"])
+    network = KerasMeshAutoencoder(**architecture)
+    mesh_autoencoder.assign_weights(network.model, weights)
+    return network
+
+
+def _traced(network: keras.Model) -> keras.Model:
+    return keras.Model(network.inputs, {n: network.get_layer(n).output for n in LAYERS})
+
+
+def _in_order(outputs: dict[str, Tensor]) -> Tensors:
+    return {name: outputs[name].numpy() for name in LAYERS}
+
+
+def _state_of(
+    adam: keras.optimizers.Adam,
+    named: Callable[[Sequence[NDArray]], Tensors],
+    weights: Callable[[], Tensors],
+) -> Callable[[], dict[str, Tensors]]:
+    """Gives weights and moments; `named` names arrays of the variables that are trained."""
+
+    def moments(kind: str) -> Tensors:
+        return named([v.numpy() for v in adam.variables if v.path.endswith(kind)])
+
+    return lambda: {
+        "weight": weights(), "adam_m": moments("_momentum"), "adam_v": moments("_velocity")
+    }  # fmt: skip
+
+
+def _compute_in(array: NDArray) -> None:
+    """Build layers and optimizers in an array's precision from now on."""
+    keras.config.set_floatx(array.dtype.name)
+    # The first layer of a process fixes the policy, and a later floatx does not change it.
+    keras.config.set_dtype_policy(array.dtype.name)
+
+
+def _exact(adam: keras.optimizers.Adam) -> None:
+    """Let Adam correct its moments with decays in float64, if that is what it computes in.
+
+    Keras turns its decays, Python's numbers, into float32 before it widens them: 1 - 0.999 is then
+    off by 1.3e-5, and so is every step. In float32 that is the rule itself.
+    """
+    if keras.config.floatx() == "float64":
+        adam.beta_1, adam.beta_2 = np.float64(adam.beta_1), np.float64(adam.beta_2)
+
+
+if __name__ == "__main__":
+    operations = (
+        dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, oscillators_train, formats
+    )  # fmt: skip
+    serve(*operations, packages=("tensorflow", "keras"))

@@ -1,0 +1,249 @@
+"""`python -m torch_align_ae.verify`: what PyTorch answers to `dsnet verify`.
+
+Operations and names are those of `bridge.verify.engine`; the product's own networks, optimizers,
+SMPL and files compute. A case may ask for faults, so that one can see that they are found.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from bridge.body import load_body_model
+from bridge.exchange import load_weights, save_weights
+from bridge.exchange.layouts import TORCH_ADAM, dsnet_from_torch
+from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
+from torch_align_ae.autoencoder import MeshAutoencoder
+from torch_align_ae.autoencoder.codec import Codec, read_codec
+from torch_align_ae.autoencoder.normaliser import Normaliser
+from torch_align_ae.body import SMPL, unpose
+from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, named_weights, sum_of_distances
+
+NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
+LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
+Faults = Mapping[str, Any]
+Options = dict[str, Any]
+NO_FAULTS: Faults = MappingProxyType({})
+
+
+@torch.inference_mode()
+def dsnet_forward(
+    weights: Tensors, motion: NDArray, run: str, faults: Faults = NO_FAULTS
+) -> Tensors:
+    """Every layer at rest: the whole batch, row by row, or frame by frame."""
+    model = _dsnet(weights, faults).eval()
+    if run != "steps":
+        parts = batches(motion, run)
+        return joined(_layers(model, model, torch.from_numpy(rows))[0] for rows in parts)
+    frames, state = [], None
+    for frame in torch.from_numpy(motion).split(1, dim=1):
+        outputs, (_latents, state) = _layers(model, model.step, frame, state)
+        frames.append(outputs)
+    return joined(frames, axis=1)
+
+
+def dsnet_train(
+    weights: Tensors, masked: bool, steps: list[int], faults: Faults = NO_FAULTS, **clips: NDArray
+) -> Tensors:
+    """Layers, loss and gradients of the first pass in training, and the steps after it."""
+    given = {name: torch.from_numpy(array) for name, array in clips.items()}
+    real = given["real"] if masked and not faults.get("forget_mask") else None
+    model = _dsnet(weights, faults).train()
+
+    def loss() -> Tensor:
+        return sum_of_distances(given["latents"], model(given["motion"], real), real)
+
+    adam = KerasAdam(model.parameters())
+    adam.epsilon = faults.get("adam_epsilon", adam.epsilon)
+    seen = prefixed("layer", _layers(model, loss)[0])
+    assign_weights(model, weights)  # the pass has moved the running statistics on
+    return seen | _trained(model, adam, loss, dsnet_from_torch, steps)
+
+
+@torch.inference_mode()
+def ae_forward(
+    weights: Tensors, values: NDArray, architecture: Options, run: str, **_faults: Faults
+) -> Tensors:
+    """Every layer, and the normaliser's where the weights hold one."""
+    scaling = [weights.pop(name) for name in NORMALISER if name in weights]
+    model = _autoencoder(weights, architecture).eval()
+    # One nonlinearity serves many layers, so outputs are named in the order of their calls.
+    sides = ("encoder", "decoder")
+    encoder, decoder = ([f"{s}.{n}" for n in getattr(model, s)._modules] for s in sides)
+    code = ("to_latent", "from_latent", "from_latent_activation")
+    names = [*encoder, *code, *decoder, "to_coordinates"]
+    modules = [module for module in model.modules() if not list(module.children())]
+
+    def layers(rows: Tensor) -> Tensors:
+        outputs, _restored = _outputs(modules, model, rows)
+        # Inside, vertices come before the batch.
+        first = [output.swapaxes(0, 1) if output.ndim == 3 else output for output in outputs]
+        return dict(zip(names, first, strict=True))
+
+    if not scaling:
+        return joined(layers(torch.from_numpy(rows)) for rows in batches(values, run))
+    normaliser = Normaliser(*(torch.from_numpy(array) for array in scaling))
+    normalised = normaliser.normalise(torch.from_numpy(values))
+    outputs = {"normaliser.normalise": normalised.numpy(), **layers(normalised)}
+    last = torch.from_numpy(outputs["to_coordinates"])
+    outputs["normaliser.denormalise"] = normaliser.denormalise(last).numpy()
+    return prefixed("layer", outputs)
+
+
+def ae_train(
+    weights: Tensors,
+    values: NDArray,
+    architecture: Options,
+    steps: list[int],
+    target: NDArray | None = None,
+    faults: Faults = NO_FAULTS,
+) -> Tensors:
+    """Loss and gradients of the reconstruction of one batch, and steps on it."""
+    model = _autoencoder(weights, architecture).train()
+    given = torch.from_numpy(values)
+    wanted = given if target is None else torch.from_numpy(target)
+
+    def loss() -> Tensor:
+        return nn.functional.mse_loss(model(given), wanted)
+
+    adam = torch.optim.Adam(model.parameters(), TORCH_ADAM.learning_rate, fused=True)
+    for group in adam.param_groups:
+        group["eps"] = faults.get("adam_epsilon", group["eps"])
+    return _trained(model, adam, loss, dict, steps)
+
+
+def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tensors:
+    """Parts of the forward pass, the unposed mesh, and the gradient of sum(probe * vertices)."""
+    given = {name: torch.from_numpy(array) for name, array in arguments.items()}
+    posed = SMPL(load_body_model(body), given["pose"].dtype)
+    variables = {name: value.clone().requires_grad_() for name, value in given.items()}
+    vertices = posed(**variables)
+    total = (torch.from_numpy(probe) * vertices).sum()
+    found = torch.autograd.grad(total, list(variables.values()))
+    motion = {name: given[name] for name in ("betas", "pose", "trans")}
+    outputs = {
+        "rotations": posed.rotations(given["pose"]),
+        "joints": posed.joints(given["betas"]),
+        "rest_vertices": posed.rest_vertices(given["betas"], given["pose"]),
+        "vertices": vertices.detach(),
+        "unposed": unpose(posed, torch.from_numpy(mesh), **motion),
+    }
+    return prefixed("layer", outputs) | prefixed("grad", dict(zip(variables, found, strict=True)))
+
+
+def formats(weights: Tensors, architecture: Options | None = None) -> Tensors:
+    """Weights read back from memory, and from fresh networks that were given each file.
+
+    DSNet's, or the autoencoder's of an architecture.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path, state_path = Path(folder) / "w.safetensors", Path(folder) / "network.pt"
+        if architecture is None:
+            first, second, third = _dsnet(weights, NO_FAULTS), DSNet(), DSNet()
+            save_weights(path, named_weights(first))
+            assign_weights(second, load_weights(path))
+        else:
+            first = _autoencoder(weights, architecture)
+            third = _autoencoder({name: 0 * array for name, array in weights.items()}, architecture)
+            codec = Codec(first, Normaliser(*torch.rand(2, first.widths[0], 3)))
+            codec.save(path)
+            second = read_codec(path, codec.architecture()).model
+        torch.save(first.state_dict(), state_path)
+        third.load_state_dict(torch.load(state_path, weights_only=True))
+    kept: Tensors = {}
+    for name, network in (("memory", first), ("safetensors", second), ("state_dict", third)):
+        named = named_weights(network) if isinstance(network, DSNet) else network.state_dict()
+        kept |= prefixed(f"weight/{name}", named)
+    return kept
+
+
+def _dsnet(weights: Tensors, faults: Faults) -> DSNet:
+    """The twin in the weights' precision, with its faults."""
+    model = DSNet().to(torch.from_numpy(weights["lstm/bias"]).dtype)
+    assign_weights(model, weights)
+    norm = model.batch_norm
+    norm.epsilon = faults.get("batch_norm_epsilon", norm.epsilon)
+    norm.momentum = faults.get("batch_norm_momentum", norm.momentum)
+    return model
+
+
+def _autoencoder(weights: Tensors, architecture: Options) -> MeshAutoencoder:
+    """The product's network in the weights' precision."""
+    with torch.device("meta"):
+        model = MeshAutoencoder(**{**architecture, "widths": tuple(architecture["widths"])})
+    state = {name: torch.from_numpy(array) for name, array in weights.items()}
+    model.load_state_dict(state, assign=True)
+    return model
+
+
+def _layers(model: DSNet, call: Callable[..., Any], *arguments: Any) -> tuple[Tensors, Any]:
+    modules = [model.get_submodule(name) for name in LAYERS]
+    outputs, returned = _outputs(modules, call, *arguments)
+    return dict(zip(LAYERS, outputs, strict=True)), returned
+
+
+def _outputs(
+    modules: Sequence[nn.Module], call: Callable[..., Any], *arguments: Any
+) -> tuple[list[NDArray], Any]:
+    """What modules return during a call, one after another, and what the call returns.
+
+    Copies, because nonlinearities work in place.
+    """
+    seen: list[NDArray] = []
+
+    def record(_module: nn.Module, _inputs: object, output: Tensor | tuple[Tensor, ...]) -> None:
+        tensor = output[0] if isinstance(output, tuple) else output  # an LSTM's state is second
+        seen.append(tensor.detach().numpy().copy())
+
+    hooks = [module.register_forward_hook(record) for module in modules]
+    returned = call(*arguments)
+    for hook in hooks:
+        hook.remove()
+    return seen, returned
+
+
+def _trained(
+    model: nn.Module,
+    adam: torch.optim.Adam,
+    loss: Callable[[], Tensor],
+    canonical: Callable[[Tensors], Tensors],
+    steps: list[int],
+) -> Tensors:
+    """Training on one batch; `canonical` names and lays out arrays of the model's state."""
+    learned = {name: p for name, p in model.named_parameters() if p.requires_grad}
+
+    def one_pass() -> float:
+        adam.zero_grad()
+        value = loss()
+        value.backward()
+        return value.item()
+
+    def step() -> float:
+        value = one_pass()
+        adam.step()
+        return value
+
+    def state() -> dict[str, Tensors]:
+        arrays = {"weight": {n: v.detach().numpy().copy() for n, v in model.state_dict().items()}}
+        for kind, key in (("adam_m", "exp_avg"), ("adam_v", "exp_avg_sq")):
+            arrays[kind] = {n: adam.state[p][key].numpy().copy() for n, p in learned.items()}
+        return {kind: canonical(named) for kind, named in arrays.items()}
+
+    before = {name: buffer.clone() for name, buffer in model.named_buffers()}
+    first = one_pass()
+    for name, buffer in model.named_buffers():
+        buffer.copy_(before[name])
+    gradients = {name: p.grad.numpy() for name, p in learned.items() if p.grad is not None}
+    return trained(steps, (first, canonical(gradients)), step, state)
+
+
+if __name__ == "__main__":
+    operations = (dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, formats)
+    serve(*operations, packages=("torch",))
