@@ -145,7 +145,7 @@ class KerasAdam(torch.optim.Adam):
 
 
 def sum_of_distances(target: Tensor, predicted: Tensor, real: Tensor | None = None) -> Tensor:
-    """The paper's loss (Section 4.3), as in `tf_dsnet/losses.py`.
+    """The paper's loss (Section 4.3), as in `tf_dsnet/model.py`.
 
     Parameters
     ----------

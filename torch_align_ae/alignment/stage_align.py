@@ -21,8 +21,7 @@ from torch_align_ae.alignment.paper.sgd import Descent
 from torch_align_ae.alignment.robust import RobustSettings
 from torch_align_ae.alignment.robust.corpus_fit import RobustCorpusFit
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_files import FPS, DynaEntry, DynaReader
-from torch_align_ae.corpus.dyna_layout import of_one_gender
+from torch_align_ae.corpus.dyna_files import FPS, DynaEntry, DynaReader, of_one_gender
 
 Aligner = Literal["sgd", "robust"]
 
