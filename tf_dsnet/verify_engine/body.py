@@ -6,8 +6,7 @@ from bridge.body import load_body_model
 from bridge.verify.answers import prefixed
 from bridge.verify.protocol import Case, Tensors
 from tf_dsnet.framework import tf
-from tf_dsnet.smpl import KerasSMPL
-from tf_dsnet.unposing import unpose
+from tf_dsnet.smpl import KerasSMPL, unpose
 
 
 def smpl(case: Case) -> Tensors:

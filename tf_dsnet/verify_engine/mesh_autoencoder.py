@@ -9,9 +9,9 @@ import numpy as np
 from bridge.exchange.layouts import TORCH_ADAM, mesh_autoencoder_from_keras
 from bridge.verify.answers import layers, learn
 from bridge.verify.protocol import Case, Tensors
-from tf_dsnet.codec import KerasCodec
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.mesh_autoencoder import (
+    KerasCodec,
     KerasMeshAutoencoder,
     TorchAdam,
     assign_weights,

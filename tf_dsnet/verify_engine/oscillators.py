@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from bridge.verify.answers import learn, prefixed
 from bridge.verify.protocol import Case, Tensors
 from tf_dsnet.framework import tf
-from tf_dsnet.oscillators.layer import OscillatorLayer
-from tf_dsnet.oscillators.learner import OscillatorLearner
+from tf_dsnet.oscillators import OscillatorLayer, OscillatorLearner
 from tf_dsnet.verify_engine.precision import compute_in, exact
 
 
