@@ -31,7 +31,7 @@ from bridge.runs import Run, read_artifact
 from bridge.runs.folders import MANIFEST, runs_root, write_text_atomically
 from bridge.runs.provenance import provenance
 from torch_align_ae.corpus.motions import DYNA_MOTIONS
-from torch_align_ae.corpus.sequences import dyna_takes
+from torch_align_ae.corpus.recordings import dyna_recordings
 
 LIMIT_MB = 4096
 """Of anonymous memory: what is asked of every stage."""
@@ -100,7 +100,7 @@ def main(config: FullSizeConfig) -> None:
 
 def corpus_of(share: float) -> SmoothCorpus:
     """The paper's sequences, each cut to a share of its frames, and some test motions."""
-    takes = dyna_takes("female", _PEOPLE, tuple(DYNA_MOTIONS), 321, 0)
+    takes = dyna_recordings("female", _PEOPLE, tuple(DYNA_MOTIONS), 321, 0)
     lengths = tuple(max(round(share * take.frame_count), 8) for take in takes)
     tests = (max(round(share * _TEST_FRAMES), 8),) * _TEST_MOTIONS
     return SmoothCorpus(lengths, tests, _PEOPLE)

@@ -118,7 +118,9 @@ def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
         ("bridge.export.stage_export", "torch tensorflow keras pxr imageio_ffmpeg embreex"),
         ("bridge.view.stage_view", "torch tensorflow keras viser"),
         ("torch_align_ae", "tensorflow keras"),
-        ("tf_dsnet", "torch"),
+        ("tf_dsnet", "torch tensorflow keras"),
+        ("tf_dsnet.stage_infer", "torch tensorflow keras"),
+        ("tf_dsnet.stage_train", "torch"),
     ],
 )
 def test_importing_loads_only_its_own_framework(module: str, absent: str) -> None:

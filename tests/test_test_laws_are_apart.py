@@ -13,7 +13,10 @@ from torch_align_ae.corpus.stage_corpus import PROFILES
 CORPUS = ROOT / "torch_align_ae" / "corpus"
 REGISTRY = "torch_align_ae.corpus.tissue_laws"
 _SHARED = {"simulation": {"skin"}, "motions.plan": {"GRAVITY_M_S2"}}
-LAWS = {"second": _SHARED, "third": _SHARED | {"surface": {"smooth_over_surface"}}}
+LAWS = {
+    "second": _SHARED,
+    "third": _SHARED | {"simulation": {"skin", "smooth_over_surface"}},
+}
 """And what each may share with the product's own law."""
 
 

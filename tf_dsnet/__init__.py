@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bridge.runtime.streams.streaming import StreamingPredictor
     from bridge.runtime.streams.streaming_bodies import StreamingBodies
-    from tf_dsnet.codec import load_codec
-    from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder
+    from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, load_codec
     from tf_dsnet.model import build_dsnet
-    from tf_dsnet.smpl import KerasSMPL
-    from tf_dsnet.unposing import unpose
+    from tf_dsnet.smpl import KerasSMPL, unpose
 
 __all__ = [
     "KerasMeshAutoencoder",
@@ -22,13 +20,13 @@ __all__ = [
     "unpose",
 ]
 _LOADED_LATE = {
-    "KerasSMPL": "tf_dsnet.smpl",
     "KerasMeshAutoencoder": "tf_dsnet.mesh_autoencoder",
+    "KerasSMPL": "tf_dsnet.smpl",
     "StreamingBodies": "bridge.runtime.streams.streaming_bodies",
     "StreamingPredictor": "bridge.runtime.streams.streaming",
     "build_dsnet": "tf_dsnet.model",
-    "load_codec": "tf_dsnet.codec",
-    "unpose": "tf_dsnet.unposing",
+    "load_codec": "tf_dsnet.mesh_autoencoder",
+    "unpose": "tf_dsnet.smpl",
 }
 
 

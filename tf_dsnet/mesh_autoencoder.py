@@ -1,4 +1,4 @@
-"""Figure 3's autoencoder in Keras: the twin of `torch_align_ae/autoencoder/mesh_autoencoder.py`.
+"""Figure 3's autoencoder in Keras, the twin of `torch_align_ae/autoencoder/mesh_autoencoder.py`.
 
 The product trains it in PyTorch. The twin lets a Keras-only user encode and decode, and lets
 `dsnet verify` compare the two. Layers have PyTorch's names, `encoder.conv_1` and so on.
@@ -6,11 +6,16 @@ The product trains it in PyTorch. The twin lets a Keras-only user encode and dec
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
+from bridge.exchange import load_weights
 from bridge.exchange.layouts import (
     TORCH_ADAM,
     AdamRule,
@@ -18,7 +23,12 @@ from bridge.exchange.layouts import (
     mesh_autoencoder_to_keras,
 )
 from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE
+from bridge.runs import Artifact
 from tf_dsnet.framework import Tensor, keras, tf
+from tf_dsnet.model import assign_variables
+
+WEIGHTS_FILE = "autoencoder.safetensors"
+_BATCH = 64
 
 
 @keras.saving.register_keras_serializable("dsnet")
@@ -33,26 +43,15 @@ class LeakyReLU(keras.layers.LeakyReLU):
 class KerasMeshAutoencoder:
     """The paper's mesh autoencoder (Section 4.1, Figure 3); works on normalised offsets.
 
-    Its weights come from PyTorch (`assign_weights`); fresh ones are Keras's own.
+    `encoder`, `decoder`, and `model`, one after the other, are Keras models; the latter is the one
+    to save as `.keras`. Weights come from PyTorch (`assign_weights`); fresh ones are Keras's own.
 
     Parameters
     ----------
-    widths : tuple of int
-        Vertices of the mesh, then after each convolution.
-    activation : str
-        `leaky_relu`, `elu`, `tanh` or `relu`, after every layer but the two that end encoder and
-        decoder.
-    negative_slope : float
-        Slope of `leaky_relu` below zero.
-
-    Attributes
-    ----------
-    encoder : keras.Model
-        Values (B, V, 3) to latents (B, 100).
-    decoder : keras.Model
-        Latents (B, 100) to values (B, V, 3).
-    model : keras.Model
-        One after the other; the one to save as `.keras`.
+    widths : vertices of the mesh, then after each convolution.
+    activation : `leaky_relu`, `elu`, `tanh` or `relu`, after every layer but the two that end
+        encoder and decoder.
+    negative_slope : slope of `leaky_relu` below zero.
     """
 
     def __init__(
@@ -61,25 +60,15 @@ class KerasMeshAutoencoder:
         activation: str = "leaky_relu",
         negative_slope: float = 0.1,
     ) -> None:
-        self.widths, self.activation, self.negative_slope = (
-            tuple(widths),
-            activation,
-            negative_slope,
-        )
+        self.widths, self.activation = tuple(widths), activation
+        self.negative_slope = negative_slope
         self.encoder, self.decoder = self._encoder(), self._decoder()
         values = keras.Input((self.widths[0], FEATURES[0]), name="values")
-        self.model = keras.Model(
-            values, self.decoder(self.encoder(values)), name="mesh_autoencoder"
-        )
+        both = self.decoder(self.encoder(values))
+        self.model = keras.Model(values, both, name="mesh_autoencoder")
 
     def encode(self, values: Tensor) -> Tensor:
-        """Normalised offsets (B, V, 3) to latents (B, 100).
-
-        Raises
-        ------
-        DsnetError
-            If the mesh has another number of vertices than the network.
-        """
+        """Normalised offsets (B, V, 3) to latents (B, 100)."""
         expected = (self.widths[0], FEATURES[0])
         if tuple(values.shape[1:]) != expected:
             raise DsnetError(
@@ -132,6 +121,12 @@ class KerasMeshAutoencoder:
         return keras.layers.Activation(self.activation, name=name)(features)
 
 
+def named_variables(model: keras.Model) -> dict[str, keras.Variable]:
+    """Variables by Keras's names, in the order of the layers, which is PyTorch's."""
+    layers = [layer for part in ("encoder", "decoder") for layer in model.get_layer(part).layers]
+    return {f"{layer.name}/{v.name}": v for layer in layers for v in layer.weights}
+
+
 def named_weights(model: keras.Model) -> dict[str, NDArray]:
     """Copies of all weights of `KerasMeshAutoencoder.model` in PyTorch's names and layout."""
     return mesh_autoencoder_from_keras(
@@ -140,30 +135,9 @@ def named_weights(model: keras.Model) -> dict[str, NDArray]:
 
 
 def assign_weights(model: keras.Model, weights: Mapping[str, NDArray]) -> None:
-    """Set all weights of `KerasMeshAutoencoder.model` from arrays named as by PyTorch.
-
-    Raises
-    ------
-    DsnetError
-        If a name or a shape is not the network's.
-    """
-    variables, given = named_variables(model), mesh_autoencoder_to_keras(weights)
-    wanted = {name: tuple(variable.shape) for name, variable in variables.items()}
-    shapes = {name: array.shape for name, array in given.items()}
-    if odd := sorted(set(wanted.items()) ^ set(shapes.items())):
-        raise DsnetError(
-            f"weights that differ from the autoencoder's in {', '.join(dict(odd))}",
-            f"{len(wanted)} arrays of the same widths",
-            "Build the network with the architecture that stands beside the weights.",
-        )
-    for name, variable in variables.items():
-        variable.assign(given[name])
-
-
-def named_variables(model: keras.Model) -> dict[str, keras.Variable]:
-    """Variables by Keras's names, in the order of the layers, which is PyTorch's."""
-    layers = [layer for part in ("encoder", "decoder") for layer in model.get_layer(part).layers]
-    return {f"{layer.name}/{v.name}": v for layer in layers for v in layer.weights}
+    """Set all weights of `KerasMeshAutoencoder.model` from arrays named as by PyTorch."""
+    given = mesh_autoencoder_to_keras(weights)
+    assign_variables(named_variables(model), given, "the autoencoder")
 
 
 class TorchAdam(keras.optimizers.Adam):
@@ -179,7 +153,66 @@ class TorchAdam(keras.optimizers.Adam):
     def update_step(
         self, gradient: Tensor, variable: keras.Variable, learning_rate: Tensor
     ) -> None:
-        """One variable's step, with the epsilon that makes Keras's rule PyTorch's at this step."""
         step = int(self.iterations) + 1
         self.epsilon = self._corrected_epsilon * (1.0 - self.beta_2**step) ** 0.5
         super().update_step(gradient, variable, learning_rate)
+
+
+@dataclass(frozen=True, eq=False)
+class KerasCodec:
+    """A trained autoencoder with its normaliser, on arrays; any number of frames in bounded memory.
+
+    Offsets in metres have `mean_m` (V, 3) subtracted, and are then divided by `scale_m` (V, 3).
+    """
+
+    network: KerasMeshAutoencoder
+    mean_m: NDArray[np.floating]
+    scale_m: NDArray[np.floating]
+
+    def encode(self, offsets_m: NDArray) -> NDArray:
+        """Offsets (B, V, 3) in metres to latents (B, 100)."""
+        return _in_batches(lambda x: self.network.encode(self.normalise(x)), offsets_m)
+
+    def decode(self, latents: NDArray) -> NDArray:
+        """Latents (B, 100) to offsets (B, V, 3) in metres."""
+        return _in_batches(lambda z: self.denormalise(self.network.decode(z)), latents)
+
+    def normalise(self, offsets_m: Tensor) -> Tensor:
+        return (offsets_m - self.mean_m) / self.scale_m
+
+    def denormalise(self, values: Tensor) -> Tensor:
+        return values * self.scale_m + self.mean_m
+
+
+def _in_batches(function: Callable[[Tensor], Tensor], values: NDArray) -> NDArray:
+    starts = range(0, max(len(values), 1), _BATCH)
+    parts = [function(tf.constant(values[start : start + _BATCH])) for start in starts]
+    return tf.concat(parts, 0).numpy()
+
+
+def load_codec(artifact: Artifact, name: str = WEIGHTS_FILE) -> KerasCodec:
+    """Load the codec of a finished `train-ae` stage.
+
+    Raises
+    ------
+    DsnetError
+        If the weights are missing, damaged, or of another network.
+    """
+    return read_codec(artifact.file(name), artifact.manifest["architecture"])
+
+
+def read_codec(path: Path, architecture: Mapping[str, Any]) -> KerasCodec:
+    """Load a codec from its weights and the network's widths and activation."""
+    arrays = load_weights(path)
+    network = KerasMeshAutoencoder(**architecture)
+    shape = (network.widths[0], 3)
+    normaliser = [arrays.pop(f"normaliser.{name}", np.empty(0)) for name in ("mean_m", "scale_m")]
+    if odd := [array.shape for array in normaliser if array.shape != shape]:
+        raise DsnetError(
+            f"{path} with a normaliser of shape {odd[0]}",
+            f"normaliser.mean_m and normaliser.scale_m of shape {shape}",
+            "Delete the folder and run `dsnet train-ae` again.",
+        )
+    weights = {name.removeprefix("model."): array for name, array in arrays.items()}
+    assign_weights(network.model, weights)
+    return KerasCodec(network, *normaliser)

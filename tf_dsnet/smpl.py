@@ -1,6 +1,6 @@
-"""SMPL in TensorFlow: Eq. 1-2, differentiable in every argument.
+"""SMPL in TensorFlow: Eq. 1-2, differentiable in every argument, and its inverse, Eq. 5.
 
-With it a Keras-only user goes from theta to vertices; `torch_align_ae/body/smpl.py` is its twin.
+With it a Keras-only user goes from theta to vertices; `torch_align_ae/body` has its twins.
 Inside, coordinates come before vertices, (B, 3, V), so that skinning streams over vertices.
 """
 
@@ -11,20 +11,23 @@ import numpy as np
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from tf_dsnet.framework import Tensor, tf
-from tf_dsnet.rotations import axis_angle_to_matrix
+
+# Below this squared angle three terms of the series are exact to float64's rounding.
+_SERIES_BELOW = 1e-4
+# A half-and-half blend of two rotations phi apart has determinant cos^2(phi / 2): below this
+# one (phi above 176 degrees) the inverse would blow up a millimetre to three centimetres.
+_SINGULAR_BELOW = 1e-3
 
 
 class KerasSMPL:
-    """A body model with constant parameters, V = 6890 vertices for KerasSMPL.
+    """A body model with constant parameters and V = 6890 vertices.
 
-    Parameters
-    ----------
-    data : the body model.
-    dtype : of everything inside and of all results; arguments are converted to it.
+    `dtype` is that of everything inside and of all results; arguments are converted to it.
     """
 
     def __init__(self, data: BodyModelData, dtype: tf.DType = tf.float32) -> None:
         self.data, self.dtype = data, dtype
+        self.vertex_count = len(data.v_template)
         self.parents: tuple[int, ...] = tuple(data.parents.tolist())
         joint_shapedirs = [data.J_regressor @ data.shapedirs[:, axis] for axis in range(3)]
         self._template = tf.constant(data.v_template.T, dtype)  # (3, V)
@@ -34,19 +37,10 @@ class KerasSMPL:
         self._joint_template = tf.constant(data.joints, dtype)  # (24, 3)
         self._joint_shapedirs = tf.constant(np.stack(joint_shapedirs, 1).transpose(2, 0, 1), dtype)
 
-    @property
-    def vertex_count(self) -> int:
-        """Number of vertices, V."""
-        return len(self.data.v_template)
-
     def __call__(
-        self,
-        betas: Tensor,
-        pose: Tensor,
-        trans: Tensor,
-        offsets: Tensor | None = None,
+        self, betas: Tensor, pose: Tensor, trans: Tensor, offsets: Tensor | None = None
     ) -> Tensor:
-        """Posed vertices, Eq. 1-2.
+        """Posed vertices (B, V, 3), metres, Eq. 1-2.
 
         Parameters
         ----------
@@ -54,15 +48,6 @@ class KerasSMPL:
         pose : (B, 22, 3) or (B, 24, 3) axis-angle, radians; missing hand joints stay at rest.
         trans : (B, 3) translation, metres.
         offsets : (B, V, 3) displacement added in the rest pose, metres, or None.
-
-        Returns
-        -------
-        (B, V, 3) vertices, metres.
-
-        Raises
-        ------
-        DsnetError
-            If an argument has the wrong shape.
         """
         rotations = self.rotations(pose)
         rest = self.planar_rest(betas, rotations)
@@ -99,8 +84,16 @@ class KerasSMPL:
 
     def blended_transforms(self, betas: Tensor, rotations: Tensor, trans: Tensor) -> Tensor:
         """Each vertex's weighted mean of the bones' transforms, (B, 3, 4, V), rest to world."""
-        trans = self.checked("trans", trans, (len(betas), 3))
-        bones = self._bone_transforms(rotations, self.joints(betas), trans)  # (B, 24, 3, 4)
+        trans, joints = self.checked("trans", trans, (len(betas), 3)), self.joints(betas)
+        # `T_world_rest` of each bone, down the tree from the root.
+        turns, places = [rotations[:, 0]], [joints[:, 0] + trans]
+        for joint, parent in enumerate(self.parents[1:], start=1):
+            bone = joints[:, joint] - joints[:, parent]
+            turns.append(turns[parent] @ rotations[:, joint])
+            places.append(places[parent] + tf.linalg.matvec(turns[parent], bone))
+        turn, place = tf.stack(turns, 1), tf.stack(places, 1)
+        moved = (place - tf.linalg.matvec(turn, joints))[..., None]
+        bones = tf.concat([turn, moved], -1)  # (B, 24, 3, 4)
         planar = tf.reshape(tf.transpose(bones, (0, 2, 3, 1)), (-1, len(self.parents)))
         return tf.reshape(planar @ self._weights, (-1, 3, 4, self.vertex_count))
 
@@ -114,17 +107,60 @@ class KerasSMPL:
             )
         return tf.cast(value, self.dtype)
 
-    def _bone_transforms(self, rotations: Tensor, joints: Tensor, trans: Tensor) -> Tensor:
-        """(B, 24, 3, 4) `T_world_rest` of each bone, down the tree from the root."""
-        turns, places = [rotations[:, 0]], [joints[:, 0] + trans]
-        for joint, parent in enumerate(self.parents[1:], start=1):
-            bone = joints[:, joint] - joints[:, parent]
-            turns.append(turns[parent] @ rotations[:, joint])
-            places.append(places[parent] + tf.linalg.matvec(turns[parent], bone))
-        turn, place = tf.stack(turns, 1), tf.stack(places, 1)
-        return tf.concat([turn, (place - tf.linalg.matvec(turn, joints))[..., None]], -1)
-
 
 def _rows(directions: np.ndarray, dtype: tf.DType) -> Tensor:
     """(V, 3, N) blend shapes as (N, 3 V)."""
     return tf.constant(directions.transpose(2, 1, 0).reshape(directions.shape[2], -1), dtype)
+
+
+def axis_angle_to_matrix(axis_angle: Tensor) -> Tensor:
+    """Rotation matrices (..., 3, 3) of axis-angle vectors (..., 3) in radians: Rodrigues' formula.
+
+    The coefficients are smooth functions of the squared angle, so no gradient divides by an
+    angle of zero.
+    """
+    squared = tf.expand_dims(tf.reduce_sum(tf.square(axis_angle), -1, keepdims=True), -1)
+    small = squared < _SERIES_BELOW
+    angle = tf.sqrt(tf.where(small, tf.ones_like(squared), squared))  # safe to divide by
+    sin_over_angle = tf.where(small, 1 - squared / 6 + squared**2 / 120, tf.sin(angle) / angle)
+    # By the half angle, because 1 - cos a cancels.
+    versine_over_square = tf.where(
+        small, 1 / 2 - squared / 24 + squared**2 / 720, 2 * (tf.sin(angle / 2) / angle) ** 2
+    )
+    x, y, z = tf.unstack(axis_angle, axis=-1)
+    zero = tf.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    cross = tf.stack([tf.stack(row, -1) for row in rows], -2)
+    identity = tf.eye(3, dtype=axis_angle.dtype)
+    return identity + sin_over_angle * cross + versine_over_square * (cross @ cross)
+
+
+def unpose(smpl: KerasSMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans: Tensor) -> Tensor:
+    """Rest-pose vertices (B, V, 3) of a posed mesh (B, V, 3), metres: W^-1 of Eq. 5.
+
+    Each vertex's blended transform is inverted; the pose blend shapes stay in the result. Where
+    skinning has collapsed a vertex (bones turned half round against each other), the collapsed
+    directions cannot be seen in the posed mesh; there the result keeps the body model's own
+    rest-pose vertex, so its offset is zero in these directions.
+    """
+    vertices = smpl.checked("vertices", vertices, (len(betas), smpl.vertex_count, 3))
+    rotations = smpl.rotations(pose)
+    blended = tf.transpose(smpl.blended_transforms(betas, rotations, trans), (0, 3, 1, 2))
+    matrix, moved = tf.split(blended, (3, 1), axis=-1)  # (B, V, 3, 3), (B, V, 3, 1)
+    centred = vertices - tf.squeeze(moved, -1)
+    a, b, c = tf.unstack(matrix, axis=-1)
+    singular: Tensor = tf.abs(tf.reduce_sum(a * tf.linalg.cross(b, c), -1)) < _SINGULAR_BELOW
+    invertible = tf.where(singular[..., None, None], tf.eye(3, dtype=smpl.dtype), matrix)
+    solved = tf.squeeze(tf.linalg.solve(invertible, tf.expand_dims(centred, -1)), -1)
+
+    collapsed = tf.where(singular)
+    rest = tf.transpose(smpl.planar_rest(betas, rotations), (0, 2, 1))
+    kept = _least_change(*(tf.gather_nd(values, collapsed) for values in (matrix, centred, rest)))
+    return tf.tensor_scatter_nd_update(solved, collapsed, kept)
+
+
+def _least_change(matrix: Tensor, centred: Tensor, start: Tensor) -> Tensor:
+    """The point (N, 3) nearest to `start` that `matrix` takes as near to `centred` as it can."""
+    residual = centred - tf.linalg.matvec(matrix, start)
+    inverse = tf.linalg.pinv(matrix, rcond=_SINGULAR_BELOW**0.5)
+    return start + tf.linalg.matvec(inverse, residual)

@@ -1,22 +1,45 @@
-"""Stage `infer`: what a run's predictors make of its own sequences and of unseen motions."""
+"""Stage `infer`: what a run's predictors make of its own sequences and of unseen motions.
+
+Networks need TensorFlow; `dsnet_plus` alone loads no framework.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bridge.body import BodyModelData, load_body_model
 from bridge.exchange.codes import LATENTS_OF
 from bridge.exchange.trained_dsnet import code_of
-from bridge.motion import subject_rows, to_manifest
-from bridge.runs import ArtifactWriter, Run
-from bridge.runs.run import INFER, TRAIN, TRAIN_PLUS, body_model_path
+from bridge.motion import MotionSequence, subject_rows, to_manifest
+from bridge.motion.cuts import predict_between_cuts
+from bridge.motion.sequences import end_to_end
+from bridge.motion.splits import decoded_sequences
+from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.array_file import ArrayFile
+from bridge.runs.progress import progress
+from bridge.runs.run import (
+    INFER,
+    INFER_PLUS,
+    TRAIN,
+    TRAIN_PLUS,
+    best_alignment,
+    body_model_path,
+)
+from bridge.runs.worker_pool import on_any_node, worker_pool
+from bridge.runtime.plus_step import PlusModel
 from bridge.runtime.run_motions import AmassOptions, MotionSet, find_motions, gather
-from tf_dsnet import stage_infer_plus
-from tf_dsnet.stage_infer_plus import InferPlusConfig
-from tf_dsnet.trained_predictors import Performance, TrainedPredictors
+from bridge.runtime.stepping import codes_of
+from bridge.tissue.trained_plus import NAME, TrainedPlus
+
+if TYPE_CHECKING:
+    from tf_dsnet.predictors import PredictMotion
 
 
 @dataclass(frozen=True)
@@ -36,28 +59,48 @@ PROFILES = {name: InferConfig(run=name) for name in ("smoke", "demo", "paper")}
 
 
 def main(config: InferConfig) -> None:
-    """Run the stage; a result that is current is kept.
-
-    Raises
-    ------
-    DsnetError
-        If the run has trained nothing, or an AMASS file is not one.
-    """
+    """Run the stage; a result that is current is kept."""
     config.check()
     run = Run(config.run)
     has_plus = run.finished(TRAIN_PLUS)
     if run.finished(TRAIN) or not has_plus:
-        _by_networks(config, run)
+        infer_networks(config)
     if has_plus:
-        own = InferPlusConfig(config.run, amass=config.amass, amass_fps=config.amass_fps)
-        stage_infer_plus.main(own)
+        infer_plus(config)
 
 
-def _by_networks(config: InferConfig, run: Run) -> None:
+@dataclass(frozen=True, eq=False)
+class TrainedNetworks:
+    """The networks that a run has trained; another process is sent the artifact's place, and they
+    are loaded where they predict."""
+
+    train: Artifact
+    names: tuple[str, ...]
+    body_path: Callable[[], Path]  # of the run's body model, for which most predictors never ask
+
+    @cached_property
+    def by_name(self) -> dict[str, PredictMotion]:
+        from tf_dsnet.predictors import load_predictor
+
+        body = cache(lambda: load_body_model(str(self.body_path())))
+        return {name: load_predictor(self.train, name, body) for name in self.names}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return TrainedNetworks, (self.train, self.names, self.body_path)
+
+    def latents(self, name: str, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
+        """Latents (T, 100) from a fresh state, and so after a cut."""
+        predict = self.by_name[name]
+        return predict_between_cuts(lambda piece: predict(piece, betas), theta)
+
+
+def infer_networks(config: InferConfig) -> None:
+    """`infer`: latents by every network."""
+    run = Run(config.run)
     trained, encoded = run.artifact(TRAIN), run.artifact("encode")
-    default, names = trained.manifest["default"], trained.manifest["predictors"]
-    predictors = TrainedPredictors(trained, tuple(names), partial(body_model_path, run))
-    _ = predictors.by_name  # refused before any work
+    names = trained.manifest["predictors"]
+    networks = TrainedNetworks(trained, tuple(names), partial(body_model_path, run))
+    _ = networks.by_name  # refused before any work
     sizes = {name: encoded.array(LATENTS_OF[code_of(trained, name)]).shape[1] for name in names}
     files = find_motions(run, config.amass, encoded)
 
@@ -65,21 +108,20 @@ def _by_networks(config: InferConfig, run: Run) -> None:
         motions = gather(encoded, run, files, config.amass_fps)
         writer.put("theta", motions.theta, "rad, then m")
         writer.put("betas", motions.betas, "1")
-        frames = len(motions.theta)
-        predictors.write(
-            performances(motions),
-            {
-                name: writer.array_file(
-                    f"latents_{name}", (frames, sizes[name]), np.float32, "latent unit"
-                )
-                for name in names
-            },
-        )
+        latents = {
+            name: writer.array_file(
+                f"latents_{name}", (len(motions.theta), sizes[name]), np.float32, "latent unit"
+            )
+            for name in names
+        }
+        with worker_pool(on_any_node("serial"), (networks, latents)) as pool:
+            for _ in pool.map(_write_latents, pieces_of(motions)):
+                pass
         writer.record(
             sequences=to_manifest(motions.sequences),
             predictors={name: names[name]["label"] for name in names},
             codes={name: code_of(trained, name) for name in names},
-            default=default,
+            default=trained.manifest["default"],
         )
 
     upstream = {TRAIN: trained, "encode": encoded}
@@ -87,9 +129,81 @@ def _by_networks(config: InferConfig, run: Run) -> None:
     run.build(INFER, config, make, data=trained.origin, upstream=upstream)
 
 
-def performances(motions: MotionSet) -> Iterator[Performance]:
+Piece = tuple[int, NDArray[np.float32], NDArray[np.float32]]
+"""A sequence: row of its first frame among all, theta (T, 69), betas (10,)."""
+
+
+def pieces_of(motions: MotionSet) -> list[Piece]:
     """Each sequence with its own motion and shape."""
     rows = subject_rows(motions.sequences)
-    for one in motions.sequences:
-        shape = motions.betas[rows[one.subject]]
-        yield Performance(one.start, motions.theta[one.frames], shape)
+    return [
+        (one.start, motions.theta[one.frames], motions.betas[rows[one.subject]])
+        for one in motions.sequences
+    ]
+
+
+def _write_latents(tools: tuple[TrainedNetworks, Mapping[str, ArrayFile]], piece: Piece) -> None:
+    networks, latents = tools
+    start, theta, betas = piece
+    for name, file in latents.items():
+        file.write(start, networks.latents(name, theta, betas))
+
+
+def infer_plus(config: InferConfig) -> None:
+    """`infer_plus`: offsets of the evaluated sequences by `dsnet_plus`.
+
+    `offsets_dsnet_plus`, `static_dsnet_plus` where the model has a static part, `theta`, `betas`
+    and the index of the sequences.
+    """
+    run = Run(config.run)
+    trained, align = run.artifact(TRAIN_PLUS), best_alignment(run)
+    body = load_body_model(str(body_model_path(run)))
+    files = find_motions(run, config.amass, align)
+
+    def make(writer: ArtifactWriter) -> None:
+        model = PlusModel(TrainedPlus.load(trained), body)
+        _write_offsets(writer, model, body, gather(align, run, files, config.amass_fps))
+        labels = {name: one["label"] for name, one in trained.manifest["predictors"].items()}
+        writer.record(predictors=labels, default=trained.manifest["default"])
+
+    upstream = {TRAIN_PLUS: trained, align.path.name: align}
+    upstream |= {f"motion_{index}": path for index, path in enumerate(files)}
+    run.build(INFER_PLUS, config, make, data=align.origin, upstream=upstream)
+
+
+def _write_offsets(
+    writer: ArtifactWriter, model: PlusModel, body: BodyModelData, motions: MotionSet
+) -> None:
+    chosen = decoded_sequences(motions.sequences)
+    placed = end_to_end(chosen)
+    of_all = subject_rows(motions.sequences)
+    betas = {subject: motions.betas[of_all[subject]] for subject in subject_rows(chosen)}
+    size = (sum(s.length for s in placed), body.vertex_count, 3)
+    total = writer.array_file(f"offsets_{NAME}", size, np.float32, "m")
+    has_static = bool(model.trained.static)
+    static = writer.array_file(f"static_{NAME}", size, np.float32, "m") if has_static else None
+
+    def predict(model: PlusModel, pair: tuple[MotionSequence, MotionSequence]) -> None:
+        sequence, place = pair
+        shape, theta = betas[sequence.subject], motions.theta[sequence.frames]
+        at_nodes = predict_between_cuts(
+            lambda part: np.stack([*codes_of(model, part, shape)]).transpose(0, 2, 1), theta
+        )
+        for rows in place.pieces():
+            own = slice(rows.start - place.start, rows.stop - place.start)
+            total_m = model.trained.nodes.spread(at_nodes[own])
+            static_m = model.trained.static_m(body, shape, theta[own])
+            if static is not None and static_m is not None:
+                total_m += static_m
+                static.write(rows.start, static_m)
+            total.write(rows.start, total_m)
+
+    pairs = list(zip(chosen, placed, strict=True))
+    with worker_pool(on_any_node("threads"), model) as pool:
+        done = pool.map(predict, pairs)
+        for _ in progress(done, what=NAME, unit="sequence", total=len(pairs)):
+            pass
+    theta = np.concatenate([motions.theta[sequence.frames] for sequence in chosen])
+    writer.put("theta", theta, "rad, then m")
+    writer.put("betas", np.stack(list(betas.values())), "1")
+    writer.record(sequences=to_manifest(placed))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
 from typing import Any
 
@@ -19,15 +19,13 @@ from bridge.exchange.codes import CodeName
 from bridge.exchange.trained_dsnet import DSNETS
 from bridge.options import PositiveInt
 from bridge.plugins import entry_named
-from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs import ArtifactWriter, Run
 from bridge.runs.processes import notify
 from bridge.runs.run import TRAIN, body_model_path, has_best_alignment
 from bridge.runs.worker_pool import worker_pool
 from bridge.tissue.trained_plus import NAME as PLUS
 from tf_dsnet import stage_train_plus
-from tf_dsnet.oscillators.training import PlusSettings
 from tf_dsnet.predictors import (
-    BodyOf,
     Predictor,
     PredictorSettings,
     PredictorTraining,
@@ -35,7 +33,7 @@ from tf_dsnet.predictors import (
     predictors_named,
     registered_predictors,
 )
-from tf_dsnet.stage_train_plus import TrainPlusConfig
+from tf_dsnet.stage_train_plus import PlusSettings, TrainPlusConfig
 
 
 @dataclass(frozen=True)
@@ -80,20 +78,16 @@ PROFILES: dict[str, TrainConfig] = {
 
 
 def main(config: TrainConfig) -> None:
-    """Run the stage: a result that is current is kept, one that was interrupted is continued.
-
-    Raises
-    ------
-    DsnetError
-        If the run has nothing to learn from, a predictor is unknown, or a training diverges.
-    """
+    """Run the stage: a result that is current is kept, one that was interrupted is continued."""
     run = Run(config.run)
     names = config.predictors or _trainable(run)
     networks = [name for name in names if name != PLUS]
     for name in names:
         entry_named(name, "predictor", {**registered_predictors(), PLUS: None})
     if networks:
-        _build_networks(run, _record(config, networks), predictors_named(networks))
+        own: dict[str, Any] = {f.name: getattr(config, f.name) for f in fields(NetworksRecord)}
+        record = replace(NetworksRecord(**own), predictors=tuple(networks))
+        _build_networks(run, record, predictors_named(networks))
     if PLUS in names:
         stage_train_plus.main(plus_config(config))
 
@@ -120,18 +114,18 @@ def _trainable(run: Run) -> list[str]:
     return names
 
 
-def _record(config: TrainConfig, networks: list[str]) -> NetworksRecord:
-    own: dict[str, Any] = {one.name: getattr(config, one.name) for one in fields(NetworksRecord)}
-    own["predictors"] = tuple(networks)
-    return NetworksRecord(**own)
-
-
 def _build_networks(run: Run, config: NetworksRecord, chosen: list[Predictor]) -> None:
     encoded = run.artifact("encode")
     body = cache(lambda: load_body_model(str(body_model_path(run))))
 
+    @cache
+    def clips_of(code: CodeName) -> TrainingData:
+        train, validation = (
+            load_unpadded_clips(encoded, split, code) for split in ("train", "validation")
+        )
+        return TrainingData(train, validation, body)
+
     def make(writer: ArtifactWriter) -> None:
-        clips_of = cache(lambda code: _clips(encoded, code, body))
         trainings = {
             entry.name: entry.training(
                 config, clips_of(entry.code), writer.checkpoints / f"{entry.name}.safetensors"
@@ -139,37 +133,31 @@ def _build_networks(run: Run, config: NetworksRecord, chosen: list[Predictor]) -
             for entry in chosen
         }
         _train(trainings, config)
-        for name, training in trainings.items():
-            _store(name, training, writer)
-        # Of the one that is shown: networks of other inputs have other numbers of parameters.
-        writer.record(parameters=trainings[chosen[0].name].parameters())
-        _describe(config, chosen, trainings, writer)
-        clips = clips_of(chosen[0].code)
+        described = {
+            entry.name: _store(entry, trainings[entry.name], config, writer) for entry in chosen
+        }
+        last = config.epochs
+        epochs = [e + 1 for e in range(last) if _due(e, config.validate_every, last)]
+        writer.put("validation_epochs", np.array(epochs, np.int32), "epoch")
+        shown, clips = chosen[0].name, clips_of(chosen[0].code)
         writer.record(
-            sequences_trained_on=len(clips.train), sequences_held_out=len(clips.validation)
+            default=shown,
+            predictors=described,
+            # Of the one that is shown: networks of other inputs have other numbers of parameters.
+            parameters=trainings[shown].parameters(),
+            sequences_trained_on=len(clips.train),
+            sequences_held_out=len(clips.validation),
         )
 
     run.build(TRAIN, config, make, data=encoded.origin, upstream={"encode": encoded})
-
-
-def _clips(encoded: Artifact, code: CodeName, body: BodyOf) -> TrainingData:
-    train = load_unpadded_clips(encoded, "train", code)
-    return TrainingData(train, load_unpadded_clips(encoded, "validation", code), body)
 
 
 def _train(trainings: Mapping[str, PredictorTraining], config: NetworksRecord) -> None:
     """Predictors side by side, epoch by epoch: one alone leaves half of two cores idle."""
     first = min(len(training.losses) for training in trainings.values())
     # disable=None: quiet when the output is not a terminal.
-    epochs = tqdm(
-        range(first, config.epochs),
-        desc=" and ".join(trainings),
-        total=config.epochs,
-        initial=first,
-        unit="epoch",
-        disable=None,
-        mininterval=0.5,
-    )
+    epochs = tqdm(range(first, config.epochs), desc=" and ".join(trainings), total=config.epochs,
+                  initial=first, unit="epoch", disable=None, mininterval=0.5)  # fmt: skip
     with worker_pool("threads", None, len(trainings)) as pool:
         for epoch in epochs:
             validate = _due(epoch, config.validate_every, config.epochs)
@@ -190,34 +178,21 @@ def _due(epoch: int, every: int, epochs: int) -> bool:
     return (epoch + 1) % every == 0 or epoch + 1 == epochs
 
 
-def _store(name: str, training: PredictorTraining, writer: ArtifactWriter) -> None:
+def _store(
+    entry: Predictor, training: PredictorTraining, config: NetworksRecord, writer: ArtifactWriter
+) -> dict[str, Any]:
+    """Write what was learned; gives what the manifest says of the predictor."""
+    name, unit = entry.name, "latent unit, summed over frames"
     if training.epoch_s is not None:
         writer.record_measured(**{f"epoch_s_{name}": round(training.epoch_s, 4)})
     save_weights(writer.file_path(f"{name}.safetensors"), training.arrays())
-    unit = "latent unit, summed over frames"
     writer.put(f"loss_{name}", np.array(training.losses, np.float32), unit)
     validation = np.array(training.validation_losses, np.float32)
     writer.put(f"validation_loss_{name}", validation, unit)
-
-
-def _describe(
-    config: NetworksRecord,
-    chosen: list[Predictor],
-    trainings: Mapping[str, PredictorTraining],
-    writer: ArtifactWriter,
-) -> None:
-    epochs = [e + 1 for e in range(config.epochs) if _due(e, config.validate_every, config.epochs)]
-    writer.put("validation_epochs", np.array(epochs, np.int32), "epoch")
-    writer.record(
-        default=chosen[0].name,
-        predictors={
-            entry.name: {
-                "label": entry.label,
-                "lr": trainings[entry.name].lr,
-                "parameters": next(iter(trainings[entry.name].parameters().values())),
-                "code": entry.code,
-                "departures": list(entry.departures(config)),
-            }
-            for entry in chosen
-        },
-    )
+    return {
+        "label": entry.label,
+        "lr": training.lr,
+        "parameters": next(iter(training.parameters().values())),
+        "code": entry.code,
+        "departures": list(entry.departures(config)),
+    }

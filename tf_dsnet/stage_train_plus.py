@@ -1,7 +1,9 @@
-"""The part of stage `train` that `dsnet_plus` has: oscillators learn the best alignment."""
+"""`dsnet_plus` in stage `train`: oscillators are fitted to aligned offsets by their error through
+time."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,18 +11,24 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from bridge.body import load_body_model
+from bridge.body import BodyModelData, load_body_model
 from bridge.errors import DsnetError
 from bridge.exchange import save_weights
 from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
 from bridge.exchange.weights import refuse_nonfinite
+from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import TRAIN_PLUS, best_alignment, body_model_path
+from bridge.runtime.plus_step import PlusModel
+from bridge.runtime.stepping import codes_of_several
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.trained_plus import NAME, TrainedPlus
-from tf_dsnet.oscillators.clips import KnownPeople, node_clips
-from tf_dsnet.oscillators.static_part import NodeStatic, fit_static
-from tf_dsnet.oscillators.training import PlusSettings, PlusTraining
+from bridge.tissue.oscillators import STEPS
+from bridge.tissue.shape import shape_features, shaped_normals
+from bridge.tissue.trained_plus import NAME, StaticPart, TrainedPlus, shares_of_people
+from tf_dsnet.framework import Tensor, be_reproducible, tf
+from tf_dsnet.oscillators import OscillatorLayer, OscillatorLearner
+from tf_dsnet.plus_clips import KnownPeople, NodeClip, node_clips
+from tf_dsnet.static_part import NodeStatic, fit_static
 
 LABEL = "DSNet+, oscillators"
 DEPARTURES = (
@@ -28,6 +36,33 @@ DEPARTURES = (
     "learned from the robust aligner's offsets",
 )
 _REMEDY = "Look at the alignment's offsets; a study may lower `PlusSettings.lr`."
+_STATIC_ROUNDS = (1 / 3, 2 / 3, 1.0)
+_CLIPS_AT_ONCE = 32
+"""Simulated side by side."""
+
+
+@dataclass(frozen=True)
+class PlusSettings:
+    """What a user may set about how `dsnet_plus` is trained."""
+
+    seed: Seed = 0
+    """Seed of the windows' order."""
+    nodes: PositiveInt = 500
+    """Vertices that carry the tissue; the others follow smoothly."""
+    rounds: PositiveInt = 9
+    """Rounds of training; each begins with a simulation of every clip."""
+    steps: PositiveInt = 25
+    """Adam's steps in a round."""
+    window: PositiveInt = 36
+    """Frames that a step simulates."""
+    batch_size: PositiveInt = 12
+    """Windows in a step."""
+    lr: PositiveFloat = 0.06
+    """Adam's learning rate at the start, for logarithms of coefficients; it falls to 0."""
+    taps: PositiveInt = 3
+    """Frames of the load that act on a step."""
+    look_ahead: NonNegativeInt = 1
+    """Frames by which the newest of them lies ahead of the step; 0 needs no later pose."""
 
 
 @dataclass(frozen=True)
@@ -41,120 +76,221 @@ class TrainPlusConfig(PlusSettings):
     """Run whose aligned offsets are learned."""
 
 
+class PlusTraining:
+    """Oscillators and their optimizer, and the clips that they learn from.
+
+    Windows of some frames are simulated from a given state and compared with the aligned offsets.
+    In the first rounds that state is the data's own, which teaches frequencies fast. Then it is the
+    model's, from a simulation of every clip that is made anew each round: errors that build up over
+    seconds count too, and noise of the data no longer enters as velocity.
+    """
+
+    def __init__(
+        self,
+        settings: PlusSettings,
+        body: BodyModelData,
+        nodes: TissueNodes,
+        people: KnownPeople,
+        clips: Sequence[NodeClip],
+    ) -> None:
+        be_reproducible(settings.seed)
+        self.settings, self._body, self._nodes = settings, body, nodes
+        self._people, self._clips = people, list(clips)
+        self._features = np.stack([shape_features(body, b, nodes.vertices) for b in people.betas])
+        self._normals = np.stack([shaped_normals(body, b)[nodes.vertices] for b in people.betas])
+        self._shares = np.stack([shares_of_people(b, people.betas) for b in people.betas])
+        self.layer = self.make_layer()
+        self._learner = OscillatorLearner(self.layer, settings.lr)
+
+    def round(self, number: int, static_m: Sequence[NDArray]) -> list[float]:
+        """One round of steps against the offsets less a static part (T, K, 3) of each clip."""
+        moving = [c.offsets_m - s for c, s in zip(self._clips, static_m, strict=True)]
+        starts = self.starts(number, moving)
+        return [
+            self._one_step(number * self.settings.steps + step, moving, starts)
+            for step in range(self.settings.steps)
+        ]
+
+    def make_layer(self) -> OscillatorLayer:
+        """The oscillators before training."""
+        laplacian = self._nodes.laplacian.toarray()
+        return OscillatorLayer(laplacian, len(self._people.names), self.settings.taps)
+
+    def starts(self, number: int, moving: list[NDArray]) -> list[NDArray]:
+        """Offsets of the clips from which a round's windows set out: `moving` is the data's own."""
+        return moving if number < self.settings.rounds // 3 else self.simulate()
+
+    def static_rounds(self) -> set[int]:
+        """How many rounds are done where the static part is fitted anew, if it helps."""
+        return {round(part * self.settings.rounds) for part in _STATIC_ROUNDS}
+
+    def simulate(self) -> list[NDArray[np.float32]]:
+        """What the oscillators make of every clip, (T, K, 3) each."""
+        model = PlusModel(self.trained(StaticPart.nothing()), self._body, threads=0)
+        found = [np.empty_like(clip.offsets_m) for clip in self._clips]
+        for start in range(0, len(found), _CLIPS_AT_ONCE):
+            some = self._clips[start : start + _CLIPS_AT_ONCE]
+            betas = self._people.betas[[clip.person for clip in some]]
+            several = codes_of_several(model, [clip.theta for clip in some], betas)
+            for frame, (rows, codes) in enumerate(several):
+                for row, code in zip(rows, codes, strict=True):
+                    found[start + row][frame] = code.T
+        return found
+
+    def trained(self, static: StaticPart) -> TrainedPlus:
+        """The model as it is now."""
+        weights = self.layer.weights_as_arrays()
+        ahead = self.settings.look_ahead
+        return TrainedPlus(self._nodes, weights, static, self._people.betas, ahead)
+
+    def state(self) -> dict[str, NDArray]:
+        """Copies of the layer's weights and the optimizer's moments."""
+        return {variable.path: variable.numpy() for variable in self._variables()}
+
+    def restore(self, state: Mapping[str, NDArray]) -> None:
+        """Go back to what `state` returned, in this process or in an earlier one."""
+        for variable in self._variables():
+            variable.assign(np.reshape(state[variable.path], variable.shape))
+
+    def _variables(self) -> list[Tensor]:
+        return [*self.layer.weights, *self._learner.optimizer.variables]
+
+    def _one_step(self, step: int, moving: Sequence[NDArray], starts: Sequence[NDArray]) -> float:
+        settings, count = self.settings, len(self._clips)
+        total, size = settings.rounds * settings.steps, settings.batch_size
+        self._learner.optimizer.learning_rate = settings.lr * (1 - step / total) ** 0.7
+        rng = np.random.default_rng([settings.seed, step])
+        if count < size:
+            rows = rng.permutation(np.arange(size) % count)
+        else:
+            rows = rng.permutation(count)[:size]
+        windows = []
+        for row in rows.tolist():
+            last = max(len(self._clips[row]) - settings.window - 1, 2)
+            windows.append((row, int(rng.integers(2, last + 1))))
+        people = [self._clips[row].person for row, _ in windows]
+        loads = [(self._clips[row].load, frame) for row, frame in windows]
+        frames = settings.window
+        batch = {
+            "now": np.stack([starts[row][frame] for row, frame in windows], 1),
+            "before": np.stack([_a_step_before(starts[row], frame) for row, frame in windows], 1),
+            "target": np.stack([_cut(moving[row], f + 1, frames) for row, f in windows], 2),
+            "counted": np.stack([self._counted(row, frame) for row, frame in windows], 2),
+            "inertia": np.stack([self._felt(load.inertia, frame) for load, frame in loads], 2),
+            "gravity": np.stack([self._felt(load.gravity, frame) for load, frame in loads], 2),
+            "normals": np.stack([self._normals[person] for person in people], 1),
+            "features": np.stack([self._features[person] for person in people], 1),
+            "shares": np.stack([self._shares[person] for person in people], 0),
+        }
+        return float(self._learner.step({k: tf.constant(v, tf.float32) for k, v in batch.items()}))
+
+    def _counted(self, row: int, frame: int) -> NDArray:
+        """(T, 1, 1) 1 for frames of a window that the clip has, 0 after its end."""
+        frames = frame + 1 + np.arange(self.settings.window)
+        return (frames < len(self._clips[row]))[:, None, None]
+
+    def _felt(self, load: NDArray, frame: int) -> NDArray:
+        """Loads of a window from the oldest tap of its first step on."""
+        taps, ahead = self.settings.taps, self.settings.look_ahead
+        return _cut(load, frame + ahead - taps + 1, self.settings.window + taps - 1)
+
+
+def _cut(array: NDArray, start: int, count: int) -> NDArray:
+    """Frames from `start` on; the first and the last stand for those that there are not."""
+    return array[np.clip(np.arange(start, start + count), 0, len(array) - 1)]
+
+
+def _a_step_before(offsets_m: NDArray, frame: int) -> NDArray:
+    """(K, 3) a step before a frame, on the parabola through it and the two before it."""
+    now, before, earlier = offsets_m[frame], offsets_m[frame - 1], offsets_m[frame - 2]
+    share = 1 / STEPS
+    straight = now + share * (before - now)
+    return straight - share * (1 - share) / 2 * (now - 2 * before + earlier)
+
+
 def main(config: TrainPlusConfig, training: type[PlusTraining] = PlusTraining) -> None:
     """Run the stage: a result that is current is kept, one that was interrupted is continued.
 
     A study that trains in another way hands over a configuration and a training of its own.
-
-    Raises
-    ------
-    DsnetError
-        If the run has no alignment by the robust aligner, or training diverges.
     """
     run = Run(config.run)
-    align = best_alignment(run)
-    body_path = body_model_path(run)
-
-    def make(writer: ArtifactWriter) -> None:
-        _Fit(config, training, align, body_path, writer).write()
-
+    align, body_path = best_alignment(run), body_model_path(run)
     run.build(
         TRAIN_PLUS,
         config,
-        make,
+        lambda writer: _make(writer, config, training, align, body_path),
         data=align.origin,
         upstream={align.path.name: align},
     )
 
 
-class _Fit:
+def _make(
+    writer: ArtifactWriter,
+    config: TrainPlusConfig,
+    make_training: type[PlusTraining],
+    align: Artifact,
+    body_path: Path,
+) -> None:
     """One training, with a checkpoint after every round."""
-
-    def __init__(
-        self,
-        config: TrainPlusConfig,
-        training: type[PlusTraining],
-        align: Artifact,
-        body_path: Path,
-        writer: ArtifactWriter,
-    ) -> None:
-        self._config, self._align, self._writer = config, align, writer
-        body = load_body_model(str(body_path))
-        self._nodes = TissueNodes.of(body, config.nodes)
-        self._people = KnownPeople.of(align)
-        self._clips = node_clips(align, body, self._nodes, self._people, "train")
-        self._training = training(config, body, self._nodes, self._people, self._clips)
-        self._checkpoint = writer.checkpoints / f"{NAME}.safetensors"
-        self._losses: list[float] = []
-        features = self._clips[0].features.shape[1]
-        self._static = NodeStatic.nothing(len(self._people.names), features, len(self._nodes))
-        if (state := load_checkpoint(self._checkpoint)) is not None:
-            self._resume(state)
-
-    def write(self) -> None:
-        """Train what is left and fill the artifact."""
-        done = len(self._losses) // self._config.steps
-        rounds = range(done, self._config.rounds)
-        bar = tqdm(rounds, desc=NAME, unit="round", disable=None, initial=done,
-                   total=self._config.rounds)  # fmt: skip
-        for number in bar:
-            self._losses += self._training.round(number, self._of_clips())
-            if not np.isfinite(self._losses[-1]):
-                received = f"{NAME} with a loss of {self._losses[-1]} in round {number + 1}"
-                raise DsnetError(received, "a number", _REMEDY)
-            if number + 1 in self._training.static_rounds():
-                moving = self._training.simulate()
-                self._static = fit_static(self._clips, moving, len(self._people.names))
-            self._save()
-            bar.set_postfix(loss=self._losses[-1])
-        self._store()
-
-    def _of_clips(self) -> list[NDArray[np.float32]]:
-        return [self._static.of(clip) for clip in self._clips]
-
-    def _save(self) -> None:
-        losses = {"history/loss": np.array(self._losses)}
-        state = {**self._training.state(), **self._static.arrays(), **losses}
-        save_checkpoint(self._checkpoint, state)
-
-    def _resume(self, state: dict[str, NDArray]) -> None:
-        self._losses = state["history/loss"].tolist()
-        self._static = NodeStatic.from_arrays(state)
-        self._training.restore(state)
-
-    def _store(self) -> None:
-        trained = self._training.trained(self._static.at_vertices(self._constants_m()))
-        arrays = trained.arrays()
-        refuse_nonfinite(arrays, NAME, _REMEDY)
-        save_weights(self._writer.file_path(f"{NAME}.safetensors"), arrays)
-        loss = np.array(self._losses, np.float32)
-        self._writer.put(f"loss_{NAME}", loss, "share of the windows' energy, and of quiet ones")
-        self._writer.record(
-            predictors={NAME: {"label": LABEL, "departures": list(DEPARTURES)}},
-            default=NAME,
-            people=self._people.names,
-            parameters={"learned": int(sum(a.size for a in _learned(trained)))},
-            sequences_trained_on=len(self._clips),
-            static={"chosen": self._static.chosen, "left_out_error": self._static.left_out_error},
-        )
-
-    def _constants_m(self) -> NDArray[np.float32]:
-        """(P, V, 3) each person's mean of what nodes and pose leave, at all vertices."""
-        offsets_m = self._align.array("offsets")
-        sums = np.zeros((len(self._people.names), *offsets_m.shape[1:]))
-        if not self._static.constant_m.any():
-            return sums.astype(np.float32)
-        frames = np.zeros(len(sums))
-        for clip, moving in zip(self._clips, self._training.simulate(), strict=True):
-            by_pose = np.tensordot(clip.features, self._static.by_pose_m, 1)
-            at_nodes = (moving + by_pose).mean(axis=0, keepdims=True)
-            own = np.asarray(offsets_m[clip.sequence.frames]).mean(axis=0, dtype=np.float64)
-            sums[clip.person] += len(clip) * (own - self._nodes.spread(at_nodes)[0])
-            frames[clip.person] += len(clip)
-        return (sums / frames[:, None, None]).astype(np.float32)
+    body = load_body_model(str(body_path))
+    nodes, people = TissueNodes.of(body, config.nodes), KnownPeople.of(align)
+    clips = node_clips(align, body, nodes, people, "train")
+    training = make_training(config, body, nodes, people, clips)
+    losses: list[float] = []
+    count = len(people.names)
+    static = NodeStatic.nothing(count, clips[0].features.shape[1], len(nodes))
+    checkpoint = writer.checkpoints / f"{NAME}.safetensors"
+    if (state := load_checkpoint(checkpoint)) is not None:
+        losses, static = state["history/loss"].tolist(), NodeStatic.from_arrays(state)
+        training.restore(state)
+    done = len(losses) // config.steps
+    bar = tqdm(range(done, config.rounds), desc=NAME, unit="round", disable=None, initial=done,
+               total=config.rounds)  # fmt: skip
+    for number in bar:
+        losses += training.round(number, [static.of(clip) for clip in clips])
+        if not np.isfinite(losses[-1]):
+            received = f"{NAME} with a loss of {losses[-1]} in round {number + 1}"
+            raise DsnetError(received, "a number", _REMEDY)
+        if number + 1 in training.static_rounds():
+            static = fit_static(clips, training.simulate(), count)
+        history = {"history/loss": np.array(losses)}
+        save_checkpoint(checkpoint, {**training.state(), **static.arrays(), **history})
+        bar.set_postfix(loss=losses[-1])
+    constants_m = _constants_m(static, clips, training, nodes, count, align.array("offsets"))
+    trained = training.trained(StaticPart(constants_m, static.by_pose_m))
+    refuse_nonfinite(trained.arrays(), NAME, _REMEDY)
+    save_weights(writer.file_path(f"{NAME}.safetensors"), trained.arrays())
+    unit = "share of the windows' energy, and of quiet ones"
+    writer.put(f"loss_{NAME}", np.array(losses, np.float32), unit)
+    weights = trained.weights
+    learned = [*weights.base.values(), weights.slopes, weights.stiffening_power, weights.residual,
+               weights.taps, constants_m, static.by_pose_m]  # fmt: skip
+    writer.record(
+        predictors={NAME: {"label": LABEL, "departures": list(DEPARTURES)}},
+        default=NAME,
+        people=people.names,
+        parameters={"learned": int(sum(array.size for array in learned))},
+        sequences_trained_on=len(clips),
+        static={"chosen": static.chosen, "left_out_error": static.left_out_error},
+    )
 
 
-def _learned(trained: TrainedPlus) -> list[NDArray]:
-    weights, static = trained.weights, trained.static
-    return [*weights.base.values(), weights.slopes, weights.stiffening_power, weights.residual,
-            weights.taps, static.constant_m, static.by_pose_m]  # fmt: skip
+def _constants_m(
+    static: NodeStatic,
+    clips: Sequence[NodeClip],
+    training: PlusTraining,
+    nodes: TissueNodes,
+    people: int,
+    offsets_m: NDArray,
+) -> NDArray[np.float32]:
+    """(P, V, 3) each person's mean of what nodes and pose leave, at all vertices."""
+    sums, frames = np.zeros((people, *offsets_m.shape[1:])), np.zeros(people)
+    if not static.constant_m.any():
+        return sums.astype(np.float32)
+    for clip, moving in zip(clips, training.simulate(), strict=True):
+        by_pose = np.tensordot(clip.features, static.by_pose_m, 1)
+        at_nodes = (moving + by_pose).mean(axis=0, keepdims=True)
+        own = np.asarray(offsets_m[clip.sequence.frames]).mean(axis=0, dtype=np.float64)
+        sums[clip.person] += len(clip) * (own - nodes.spread(at_nodes)[0])
+        frames[clip.person] += len(clip)
+    return (sums / frames[:, None, None]).astype(np.float32)

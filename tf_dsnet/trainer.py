@@ -18,39 +18,29 @@ from bridge.exchange.clips import Clips
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.exchange.weights import refuse_nonfinite
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
-from tf_dsnet.losses import sum_of_distances
-from tf_dsnet.lstm import BlockLSTM
 from tf_dsnet.model import (
+    BlockLSTM,
     assign_weights,
     build_dsnet,
     named_variables,
     named_weights,
     parameter_counts,
+    sum_of_distances,
 )
 
 Build = Callable[..., keras.Model]
 """Of `input_size`, the numbers that the network is told at each frame."""
 LossOf = Callable[[Tensor, Tensor, "Tensor | None"], Tensor]
-_OPTIMIZER = "adam"
 _REMEDY = "Train with a lower learning rate: dsnet train --help names the options."
 
 
 class Trainer:
-    """DSNet and its Adam optimizer.
+    """DSNet, or the network that `build` gives, and its Adam optimizer.
 
-    Everything that an epoch depends on is in `state` or follows from the seed
-    and the epoch's number, so a restored trainer repeats an uninterrupted one.
-
-    Parameters
-    ----------
-    clips : what to train on.
-    lr : Adam's learning rate.
-    batch_size : clips in a step; the last step of an epoch takes what is left.
-    masked : leave padded frames out of the loss and of the batch normalisation's statistics.
-    seed : of the initial weights and of the order of the clips.
-    build : gives the network, called once the seed is set; DSNet with an LSTM that is quick on a
-        CPU when None.
-    loss_of : loss of targets, predictions (B, T, D) and, if masked, which frames are real.
+    Everything that an epoch depends on is in `state` or follows from the seed, which also draws
+    the initial weights, and the epoch's number, so a restored trainer repeats an uninterrupted one.
+    `loss_of` takes targets, predictions (B, T, D) and, if `masked`, which frames are real: padded
+    ones are then left out of it and of the batch normalisation's statistics.
     """
 
     def __init__(
@@ -65,19 +55,23 @@ class Trainer:
         loss_of: LossOf = sum_of_distances,
     ) -> None:
         be_reproducible(seed)
+        # An LSTM that is quick on a CPU.
         build = build or partial(build_dsnet, masked=masked, lstm_layer=BlockLSTM)
         # On the device once; a step takes its rows there.
         self._clips, self._count = _PackedClips.of(clips), len(clips)
         self._batch_size, self._seed, self._masked, self.lr = batch_size, seed, masked, lr
         input_size = clips.inputs.shape[-1]
         self.model, self._loss_function = build(input_size=input_size), loss_of
-        self.optimizer = keras.optimizers.Adam(lr, name=_OPTIMIZER)
+        self.optimizer = keras.optimizers.Adam(lr, name="adam")
         self.optimizer.build(self.model.trainable_variables)
         # Unknown sizes, so that the last, smaller batch does not build a second graph.
         self._step = tf.function(self._train_on, input_signature=[tf.TensorSpec([None], tf.int32)])
-        self._evaluate = tf.function(
-            self._loss_at_rest, input_signature=[_any_clips(input_size, clips.latents.shape[-1])]
-        )
+        any_clips = {
+            "motion": tf.TensorSpec((None, None, input_size), keras.config.floatx()),
+            "latents": tf.TensorSpec((None, None, clips.latents.shape[-1]), keras.config.floatx()),
+            "real": tf.TensorSpec((None, None), tf.bool),
+        }
+        self._evaluate = tf.function(lambda b: self._loss_of(b), input_signature=[any_clips])
 
     def trace(self) -> None:
         """Build both graphs now, so that threads which train side by side only run them."""
@@ -93,7 +87,9 @@ class Trainer:
 
     def loss(self, clips: Clips) -> float:
         """Mean loss of a clip with the batch normalisation's running statistics."""
-        return float(self._evaluate(_tensors(clips)).numpy())
+        arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
+        batch = {name: tf.constant(array) for name, array in arrays.items()}
+        return float(self._evaluate(batch).numpy())
 
     def gradients(self) -> tuple[float, dict[str, NDArray]]:
         """Loss of all clips in one batch, and its gradient by every weight that is trained.
@@ -134,25 +130,16 @@ class Trainer:
             loss = self._loss_of(batch, training=True)
         return loss, tape.gradient(loss, self.model.trainable_variables)
 
-    def _loss_at_rest(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
-        return self._loss_of(batch, training=False)
-
-    def _loss_of(self, batch: dict[str, tf.Tensor], *, training: bool) -> tf.Tensor:
+    def _loss_of(self, batch: dict[str, tf.Tensor], training: bool = False) -> tf.Tensor:
         motion, real = batch["motion"], batch["real"]
         predicted = self.model([motion, real] if self._masked else motion, training=training)
         return self._loss_function(batch["latents"], predicted, real if self._masked else None)
 
 
 class DsnetTraining:
-    """Epochs of one trainer, continued where a checkpoint left off.
+    """Epochs of one trainer, a `PredictorTraining`; goes on from its checkpoint if that is there.
 
-    Parameters
-    ----------
-    name : the predictor's, for errors and the trained network.
-    trainer : DSNet and its optimizer.
-    scaling : of `trainer`'s clips.
-    validation : clips that are only looked at.
-    checkpoint : file that `save` writes; if it is there, training goes on from it.
+    `scaling` is that of the trainer's clips; those of `validation` are only looked at.
     """
 
     def __init__(
@@ -160,23 +147,18 @@ class DsnetTraining:
     ) -> None:
         self.name, self.trainer = name, trainer
         self.losses: list[float] = []
-        """Of every epoch so far."""
         self.validation_losses: list[float] = []
-        """Of every epoch that was validated."""
         self._scaling, self._validation, self._checkpoint = scaling, validation, checkpoint
         self._seconds = 0.0
         if (state := load_checkpoint(checkpoint)) is not None:
-            self._resume(state)
+            self.losses, self.validation_losses = (
+                state.pop(f"history/{name}").tolist() for name in ("loss", "validation_loss")
+            )
+            trainer.restore(state)
         self._first = len(self.losses)
 
     def epoch(self, number: int, *, validate: bool) -> None:
-        """Train for epoch `number`, unless the checkpoint was behind it already.
-
-        Raises
-        ------
-        DsnetError
-            If the loss is no longer finite.
-        """
+        """Train for epoch `number`, unless the checkpoint was behind it already."""
         if number < len(self.losses):
             return
         started = time.perf_counter()
@@ -187,16 +169,13 @@ class DsnetTraining:
         self._seconds += time.perf_counter() - started
 
     def save(self) -> None:
-        """Write the checkpoint."""
-        history = {
-            "history/loss": np.array(self.losses),
-            "history/validation_loss": np.array(self.validation_losses),
-        }
-        save_checkpoint(self._checkpoint, {**self.trainer.state(), **history})
+        state = self.trainer.state()
+        state["history/loss"] = np.array(self.losses)
+        state["history/validation_loss"] = np.array(self.validation_losses)
+        save_checkpoint(self._checkpoint, state)
 
     @property
     def lr(self) -> float:
-        """Adam's learning rate."""
         return self.trainer.lr
 
     @property
@@ -206,33 +185,19 @@ class DsnetTraining:
         return self._seconds / trained if trained else None
 
     def arrays(self) -> dict[str, NDArray]:
-        """The trained weights and the scaling.
-
-        Raises
-        ------
-        DsnetError
-            If a weight is not finite.
-        """
+        """The trained weights, which must be finite, and the scaling."""
         weights = named_weights(self.trainer.model)
         refuse_nonfinite(weights, self.name, _REMEDY)
         return TrainedDsnet(self.name, weights, self._scaling).arrays()
 
     def parameters(self) -> dict[str, int]:
-        """Parameters of the network."""
         return parameter_counts(self.trainer.model)
 
     def _finite(self, loss: float, what: str, number: int) -> float:
         if not math.isfinite(loss):
-            raise DsnetError(
-                f"{self.name} with a {what} of {loss} in epoch {number + 1}", "a number", _REMEDY
-            )
+            received = f"{self.name} with a {what} of {loss} in epoch {number + 1}"
+            raise DsnetError(received, "a number", _REMEDY)
         return loss
-
-    def _resume(self, state: dict[str, NDArray]) -> None:
-        self.losses, self.validation_losses = (
-            state.pop(f"history/{name}").tolist() for name in ("loss", "validation_loss")
-        )
-        self.trainer.restore(state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,10 +206,8 @@ class _PackedClips:
 
     frames: dict[str, tf.Tensor]
     """`motion` (P + 1, 79) and `latents` (P + 1, 100): P frames that are not zero, and zeros."""
-    place: tf.Tensor
-    """(N, T) row in `frames` of each frame of each clip."""
-    real: tf.Tensor
-    """(N, T)."""
+    place: tf.Tensor  # (N, T) row in `frames` of each frame of each clip
+    real: tf.Tensor  # (N, T)
 
     @classmethod
     def of(cls, clips: Clips) -> _PackedClips:
@@ -259,20 +222,7 @@ class _PackedClips:
         return cls(frames, tf.constant(place, tf.int32), tf.constant(clips.real))
 
     def batch(self, rows: Tensor) -> dict[str, tf.Tensor]:
-        """As `_tensors` gives the clips in these rows."""
+        """Motions, latents and which frames are real of the clips in these rows."""
         place = tf.gather(self.place, rows)
         batch = {name: tf.gather(frames, place) for name, frames in self.frames.items()}
         return {**batch, "real": tf.gather(self.real, rows)}
-
-
-def _tensors(clips: Clips) -> dict[str, tf.Tensor]:
-    arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
-    return {name: tf.constant(array) for name, array in arrays.items()}
-
-
-def _any_clips(input_size: int, latent_size: int) -> dict[str, tf.TensorSpec]:
-    return {
-        "motion": tf.TensorSpec((None, None, input_size), keras.config.floatx()),
-        "latents": tf.TensorSpec((None, None, latent_size), keras.config.floatx()),
-        "real": tf.TensorSpec((None, None), tf.bool),
-    }

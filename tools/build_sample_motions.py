@@ -18,10 +18,10 @@ import numpy as np
 
 from bridge.body import load_body_model
 from bridge.motion.sample_files import CYCLE, SAMPLES, sample_path
-from torch_align_ae.corpus.amass_files import write_amass_motion
+from torch_align_ae.corpus.corpus_motions import write_amass_motion
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.motions.locomotion import walking
-from torch_align_ae.corpus.motions.plan import Array, draw_style
+from torch_align_ae.corpus.motions.plan import Array, Planner, draw_style
 from torch_align_ae.corpus.motions.posing import pose_body
 
 FPS, SECONDS, SEED = 60, 4, 2021
@@ -62,7 +62,8 @@ def _take(name: str, skeleton: Skeleton) -> Array:
 
 def _walk_cycle(skeleton: Skeleton) -> Array:
     style = replace(draw_style("sample", CYCLE, skeleton.size, SEED), tempo=1.0, amplitude=1.0)
-    lap = pose_body(skeleton, walking(np.arange(FPS * SECONDS) / FPS, style))[LAP]
+    times_s = np.arange(FPS * SECONDS) / FPS
+    lap = pose_body(skeleton, walking(Planner(times_s, style)))[LAP]
     lap[:, FORWARD] -= np.linspace(0.0, lap[-1, FORWARD] - lap[0, FORWARD], len(lap))
     return lap
 

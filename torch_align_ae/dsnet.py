@@ -132,7 +132,7 @@ class KerasAdam(torch.optim.Adam):
 
 
 def sum_of_distances(target: Tensor, predicted: Tensor, real: Tensor | None = None) -> Tensor:
-    """The paper's loss (Section 4.3), as in `tf_dsnet/losses.py`.
+    """The paper's loss (Section 4.3), as in `tf_dsnet/model.py`.
 
     Of latents (B, T, 100): sum over t of ||predicted_t - target_t||_2 (not squared), mean over the
     batch. `real` (B, T) is True for frames that count; all of them, padding too, when None. The

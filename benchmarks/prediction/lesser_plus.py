@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from bridge.runs.processes import run_as_process
 from bridge.tissue.trained_plus import NODE_FIELDS
 from tf_dsnet import stage_train, stage_train_plus
-from tf_dsnet.oscillators.layer import OscillatorLayer
-from tf_dsnet.oscillators.training import PlusTraining
-from tf_dsnet.stage_train_plus import TrainPlusConfig
+from tf_dsnet.oscillators import OscillatorLayer
+from tf_dsnet.stage_train_plus import PlusTraining, TrainPlusConfig
 
 _NOTHING = dict.fromkeys(NODE_FIELDS, 1e-6) | {"normal_ratio": 1.0}
 """What a coefficient that is left out is held at: it does nothing."""

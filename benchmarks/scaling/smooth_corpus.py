@@ -20,7 +20,7 @@ from bridge.motion.cells import take_suffix
 from bridge.motion.sequences import Split, end_to_end, subjects_of
 from bridge.paper import N_JOINTS
 from bridge.runs import ArtifactWriter, Run
-from torch_align_ae.corpus.amass_files import write_amass_motion
+from torch_align_ae.corpus.corpus_motions import write_amass_motion
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna
 from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
 

@@ -21,7 +21,7 @@ from benchmarks.systems.searched import SearchedNetwork
 from bridge.exchange.clips import Clips
 from bridge.paper import LATENT_SIZE, N_BETAS
 from tf_dsnet.framework import Tensor, keras, tf
-from tf_dsnet.predictors.base import BodyOf, PredictorSettings
+from tf_dsnet.predictors import BodyOf, PredictorSettings
 from tf_dsnet.trainer import LossOf
 
 HIDDEN = 512

@@ -16,13 +16,19 @@ from numpy.typing import NDArray
 from benchmarks.systems.kinematics import DIFFERENCES_SIZE, pose_differences
 from bridge.exchange.clips import join_inputs
 from bridge.exchange.trained_dsnet import TrainedDsnet
-from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
-from tf_dsnet.predictors.dsnet import DsnetOfMotions, StandardisedDsnet
+from tf_dsnet.predictors import (
+    BodyOf,
+    DsnetPredictor,
+    PredictMotion,
+    PredictorSettings,
+    TrainingData,
+    applied_dsnet,
+)
 from tf_dsnet.trainer import DsnetTraining
 
 
 @dataclass(frozen=True)
-class DifferencesDsnet(StandardisedDsnet):
+class DifferencesDsnet(DsnetPredictor):
     """The standardised network on betas and theta's first and second differences."""
 
     name: str = "dsnet_differences"
@@ -46,5 +52,5 @@ class DifferencesDsnet(StandardisedDsnet):
 
     def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
         """A trained network, applied to whole motions."""
-        network = DsnetOfMotions(TrainedDsnet.from_arrays(self.name, arrays))
-        return lambda theta, betas: network.of_inputs(pose_differences(join_inputs(theta, betas)))
+        latents_of = applied_dsnet(TrainedDsnet.from_arrays(self.name, arrays))
+        return lambda theta, betas: latents_of(pose_differences(join_inputs(theta, betas)))

@@ -21,8 +21,8 @@ from benchmarks.systems.searched import SearchedNetwork
 from bridge.exchange.clips import Clips
 from bridge.paper import DSNET_WIDTHS, N_BETAS
 from tf_dsnet.framework import Tensor, keras
-from tf_dsnet.lstm import BlockLSTM
-from tf_dsnet.predictors.base import BodyOf, PredictorSettings
+from tf_dsnet.model import BlockLSTM
+from tf_dsnet.predictors import BodyOf, PredictorSettings
 
 Told = Callable[[NDArray, BodyOf], NDArray]
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.systems.rate_search import RATES, SEARCH_SHARE, RateSearch
@@ -16,10 +15,15 @@ from bridge.exchange.clips import Clips, UnpaddedClip, fit_scaling, join_inputs,
 from bridge.exchange.codes import CodeName
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.exchange.weights import refuse_nonfinite
-from tf_dsnet.framework import keras, tf
-from tf_dsnet.losses import sum_of_distances
-from tf_dsnet.model import assign_weights
-from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
+from tf_dsnet.framework import keras
+from tf_dsnet.model import assign_weights, sum_of_distances
+from tf_dsnet.predictors import (
+    BodyOf,
+    PredictMotion,
+    PredictorSettings,
+    TrainingData,
+    applied,
+)
 from tf_dsnet.trainer import LossOf, Trainer
 
 _REMEDY = "Leave this predictor out: dsnet train --help names the others."
@@ -109,7 +113,10 @@ class SearchedNetwork(ABC):
 
     def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
         """A trained network, applied to whole motions."""
-        return _OfMotions(self, TrainedDsnet.from_arrays(self.name, arrays), body)
+        trained = TrainedDsnet.from_arrays(self.name, arrays)
+        model = self.rebuilt(trained.weights, len(trained.scaling.input_mean))
+        latents_of = applied(model, trained.scaling)
+        return lambda theta, betas: latents_of(self.told(join_inputs(theta, betas), body))
 
     def rebuilt(self, weights: Mapping[str, NDArray], input_size: int) -> keras.Model:
         """The network with trained weights."""
@@ -124,17 +131,3 @@ class SearchedNetwork(ABC):
     def _finished(self, scaling: Scaling, weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
         refuse_nonfinite(weights, self.name, _REMEDY)
         return TrainedDsnet(self.name, weights, scaling).arrays()
-
-
-class _OfMotions:
-    def __init__(self, entry: SearchedNetwork, trained: TrainedDsnet, body: BodyOf) -> None:
-        self._entry, self._scaling, self._body = entry, trained.scaling, body
-        size = len(trained.scaling.input_mean)
-        model = entry.rebuilt(trained.weights, size)
-        signature = [tf.TensorSpec((None, None, size), tf.float32)]
-        self._network = tf.function(lambda x: model(x, training=False), input_signature=signature)
-
-    def __call__(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
-        """Latents (T, 100) of a motion theta (T, 69) of a body of shape betas (10,)."""
-        inputs = self._scaling.inputs(self._entry.told(join_inputs(theta, betas), self._body))
-        return self._scaling.restore(self._network(inputs[None]).numpy()[0])

@@ -30,7 +30,7 @@ from bridge.exchange.clips import Clips, UnpaddedClip
 from bridge.exchange.trained_dsnet import Scaling
 from bridge.paper import LATENT_SIZE, N_BETAS
 from tf_dsnet.framework import Tensor, keras, tf
-from tf_dsnet.predictors.base import BodyOf, PredictorSettings
+from tf_dsnet.predictors import BodyOf, PredictorSettings
 from tf_dsnet.trainer import LossOf
 
 UNITS = 256

@@ -11,7 +11,7 @@ from benchmarks.systems.kinematics import KINEMATICS_SIZE, kinematics
 from bridge.body import BodyModelData
 from bridge.exchange.clips import UnpaddedClip, join_inputs
 from bridge.tissue.shape import body_mass_index
-from tf_dsnet.predictors.base import TrainingData
+from tf_dsnet.predictors import TrainingData
 
 _MODES = 5
 _SIZE_M = 0.02

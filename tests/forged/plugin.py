@@ -10,10 +10,10 @@ SOURCE = '''
 def predictors():
     from dataclasses import dataclass
 
-    from tf_dsnet.predictors.dsnet import StandardisedDsnet
+    from tf_dsnet.predictors import DsnetPredictor
 
     @dataclass(frozen=True)
-    class Mine(StandardisedDsnet):
+    class Mine(DsnetPredictor):
         name: str = "mine"
         label: str = "DSNet of mine"
 

@@ -10,7 +10,7 @@ from bridge.body import load_body_model
 from bridge.runtime import run_motions
 from bridge.tissue.nodes import TissueNodes
 from tests.forged.oscillating import people_of, true_model, write_aligned
-from tf_dsnet import stage_infer_plus, stage_train_plus
+from tf_dsnet import stage_infer, stage_train_plus
 from tf_dsnet.stage_train_plus import TrainPlusConfig
 
 TINY = TrainPlusConfig(
@@ -21,7 +21,7 @@ PEOPLE = 2
 
 def forge_run(runs: Path, monkeypatch: pytest.MonkeyPatch, **aligned) -> Path:
     """Run `tiny` with an `align_robust`; the body is the embedded one."""
-    for stage in (stage_train_plus, stage_infer_plus, run_motions):
+    for stage in (stage_train_plus, stage_infer, run_motions):
         monkeypatch.setattr(stage, "body_model_path", lambda run: "embedded:female")
     body = load_body_model("embedded:female")
     model = true_model(TissueNodes.of(body, 60), people_of(PEOPLE))

@@ -12,9 +12,13 @@ from bridge.exchange import save_weights
 from bridge.verify import draws
 from bridge.verify.draws import SMALL_WIDTHS as WIDTHS
 from bridge.verify.reference import mesh_autoencoder as reference
-from tf_dsnet.codec import read_codec
 from tf_dsnet.framework import keras
-from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, assign_weights, named_weights
+from tf_dsnet.mesh_autoencoder import (
+    KerasMeshAutoencoder,
+    assign_weights,
+    named_weights,
+    read_codec,
+)
 
 ACTIVATIONS = ("leaky_relu", "elu", "tanh", "relu")
 

@@ -12,8 +12,7 @@ from bridge import DsnetError
 from bridge.body import pose_vertices, unpose_vertices
 from bridge.body.posing import rest_vertices, shaped_joints
 from tf_dsnet.framework import tf
-from tf_dsnet.smpl import KerasSMPL
-from tf_dsnet.unposing import unpose
+from tf_dsnet.smpl import KerasSMPL, unpose
 
 
 @pytest.fixture(scope="module")

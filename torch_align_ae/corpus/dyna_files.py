@@ -1,6 +1,6 @@
 """Dyna and D-FAUST registrations in HDF5: a checking reader and an atomic writer.
 
-`dyna_layout` says what the files hold. Only one sequence, or one window of it, is in memory at a
+`dyna_checks` says what the files hold. Only one sequence, or one window of it, is in memory at a
 time, whatever the file's chunks and float type are.
 """
 
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -23,21 +23,26 @@ from bridge.errors import DsnetError
 from bridge.paper import N_VERTICES
 from bridge.runs.damage import damage_refused
 from bridge.runs.foreign_files import open_regular
-from torch_align_ae.corpus.dyna_bounds import check_bounds, check_own, check_sides, faces_of
-from torch_align_ae.corpus.dyna_layout import (
+from bridge.runs.processes import notify
+from torch_align_ae.corpus.dyna_checks import (
     FACES_KEY,
-    FPS,
     LAYOUT,
     REMEDY,
     DynaEntry,
     check_frames,
-    check_upright,
+    check_items,
+    check_standing,
     entry_of,
+    faces_of,
     is_sequence,
 )
 
-__all__ = ["FPS", "DynaEntry", "DynaReader", "DynaWriter", "MeshClip", "write_dyna"]
-
+FPS = 60.0
+# Each gender is aligned and trained apart (Section 3.2).
+DYNA_SUBJECTS = {
+    "female": ("50004", "50020", "50021", "50022", "50025"),
+    "male": ("50002", "50007", "50009", "50026", "50027"),
+}
 # Windows of an alignment are read in steps of this many frames: 1.3 MB a chunk.
 FRAMES_PER_CHUNK = 16
 _CHUNK_CACHE_BYTES = 8 << 20
@@ -68,15 +73,40 @@ class DynaReader:
             self.close()
             raise
 
+    def _add_file(self, path: Path) -> None:
+        def refusal(error: Exception) -> DsnetError:
+            kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
+            return DsnetError(f"mesh file {path}: {kind}", LAYOUT, "Check the path.")
+
+        with damage_refused(refusal):
+            open_regular(path).close()
+        with _damage_named(path):
+            file = _open(path)
+            self._files.append(file)
+            check_items(path, file)
+            before = len(self.entries)
+            for name, item in file.items():
+                if is_sequence(name, item):
+                    self._add_sequence(file, entry_of(path, name, item))
+            if len(self.entries) == before:
+                raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", LAYOUT, REMEDY)
+
+    def _add_sequence(self, file: h5py.File, entry: DynaEntry) -> None:
+        if entry.name in self._file_of:
+            first = self._file_of[entry.name].filename
+            raise DsnetError(
+                f"sequence {entry.name} twice, in {first} and {entry.path}",
+                "every sequence once",
+                "Pass each file once, and not Dyna's and D-FAUST's of the same people.",
+            )
+        self._file_of[entry.name] = file
+        self.entries.append(entry)
+        (vertices,) = self.frames(entry.name, 0, 1)
+        check_standing(entry.path, entry.name, vertices, self.faces)
+
     @cached_property
     def faces(self) -> NDArray[np.int64] | None:
-        """(13776, 3) vertex indices of the first file, or None when it has none.
-
-        Raises
-        ------
-        DsnetError
-            If what is stored under their name is no list of SMPL's faces.
-        """
+        """(13776, 3) vertex indices of the first file, or None when it has none."""
         path = Path(self._files[0].filename)
         with _damage_named(path):
             return faces_of(path, self._files[0].get(FACES_KEY))
@@ -90,10 +120,9 @@ class DynaReader:
             If there is no such sequence, or its values cannot be read or are not a person's.
         """
         if name not in self._file_of:
-            raise DsnetError(
-                f"sequence {name!r}", f"one of {list(self._file_of)}", "Check the spelling."
-            )
-        return _frames(self._file_of[name], name, start, stop)
+            known = f"one of {list(self._file_of)}"
+            raise DsnetError(f"sequence {name!r}", known, "Check the spelling.")
+        return self.clip(name).read(start, stop)
 
     def clip(self, name: str) -> MeshClip:
         """One sequence, to be read now or in another process."""
@@ -113,45 +142,8 @@ class DynaReader:
         self.close()
 
     def close(self) -> None:
-        """Close every file."""
         for file in self._files:
             file.close()
-
-    def _add_file(self, path: Path) -> None:
-
-        def refusal(error: Exception) -> DsnetError:
-            kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
-            return DsnetError(f"mesh file {path}: {kind}", LAYOUT, "Check the path.")
-
-        with damage_refused(refusal):
-            open_regular(path).close()
-        with _damage_named(path):
-            file = _open(path)
-            self._files.append(file)
-            check_own(path, file)
-            found = 0
-            for name, dataset in file.items():
-                if not is_sequence(name, dataset):
-                    continue
-                found += 1
-                check_bounds(path, name, dataset)
-                self._add_sequence(entry_of(path, name, dataset), file)
-            if not found:
-                raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", LAYOUT, REMEDY)
-
-    def _add_sequence(self, entry: DynaEntry, file: h5py.File) -> None:
-        if entry.name in self._file_of:
-            first = self._file_of[entry.name].filename
-            raise DsnetError(
-                f"sequence {entry.name} twice, in {first} and {entry.path}",
-                "every sequence once",
-                "Pass each file once, and not Dyna's and D-FAUST's of the same people.",
-            )
-        self._file_of[entry.name] = file
-        self.entries.append(entry)
-        first = self.frames(entry.name, 0, 1)[0]
-        check_upright(entry.path, entry.name, first)
-        check_sides(entry.path, entry.name, first, self.faces)
 
 
 @dataclass(frozen=True)
@@ -161,9 +153,20 @@ class MeshClip:
     file: h5py.File
     name: str
 
-    def read(self, start: int, stop: int) -> NDArray[np.float32]:
+    def read(self, start: int, stop: int | None) -> NDArray[np.float32]:
         """Frames [start, stop) as (n, 6890, 3) metres; errors as `DynaReader.frames`."""
-        return _frames(self.file, self.name, start, stop)
+        path = Path(self.file.filename)
+        with _damage_named(path):
+            # Opened anew each time: as long as a data set is open HDF5 keeps its latest chunks,
+            # some megabytes of each sequence.
+            dataset = self.file[self.name]
+            assert isinstance(dataset, h5py.Dataset)
+            stored = dataset[:, :, start:stop]
+        # What float32 cannot hold becomes infinite, and is refused as such.
+        with np.errstate(over="ignore"):
+            frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
+        check_frames(path, self.name, start, frames)
+        return frames
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _clip_again, (str(Path(self.file.filename).resolve()), self.name)
@@ -179,23 +182,45 @@ def _opened_again(path: str) -> h5py.File:
     return _open(Path(path))
 
 
-def _frames(file: h5py.File, name: str, start: int, stop: int | None) -> NDArray[np.float32]:
-    path = Path(file.filename)
-    with _damage_named(path):
-        # Opened anew each time: as long as a data set is open HDF5 keeps its latest chunks, some
-        # megabytes of each sequence.
-        dataset = file[name]
-        assert isinstance(dataset, h5py.Dataset)
-        stored = dataset[:, :, start:stop]
-    # What float32 cannot hold becomes infinite, and is refused as such.
-    with np.errstate(over="ignore"):
-        frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
-    check_frames(path, name, start, frames)
-    return frames
-
-
 def _open(path: Path) -> h5py.File:
     return h5py.File(path, "r", rdcc_nbytes=_CHUNK_CACHE_BYTES)
+
+
+def _damage_named(path: Path) -> AbstractContextManager[None]:
+    return damage_refused(
+        lambda error: DsnetError(
+            f"mesh file {path}: not readable as HDF5 ({str(error)[:200]})", LAYOUT, REMEDY
+        )
+    )
+
+
+def of_one_gender(entries: Sequence[DynaEntry], gender: str) -> list[DynaEntry]:
+    """The sequences that a body model of `gender` fits; subjects who are not Dyna's are kept.
+
+    Sequences of the other gender are left out, and a line on stderr says how many, so that
+    `--dyna dyna_female.h5 dyna_male.h5` serves either body model. Refused if nothing remains, or
+    if the body model's gender cannot choose between women and men.
+    """
+    other = {"female": "male", "male": "female"}.get(gender, "")
+    strangers = DYNA_SUBJECTS.get(other, ())
+    kept = [entry for entry in entries if entry.subject not in strangers]
+    subjects = {entry.subject for entry in entries}
+    if not kept:
+        raise DsnetError(
+            f"subjects {sorted(subjects)}, who are {other}, with a {gender} body model",
+            f"Dyna's {gender} subjects {', '.join(DYNA_SUBJECTS[gender])}",
+            f"Pass the {other} body model, or the {gender} mesh file.",
+        )
+    if not strangers and all(subjects & set(known) for known in DYNA_SUBJECTS.values()):
+        raise DsnetError(
+            f"women and men ({', '.join(sorted(subjects))}) with a body model of gender {gender}",
+            "one gender a run, as in the paper",
+            "Pass SMPL's female or male model, or mesh files of one gender.",
+        )
+    if left_out := len(entries) - len(kept):
+        why = f"{other} subjects, {gender} body model"
+        notify(f"{left_out} of {len(entries)} sequences left out: {why}")
+    return kept
 
 
 class DynaWriter:
@@ -213,11 +238,10 @@ class DynaWriter:
                 f"(T, {N_VERTICES}, 3) with at least one frame",
                 "Pass frames first.",
             )
+        shape = (N_VERTICES, 3, len(vertices))
         chunks = (N_VERTICES, 3, min(FRAMES_PER_CHUNK, len(vertices)))
+        dataset = self._file.create_dataset(name, shape, np.float32, chunks=chunks)
         # Chunk by chunk, so that the transposed copy stays small.
-        dataset = self._file.create_dataset(
-            name, (N_VERTICES, 3, len(vertices)), np.float32, chunks=chunks
-        )
         for start in range(0, len(vertices), FRAMES_PER_CHUNK):
             window = slice(start, start + FRAMES_PER_CHUNK)
             dataset[:, :, window] = np.moveaxis(vertices[window], 0, -1)
@@ -245,11 +269,3 @@ def write_dyna(path: Path | str, faces: ArrayLike) -> Iterator[DynaWriter]:
     except BaseException:
         partial.unlink()
         raise
-
-
-def _damage_named(path: Path) -> AbstractContextManager[None]:
-    return damage_refused(
-        lambda error: DsnetError(
-            f"mesh file {path}: not readable as HDF5 ({str(error)[:200]})", LAYOUT, REMEDY
-        )
-    )

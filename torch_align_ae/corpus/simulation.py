@@ -1,31 +1,55 @@
-"""From a pose sequence to the offsets of the tissue, and to the mesh that a scanner would see."""
+"""From a pose sequence to the offsets of the tissue, and to the mesh that a scanner would see.
+
+How soft a body is where follows from the depth of tissue over its bones.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 import torch
 from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
 
 from bridge.body import BodyModelData
+from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import shaped_vertices
+from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 from bridge.motion import unpack_theta
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.motions.plan import GRAVITY_M_S2
 from torch_align_ae.corpus.soft_tissue import RATE_HZ, Array, SoftTissue, TissueParameters
-from torch_align_ae.corpus.tissue_parameters import tissue_parameters
 
 _FRAMES_PER_BATCH = 32
+BONY_HZ = 22.0
+SOFT_HZ = 3.6
+_DAMPING_RATIO = 0.11
+# At an offset of 1/sqrt(a) = 2.6 cm the springs are twice as stiff as at rest.
+_STIFFENING_PER_M2 = 1500.0
+_WAVE_SPEED_M_S = 1.3
+# Tissue moves freely from this depth on, metres.
+_LOOSE_DEPTH_M = 0.075
+_SMOOTHING_M = 0.03
+# Below this looseness skin lies on bone and does not move at all.
+_HELD_BELOW = 0.02
+_BONY_JOINTS = (
+    "head", "neck", "left_ankle", "right_ankle", "left_foot", "right_foot",
+    "left_wrist", "right_wrist", "left_hand", "right_hand",
+)  # fmt: skip
+# Radius of bone and firm muscle about the line from a joint's parent to the joint; the trunk's
+# is that of ribs and pelvis.
+_FIRM_RADIUS_M = {
+    "hip": 0.065, "knee": 0.048, "ankle": 0.042, "foot": 0.05, "spine1": 0.07, "spine2": 0.072,
+    "spine3": 0.078, "neck": 0.07, "head": 0.07, "collar": 0.06, "shoulder": 0.055,
+    "elbow": 0.032, "wrist": 0.032, "hand": 0.04,
+}  # fmt: skip
 
 
 class TissueSimulator:
-    """The soft tissue of one subject.
+    """The soft tissue of the subject of shape `betas` (10,), with a float64 body model.
 
-    Parameters
-    ----------
-    smpl : float64 body model.
-    betas : (10,) shape of the subject.
-    parameters : mechanics of the tissue; by default what follows from the shape.
-    gravity : whether turned limbs hang.
+    Its mechanics follow from the shape if no `parameters` are given; with `gravity` turned limbs
+    hang.
     """
 
     def __init__(
@@ -75,18 +99,15 @@ def rest_frame_drive(
 ) -> Array:
     """R^T (g - x'') - g (T, N, 3), m/s^2: what skeleton and gravity do to tissue at rest's frame.
 
-    A [1 2 1] / 4 filter in time blunts impacts, as shoes, pads and joints do.
-
-    Parameters
-    ----------
-    selected : (N,) vertices to compute it for.
-    gravity : whether g is (0, -9.81, 0) m/s^2 or nothing.
+    It is computed for the `selected` (N,) vertices; without `gravity`, g is 0. A [1 2 1] / 4
+    filter in time blunts impacts, as shoes, pads and joints do.
     """
     vertices, turns = skin(smpl, betas, theta, selected)
     acceleration = np.zeros_like(vertices)
     acceleration[1:-1] = (vertices[2:] - 2 * vertices[1:-1] + vertices[:-2]) * fps**2
     # Equal rows of a matrix product may differ in the last bit; stillness must not.
-    acceleration[_still(theta)] = 0.0
+    same = (theta[1:] == theta[:-1]).all(axis=1)
+    acceleration[1:-1][same[1:] & same[:-1]] = 0.0
     fall = np.array([0.0, -GRAVITY_M_S2 if gravity else 0.0, 0.0])[:, None]
     drive = np.empty_like(vertices)
     for start in range(0, len(theta), _FRAMES_PER_BATCH):
@@ -95,13 +116,6 @@ def rest_frame_drive(
     blunted = drive.copy()
     blunted[1:-1] = (drive[:-2] + 2 * drive[1:-1] + drive[2:]) / 4
     return blunted.transpose(0, 2, 1)
-
-
-def _still(theta: Array) -> NDArray[np.bool_]:
-    """(T,) frames that are the same as those before and after."""
-    same, still = (theta[1:] == theta[:-1]).all(axis=1), np.zeros(len(theta), bool)
-    still[1:-1] = same[1:] & same[:-1]
-    return still
 
 
 def skin(
@@ -148,3 +162,50 @@ def _tensors(
 def body_in_double(data: BodyModelData) -> SMPL:
     """The body model that the corpus is made with."""
     return SMPL(data, dtype=torch.float64)
+
+
+def tissue_parameters(data: BodyModelData, betas: Array) -> TissueParameters:
+    """Mechanics of the tissue of the body with shape `betas` (10,)."""
+    looseness = tissue_looseness(data, betas)
+    count = len(looseness)
+    return TissueParameters(
+        # The geometric mean keeps half-deep tissue firmer than the arithmetic one would.
+        frequency_hz=BONY_HZ * (SOFT_HZ / BONY_HZ) ** looseness,
+        damping_ratio=np.full(count, _DAMPING_RATIO),
+        stiffening_per_m2=np.full(count, _STIFFENING_PER_M2),
+        wave_speed_m_s=_WAVE_SPEED_M_S,
+        free=looseness >= _HELD_BELOW,
+    )
+
+
+def tissue_looseness(data: BodyModelData, betas: Array) -> Array:
+    """(V,) 0 over bone, 1 where tissue is deep; smooth over the surface."""
+    vertices = shaped_vertices(data, betas[None])[0]
+    depth_m = tissue_depth_m(vertices, data.J_regressor @ vertices, data.parents)
+    loose = np.clip(depth_m / _LOOSE_DEPTH_M, 0.0, 1.0)
+    bony = [SMPL_JOINT_NAMES.index(name) for name in _BONY_JOINTS]
+    loose *= np.clip(1 - 1.5 * data.weights[:, bony].sum(axis=1), 0.0, 1.0)
+    return np.clip(smooth_over_surface(loose, vertices, data.faces, _SMOOTHING_M), 0.0, 1.0)
+
+
+def tissue_depth_m(vertices: Array, joints: Array, parents: np.ndarray) -> Array:
+    """(V,) distance from each vertex to the surface of the nearest bone, metres."""
+    depth_m = np.full(len(vertices), np.inf)
+    for joint, parent in enumerate(parents):
+        if parent < 0:
+            continue
+        bone = joints[joint] - joints[parent]
+        share = np.clip((vertices - joints[parent]) @ bone / (bone @ bone), 0.0, 1.0)
+        nearest = joints[parent] + share[:, None] * bone
+        radius_m = _FIRM_RADIUS_M[SMPL_JOINT_NAMES[joint].split("_")[-1]]
+        depth_m = np.minimum(depth_m, np.linalg.norm(vertices - nearest, axis=1) - radius_m)
+    return depth_m
+
+
+def smooth_over_surface(
+    values: Array, vertices: Array, faces: NDArray[np.integer], length_m: float
+) -> Array:
+    """Diffuse `values` (V,) or (V, n) along the surface over about `length_m`."""
+    mass = sp.diags(vertex_areas_m2(vertices, faces))
+    system = mass + length_m**2 * cotangent_laplacian(vertices, faces)
+    return splu(system.tocsc()).solve(mass @ values)

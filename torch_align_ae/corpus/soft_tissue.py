@@ -38,16 +38,12 @@ _TOLERANCE = 1e-4
 class TissueParameters:
     """Mechanics of the tissue under V vertices, per unit of skin area."""
 
-    frequency_hz: Array
-    """(V,) of a small free vibration of each vertex on its own."""
-    damping_ratio: Array
-    """(V,) share of critical damping."""
+    frequency_hz: Array  # (V,) of a small free vibration of each vertex on its own
+    damping_ratio: Array  # (V,) share of critical damping
     stiffening_per_m2: Array
     """(V,) a: at an offset u the spring is 1 + a |u|^2 times as stiff as at rest."""
-    wave_speed_m_s: float
-    """c: speed at which the skin would carry a wave, which couples neighbours."""
-    free: NDArray[np.bool_]
-    """(V,) False where skin lies on bone and does not move."""
+    wave_speed_m_s: float  # c: speed at which the skin would carry a wave, which couples neighbours
+    free: NDArray[np.bool_]  # (V,) False where skin lies on bone and does not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +57,9 @@ class TissueState:
 
 
 class SoftTissue:
-    """The tissue of one body; its linear system is factored once.
+    """The tissue of one body (V, 3), in metres and triangles (F, 3), at `rate_hz` steps a second.
 
-    Parameters
-    ----------
-    vertices : (V, 3) rest shape, metres.
-    faces : (F, 3) triangles.
-    parameters : mechanics of each vertex.
-    rate_hz : steps per second.
+    Its linear system is factored once.
     """
 
     def __init__(

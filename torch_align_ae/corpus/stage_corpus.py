@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -13,7 +12,9 @@ from numpy.typing import NDArray
 from tyro.conf import Fixed
 
 from bridge.body import load_body_model
+from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
+from bridge.motion.motion_folder import find_motion_files
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.array_file import ArrayFile
@@ -22,14 +23,19 @@ from bridge.runs.progress import progress
 from bridge.runs.storage import is_written, mark_written
 from bridge.runs.worker_pool import on_any_node, worker_pool
 from torch_align_ae.body import SMPL
+from torch_align_ae.corpus.corpus_motions import CorpusMotions
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS
-from torch_align_ae.corpus.performances import Performer
-from torch_align_ae.corpus.sequences import Crossing
+from torch_align_ae.corpus.recordings import (
+    Crossing,
+    Recording,
+    dyna_recordings,
+    held_out_recordings,
+    real_recordings,
+)
 from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
-from torch_align_ae.corpus.subjects import Gender, Subject
-from torch_align_ae.corpus.takes import Takes
-from torch_align_ae.corpus.tissue_laws import MeshForm, form_named, tissue_named
+from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
+from torch_align_ae.corpus.tissue_laws import form_named, tissue_named
 
 _NOTICE = """\
 Synthetic data. Bodies, motions and soft tissue are computed; no skin was measured.
@@ -118,47 +124,85 @@ PROFILES: dict[str, CorpusConfig] = {
 }
 
 
-def main(config: CorpusConfig) -> None:
-    """Make `truth`, then `corpus` from it.
+@dataclass(frozen=True)
+class CorpusPlan:
+    """All recordings of a corpus: what is trained on and validated, and what is only predicted."""
 
-    Raises
-    ------
-    DsnetError
-        If there is no such law, form or motion.
-    """
+    dyna: list[Recording]
+    held_out: list[Recording]
+    """Of procedural and real motions, one person after another, the known people first."""
+    files: list[Path]  # where the real ones are from
+
+    @property
+    def all(self) -> list[Recording]:
+        """Both, in the order in which they are stored."""
+        return [*self.dyna, *self.held_out]
+
+
+def plan_of(config: CorpusConfig) -> CorpusPlan:
+    """The recordings that a configuration asks for; nothing is made yet."""
+    if min(config.mean_frames, config.mosh_seconds * FPS) < 60:
+        raise DsnetError(
+            f"mean_frames={config.mean_frames}, mosh_seconds={config.mosh_seconds:g}",
+            "at least 60 frames and 1 second",
+            "Longer sequences, fewer motions or subjects.",
+        )
+    gender, subjects, motions = config.gender, config.subjects, config.motions
+    dyna = dyna_recordings(gender, subjects, motions, config.mean_frames, config.seed)
+    held_out = held_out_recordings(
+        gender,
+        subjects,
+        unseen=config.mosh_motions,
+        known=motions[max(0, len(motions) - config.retakes) :],
+        seconds=config.mosh_seconds,
+        crossing=config.crossing,
+    )
+    # Of bodies of any gender: no body of theirs is used.
+    files = find_motion_files(config.amass, "any") if config.amass else []
+    held_out += real_recordings(
+        files, gender, subjects, config.amass_seconds, config.amass_fps, config.amass_smooth_hz
+    )
+    order = [subject.name for subject in (*SUBJECTS[gender], *UNSEEN[gender])]
+    held_out.sort(key=lambda recording: order.index(recording.subject.name))
+    return CorpusPlan(dyna, held_out, files)
+
+
+def main(config: CorpusConfig) -> None:
+    """Make `truth`, then `corpus` from it."""
     tissue_named(config.tissue)
     form_named(config.form)
-    run = Run(config.run)
-    takes = Takes.of(config)
-    files = {f"motion_{row}": path for row, path in enumerate(takes.files)}
+    run, plan = Run(config.run), plan_of(config)
+    files = {f"motion_{row}": path for row, path in enumerate(plan.files)}
     truth = run.build(
         "truth",
         config,
-        lambda writer: _make_truth(writer, config, takes),
+        lambda writer: _make_truth(writer, config, plan),
         data="synthetic",
         upstream=files,
     )
     run.build(
         "corpus",
         config,
-        lambda writer: _make_corpus(writer, config, truth, takes),
+        lambda writer: _make_corpus(writer, config, truth, plan),
         data="synthetic",
         upstream={"truth": truth, **files},
     )
 
 
-def _make_truth(writer: ArtifactWriter, config: CorpusConfig, takes: Takes) -> None:
+def _make_truth(writer: ArtifactWriter, config: CorpusConfig, plan: CorpusPlan) -> None:
     """Move every subject and simulate its tissue; every finished sequence is a checkpoint."""
     smpl = body_in_double(load_body_model(f"embedded:{config.gender}"))
-    performer = Performer(smpl.data, config.gender, config.seed)
-    thetas = {
-        **{take.name: performer.for_meshes(take) for take in takes.dyna},
-        **{take.name: performer.as_read_back(take) for take in takes.held_out},
-    }
-    sequences = list(_index(takes, thetas))
-    frames = sum(sequence.length for sequence in sequences)
+    motions = CorpusMotions(smpl.data, config.gender, config.seed)
+    thetas = {one.name: motions.for_meshes(one) for one in plan.dyna}
+    thetas |= {one.name: motions.as_read_back(one) for one in plan.held_out}
+    sequences, frames = [], 0
+    for row, one in enumerate(plan.all):
+        name, length = one.subject.name, len(thetas[one.name])
+        split = "train" if row < len(plan.dyna) else "test"
+        sequences.append(MotionSequence(one.name, name, one.motion, frames, length, FPS, split))
+        frames += length
     writer.put("theta", np.concatenate(list(thetas.values())), "rad, last three m")
-    subjects = list(dict.fromkeys(take.subject for take in takes.all))
+    subjects = list(dict.fromkeys(recording.subject for recording in plan.all))
     writer.put("betas", np.array([subject.betas for subject in subjects], np.float32), "1")
     shape = (frames, smpl.vertex_count, 3)
     offsets = writer.array_file("offsets", shape, np.float32, "m")
@@ -215,33 +259,20 @@ def _digest(offsets: NDArray[np.float32]) -> str:
     return arrays_sha256({"offsets": offsets})
 
 
-def _index(takes: Takes, thetas: dict[str, NDArray[np.float32]]) -> Iterator[MotionSequence]:
-    start, held_out = 0, {take.name for take in takes.held_out}
-    for take in takes.all:
-        length, subject = len(thetas[take.name]), take.subject.name
-        split = "test" if take.name in held_out else "train"
-        yield MotionSequence(take.name, subject, take.motion, start, length, FPS, split)
-        start += length
-
-
 def _make_corpus(
-    writer: ArtifactWriter, config: CorpusConfig, truth: Artifact, takes: Takes
+    writer: ArtifactWriter, config: CorpusConfig, truth: Artifact, plan: CorpusPlan
 ) -> None:
     """Write the files that a licensed user would have, and nothing of the truth."""
     data = load_body_model(f"embedded:{config.gender}")
-    smpl = body_in_double(data)
     data.save_smpl_npz(writer.file_path(f"SMPL_{config.gender.upper()}.npz"))
-    names = {take.kind: take.source.name for take in takes.held_out if take.source}
+    names = {one.kind: one.source.name for one in plan.held_out if one.source}
     notice = _NOTICE + (_REAL_NOTICE.format(files=", ".join(names.values())) if names else "")
     writer.file_path("NOTICE.txt").write_text(notice, encoding="utf-8")
-    performer = Performer(data, config.gender, config.seed)
-    for take in takes.held_out:
-        performer.write_amass(writer.file_path(f"mosh/{take.name}_poses.npz"), take)
+    motions = CorpusMotions(data, config.gender, config.seed)
+    for recording in plan.held_out:
+        motions.write_amass(writer.file_path(f"mosh/{recording.name}_poses.npz"), recording)
     path = writer.file_path(f"dyna_{config.gender}.h5")
-    make_form = form_named(config.form)
-    _write_meshes(path, smpl, truth, make_form and make_form(data, config.seed))
-    with h5py.File(path, "r+") as file:
-        file.attrs["source"] = "synthetic"
+    _write_meshes(path, config, truth, body_in_double(data))
     sequences = [sequence for sequence in sequences_of(truth) if sequence.split != "test"]
     writer.record(
         sequences=to_manifest(sequences),
@@ -251,25 +282,28 @@ def _make_corpus(
     )
 
 
-def _write_meshes(path: Path, smpl: SMPL, truth: Artifact, form: MeshForm | None) -> None:
+def _write_meshes(path: Path, config: CorpusConfig, truth: Artifact, smpl: SMPL) -> None:
+    make_form = form_named(config.form)
+    form = make_form and make_form(smpl.data, config.seed)
+    theta, offsets, betas = (truth.array(name) for name in ("theta", "offsets", "betas"))
     static = truth.array("static") if form else None
-    theta, offsets = truth.array("theta"), truth.array("offsets")
-    betas, sequences = truth.array("betas"), sequences_of(truth)
-    rows = subject_rows(sequences)
-    dyna = [sequence for sequence in sequences if sequence.split != "test"]
+    rows = subject_rows(sequences_of(truth))
+    dyna = [sequence for sequence in sequences_of(truth) if sequence.split != "test"]
     frames = sum(sequence.length for sequence in dyna)
     with (
         write_dyna(path, smpl.data.faces) as file,
         progress(what="meshes", unit="frame", total=frames) as bar,
     ):
         for sequence in dyna:
-            shape = np.asarray(betas[rows[sequence.subject]], np.float64)
+            own_betas = np.asarray(betas[rows[sequence.subject]], np.float64)
             own_theta = np.asarray(theta[sequence.frames], np.float64)
             own_offsets = offsets[sequence.frames]
             if static is not None:
                 own_offsets = own_offsets + static[sequence.frames]
-            meshes = posed_meshes(smpl, shape, own_theta, own_offsets)
+            meshes = posed_meshes(smpl, own_betas, own_theta, own_offsets)
             if form:
                 meshes = form.registered(sequence.name, meshes, FPS)
             file.add(sequence.name, meshes)
             bar.update(sequence.length)
+    with h5py.File(path, "r+") as file:
+        file.attrs["source"] = "synthetic"

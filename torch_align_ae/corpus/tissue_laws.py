@@ -28,11 +28,11 @@ class MovedTissue(Protocol):
 
 
 class TissueLaw(Protocol):
-    """A law: of a float64 body model and a shape (10,), with gravity or without."""
+    """Gives the tissue of a subject: of a float64 body model and a shape (10,)."""
 
-    def __call__(self, smpl: SMPL, betas: NDArray[np.floating], /, *, gravity: bool) -> MovedTissue:
-        """The tissue of the subject with this shape."""
-        ...
+    def __call__(
+        self, smpl: SMPL, betas: NDArray[np.floating], /, *, gravity: bool
+    ) -> MovedTissue: ...
 
 
 class MeshForm(Protocol):
@@ -52,24 +52,12 @@ MakeForm = Callable[[BodyModelData, int], MeshForm]
 
 
 def tissue_named(name: str) -> TissueLaw:
-    """The law of a name.
-
-    Raises
-    ------
-    DsnetError
-        If there is none.
-    """
+    """The law of a name."""
     own: dict[str, TissueLaw] = {"own": TissueSimulator}
     return entry_named(name, "--tissue", with_plugins("tissues", own))
 
 
 def form_named(name: str) -> MakeForm | None:
-    """The form of a name; None for clean meshes, which have nothing besides.
-
-    Raises
-    ------
-    DsnetError
-        If there is none.
-    """
+    """The form of a name; None for clean meshes, which have nothing besides."""
     own: dict[str, MakeForm | None] = {"clean": None}
     return entry_named(name, "--form", with_plugins("mesh_forms", own))

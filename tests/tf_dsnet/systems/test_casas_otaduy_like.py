@@ -24,7 +24,7 @@ from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, people
 from tf_dsnet.framework import be_reproducible, tf
 from tf_dsnet.model import assign_weights, named_weights
-from tf_dsnet.predictors.base import PredictorSettings, TrainingData
+from tf_dsnet.predictors import PredictorSettings, TrainingData
 
 SETTINGS = PredictorSettings(epochs=12, frames=64, batch_size=4)
 ENTRY = CasasOtaduyLike()

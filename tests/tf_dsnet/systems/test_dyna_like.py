@@ -23,7 +23,7 @@ from bridge.exchange import load_weights, save_weights
 from bridge.paper import N_BETAS
 from bridge.tissue.shape import body_mass_index
 from tests.forged.driven import forged_data, people
-from tf_dsnet.predictors.base import PredictorSettings, TrainingData
+from tf_dsnet.predictors import PredictorSettings, TrainingData
 
 SETTINGS = PredictorSettings(epochs=4)
 ENTRY = DynaLike()

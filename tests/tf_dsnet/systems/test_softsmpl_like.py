@@ -21,7 +21,7 @@ from bridge.motion import pack_theta, unpack_theta
 from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, motion, people
 from tf_dsnet.framework import be_reproducible, keras
-from tf_dsnet.predictors.base import PredictorSettings, TrainingData
+from tf_dsnet.predictors import PredictorSettings, TrainingData
 
 SETTINGS = PredictorSettings(epochs=8, frames=40, batch_size=3)
 ENTRY = SoftSmplLike(pose_steps=60)

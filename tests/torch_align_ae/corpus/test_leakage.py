@@ -11,10 +11,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial.distance import cdist
 
 from bridge.body import load_body_model
-from torch_align_ae.corpus.performances import Performer
-from torch_align_ae.corpus.stage_corpus import PROFILES
+from torch_align_ae.corpus.corpus_motions import CorpusMotions
+from torch_align_ae.corpus.stage_corpus import PROFILES, plan_of
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN
-from torch_align_ae.corpus.takes import Takes
 
 # Half a second. In all takes alike everybody stands at first, and begins gently: what is compared
 # with a tolerance comes later.
@@ -25,8 +24,8 @@ both_genders = pytest.mark.parametrize("gender", ["female", "male"])
 
 
 @cache
-def performer(gender):
-    return Performer(load_body_model(f"embedded:{gender}"), gender, 0)
+def motions_of(gender):
+    return CorpusMotions(load_body_model(f"embedded:{gender}"), gender, 0)
 
 
 def windows(theta):
@@ -44,31 +43,31 @@ def nearest_rad(thetas, others):
 @every_profile
 @both_genders
 def test_no_person_does_a_test_take_in_training(profile, gender):
-    takes = Takes.of(replace(PROFILES[profile], gender=gender))
-    trained = {(take.subject.name, take.motion) for take in takes.dyna}
-    tested = {(take.subject.name, take.motion) for take in takes.held_out}
-    assert len(tested) == len(takes.held_out)
+    plan = plan_of(replace(PROFILES[profile], gender=gender))
+    trained = {(take.subject.name, take.motion) for take in plan.dyna}
+    tested = {(take.subject.name, take.motion) for take in plan.held_out}
+    assert len(tested) == len(plan.held_out)
     assert not trained & tested
-    assert {take.name for take in takes.dyna}.isdisjoint(take.name for take in takes.held_out)
+    assert {take.name for take in plan.dyna}.isdisjoint(take.name for take in plan.held_out)
 
 
 @every_profile
 @both_genders
 def test_new_people_and_unseen_kinds_are_in_no_training_take(profile, gender):
-    takes = Takes.of(replace(PROFILES[profile], gender=gender))
-    assert {take.subject.name for take in takes.dyna} <= {s.name for s in SUBJECTS[gender]}
-    assert {s.name for s in UNSEEN[gender]} & {take.subject.name for take in takes.held_out}
-    shapes = np.array([take.subject.betas for take in takes.dyna])
+    plan = plan_of(replace(PROFILES[profile], gender=gender))
+    assert {take.subject.name for take in plan.dyna} <= {s.name for s in SUBJECTS[gender]}
+    assert {s.name for s in UNSEEN[gender]} & {take.subject.name for take in plan.held_out}
+    shapes = np.array([take.subject.betas for take in plan.dyna])
     for subject in UNSEEN[gender]:
         assert np.linalg.norm(shapes - subject.betas, axis=1).min() > 0.5
-    assert {take.kind for take in takes.dyna}.isdisjoint(PROFILES[profile].mosh_motions)
+    assert {take.kind for take in plan.dyna}.isdisjoint(PROFILES[profile].mosh_motions)
 
 
 @both_genders
 def test_no_window_of_a_test_motion_is_one_of_training(gender):
-    takes = Takes.of(replace(PROFILES["smoke"], gender=gender))
-    trained = [performer(gender).for_meshes(take) for take in takes.dyna]
-    tested = [performer(gender).as_read_back(take) for take in takes.held_out]
+    plan = plan_of(replace(PROFILES["smoke"], gender=gender))
+    trained = [motions_of(gender).for_meshes(take) for take in plan.dyna]
+    tested = [motions_of(gender).as_read_back(take) for take in plan.held_out]
     assert nearest_rad(trained, [trained[0]]) == 0
     assert nearest_rad(tested, trained) > SAME_RAD
     assert nearest_rad([theta[MOVING:] for theta in tested], trained) > ALIKE_RAD
@@ -77,21 +76,21 @@ def test_no_window_of_a_test_motion_is_one_of_training(gender):
 @both_genders
 def test_a_known_persons_second_take_is_not_her_first(gender):
     """The likeliest leak, over all that `demo` trains the same person on."""
-    takes = Takes.of(replace(PROFILES["demo"], gender=gender))
-    again = [take for take in takes.held_out if take.number == 2]
+    plan = plan_of(replace(PROFILES["demo"], gender=gender))
+    again = [take for take in plan.held_out if take.number == 2]
     assert len(again) == PROFILES["demo"].retakes
     for take in again:
-        own = [performer(gender).for_meshes(t) for t in takes.dyna if t.subject == take.subject]
-        again_theta = performer(gender).as_read_back(take)
+        own = [motions_of(gender).for_meshes(t) for t in plan.dyna if t.subject == take.subject]
+        again_theta = motions_of(gender).as_read_back(take)
         assert nearest_rad([again_theta], own) > SAME_RAD
         assert nearest_rad([again_theta[MOVING:]], own) > ALIKE_RAD
 
 
 def test_unseen_kinds_are_far_from_all_that_the_same_person_trains_on():
-    takes, person = Takes.of(PROFILES["demo"]), SUBJECTS["female"][1]
-    own = [performer("female").for_meshes(take) for take in takes.dyna if take.subject == person]
-    unseen = [t for t in takes.held_out if t.subject == person and t.number == 1]
+    plan, person = plan_of(PROFILES["demo"]), SUBJECTS["female"][1]
+    own = [motions_of("female").for_meshes(take) for take in plan.dyna if take.subject == person]
+    unseen = [t for t in plan.held_out if t.subject == person and t.number == 1]
     assert len(unseen) >= 2
     for take in unseen:
-        moving = performer("female").as_read_back(take)[MOVING:]
+        moving = motions_of("female").as_read_back(take)[MOVING:]
         assert nearest_rad([moving], own) > 10 * ALIKE_RAD

@@ -21,8 +21,7 @@ from tests.forged.amass import save, shape, smplh
 from tests.forged.bvh import Skeleton, text, world_of
 from tests.forged.lively import lively
 from torch_align_ae.corpus import stage_corpus as stage
-from torch_align_ae.corpus.performances import Performer
-from torch_align_ae.corpus.takes import Takes
+from torch_align_ae.corpus.corpus_motions import CorpusMotions
 
 TINY = stage.CorpusConfig(
     run="tiny",
@@ -91,16 +90,18 @@ def test_the_corpus_stays_synthetic_and_names_the_motions_source(made):
 
 
 def test_what_is_too_short_is_left_out_with_a_line(amass, capsys):
-    assert len(Takes.of(replace(TINY, amass=amass)).held_out) == 2
+    assert len(stage.plan_of(replace(TINY, amass=amass)).held_out) == 2
     assert "short_poses.npz: left out; shorter than 1 s" in capsys.readouterr().err
 
 
 def test_a_rate_in_place_of_the_files_is_the_takes_and_in_its_name(amass, tmp_path):
-    (known, _) = Takes.of(replace(TINY, amass=amass, amass_seconds=1.2, amass_fps=40.0)).held_out
+    (known, _) = stage.plan_of(
+        replace(TINY, amass=amass, amass_seconds=1.2, amass_fps=40.0)
+    ).held_out
     assert known.name == "50004_amass_leg_throw_at_40_hz"
     assert (known.source_fps, known.frame_count) == (40.0, 49)
-    performer = Performer(load_body_model("embedded:female"), "female", seed=0)
-    performer.write_amass(tmp_path / "slow.npz", known)
+    motions = CorpusMotions(load_body_model("embedded:female"), "female", seed=0)
+    motions.write_amass(tmp_path / "slow.npz", known)
     slow = load_amass_motion(tmp_path / "slow.npz", fps=40.0)
     assert known.source is not None
     own = load_amass_motion(known.source, fps=120.0)
@@ -111,10 +112,10 @@ def test_a_rate_in_place_of_the_files_is_the_takes_and_in_its_name(amass, tmp_pa
 @pytest.mark.parametrize(("smooth_hz", "suffix"), [(8.0, "smoothed_8_hz"), ("auto", "smoothed")])
 def test_noise_is_left_out_of_the_takes_and_their_names_say_so(amass, tmp_path, smooth_hz, suffix):
     config = replace(TINY, amass=amass, amass_seconds=1.2, amass_smooth_hz=smooth_hz)
-    (known, _) = Takes.of(config).held_out
+    (known, _) = stage.plan_of(config).held_out
     assert known.name == f"50004_amass_leg_throw_{suffix}"
-    performer = Performer(load_body_model("embedded:female"), "female", seed=0)
-    performer.write_amass(tmp_path / "still.npz", known)
+    motions = CorpusMotions(load_body_model("embedded:female"), "female", seed=0)
+    motions.write_amass(tmp_path / "still.npz", known)
     assert known.source is not None
     still = load_amass_motion(tmp_path / "still.npz").theta
     own = load_motion_file(known.source, smooth_hz=smooth_hz).theta[: len(still)]
@@ -125,11 +126,11 @@ def test_a_real_motion_that_falls_as_nobody_can_is_taken_with_a_line(tmp_path, c
     trans = np.zeros((181, 3))
     trans[:, 2] = 0.25 * np.abs(np.sin(np.arange(181) / 10))
     save(tmp_path / "fast.npz", smplh(181, 120.0), trans=trans)
-    assert len(Takes.of(replace(TINY, amass=tmp_path)).held_out) == 2
+    assert len(stage.plan_of(replace(TINY, amass=tmp_path)).held_out) == 2
     said = capsys.readouterr().err
     assert "fast.npz falls with" in said
     assert "--amass-fps" in said
-    assert len(Takes.of(replace(TINY, amass=tmp_path, amass_fps=60.0)).held_out) == 2
+    assert len(stage.plan_of(replace(TINY, amass=tmp_path, amass_fps=60.0)).held_out) == 2
     assert capsys.readouterr().err == ""
 
 
@@ -137,7 +138,7 @@ def test_a_real_motion_is_used_up_to_its_first_jump_with_a_line(tmp_path, capsys
     trans = np.zeros((361, 3))
     trans[180:] = 2.0
     save(tmp_path / "joined.npz", smplh(361, 120.0), trans=trans)
-    takes = Takes.of(replace(TINY, amass=tmp_path)).held_out
+    takes = stage.plan_of(replace(TINY, amass=tmp_path)).held_out
     assert [take.frame_count for take in takes] == [180, 180]
     assert "joined.npz: used up to 1.50 s, where it jumps" in capsys.readouterr().err
 
@@ -156,7 +157,7 @@ def test_a_changed_file_makes_the_truth_anew(made, tmp_path, monkeypatch):
 def test_files_of_one_name_are_kinds_of_their_own(tmp_path):
     for name in ("CMU/03/leg throw", "CMU/03/leg-throw", "MPI/00017/leg throw"):
         save(tmp_path / f"{name}_poses.npz", smplh(181, 120.0))
-    kinds = {take.kind for take in Takes.of(replace(TINY, amass=tmp_path)).held_out}
+    kinds = {take.kind for take in stage.plan_of(replace(TINY, amass=tmp_path)).held_out}
     assert kinds == {"amass_leg_throw", "amass_leg_throw_2", "amass_leg_throw_3"}
 
 
@@ -168,11 +169,11 @@ def test_a_bvh_is_a_take_too_from_the_end_of_its_rest_pose_on(tmp_path, capsys):
     skeleton = Skeleton(SMPL_JOINT_NAMES, SMPL_PARENTS, shaped_joints(data, np.zeros((1, 10)))[0])
     path = tmp_path / "05_06.bvh"
     path.write_text(text(skeleton, world_of(pose), trans_m, fps=120.0))
-    known, new = Takes.of(replace(TINY, amass=tmp_path)).held_out
+    known, new = stage.plan_of(replace(TINY, amass=tmp_path)).held_out
     assert [take.name for take in (known, new)] == ["50004_bvh_05_06", "99001_bvh_05_06"]
     assert (known.frame_count, known.source_fps) == (180, pytest.approx(120))
     assert "05_06.bvh: the motion begins after frame 1 of the file" in capsys.readouterr().err
-    read = Performer(data, "female", 0).as_read_back(new)
+    read = CorpusMotions(data, "female", 0).as_read_back(new)
     # Frames 1, 3, 5, ... of the file.
     np.testing.assert_allclose(read[:, 3:66], theta[1::2, 3:66], atol=1e-5)
 
@@ -180,12 +181,12 @@ def test_a_bvh_is_a_take_too_from_the_end_of_its_rest_pose_on(tmp_path, capsys):
 @pytest.mark.licensed
 @pytest.mark.skipif(not SAMPLE.is_file(), reason="no $DSNET_TEST_DATA/amass/dmpl_sample.npz")
 def test_the_sample_of_amass_is_done_by_a_known_and_a_new_person():
-    takes = Takes.of(replace(TINY, amass=SAMPLE.parent))
-    assert takes.files == [SAMPLE]
+    plan = stage.plan_of(replace(TINY, amass=SAMPLE.parent))
+    assert plan.files == [SAMPLE]
     names = ["50004_amass_dmpl_sample", "99001_amass_dmpl_sample"]
-    assert [take.name for take in takes.held_out] == names
-    performer = Performer(load_body_model("embedded:female"), "female", 0)
-    known, new = map(performer.as_read_back, takes.held_out)
+    assert [take.name for take in plan.held_out] == names
+    motions = CorpusMotions(load_body_model("embedded:female"), "female", 0)
+    known, new = map(motions.as_read_back, plan.held_out)
     assert known.shape == new.shape == (118, 69)
     np.testing.assert_allclose(known[:, :66], new[:, :66], atol=1e-6)
     # The same pose, about each person's own root joint.

@@ -12,55 +12,51 @@ import numpy as np
 
 from bridge.errors import DsnetError
 from bridge.motion.cells import take_suffix
-from torch_align_ae.corpus.motions import airborne, dance, everyday, in_place, locomotion, sports
-from torch_align_ae.corpus.motions.plan import Array, BodyPlan, Style, draw_style
+from torch_align_ae.corpus.motions import airborne, in_place, locomotion
+from torch_align_ae.corpus.motions.plan import Array, BodyPlan, Planner, draw_style
 from torch_align_ae.corpus.motions.posing import Skeleton, pose_body
 
-DYNA_MOTIONS: dict[str, Callable[[Array, Style], BodyPlan]] = {
-    "hips": in_place.hips,
-    "knees": in_place.knees,
-    "light_hopping_stiff": airborne.light_hopping_stiff,
-    "light_hopping_loose": airborne.light_hopping_loose,
-    "jiggle_on_toes": in_place.jiggle_on_toes,
-    "one_leg_loose": in_place.one_leg_loose,
-    "shake_arms": in_place.shake_arms,
-    "chicken_wings": in_place.chicken_wings,
-    "punching": in_place.punching,
-    "shake_shoulders": in_place.shake_shoulders,
-    "shake_hips": in_place.shake_hips,
-    "jumping_jacks": airborne.jumping_jacks,
-    "one_leg_jump": airborne.one_leg_jump,
-    "running_on_spot": airborne.running_on_spot,
-}
-MOSH_MOTIONS: dict[str, Callable[[Array, Style], BodyPlan]] = {
-    "side_to_side_hopping": airborne.side_to_side_hopping,
-    "basketball_dribble_and_shoot": sports.basketball_dribble_and_shoot,
-    "kicking": sports.kicking,
-}
-HELD_OUT_MOTIONS: dict[str, Callable[[Array, Style], BodyPlan]] = {
-    **MOSH_MOTIONS,
-    "walking": locomotion.walking,
-    "turning": locomotion.turning,
-    "quick_stops": locomotion.quick_stops,
-    "sitting_down": everyday.sitting_down,
-    "lying_down_and_getting_up": everyday.lying_down_and_getting_up,
-    "bending_and_reaching": everyday.bending_and_reaching,
-    "stretching": everyday.stretching,
-    "dancing": dance.dancing,
-}
+Motion = Callable[[Planner], BodyPlan]
+
+
+def _named(*motions: Motion) -> dict[str, Motion]:
+    return {motion.__name__: motion for motion in motions}
+
+
+DYNA_MOTIONS = _named(
+    in_place.hips,
+    in_place.knees,
+    airborne.light_hopping_stiff,
+    airborne.light_hopping_loose,
+    in_place.jiggle_on_toes,
+    in_place.one_leg_loose,
+    in_place.shake_arms,
+    in_place.chicken_wings,
+    in_place.punching,
+    in_place.shake_shoulders,
+    in_place.shake_hips,
+    airborne.jumping_jacks,
+    airborne.one_leg_jump,
+    airborne.running_on_spot,
+)
+HELD_OUT_MOTIONS = _named(
+    # MoSh's.
+    airborne.side_to_side_hopping,
+    airborne.basketball_dribble_and_shoot,
+    in_place.kicking,
+    # Everyday's.
+    locomotion.walking,
+    locomotion.turning,
+    locomotion.quick_stops,
+    in_place.sitting_down,
+    in_place.lying_down_and_getting_up,
+    in_place.bending_and_reaching,
+    in_place.stretching,
+    locomotion.dancing,
+)
 MOTIONS = DYNA_MOTIONS | HELD_OUT_MOTIONS
 WHOLE_S = {"lying_down_and_getting_up": 5.6}
 """What is not done again and again, and how long it takes at the slowest tempo, seconds."""
-
-__all__ = [
-    "DYNA_MOTIONS",
-    "HELD_OUT_MOTIONS",
-    "MOSH_MOTIONS",
-    "MOTIONS",
-    "WHOLE_S",
-    "Skeleton",
-    "perform",
-]
 
 
 def perform(
@@ -77,15 +73,10 @@ def perform(
 
     The same names, seed and take give the same motion, whatever else is made and at whatever rate;
     another `take` is the same kind of motion in another style.
-
-    Raises
-    ------
-    DsnetError
-        If there is no such motion.
     """
     if motion not in MOTIONS:
         raise DsnetError(f"motion {motion!r}", f"one of {', '.join(MOTIONS)}", "Check its name.")
     occasion = motion if take == 1 else f"{motion}{take_suffix(take)}"
     style = draw_style(subject, occasion, skeleton.size, seed)
-    times_s = np.arange(frame_count) / fps
-    return pose_body(skeleton, MOTIONS[motion](times_s, style))
+    plan = MOTIONS[motion](Planner(np.arange(frame_count) / fps, style))
+    return pose_body(skeleton, plan)

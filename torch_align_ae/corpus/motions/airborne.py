@@ -1,234 +1,332 @@
-"""Motions that leave the floor."""
+"""Motions that leave the floor: a countermovement, then ballistic flights and contacts in turn."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from torch_align_ae.corpus.motions.curves import axis, ease, keyframes
-from torch_align_ae.corpus.motions.hops import Hops, HopTimes, plan_hops
-from torch_align_ae.corpus.motions.plan import Array, BodyPlan, FootPath, Style
-from torch_align_ae.corpus.motions.postures import (
+from torch_align_ae.corpus.motions.plan import (
+    BEGIN_S,
+    GRAVITY_M_S2,
     RELAXED_LOWER,
+    Array,
+    BodyPlan,
+    Contact,
+    FootPath,
+    Planner,
     Swing,
-    arm,
-    arms,
+    by_side,
     contacts_between,
-    stepping_foot,
-    trunk,
 )
 
-BEGIN_S = 0.2
+_CROUCH_S = 0.36
+_CROUCH_ACCELERATION_M_S2 = 5.0
 
 
-def light_hopping_stiff(times_s: Array, style: Style) -> BodyPlan:
+def light_hopping_stiff(m: Planner) -> BodyPlan:
     """Small quick hops on stiff legs."""
-    return _hopping(times_s, style, flight_s=0.21, contact_s=0.21, crouch_m=0.05, arm_play=0.25)
+    hops = _hops(m, flight_s=0.21, contact_s=0.21, crouch_m=0.05)
+    return _hopping(m, hops, arm_play=0.25)
 
 
-def light_hopping_loose(times_s: Array, style: Style) -> BodyPlan:
+def light_hopping_loose(m: Planner) -> BodyPlan:
     """Hops with loose knees and arms."""
-    return _hopping(times_s, style, flight_s=0.25, contact_s=0.33, crouch_m=0.1, arm_play=0.8)
+    hops = _hops(m, flight_s=0.25, contact_s=0.33, crouch_m=0.1)
+    return _hopping(m, hops, arm_play=0.8)
 
 
-def _hopping(
-    times_s: Array,
-    style: Style,
-    *,
-    flight_s: float,
-    contact_s: float,
-    crouch_m: float,
-    arm_play: float,
-) -> BodyPlan:
-    hops = _hops(times_s, style, flight_s, contact_s, crouch_m, BEGIN_S)
-    swings = hops.swings(0.01, standing_pitch=0.12)
-    foot = stepping_foot(times_s, hops.contacts(), swings)
-    sway = np.sin(0.9 * times_s + style.phase) * ease(times_s, BEGIN_S, BEGIN_S + 1.5)
-    return _upright(
-        times_s,
-        style,
-        hops.height_m,
-        feet=(foot, foot),
-        joints=arms(
-            times_s,
-            lower=RELAXED_LOWER - arm_play * np.tanh(3 * hops.height_m) / 2,
-            swing=0.06 * sway,
-            elbow=0.35 - arm_play * np.tanh(3 * hops.height_m),
-        ),
-        yaw=0.08 * sway,
+def _hopping(m: Planner, hops: _Hops, arm_play: float) -> BodyPlan:
+    foot = m.stepping_foot(hops.contacts(), hops.swings(0.01, standing_pitch=0.12))
+    sway = np.sin(0.9 * m.times_s + m.phase) * m.ease(BEGIN_S, BEGIN_S + 1.5)
+    held = m.arms(
+        lower=RELAXED_LOWER - arm_play * np.tanh(3 * hops.height_m) / 2,
+        swing=0.06 * sway,
+        elbow=0.35 - arm_play * np.tanh(3 * hops.height_m),
     )
+    return _upright(m, hops.height_m, (foot, foot), held, yaw=0.08 * sway)
 
 
-def one_leg_jump(times_s: Array, style: Style) -> BodyPlan:
+def one_leg_jump(m: Planner) -> BodyPlan:
     """Jumps on one leg, the other knee bent."""
-    support = -style.leading_side
-    hops = _hops(times_s, style, 0.25, 0.34, 0.08, BEGIN_S + 0.12)
-    raised = ease(times_s, BEGIN_S - 0.05, BEGIN_S + 0.45)
+    support, size = -m.leading_side, m.size
+    hops = _hops(m, 0.25, 0.34, 0.08, begin_s=BEGIN_S + 0.12)
+    raised = m.ease(BEGIN_S - 0.05, BEGIN_S + 0.45)
     height_m = hops.height_m
-    planted = stepping_foot(times_s, hops.contacts(), hops.swings(0.01))
+    planted = m.stepping_foot(hops.contacts(), hops.swings(0.01))
+    lift_m = raised * (0.24 * size + 0.7 * height_m)
+    front_m = -0.27 * size * raised - 0.2 * height_m * raised
     bent = FootPath(
-        axis(
-            times_s,
-            -support * 0.02 * raised,
-            raised * (0.24 * style.size + 0.7 * height_m),
-            -0.27 * style.size * raised - 0.2 * height_m * raised,
-        ),
-        pitch=0.9 * raised,
-        yaw=np.zeros(times_s.shape),
+        m.axis(-support * 0.02 * raised, lift_m, front_m), pitch=0.9 * raised, yaw=m.zeros()
     )
-    balance = 0.35 * raised
+    held = m.arms(
+        lower=RELAXED_LOWER - 0.35 * raised - 0.8 * np.tanh(3 * height_m) / 2,
+        elbow=0.6 - 0.8 * np.tanh(3 * height_m),
+    )
     return _upright(
-        times_s,
-        style,
+        m,
         height_m,
-        feet=(planted, bent) if support == 1 else (bent, planted),
-        joints=arms(
-            times_s,
-            lower=RELAXED_LOWER - balance - 0.8 * np.tanh(3 * height_m) / 2,
-            elbow=0.6 - 0.8 * np.tanh(3 * height_m),
-        ),
-        x_m=support * 0.105 * style.size * raised,
+        by_side(support, planted, bent),
+        held,
+        x_m=support * 0.105 * size * raised,
         roll=-support * 0.05 * raised,
     )
 
 
-def jumping_jacks(times_s: Array, style: Style) -> BodyPlan:
+def jumping_jacks(m: Planner) -> BodyPlan:
     """Jumps between closed and spread, arms swinging overhead."""
-    hops = _hops(times_s, style, 0.27, 0.27, 0.07, BEGIN_S, spread_sink_m=0.03 * style.size)
+    hops = _hops(m, 0.27, 0.27, 0.07, spread_sink_m=0.03 * m.size)
     wide = np.arange(len(hops.take_offs_s) + 1) % 2
-    spread_m = 0.2 * style.size * style.amplitude
+    spread_m = 0.2 * m.size * m.amplitude
     left, right = (
-        stepping_foot(times_s, hops.contacts(x_m=side * spread_m * wide), hops.swings(0.02))
+        m.stepping_foot(hops.contacts(side * spread_m * wide), hops.swings(0.02))
         for side in (1, -1)
     )
     knots_s = np.stack([hops.take_offs_s - 0.08, hops.landings_s + 0.08], axis=1).ravel()
-    opened = keyframes(times_s, knots_s, np.repeat(wide, 2)[1:-1].astype(float))
-    return _upright(
-        times_s,
-        style,
-        hops.height_m,
-        feet=(left, right),
-        joints=arms(
-            times_s,
-            lower=RELAXED_LOWER - opened * style.amplitude * 2.0,
-            elbow=0.25 + 0.2 * opened * (1 - opened),
-            shrug=0.25 * opened,
-        ),
+    opened = m.keyframes(knots_s, np.repeat(wide, 2)[1:-1].astype(float))
+    held = m.arms(
+        lower=RELAXED_LOWER - opened * m.amplitude * 2.0,
+        elbow=0.25 + 0.2 * opened * (1 - opened),
+        shrug=0.25 * opened,
     )
+    return _upright(m, hops.height_m, (left, right), held)
 
 
-def running_on_spot(times_s: Array, style: Style) -> BodyPlan:
+def running_on_spot(m: Planner) -> BodyPlan:
     """Running without moving on."""
-    contact_s = 0.24 / style.tempo
-    hop = HopTimes(BEGIN_S, 0.115, contact_s, 0.035 * style.size, 0.04 * style.size, 0.04)
-    hops = plan_hops(times_s, hop, style.rng())
-    lead, other = _running_foot(times_s, hops, style, 0), _running_foot(times_s, hops, style, 1)
+    contact_s, size = 0.24 / m.tempo, m.size
+    hops = _plan_hops(
+        m,
+        m.rng(),
+        begin_s=BEGIN_S,
+        flight_s=0.115,
+        contact_s=contact_s,
+        take_off_m=0.035 * size,
+        crouch_m=0.04 * size,
+        spread_sink_m=0.04,
+    )
+    lead, other = _running_foot(m, hops, 0), _running_foot(m, hops, 1)
     middles_s = np.concatenate([hops.take_offs_s[:1] - 0.15, hops.landings_s + contact_s / 2])
-    stance = style.leading_side * np.where(np.arange(len(middles_s)) % 2, -1.0, 1.0)
+    stance = m.leading_side * np.where(np.arange(len(middles_s)) % 2, -1.0, 1.0)
     stance[0] = 0.0
-    side = keyframes(times_s, middles_s, stance)
-    ready = ease(times_s, 0.1, BEGIN_S + 0.5)
+    side = m.keyframes(middles_s, stance)
+    ready = m.ease(0.1, BEGIN_S + 0.5)
+    elbow = 0.25 + 1.2 * ready
     return _upright(
-        times_s,
-        style,
+        m,
         hops.height_m,
-        feet=(lead, other) if style.leading_side == 1 else (other, lead),
-        joints={
-            **trunk(times_s, bend=0.04 * ready, turn=-0.2 * side),
-            **arm(times_s, "left", swing=0.6 * side - 0.1 * ready, elbow=0.25 + 1.2 * ready),
-            **arm(times_s, "right", swing=-0.6 * side - 0.1 * ready, elbow=0.25 + 1.2 * ready),
-        },
-        x_m=0.035 * style.size * side,
+        by_side(m.leading_side, lead, other),
+        m.trunk(bend=0.04 * ready, turn=-0.2 * side)
+        | m.arm("left", swing=0.6 * side - 0.1 * ready, elbow=elbow)
+        | m.arm("right", swing=-0.6 * side - 0.1 * ready, elbow=elbow),
+        x_m=0.035 * size * side,
         yaw=0.1 * side,
         roll=0.02 * side,
         lean=0.05 * ready,
     )
 
 
-def _running_foot(times_s: Array, hops: Hops, style: Style, order: int) -> FootPath:
+def _running_foot(m: Planner, hops: _Hops, order: int) -> FootPath:
     """The foot that takes off first with the body (`order` 0), or the one that lands first."""
     take_offs_s, landings_s = hops.take_offs_s[order::2], hops.landings_s[1 - order :: 2]
     if order == 1:
         take_offs_s = np.concatenate([hops.take_offs_s[:1] - 0.2, take_offs_s])
     count = min(len(take_offs_s), len(landings_s))
     lift = Swing(
-        lift_m=0.26 * style.size * style.amplitude,
-        back_m=0.17 * style.size,
+        lift_m=0.26 * m.size * m.amplitude,
+        back_m=0.17 * m.size,
         take_off_pitch=0.6,
         pitch=0.9,
         landing_pitch=0.25,
         standing_pitch=0.05,
     )
     contacts = contacts_between(take_offs_s[:count], landings_s[:count])
-    return stepping_foot(times_s, contacts, [lift] * count)
+    return m.stepping_foot(contacts, [lift] * count)
 
 
-def side_to_side_hopping(times_s: Array, style: Style) -> BodyPlan:
+def side_to_side_hopping(m: Planner) -> BodyPlan:
     """Hops with both feet from one side to the other."""
-    hops = _hops(times_s, style, 0.25, 0.29, 0.08, BEGIN_S)
-    reach_m = 0.16 * style.size * style.amplitude
-    places = (
-        style.leading_side * reach_m * np.where(np.arange(len(hops.take_offs_s) + 1) % 2, 1, -1)
-    )
+    hops = _hops(m, 0.25, 0.29, 0.08)
+    reach_m = 0.16 * m.size * m.amplitude
+    odd = np.where(np.arange(len(hops.take_offs_s) + 1) % 2, 1, -1)
+    places = m.leading_side * reach_m * odd
     places[0] = 0.0
-    foot = stepping_foot(times_s, hops.contacts(x_m=places), hops.swings(0.02))
+    foot = m.stepping_foot(hops.contacts(places), hops.swings(0.02))
     # The body starts before its feet and goes on after them, but not as far.
     knots_s = np.stack([hops.take_offs_s - 0.12, hops.landings_s + 0.12], axis=1).ravel()
-    x_m = keyframes(times_s, knots_s, 0.9 * np.repeat(places, 2)[1:-1])
-    tilt = (foot.ball_m[:, 0] - x_m) / (0.9 * style.size)
-    return _upright(
-        times_s,
-        style,
-        hops.height_m,
-        feet=(foot, foot),
-        joints={
-            **trunk(times_s, roll=-0.8 * tilt),
-            **arms(times_s, lower=0.95 - 0.8 * np.tanh(3 * hops.height_m) / 2, elbow=0.7),
-        },
-        x_m=x_m,
-        roll=tilt,
+    x_m = m.keyframes(knots_s, 0.9 * np.repeat(places, 2)[1:-1])
+    tilt = (foot.ball_m[:, 0] - x_m) / (0.9 * m.size)
+    lower = 0.95 - 0.8 * np.tanh(3 * hops.height_m) / 2
+    joints = m.trunk(roll=-0.8 * tilt) | m.arms(lower=lower, elbow=0.7)
+    return _upright(m, hops.height_m, (foot, foot), joints, x_m=x_m, roll=tilt)
+
+
+def basketball_dribble_and_shoot(m: Planner) -> BodyPlan:
+    """Dribbles a ball with bent knees and shoots it from a jump, again and again."""
+    bounce_s, size, side = 0.5 / m.tempo, m.size, m.leading_side
+    shots_s = np.arange(BEGIN_S + 0.6 + 3 * bounce_s, m.times_s[-1] + 2.0, 1.7 + 3 * bounce_s)
+    variation = 1 + 0.04 * m.rng().uniform(-1, 1, len(shots_s))
+    flights_s = 0.34 * np.sqrt(m.amplitude) * variation
+    foot = m.stepping_foot(
+        contacts_between(shots_s, shots_s + flights_s),
+        [Swing(GRAVITY_M_S2 * flight_s**2 / 8 + 0.01) for flight_s in flights_s.tolist()],
     )
+    ready = m.ease(BEGIN_S, BEGIN_S + 0.6)
+    dribble, raised, flick = (m.zeros() for _ in range(3))
+    # Height of the pelvis: bent knees, a deeper crouch before each jump, a soft landing.
+    ready_m = -0.085 * size
+    knots = [(BEGIN_S, 0.0, 0.0, 0.0), (BEGIN_S + 0.6, ready_m, 0.0, 0.0)]
+    for shot_s, flight_s in zip(shots_s.tolist(), flights_s.tolist(), strict=True):
+        raised += m.keyframes(shot_s + np.array([-0.5, 0.02, 0.55, 1.1]), [0, 1, 1, 0])
+        flick += m.keyframes(shot_s + np.array([0.0, 0.2, 0.6, 1.0]), [0, 1, 1, 0])
+        for bounce in range(3):
+            start_s = shot_s - 0.55 - (3 - bounce) * bounce_s
+            dribble += ready * m.bump(start_s, start_s + bounce_s)
+        speed, landing_s = GRAVITY_M_S2 * flight_s / 2, shot_s + flight_s
+        knots += [
+            (shot_s - 0.65, ready_m, 0.0, 0.0),
+            (shot_s - 0.27, -0.15 * size, 0.0, 5.0),
+            (shot_s, 0.05 * size, speed, -GRAVITY_M_S2),
+            (landing_s, 0.05 * size, -speed, -GRAVITY_M_S2),
+            (landing_s + 0.22, -0.14 * size, 0.0, 6.0),
+            (landing_s + 0.65, ready_m, 0.0, 0.0),
+        ]
+    height_m = m.track(knots)
+    shooting, other = ("left", "right") if side == 1 else ("right", "left")
+    joints = m.trunk(bend=0.25 * ready * (1 - raised), turn=-side * 0.1 * ready)
+    joints |= m.arm(
+        shooting,
+        lower=RELAXED_LOWER + 0.1 * raised,
+        swing=0.1 * ready + 0.25 * dribble + 1.35 * raised + 1.0 * flick,
+        elbow=0.25 + 1.15 * ready - 0.95 * dribble + 0.4 * raised - 1.6 * flick,
+    )
+    joints |= m.arm(
+        other,
+        lower=RELAXED_LOWER - 0.25 * ready + 0.35 * raised,
+        swing=0.2 * ready + 1.35 * raised + 0.6 * flick,
+        elbow=0.25 + 0.75 * ready + 0.8 * raised - 0.9 * flick,
+    )
+    crouch = np.tanh(-4 * height_m) / 4
+    return BodyPlan(
+        m.axis(0.0, height_m, 0.03 * size * ready - 0.3 * crouch),
+        m.axis(1.2 * crouch, side * 0.05 * ready, 0.0),
+        left_foot=foot,
+        right_foot=foot,
+        joints=joints,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Hops:
+    """Take-offs and landings, and the pelvis's height (T,) above standing."""
+
+    take_offs_s: Array
+    landings_s: Array
+    height_m: Array
+
+    def contacts(self, x_m: Array | float = 0.0) -> list[Contact]:
+        """Contacts of a foot that takes part in every hop; `x_m` may hold one place a contact."""
+        return contacts_between(self.take_offs_s, self.landings_s, x_m)
+
+    def swings(self, tuck_m: float, **angles: float) -> list[Swing]:
+        """Swings that keep below the body: as high as the flight, and `tuck_m` drawn up."""
+        rises_m = GRAVITY_M_S2 * (self.landings_s - self.take_offs_s) ** 2 / 8
+        return [Swing(float(rise_m) + tuck_m, **angles) for rise_m in rises_m]
 
 
 def _hops(
-    times_s: Array,
-    style: Style,
+    m: Planner,
     flight_s: float,
     contact_s: float,
     crouch_m: float,
-    begin_s: float,
+    *,
+    begin_s: float = BEGIN_S,
     spread_sink_m: float = 0.0,
-) -> Hops:
-    hop = HopTimes(
+) -> _Hops:
+    """Hops of somebody's own height, rate and size."""
+    return _plan_hops(
+        m,
+        m.rng(),
         begin_s=begin_s,
-        flight_s=flight_s * np.sqrt(style.amplitude),
-        contact_s=contact_s / style.tempo,
-        take_off_m=0.05 * style.size,
-        crouch_m=crouch_m * style.size,
+        flight_s=flight_s * np.sqrt(m.amplitude),
+        contact_s=contact_s / m.tempo,
+        take_off_m=0.05 * m.size,
+        crouch_m=crouch_m * m.size,
         spread_sink_m=spread_sink_m,
     )
-    return plan_hops(times_s, hop, style.rng())
+
+
+def _plan_hops(
+    m: Planner,
+    rng: np.random.Generator,
+    *,
+    begin_s: float,
+    flight_s: float,
+    contact_s: float,
+    take_off_m: float,
+    crouch_m: float,
+    spread_sink_m: float,
+) -> _Hops:
+    """Hop until after the last of the times.
+
+    Parameters
+    ----------
+    begin_s : when the countermovement begins; until then the body is still.
+    flight_s, contact_s : means; each flight and contact differs by some 6 %.
+    take_off_m : height of the pelvis above standing when the feet leave and meet the floor.
+    crouch_m : depth of the countermovement below standing.
+    spread_sink_m : how much lower the pelvis is in every second contact, when the legs are apart.
+    """
+    # More than fill the time; the same whatever the frame rate.
+    span_s = m.times_s[-1] + 0.01 - begin_s
+    count = int(np.ceil(span_s / (0.7 * (flight_s + contact_s)))) + 1
+    factors = 1 + 0.06 * np.clip(rng.standard_normal((count, 2)), -2, 2)
+    flights_s, contacts_s = flight_s * factors[:, 0], contact_s * factors[:, 1]
+    heights_m = take_off_m - spread_sink_m * (np.arange(count + 1) % 2)
+    speeds = GRAVITY_M_S2 * flights_s / 2 + np.diff(heights_m) / flights_s
+    crouch_s = begin_s + _CROUCH_S
+    knots = [(begin_s, 0.0, 0.0, 0.0), (crouch_s, -crouch_m, 0.0, _CROUCH_ACCELERATION_M_S2)]
+    take_offs_s, landings_s = [], []
+    now_s = crouch_s + _push_s(crouch_m + take_off_m, speeds[0])
+    for row, (flight_s, contact_s) in enumerate(zip(flights_s, contacts_s, strict=True)):
+        take_offs_s.append(now_s)
+        landings_s.append(now_s + flight_s)
+        rising, falling = speeds[row], speeds[row] - GRAVITY_M_S2 * flight_s
+        knots += [
+            (now_s, heights_m[row], rising, -GRAVITY_M_S2),
+            (now_s + flight_s, heights_m[row + 1], falling, -GRAVITY_M_S2),
+        ]
+        now_s += flight_s + contact_s
+    return _Hops(np.array(take_offs_s), np.array(landings_s), m.track(knots))
+
+
+def _push_s(rise_m: float, speed_m_s: float) -> float:
+    """Duration of the push from the crouch whose velocity is a cubic, so that none overshoots.
+
+    Such a push rises by T v / 2 + T^2 (a0 - a1) / 12, with accelerations a0 and a1 at its ends.
+    """
+    curvature = (_CROUCH_ACCELERATION_M_S2 + GRAVITY_M_S2) / 12
+    half = speed_m_s / 4
+    return float((np.sqrt(half**2 + curvature * rise_m) - half) / curvature)
 
 
 def _upright(
-    times_s: Array,
-    style: Style,
+    m: Planner,
     height_m: Array,
-    *,
     feet: tuple[FootPath, FootPath],
     joints: dict[str, Array],
+    *,
     x_m: Array | float = 0.0,
     yaw: Array | float = 0.0,
     roll: Array | float = 0.0,
     lean: Array | float = 0.0,
 ) -> BodyPlan:
     """A body over the balls of its feet, which leans forwards as its knees bend."""
-    over_balls = ease(times_s, BEGIN_S, BEGIN_S + 0.4)
+    over_balls = m.ease(BEGIN_S, BEGIN_S + 0.4)
     bend = -np.tanh(4 * height_m) / 4
-    joints = trunk(times_s, bend=0.5 * bend) | joints
     return BodyPlan(
-        pelvis_m=axis(times_s, x_m, height_m, 0.035 * style.size * over_balls - 0.25 * bend),
-        pelvis_turn=axis(times_s, lean + 0.9 * bend, yaw, roll),
-        left_foot=feet[0],
-        right_foot=feet[1],
-        joints=joints,
+        m.axis(x_m, height_m, 0.035 * m.size * over_balls - 0.25 * bend),
+        m.axis(lean + 0.9 * bend, yaw, roll),
+        *feet,
+        m.trunk(bend=0.5 * bend) | joints,
     )

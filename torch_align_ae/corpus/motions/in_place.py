@@ -1,192 +1,150 @@
-"""Motions whose feet stay on the floor, or leave it one at a time."""
+"""Motions whose feet stay on the floor, or leave it one at a time: Dyna's, and held-out ones."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from torch_align_ae.corpus.motions.curves import axis, bump, cycle, ease, keyframes
-from torch_align_ae.corpus.motions.plan import Array, BodyPlan, FootPath, Style
-from torch_align_ae.corpus.motions.postures import (
+from torch_align_ae.corpus.motions.plan import (
+    BEGIN_S,
+    RELAXED_LOWER,
+    BodyPlan,
+    FootPath,
+    Planner,
     Swing,
-    arm,
-    arms,
+    by_side,
     contacts_between,
-    standing_foot,
-    stepping_foot,
-    trunk,
 )
 
-BEGIN_S = 0.2
 
-
-def hips(times_s: Array, style: Style) -> BodyPlan:
+def hips(m: Planner) -> BodyPlan:
     """Wide, slow circles of the pelvis."""
-    phase = cycle(times_s, 0.95 * style.tempo, BEGIN_S)
-    depth = style.amplitude * ease(times_s, BEGIN_S, BEGIN_S + 0.9)
-    side = style.leading_side * np.sin(phase) * depth
+    phase = m.cycle(0.95 * m.tempo, BEGIN_S)
+    depth = m.amplitude * m.ease(BEGIN_S, BEGIN_S + 0.9)
+    side = m.leading_side * np.sin(phase) * depth
     front = np.cos(phase) * depth
-    return _planted(
-        times_s,
-        pelvis_m=axis(times_s, 0.075 * side, -0.045 * depth, 0.055 * front) * style.size,
-        pelvis_turn=axis(times_s, -0.12 * front, 0.06 * side, -0.12 * side),
-        joints={
-            **trunk(times_s, bend=0.15 * front, turn=-0.08 * side, roll=0.2 * side),
-            **arms(times_s, lower=0.75, twist=-0.2, elbow=0.5),
-        },
+    return m.planted(
+        m.axis(0.075 * side, -0.045 * depth, 0.055 * front) * m.size,
+        m.axis(-0.12 * front, 0.06 * side, -0.12 * side),
+        m.trunk(bend=0.15 * front, turn=-0.08 * side, roll=0.2 * side)
+        | m.arms(lower=0.75, twist=-0.2, elbow=0.5),
     )
 
 
-def shake_hips(times_s: Array, style: Style) -> BodyPlan:
+def shake_hips(m: Planner) -> BodyPlan:
     """Quick shakes of the pelvis from side to side."""
-    phase = cycle(times_s, 2.5 * style.tempo, BEGIN_S)
-    depth = style.amplitude * ease(times_s, BEGIN_S, BEGIN_S + 0.6)
+    phase = m.cycle(2.5 * m.tempo, BEGIN_S)
+    depth = m.amplitude * m.ease(BEGIN_S, BEGIN_S + 0.6)
     # The strength comes and goes, as nobody shakes evenly.
-    depth = depth * (0.8 + 0.2 * np.sin(0.31 * phase + style.phase))
-    side = style.leading_side * np.sin(phase) * depth
+    depth = depth * (0.8 + 0.2 * np.sin(0.31 * phase + m.phase))
+    side = m.leading_side * np.sin(phase) * depth
     twist = np.sin(phase + 0.8) * depth
-    return _planted(
-        times_s,
-        pelvis_m=axis(times_s, 0.035 * side, -0.045 * depth, 0.01 * twist) * style.size,
-        pelvis_turn=axis(times_s, 0.05 * depth, 0.16 * twist, -0.13 * side),
-        joints={
-            **trunk(times_s, bend=-0.05 * depth, turn=-0.18 * twist, roll=0.14 * side),
-            **arms(times_s, lower=0.85, elbow=0.9 + 0.1 * twist, swing=0.15),
-        },
+    return m.planted(
+        m.axis(0.035 * side, -0.045 * depth, 0.01 * twist) * m.size,
+        m.axis(0.05 * depth, 0.16 * twist, -0.13 * side),
+        m.trunk(bend=-0.05 * depth, turn=-0.18 * twist, roll=0.14 * side)
+        | m.arms(lower=0.85, elbow=0.9 + 0.1 * twist, swing=0.15),
     )
 
 
-def knees(times_s: Array, style: Style) -> BodyPlan:
+def knees(m: Planner) -> BodyPlan:
     """Knees raised high in turn, as in marching on the spot."""
-    step_s = 0.52 / style.tempo
-    starts_s = np.arange(BEGIN_S + 0.25, times_s[-1] + 1.0, step_s)
-    sides = style.leading_side * (-1) ** np.arange(len(starts_s))
-    lifts_m = (
-        0.38 * style.size * style.amplitude * (1 + 0.06 * style.rng().standard_normal(len(sides)))
-    )
-    raised = {side: np.zeros(times_s.shape) for side in (1, -1)}
-    for start_s, side in zip(starts_s.tolist(), sides.tolist(), strict=True):
-        raised[side] += bump(times_s, start_s, start_s + 1.05 * step_s)
+    step_s, size = 0.52 / m.tempo, m.size
+    starts_s = np.arange(BEGIN_S + 0.25, m.times_s[-1] + 1.0, step_s)
+    sides = m.leading_side * (-1) ** np.arange(len(starts_s))
+    lifts_m = 0.38 * size * m.amplitude * (1 + 0.06 * m.rng().standard_normal(len(sides)))
     feet = {}
     for side in (1, -1):
         own = sides == side
         contacts = contacts_between(starts_s[own], starts_s[own] + 0.95 * step_s)
-        swings = [
-            Swing(
-                lift, back_m=0.05 * style.size, take_off_pitch=0.35, pitch=0.55, landing_pitch=0.15
-            )
-            for lift in lifts_m[own]
-        ]
-        feet[side] = stepping_foot(times_s, contacts, swings)
-    lean = keyframes(
-        times_s,
+        angles = {"take_off_pitch": 0.35, "pitch": 0.55, "landing_pitch": 0.15}
+        swings = [Swing(lift, 0.05 * size, **angles) for lift in lifts_m[own]]
+        feet[side] = m.stepping_foot(contacts, swings)
+    lean = m.keyframes(
         np.concatenate([[BEGIN_S], starts_s + 0.3 * step_s]),
         np.concatenate([[0.0], -sides.astype(float)]),
     )
     sway = np.sin(np.pi * lean / 2)
     return BodyPlan(
-        pelvis_m=axis(times_s, 0.075 * lean, -0.012 * np.abs(sway), 0.0) * style.size,
-        pelvis_turn=axis(times_s, 0.0, -0.08 * sway, 0.03 * sway),
+        m.axis(0.075 * lean, -0.012 * np.abs(sway), 0.0) * size,
+        m.axis(0.0, -0.08 * sway, 0.03 * sway),
         left_foot=feet[1],
         right_foot=feet[-1],
-        joints={
-            **trunk(times_s, bend=0.05, turn=0.14 * sway),
-            **arm(times_s, "left", swing=0.45 * sway, elbow=0.7),
-            **arm(times_s, "right", swing=-0.45 * sway, elbow=0.7),
-        },
+        joints=m.trunk(bend=0.05, turn=0.14 * sway)
+        | m.arm("left", swing=0.45 * sway, elbow=0.7)
+        | m.arm("right", swing=-0.45 * sway, elbow=0.7),
     )
 
 
-def jiggle_on_toes(times_s: Array, style: Style) -> BodyPlan:
+def jiggle_on_toes(m: Planner) -> BodyPlan:
     """Heels up, bouncing quickly on the balls of the feet."""
-    phase = cycle(times_s, 3.4 * style.tempo, BEGIN_S + 0.4)
-    raised = ease(times_s, BEGIN_S, BEGIN_S + 0.5)
-    depth = style.amplitude * ease(times_s, BEGIN_S + 0.4, BEGIN_S + 1.0)
+    phase = m.cycle(3.4 * m.tempo, BEGIN_S + 0.4)
+    raised = m.ease(BEGIN_S, BEGIN_S + 0.5)
+    depth = m.amplitude * m.ease(BEGIN_S + 0.4, BEGIN_S + 1.0)
     bounce = (np.cos(phase) - 1) * depth
-    sway = np.sin(0.13 * phase + style.phase) * depth
-    return _planted(
-        times_s,
-        pelvis_m=axis(times_s, 0.01 * sway, 0.055 * raised + 0.013 * bounce, 0.055 * raised)
-        * style.size,
-        pelvis_turn=axis(times_s, -0.02 * bounce, 0.03 * sway, 0.0),
-        joints={
-            **trunk(times_s, bend=0.02 * bounce),
-            **arms(times_s, lower=1.05 + 0.03 * bounce, elbow=0.45 - 0.05 * bounce),
-        },
+    sway = np.sin(0.13 * phase + m.phase) * depth
+    height_m = 0.055 * raised + 0.013 * bounce
+    return m.planted(
+        m.axis(0.01 * sway, height_m, 0.055 * raised) * m.size,
+        m.axis(-0.02 * bounce, 0.03 * sway, 0.0),
+        m.trunk(bend=0.02 * bounce)
+        | m.arms(lower=1.05 + 0.03 * bounce, elbow=0.45 - 0.05 * bounce),
         pitch=0.5 * raised + 0.05 * bounce,
     )
 
 
-def one_leg_loose(times_s: Array, style: Style) -> BodyPlan:
+def one_leg_loose(m: Planner) -> BodyPlan:
     """Standing on one leg, the other is shaken loosely."""
-    support = -style.leading_side
-    raised = ease(times_s, BEGIN_S, BEGIN_S + 0.7)
-    phase = cycle(times_s, 2.3 * style.tempo, BEGIN_S + 0.7)
-    depth = style.amplitude * ease(times_s, BEGIN_S + 0.7, BEGIN_S + 1.2)
+    support = -m.leading_side
+    raised = m.ease(BEGIN_S, BEGIN_S + 0.7)
+    phase = m.cycle(2.3 * m.tempo, BEGIN_S + 0.7)
+    depth = m.amplitude * m.ease(BEGIN_S + 0.7, BEGIN_S + 1.2)
     shake = np.sin(phase) * depth
-    drift = np.sin(0.17 * phase + style.phase) * depth
+    drift = np.sin(0.17 * phase + m.phase) * depth
+    aside = -support * (0.05 * raised + 0.02 * drift)
+    lift = 0.20 * raised + 0.045 * (1 - np.cos(phase)) * depth
     loose = FootPath(
-        axis(
-            times_s,
-            -support * (0.05 * raised + 0.02 * drift),
-            0.20 * raised + 0.045 * (1 - np.cos(phase)) * depth,
-            0.14 * raised + 0.10 * shake,
-        )
-        * style.size,
+        m.axis(aside, lift, 0.14 * raised + 0.10 * shake) * m.size,
         pitch=0.55 * raised + 0.25 * np.sin(phase - 0.9) * depth,
         yaw=-support * 0.1 * raised,
     )
-    planted = standing_foot(times_s)
+    height = -0.01 * raised + 0.004 * shake
     return BodyPlan(
-        pelvis_m=axis(
-            times_s, support * 0.1 * raised, -0.01 * raised + 0.004 * shake, -0.01 * raised
-        )
-        * style.size,
-        pelvis_turn=axis(times_s, 0.0, support * 0.04 * shake, -support * 0.04 * raised),
-        left_foot=planted if support == 1 else loose,
-        right_foot=loose if support == 1 else planted,
-        joints={
-            **trunk(
-                times_s,
-                bend=0.05 * raised,
-                turn=-support * 0.06 * shake,
-                roll=support * 0.06 * raised,
-            ),
-            **arms(times_s, lower=1.12 - 0.4 * raised + 0.04 * shake, elbow=0.35),
-        },
+        m.axis(support * 0.1 * raised, height, -0.01 * raised) * m.size,
+        m.axis(0.0, support * 0.04 * shake, -support * 0.04 * raised),
+        *by_side(support, m.standing_foot(), loose),
+        m.trunk(bend=0.05 * raised, turn=-support * 0.06 * shake, roll=support * 0.06 * raised)
+        | m.arms(lower=1.12 - 0.4 * raised + 0.04 * shake, elbow=0.35),
     )
 
 
-def shake_arms(times_s: Array, style: Style) -> BodyPlan:
+def shake_arms(m: Planner) -> BodyPlan:
     """Arms held out and shaken loosely."""
-    raised = ease(times_s, BEGIN_S, BEGIN_S + 0.6)
-    phase = cycle(times_s, 3.0 * style.tempo, BEGIN_S + 0.4)
-    depth = style.amplitude * ease(times_s, BEGIN_S + 0.4, BEGIN_S + 0.9)
-    drift = 0.25 * np.sin(0.12 * phase + style.phase) * depth
+    raised = m.ease(BEGIN_S, BEGIN_S + 0.6)
+    phase = m.cycle(3.0 * m.tempo, BEGIN_S + 0.4)
+    depth = m.amplitude * m.ease(BEGIN_S + 0.4, BEGIN_S + 0.9)
+    drift = 0.25 * np.sin(0.12 * phase + m.phase) * depth
     shake = np.sin(phase) * depth
     late = np.sin(phase - 0.9) * depth
-    joints = arms(
-        times_s,
+    held = m.arms(
         lower=1.12 - 0.62 * raised + drift + 0.26 * shake,
         swing=0.25 * raised,
         elbow=0.3 + 0.25 * raised + 0.3 * late,
         shrug=0.05 * shake,
     )
-    return _planted(
-        times_s,
-        pelvis_m=axis(times_s, 0.0, -0.02 * raised + 0.004 * shake, 0.0) * style.size,
-        pelvis_turn=axis(times_s, 0.03 * raised, 0.03 * drift, 0.0),
-        joints={**trunk(times_s, bend=0.03 * shake, turn=0.1 * drift), **joints},
+    return m.planted(
+        m.axis(0.0, -0.02 * raised + 0.004 * shake, 0.0) * m.size,
+        m.axis(0.03 * raised, 0.03 * drift, 0.0),
+        m.trunk(bend=0.03 * shake, turn=0.1 * drift) | held,
     )
 
 
-def chicken_wings(times_s: Array, style: Style) -> BodyPlan:
+def chicken_wings(m: Planner) -> BodyPlan:
     """Hands at the chest, elbows flapping up and down."""
-    raised = ease(times_s, BEGIN_S, BEGIN_S + 0.6)
-    phase = cycle(times_s, 1.7 * style.tempo, BEGIN_S + 0.4)
-    depth = style.amplitude * ease(times_s, BEGIN_S + 0.4, BEGIN_S + 1.0)
+    raised = m.ease(BEGIN_S, BEGIN_S + 0.6)
+    phase = m.cycle(1.7 * m.tempo, BEGIN_S + 0.4)
+    depth = m.amplitude * m.ease(BEGIN_S + 0.4, BEGIN_S + 1.0)
     flap = np.sin(phase) * depth
-    joints = arms(
-        times_s,
+    held = m.arms(
         lower=1.12 - 0.52 * raised - 0.5 * flap,
         swing=0.15 * raised,
         twist=0.1 * raised,
@@ -194,74 +152,166 @@ def chicken_wings(times_s: Array, style: Style) -> BodyPlan:
         shrug=0.08 * flap,
     )
     dip = (1 - np.cos(phase)) / 2 * depth
-    return _planted(
-        times_s,
-        pelvis_m=axis(times_s, 0.0, -0.02 * raised - 0.02 * dip, 0.0) * style.size,
-        pelvis_turn=axis(times_s, 0.05 * raised + 0.03 * dip, 0.0, 0.0),
-        joints={**trunk(times_s, bend=0.06 * dip), **joints},
+    return m.planted(
+        m.axis(0.0, -0.02 * raised - 0.02 * dip, 0.0) * m.size,
+        m.axis(0.05 * raised + 0.03 * dip, 0.0, 0.0),
+        m.trunk(bend=0.06 * dip) | held,
     )
 
 
-def shake_shoulders(times_s: Array, style: Style) -> BodyPlan:
+def shake_shoulders(m: Planner) -> BodyPlan:
     """Shoulders shaken forwards and back in turn."""
-    phase = cycle(times_s, 2.8 * style.tempo, BEGIN_S)
-    depth = style.amplitude * ease(times_s, BEGIN_S, BEGIN_S + 0.6)
-    depth = depth * (0.85 + 0.15 * np.sin(0.23 * phase + style.phase))
-    shake = style.leading_side * np.sin(phase) * depth
+    phase = m.cycle(2.8 * m.tempo, BEGIN_S)
+    held = m.ease(BEGIN_S, BEGIN_S + 0.6)
+    depth = m.amplitude * held
+    depth = depth * (0.85 + 0.15 * np.sin(0.23 * phase + m.phase))
+    shake = m.leading_side * np.sin(phase) * depth
     lean = np.sin(0.15 * phase) * depth
-    held = ease(times_s, BEGIN_S, BEGIN_S + 0.6)
-    spine = trunk(times_s, bend=0.08 * held + 0.06 * lean, turn=0.30 * shake)
-    return _planted(
-        times_s,
-        pelvis_m=axis(times_s, 0.004 * shake, -0.025 * held, -0.01 * held) * style.size,
-        pelvis_turn=axis(times_s, 0.04 * held, -0.05 * shake, 0.0),
-        joints={
-            **spine,
-            **arm(times_s, "left", lower=1.0, shrug=0.12 * shake, swing=-0.12 * shake, elbow=0.6),
-            **arm(times_s, "right", lower=1.0, shrug=-0.12 * shake, swing=0.12 * shake, elbow=0.6),
-        },
+    return m.planted(
+        m.axis(0.004 * shake, -0.025 * held, -0.01 * held) * m.size,
+        m.axis(0.04 * held, -0.05 * shake, 0.0),
+        m.trunk(bend=0.08 * held + 0.06 * lean, turn=0.30 * shake)
+        | m.arm("left", lower=1.0, shrug=0.12 * shake, swing=-0.12 * shake, elbow=0.6)
+        | m.arm("right", lower=1.0, shrug=-0.12 * shake, swing=0.12 * shake, elbow=0.6),
     )
 
 
-def punching(times_s: Array, style: Style) -> BodyPlan:
+def punching(m: Planner) -> BodyPlan:
     """Straight punches in turn from a guard."""
-    guard = ease(times_s, BEGIN_S, BEGIN_S + 0.5)
-    punch_s = 0.42 / style.tempo
-    starts_s = np.arange(BEGIN_S + 0.5, times_s[-1] + 1.0, punch_s)
-    sides = style.leading_side * (-1) ** np.arange(len(starts_s))
-    strength = style.amplitude * (1 + 0.05 * style.rng().standard_normal(len(sides)))
-    out = {side: np.zeros(times_s.shape) for side in (1, -1)}
-    for start_s, side, share in zip(
-        starts_s.tolist(), sides.tolist(), strength.tolist(), strict=True
-    ):
-        reach = keyframes(times_s, start_s + punch_s * np.array([0.0, 0.55, 1.25]), [0.0, 1.0, 0.0])
-        out[side] += min(share, 1.05) * reach
+    guard = m.ease(BEGIN_S, BEGIN_S + 0.5)
+    punch_s = 0.42 / m.tempo
+    starts_s = np.arange(BEGIN_S + 0.5, m.times_s[-1] + 1.0, punch_s)
+    sides = m.leading_side * (-1) ** np.arange(len(starts_s))
+    strength = m.amplitude * (1 + 0.05 * m.rng().standard_normal(len(sides)))
+    out = {side: m.zeros() for side in (1, -1)}
+    moments_s = punch_s * np.array([0.0, 0.55, 1.25])
+    for start_s, side, share in zip(starts_s, sides.tolist(), strength.tolist(), strict=True):
+        out[side] += min(share, 1.05) * m.keyframes(start_s + moments_s, [0.0, 1.0, 0.0])
     turn = 0.30 * (out[-1] - out[1])
-    joints = trunk(times_s, bend=0.12 * guard, turn=turn)
+    joints = m.trunk(bend=0.12 * guard, turn=turn)
     for name, side in (("left", 1), ("right", -1)):
-        joints |= arm(
-            times_s,
+        joints |= m.arm(
             name,
             lower=1.12 + 0.08 * guard + 0.15 * out[side],
             swing=0.35 * guard + 1.0 * out[side],
             twist=-0.1 * guard,
             elbow=0.25 + 1.75 * guard - 1.75 * out[side],
         )
-    return _planted(
-        times_s,
-        pelvis_m=axis(times_s, 0.03 * (out[-1] - out[1]), -0.05 * guard, 0.0) * style.size,
-        pelvis_turn=axis(times_s, 0.06 * guard, 0.45 * turn, 0.0),
-        joints=joints,
+    return m.planted(
+        m.axis(0.03 * (out[-1] - out[1]), -0.05 * guard, 0.0) * m.size,
+        m.axis(0.06 * guard, 0.45 * turn, 0.0),
+        joints,
     )
 
 
-def _planted(
-    times_s: Array,
-    *,
-    pelvis_m: Array,
-    pelvis_turn: Array,
-    joints: dict[str, Array],
-    pitch: Array | float = 0.0,
-) -> BodyPlan:
-    foot = standing_foot(times_s, pitch=pitch)
-    return BodyPlan(pelvis_m, pelvis_turn, foot, foot, joints)
+def kicking(m: Planner) -> BodyPlan:
+    """Kicks to the front with one leg, the other stands."""
+    support, size = -m.leading_side, m.size
+    starts_s = np.arange(BEGIN_S + 0.35, m.times_s[-1] + 1.0, 1.55 / m.tempo)
+    variation = 1 + 0.05 * m.rng().standard_normal(len(starts_s))
+    strength = np.minimum(m.amplitude * variation, 1.08)
+    back, front, lift, cocked = (m.zeros() for _ in range(4))
+    for start_s, share in zip(starts_s.tolist(), strength.tolist(), strict=True):
+        moments_s = start_s + np.array([0.0, 0.38, 0.54, 0.72, 1.25]) / m.tempo
+        back += m.keyframes(moments_s[[0, 1, 3]], [0.0, 1.0, 0.0])
+        front += share * m.keyframes(moments_s[[1, 3, 4]], [0.0, 1.0, 0.0])
+        lift += m.keyframes(moments_s, [0.0, 0.22, 0.12, 0.40 * share, 0.0])
+        cocked += m.keyframes(moments_s[[0, 1, 3, 4]], [0.0, 0.9, 0.45, 0.0])
+    ball_m = m.axis(-support * 0.03 * front, lift, -0.38 * back + 0.62 * front) * size
+    kicker = FootPath(ball_m, pitch=cocked, yaw=m.zeros())
+    raised = m.ease(BEGIN_S, BEGIN_S + 0.4)
+    turn = support * 0.3 * (front - back)
+    swing, lower = support * 0.6 * (front - 0.7 * back), RELAXED_LOWER - 0.3 * raised
+    ahead = 0.03 * back + 0.02 * front
+    return BodyPlan(
+        m.axis(support * 0.1 * raised, -0.025 * raised, ahead) * size,
+        m.axis(0.12 * back - 0.14 * front, 0.6 * turn, -support * 0.05 * raised),
+        *by_side(support, m.standing_foot(), kicker),
+        m.trunk(bend=0.22 * front, turn=-1.1 * turn, roll=support * 0.06 * raised)
+        | m.arm("left", lower=lower, swing=-swing, elbow=0.4)
+        | m.arm("right", lower=lower, swing=swing, elbow=0.4),
+    )
+
+
+def sitting_down(m: Planner) -> BodyPlan:
+    """Sits down on a stool and stands up, again and again."""
+    size = m.size
+    phases_s = np.array([0.0, 0.55, 0.95, 1.35, 1.75, 2.2, 2.6]) / m.tempo
+    starts_s = np.arange(BEGIN_S, m.times_s[-1] + 1.0, phases_s[-1])
+    seat = m.repeated(starts_s, phases_s[[0, 2, 3, 5]], [0.0, 1.0, 1.0, 0.0])
+    lean = m.repeated(starts_s, phases_s[:6], [0.0, 0.9, 0.05, 0.05, 1.0, 0.0])
+    lean = lean * m.amplitude
+    sway = np.sin(1.1 * m.times_s + m.phase) * m.ease(BEGIN_S, BEGIN_S + 1.0)
+    height_m, front_m = (-0.37 * seat - 0.03 * lean) * size, (-0.27 * seat - 0.05 * lean) * size
+    held = m.arms(
+        lower=RELAXED_LOWER + 0.2 * seat, swing=0.55 * lean + 0.45 * seat, elbow=0.25 + 0.35 * seat
+    )
+    return m.planted(
+        m.axis(0.006 * sway, height_m, front_m),
+        m.axis(0.5 * lean - 0.06 * seat, 0.03 * sway, 0.0),
+        m.trunk(bend=0.35 * lean + 0.06 * seat, turn=0.05 * sway) | held,
+    )
+
+
+def lying_down_and_getting_up(m: Planner) -> BodyPlan:
+    """Squats, sits on the floor, rolls back until the trunk lies, rests, and comes back up."""
+    size, tempo = m.size, m.tempo
+    moments_s = BEGIN_S + np.array([0.0, 0.6, 1.1, 1.25, 2.0, 2.5, 3.15, 3.3, 3.85, 4.6]) / tempo
+    low = m.keyframes(moments_s[[0, 2, 7, 9]], [0.0, 1.0, 1.0, 0.0])
+    back = m.keyframes(moments_s[[0, 2, 3, 4, 5, 6, 7, 9]], [0, 1, 1, 1.4, 1.4, 1, 1, 0])
+    lain = -np.pi / 2
+    turn = m.keyframes(moments_s, [0.0, 0.55, -0.15, -0.2, lain, lain, -0.2, -0.1, 0.65, 0.0])
+    curl = m.keyframes(moments_s, [0.0, 0.35, 0.45, 0.5, 0.0, 0.0, 0.6, 0.5, 0.4, 0.0])
+    reach = m.keyframes(moments_s, [0.0, 1.7, 1.2, 1.2, -0.1, -0.1, 1.3, 1.3, 1.7, 0.0])
+    lying = m.keyframes(moments_s[3:7], [0.0, 1.0, 1.0, 0.0])
+    tilt = 0.06 * m.leading_side * m.amplitude * low * (1 - lying)
+    held = m.arms(lower=RELAXED_LOWER + 0.15 * low, swing=0.9 * reach, elbow=0.25 + 0.35 * low)
+    return m.planted(
+        m.axis(0.0, -0.72 * low * size, -0.42 * back * size),
+        m.axis(turn, 0.0, 0.0),
+        m.trunk(bend=curl, turn=tilt) | held,
+        carried=m.keyframes(moments_s[[1, 2, 7, 8]], [0.0, 1.0, 1.0, 0.0]),
+    )
+
+
+def bending_and_reaching(m: Planner) -> BodyPlan:
+    """Bends down to the floor with both hands, then reaches up high on the toes."""
+    size = m.size
+    phases_s = np.array([0.0, 0.75, 1.0, 1.9, 2.15, 2.8]) / m.tempo
+    starts_s = np.arange(BEGIN_S, m.times_s[-1] + 1.0, phases_s[-1])
+    down = m.repeated(starts_s, phases_s[:4], [0.0, 1.0, 1.0, 0.0])
+    up = m.repeated(starts_s, phases_s[2:], [0.0, 1.0, 1.0, 0.0])
+    up = up * min(m.amplitude, 1.0)
+    held = m.arms(
+        lower=RELAXED_LOWER + 0.3 * down + 0.3 * up,
+        swing=1.9 * down + 2.85 * up,
+        elbow=0.25 - 0.1 * down - 0.1 * up,
+        shrug=0.2 * up,
+    )
+    height_m, front_m = (-0.16 * down + 0.05 * up) * size, (-0.2 * down + 0.05 * up) * size
+    return m.planted(
+        m.axis(0.0, height_m, front_m),
+        m.axis(1.15 * down - 0.05 * up, 0.0, 0.0),
+        m.trunk(bend=0.85 * down - 0.15 * up, turn=0.12 * m.leading_side * down) | held,
+        pitch=0.4 * up,
+    )
+
+
+def stretching(m: Planner) -> BodyPlan:
+    """Raises the arms, bends to one side and the other, and twists."""
+    raised = m.ease(BEGIN_S, BEGIN_S + 0.7 / m.tempo)
+    phases_s = np.array([0.0, 0.6, 1.3, 1.9, 2.5, 3.0]) / m.tempo
+    starts_s = np.arange(BEGIN_S + 0.5, m.times_s[-1] + 1.0, phases_s[-1])
+    aside = m.repeated(starts_s, phases_s[:4], [0.0, 1.0, -1.0, 0.0])
+    twist = m.repeated(starts_s, phases_s[2:], [0.0, 1.0, -0.8, 0.0])
+    aside, twist = (m.leading_side * m.amplitude * curve for curve in (aside, twist))
+    joints = m.trunk(bend=-0.05 * raised, turn=0.55 * twist, roll=0.55 * aside)
+    for name, side in (("left", 1), ("right", -1)):
+        lower = RELAXED_LOWER - (2.2 + 0.12 * side * aside) * raised
+        elbow, shrug = 0.25 + 0.45 * raised, 0.2 * raised
+        joints |= m.arm(name, lower=lower, elbow=elbow, shrug=shrug)
+    return m.planted(
+        m.axis(0.06 * aside, -0.012 * raised, 0.0) * m.size,
+        m.axis(0.0, 0.22 * twist, -0.06 * aside),
+        joints,
+    )

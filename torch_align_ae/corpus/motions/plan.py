@@ -1,16 +1,23 @@
-"""What a motion asks of a body, before any body's proportions enter."""
+"""What a motion asks of a body, before any body's proportions enter, and how it is planned."""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BPoly
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.floating]
 GRAVITY_M_S2 = 9.81
+BEGIN_S = 0.2
+"""Until then a body stands still."""
+RELAXED_LOWER = 1.12
+_COLLAR_SHARE = 0.12
+_SPINE = ("spine1", "spine2", "spine3")
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +28,7 @@ class FootPath:
     """(T, 3) displacement of the ball of the foot from where it stands; y = 0 is contact."""
     pitch: Array
     """(T,) toes-down angle of the foot, radians. A leg that is too short raises it further."""
-    yaw: Array
-    """(T,) toes-left angle of the foot, radians."""
+    yaw: Array  # (T,) toes-left angle of the foot, radians
     heading: Array | float = 0.0
     """(T,) turn of the foot and of the place where it stands about the body's starting place."""
 
@@ -31,14 +37,10 @@ class FootPath:
 class BodyPlan:
     """A motion over T frames: y up, z forward, x to the body's left; the floor is y = 0."""
 
-    pelvis_m: Array
-    """(T, 3) displacement of the pelvis from where it stands, metres."""
-    pelvis_turn: Array
-    """(T, 3) orientation of the pelvis as an axis-angle vector, radians."""
+    pelvis_m: Array  # (T, 3) displacement of the pelvis from where it stands, metres
+    pelvis_turn: Array  # (T, 3) orientation of the pelvis as an axis-angle vector, radians
     left_foot: FootPath
-    """Where the left foot shall be."""
     right_foot: FootPath
-    """Where the right foot shall be."""
     joints: Mapping[str, Array] = field(default_factory=dict)
     """(T, 3) axis-angle rotation of each joint above the pelvis that is not at rest."""
     heading: Array | float = 0.0
@@ -49,23 +51,17 @@ class BodyPlan:
 
 @dataclass(frozen=True)
 class Style:
-    """How one subject performs one motion; drawn from the subject's and the motion's names."""
+    """How one subject does one motion; drawn from the subject's and the motion's names."""
 
-    amplitude: float
-    """Factor on heights and angles, near 1."""
-    tempo: float
-    """Factor on the rate of repetition, near 1."""
-    phase: float
-    """Where in the cycle the motion begins, radians."""
-    leading_side: int
-    """+1 where the left side leads, -1 where the right does."""
-    size: float
-    """Leg length relative to an average leg of 0.85 m."""
-    entropy: tuple[int, int, int]
-    """Seed of the small differences from one repetition to the next."""
+    amplitude: float  # factor on heights and angles, near 1
+    tempo: float  # factor on the rate of repetition, near 1
+    phase: float  # where in the cycle the motion begins, radians
+    leading_side: int  # +1 where the left side leads, -1 where the right does
+    size: float  # leg length relative to an average leg of 0.85 m
+    entropy: tuple[int, int, int]  # seed of the small differences from one repetition to the next
 
     def rng(self) -> np.random.Generator:
-        """A fresh generator, so that the same style always performs the same motion."""
+        """A fresh generator, so that the same style always gives the same motion."""
         return np.random.default_rng(self.entropy)
 
 
@@ -81,3 +77,194 @@ def draw_style(subject: str, motion: str, size: float, seed: int) -> Style:
         size=size,
         entropy=entropy,
     )
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A stretch of time in which the ball of a foot does not move."""
+
+    start_s: float  # landing
+    stop_s: float  # take-off
+    x_m: float = 0.0  # where it stands: displacement to the left of its usual place
+    z_m: float = 0.0  # displacement to the front
+
+    @property
+    def middle_s(self) -> float:
+        return (self.start_s + self.stop_s) / 2
+
+
+def contacts_between(
+    take_offs_s: Array, landings_s: Array, x_m: Array | float = 0.0
+) -> list[Contact]:
+    """Contacts before the first of these flights and after each; `x_m` may be one place each."""
+    starts = np.concatenate([[-1.0], landings_s])
+    stops = np.concatenate([take_offs_s, [np.inf]])
+    places = np.broadcast_to(x_m, starts.shape)
+    return [Contact(*row) for row in zip(starts, stops, places, strict=True)]
+
+
+@dataclass(frozen=True)
+class Swing:
+    """How a foot travels from one contact to the next; angles toes-down, radians."""
+
+    lift_m: float  # height of the ball of the foot halfway
+    back_m: float = 0.0  # how far it goes to the rear halfway
+    take_off_pitch: float = 0.6
+    pitch: float = 0.5  # halfway
+    landing_pitch: float = 0.4
+    standing_pitch: float = 0.0  # in the middle of a contact
+
+
+def by_side(side: int, own: FootPath, other: FootPath) -> tuple[FootPath, FootPath]:
+    """Left and right foot, of which the one on `side`, +1 for the left, has a path of its own."""
+    return (own, other) if side == 1 else (other, own)
+
+
+class Planner:
+    """What motions are planned with: curves over `times_s` (T,) and postures, in one style."""
+
+    def __init__(self, times_s: Array, style: Style) -> None:
+        self.times_s, self.rng = times_s, style.rng
+        self.amplitude, self.tempo, self.phase = style.amplitude, style.tempo, style.phase
+        self.leading_side, self.size = style.leading_side, style.size
+
+    def zeros(self) -> Array:
+        return np.zeros(self.times_s.shape)
+
+    def repeated(self, starts_s: Iterable[float], moments_s: Array, values: ArrayLike) -> Array:
+        """Keyframes that begin again and again."""
+        found = self.zeros()
+        for start_s in starts_s:
+            found += self.keyframes(start_s + moments_s, values)
+        return found
+
+    def ease(self, start_s: float, stop_s: float) -> Array:
+        """0 before `start_s`, 1 after `stop_s`, and twice differentiable between."""
+        s = np.clip((self.times_s - start_s) / (stop_s - start_s), 0.0, 1.0)
+        return s**3 * (10 - 15 * s + 6 * s**2)
+
+    def keyframes(self, knots_s: ArrayLike, values: ArrayLike) -> Array:
+        """Pass through `values` at `knots_s`, at rest in each, and hold the first and the last."""
+        knots_s, values = np.asarray(knots_s, np.float64), np.asarray(values, np.float64)
+        result = np.full(self.times_s.shape, values[0])
+        for start_s, stop_s, change in zip(knots_s[:-1], knots_s[1:], np.diff(values), strict=True):
+            result += change * self.ease(start_s, stop_s)
+        return result
+
+    def track(self, knots: Sequence[tuple[float, float, float, float]]) -> Array:
+        """Quintic pieces through knots (time s, value, velocity, acceleration), held outside them.
+
+        Two knots of a ballistic flight give exactly its parabola.
+        """
+        table = np.asarray(knots, np.float64)
+        curve = BPoly.from_derivatives(table[:, 0], table[:, 1:])
+        return np.asarray(curve(np.clip(self.times_s, table[0, 0], table[-1, 0])), np.float64)
+
+    def bump(self, start_s: float, stop_s: float) -> Array:
+        """0 outside, 1 halfway, and twice differentiable: (4 s (1 - s))^3."""
+        s = np.clip((self.times_s - start_s) / (stop_s - start_s), 0.0, 1.0)
+        return (4 * s * (1 - s)) ** 3
+
+    def cycle(self, rate_hz: float, begin_s: float) -> Array:
+        """Phase of a periodic motion that stands still until `begin_s` and speeds up over 0.3 s."""
+        ramp_s = 0.3
+        after_s = np.clip(self.times_s - begin_s, 0.0, None)
+        s = np.minimum(after_s / ramp_s, 1.0)
+        # The integral of a smoothstep: phase, rate and the rate's rate begin at zero.
+        travelled_s = ramp_s * (s**3 - s**4 / 2) + np.maximum(after_s - ramp_s, 0.0)
+        return 2 * np.pi * rate_hz * travelled_s
+
+    def axis(self, x: ArrayLike = 0.0, y: ArrayLike = 0.0, z: ArrayLike = 0.0) -> Array:
+        """(T, 3) from three curves or constants."""
+        return np.stack([np.broadcast_to(part, self.times_s.shape) for part in (x, y, z)], axis=1)
+
+    def arm(
+        self,
+        side: str,
+        *,
+        lower: ArrayLike = RELAXED_LOWER,
+        swing: ArrayLike = 0.0,
+        twist: ArrayLike = 0.0,
+        elbow: ArrayLike = 0.25,
+        shrug: ArrayLike = 0.0,
+    ) -> dict[str, Array]:
+        """Collar, shoulder and elbow rotations of one arm, radians.
+
+        Parameters
+        ----------
+        lower : angle below the horizontal; pi/2 hangs down, negative is above the shoulder.
+        swing : then forwards about the left-right axis.
+        twist : of the upper arm about its own length; negative turns a bent forearm upwards.
+        elbow : flexion, forwards for a hanging arm.
+        shrug : raises the collar bone without the arm's direction.
+        """
+        lower, swing, twist, elbow, shrug = (
+            np.broadcast_to(np.asarray(value, np.float64), self.times_s.shape)
+            for value in (lower, swing, twist, elbow, shrug)
+        )
+        collar = Rotation.from_euler("Z", shrug - _COLLAR_SHARE * lower)
+        whole = Rotation.from_euler("XZX", np.stack([-swing, -lower, twist], axis=1))
+        left = {
+            "collar": collar.as_rotvec(),
+            "shoulder": (collar.inv() * whole).as_rotvec(),
+            "elbow": self.axis(y=-elbow),
+        }
+        mirror = (1.0, 1.0, 1.0) if side == "left" else (1.0, -1.0, -1.0)
+        return {f"{side}_{joint}": rotation * mirror for joint, rotation in left.items()}
+
+    def arms(self, **angles: ArrayLike) -> dict[str, Array]:
+        """Both arms alike; keywords as in `arm`."""
+        return {**self.arm("left", **angles), **self.arm("right", **angles)}
+
+    def trunk(
+        self, *, bend: ArrayLike = 0.0, turn: ArrayLike = 0.0, roll: ArrayLike = 0.0
+    ) -> dict[str, Array]:
+        """Spread forward bend, left turn and roll over the spine; the head undoes half of them."""
+        whole = self.axis(bend, turn, roll)
+        spine = {name: whole / len(_SPINE) for name in _SPINE}
+        return {**spine, "neck": -whole / 4, "head": -whole / 4}
+
+    def planted(
+        self,
+        pelvis_m: Array,
+        pelvis_turn: Array,
+        joints: dict[str, Array],
+        *,
+        pitch: Array | float = 0.0,
+        carried: Array | None = None,
+    ) -> BodyPlan:
+        """A body on both feet, which stay in their places."""
+        foot = self.standing_foot(pitch)
+        return BodyPlan(pelvis_m, pelvis_turn, foot, foot, joints, carried=carried)
+
+    def standing_foot(self, pitch: Array | float = 0.0) -> FootPath:
+        """A foot that stays in its place."""
+        zeros = self.zeros()
+        return FootPath(self.axis(), zeros + pitch, zeros)
+
+    def stepping_foot(self, contacts: Sequence[Contact], swings: Sequence[Swing]) -> FootPath:
+        """A foot that stands during `contacts`, the first from the start, and swings between."""
+        x, z, y = (self.zeros() for _ in range(3))
+        x, z = x + contacts[0].x_m, z + contacts[0].z_m
+        pitch_knots = [(contacts[0].start_s, 0.0)]
+        for before, after, swing in zip(contacts[:-1], contacts[1:], swings, strict=True):
+            travel = self.ease(before.stop_s, after.start_s)
+            # Steeper at its ends than `bump`, so that the foot keeps up with a body that takes off.
+            s = np.clip((self.times_s - before.stop_s) / (after.start_s - before.stop_s), 0.0, 1.0)
+            arch = (4 * s * (1 - s)) ** 2
+            x += (after.x_m - before.x_m) * travel
+            z += (after.z_m - before.z_m) * travel - swing.back_m * arch
+            y += swing.lift_m * arch
+            flat_s = before.middle_s + 0.01
+            if before is contacts[0]:
+                pitch_knots.append((before.stop_s - 0.4, 0.0))
+                flat_s = before.stop_s - 0.28
+            pitch_knots += [
+                (max(before.stop_s - 0.16, flat_s), swing.standing_pitch),
+                (before.stop_s, swing.take_off_pitch),
+                ((before.stop_s + after.start_s) / 2, swing.pitch),
+                (after.start_s, swing.landing_pitch),
+                (min(after.start_s + 0.12, after.middle_s), swing.standing_pitch),
+            ]
+        pitch = self.keyframes(*zip(*pitch_knots, strict=True))
+        return FootPath(self.axis(x, y, z), pitch, self.zeros())

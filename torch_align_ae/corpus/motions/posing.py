@@ -1,20 +1,24 @@
-"""From a plan to the paper's pose vector, for the proportions of one subject."""
+"""From a plan to the paper's pose vector, for the proportions of one subject.
+
+Legs are two links in closed form: rotations of hip, knee, ankle and toes put a foot in its place.
+A body that sits or lies is lowered until its skin meets the floor.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.body.posing import shaped_vertices
+from bridge.body.posing import joint_rotations, joint_transforms, pose_features, shaped_vertices
 from bridge.motion import pack_theta
 from bridge.motion.resampling import continuous_rotations
 from bridge.paper import N_JOINTS
-from torch_align_ae.corpus.motions.floor import BearingSkin
-from torch_align_ae.corpus.motions.leg import Leg, pose_leg
 from torch_align_ae.corpus.motions.plan import Array, BodyPlan, FootPath
 
 _JOINT = {name: index for index, name in enumerate(SMPL_JOINT_NAMES)}
@@ -23,39 +27,68 @@ _AVERAGE_LEG_M = 0.85
 _STANDING_DROP = 0.022
 # Feet stand closer than in the T-pose, whose legs are spread.
 _STANCE_WIDTH = 0.55
+# A leg is never stretched beyond this share of its length: at 1 the knee's speed is unbounded.
+_STRETCH = 0.993
+# Below this toes-down angle a heel leaves the floor gradually instead of at once, radians.
+_HEEL_SOFTNESS = np.deg2rad(2.0)
+_PITCH_RANGE = (-0.9, 1.35)
+_TOES_FLAT_BELOW_M = 0.04
+# Skin of trunk, head, buttocks and thighs, on which a person sits and lies: every second vertex.
+_BEARING = ("pelvis", "spine1", "spine2", "spine3", "neck", "head", "left_hip", "right_hip")
+_EVERY = 2
+_SOFTNESS_M = 0.003
 # Flesh gives way under the body's weight.
 _SINKS_IN_M = 0.004
 _SETTLING_ROUNDS = 3
+_X, _Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """One leg in the rest pose; joints (3,) in metres, the ball being SMPL's `foot` joint."""
+
+    hip_m: Array
+    knee_m: Array
+    ankle_m: Array
+    ball_m: Array
+
+    @property
+    def thigh_m(self) -> Array:
+        return self.knee_m - self.hip_m
+
+    @property
+    def calf_m(self) -> Array:
+        return self.ankle_m - self.knee_m
 
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """The joints of one subject in the rest pose, with the floor under the feet at y = 0."""
+    """The body of one subject in the rest pose."""
 
-    joints_m: Array
-    """(24, 3) joints, metres above the floor."""
-    floor_m: float
-    """Height of the floor in the body model's own coordinates."""
-    skin: BearingSkin
-    """What it sits and lies on."""
+    data: BodyModelData
+    own_joints_m: Array  # (24, 3) joints in the body model's own coordinates
+    floor_m: float  # height of the floor under the feet in these
+    bearing: NDArray[np.integer]  # (N,) vertices that it sits and lies on
+    bearing_m: Array  # (N, 3) these, in the body model's own coordinates
 
     @classmethod
     def of(cls, data: BodyModelData, betas: Array) -> Skeleton:
         """Skeleton of the body with shape `betas` (10,)."""
         vertices = shaped_vertices(data, betas[None])[0]
         floor_m = float(vertices[:, 1].min())
-        joints_m = data.J_regressor @ vertices - (0.0, floor_m, 0.0)
-        return cls(joints_m, floor_m, BearingSkin.of(data, betas))
+        bones = [_JOINT[name] for name in _BEARING]
+        bearing = np.flatnonzero(data.weights[:, bones].sum(1) > 0.5)[::_EVERY]
+        return cls(data, data.J_regressor @ vertices, floor_m, bearing, vertices[bearing])
+
+    @cached_property
+    def joints_m(self) -> Array:
+        """(24, 3) joints above the floor."""
+        return self.own_joints_m - (0.0, self.floor_m, 0.0)
 
     @property
     def size(self) -> float:
         """Leg length relative to an average one."""
         return float(self.joints_m[_JOINT["left_hip"], 1]) / _AVERAGE_LEG_M
-
-    def leg(self, side: str) -> Leg:
-        """The `left` or `right` leg."""
-        names = ("hip", "knee", "ankle", "foot")
-        return Leg(*(self.joints_m[_JOINT[f"{side}_{name}"]] for name in names))
 
 
 def pose_body(skeleton: Skeleton, plan: BodyPlan) -> Array:
@@ -64,12 +97,17 @@ def pose_body(skeleton: Skeleton, plan: BodyPlan) -> Array:
     pose[:, 0] = _facing(plan)
     for name, rotation in plan.joints.items():
         pose[:, _JOINT[name]] = rotation
-    pelvis = skeleton.joints_m[0]
-    pelvis_m = pelvis + plan.pelvis_m
+    pelvis_m = skeleton.joints_m[0] + plan.pelvis_m
     pelvis_m[:, 1] -= _STANDING_DROP * skeleton.joints_m[_JOINT["left_hip"], 1]
     _pose_legs(pose, skeleton, pelvis_m, plan)
     if plan.carried is not None:
-        _lay_down(pose, skeleton, pelvis_m, plan, plan.carried)
+        # Lift or lower the pelvis until the skin lies on the floor; legs and their skin follow.
+        planned_m = pelvis_m[:, 1].copy()
+        for _ in range(_SETTLING_ROUNDS):
+            lowest_m = _lowest_m(skeleton, pose, _trans_m(skeleton, pelvis_m))
+            lying_m = pelvis_m[:, 1] - lowest_m - _SINKS_IN_M
+            pelvis_m[:, 1] = planned_m + plan.carried * (lying_m - planned_m)
+            _pose_legs(pose, skeleton, pelvis_m, plan)
     return pack_theta(pose, _trans_m(skeleton, pelvis_m))
 
 
@@ -78,7 +116,7 @@ def _facing(plan: BodyPlan) -> Array:
     heading = np.broadcast_to(np.asarray(plan.heading, np.float64), (len(plan.pelvis_m),))
     if not heading.any():
         return plan.pelvis_turn
-    about_y = Rotation.from_rotvec(np.outer(heading, (0.0, 1.0, 0.0)))
+    about_y = Rotation.from_rotvec(np.outer(heading, _Y))
     whole = (about_y * Rotation.from_rotvec(plan.pelvis_turn)).as_rotvec()
     return continuous_rotations(whole[:, None])[:, 0]
 
@@ -87,51 +125,109 @@ def _trans_m(skeleton: Skeleton, pelvis_m: Array) -> Array:
     return pelvis_m - skeleton.joints_m[0] - (0.0, skeleton.floor_m, 0.0)
 
 
-def _lay_down(
-    pose: Array, skeleton: Skeleton, pelvis_m: Array, plan: BodyPlan, carried: Array
-) -> None:
-    """Lift or lower the pelvis until the skin lies on the floor; legs and their skin follow."""
-    planned_m = pelvis_m[:, 1].copy()
-    for _ in range(_SETTLING_ROUNDS):
-        lowest_m = skeleton.skin.lowest_m(pose, _trans_m(skeleton, pelvis_m))
-        lying_m = pelvis_m[:, 1] - lowest_m - _SINKS_IN_M
-        pelvis_m[:, 1] = planned_m + carried * (lying_m - planned_m)
-        _pose_legs(pose, skeleton, pelvis_m, plan)
+def _lowest_m(skeleton: Skeleton, pose: Array, trans_m: Array) -> Array:
+    """(T,) height of the lowest bearing skin, of a `pose` (T, 22, 3) and translation (T, 3).
+
+    A soft minimum, so that one vertex after another touches the floor without a jerk. Rounded
+    to a nanometre: products of matrices differ in their last bits between equal rows, and a
+    body that lies still must be still.
+    """
+    data, chosen = skeleton.data, skeleton.bearing
+    rotations = joint_rotations(data, pose)
+    own_m = skeleton.own_joints_m
+    joints = np.broadcast_to(own_m, (len(pose), *own_m.shape))
+    bones = joint_transforms(rotations, joints, data.parents, trans_m)
+    blended = np.einsum("nj,tjx->tnx", data.weights[chosen], bones[:, :, 1])
+    corrections = np.tensordot(pose_features(rotations), data.posedirs[chosen], axes=(1, 2))
+    places = skeleton.bearing_m + corrections
+    height_m = (blended[..., :3] * places).sum(-1) + blended[..., 3]
+    lowest_m = height_m.min(1, keepdims=True)
+    soft = -_SOFTNESS_M * np.log(np.exp((lowest_m - height_m) / _SOFTNESS_M).sum(1))
+    return np.round(lowest_m[:, 0] + soft, 9)
 
 
 def _pose_legs(pose: Array, skeleton: Skeleton, pelvis_m: Array, plan: BodyPlan) -> None:
-    for side, foot in (("left", plan.left_foot), ("right", plan.right_foot)):
-        _pose_side(pose, skeleton, side, pelvis_m, foot, plan.heading)
-
-
-def _pose_side(
-    pose: Array,
-    skeleton: Skeleton,
-    side: str,
-    pelvis_m: Array,
-    foot: FootPath,
-    heading: Array | float,
-) -> None:
-    leg = skeleton.leg(side)
     turn = Rotation.from_rotvec(pose[:, 0])
-    hip_m = pelvis_m + turn.apply(leg.hip_m - skeleton.joints_m[0])
-    stand_m = leg.ball_m.copy()
-    stand_m[0] -= (1 - _STANCE_WIDTH) * (leg.ankle_m[0] - leg.hip_m[0])
-    place_m = _turned_about(skeleton.joints_m[0], stand_m, foot.heading) + foot.ball_m
-    found = pose_leg(leg, turn, hip_m, foot, place_m, heading)
-    for name, rotation in (
-        ("hip", found.hip),
-        ("knee", found.knee),
-        ("ankle", found.ankle),
-        ("foot", found.toes),
-    ):
-        pose[:, _JOINT[f"{side}_{name}"]] = rotation
+    for side, foot in (("left", plan.left_foot), ("right", plan.right_foot)):
+        joints = [_JOINT[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot")]
+        leg = Leg(*skeleton.joints_m[joints])
+        hip_m = pelvis_m + turn.apply(leg.hip_m - skeleton.joints_m[0])
+        stand_m = leg.ball_m.copy()
+        stand_m[0] -= (1 - _STANCE_WIDTH) * (leg.ankle_m[0] - leg.hip_m[0])
+        if np.any(foot.heading):  # the place of a foot of a body that has turned on the spot
+            about_y = Rotation.from_rotvec(np.outer(foot.heading, _Y))
+            axis_m = skeleton.joints_m[0] * (1.0, 0.0, 1.0)
+            stand_m = axis_m + about_y.apply(stand_m - axis_m)
+        found = pose_leg(leg, turn, hip_m, foot, stand_m + foot.ball_m, plan.heading)
+        for joint, rotation in zip(joints, found, strict=True):
+            pose[:, joint] = rotation
 
 
-def _turned_about(pelvis_m: Array, stand_m: Array, heading: Array | float) -> Array:
-    """(T, 3) or (3,) place of a foot of a body that has turned on the spot."""
-    if not np.any(heading):
-        return stand_m
-    about_y = Rotation.from_rotvec(np.outer(heading, (0.0, 1.0, 0.0)))
-    axis_m = pelvis_m * (1.0, 0.0, 1.0)
-    return axis_m + about_y.apply(stand_m - axis_m)
+def pose_leg(
+    leg: Leg,
+    pelvis_turn: Rotation,
+    hip_m: Array,
+    foot: FootPath,
+    ball_m: Array,
+    heading: Array | float = 0.0,
+) -> tuple[Array, Array, Array, Array]:
+    """Rotations (T, 3) of hip, knee, ankle and toes that bring the ball of a foot to `ball_m`.
+
+    Parameters
+    ----------
+    leg : rest pose of this leg.
+    pelvis_turn : T orientations of the pelvis.
+    hip_m, ball_m : (T, 3) hip joint and ball of the foot in the world, metres.
+    foot : pitch and yaw that the motion asks for.
+    heading : (T,) where the body faces, radians.
+    """
+    pitch = _raise_heel(leg, hip_m, foot, ball_m)
+    foot_turn = _foot_turn(pitch, foot.yaw + foot.heading)
+    ankle_m = ball_m + foot_turn.apply(leg.ankle_m - leg.ball_m)
+    target = pelvis_turn.inv().apply(ankle_m - hip_m)
+    splay = Rotation.from_rotvec(np.outer(foot.yaw + foot.heading - heading, _Y))
+    knee_angle = _knee_angle(leg, np.linalg.norm(target, axis=1))
+    knee = Rotation.from_rotvec(np.outer(knee_angle, _X))
+    # The hip points the bent leg at its target, and the knee's axis to the side.
+    rest = _frame(leg.thigh_m + knee.apply(leg.calf_m), np.broadcast_to(_X, target.shape))
+    aimed = _frame(target, splay.apply(_X))
+    hip = Rotation.from_matrix(aimed @ rest.swapaxes(1, 2))
+    ankle = (pelvis_turn * hip * knee).inv() * foot_turn
+    height_m = np.maximum(ball_m[:, 1] - leg.ball_m[1], 0.0)
+    flat = 1 / (1 + (height_m / _TOES_FLAT_BELOW_M) ** 2)
+    toes = np.outer(-pitch * flat, _X)
+    return hip.as_rotvec(), knee.as_rotvec(), ankle.as_rotvec(), toes
+
+
+def _foot_turn(pitch: Array, yaw: Array) -> Rotation:
+    return Rotation.from_euler("YX", np.stack([yaw, pitch], axis=1))
+
+
+def _raise_heel(leg: Leg, hip_m: Array, foot: FootPath, ball_m: Array) -> Array:
+    """The asked-for pitch, or as much more as lets the leg reach: a smooth maximum of the two."""
+    low, high = (np.full(foot.pitch.shape, bound) for bound in _PITCH_RANGE)
+    heel, yaw = leg.ankle_m - leg.ball_m, foot.yaw + foot.heading
+    reach_m = _STRETCH * float(np.linalg.norm(leg.thigh_m) + np.linalg.norm(leg.calf_m))
+    for _ in range(40):
+        middle = (low + high) / 2
+        ankle_m = ball_m + _foot_turn(middle, yaw).apply(heel)
+        too_far = np.linalg.norm(ankle_m - hip_m, axis=1) > reach_m
+        low, high = np.where(too_far, middle, low), np.where(too_far, high, middle)
+    return _HEEL_SOFTNESS * np.logaddexp(foot.pitch / _HEEL_SOFTNESS, high / _HEEL_SOFTNESS)
+
+
+def _knee_angle(leg: Leg, distance_m: Array) -> Array:
+    """Flexion about x that puts the ankle at `distance_m` from the hip (law of cosines)."""
+    thigh, calf = leg.thigh_m, leg.calf_m
+    cosine = thigh[1] * calf[1] + thigh[2] * calf[2]
+    sine = thigh[2] * calf[1] - thigh[1] * calf[2]
+    along = (distance_m**2 - thigh @ thigh - calf @ calf) / 2 - thigh[0] * calf[0]
+    return np.arctan2(sine, cosine) + np.arccos(np.clip(along / np.hypot(sine, cosine), -1, 1))
+
+
+def _frame(along: Array, lateral: Array) -> Array:
+    """(T, 3, 3) with columns: direction of the leg, knee axis, and their cross product."""
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    lateral = lateral - (lateral * along).sum(1, keepdims=True) * along
+    lateral = lateral / np.linalg.norm(lateral, axis=1, keepdims=True)
+    return np.stack([along, lateral, np.cross(along, lateral)], axis=2)

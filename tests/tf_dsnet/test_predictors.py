@@ -1,15 +1,38 @@
-"""A predictor of somebody's own, by the command line: one class in one file."""
+"""DSNet on whole clips, and a predictor of somebody's own."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from bridge import DsnetError, cli
+from bridge.exchange.clips import join_inputs
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.runs import ArtifactWriter, read_artifact
 from tests.forged.plugin import use_plugin
-from tf_dsnet import stage_infer
-from tf_dsnet.predictors import load_predictor
+from tf_dsnet import StreamingPredictor, stage_infer
+from tf_dsnet.predictors import applied_dsnet, load_predictor
 from tf_dsnet.stage_infer import InferConfig
+
+RNG = np.random.default_rng(6)
+THETA, BETAS = RNG.normal(1, 1, (3, 60, 69)), RNG.normal(1, 1, (3, 10))
+
+
+def steps(predictor: StreamingPredictor, theta: np.ndarray, betas: np.ndarray) -> np.ndarray:
+    return np.stack([predictor.step(frame, betas) for frame in theta.swapaxes(0, 1)], axis=1)
+
+
+@pytest.mark.parametrize("scaled", [True, False])
+def test_step_by_step_is_the_whole_clip(trained_dsnet, scaled):
+    if not scaled:
+        trained_dsnet = TrainedDsnet("raw", trained_dsnet.weights, Scaling.identity())
+    predict = applied_dsnet(trained_dsnet)
+    motions = zip(THETA, BETAS, strict=True)
+    whole = np.stack([predict(join_inputs(theta, shape)) for theta, shape in motions])
+    streamed = steps(StreamingPredictor(trained_dsnet), THETA, BETAS)
+    assert streamed.dtype == np.float32
+    np.testing.assert_allclose(streamed, whole, rtol=1e-5, atol=2e-5)
+
 
 COMMAND = ["train", "--run", "tiny", "--epochs", "2", "--predictors", "mine", "dsnet_faithful"]
 

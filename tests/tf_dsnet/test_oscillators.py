@@ -12,8 +12,8 @@ from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
 from bridge.verify.reference.oscillators import moving
 from tests.forged.oscillating import clips_of, people_of, true_model
 from tf_dsnet.framework import tf
-from tf_dsnet.oscillators.clips import NodeClip
-from tf_dsnet.oscillators.layer import OscillatorLayer
+from tf_dsnet.oscillators import OscillatorLayer
+from tf_dsnet.plus_clips import NodeClip
 
 NODES, PEOPLE = 60, 3
 

@@ -10,9 +10,9 @@ import pytest
 from bridge.body import BodyModelData
 from bridge.tissue.nodes import TissueNodes
 from tests.forged.oscillating import MOTIONS, clips_of, people_of, true_model
-from tf_dsnet.oscillators import static_part
-from tf_dsnet.oscillators.clips import NodeClip
-from tf_dsnet.oscillators.static_part import NodeStatic, fit_static
+from tf_dsnet import static_part
+from tf_dsnet.plus_clips import NodeClip
+from tf_dsnet.static_part import NodeStatic, fit_static
 
 NODES, PEOPLE = 60, 3
 

@@ -13,15 +13,14 @@ from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
 from bridge.motion.cells import CELLS, cell_of
 from torch_align_ae.corpus.motions import DYNA_MOTIONS
-from torch_align_ae.corpus.sequences import dyna_takes, held_out_takes
-from torch_align_ae.corpus.stage_corpus import PROFILES
+from torch_align_ae.corpus.recordings import dyna_recordings, held_out_recordings
+from torch_align_ae.corpus.stage_corpus import PROFILES, plan_of
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender
-from torch_align_ae.corpus.takes import Takes
 
 
 @pytest.mark.parametrize(("gender", "sequences"), [("female", 67), ("male", 66)])
 def test_the_full_corpus_has_the_papers_sequences(gender, sequences):
-    takes = dyna_takes(gender, 5, tuple(DYNA_MOTIONS), 0, seed=0)
+    takes = dyna_recordings(gender, 5, tuple(DYNA_MOTIONS), 0, seed=0)
     assert len({take.name for take in takes}) == len(takes) == sequences
     lengths = np.array([take.frame_count for take in takes])
     assert lengths.min() >= 2 * 60
@@ -31,14 +30,14 @@ def test_the_full_corpus_has_the_papers_sequences(gender, sequences):
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_full_female_corpus_has_the_papers_frames(seed):
-    takes = dyna_takes("female", 5, tuple(DYNA_MOTIONS), 0, seed)
+    takes = dyna_recordings("female", 5, tuple(DYNA_MOTIONS), 0, seed)
     assert sum(take.frame_count for take in takes) == 21_502
 
 
 @pytest.mark.parametrize("profile", PROFILES)
 def test_every_profile_validates_on_one_subject_what_others_train_on(profile):
     config = PROFILES[profile]
-    takes = dyna_takes("female", config.subjects, config.motions, config.mean_frames, 0)
+    takes = dyna_recordings("female", config.subjects, config.motions, config.mean_frames, 0)
     jumpers = [take.subject.name for take in takes if take.motion == "one_leg_jump"]
     assert len(jumpers) == config.subjects
     assert "50004" in jumpers
@@ -46,7 +45,7 @@ def test_every_profile_validates_on_one_subject_what_others_train_on(profile):
 
 def held_out(gender: Gender = "female", subjects=5, **options):
     usual = {"unseen": ("kicking",), "known": ("hips",), "seconds": 2.0, "crossing": "full"}
-    return held_out_takes(gender, subjects, **(usual | options))
+    return held_out_recordings(gender, subjects, **(usual | options))
 
 
 def cells(takes, gender: Gender = "female"):
@@ -68,7 +67,7 @@ def test_full_crossing_is_two_known_people_and_all_new_ones():
 
 @pytest.mark.parametrize("gender", ["female", "male"])
 def test_demo_crosses_each_kind_with_one_known_and_one_new_person_in_rotation(gender):
-    takes = Takes.of(replace(PROFILES["demo"], gender=gender)).held_out
+    takes = plan_of(replace(PROFILES["demo"], gender=gender)).held_out
     assert cells(takes, gender) == dict(zip(CELLS, (3, 11, 3, 11), strict=True))
     assert len({take.name for take in takes}) == len(takes)
     by_person = Counter(take.subject.name for take in takes)
@@ -78,8 +77,8 @@ def test_demo_crosses_each_kind_with_one_known_and_one_new_person_in_rotation(ge
 
 
 def test_smoke_has_one_take_a_cell_and_paper_all():
-    assert set(cells(Takes.of(PROFILES["smoke"]).held_out).values()) == {1}
-    paper = cells(Takes.of(PROFILES["paper"]).held_out)
+    assert set(cells(plan_of(PROFILES["smoke"]).held_out).values()) == {1}
+    paper = cells(plan_of(PROFILES["paper"]).held_out)
     assert paper == dict(zip(CELLS, (6, 22, 9, 33), strict=True))
 
 
@@ -93,9 +92,9 @@ def test_lying_down_takes_the_time_that_it_needs():
 
 def test_more_retakes_than_motions_are_all_motions():
     config = replace(PROFILES["smoke"], retakes=9, mosh_motions=())
-    kinds = {take.kind for take in Takes.of(config).held_out}
+    kinds = {take.kind for take in plan_of(config).held_out}
     assert kinds == {"one_leg_jump", "hips"}
-    assert Takes.of(replace(config, retakes=0)).held_out == []
+    assert plan_of(replace(config, retakes=0)).held_out == []
 
 
 @pytest.mark.parametrize("gender", ["female", "male"])
@@ -137,7 +136,7 @@ def test_subjects_differ_from_lean_to_heavy(gender):
 )
 def test_what_there_is_not_is_refused(subjects, motions, complaint):
     with pytest.raises(DsnetError, match=complaint):
-        dyna_takes("female", subjects, motions, 100, 0)
+        dyna_recordings("female", subjects, motions, 100, 0)
 
 
 @pytest.mark.parametrize(
@@ -151,11 +150,11 @@ def test_held_out_kinds_that_are_repeated_or_trained_on_are_refused(unseen, comp
 
 @pytest.mark.parametrize("profile", PROFILES)
 def test_the_page_counts_each_profiles_takes(profile):
-    takes = Takes.of(PROFILES[profile])
+    plan = plan_of(PROFILES[profile])
     page = (Path(__file__).parents[3] / "docs" / "data.md").read_text()
     row = next(line for line in page.splitlines() if line.startswith(f"| `{profile}` |"))
-    trained = sum(take.frame_count for take in takes.dyna)
+    trained = sum(take.frame_count for take in plan.dyna)
     # A reader resamples a held-out file from 100 to 60 fps.
-    tested = sum(int((take.frame_count - 1) * 0.6 + 1e-9) + 1 for take in takes.held_out)
-    assert f"{len(takes.dyna)} takes, {trained:,} frames" in row
-    assert f"{len(takes.held_out)} takes, {tested:,} frames" in row
+    tested = sum(int((take.frame_count - 1) * 0.6 + 1e-9) + 1 for take in plan.held_out)
+    assert f"{len(plan.dyna)} takes, {trained:,} frames" in row
+    assert f"{len(plan.held_out)} takes, {tested:,} frames" in row

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.motion.cells import kind_of
-from bridge.tissue.trained_plus import StaticPart
-from tf_dsnet.oscillators.clips import NodeClip
+from tf_dsnet.plus_clips import NodeClip
 
 RIDGES = (None, np.inf, 1e-1, 1e-2, 1e-3, 1e-4)
 """Candidates: no static part, a constant alone, and pose features with weaker and weaker ridge."""
@@ -33,7 +33,7 @@ megabytes."""
 _ARRAYS = ("constant", "by_pose", "left_out_error", "chosen")
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Sums:
     """Normal equations of some clips: X (n, P + 207), Y (n, 3 K)."""
 
@@ -42,13 +42,14 @@ class _Sums:
     energy: float
     frames: int
 
-    def __add__(self, other: _Sums) -> _Sums:
-        return _Sums(self.gram + other.gram, self.right + other.right,
-                     self.energy + other.energy, self.frames + other.frames)  # fmt: skip
-
-    def __sub__(self, other: _Sums) -> _Sums:
-        return _Sums(self.gram - other.gram, self.right - other.right,
-                     self.energy - other.energy, self.frames - other.frames)  # fmt: skip
+    def plus(self, other: _Sums, sign: int = 1) -> _Sums:
+        """Those of both together; with sign -1, of those that are not among `other`'s."""
+        return _Sums(
+            self.gram + sign * other.gram,
+            self.right + sign * other.right,
+            self.energy + sign * other.energy,
+            self.frames + sign * other.frames,
+        )
 
     def error(self, solution: NDArray) -> float:
         """Sum of squares that `solution` leaves of these clips."""
@@ -60,10 +61,8 @@ class _Sums:
 class NodeStatic:
     """A static part at the nodes, and how its candidates fared on motions left out."""
 
-    constant_m: NDArray[np.float32]
-    """(P, K, 3)."""
-    by_pose_m: NDArray[np.float32]
-    """(207, K, 3)."""
+    constant_m: NDArray[np.float32]  # (P, K, 3)
+    by_pose_m: NDArray[np.float32]  # (207, K, 3)
     left_out_error: dict[str, float]
     """Share of the residual's energy that each candidate leaves on motions left out."""
     chosen: str
@@ -93,10 +92,6 @@ class NodeStatic:
         zeros = [np.zeros((count, nodes, 3), np.float32) for count in (people, features)]
         return cls(zeros[0], zeros[1], {}, "none")
 
-    def at_vertices(self, constant_m: NDArray[np.float32]) -> StaticPart:
-        """With the people's constants at all vertices, (P, V, 3)."""
-        return StaticPart(constant_m, self.by_pose_m)
-
 
 def fit_static(clips: Sequence[NodeClip], moving_m: Sequence[NDArray], people: int) -> NodeStatic:
     """The static part of what the oscillators' `moving_m` (T, K, 3) leave of each clip."""
@@ -105,17 +100,16 @@ def fit_static(clips: Sequence[NodeClip], moving_m: Sequence[NDArray], people: i
     for clip, moving in zip(clips, moving_m, strict=True):
         number = numbers.setdefault(kind_of(clip.sequence.motion), len(numbers))
         sums, fold = _sums(clip, clip.offsets_m - moving, people), number % _MOST_FOLDS
-        folds[fold] = folds[fold] + sums if fold in folds else sums
-    total = _total(folds.values())
+        folds[fold] = folds[fold].plus(sums) if fold in folds else sums
+    total = reduce(_Sums.plus, folds.values())
     # With one kind of motion nothing says what carries over.
     candidates = RIDGES if len(folds) > 1 else RIDGES[:1]
     errors = {ridge: _left_out(folds, total, ridge, people) for ridge in candidates}
     best = min(errors.values())
     chosen = next(r for r in candidates if errors[r] <= best + _WORTH * total.energy)
     solution = _solve(total, chosen, people)
-    constant, by_pose = np.split(
-        solution.reshape(len(solution), -1, 3).astype(np.float32), [people]
-    )
+    at_nodes = solution.reshape(len(solution), -1, 3).astype(np.float32)
+    constant, by_pose = np.split(at_nodes, [people])
     shares = {_name(r): error / max(total.energy, 1e-30) for r, error in errors.items()}
     return NodeStatic(constant, by_pose, shares, _name(chosen))
 
@@ -129,18 +123,11 @@ def _sums(clip: NodeClip, residual_m: NDArray, people: int) -> _Sums:
     return _Sums(inputs.T @ inputs, inputs.T @ outputs, energy, len(clip))
 
 
-def _total(parts) -> _Sums:
-    first, *others = parts
-    for part in others:
-        first = first + part
-    return first
-
-
 def _left_out(folds: dict[int, _Sums], total: _Sums, ridge: float | None, people: int) -> float:
     """Sum of squares left of every fold by what the others say."""
     if ridge is None:
         return total.energy
-    return sum(own.error(_solve(total - own, ridge, people)) for own in folds.values())
+    return sum(own.error(_solve(total.plus(own, -1), ridge, people)) for own in folds.values())
 
 
 def _solve(sums: _Sums, ridge: float | None, people: int) -> NDArray[np.floating]:

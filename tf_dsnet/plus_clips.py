@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +21,14 @@ _FRAMES_AT_ONCE = 256
 
 @dataclass(frozen=True, eq=False)
 class NodeClip:
-    """One sequence of a known person."""
+    """One sequence of a known person, T frames at K nodes."""
 
     sequence: MotionSequence
-    person: int
-    """Row among the known people."""
-    theta: NDArray[np.floating]
-    """(T, 69)."""
-    offsets_m: NDArray[np.float32]
-    """(T, K, 3) aligned offsets at the nodes."""
-    load: Load
-    """(T, K, 3) twice."""
-    features: NDArray[np.float32]
-    """(T, 207) pose features, for the static part."""
+    person: int  # row among the known people
+    theta: NDArray[np.floating]  # (T, 69)
+    offsets_m: NDArray[np.float32]  # (T, K, 3) aligned offsets at the nodes
+    load: Load  # (T, K, 3) twice
+    features: NDArray[np.float32]  # (T, 207) pose features, for the static part
 
     def __len__(self) -> int:
         return len(self.offsets_m)
@@ -43,16 +36,10 @@ class NodeClip:
 
 @dataclass(frozen=True, eq=False)
 class KnownPeople:
-    """Those who are trained on, in order of first appearance."""
+    """Those who are trained on, in order of first appearance, and their betas (P, 10)."""
 
     names: list[str]
     betas: NDArray[np.float32]
-    """(P, 10)."""
-
-    @cached_property
-    def rows(self) -> Mapping[str, int]:
-        """Of each in `betas`."""
-        return {name: row for row, name in enumerate(self.names)}
 
     @classmethod
     def of(cls, align: Artifact) -> KnownPeople:
@@ -67,17 +54,11 @@ class KnownPeople:
 def node_clips(
     align: Artifact, body: BodyModelData, nodes: TissueNodes, people: KnownPeople, split: Split
 ) -> list[NodeClip]:
-    """The sequences of one split whose people are known.
-
-    Raises
-    ------
-    DsnetError
-        If there are none, or all are shorter than four frames.
-    """
+    """The sequences of one split whose people are known, of four frames or more."""
     chosen = [
         s
         for s in sequences_of(align)
-        if s.split == split and s.subject in people.rows and s.length >= 4
+        if s.split == split and s.subject in people.names and s.length >= 4
     ]
     if not chosen:
         raise DsnetError(
@@ -95,7 +76,7 @@ def _clip(
     nodes: TissueNodes,
     people: KnownPeople,
 ) -> NodeClip:
-    person = people.rows[sequence.subject]
+    person = people.names.index(sequence.subject)
     theta = np.asarray(align.array("theta")[sequence.frames], np.float64)
     offsets_m = align.array("offsets")
     starts = range(sequence.start, sequence.start + sequence.length, _FRAMES_AT_ONCE)

@@ -1,1 +1,0 @@
-"""`dsnet_plus`: coupled damped oscillators on the skin, a Keras layer, and its training."""

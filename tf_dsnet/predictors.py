@@ -1,0 +1,229 @@
+"""What every predictor is, the paper's DSNet as two of them, and the registry of all.
+
+A new predictor is a file with a class as `Predictor` says, and a line: here, or in the function
+`predictors()` of a module that `DSNET_PLUGINS` names (`bridge/plugins.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from tyro.conf import Fixed
+
+from bridge.body import BodyModelData
+from bridge.errors import DsnetError
+from bridge.exchange import load_weights
+from bridge.exchange.clips import UnpaddedClip, fit_scaling, join_inputs, make_clips
+from bridge.exchange.codes import AUTOENCODER, CodeName
+from bridge.exchange.trained_dsnet import DSNETS, Scaling, TrainedDsnet, check_trained
+from bridge.options import NonNegativeFloat, PositiveFloat, PositiveInt, Seed
+from bridge.plugins import entry_named, with_plugins
+from bridge.runs import Artifact
+from tf_dsnet.framework import keras, tf
+from tf_dsnet.model import assign_weights, build_dsnet
+from tf_dsnet.trainer import DsnetTraining, Trainer
+
+PAPER_LR = 1e-4
+"""Adam's learning rate in Section 5."""
+PredictMotion = Callable[[NDArray, NDArray], NDArray]
+"""Latents (T, 100) of a motion theta (T, 69) of a body of shape betas (10,)."""
+BodyOf = Callable[[], BodyModelData]
+"""Gives the run's body model; most predictors never ask."""
+
+
+@dataclass(frozen=True)
+class PredictorSettings:
+    """What a user may set about how predictors are trained."""
+
+    epochs: PositiveInt = 500
+    """Epochs of each predictor (the paper does not say how many)."""
+    seed: Seed = 0
+    """Seed of the initial weights and of the order of the clips."""
+    frames: PositiveInt = 300
+    """Length to which sequences are padded or clipped (paper: 300)."""
+    batch_size: PositiveInt = 16
+    """Sequences in a batch (paper: 16)."""
+    lr_faithful: PositiveFloat = 1e-4
+    """Adam's learning rate for `dsnet_faithful` (paper: 0.0001)."""
+    lr_standardised: PositiveFloat = 1e-3
+    """Adam's learning rate for `dsnet_standardised`; a departure where it is not 0.0001."""
+    masked: bool = False
+    """Leave padded frames out of the loss and of the batch normalisation (the paper does not)."""
+    min_input_std: Fixed[NonNegativeFloat] = 0.05
+    """Least spread (rad, m or 1) by which `dsnet_standardised` divides an input."""
+
+
+@dataclass(frozen=True)
+class TrainingData:
+    """The run's sequences, each at its own length and in its own units; latents of one code.
+
+    Those of `validation` are only looked at; `theta` moves `body`, and `betas` shape it.
+    """
+
+    train: list[UnpaddedClip]
+    validation: list[UnpaddedClip]
+    body: BodyOf
+
+    @property
+    def people(self) -> int:
+        """How many shapes are trained on."""
+        return len({clip.betas.tobytes() for clip in self.train})
+
+
+class PredictorTraining(Protocol):
+    """One predictor's training on its way; it may be killed between any two calls.
+
+    `losses` are those of every epoch so far, a checkpoint's from the start; `validation_losses`
+    those of every epoch that was validated.
+    """
+
+    losses: list[float]
+    validation_losses: list[float]
+
+    @property
+    def lr(self) -> float:
+        """Learning rate, the chosen one where it was searched for; 0 if there is none."""
+        ...
+
+    @property
+    def epoch_s(self) -> float | None:
+        """Mean seconds of this process's epochs; None if there were none."""
+        ...
+
+    def epoch(self, number: int, *, validate: bool) -> None:
+        """Train for epoch `number`, unless the checkpoint was behind it already."""
+        ...
+
+    def save(self) -> None: ...  # the checkpoint
+    def arrays(self) -> dict[str, NDArray]: ...  # all that `Predictor.load` needs
+    def parameters(self) -> dict[str, int]: ...  # how many are learned, by name of the count
+
+
+class Predictor(Protocol):
+    """An entry of the registry; predictors that learn in one go train for one epoch."""
+
+    @property
+    def name(self) -> str: ...  # in options, file names and manifests
+    @property
+    def label(self) -> str: ...  # in tables and legends
+    @property
+    def code(self) -> CodeName: ...  # which latents it learns
+
+    def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
+        """Where it leaves the paper, a clause each; empty where it does not."""
+        ...
+
+    def training(
+        self, settings: PredictorSettings, data: TrainingData, checkpoint: Path
+    ) -> PredictorTraining:
+        """Begin training, or go on from `checkpoint` if that file is there."""
+        ...
+
+    def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
+        """A trained predictor from what `PredictorTraining.arrays` gave."""
+        ...
+
+
+@dataclass(frozen=True)
+class DsnetPredictor:
+    """The paper's DSNet, which is silent about the scale of motions and latents.
+
+    Standardised, inputs and latents are scaled, which decides how fast Adam learns. If not, it is
+    the paper's words and nothing else: raw motions in, latents as the autoencoder gives them.
+    """
+
+    name: str = "dsnet_standardised"
+    label: str = "DSNet, standardised"
+    standardised: bool = True
+    code: CodeName = AUTOENCODER
+
+    def lr(self, settings: PredictorSettings) -> float:
+        """Adam's learning rate."""
+        return settings.lr_standardised if self.standardised else settings.lr_faithful
+
+    def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
+        found = []
+        if self.standardised:
+            found.append("inputs and latents are standardised over the training frames")
+        if (lr := self.lr(settings)) != PAPER_LR:
+            found.append(f"Adam's learning rate is {lr:g} instead of {PAPER_LR:g}")
+        if settings.masked:
+            found.append("padded frames are left out of the loss and of the batch normalisation")
+        return tuple(found)
+
+    def training(
+        self, settings: PredictorSettings, data: TrainingData, checkpoint: Path
+    ) -> DsnetTraining:
+        scaling = Scaling.identity()
+        if self.standardised:
+            scaling = fit_scaling(data.train, settings.min_input_std)
+        train, validation = (
+            make_clips(part, scaling, settings.frames) for part in (data.train, data.validation)
+        )
+        trainer = Trainer(
+            train,
+            lr=self.lr(settings),
+            batch_size=settings.batch_size,
+            masked=settings.masked,
+            seed=settings.seed,
+        )
+        trainer.trace()
+        return DsnetTraining(self.name, trainer, scaling, validation, checkpoint)
+
+    def load(self, arrays: Mapping[str, NDArray], body: BodyOf) -> PredictMotion:
+        latents_of = applied_dsnet(TrainedDsnet.from_arrays(self.name, arrays))
+        return lambda theta, betas: latents_of(join_inputs(theta, betas))
+
+
+def applied_dsnet(trained: TrainedDsnet) -> Callable[[NDArray], NDArray[np.float32]]:
+    """A trained DSNet on whole motions: inputs (T, I) in a motion's own units to latents (T, 100).
+
+    It may be told of I numbers other than the 79.
+    """
+    model = build_dsnet(input_size=len(trained.scaling.input_mean))
+    assign_weights(model, trained.weights)
+    return applied(model, trained.scaling)
+
+
+def applied(model: keras.Model, scaling: Scaling) -> Callable[[NDArray], NDArray[np.float32]]:
+    """A trained network on whole motions: inputs (T, I) to latents (T, D), both in own units."""
+    signature = [tf.TensorSpec((None, None, len(scaling.input_mean)), tf.float32)]
+    network = tf.function(lambda x: model(x, training=False), input_signature=signature)
+    return lambda inputs: scaling.restore(network(scaling.inputs(inputs)[None]).numpy()[0])
+
+
+def registered_predictors() -> dict[str, Predictor]:
+    """Every predictor by name: the paper's network, and what plugins add."""
+    faithful = DsnetPredictor("dsnet_faithful", "DSNet, faithful", standardised=False)
+    own: tuple[Predictor, ...] = (DsnetPredictor(), faithful)
+    return with_plugins("predictors", {entry.name: entry for entry in own})
+
+
+def predictors_named(names: Iterable[str]) -> list[Predictor]:
+    """The entries of these names; refused if there is none, one is unknown, or named twice."""
+    names, known = list(names), registered_predictors()
+    if not names or len(set(names)) < len(names):
+        raise DsnetError(
+            f"--predictors {' '.join(names) or '(none)'}",
+            f"some of {', '.join(known)}, each once",
+            f"Pass --predictors {' '.join(DSNETS)}.",
+        )
+    return [entry_named(name, "predictor", known) for name in names]
+
+
+def load_predictor(train: Artifact, name: str, body: BodyOf) -> PredictMotion:
+    """One predictor that the run has trained, for motions of `body`.
+
+    Raises
+    ------
+    DsnetError
+        If the run has not trained it, nobody registers it, or its weights are damaged.
+    """
+    check_trained(train, name)
+    (entry,) = predictors_named([name])
+    return entry.load(load_weights(train.file(f"{name}.safetensors")), body)

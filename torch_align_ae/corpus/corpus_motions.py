@@ -1,0 +1,117 @@
+"""Motions of the corpus's subjects, and the AMASS files of those that are held out."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.body import BodyModelData
+from bridge.body.posing import shaped_joints
+from bridge.motion import unpack_theta
+from bridge.motion.resampling import load_amass_motion, load_motion_file
+from bridge.paper import N_JOINTS
+from torch_align_ae.corpus.dyna_files import FPS
+from torch_align_ae.corpus.motions import Skeleton, perform
+from torch_align_ae.corpus.motions.plan import Array
+from torch_align_ae.corpus.recordings import MOSH_FPS, Recording
+from torch_align_ae.corpus.subjects import Gender, Subject
+
+_AMASS_POSE_WIDTH = 156
+_AMASS_BETA_COUNT = 16
+_R_ZUP_YUP = Rotation.from_euler("x", 90, degrees=True)
+
+
+@dataclass(frozen=True, eq=False)
+class CorpusMotions:
+    """Motions of subjects of one gender; `seed` is that of everybody's style."""
+
+    data: BodyModelData
+    gender: Gender
+    seed: int
+
+    def for_meshes(self, recording: Recording) -> NDArray[np.float32]:
+        """theta (T, 69) at 60 fps as it is stored: what the simulation follows is what is read."""
+        return self._procedural(recording, FPS).astype(np.float32)
+
+    def as_read_back(self, recording: Recording) -> NDArray[np.float32]:
+        """theta (T, 69) of a held-out one as every reader of its file sees it: 60 fps, y up."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "motion.npz"
+            self.write_amass(path, recording)
+            joint_m = self._root_joint_m(recording.subject)
+            motion = load_amass_motion(path, root_joint_m=joint_m, fps=FPS)
+        return motion.theta.astype(np.float32)
+
+    def write_amass(self, path: Path, recording: Recording) -> None:
+        """Write a held-out one: 100 fps as MoSh's, or the rate of the real motion.
+
+        Of a real motion nothing but the motion is used, about this person's root joint.
+        """
+        fps, source = recording.source_fps or MOSH_FPS, recording.source
+        joint_m = self._root_joint_m(recording.subject)
+        if source is None:
+            theta = self._procedural(recording, fps).astype(np.float32).astype(np.float64)
+        else:
+            motion = load_motion_file(source, fps, fps, recording.smooth_hz)
+            theta = motion.about_root_joint(joint_m).theta[: recording.frame_count]
+        write_amass_motion(
+            path,
+            np.asarray(theta, np.float64),
+            betas=recording.subject.betas,
+            gender=self.gender,
+            fps=fps,
+            root_joint_m=joint_m,
+            source=f"synthetic body, motion of {source.name}" if source else "synthetic",
+        )
+
+    def _procedural(self, recording: Recording, fps: float) -> Array:
+        return perform(
+            recording.kind,
+            recording.subject.name,
+            Skeleton.of(self.data, recording.subject.betas),
+            frame_count=recording.frame_count,
+            fps=fps,
+            seed=self.seed,
+            take=recording.number,
+        )
+
+    def _root_joint_m(self, subject: Subject) -> NDArray[np.float64]:
+        return shaped_joints(self.data, subject.betas[None])[0, 0]
+
+
+def write_amass_motion(
+    path: Path,
+    theta: NDArray[np.float64],
+    *,
+    betas: NDArray[np.float64],
+    gender: str,
+    fps: float,
+    root_joint_m: NDArray[np.float64],
+    source: str = "synthetic",
+) -> None:
+    """Write theta (T, 69), y up, as an AMASS `.npz`: SMPL-H parameters, z up, gender as bytes.
+
+    `root_joint_m` (3,) is the subject's root joint in the rest pose, about which SMPL turns:
+    turning the world z up turns root_joint + trans, not trans.
+    """
+    pose, trans = unpack_theta(theta)
+    poses = np.zeros((len(theta), _AMASS_POSE_WIDTH))
+    poses[:, : 3 * N_JOINTS] = pose.reshape(len(theta), -1)
+    poses[:, :3] = (_R_ZUP_YUP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
+    padded_betas = np.zeros(_AMASS_BETA_COUNT)
+    padded_betas[: len(betas)] = betas
+    np.savez(
+        path,
+        poses=poses,
+        trans=_R_ZUP_YUP.apply(root_joint_m + trans) - root_joint_m,
+        betas=padded_betas,
+        gender=np.array(gender.encode()),
+        mocap_framerate=np.array(fps),
+        dmpls=np.zeros((len(theta), 8)),
+        source=np.array(source),
+    )
