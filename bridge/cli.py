@@ -1,8 +1,7 @@
 """The `dsnet` command: one subcommand a stage, each in a process of its own.
 
-A subcommand's options are the fields of the configuration that its module
-holds, so this file knows names and modules only, and imports a framework only
-when its stage is asked for.
+A subcommand's options are the fields of the configuration that its module holds, so this file knows
+names and modules only, and imports a framework only when its stage is asked for.
 """
 
 from __future__ import annotations
@@ -11,13 +10,14 @@ import importlib
 import os
 import shutil
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from bridge import __version__
-from bridge.endings import ends_at_once, exit_with_one_line
 from bridge.errors import DsnetError, did_you_mean
+from bridge.installation import require_packages_of
+from bridge.processes import exit_with_one_line
 
 COMMANDS = {
     "corpus": (
@@ -58,45 +58,43 @@ def main(arguments: Sequence[str] | None = None, **settings: Any) -> None:
     A study may give `settings`: fields of the configuration, by name, that are no options.
     """
     with exit_with_one_line():
-        with ends_at_once():
-            work = _dispatch(list(sys.argv[1:] if arguments is None else arguments), settings)
-        work()
+        _run(list(sys.argv[1:] if arguments is None else arguments), settings)
 
 
-def _dispatch(arguments: list[str], settings: Mapping[str, Any]) -> Callable[[], None]:
-    """What the command line asks for, to be called; nothing is begun before."""
-    # Late, so that whoever interrupts while these load reads one line.
-    import tyro
-
-    from bridge.installation import require_packages_of
-    from bridge.options import check_options, parse_seed
-    from bridge.runs.engines import use_engine
-
+def _run(arguments: list[str], settings: Mapping[str, Any]) -> None:
     if not arguments or arguments[0] in ("-h", "--help"):
-        return lambda: print(_overview())  # noqa: T201
+        _print(_overview())
+        return
     if arguments == ["--version"]:
-        return lambda: print(f"dsnet {__version__}")  # noqa: T201
+        _print(f"dsnet {__version__}")
+        return
     command, *options = arguments
     if command not in COMMANDS:
-        raise DsnetError(
-            f"command {command!r}",
-            f"one of {', '.join(COMMANDS)}",
-            did_you_mean(command, COMMANDS, "See dsnet --help."),
-        )
-    profile = _take_profile(options)
+        remedy = did_you_mean(command, COMMANDS, "See dsnet --help.")
+        raise DsnetError(f"command {command!r}", f"one of {', '.join(COMMANDS)}", remedy)
+    # It chooses the defaults that --help shows.
+    profile = _take(options, "--profile")
+    if profile not in (None, *PROFILES):
+        remedy = did_you_mean(profile, PROFILES, "Pass --profile demo.")
+        raise DsnetError(f"profile {profile!r}", f"one of {', '.join(PROFILES)}", remedy)
     engine, address = _take(options, "--engine"), _take(options, "--address")
     require_packages_of(COMMANDS[command][0])
+    # Late, and so are all of its imports: whoever interrupts them reads one line.
+    import tyro
+
+    from bridge.options import check_options, check_seed
+    from bridge.runs.workers import use_engine
+
     module = importlib.import_module(COMMANDS[command][0])
-    default = _with(module.PROFILES[profile], settings)
-    names = {field.name for field in fields(default)}
+    default = _with(module.PROFILES[profile or "demo"], settings)
     if getattr(default, "run", None):  # some need no run
-        default = replace(default, run=profile)
+        default = replace(default, run=profile or "demo")
     prog = f"dsnet {command} [--profile P] [--engine local|ray [--address HOST:PORT]]"
-    if "seed" not in names:
+    if not hasattr(default, "seed"):
         # ./reproduce.sh hands one seed to every command.
         prog += " [--seed N]"
         if (seed := _take(options, "--seed")) is not None:
-            parse_seed(seed)
+            check_seed(seed)
     if shutil.get_terminal_size().columns < _NARROWEST:
         os.environ["COLUMNS"] = str(_NARROWEST)
     # What only studies set is `Fixed`: no option.
@@ -104,12 +102,8 @@ def _dispatch(arguments: list[str], settings: Mapping[str, Any]) -> Callable[[],
         type(default), args=options, default=default, prog=prog, config=(tyro.conf.SuppressFixed,)
     )
     check_options(config)
-
-    def work() -> None:
-        with use_engine("local" if engine is None else engine, address):
-            module.main(config)
-
-    return work
+    with use_engine("local" if engine is None else engine, address):
+        module.main(config)
 
 
 def _with(config: Any, settings: Mapping[str, Any]) -> Any:
@@ -119,18 +113,6 @@ def _with(config: Any, settings: Mapping[str, Any]) -> Any:
         for name, value in settings.items()
     }
     return replace(config, **own)
-
-
-def _take_profile(options: list[str]) -> str:
-    """Remove `--profile NAME` from `options`: it chooses the defaults that --help shows."""
-    profile = _take(options, "--profile")
-    if profile is not None and profile not in PROFILES:
-        raise DsnetError(
-            f"profile {profile!r}",
-            f"one of {', '.join(PROFILES)}",
-            did_you_mean(profile, PROFILES, "Pass --profile demo."),
-        )
-    return profile or "demo"
 
 
 def _take(options: list[str], flag: str) -> str | None:
@@ -152,3 +134,7 @@ def _overview() -> str:
         f"{rows}\n\nEvery command has its own --help; ./reproduce.sh runs the stages, corpus to "
         "report, in this order."
     )
+
+
+def _print(text: str) -> None:
+    print(text)  # noqa: T201

@@ -16,13 +16,7 @@ _FRAMEWORKS = {"torch_align_ae": ("torch", "h5py"), "tf_dsnet": ("tensorflow",)}
 
 
 def require_package(package: str, extra: str, whose: str) -> None:
-    """Make sure that a package of an extra is installed, which `whose` needs.
-
-    Raises
-    ------
-    MissingPackageError
-        If it is not.
-    """
+    """Raise `MissingPackageError` where a package of an extra is missing that `whose` needs."""
     if find_spec(package) is None:
         raise MissingPackageError(
             f"an installation without {package}",
@@ -32,13 +26,7 @@ def require_package(package: str, extra: str, whose: str) -> None:
 
 
 def require_packages_of(module: str) -> None:
-    """Make sure that the framework of a module's package is installed.
-
-    Raises
-    ------
-    MissingPackageError
-        If it is not: an installation without the extra `train` predicts, shows and exports.
-    """
+    """`require_package` of the framework of a module's package."""
     for framework in _FRAMEWORKS.get(module.partition(".")[0], ()):
         require_package(framework, "train", module)
 
@@ -56,6 +44,23 @@ def how_to_install(extra: str) -> str:
     return f"Install the extra: {python} -m pip install {source}"
 
 
+def _origin() -> str | None:
+    """URL of the folder, wheel or repository that was installed, if it is still there."""
+    try:
+        stated = metadata.distribution(DISTRIBUTION).read_text("direct_url.json")
+    except metadata.PackageNotFoundError:
+        return None
+    direct = json.loads(stated or "{}")
+    if vcs := direct.get("vcs_info"):
+        return f"{vcs['vcs']}+{direct['url']}@{vcs['commit_id']}"
+    from urllib.parse import urlsplit  # late: they take longer to load than most commands need
+    from urllib.request import url2pathname
+
+    url = direct.get("url")
+    gone = url and url.startswith("file:") and not Path(url2pathname(urlsplit(url).path)).exists()
+    return None if gone else url
+
+
 def version_of(package: str) -> str | None:
     """The installed version of a distribution, or of its build without CUDA."""
     for name in (package, f"{package}-cpu"):
@@ -64,23 +69,3 @@ def version_of(package: str) -> str | None:
         except metadata.PackageNotFoundError:
             continue
     return None
-
-
-def _origin() -> str | None:
-    """URL of the folder, wheel or repository that was installed, if it is still there."""
-    try:
-        files = metadata.files(DISTRIBUTION) or ()
-    except metadata.PackageNotFoundError:
-        return None
-    stated = [file for file in files if file.name == "direct_url.json"]
-    if not stated:
-        return None
-    direct = json.loads(stated[0].read_text(encoding="utf-8"))
-    if vcs := direct.get("vcs_info"):
-        return f"{vcs['vcs']}+{direct['url']}@{vcs['commit_id']}"
-    from urllib.parse import urlsplit
-    from urllib.request import url2pathname
-
-    parts = urlsplit(direct["url"])
-    there = parts.scheme != "file" or Path(url2pathname(parts.path)).exists()
-    return direct["url"] if there else None

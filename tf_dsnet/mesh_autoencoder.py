@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.layouts import (
+from bridge.exchange.weights import (
     TORCH_ADAM,
     AdamRule,
     mesh_autoencoder_from_keras,

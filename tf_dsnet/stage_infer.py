@@ -8,8 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from bridge.exchange.codes import LATENTS_OF
-from bridge.exchange.trained_dsnet import code_of
+from bridge.exchange.dsnet import LATENTS_OF, code_of
 from bridge.motion import subject_rows, to_manifest
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.run import INFER, TRAIN, TRAIN_PLUS, body_model_path

@@ -12,9 +12,8 @@ from bridge.motion.cuts import predict_between_cuts
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import ArtifactWriter, Run
-from bridge.runs.progress import progress
 from bridge.runs.run import INFER_PLUS, TRAIN_PLUS, best_alignment, body_model_path
-from bridge.runs.worker_pool import on_any_node, worker_pool
+from bridge.runs.workers import on_any_node, progress, worker_pool
 from bridge.runtime.plus_step import PlusModel
 from bridge.runtime.run_motions import AmassOptions, MotionSet, find_motions, gather
 from bridge.runtime.stepping import codes_of

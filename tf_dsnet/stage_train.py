@@ -13,16 +13,14 @@ from tqdm import tqdm
 from tyro.conf import Fixed
 
 from bridge.body import load_body_model
+from bridge.errors import notify
 from bridge.exchange import save_weights
-from bridge.exchange.clips import load_unpadded_clips
-from bridge.exchange.codes import CodeName
-from bridge.exchange.trained_dsnet import DSNETS
+from bridge.exchange.dsnet import DSNETS, CodeName, load_unpadded_clips
 from bridge.options import PositiveInt
 from bridge.plugins import entry_named
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.processes import notify
-from bridge.runs.run import TRAIN, body_model_path, has_best_alignment
-from bridge.runs.worker_pool import worker_pool
+from bridge.runs.run import TRAIN, best_alignment_of, body_model_path
+from bridge.runs.workers import worker_pool
 from bridge.tissue.trained_plus import NAME as PLUS
 from tf_dsnet import stage_train_plus
 from tf_dsnet.oscillators.training import PlusSettings
@@ -109,7 +107,7 @@ def _trainable(run: Run) -> list[str]:
     names, left_out = [], []
     for can, lacking, those in (
         (run.finished("encode"), "'encode'", DSNETS),
-        (has_best_alignment(run), "an alignment by the robust aligner", (PLUS,)),
+        (best_alignment_of(run), "an alignment by the robust aligner", (PLUS,)),
     ):
         names += those if can else ()
         left_out += [] if can else [f"{', '.join(those)}, which needs {lacking}"]

@@ -12,8 +12,7 @@ from tqdm import tqdm
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.exchange import save_weights
-from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
-from bridge.exchange.weights import refuse_nonfinite
+from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import TRAIN_PLUS, best_alignment, body_model_path
 from bridge.tissue.nodes import TissueNodes

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from bridge.body import load_body_model
 from bridge.motion.cuts import predict_between_cuts
 from bridge.runs import Artifact
-from bridge.runs.array_file import ArrayFile
-from bridge.runs.worker_pool import on_any_node, worker_pool
+from bridge.runs.files import ArrayFile
+from bridge.runs.workers import on_any_node, worker_pool
 from tf_dsnet.predictors import PredictMotion, load_predictor
 
 

@@ -26,9 +26,9 @@ from torch import Tensor
 from bridge.body import load_body_model
 from bridge.options import PositiveInt
 from bridge.paper import N_JOINTS
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
-from bridge.runs.provenance import machine
+from bridge.processes import run_as_process
+from bridge.runs.artifact import machine
+from bridge.runs.files import write_text_atomically
 from torch_align_ae.alignment.paper.bones import Bones
 from torch_align_ae.alignment.paper.objective import MeshDistance
 from torch_align_ae.alignment.robust.gauss_newton import moved

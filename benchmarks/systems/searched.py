@@ -12,9 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.systems.rate_search import RATES, SEARCH_SHARE, RateSearch
-from bridge.exchange.clips import Clips, UnpaddedClip, fit_scaling, join_inputs, make_clips
-from bridge.exchange.codes import CodeName
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.dsnet import (
+    Clips,
+    CodeName,
+    Scaling,
+    TrainedDsnet,
+    UnpaddedClip,
+    fit_scaling,
+    join_inputs,
+    make_clips,
+)
 from bridge.exchange.weights import refuse_nonfinite
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.losses import sum_of_distances

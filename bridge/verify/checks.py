@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from bridge.exchange import save_weights
-from bridge.exchange.layouts import KERAS_ADAM, TORCH_ADAM
+from bridge.exchange.weights import KERAS_ADAM, TORCH_ADAM
 from bridge.verify.protocol import Case, DTypeName, write_request
 
 REFERENCE = "numpy"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from bridge.runs.processes import outcome_of_module
+from bridge.processes import outcome_of_module
 from bridge.verify.checks import REFERENCE
 from bridge.verify.protocol import ANSWER
 

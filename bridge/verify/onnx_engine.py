@@ -14,7 +14,7 @@ import onnx
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.exchange.trained_dsnet import TrainedDsnet
+from bridge.exchange.dsnet import TrainedDsnet
 from bridge.paper import DSNET_WIDTHS
 from bridge.runtime.graphs import onnx_graphs
 from bridge.runtime.graphs.dsnet_body_graph import dsnet_body_graph

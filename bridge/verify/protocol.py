@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from bridge.exchange import load_weights, save_weights
 from bridge.installation import version_of
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.processes import run_as_process
+from bridge.runs.files import write_text_atomically
 
 REQUEST = "request.json"
 ANSWER = "engine.json"

@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from bridge.body import load_body_model
-from bridge.exchange.layouts import KERAS_ADAM, TORCH_ADAM
+from bridge.exchange.weights import KERAS_ADAM, TORCH_ADAM
 from bridge.paper import INFERRED_WIDTHS, INPUT_SIZE
 from bridge.verify import draws
 from bridge.verify.checks import (

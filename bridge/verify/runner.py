@@ -9,7 +9,7 @@ from pathlib import Path
 from numpy.typing import NDArray
 from safetensors import safe_open
 
-from bridge.runs.progress import progress
+from bridge.runs.workers import progress
 from bridge.verify.checks import REFERENCE, Check, Plan, case_name, cases_of, write_plan
 from bridge.verify.compare import Read, Row, compare, compare_files, missing_row
 from bridge.verify.engines import Answer, Ask, ask

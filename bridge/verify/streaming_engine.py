@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bridge.exchange.trained_dsnet import TrainedDsnet
+from bridge.exchange.dsnet import TrainedDsnet
 from bridge.paper import N_BETAS
 from bridge.runtime.streams.streaming import StreamingPredictor
 from bridge.verify.protocol import Case, Tensors, serve

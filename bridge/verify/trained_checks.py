@@ -9,8 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.exchange import load_weights
-from bridge.exchange.clips import load_unpadded_clips, make_clips
-from bridge.exchange.trained_dsnet import TrainedDsnet, dsnets_of, load_trained_dsnet
+from bridge.exchange.dsnet import (
+    TrainedDsnet,
+    dsnets_of,
+    load_trained_dsnet,
+    load_unpadded_clips,
+    make_clips,
+)
 from bridge.paper import N_VERTICES
 from bridge.runs import Artifact, Run
 from bridge.runs.run import body_model_path

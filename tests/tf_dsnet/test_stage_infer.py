@@ -11,12 +11,12 @@ import pytest
 
 from bridge import DsnetError
 from bridge.exchange import save_weights
-from bridge.exchange.trained_dsnet import TrainedDsnet
+from bridge.exchange.dsnet import TrainedDsnet
 from bridge.motion import sequences_of, subject_rows
 from bridge.motion.cells import cell_of
 from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import content_digest
-from bridge.runs.folders import MANIFEST
+from bridge.runs.files import MANIFEST
 from bridge.runtime import run_motions
 from tests.forged.amass import save, shape, smplh, smplx
 from tf_dsnet import StreamingPredictor, stage_infer

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from tf_dsnet import StreamingPredictor
 from tf_dsnet.predictors.dsnet import DsnetOfMotions
 

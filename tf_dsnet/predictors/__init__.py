@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
-from bridge.exchange.trained_dsnet import DSNETS, check_trained
+from bridge.exchange.dsnet import DSNETS, check_trained
 from bridge.plugins import entry_named, with_plugins
 from bridge.runs import Artifact
 from tf_dsnet.predictors.base import (

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from tyro.conf import Fixed
 
 from bridge.body import BodyModelData
-from bridge.exchange.clips import UnpaddedClip
-from bridge.exchange.codes import CodeName
+from bridge.exchange.dsnet import CodeName, UnpaddedClip
 from bridge.options import NonNegativeFloat, PositiveFloat, PositiveInt, Seed
 
 PredictMotion = Callable[[NDArray, NDArray], NDArray]

@@ -9,9 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.exchange.clips import fit_scaling, join_inputs, make_clips
-from bridge.exchange.codes import AUTOENCODER, CodeName
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.dsnet import (
+    AUTOENCODER,
+    CodeName,
+    Scaling,
+    TrainedDsnet,
+    fit_scaling,
+    join_inputs,
+    make_clips,
+)
 from tf_dsnet.framework import tf
 from tf_dsnet.model import assign_weights, build_dsnet
 from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bridge.exchange.clips import Clips
+from bridge.exchange.dsnet import Clips
 from bridge.verify.answers import joined, layers, learn, prefixed
 from bridge.verify.protocol import Case, Tensors
 from tf_dsnet.framework import Tensor, keras, tf

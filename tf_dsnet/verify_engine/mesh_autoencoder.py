@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bridge.exchange.layouts import TORCH_ADAM, mesh_autoencoder_from_keras
+from bridge.exchange.weights import TORCH_ADAM, mesh_autoencoder_from_keras
 from bridge.verify.answers import layers, learn
 from bridge.verify.protocol import Case, Tensors
 from tf_dsnet.codec import KerasCodec

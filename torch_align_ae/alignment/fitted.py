@@ -14,8 +14,7 @@ from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
 from bridge.paper import THETA_SIZE
 from bridge.runs import ArtifactWriter
-from bridge.runs.array_file import ArrayFile
-from bridge.runs.digests import arrays_sha256, json_sha256
+from bridge.runs.files import ArrayFile, arrays_sha256, json_sha256
 from torch_align_ae.body import SMPL, rest_pose_offsets
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.

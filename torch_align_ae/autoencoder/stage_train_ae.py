@@ -13,7 +13,7 @@ from tyro.conf import Fixed
 from bridge.body.dmpl_files import load_dmpl_directions
 from bridge.errors import DsnetError
 from bridge.exchange import save_weights
-from bridge.exchange.codes import DMPL, LINEAR_FILES, PCA, CodeName
+from bridge.exchange.dsnet import DMPL, LINEAR_FILES, PCA, CodeName
 from bridge.motion.splits import SplitName
 from bridge.options import NonNegativeInt
 from bridge.paper import ALTERNATIVE_WIDTHS, LATENT_SIZE
@@ -33,7 +33,7 @@ from torch_align_ae.autoencoder.trials import (
     run_trial,
     split_of,
 )
-from torch_align_ae.processes import Processes, started_by_torchrun
+from torch_align_ae.workers import Processes, started_by_torchrun
 
 TrialName = Literal["literal", "measured", "short", "sequence_split", "all_frames"]
 

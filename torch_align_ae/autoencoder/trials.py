@@ -30,7 +30,7 @@ from torch_align_ae.autoencoder.normaliser import Normaliser, fit_normaliser
 from torch_align_ae.autoencoder.pca import PcaCodec, reconstruction_r2
 from torch_align_ae.autoencoder.presets import PRESETS, PresetName, TrainingPreset
 from torch_align_ae.autoencoder.training import Training, TrainingPlan, TrainingResult
-from torch_align_ae.processes import Processes
+from torch_align_ae.workers import Processes
 
 
 @dataclass(frozen=True, kw_only=True)

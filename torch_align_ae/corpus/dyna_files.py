@@ -21,8 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.errors import DsnetError
 from bridge.paper import N_VERTICES
-from bridge.runs.damage import damage_refused
-from bridge.runs.foreign_files import open_regular
+from bridge.runs.untrusted import damage_refused, open_regular
 from torch_align_ae.corpus.dyna_bounds import check_bounds, check_own, check_sides, faces_of
 from torch_align_ae.corpus.dyna_layout import (
     FACES_KEY,

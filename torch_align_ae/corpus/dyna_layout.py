@@ -15,9 +15,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.paper import N_VERTICES
-from bridge.runs.processes import notify
 
 FPS = 60.0
 # Each gender is aligned and trained apart (Section 3.2).

@@ -9,6 +9,7 @@ from functools import partial
 from itertools import count
 from pathlib import Path
 
+from bridge.errors import notify
 from bridge.motion.cuts import find_cuts
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.motion_file import is_bvh, read_motion_file
@@ -16,7 +17,6 @@ from bridge.motion.motion_folder import find_motion_files, subject_and_motion
 from bridge.motion.resampling import load_motion_file, resampled_frames
 from bridge.motion.sequences import REAL_MOTIONS
 from bridge.motion.smoothing import SmoothHz
-from bridge.runs.processes import notify
 from torch_align_ae.corpus.sequences import Take, performers
 from torch_align_ae.corpus.subjects import Gender
 

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from bridge.exchange.layouts import KERAS_ADAM, dsnet_from_torch
+from bridge.exchange.weights import KERAS_ADAM, dsnet_from_torch
 from bridge.verify.answers import joined, layers, learn, prefixed
 from bridge.verify.protocol import Case, Tensors
 from torch_align_ae.dsnet import DSNet, KerasAdam, State, assign_weights, sum_of_distances

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bridge.exchange.layouts import AdamRule
+from bridge.exchange.weights import AdamRule
 
 Arrays = dict[str, np.ndarray]
 

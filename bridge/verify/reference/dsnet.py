@@ -6,11 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bridge.exchange.layouts import (
-    BATCH_NORM_EPSILON,
-    BATCH_NORM_MOMENTUM,
-    MASKED_COUNT_EPSILON,
-)
+from bridge.exchange.weights import BATCH_NORM_EPSILON, BATCH_NORM_MOMENTUM, MASKED_COUNT_EPSILON
 from bridge.verify.reference import layers
 from bridge.verify.reference.adam import Arrays, Pass
 from bridge.verify.reference.losses import sum_of_distances

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from bridge.body import load_body_model, pose_vertices
-from bridge.exchange.layouts import AdamRule
+from bridge.exchange.weights import AdamRule
 from bridge.motion import unpack_theta
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.protocol import Case, Tensors, serve

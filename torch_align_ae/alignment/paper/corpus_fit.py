@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
-from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
+from bridge.errors import notify
+from bridge.exchange.weights import load_checkpoint, save_checkpoint
 from bridge.motion import MotionSequence, pack_theta, subject_rows, to_manifest, unpack_theta
 from bridge.runs import ArtifactWriter
-from bridge.runs.processes import notify
-from bridge.runs.storage import is_written, mark_written
-from bridge.runs.worker_pool import WorkerPool, on_any_node
+from bridge.runs.files import is_written, mark_written
+from bridge.runs.workers import WorkerPool, on_any_node
 from torch_align_ae.alignment.fitted import AlignedFiles, check_distances, seal
 from torch_align_ae.alignment.paper.objective import MeshDistance
 from torch_align_ae.alignment.paper.sgd import Descent, fit_pose, fit_shape_and_pose, rigid_start

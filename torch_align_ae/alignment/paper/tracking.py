@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from bridge.motion import MotionSequence
-from bridge.runs.worker_pool import WorkerPool
+from bridge.runs.workers import WorkerPool
 from torch_align_ae.alignment.fitted import AlignedFiles, StoredFrames, measure
 from torch_align_ae.alignment.paper.objective import MeshDistance
 from torch_align_ae.alignment.paper.sgd import Descent, fit_pose

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bridge.runs.worker_pool import WorkerPool
+from bridge.runs.workers import WorkerPool
 from torch_align_ae.alignment.robust.gauss_newton import fit_poses
 from torch_align_ae.alignment.robust.initial_pose import initial_pose
 from torch_align_ae.alignment.robust.loads import Loads, Observed

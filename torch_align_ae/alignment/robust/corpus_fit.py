@@ -12,11 +12,11 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
+from bridge.exchange.weights import load_checkpoint, save_checkpoint
 from bridge.motion import MotionSequence, subject_rows, to_manifest
 from bridge.runs import ArtifactWriter
-from bridge.runs.storage import is_written, mark_written
-from bridge.runs.worker_pool import on_any_node, worker_pool
+from bridge.runs.files import is_written, mark_written
+from bridge.runs.workers import on_any_node, worker_pool
 from torch_align_ae.alignment.fitted import AlignedFiles, StoredFrames, measure, seal
 from torch_align_ae.alignment.robust.align import FRAMES_PER_WINDOW, continued_theta, fit_frames
 from torch_align_ae.alignment.robust.calibration import LearnedSubject, calibrate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bridge.exchange.layouts import autoencoder_shapes
+from bridge.exchange.weights import autoencoder_shapes
 from bridge.verify.reference import mesh_autoencoder
 from bridge.verify.reference.mesh_autoencoder import Architecture
 
