@@ -20,14 +20,8 @@ from bridge.installation import require_packages_of
 from bridge.processes import exit_with_one_line
 
 COMMANDS = {
-    "corpus": (
-        "torch_align_ae.corpus.stage_corpus",
-        "Make the synthetic corpus in the real formats.",
-    ),
-    "align": (
-        "torch_align_ae.alignment.stage_align",
-        "Fit SMPL to meshes; unpose the offsets.",
-    ),
+    "corpus": ("torch_align_ae.corpus.stage_corpus", "Make a synthetic corpus in real formats."),
+    "align": ("torch_align_ae.alignment.stage_align", "Fit SMPL to meshes; unpose the offsets."),
     "train-ae": ("torch_align_ae.autoencoder.stage_train_ae", "Train the mesh autoencoder."),
     "encode": ("torch_align_ae.autoencoder.stage_encode", "Encode the offsets as latents."),
     "train": ("tf_dsnet.stage_train", "Train predictors: DSNet and dsnet_plus."),
@@ -36,15 +30,9 @@ COMMANDS = {
     "evaluate": ("bridge.measure.stage_evaluate", "Measure errors against meshes and references."),
     "report": ("bridge.report.stage_report", "Draw the figures and write the report."),
     "predict": ("bridge.runtime.stage_predict", "Write the moving body of one motion to files."),
-    "export": (
-        "bridge.export.stage_export",
-        "Write a moving body for Blender, Maya, Houdini, Unreal.",
-    ),
+    "export": ("bridge.export.stage_export", "Write a body for Blender, Maya, Houdini, Unreal."),
     "view": ("bridge.view.stage_view", "Look at predictions in a browser, as they move."),
-    "verify": (
-        "bridge.verify.stage_verify",
-        "Compare NumPy, PyTorch, Keras, ONNX by layer.",
-    ),
+    "verify": ("bridge.verify.stage_verify", "Compare NumPy, PyTorch, Keras, ONNX by layer."),
     "check": ("bridge.runs.stage_check", "Compare a run's files and chain with its digests."),
 }
 PROFILES = ("smoke", "demo", "paper")
@@ -138,3 +126,7 @@ def _overview() -> str:
 
 def _print(text: str) -> None:
     print(text)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()

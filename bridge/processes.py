@@ -173,26 +173,10 @@ def interrupts_withheld() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-_BEGIN = "from bridge.processes import end_with_parent; end_with_parent();"
-_MODULE = "import runpy; runpy.run_module({!r}, run_name='__main__', alter_sys=True)"
-_DSNET = "from bridge.cli import main; main()"
-
-
 def run_module(module: str, *arguments: str) -> None:
     """Run `python -m module arguments`; a child that failed has said why, so pass on its status."""
     require_packages_of(module)
-    _run(_MODULE.format(module), arguments)
-
-
-def run_dsnet(command: str, *arguments: str) -> None:
-    """Run `dsnet command arguments` in a process of its own; as `run_module`."""
-    _run(_DSNET, (command, *arguments))
-
-
-def _run(code: str, arguments: Sequence[str]) -> None:
-    with _begun(code, arguments) as child:
-        child.wait()
-    status = child.returncode
+    status, _ = _outcome(module, arguments)
     if status == -signal.SIGTERM:
         raise Terminated
     if status < 0:
@@ -205,20 +189,28 @@ def _run(code: str, arguments: Sequence[str]) -> None:
         sys.exit(status)
 
 
+def run_dsnet(command: str, *arguments: str) -> None:
+    """Run `dsnet command arguments` in a process of its own; as `run_module`."""
+    run_module("bridge.cli", command, *arguments)
+
+
 def outcome_of_module(module: str, *arguments: str) -> tuple[int, str]:
     """Exit status and stderr of `python -m module arguments`, which prints nothing of its own."""
-    devnull, pipe = subprocess.DEVNULL, subprocess.PIPE
-    with _begun(_MODULE.format(module), arguments, stdout=devnull, stderr=pipe) as child:
-        _, said = child.communicate()
-    return child.returncode, said
+    return _outcome(module, arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
-@contextmanager
-def _begun(
-    code: str, arguments: Sequence[str], stdout: int | None = None, stderr: int | None = None
-) -> Iterator[subprocess.Popen[str]]:
-    """A process that is ended if the block is left by an exception, or this process ends."""
-    command = [sys.executable, "-c", _BEGIN + code, *arguments]
+_CHILD = """
+import runpy
+from bridge.processes import end_with_parent
+end_with_parent()
+runpy.run_module({!r}, run_name="__main__", alter_sys=True)
+"""
+
+
+def _outcome(
+    module: str, arguments: Sequence[str], stdout: int | None = None, stderr: int | None = None
+) -> tuple[int, str]:
+    command = [sys.executable, "-c", _CHILD.format(module), *arguments]
     reading, writing = os.pipe()
     try:
         with interrupts_withheld():
@@ -226,7 +218,7 @@ def _begun(
                 command, stdin=reading, stdout=stdout, stderr=stderr, encoding="locale"
             )
         try:
-            yield child
+            _, said = child.communicate()
         except BaseException:
             child.kill()
             raise
@@ -235,6 +227,7 @@ def _begun(
     finally:
         os.close(reading)
         os.close(writing)
+    return child.returncode, said
 
 
 def end_with_parent() -> None:

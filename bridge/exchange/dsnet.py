@@ -57,8 +57,7 @@ class Scaling:
     def identity(cls) -> Scaling:
         """Nothing is changed."""
         sizes = (INPUT_SIZE, LATENT_SIZE)
-        zeros, ones = ([f(size, np.float32) for size in sizes] for f in (np.zeros, np.ones))
-        return cls(zeros[0], ones[0], zeros[1], ones[1])
+        return cls(*(np.full(size, fill, np.float32) for size in sizes for fill in (0, 1)))
 
     @classmethod
     def fitted(cls, inputs: NDArray, latents: NDArray, min_input_std: float) -> Scaling:

@@ -31,7 +31,6 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -259,13 +258,16 @@ def dsnet_shapes() -> Shapes:
     dense_1, dense_2, lstm, out = DSNET_WIDTHS.values()
     norm = ("gamma", "beta", "moving_mean", "moving_variance")
     return {
-        **_dense("fc_enc_1", INPUT_SIZE, dense_1),
-        **_dense("fc_enc_2", dense_1, dense_2),
+        "fc_enc_1/kernel": (INPUT_SIZE, dense_1),
+        "fc_enc_1/bias": (dense_1,),
+        "fc_enc_2/kernel": (dense_1, dense_2),
+        "fc_enc_2/bias": (dense_2,),
         "lstm/kernel": (dense_2, 4 * lstm),
         "lstm/recurrent_kernel": (lstm, 4 * lstm),
         "lstm/bias": (4 * lstm,),
         **{f"batch_norm/{name}": (lstm,) for name in norm},
-        **_dense("fc_enc_3", lstm, out),
+        "fc_enc_3/kernel": (lstm, out),
+        "fc_enc_3/bias": (out,),
     }
 
 
@@ -273,31 +275,20 @@ def autoencoder_shapes(widths: tuple[int, ...] = INFERRED_WIDTHS) -> Shapes:
     """The arrays of a mesh autoencoder, in the order of its layers; 33,626,606 numbers in full."""
     coordinates, between, features = FEATURES
     coarse = widths[-1] * features
-    return {
-        **_linear("encoder.linear_1", coordinates, between),
-        **_linear("encoder.linear_2", between, features),
-        **_convolutions("encoder", widths),
-        **_linear("to_latent", coarse, LATENT_SIZE),
-        **_linear("from_latent", LATENT_SIZE, coarse),
-        **_convolutions("decoder", widths[::-1]),
-        **_linear("decoder.linear_1", features, between),
-        **_linear("to_coordinates", between, coordinates),
+    steps = range(1, len(widths))
+    layers: Shapes = {
+        "encoder.linear_1": (between, coordinates),
+        "encoder.linear_2": (features, between),
+        **{f"encoder.conv_{step}": (widths[step], widths[step - 1], 1) for step in steps},
+        "to_latent": (LATENT_SIZE, coarse),
+        "from_latent": (coarse, LATENT_SIZE),
+        **{f"decoder.conv_{step}": (widths[-step - 1], widths[-step], 1) for step in steps},
+        "decoder.linear_1": (between, features),
+        "to_coordinates": (coordinates, between),
     }
-
-
-def _dense(name: str, inputs: int, outputs: int) -> Shapes:
-    return {f"{name}/kernel": (inputs, outputs), f"{name}/bias": (outputs,)}
-
-
-def _linear(name: str, inputs: int, outputs: int) -> Shapes:
-    return {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
-
-
-def _convolutions(side: str, widths: tuple[int, ...]) -> Shapes:
     shapes: Shapes = {}
-    for number, (inputs, outputs) in enumerate(pairwise(widths), start=1):
-        shapes[f"{side}.conv_{number}.weight"] = (outputs, inputs, 1)
-        shapes[f"{side}.conv_{number}.bias"] = (outputs,)
+    for layer, shape in layers.items():
+        shapes |= {f"{layer}.weight": shape, f"{layer}.bias": shape[:1]}
     return shapes
 
 

@@ -60,7 +60,6 @@ _WRITERS_KEYS: dict[str, type] = {
 }
 """What every manifest has; an artifact's own values stand beside them."""
 _RECORDED_PACKAGES = ("numpy", "scipy", "torch", "tensorflow", "keras")
-_BLOCK_ELEMENTS = 1 << 22
 _MADE_AGAIN = "Delete the folder and run its stage again."
 
 
@@ -100,11 +99,8 @@ class Artifact:
         shape, dtype = tuple(entry["shape"]), np.dtype(entry["dtype"])
 
         def refusal(error: Exception) -> DsnetError:
-            return DsnetError(
-                f"{path}, which does not hold what {MANIFEST} says ({str(error)[:200]})",
-                f"{dtype} of shape {shape}",
-                _MADE_AGAIN,
-            )
+            said = f"{path}, which does not hold what {MANIFEST} says ({str(error)[:200]})"
+            return DsnetError(said, f"{dtype} of shape {shape}", _MADE_AGAIN)
 
         with damage_refused(refusal):
             array = map_npy(path)
@@ -165,11 +161,8 @@ class _Manifest(dict[str, Any]):
         self._path = path
 
     def __missing__(self, key: str) -> Any:
-        raise DsnetError(
-            f"{self._path} without {key!r}",
-            f"what the stage writes into its {MANIFEST}",
-            _MADE_AGAIN,
-        )
+        expected = f"what the stage writes into its {MANIFEST}"
+        raise DsnetError(f"{self._path} without {key!r}", expected, _MADE_AGAIN)
 
 
 def _compare(path: Path, found: str, expected: str) -> None:
@@ -192,11 +185,8 @@ def read_artifact(path: Path | str, kind: str | None = None) -> Artifact:
     path = Path(path)
     manifest = _read_manifest(path / MANIFEST)
     if kind is not None and manifest["kind"] != kind:
-        raise DsnetError(
-            f"{path}, an artifact of kind {manifest['kind']!r}",
-            f"kind {kind!r}",
-            "Pass that stage's folder.",
-        )
+        received = f"{path}, an artifact of kind {manifest['kind']!r}"
+        raise DsnetError(received, f"kind {kind!r}", "Pass that stage's folder.")
     return Artifact(path, manifest)
 
 
@@ -418,13 +408,13 @@ class ArtifactWriter:
     def _describe_array(self, name: str) -> dict[str, Any]:
         path = self._partial / f"{name}.npy"
         array = map_npy(path)
-        if (index := _first_not_finite(array)) is not None:
-            place = f"{name}[{', '.join(map(str, index))}]"
-            raise DsnetError(
-                f"stage {self._manifest['kind']!r} with {array[index]} at {place}",
-                "finite numbers only",
-                "Nothing was kept: check the options and inputs of this and the stages before it.",
-            )
+        for row, values in enumerate(np.atleast_1d(array)):  # a whole one may not fit the memory
+            if array.dtype.kind in "fc" and not np.isfinite(values).all():
+                raise DsnetError(
+                    f"stage {self._manifest['kind']!r} with NaN or infinity in {name}[{row}]",
+                    "finite numbers only",
+                    "Nothing was kept: check options and inputs of this stage and those before.",
+                )
         return {
             "shape": list(array.shape),
             "dtype": str(array.dtype),
@@ -444,19 +434,6 @@ class ArtifactWriter:
                 path.rmdir()
             else:
                 path.unlink()
-
-
-def _first_not_finite(array: NDArray[Any]) -> tuple[int, ...] | None:
-    """Index of the first number of a float array that is not finite."""
-    if array.dtype.kind not in "fc":
-        return None
-    flat = array.reshape(-1)
-    for start in range(0, flat.size, _BLOCK_ELEMENTS):
-        finite = np.isfinite(flat[start : start + _BLOCK_ELEMENTS])
-        if not finite.all():
-            first = start + int(np.argmin(finite))
-            return tuple(int(i) for i in np.unravel_index(first, array.shape))
-    return None
 
 
 def write_artifact(

@@ -84,11 +84,11 @@ class Run:
         """The finished artifacts of several stages, by name; see `artifact`."""
         for stage in stages:
             if not self.finished(stage):
-                raise self._unfinished(stage)
+                raise self._without(stage)
         check_chain(self.path, stages)
         return {stage: read_artifact(self.path / stage) for stage in stages}
 
-    def _unfinished(self, stage: str) -> DsnetError:
+    def _without(self, stage: str) -> DsnetError:
         having = f"run {self.name!r} without {stage!r}"
         remedy = f"Run `dsnet {command_of(stage)} --run {self.name}` or `./reproduce.sh` first."
         if not self.path.is_dir():

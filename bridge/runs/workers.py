@@ -25,6 +25,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import cache, lru_cache
+from types import ModuleType
 from typing import Any, Generic, Literal, TypeVar, get_args
 
 from threadpoolctl import threadpool_limits
@@ -211,18 +212,18 @@ def use_engine(name: str, address: str | None = None) -> Iterator[None]:
     global _engine
     if name not in get_args(Engine):
         raise DsnetError(f"--engine {name}", "local or ray", "Pass --engine ray.")
-    if name == "local":
-        if address is not None:
-            received = f"--address {address} without a cluster"
-            raise DsnetError(received, "--engine ray", "Pass --engine ray.")
-        yield
-        return
-    before, _engine = _engine, "ray"
-    try:
-        with _connected(address):
+    if name == "ray":
+        ray, before, _engine = _connected(address), _engine, "ray"
+        try:
             yield
-    finally:
-        _engine = before
+        finally:
+            _engine = before
+            ray.shutdown()
+    elif address is None:
+        yield
+    else:
+        received = f"--address {address} without a cluster"
+        raise DsnetError(received, "--engine ray", "Pass --engine ray.")
 
 
 def on_any_node(kind: Kind) -> Kind:
@@ -230,8 +231,7 @@ def on_any_node(kind: Kind) -> Kind:
     return "ray" if _engine == "ray" else kind
 
 
-@contextmanager
-def _connected(address: str | None) -> Iterator[None]:
+def _connected(address: str | None) -> ModuleType:
     require_package("ray", "ray", "--engine ray")
     # Read when Ray is imported: nothing is reported to anybody, and work without a GPU sees what
     # the machine has.
@@ -263,10 +263,7 @@ def _connected(address: str | None) -> Iterator[None]:
             "Start one with `ray start --head`.",
         ) from error
     signal.signal(signal.SIGTERM, at_end)  # Ray's own exits with another status
-    try:
-        yield
-    finally:
-        ray.shutdown()
+    return ray
 
 
 @contextmanager

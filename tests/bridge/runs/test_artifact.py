@@ -288,7 +288,7 @@ def test_no_stage_finishes_with_an_array_that_is_not_finite(value, tmp_path):
     array[2, 1_234_567] = array[3, 0] = value
     writer.put("whole", np.array([2**62]), "1")
     writer.put("x", array, "m")
-    with pytest.raises(DsnetError, match=rf"stage 's' with {value} at x\[2, 1234567\];"):
+    with pytest.raises(DsnetError, match=r"stage 's' with NaN or infinity in x\[2\];"):
         writer.finish()
     # The one before is still there, and the next try begins anew.
     assert read_artifact(tmp_path / "s").array("x").shape == (1,)
