@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from importlib import metadata
 from importlib.util import find_spec
@@ -32,33 +31,14 @@ def require_packages_of(module: str) -> None:
 
 
 def how_to_install(extra: str) -> str:
-    """The command that adds an extra to this installation, from where it came: no index has it."""
-    checkout, origin = Path(__file__).parents[1], _origin()
-    if (checkout / "pyproject.toml").is_file():
-        source = f'--editable "{checkout}[{extra}]"'
-    elif origin:
-        source = f'"{DISTRIBUTION}[{extra}] @ {origin}"'
-    else:
-        return f'Install the extra, in a checkout of this project: pip install ".[{extra}]"'
+    """The command that adds an extra to this installation; no index has it."""
+    checkout = Path(__file__).parents[1]
+    if not (checkout / "pyproject.toml").is_file():
+        return (
+            f'Install the extra, from where this came: pip install "{DISTRIBUTION}[{extra}] @ URL"'
+        )
     python = f'"{sys.executable}"' if " " in sys.executable else sys.executable
-    return f"Install the extra: {python} -m pip install {source}"
-
-
-def _origin() -> str | None:
-    """URL of the folder, wheel or repository that was installed, if it is still there."""
-    try:
-        stated = metadata.distribution(DISTRIBUTION).read_text("direct_url.json")
-    except metadata.PackageNotFoundError:
-        return None
-    direct = json.loads(stated or "{}")
-    if vcs := direct.get("vcs_info"):
-        return f"{vcs['vcs']}+{direct['url']}@{vcs['commit_id']}"
-    from urllib.parse import urlsplit  # late: they take longer to load than most commands need
-    from urllib.request import url2pathname
-
-    url = direct.get("url")
-    gone = url and url.startswith("file:") and not Path(url2pathname(urlsplit(url).path)).exists()
-    return None if gone else url
+    return f'Install the extra: {python} -m pip install --editable "{checkout}[{extra}]"'
 
 
 def version_of(package: str) -> str | None:

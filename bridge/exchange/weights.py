@@ -20,9 +20,8 @@ batch normalisation  `gamma`, `beta`, `moving_mean`,   `weight`, `bias`, `runnin
 ONNX graphs hold linear layers and convolutions as Keras does, and the LSTM with its gates in the
 order i, o, f, c. Nothing is computed but moved, so a round trip gives every bit back.
 
-The frameworks' defaults differ too. DSNet is trained by Keras, so its batch normalisation and its
-Adam are Keras's; the mesh autoencoder is trained by PyTorch, so its Adam is PyTorch's. A twin in
-the other framework takes these in place of that framework's defaults.
+The frameworks' defaults differ too: a twin in the other framework takes the constants below, of the
+one that trains the network, in place of its own.
 """
 
 from __future__ import annotations
@@ -45,8 +44,6 @@ from bridge.runs.untrusted import damage_refused, is_of_the_machine, open_regula
 
 _MOST_HEADER_BYTES = 1 << 20
 _DIGEST = "sha256"
-
-
 Shapes = dict[str, tuple[int, ...]]
 
 BATCH_NORM_EPSILON = 1e-3
@@ -68,11 +65,8 @@ class AdamRule:
     learning_rate: float = 1e-4
     """The paper's, for both networks (Section 5)."""
     beta_1: float = 0.9
-    """Decay of the first moment."""
     beta_2: float = 0.999
-    """Decay of the second moment."""
     epsilon: float = 1e-7
-    """Keeps the division finite."""
     epsilon_hat: bool = True
     """Whether epsilon stands beside the second moment before its bias correction."""
 

@@ -211,8 +211,9 @@ def _read_manifest(path: Path) -> dict[str, Any]:
             f"schema {SCHEMA_VERSION}",
             "Delete the folder and run its stage again with this version.",
         )
-    if flaw := _flaw(manifest):
-        raise DsnetError(f"{path}, {flaw}", "a manifest written by dsnet", _MADE_AGAIN)
+    if key := _forged_key(manifest):
+        received = f"{path}, whose {key!r} no stage wrote"
+        raise DsnetError(received, "a manifest written by dsnet", _MADE_AGAIN)
     _compare(path, content_digest(manifest), manifest["sha256"])
     made = dict(manifest["provenance"])
     # Older manifests have none; it is no part of the content, but reports print what it covers.
@@ -221,48 +222,46 @@ def _read_manifest(path: Path) -> dict[str, Any]:
     return _Manifest(path, manifest)
 
 
-def _flaw(manifest: Mapping[str, Any]) -> str | None:
-    """What is wrong with a manifest that has all of its keys, as the end of a sentence.
+def _forged_key(manifest: Mapping[str, Any]) -> str | None:
+    """A key of a manifest whose value no stage wrote, None where there is none.
 
-    Its digest can be anybody's; readers rely on this: names stay in the folder, arrays are of
-    numbers, digests are text, sequences are a list of objects, predictors have names.
+    The manifest's digest can be anybody's, and readers rely on this: names stay in the folder,
+    arrays are of numbers, digests are text, sequences are objects.
     """
     for key, wanted in _WRITERS_KEYS.items():
         if not isinstance(manifest[key], wanted):
-            return f"whose {key!r} is a {type(manifest[key]).__name__}"
-    if manifest["data"] not in ("synthetic", "licensed"):
-        return "whose data are neither synthetic nor licensed"
-    made, sequences = manifest["provenance"], manifest.get("sequences", [])
-    if not isinstance(made.get("sha256", ""), str):
-        return "whose provenance has no digest"
-    if not all(isinstance(made.get(key, {}), dict) for key in ("stamps", "input_stamps")):
-        return "whose stamps have no names"
-    if not _are_texts(manifest["upstream"]) or not _are_texts(made.get("inputs", {})):
-        return "whose sources are no digests"
-    for group in ("arrays", "files", "upstream"):
-        for name, entry in manifest[group].items():
-            if not is_plain_name(name):
-                return f"with the name {name[:80]!r} in {group}, which is no plain file name"
-            if group == "upstream":
-                continue
-            if not isinstance(entry, dict) or not isinstance(entry.get("sha256"), str):
-                return f"whose {name!r} has no digest"
-            if group == "arrays" and not _is_array(entry.get("shape"), entry.get("dtype")):
-                return f"whose array {name!r} has no shape and type of numbers"
-    if not isinstance(sequences, list) or not all(isinstance(one, dict) for one in sequences):
-        return "whose sequences are no list of objects"
-    predictors = manifest.get("predictors", {})
-    if not isinstance(predictors, dict) or not all(map(is_plain_name, predictors)):
-        return "whose predictors have no plain names"
-    return None
+            return key
+    made, upstream = manifest["provenance"], manifest["upstream"]
+    arrays, files = manifest["arrays"], manifest["files"]
+    sequences, predictors = manifest.get("sequences", []), manifest.get("predictors", {})
+    sound = {
+        "data": manifest["data"] in ("synthetic", "licensed"),
+        "provenance": isinstance(made.get("sha256", ""), str)
+        and isinstance(made.get("stamps", {}), dict)
+        and isinstance(made.get("input_stamps", {}), dict)
+        and _are_texts(made.get("inputs", {})),
+        "upstream": all(map(is_plain_name, upstream)) and _are_texts(upstream),
+        "files": all(map(is_plain_name, files)) and all(map(_has_digest, files.values())),
+        "arrays": all(map(is_plain_name, arrays)) and all(map(_is_array, arrays.values())),
+        "sequences": isinstance(sequences, list) and all(isinstance(s, dict) for s in sequences),
+        "predictors": isinstance(predictors, dict) and all(map(is_plain_name, predictors)),
+    }
+    return next((key for key, holds in sound.items() if not holds), None)
 
 
 def _are_texts(value: Any) -> bool:
     return isinstance(value, dict) and all(isinstance(text, str) for text in value.values())
 
 
-def _is_array(shape: Any, dtype: Any) -> bool:
-    if not isinstance(shape, list) or not all(type(size) is int and size >= 0 for size in shape):
+def _has_digest(entry: Any) -> bool:
+    return isinstance(entry, dict) and isinstance(entry.get("sha256"), str)
+
+
+def _is_array(entry: Any) -> bool:
+    if not _has_digest(entry):
+        return False
+    shape, dtype = entry.get("shape"), entry.get("dtype")
+    if not isinstance(shape, list) or not all(isinstance(n, int) and n >= 0 for n in shape):
         return False
     try:
         return isinstance(dtype, str) and np.dtype(dtype).kind in "biuf"

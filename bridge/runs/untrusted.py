@@ -93,14 +93,13 @@ class UntrustedFile(io.BufferedReader):
 
 def open_regular(path: Path | str, most_bytes: float = math.inf) -> UntrustedFile:
     """Open a regular file of at most so many bytes; pipes, sockets and devices are refused."""
-    if stat.S_ISDIR(mode := Path(path).stat().st_mode):
-        raise IsADirectoryError(f"{path} is a folder")
-    if not stat.S_ISREG(mode):
-        raise OSError(f"{path} is a pipe, a socket or a device")
-    # A pipe that took the file's place since would keep us waiting for a writer.
+    # Nobody writes into a pipe for us to wait for.
     file = io.FileIO(path, opener=lambda p, flags: os.open(p, flags | _WITHOUT_WAIT))
-    stream = UntrustedFile(file)
-    stream.largest_read = os.fstat(stream.fileno()).st_size
+    stream, found = UntrustedFile(file), os.fstat(file.fileno())
+    if not stat.S_ISREG(found.st_mode):
+        stream.close()
+        raise OSError(f"{path} is a pipe, a socket or a device")
+    stream.largest_read = found.st_size
     if stream.largest_read > most_bytes:
         stream.close()
         raise ValueError(f"a file of {stream.largest_read} bytes, not at most {most_bytes:.0f}")

@@ -315,36 +315,37 @@ def forge(folder: Path, change: Callable[[Manifest], object]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "complaint"),
+    ("change", "key"),
     [
-        (lambda m: m.update(arrays=None), "whose 'arrays' is a NoneType"),
-        (lambda m: m.update(data="x"), "neither synthetic nor licensed"),
-        (lambda m: m["arrays"]["a"].pop("shape"), "no shape and type"),
-        (lambda m: m["arrays"]["a"].pop("dtype"), "no shape and type"),
-        (lambda m: m["arrays"]["a"].update(dtype="O"), "no shape and type"),
-        (lambda m: m["arrays"]["a"].update(shape=[-1]), "no shape and type"),
-        (lambda m: m["arrays"]["a"].pop("sha256"), "'a' has no digest"),
-        (lambda m: m["files"].update({"../x": {"sha256": ""}}), r"the name '\.\./x' in files"),
-        (lambda m: m["files"].update({"/etc/passwd": {"sha256": ""}}), "in files, which is no"),
-        (lambda m: m["files"].update({"a\n\x1b[2J": {"sha256": ""}}), "in files, which is no"),
-        (lambda m: m["arrays"].update({"../a": m["arrays"]["a"]}), "in arrays, which is no"),
-        (lambda m: m["upstream"].update({"../../x": ""}), "in upstream, which is no"),
-        (lambda m: m["upstream"].update({"x": 5}), "sources are no digests"),
-        (lambda m: m["provenance"].update(inputs=[1]), "sources are no digests"),
-        (lambda m: m["provenance"].update(sha256=1), "provenance has no digest"),
-        (lambda m: m["provenance"].update(sha256=[]), "provenance has no digest"),
-        (lambda m: m.update(sequences={}), "no list of objects"),
-        (lambda m: m.update(predictors=["a"]), "predictors have no plain names"),
-        (lambda m: m["provenance"].update(stamps=[]), "stamps have no names"),
-        (lambda m: m["provenance"].update(input_stamps=1), "stamps have no names"),
-        (lambda m: m.update(predictors={"../a": {}}), "no plain names"),
+        (lambda m: m.update(arrays=None), "arrays"),
+        (lambda m: m.update(data="x"), "data"),
+        (lambda m: m["arrays"]["a"].pop("shape"), "arrays"),
+        (lambda m: m["arrays"]["a"].pop("dtype"), "arrays"),
+        (lambda m: m["arrays"]["a"].update(dtype="O"), "arrays"),
+        (lambda m: m["arrays"]["a"].update(dtype="no type"), "arrays"),
+        (lambda m: m["arrays"]["a"].update(shape=[-1]), "arrays"),
+        (lambda m: m["arrays"]["a"].pop("sha256"), "arrays"),
+        (lambda m: m["arrays"].update({"../a": m["arrays"]["a"]}), "arrays"),
+        (lambda m: m["files"].update({"../x": {"sha256": ""}}), "files"),
+        (lambda m: m["files"].update({"/etc/passwd": {"sha256": ""}}), "files"),
+        (lambda m: m["files"].update({"a\n\x1b[2J": {"sha256": ""}}), "files"),
+        (lambda m: m["upstream"].update({"../../x": ""}), "upstream"),
+        (lambda m: m["upstream"].update({"x": 5}), "upstream"),
+        (lambda m: m["provenance"].update(inputs=[1]), "provenance"),
+        (lambda m: m["provenance"].update(sha256=1), "provenance"),
+        (lambda m: m["provenance"].update(sha256=[]), "provenance"),
+        (lambda m: m["provenance"].update(stamps=[]), "provenance"),
+        (lambda m: m["provenance"].update(input_stamps=1), "provenance"),
+        (lambda m: m.update(sequences={}), "sequences"),
+        (lambda m: m.update(predictors=["a"]), "predictors"),
+        (lambda m: m.update(predictors={"../a": {}}), "predictors"),
     ],
 )
 def test_manifests_that_no_stage_wrote_are_refused(
-    folder: Path, change: Callable[[Manifest], object], complaint: str
+    folder: Path, change: Callable[[Manifest], object], key: str
 ) -> None:
     forge(folder, change)
-    with pytest.raises(DsnetError, match=complaint) as caught:
+    with pytest.raises(DsnetError, match=f"whose '{key}' no stage wrote") as caught:
         read_artifact(folder)
     assert str(caught.value).isprintable()
 
