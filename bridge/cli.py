@@ -10,14 +10,14 @@ import importlib
 import os
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from bridge import __version__
 from bridge.errors import DsnetError, did_you_mean
 from bridge.installation import require_packages_of
-from bridge.processes import exit_with_one_line
+from bridge.processes import ends_at_once, exit_with_one_line
 
 COMMANDS = {
     "corpus": ("torch_align_ae.corpus.stage_corpus", "Make a synthetic corpus in real formats."),
@@ -46,16 +46,17 @@ def main(arguments: Sequence[str] | None = None, **settings: Any) -> None:
     A study may give `settings`: fields of the configuration, by name, that are no options.
     """
     with exit_with_one_line():
-        _run(list(sys.argv[1:] if arguments is None else arguments), settings)
+        with ends_at_once():
+            work = _asked_for(list(sys.argv[1:] if arguments is None else arguments), settings)
+        work()
 
 
-def _run(arguments: list[str], settings: Mapping[str, Any]) -> None:
+def _asked_for(arguments: list[str], settings: Mapping[str, Any]) -> Callable[[], None]:
+    """What the command line asks for, to be called; nothing is begun before."""
     if not arguments or arguments[0] in ("-h", "--help"):
-        _print(_overview())
-        return
+        return lambda: print(_overview())  # noqa: T201
     if arguments == ["--version"]:
-        _print(f"dsnet {__version__}")
-        return
+        return lambda: print(f"dsnet {__version__}")  # noqa: T201
     command, *options = arguments
     if command not in COMMANDS:
         remedy = did_you_mean(command, COMMANDS, "See dsnet --help.")
@@ -67,7 +68,7 @@ def _run(arguments: list[str], settings: Mapping[str, Any]) -> None:
         raise DsnetError(f"profile {profile!r}", f"one of {', '.join(PROFILES)}", remedy)
     engine, address = _take(options, "--engine"), _take(options, "--address")
     require_packages_of(COMMANDS[command][0])
-    # Late, and so are all of its imports: whoever interrupts them reads one line.
+    # Late, so that whoever interrupts while these load reads one line.
     import tyro
 
     from bridge.options import check_options, check_seed
@@ -90,8 +91,12 @@ def _run(arguments: list[str], settings: Mapping[str, Any]) -> None:
         type(default), args=options, default=default, prog=prog, config=(tyro.conf.SuppressFixed,)
     )
     check_options(config)
-    with use_engine("local" if engine is None else engine, address):
-        module.main(config)
+
+    def work() -> None:
+        with use_engine("local" if engine is None else engine, address):
+            module.main(config)
+
+    return work
 
 
 def _with(config: Any, settings: Mapping[str, Any]) -> Any:
@@ -122,10 +127,6 @@ def _overview() -> str:
         f"{rows}\n\nEvery command has its own --help; ./reproduce.sh runs the stages, corpus to "
         "report, in this order."
     )
-
-
-def _print(text: str) -> None:
-    print(text)  # noqa: T201
 
 
 if __name__ == "__main__":

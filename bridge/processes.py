@@ -62,7 +62,9 @@ def exit_with_one_line(*, answer_signals: bool = True) -> Iterator[None]:
     """
     with ExitStack() as opened:
         if answer_signals:
-            opened.enter_context(_signals_answered())
+            opened.enter_context(_answered_by(_undoing_work()))
+            # Nothing is left to interrupt but the interpreter's own end, which would not be silent.
+            opened.callback(atexit.register, _be_deaf)
         try:
             try:
                 yield
@@ -114,11 +116,46 @@ def _be_deaf() -> None:
 
 
 @contextmanager
-def _signals_answered() -> Iterator[None]:
-    """SIGINT and SIGTERM have the work undone that is under way, once however often they come.
+def ends_at_once() -> Iterator[None]:
+    """A signal in this block ends the process, which has begun nothing, with its line.
 
-    Where a library loads, which may swallow an exception or turn it into another, they come again
-    a little later. Who has waited in vain for the work to be undone ends the process at once.
+    Libraries that load swallow an exception, or turn it into another; what they print may be held
+    back meanwhile.
+    """
+    stderr = os.dup(2)
+
+    try:
+        with _answered_by(lambda number, _frame: _end_at_once(number, stderr)):
+            yield
+    finally:
+        os.close(stderr)
+
+
+def _end_at_once(number: int, stderr: int) -> NoReturn:
+    os.write(stderr, f"dsnet: {_ENDING[number]}\n".encode())
+    os._exit(128 + number)
+
+
+@contextmanager
+def _answered_by(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Answer SIGINT and SIGTERM so, unless they are ignored or another thread's."""
+    before: dict[int, signal._HANDLER] = {}
+    if threading.current_thread() is threading.main_thread():
+        for one in _ENDING:
+            if signal.getsignal(one) not in (signal.SIG_IGN, None):
+                before[one] = signal.signal(one, handler)
+    try:
+        yield
+    finally:
+        for one, earlier in before.items():
+            signal.signal(one, earlier)
+
+
+def _undoing_work() -> Callable[[int, FrameType | None], None]:
+    """A handler of signals, for which the work under way is undone, once however often they come.
+
+    Where a library loads they come again a little later. Who has waited in vain for the work to be
+    undone ends the process at once.
     """
     began: list[float] = []
 
@@ -131,22 +168,9 @@ def _signals_answered() -> Iterator[None]:
             began.append(time.monotonic())
             raise KeyboardInterrupt if number == signal.SIGINT else Terminated
         elif time.monotonic() > began[0] + _PATIENCE_S:
-            os.write(2, f"dsnet: {_ENDING[number]}\n".encode())
-            os._exit(128 + number)
+            _end_at_once(number, 2)
 
-    before: dict[int, signal._HANDLER] = {}
-    if threading.current_thread() is threading.main_thread():
-        for one in _ENDING:
-            if signal.getsignal(one) not in (signal.SIG_IGN, None):
-                before[one] = signal.signal(one, answer)
-    try:
-        yield
-    finally:
-        # Nothing is left to interrupt but the interpreter's own end, which would not be silent.
-        atexit.unregister(_be_deaf)
-        atexit.register(_be_deaf)
-        for one, earlier in before.items():
-            signal.signal(one, earlier)
+    return answer
 
 
 def _is_loading(frame: FrameType | None) -> bool:
