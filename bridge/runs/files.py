@@ -60,9 +60,8 @@ def partial_folder(folder: Path) -> Path:
 
 
 def is_unsettled(folder: Path) -> bool:
-    """Whether a process is writing `folder`, or was killed and left something for `settle`."""
-    left = (lock_of(folder), folder / CHECKPOINTS)
-    return is_finished(partial_folder(folder)) or any(path.exists() for path in left)
+    """Whether a process that was killed left something for `settle` to do."""
+    return is_finished(partial_folder(folder)) or (folder / CHECKPOINTS).exists()
 
 
 def settle(folder: Path) -> None:

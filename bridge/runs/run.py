@@ -23,6 +23,7 @@ from bridge.runs.files import (
     is_finished,
     is_unsettled,
     json_sha256,
+    lock_of,
     runs_root,
     settle,
     sha256_of,
@@ -133,6 +134,9 @@ class Run:
             for name, source in upstream.items()
         }
         if current := self._current(stage, settings, digests):
+            if lock_of(current.path).exists():  # of a process that was killed, or is at work
+                with suppress(DsnetError, OSError), self.alone(stage):
+                    pass
             return current
         with self.alone(stage):
             settle(self.path / stage)
