@@ -116,13 +116,7 @@ def save_weights(path: Path | str, weights: Mapping[str, NDArray], **metadata: s
 
 
 def load_weights(path: Path | str) -> dict[str, NDArray]:
-    """Read named arrays of numbers.
-
-    Raises
-    ------
-    DsnetError
-        If the file is missing, truncated, of another format or of types that NumPy lacks.
-    """
+    """Read named arrays of numbers; files that are missing, damaged or others are refused."""
 
     def refusal(error: Exception) -> DsnetError:
         return DsnetError(

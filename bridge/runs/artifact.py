@@ -49,14 +49,8 @@ SCHEMA_VERSION = 2
 DataOrigin = Literal["synthetic", "licensed"]
 _WRITERS_KEYS: dict[str, type] = {
     "schema": int,
-    "kind": str,
-    "data": str,
-    "arrays": dict,
-    "files": dict,
-    "upstream": dict,
-    "config": dict,
-    "provenance": dict,
-    "sha256": str,
+    **dict.fromkeys(("kind", "data", "sha256"), str),
+    **dict.fromkeys(("arrays", "files", "upstream", "config", "provenance"), dict),
 }
 """What every manifest has; an artifact's own values stand beside them."""
 _RECORDED_PACKAGES = ("numpy", "scipy", "torch", "tensorflow", "keras")
@@ -113,13 +107,7 @@ class Artifact:
         return self._unchanged(name, self._entry("files", name)["sha256"])
 
     def verify(self) -> None:
-        """Read every array and file again and compare it with its SHA-256; nothing else is there.
-
-        Raises
-        ------
-        DsnetError
-            If one changed, or if there is a file that the manifest does not know.
-        """
+        """Read all again; refuse what is not as written, and files that the manifest lacks."""
         for name, expected in self.digests.items():
             path = self.path / name
             _compare(path, file_sha256(path) if path.is_file() else "no file", expected)
@@ -356,11 +344,7 @@ class ArtifactWriter:
     ) -> Artifact:
         """Hash everything, write the manifest, rename the folder into place.
 
-        Raises
-        ------
-        DsnetError
-            If an array is not finite; everything written is discarded, as the same inputs would
-            give the same again.
+        Where an array is not finite all is discarded: the same inputs would give the same again.
         """
         try:
             arrays = {name: self._describe_array(name) for name in sorted(self._units)}

@@ -72,13 +72,7 @@ class Run:
         return is_made(self.path / stage)
 
     def artifact(self, stage: str) -> Artifact:
-        """The finished artifact of `stage`, which is one chain with all that it was made from.
-
-        Raises
-        ------
-        DsnetError
-            If there is none, or if something before it was made again since.
-        """
+        """The finished artifact of `stage`; refused if something before it was made again since."""
         return self.artifacts(stage)[stage]
 
     def artifacts(self, *stages: str) -> dict[str, Artifact]:
@@ -109,20 +103,10 @@ class Run:
     ) -> Artifact:
         """Make the artifact of `stage` unless one of the same inputs and configuration exists.
 
-        Parameters
-        ----------
-        config : a dataclass
-            Saved in the manifest; `run` is left out, so a renamed run stays current.
-        make : callable
-            Fills the writer. When it is interrupted, its partial folder stays, and the next call
-            with the same inputs finds its checkpoints there.
-        upstream : artifacts or paths of input files, by name
-            Their content digests enter the manifest and decide whether the stage is current.
-
-        Raises
-        ------
-        DsnetError
-            If another process is making this stage of this run.
+        `make` fills the writer; when it is interrupted, its partial folder stays, and the next call
+        with the same inputs finds its checkpoints there. `config`, a dataclass, is saved without
+        `run`, so a renamed run stays current. `upstream` are artifacts and paths of input files:
+        their digests decide whether the stage is current.
         """
         # As it will be read back, to compare equal.
         settings = json.loads(json.dumps(asdict(config), default=str))
@@ -205,12 +189,8 @@ def is_made(folder: Path) -> bool:
 def check_chain(folder: Path, stages: Iterable[str]) -> None:
     """Refuse stages in a run's folder that are older than what they, or those before, were made of.
 
-    What was deleted since cannot be compared and is passed over.
-
-    Raises
-    ------
-    DsnetError
-        That names the stages to run again, in order.
+    What was deleted since cannot be compared and is passed over. The refusal names the stages to
+    run again, in order.
     """
     seen: dict[str, bool] = {}
     entered: set[str] = set()

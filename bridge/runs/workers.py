@@ -104,17 +104,10 @@ def worker_pool(
 ) -> AbstractContextManager[WorkerPool[Tools]]:
     """A pool for the time of a `with` block.
 
-    Parameters
-    ----------
-    tools : what all work needs; threads share it, each process has a copy.
-    n_workers : threads or processes; one a core when None. No result depends on it. A cluster has
-        one for each of its cores.
-    initializer : called once in each thread or process before its work; a function of a module.
-
-    Raises
-    ------
-    InterruptedWorkError
-        If the system ends a process, as it does when memory runs out, or a cluster gives up.
+    `tools` are what all work needs: threads share them, each process has a copy. Without
+    `n_workers`, on which no result depends, and in a cluster there is one a core. `initializer` is
+    called once in each thread or process before its work; a function of a module. Where the system
+    ends a process, as when memory runs out, or a cluster gives up: InterruptedWorkError.
     """
     count = n_workers or _workers_by_default or os.cpu_count() or 1
     if kind == "serial":
