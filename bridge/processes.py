@@ -123,7 +123,6 @@ def ends_at_once() -> Iterator[None]:
     back meanwhile.
     """
     stderr = os.dup(2)
-
     try:
         with _answered_by(lambda number, _frame: _end_at_once(number, stderr)):
             yield

@@ -26,7 +26,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import cache, lru_cache
 from types import ModuleType
-from typing import Any, Generic, Literal, TypeVar, get_args
+from typing import Any, Generic, Literal, TypeVar
 
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
@@ -40,7 +40,6 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 Kind = Literal["serial", "threads", "processes", "ray"]
-Engine = Literal["local", "ray"]
 Work = Callable[[Any, Any], Any]
 Initializer = Callable[[], object] | None
 # Pieces that wait, computed or begun, while one is taken: bounds memory.
@@ -52,7 +51,7 @@ _RETRIES = 5
 # Of the driver, and what a worker on a cluster must know besides its work.
 _PASSED_ON = ("DSNET_RUNS", "DSNET_PLUGINS", "PYTHONPATH")
 
-_engine: Engine = "local"
+_has_cluster = False
 _workers_by_default: int | None = None
 _tools_of_this_process: Any = None
 
@@ -202,15 +201,15 @@ def use_engine(name: str, address: str | None = None) -> Iterator[None]:
     `local`, or `ray`: the nodes of the running Ray cluster at `address`, as `ray.init` takes it;
     None starts one on this machine.
     """
-    global _engine
-    if name not in get_args(Engine):
+    global _has_cluster
+    if name not in ("local", "ray"):
         raise DsnetError(f"--engine {name}", "local or ray", "Pass --engine ray.")
     if name == "ray":
-        ray, before, _engine = _connected(address), _engine, "ray"
+        ray, before, _has_cluster = _connected(address), _has_cluster, True
         try:
             yield
         finally:
-            _engine = before
+            _has_cluster = before
             ray.shutdown()
     elif address is None:
         yield
@@ -221,7 +220,7 @@ def use_engine(name: str, address: str | None = None) -> Iterator[None]:
 
 def on_any_node(kind: Kind) -> Kind:
     """`ray` if that engine is chosen, for work that can leave this machine; else `kind`."""
-    return "ray" if _engine == "ray" else kind
+    return "ray" if _has_cluster else kind
 
 
 def _connected(address: str | None) -> ModuleType:
