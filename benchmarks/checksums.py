@@ -21,9 +21,8 @@ from typing import Any
 import tyro
 
 from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
-from bridge.runs.digests import arrays_sha256
-from bridge.runs.folders import MANIFEST
-from bridge.runs.provenance import provenance
+from bridge.runs.artifact import provenance
+from bridge.runs.files import MANIFEST, arrays_sha256
 
 MARKED = {"truth": ("offsets",), "align": ("offsets", "theta", "frame_error")}
 MARKED["align_robust"] = MARKED["align"]

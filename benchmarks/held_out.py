@@ -15,9 +15,9 @@ from typing import Any
 
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of
+from bridge.processes import run_as_process
 from bridge.runs import Run
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.runs.files import write_text_atomically
 
 _ALL_FRAMES = "all_frames"
 

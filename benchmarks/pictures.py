@@ -23,7 +23,7 @@ from pathlib import Path
 import tyro
 
 from bridge.options import PositiveInt
-from bridge.runs.provenance import provenance
+from bridge.runs.artifact import provenance
 
 _HERE = Path(__file__).parents[1]
 _MOTION = ("--motion", "sample:jumping_jacks")

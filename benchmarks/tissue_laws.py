@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from benchmarks import plugin
 from bridge.body import load_body_model
+from bridge.processes import run_as_process
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import frame_camera, render_bodies
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.runs.files import write_text_atomically
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, posed_meshes

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.processes import run_as_process
+from bridge.runs.files import write_text_atomically
 from bridge.view.viewer import Viewer
 from tools.headless_chromium import chromium, open_page
 from tools.served_viewer import served_viewer

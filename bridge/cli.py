@@ -1,8 +1,7 @@
 """The `dsnet` command: one subcommand a stage, each in a process of its own.
 
-A subcommand's options are the fields of the configuration that its module
-holds, so this file knows names and modules only, and imports a framework only
-when its stage is asked for.
+A subcommand's options are the fields of the configuration that its module holds, so this file knows
+names and modules only, and imports a framework only when its stage is asked for.
 """
 
 from __future__ import annotations
@@ -12,22 +11,17 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 from bridge import __version__
-from bridge.endings import ends_at_once, exit_with_one_line
 from bridge.errors import DsnetError, did_you_mean
+from bridge.installation import require_packages_of
+from bridge.processes import ends_at_once, exit_with_one_line
 
 COMMANDS = {
-    "corpus": (
-        "torch_align_ae.corpus.stage_corpus",
-        "Make the synthetic corpus in the real formats.",
-    ),
-    "align": (
-        "torch_align_ae.alignment.stage_align",
-        "Fit SMPL to meshes; unpose the offsets.",
-    ),
+    "corpus": ("torch_align_ae.corpus.stage_corpus", "Make a synthetic corpus in real formats."),
+    "align": ("torch_align_ae.alignment.stage_align", "Fit SMPL to meshes; unpose the offsets."),
     "train-ae": ("torch_align_ae.autoencoder.stage_train_ae", "Train the mesh autoencoder."),
     "encode": ("torch_align_ae.autoencoder.stage_encode", "Encode the offsets as latents."),
     "train": ("tf_dsnet.stage_train", "Train predictors: DSNet and dsnet_plus."),
@@ -36,15 +30,9 @@ COMMANDS = {
     "evaluate": ("bridge.measure.stage_evaluate", "Measure errors against meshes and references."),
     "report": ("bridge.report.stage_report", "Draw the figures and write the report."),
     "predict": ("bridge.runtime.stage_predict", "Write the moving body of one motion to files."),
-    "export": (
-        "bridge.export.stage_export",
-        "Write a moving body for Blender, Maya, Houdini, Unreal.",
-    ),
+    "export": ("bridge.export.stage_export", "Write a body for Blender, Maya, Houdini, Unreal."),
     "view": ("bridge.view.stage_view", "Look at predictions in a browser, as they move."),
-    "verify": (
-        "bridge.verify.stage_verify",
-        "Compare NumPy, PyTorch, Keras, ONNX by layer.",
-    ),
+    "verify": ("bridge.verify.stage_verify", "Compare NumPy, PyTorch, Keras, ONNX by layer."),
     "check": ("bridge.runs.stage_check", "Compare a run's files and chain with its digests."),
 }
 PROFILES = ("smoke", "demo", "paper")
@@ -59,44 +47,43 @@ def main(arguments: Sequence[str] | None = None, **settings: Any) -> None:
     """
     with exit_with_one_line():
         with ends_at_once():
-            work = _dispatch(list(sys.argv[1:] if arguments is None else arguments), settings)
+            work = _asked_for(list(sys.argv[1:] if arguments is None else arguments), settings)
         work()
 
 
-def _dispatch(arguments: list[str], settings: Mapping[str, Any]) -> Callable[[], None]:
+def _asked_for(arguments: list[str], settings: Mapping[str, Any]) -> Callable[[], None]:
     """What the command line asks for, to be called; nothing is begun before."""
-    # Late, so that whoever interrupts while these load reads one line.
-    import tyro
-
-    from bridge.installation import require_packages_of
-    from bridge.options import check_options, parse_seed
-    from bridge.runs.engines import use_engine
-
     if not arguments or arguments[0] in ("-h", "--help"):
         return lambda: print(_overview())  # noqa: T201
     if arguments == ["--version"]:
         return lambda: print(f"dsnet {__version__}")  # noqa: T201
     command, *options = arguments
     if command not in COMMANDS:
-        raise DsnetError(
-            f"command {command!r}",
-            f"one of {', '.join(COMMANDS)}",
-            did_you_mean(command, COMMANDS, "See dsnet --help."),
-        )
-    profile = _take_profile(options)
+        remedy = did_you_mean(command, COMMANDS, "See dsnet --help.")
+        raise DsnetError(f"command {command!r}", f"one of {', '.join(COMMANDS)}", remedy)
+    # It chooses the defaults that --help shows.
+    profile = _take(options, "--profile")
+    if profile not in (None, *PROFILES):
+        remedy = did_you_mean(profile, PROFILES, "Pass --profile demo.")
+        raise DsnetError(f"profile {profile!r}", f"one of {', '.join(PROFILES)}", remedy)
     engine, address = _take(options, "--engine"), _take(options, "--address")
     require_packages_of(COMMANDS[command][0])
+    # Late, so that whoever interrupts while these load reads one line.
+    import tyro
+
+    from bridge.options import check_options, check_seed
+    from bridge.runs.workers import use_engine
+
     module = importlib.import_module(COMMANDS[command][0])
-    default = _with(module.PROFILES[profile], settings)
-    names = {field.name for field in fields(default)}
+    default = _with(module.PROFILES[profile or "demo"], settings)
     if getattr(default, "run", None):  # some need no run
-        default = replace(default, run=profile)
+        default = replace(default, run=profile or "demo")
     prog = f"dsnet {command} [--profile P] [--engine local|ray [--address HOST:PORT]]"
-    if "seed" not in names:
+    if not hasattr(default, "seed"):
         # ./reproduce.sh hands one seed to every command.
         prog += " [--seed N]"
         if (seed := _take(options, "--seed")) is not None:
-            parse_seed(seed)
+            check_seed(seed)
     if shutil.get_terminal_size().columns < _NARROWEST:
         os.environ["COLUMNS"] = str(_NARROWEST)
     # What only studies set is `Fixed`: no option.
@@ -121,18 +108,6 @@ def _with(config: Any, settings: Mapping[str, Any]) -> Any:
     return replace(config, **own)
 
 
-def _take_profile(options: list[str]) -> str:
-    """Remove `--profile NAME` from `options`: it chooses the defaults that --help shows."""
-    profile = _take(options, "--profile")
-    if profile is not None and profile not in PROFILES:
-        raise DsnetError(
-            f"profile {profile!r}",
-            f"one of {', '.join(PROFILES)}",
-            did_you_mean(profile, PROFILES, "Pass --profile demo."),
-        )
-    return profile or "demo"
-
-
 def _take(options: list[str], flag: str) -> str | None:
     """Remove `flag VALUE` or `flag=VALUE` from `options`; None if it is not there."""
     for index, option in enumerate(options):
@@ -152,3 +127,7 @@ def _overview() -> str:
         f"{rows}\n\nEvery command has its own --help; ./reproduce.sh runs the stages, corpus to "
         "report, in this order."
     )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,7 +1,8 @@
-"""The one exception that a user of this project ever has to read."""
+"""What a user is told: the one exception that there is to read, and lines that need no answer."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -19,12 +20,15 @@ def _shortened(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
 
 
+def notify(text: str) -> None:
+    """One line on stderr about something that a user would want to know but need not mend."""
+    print(f"dsnet: {printable(text)}", file=sys.stderr)  # noqa: T201
+
+
 def did_you_mean(name: str, known: Iterable[str], remedy: str, prefix: str = "") -> str:
     """The remedy for a name that is none of those known, after the nearest of them if one is near.
 
-    Parameters
-    ----------
-    prefix : written before the nearest name, but no part of what is compared.
+    `prefix` is written before the nearest name, but no part of what is compared.
     """
     meant = {one.lower(): prefix + one for one in known}
     near = [meant[one] for one in get_close_matches(_shortened(name).lower(), meant, n=1)]
@@ -33,11 +37,9 @@ def did_you_mean(name: str, known: Iterable[str], remedy: str, prefix: str = "")
 
 
 class DsnetError(Exception):
-    """A mistake that a user can mend.
+    """A mistake that a user can mend: in one line what was received, what was expected, the remedy.
 
-    The message is one line and says three things: what was received, what was
-    expected, and how to mend it. The `dsnet` command prints it without a
-    traceback and exits with status 2.
+    The `dsnet` command prints it without a traceback and exits with status 2.
     """
 
     def __init__(self, received: str, expected: str, remedy: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from importlib import metadata
 from importlib.util import find_spec
@@ -16,13 +15,7 @@ _FRAMEWORKS = {"torch_align_ae": ("torch", "h5py"), "tf_dsnet": ("tensorflow",)}
 
 
 def require_package(package: str, extra: str, whose: str) -> None:
-    """Make sure that a package of an extra is installed, which `whose` needs.
-
-    Raises
-    ------
-    MissingPackageError
-        If it is not.
-    """
+    """Raise `MissingPackageError` where a package of an extra is missing that `whose` needs."""
     if find_spec(package) is None:
         raise MissingPackageError(
             f"an installation without {package}",
@@ -32,28 +25,20 @@ def require_package(package: str, extra: str, whose: str) -> None:
 
 
 def require_packages_of(module: str) -> None:
-    """Make sure that the framework of a module's package is installed.
-
-    Raises
-    ------
-    MissingPackageError
-        If it is not: an installation without the extra `train` predicts, shows and exports.
-    """
+    """`require_package` of the framework of a module's package."""
     for framework in _FRAMEWORKS.get(module.partition(".")[0], ()):
         require_package(framework, "train", module)
 
 
 def how_to_install(extra: str) -> str:
-    """The command that adds an extra to this installation, from where it came: no index has it."""
-    checkout, origin = Path(__file__).parents[1], _origin()
-    if (checkout / "pyproject.toml").is_file():
-        source = f'--editable "{checkout}[{extra}]"'
-    elif origin:
-        source = f'"{DISTRIBUTION}[{extra}] @ {origin}"'
-    else:
-        return f'Install the extra, in a checkout of this project: pip install ".[{extra}]"'
+    """The command that adds an extra to this installation; no index has it."""
+    checkout = Path(__file__).parents[1]
+    if not (checkout / "pyproject.toml").is_file():
+        return (
+            f'Install the extra, from where this came: pip install "{DISTRIBUTION}[{extra}] @ URL"'
+        )
     python = f'"{sys.executable}"' if " " in sys.executable else sys.executable
-    return f"Install the extra: {python} -m pip install {source}"
+    return f'Install the extra: {python} -m pip install --editable "{checkout}[{extra}]"'
 
 
 def version_of(package: str) -> str | None:
@@ -64,23 +49,3 @@ def version_of(package: str) -> str | None:
         except metadata.PackageNotFoundError:
             continue
     return None
-
-
-def _origin() -> str | None:
-    """URL of the folder, wheel or repository that was installed, if it is still there."""
-    try:
-        files = metadata.files(DISTRIBUTION) or ()
-    except metadata.PackageNotFoundError:
-        return None
-    stated = [file for file in files if file.name == "direct_url.json"]
-    if not stated:
-        return None
-    direct = json.loads(stated[0].read_text(encoding="utf-8"))
-    if vcs := direct.get("vcs_info"):
-        return f"{vcs['vcs']}+{direct['url']}@{vcs['commit_id']}"
-    from urllib.parse import urlsplit
-    from urllib.request import url2pathname
-
-    parts = urlsplit(direct["url"])
-    there = parts.scheme != "file" or Path(url2pathname(parts.path)).exists()
-    return direct["url"] if there else None

@@ -24,7 +24,7 @@ class Bounds:
     """Whether `least` itself is refused."""
 
     def hold(self, value: float) -> bool:
-        """Whether `value` is allowed."""
+        """Whether `value` is one of them."""
         above = value > self.least if self.open_below else value >= self.least
         return math.isfinite(value) and above and value <= self.most
 
@@ -49,11 +49,6 @@ Seed = Annotated[int, _SEEDS]
 def check_options(config: Any) -> None:
     """Refuse a configuration (a dataclass; nested ones too) with a number that makes no sense, or
     nothing to call what is to be written.
-
-    Raises
-    ------
-    DsnetError
-        That names the option as it stands on the command line.
     """
     for flag in ("out", "record"):
         if (path := getattr(config, flag, None)) is not None and not path.name:
@@ -65,15 +60,10 @@ def check_options(config: Any) -> None:
             raise DsnetError(f"{flag} {value}", str(bounds), f"Pass {flag} N.")
 
 
-def parse_seed(text: str) -> int:
-    """The seed that was given to a command in which nothing is random: checked, then unused."""
-    try:
-        seed = int(text)
-    except ValueError:
-        seed = -1
-    if not _SEEDS.hold(seed):
+def check_seed(text: str) -> None:
+    """Check the seed that was given to a command in which nothing is random."""
+    if not (text.isdecimal() and _SEEDS.hold(int(text))):
         raise DsnetError(f"--seed {text}", str(_SEEDS), "Pass --seed N.")
-    return seed
 
 
 def _numbers(config: Any, prefix: str) -> Iterator[tuple[str, Bounds, float]]:
@@ -87,18 +77,14 @@ def _numbers(config: Any, prefix: str) -> Iterator[tuple[str, Bounds, float]]:
             continue
         for number in value if isinstance(value, (tuple, list)) else (value,):
             if isinstance(number, (int, float)) and not isinstance(number, bool):
-                yield flag, _bounds(hints[field.name]) or _usual(field.name, number), number
+                usual = _WHOLE if isinstance(number, int) else Bounds()
+                bounds = _stated(hints[field.name]) or (_SEEDS if field.name == "seed" else usual)
+                yield flag, bounds, number
 
 
-def _bounds(hint: Any) -> Bounds | None:
+def _stated(hint: Any) -> Bounds | None:
     """The bounds somewhere in an annotation, as in `PositiveInt | None`."""
     if get_origin(hint) is Annotated:
         stated = [item for item in hint.__metadata__ if isinstance(item, Bounds)]
-        return stated[0] if stated else _bounds(hint.__origin__)
-    return next(filter(None, map(_bounds, get_args(hint))), None)
-
-
-def _usual(name: str, value: float) -> Bounds:
-    if name == "seed":
-        return _SEEDS
-    return _WHOLE if isinstance(value, int) else Bounds()
+        return stated[0] if stated else _stated(hint.__origin__)
+    return next(filter(None, map(_stated, get_args(hint))), None)

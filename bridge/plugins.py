@@ -26,13 +26,7 @@ Entry = TypeVar("Entry")
 
 
 def with_plugins(kind: str, own: Mapping[str, Entry]) -> dict[str, Entry]:
-    """The product's own entries by name, and after them those of the function `kind` of plugins.
-
-    Raises
-    ------
-    DsnetError
-        If a module cannot be imported, or registers a name that there is already.
-    """
+    """The product's own entries by name, and after them those of the function `kind` of plugins."""
     found = dict(own)
     for module in os.environ.get(VARIABLE, "").split():
         try:
@@ -54,21 +48,9 @@ def with_plugins(kind: str, own: Mapping[str, Entry]) -> dict[str, Entry]:
 
 
 def entry_named(name: str, flag: str, entries: Mapping[str, Entry]) -> Entry:
-    """The entry of a name that was given as an option, or that a file holds.
-
-    Raises
-    ------
-    DsnetError
-        If there is none.
-    """
+    """The entry of a name that was given as an option, or that a file holds."""
     if name not in entries:
-        raise DsnetError(
-            f"{flag} {name}",
-            f"one of {', '.join(entries)}",
-            did_you_mean(
-                name,
-                entries,
-                f"Name one of these, or in {VARIABLE} the module that registers {name}.",
-            ),
-        )
+        remedy = f"Name one of these, or in {VARIABLE} the module that registers {name}."
+        known = f"one of {', '.join(entries)}"
+        raise DsnetError(f"{flag} {name}", known, did_you_mean(name, entries, remedy))
     return entries[name]

@@ -9,9 +9,8 @@ lies in runs/mine; stopped ones go on where they were.
 
 import sys
 
-from bridge.endings import exit_with_one_line
+from bridge.processes import exit_with_one_line, run_dsnet
 from bridge.runs import Run
-from bridge.runs.processes import run_dsnet
 from bridge.runtime.predict_motion import predict_motion
 
 

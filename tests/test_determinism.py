@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bridge.runs.digests import file_sha256
+from bridge.runs.files import file_sha256
 
 AUTOENCODER = """
 import sys, numpy, torch
@@ -29,7 +29,7 @@ Training(network, normaliser, offsets, split, plan, Path(sys.argv[1])).run()
 DSNET = """
 import sys, numpy
 from bridge.exchange import save_weights
-from bridge.exchange.clips import Clips
+from bridge.exchange.dsnet import Clips
 from tf_dsnet.trainer import Trainer
 
 rng = numpy.random.default_rng(0)

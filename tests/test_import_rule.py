@@ -25,9 +25,9 @@ ORDER = [
     "view", "verify", "cli.py",
 ]  # fmt: skip
 THIRD_PARTIES = {
-    "": set(),
+    "": {"tyro"},
     "cli.py": {"tyro"},
-    "runs": {"filelock", "numpy", "psutil", "ray", "threadpoolctl", "tqdm", "tyro"},
+    "runs": {"filelock", "numpy", "ray", "threadpoolctl", "tqdm"},
     "body": {"numpy", "scipy", "trimesh"},
     "motion": {"numpy", "pybvh", "scipy"},
     "exchange": {"numpy", "safetensors"},

@@ -19,18 +19,18 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="looks into /pro
 PREDICTS = "from bridge.cli import main; main(sys.argv[1:])"
 LOCKS = """
 from pathlib import Path
-from bridge.endings import exit_with_one_line
-from bridge.runs import locks
-assert locks.fcntl is None
-with exit_with_one_line(), locks.exclusive(Path(sys.argv[1]), "a folder", "Wait."):
+from bridge.processes import exit_with_one_line
+from bridge.runs import files
+assert files.fcntl is None
+with exit_with_one_line(), files.exclusive(Path(sys.argv[1]), "a folder", "Wait."):
     print("alone", flush=True)
     sys.stdin.read()
 """
 WRITES = """
 from pathlib import Path
 import numpy as np
-from bridge.runs import ArtifactWriter, provenance
-assert provenance.resource is None
+from bridge.runs import ArtifactWriter, artifact
+assert artifact.resource is None
 writer = ArtifactWriter(Path(sys.argv[1]), "toy", data="synthetic")
 def fill():
     rows = np.arange(4_000_000, dtype="f4").reshape(1000, 4000)
@@ -49,6 +49,8 @@ def opens_text(call: ast.Call) -> bool:
     if isinstance(call.func, ast.Name) and call.func.id == "open":
         mode = call.args[1] if len(call.args) > 1 else ast.Constant("r")
         return not isinstance(mode, ast.Constant) or "b" not in str(mode.value)
+    if "metadata" in ast.unparse(call.func):  # of a distribution, always UTF-8
+        return False
     return getattr(call.func, "attr", "") in ("read_text", "write_text")
 
 
@@ -93,7 +95,6 @@ def test_an_artifact_is_written_and_replaced(tmp_path: Path):
         assert done(WRITES, tmp_path / "a") == ("", 0)
     made = read_artifact(tmp_path / "a", "toy")
     np.testing.assert_array_equal(made.array("x").ravel(), np.arange(4_000_000, dtype=np.float32))
-    assert made.manifest["provenance"]["peak_memory_mb"] > 10
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 

@@ -10,7 +10,7 @@ READS_IT = "bridge/measure/stage_evaluate.py"
 # To be looked at beside predictions, and for their errors over time; no predictor is given any.
 SHOWS_IT = "bridge/view/truth.py"
 LISTS_ITS_WALL_TIME = "bridge/report/stage_report.py"
-NAMES_ITS_COMMAND = "bridge/runs/chain.py"
+NAMES_ITS_COMMAND = "bridge/runs/run.py"
 
 
 def test_no_other_module_names_the_truth_artifact():

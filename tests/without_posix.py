@@ -67,9 +67,6 @@ def become_another_platform() -> None:
     """Do all of it in this process, for good."""
     hide_posix_names()
     refuse_posix_modules()
-    from bridge.runs import locks
-
-    locks._REMOVABLE_WHILE_OPEN = False
     warnings.simplefilter("ignore", EncodingWarning)
     ours = "|".join(PACKAGES)
     warnings.filterwarnings("error", category=EncodingWarning, module=rf"({ours})\b")

@@ -13,10 +13,9 @@ from tqdm import tqdm
 from tyro.conf import Fixed
 
 from bridge.body import load_body_model
+from bridge.errors import notify
 from bridge.exchange import save_weights
-from bridge.exchange.clips import load_unpadded_clips
-from bridge.exchange.codes import CodeName
-from bridge.exchange.trained_dsnet import DSNETS
+from bridge.exchange.dsnet import DSNETS, CodeName, load_unpadded_clips
 from bridge.options import PositiveInt
 from bridge.plugins import entry_named
 from bridge.runs import ArtifactWriter, Run
@@ -103,7 +102,7 @@ def _trainable(run: Run) -> list[str]:
     names, left_out = [], []
     for can, lacking, those in (
         (run.finished("encode"), "'encode'", DSNETS),
-        (has_best_alignment(run), "an alignment by the robust aligner", (PLUS,)),
+        (best_alignment_of(run), "an alignment by the robust aligner", (PLUS,)),
     ):
         names += those if can else ()
         left_out += [] if can else [f"{', '.join(those)}, which needs {lacking}"]

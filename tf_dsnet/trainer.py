@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
-from bridge.exchange.clips import Clips
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
-from bridge.exchange.weights import refuse_nonfinite
+from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet
+from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.model import (
     BlockLSTM,

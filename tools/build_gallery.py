@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from bridge.errors import DsnetError
 from bridge.export import gif
 from bridge.motion import load_motion_file
+from bridge.processes import run_as_process
 from bridge.runs import Run
-from bridge.runs.processes import run_as_process
 from bridge.runtime.characters import open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody

@@ -17,8 +17,8 @@ from pathlib import Path
 import tyro
 
 from bridge.exchange import save_weights
+from bridge.processes import run_dsnet
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.processes import run_dsnet
 from bridge.runtime.packaged import KIND, packaged_folder
 from bridge.tissue.trained_plus import NAME, StaticPart, TrainedPlus
 

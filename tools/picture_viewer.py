@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bridge.runs.processes import run_as_process
+from bridge.processes import run_as_process
 from tools.headless_chromium import PATIENCE_MS, chromium, open_page
 from tools.served_viewer import served_viewer
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from tools.built_wheel import ROOT, asked_by, build_wheel
 
 VERSIONS = ("3.10", "3.11", "3.12", "3.13")
-TESTERS = ("filelock", "hypothesis", "psutil", "pytest", "pytest-xdist")
+TESTERS = ("filelock", "hypothesis", "pytest", "pytest-xdist")
 TESTS = (
     "tests/bridge/test_errors.py",
     "tests/bridge/motion",

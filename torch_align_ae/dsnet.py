@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bridge.errors import DsnetError
-from bridge.exchange.layouts import (
+from bridge.exchange.weights import (
     BATCH_NORM_EPSILON,
     BATCH_NORM_MOMENTUM,
     KERAS_ADAM,

@@ -38,6 +38,10 @@ from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_as_process
 from bridge.runs.provenance import machine
 from torch_align_ae.alignment.sgd import Descent
+from bridge.processes import run_as_process
+from bridge.runs.artifact import machine
+from bridge.runs.files import write_text_atomically
+from torch_align_ae.alignment.paper.corpus_fit import Effort
 
 
 @dataclass(frozen=True)

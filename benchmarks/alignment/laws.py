@@ -14,9 +14,9 @@ from typing import Any
 
 from bridge.measure.metrics import ErrorSums
 from bridge.motion import sequences_of
+from bridge.processes import run_as_process
 from bridge.runs import Run
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.runs.files import write_text_atomically
 from bridge.runs.run import best_alignment
 
 

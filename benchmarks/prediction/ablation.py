@@ -15,8 +15,8 @@ from typing import Any
 
 from benchmarks.prediction.corpora import CORPORA, check_names, dsnet, prepare, scores, train_plus
 from bridge.motion.cells import CELLS
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process, run_module
+from bridge.processes import run_as_process, run_module
+from bridge.runs.files import write_text_atomically
 
 VARIANTS: dict[str, tuple[str, ...]] = {
     "all of it": (),

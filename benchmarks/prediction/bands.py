@@ -21,9 +21,9 @@ from bridge.motion import Motion, MotionSequence, sequences_of
 from bridge.motion.motion_checks import find_pops
 from bridge.motion.sequences import is_real_motion
 from bridge.paper import N_BETAS
+from bridge.processes import run_as_process
 from bridge.runs import Artifact, Run
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.runs.files import write_text_atomically
 
 EDGES_HZ = (0, 2, 4, 6, 9, 12, 16, 22, 30)
 _SHORTEST = 120

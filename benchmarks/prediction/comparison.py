@@ -29,9 +29,9 @@ from benchmarks.prediction.corpora import (
     train_plus,
     write_index,
 )
+from bridge.processes import run_as_process
 from bridge.runs import Run
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.runs.files import write_text_atomically
 
 _INDEX = "comparison.json"
 

@@ -11,11 +11,11 @@ from typing import Any
 
 from benchmarks import plugin
 from bridge.errors import DsnetError
-from bridge.exchange.codes import DMPL
+from bridge.exchange.dsnet import DMPL
 from bridge.motion.cells import CELLS
+from bridge.processes import run_dsnet
 from bridge.runs import Artifact, Run
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_dsnet
+from bridge.runs.files import write_text_atomically
 
 CORPORA: dict[str, tuple[str, ...]] = {
     "own": (),

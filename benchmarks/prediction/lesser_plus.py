@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.runs.processes import run_as_process
+from bridge.processes import run_as_process
 from bridge.tissue.trained_plus import NODE_FIELDS
 from tf_dsnet import stage_train, stage_train_plus
 from tf_dsnet.oscillators import OscillatorLayer

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, WHITE_DEG, WHITE_M, Noise
 from bridge.body import load_body_model
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.amass_file import StoredMotion
 from bridge.motion.motion_checks import tremor_mm
@@ -30,9 +30,9 @@ from bridge.motion.resampling import continuous_rotations
 from bridge.motion.sequences import is_real_motion
 from bridge.motion.smoothing import SmoothHz, smoothed
 from bridge.motion.theta import pack_theta, unpack_theta
+from bridge.processes import run_as_process
 from bridge.runs import Artifact, Run
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import notify, run_as_process
+from bridge.runs.files import write_text_atomically
 from bridge.runs.run import body_model_path
 from bridge.runtime.motion_predictor import choose_predictor
 from bridge.runtime.plus_step import PLUS

@@ -26,9 +26,9 @@ from bridge.errors import DsnetError
 from bridge.measure.metrics import ErrorSums
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.sequences import is_real_motion
+from bridge.processes import run_as_process
 from bridge.runs import Artifact, Run
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.runs.files import write_text_atomically
 from torch_align_ae.corpus.simulation import body_in_double
 
 FRAMES = 3

@@ -19,8 +19,8 @@ from benchmarks.prediction import bands, readings
 from benchmarks.prediction.corpora import read_index
 from benchmarks.prediction.over_seeds import is_real
 from bridge.errors import DsnetError
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.processes import run_as_process
+from bridge.runs.files import write_text_atomically
 
 GOAL_R2 = 0.85
 _PEOPLE = ("known person", "new person")

@@ -26,8 +26,8 @@ from benchmarks.prediction.corpora import (
 )
 from benchmarks.prediction.over_seeds import is_real, r2_of, summary, without_real
 from bridge.motion.cells import CELLS
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.processes import run_as_process
+from bridge.runs.files import write_text_atomically
 
 _INDEX = "test_bed.json"
 _METRICS = {

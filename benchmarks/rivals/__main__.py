@@ -21,9 +21,9 @@ from benchmarks.rivals.scoring import score_rival, validation_clips
 from benchmarks.rivals.sds import SpringDecomposedSkinning
 from bridge.body import BodyModelData, load_body_model
 from bridge.errors import DsnetError
+from bridge.processes import run_as_process
 from bridge.runs import Run
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.processes import run_as_process
+from bridge.runs.files import write_text_atomically
 from bridge.runs.run import best_alignment, body_model_path
 
 RIVALS: dict[str, Callable[[Path, BodyModelData], Rival]] = {

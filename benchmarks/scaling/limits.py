@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks.scaling.model import DAY_S
 from bridge.paper import N_VERTICES, THETA_SIZE
-from bridge.runs.foreign_files import MOST_JSON_BYTES
+from bridge.runs.untrusted import MOST_JSON_BYTES
 
 _OFFSETS_BYTES, _THETA_BYTES = 4 * 3 * N_VERTICES, 4 * THETA_SIZE
 _LARGEST_FILE_BYTES = 2**44

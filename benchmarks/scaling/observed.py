@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from bridge.cli import main as dsnet
-from bridge.runs.worker_pool import WorkerPool, use_workers
+from bridge.runs.workers import WorkerPool, use_workers
 
 _IO = Path("/proc/self/io")
 

@@ -7,8 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from importlib.util import find_spec
 from typing import Any
 
-from bridge.runs.engines import use_engine
-from bridge.runs.worker_pool import Kind, worker_pool
+from bridge.runs.workers import Kind, use_engine, worker_pool
 
 _KINDS: tuple[tuple[Kind, tuple[int, ...]], ...] = (
     ("serial", (1,)),

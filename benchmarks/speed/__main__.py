@@ -9,7 +9,7 @@ from typing import Any
 
 from benchmarks.speed.results import results_folder
 from bridge.options import Seed
-from bridge.runs.processes import run_as_process, run_module
+from bridge.processes import run_as_process, run_module
 
 
 @dataclass(frozen=True)

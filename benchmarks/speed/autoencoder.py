@@ -26,8 +26,8 @@ from torch.nn import functional
 from benchmarks.speed.results import write_results
 from bridge.options import PositiveInt, Seed
 from bridge.paper import FEATURES, N_VERTICES
-from bridge.runs.processes import run_as_process
-from bridge.runs.provenance import machine
+from bridge.processes import run_as_process
+from bridge.runs.artifact import machine
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder, parameter_count
 from torch_align_ae.autoencoder.mesh_autoencoder import VertexConv
 from torch_align_ae.autoencoder.training import keep_freed_memory

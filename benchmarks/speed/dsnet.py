@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.speed.results import write_results
-from bridge.exchange.clips import Clips
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
-from bridge.runs.processes import run_as_process
+from bridge.processes import run_as_process
 from bridge.runtime.streams.streaming import StreamingPredictor
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.model import BlockLSTM, build_dsnet, named_weights

@@ -11,7 +11,7 @@ import onnx
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from bridge.paper import (
     DSNET_WIDTHS,
     FEATURES,

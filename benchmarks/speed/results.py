@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bridge.runs import Run
-from bridge.runs.folders import write_text_atomically
+from bridge.runs.files import write_text_atomically
 
 
 def results_folder(run: str) -> Path:

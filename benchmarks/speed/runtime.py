@@ -19,8 +19,8 @@ from benchmarks.speed.graphs import Contender, make_contenders
 from benchmarks.speed.limits import Clock, GraphCall, measured, operations_bytes
 from benchmarks.speed.results import write_results
 from bridge.options import PositiveInt, Seed
-from bridge.runs.processes import run_as_process
-from bridge.runs.provenance import machine
+from bridge.processes import run_as_process
+from bridge.runs.artifact import machine
 
 
 @dataclass(frozen=True)

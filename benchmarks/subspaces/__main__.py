@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.subspaces.comparison import SubspacesConfig, main
-from bridge.runs.processes import run_as_process
+from bridge.processes import run_as_process
 
 if __name__ == "__main__":
     run_as_process(SubspacesConfig, main)

@@ -28,9 +28,8 @@ from bridge.motion.splits import SplitName
 from bridge.options import PositiveFloat, PositiveInt, Seed, check_options
 from bridge.paper import LATENT_SIZE
 from bridge.runs import Artifact, Run
-from bridge.runs.folders import write_text_atomically
-from bridge.runs.locks import exclusive
-from bridge.runs.provenance import provenance
+from bridge.runs.artifact import provenance
+from bridge.runs.files import exclusive, write_text_atomically
 from bridge.runs.run import best_alignment
 from torch_align_ae.autoencoder.training import keep_freed_memory
 

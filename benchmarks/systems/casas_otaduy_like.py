@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from benchmarks.systems.history_noise import HistoryNoise
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, changes
 from benchmarks.systems.searched import SearchedNetwork
-from bridge.exchange.clips import Clips
+from bridge.exchange.dsnet import Clips
 from bridge.paper import LATENT_SIZE, N_BETAS
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.predictors import BodyOf, PredictorSettings

@@ -24,6 +24,9 @@ from tf_dsnet.predictors import (
     TrainingData,
     applied_dsnet,
 )
+from bridge.exchange.dsnet import TrainedDsnet, join_inputs
+from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
+from tf_dsnet.predictors.dsnet import DsnetOfMotions, StandardisedDsnet
 from tf_dsnet.trainer import DsnetTraining
 
 

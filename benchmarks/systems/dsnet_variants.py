@@ -18,7 +18,7 @@ from benchmarks.systems.kinematics import pose_differences
 from benchmarks.systems.loads import loads_on_skin
 from benchmarks.systems.radial_basis import RadialBasis
 from benchmarks.systems.searched import SearchedNetwork
-from bridge.exchange.clips import Clips
+from bridge.exchange.dsnet import Clips
 from bridge.paper import DSNET_WIDTHS, N_BETAS
 from tf_dsnet.framework import Tensor, keras
 from tf_dsnet.model import BlockLSTM

@@ -26,9 +26,15 @@ from benchmarks.systems.autoregression import Autoregression, DrivenClip, OneSte
 from benchmarks.systems.fitted_once import FitOutcome, FittedOnce
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, changes
 from bridge.errors import DsnetError
-from bridge.exchange.clips import UnpaddedClip, fit_scaling
-from bridge.exchange.codes import DMPL, PCA, CodeName
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.dsnet import (
+    DMPL,
+    PCA,
+    CodeName,
+    Scaling,
+    TrainedDsnet,
+    UnpaddedClip,
+    fit_scaling,
+)
 from bridge.paper import DMPL_DIRECTIONS, LATENT_SIZE, N_BETAS
 from bridge.tissue.shape import body_mass_index
 from tf_dsnet.predictors import BodyOf, PredictMotion, PredictorSettings, TrainingData

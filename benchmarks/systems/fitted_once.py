@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
-from bridge.exchange.weights import refuse_nonfinite
+from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
 
 _HISTORY = "history/"
 _REMEDY = "Leave this predictor out: dsnet train --help names the others."

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
+from bridge.exchange.weights import load_checkpoint, save_checkpoint
 from tf_dsnet.model import named_weights, parameter_counts
 from tf_dsnet.trainer import Trainer
 

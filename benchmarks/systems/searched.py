@@ -11,9 +11,16 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from benchmarks.systems.rate_search import RATES, SEARCH_SHARE, RateSearch
-from bridge.exchange.clips import Clips, UnpaddedClip, fit_scaling, join_inputs, make_clips
-from bridge.exchange.codes import CodeName
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.dsnet import (
+    Clips,
+    CodeName,
+    Scaling,
+    TrainedDsnet,
+    UnpaddedClip,
+    fit_scaling,
+    join_inputs,
+    make_clips,
+)
 from bridge.exchange.weights import refuse_nonfinite
 from tf_dsnet.framework import keras
 from tf_dsnet.model import assign_weights, sum_of_distances

@@ -26,8 +26,7 @@ from benchmarks.systems.pose_code import (
     learn_pose_code,
 )
 from benchmarks.systems.searched import SearchedNetwork
-from bridge.exchange.clips import Clips, UnpaddedClip
-from bridge.exchange.trained_dsnet import Scaling
+from bridge.exchange.dsnet import Clips, Scaling, UnpaddedClip
 from bridge.paper import LATENT_SIZE, N_BETAS
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.predictors import BodyOf, PredictorSettings

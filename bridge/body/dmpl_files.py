@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.paper import DMPL_DIRECTIONS, N_VERTICES
-from bridge.runs.damage import damage_refused
-from bridge.runs.foreign_files import open_npz
+from bridge.runs.untrusted import damage_refused, open_npz
 
 _FIELD = "eigvec"
 _MOST_FILE_BYTES = 1 << 29

@@ -36,7 +36,7 @@ from bridge.body.model_data import (
 )
 from bridge.body.smpl_files import load_smpl_file
 from bridge.errors import DsnetError
-from bridge.runs.foreign_files import ForeignNpz, open_npz
+from bridge.runs.untrusted import UntrustedNpz, open_npz
 
 EMBEDDED_PREFIX = "embedded:"
 EMBEDDED_GENDERS = ("female", "male")
@@ -91,7 +91,7 @@ def unpack(gender: str, arrays: Mapping[str, np.ndarray]) -> BodyModelData:
     )
 
 
-def _open_asset(gender: str) -> AbstractContextManager[ForeignNpz]:
+def _open_asset(gender: str) -> AbstractContextManager[UntrustedNpz]:
     asset = resources.files("bridge.body") / "assets" / f"embedded_{gender}.npz"
     return open_npz(str(asset))
 

@@ -26,9 +26,15 @@ from bridge.body.pickle_records import MOST_BYTES, as_array
 from bridge.body.safe_pickle import load_restricted, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.paper import N_VERTICES
-from bridge.runs.damage import DAMAGE, damage_refused
-from bridge.runs.foreign_files import ForeignNpz, open_npz, open_regular, text_of
-from bridge.runs.npy_file import NpyHeader
+from bridge.runs.untrusted import (
+    DAMAGE,
+    NpyHeader,
+    UntrustedNpz,
+    damage_refused,
+    open_npz,
+    open_regular,
+    text_of,
+)
 
 # Column counts of `weights` tell SMPL's relatives, which AMASS's readers also download.
 _RELATIVES = {16: "MANO", 52: "SMPL-H", 55: "SMPL-X"}
@@ -105,7 +111,7 @@ def _read_npz(path: Path) -> dict[str, Any]:
         }
 
 
-def _read_object(archive: ForeignNpz, name: str) -> Any:
+def _read_object(archive: UntrustedNpz, name: str) -> Any:
     """What NumPy stored as an array of one object, which is a pickle."""
     with archive.member(name) as stream:
         NpyHeader.read(stream)

@@ -1,44 +1,122 @@
-"""Weights as named arrays in safetensors files: no code in them, readable by either framework."""
+"""Weights: named arrays in files and checkpoints, and what one layer is in either framework.
+
+Files, and every comparison, hold weights in the layout of the framework that trains the network:
+DSNet's in Keras's (`fc_enc_1/kernel`, (in, out)), the autoencoder's in PyTorch's
+(`encoder.linear_1.weight`, (out, in)). Whoever is on the other side of the bridge converts here.
+
+==================== ================================= =======================================
+layer                Keras                             PyTorch
+==================== ================================= =======================================
+linear               `kernel` (in, out)                `weight` (out, in)
+convolution          `kernel` (in, out), a linear      `weight` (out, in, 1)
+                     layer over vertices
+LSTM                 `kernel`, `recurrent_kernel`      `weight_ih_l0`, `weight_hh_l0`
+                     (in, 4 units), one `bias`;        (4 units, in), two biases that are
+                     gates i, f, c, o                  added; gates i, f, g, o: the same order
+batch normalisation  `gamma`, `beta`, `moving_mean`,   `weight`, `bias`, `running_mean`,
+                     `moving_variance`                 `running_var`
+==================== ================================= =======================================
+
+ONNX graphs hold linear layers and convolutions as Keras does, and the LSTM with its gates in the
+order i, o, f, c. Nothing is computed but moved, so a round trip gives every bit back.
+
+The frameworks' defaults differ too: a twin in the other framework takes the constants below, of the
+one that trains the network, in place of its own.
+"""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError
+from safetensors import SafetensorError, safe_open
 from safetensors.numpy import load_file, save_file
 
-from bridge.errors import DsnetError
-from bridge.runs.damage import damage_refused
-from bridge.runs.foreign_files import open_regular
+from bridge.errors import DsnetError, notify
+from bridge.paper import DSNET_WIDTHS, FEATURES, INFERRED_WIDTHS, INPUT_SIZE, LATENT_SIZE
+from bridge.runs.files import arrays_sha256
+from bridge.runs.untrusted import damage_refused, is_of_the_machine, open_regular
 
 _MOST_HEADER_BYTES = 1 << 20
+_DIGEST = "sha256"
+Shapes = dict[str, tuple[int, ...]]
+
+BATCH_NORM_EPSILON = 1e-3
+"""Added to the variance under the root; PyTorch's default is 1e-5."""
+BATCH_NORM_MOMENTUM = 0.99
+"""moving = momentum * moving + (1 - momentum) * batch; PyTorch calls 1 - momentum momentum."""
+MASKED_COUNT_EPSILON = 1e-7
+"""Keras divides masked sums by count + this, in the mean and in the variance."""
+
+
+@dataclass(frozen=True)
+class AdamRule:
+    """Adam as one framework computes it; t counts steps from 1.
+
+    epsilon_hat:     w -= lr sqrt(1 - b2^t) / (1 - b1^t) * m / (sqrt(v) + epsilon)
+    not epsilon_hat: w -= lr / (1 - b1^t) * m / (sqrt(v / (1 - b2^t)) + epsilon)
+    """
+
+    learning_rate: float = 1e-4
+    """The paper's, for both networks (Section 5)."""
+    beta_1: float = 0.9
+    beta_2: float = 0.999
+    epsilon: float = 1e-7
+    epsilon_hat: bool = True
+    """Whether epsilon stands beside the second moment before its bias correction."""
+
+
+KERAS_ADAM = AdamRule()
+"""`keras.optimizers.Adam`, with which DSNet is trained."""
+TORCH_ADAM = AdamRule(epsilon=1e-8, epsilon_hat=False)
+"""`torch.optim.Adam`, with which the autoencoder is trained."""
+
+DSNET_TORCH_NAMES = {
+    "fc_enc_1/kernel": "fc_enc_1.weight",
+    "fc_enc_1/bias": "fc_enc_1.bias",
+    "fc_enc_2/kernel": "fc_enc_2.weight",
+    "fc_enc_2/bias": "fc_enc_2.bias",
+    "lstm/kernel": "lstm.weight_ih_l0",
+    "lstm/recurrent_kernel": "lstm.weight_hh_l0",
+    "lstm/bias": "lstm.bias_ih_l0",
+    "batch_norm/gamma": "batch_norm.weight",
+    "batch_norm/beta": "batch_norm.bias",
+    "batch_norm/moving_mean": "batch_norm.running_mean",
+    "batch_norm/moving_variance": "batch_norm.running_var",
+    "fc_enc_3/kernel": "fc_enc_3.weight",
+    "fc_enc_3/bias": "fc_enc_3.bias",
+}
+"""PyTorch's name of each of DSNet's arrays, by Keras's."""
+TORCH_SECOND_BIAS = "lstm.bias_hh_l0"
+"""PyTorch's LSTM adds a second bias, which Keras has no counterpart of: the twin keeps it at 0."""
+_KERAS_VARIABLES = {"weight": "kernel", "bias": "bias"}
+_ONNX_GATES = (0, 3, 1, 2)
+"""ONNX stores the gates in the order i, o, f, c."""
 
 
 def save_weights(path: Path | str, weights: Mapping[str, NDArray], **metadata: str) -> None:
-    """Write named arrays atomically; `metadata` holds strings only."""
+    """Write named arrays atomically into a safetensors file; `metadata` holds strings only."""
     path = Path(path)
     partial = path.with_name(f".{path.name}.partial")
     arrays = {name: np.require(array, requirements="C") for name, array in weights.items()}
     try:
         save_file(arrays, partial, metadata=metadata)
     except SafetensorError as error:
-        raise _of_system(error, partial) from error
+        # Of the system's own refusal, such as a full disk, the library gives the text.
+        if found := re.search(r"os error (\d+)", str(error)):
+            number = int(found[1])
+            raise OSError(number, os.strerror(number), str(partial)) from error
+        raise
     os.replace(partial, path)
 
 
 def load_weights(path: Path | str) -> dict[str, NDArray]:
-    """Read named arrays.
-
-    Raises
-    ------
-    DsnetError
-        If the file is missing, truncated, of another format or of types that NumPy lacks.
-    """
+    """Read named arrays of numbers; files that are missing, damaged or others are refused."""
 
     def refusal(error: Exception) -> DsnetError:
         return DsnetError(
@@ -52,32 +130,176 @@ def load_weights(path: Path | str) -> dict[str, NDArray]:
             header_bytes = int.from_bytes(stream.read(8), "little")
         if header_bytes > _MOST_HEADER_BYTES:
             raise ValueError(f"a header of {header_bytes} bytes")
-        return _numeric(load_file(path))
-
-
-def _of_system(error: SafetensorError, path: Path) -> Exception:
-    """The system's own refusal, such as a full disk, of which the library gives the text."""
-    if found := re.search(r"os error (\d+)", str(error)):
-        number = int(found[1])
-        return OSError(number, os.strerror(number), str(path))
-    return error
-
-
-def _numeric(weights: dict[str, NDArray]) -> dict[str, NDArray]:
-    for name, array in weights.items():
-        if array.dtype.kind not in "iufb" or not name.isprintable():
-            raise ValueError(f"{name!r} of {array.dtype}")
+        weights = load_file(path)
+        for name, array in weights.items():
+            if array.dtype.kind not in "iufb" or not name.isprintable():
+                raise ValueError(f"{name!r} of {array.dtype}")
     return weights
 
 
 def refuse_nonfinite(weights: Mapping[str, NDArray], owner: str, remedy: str) -> None:
-    """Check trained weights before they are kept.
-
-    Raises
-    ------
-    DsnetError
-        If an array holds NaN or infinity; `owner` says whose, `remedy` what to do.
-    """
+    """Refuse trained weights with NaN or infinity; `owner` says whose, `remedy` what to do."""
     for name, array in weights.items():
         if not np.isfinite(array).all():
             raise DsnetError(f"weights {name!r} of {owner} with NaN or inf", "numbers", remedy)
+
+
+def save_checkpoint(path: Path, arrays: dict[str, NDArray]) -> None:
+    """Write named arrays that a training goes on from, and their digest, atomically."""
+    save_weights(path, arrays, **{_DIGEST: arrays_sha256(arrays)})
+
+
+def load_checkpoint(path: Path) -> dict[str, NDArray] | None:
+    """The arrays as they were written, None if there are none.
+
+    A damaged one is none, with a line: what it held is made again, with the same result.
+    """
+    if not path.is_file():
+        return None
+    try:
+        # Which says, where it cannot, why.
+        with open_regular(path), safe_open(path, framework="numpy") as file:
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            written = (file.metadata() or {}).get(_DIGEST)
+    except (OSError, SafetensorError) as error:
+        if is_of_the_machine(error):
+            raise
+        arrays, written = {}, None
+    if written != arrays_sha256(arrays):
+        notify(f"{path} is damaged; what it held is made again")
+        return None
+    return arrays
+
+
+def dsnet_to_torch(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """DSNet's weights, or some of them, as its PyTorch twin's, with a second LSTM bias of 0."""
+    state = {_named(name, DSNET_TORCH_NAMES): _reversed(array) for name, array in weights.items()}
+    if "lstm/bias" in weights:
+        state[TORCH_SECOND_BIAS] = np.zeros_like(weights["lstm/bias"])
+    return state
+
+
+def dsnet_from_torch(state: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """The inverse of `dsnet_to_torch`; a second LSTM bias that is not 0 is added to the first."""
+    ours = {theirs: ours for ours, theirs in DSNET_TORCH_NAMES.items()}
+    second = state.get(TORCH_SECOND_BIAS, np.zeros(1))
+    weights = {
+        _named(name, ours): _reversed(array)
+        for name, array in state.items()
+        if name != TORCH_SECOND_BIAS
+    }
+    if np.any(second):  # adding 0 would turn -0.0 into 0.0
+        weights["lstm/bias"] += second
+    return weights
+
+
+def mesh_autoencoder_to_keras(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """The autoencoder's weights, named and laid out as by PyTorch, as its Keras twin's."""
+    converted = {}
+    for name, array in weights.items():
+        layer, _, variable = name.rpartition(".")
+        if _is_convolution(name) and array.ndim == 3:
+            array = array[..., 0]
+        converted[f"{layer}/{_named(variable, _KERAS_VARIABLES)}"] = _reversed(array)
+    return converted
+
+
+def mesh_autoencoder_from_keras(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """The inverse of `mesh_autoencoder_to_keras`."""
+    variables = {keras: torch for torch, keras in _KERAS_VARIABLES.items()}
+    converted = {}
+    for name, array in weights.items():
+        layer, _, variable = name.rpartition("/")
+        array = _reversed(array)
+        if _is_convolution(name) and array.ndim == 2:
+            array = array[..., np.newaxis]
+        converted[f"{layer}.{_named(variable, variables)}"] = array
+    return converted
+
+
+def lstm_to_onnx(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Keras's `lstm/...` arrays as the inputs W, R (1, 4 units, in) and B (1, 8 units) of ONNX."""
+    bias = _onnx_gates(weights["lstm/bias"])
+    return {
+        "W": _onnx_gates(weights["lstm/kernel"])[np.newaxis],
+        "R": _onnx_gates(weights["lstm/recurrent_kernel"])[np.newaxis],
+        "B": np.concatenate([bias, np.zeros_like(bias)])[np.newaxis],
+    }
+
+
+def lstm_from_onnx(inputs: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """The inverse of `lstm_to_onnx`; the second half of B, which is 0, is left out."""
+    arrays = {
+        "lstm/kernel": inputs["W"][0],
+        "lstm/recurrent_kernel": inputs["R"][0],
+        "lstm/bias": inputs["B"][0, : inputs["W"].shape[1]],
+    }
+    order = np.argsort(_ONNX_GATES)
+    return {
+        name: _reversed(np.concatenate([np.split(array, 4)[gate] for gate in order]))
+        for name, array in arrays.items()
+    }
+
+
+def dsnet_shapes() -> Shapes:
+    """The 13 arrays of DSNet; 65,140 numbers."""
+    dense_1, dense_2, lstm, out = DSNET_WIDTHS.values()
+    norm = ("gamma", "beta", "moving_mean", "moving_variance")
+    return {
+        "fc_enc_1/kernel": (INPUT_SIZE, dense_1),
+        "fc_enc_1/bias": (dense_1,),
+        "fc_enc_2/kernel": (dense_1, dense_2),
+        "fc_enc_2/bias": (dense_2,),
+        "lstm/kernel": (dense_2, 4 * lstm),
+        "lstm/recurrent_kernel": (lstm, 4 * lstm),
+        "lstm/bias": (4 * lstm,),
+        **{f"batch_norm/{name}": (lstm,) for name in norm},
+        "fc_enc_3/kernel": (lstm, out),
+        "fc_enc_3/bias": (out,),
+    }
+
+
+def autoencoder_shapes(widths: tuple[int, ...] = INFERRED_WIDTHS) -> Shapes:
+    """The arrays of a mesh autoencoder, in the order of its layers; 33,626,606 numbers in full."""
+    coordinates, between, features = FEATURES
+    coarse = widths[-1] * features
+    steps = range(1, len(widths))
+    layers: Shapes = {
+        "encoder.linear_1": (between, coordinates),
+        "encoder.linear_2": (features, between),
+        **{f"encoder.conv_{step}": (widths[step], widths[step - 1], 1) for step in steps},
+        "to_latent": (LATENT_SIZE, coarse),
+        "from_latent": (coarse, LATENT_SIZE),
+        **{f"decoder.conv_{step}": (widths[-step - 1], widths[-step], 1) for step in steps},
+        "decoder.linear_1": (between, features),
+        "to_coordinates": (coordinates, between),
+    }
+    shapes: Shapes = {}
+    for layer, shape in layers.items():
+        shapes |= {f"{layer}.weight": shape, f"{layer}.bias": shape[:1]}
+    return shapes
+
+
+def _onnx_gates(array: NDArray) -> NDArray:
+    """(in, 4 units) or (4 units,), gates i, f, c, o, to (4 units, in), gates i, o, f, c."""
+    gates = np.split(array.T, 4)
+    return np.concatenate([gates[gate] for gate in _ONNX_GATES])
+
+
+def _reversed(array: NDArray) -> NDArray:
+    """A copy with the axes in reverse order: (in, out) to (out, in) and back."""
+    return np.array(array.T, order="C")
+
+
+def _is_convolution(name: str) -> bool:
+    return ".conv_" in name
+
+
+def _named(name: str, names: Mapping[str, str]) -> str:
+    if name not in names:
+        raise DsnetError(
+            f"weights named {name!r}",
+            f"one of {', '.join(names)}",
+            "Pass the weights of the network that is built, and nothing else.",
+        )
+    return names[name]

@@ -14,8 +14,7 @@ from bridge.export.clip_stage import set_stage
 from bridge.motion import unpack_theta
 from bridge.report.panels import magnitude_colours
 from bridge.report.render import render_bodies
-from bridge.runs.progress import progress
-from bridge.runs.worker_pool import worker_pool
+from bridge.runs.workers import progress, worker_pool
 from bridge.runtime.moving_body import MovingBody
 
 

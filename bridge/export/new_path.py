@@ -9,8 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from bridge.errors import DsnetError
-from bridge.runs.folders import partial_folder, runs_root
-from bridge.runs.locks import exclusive
+from bridge.runs.files import exclusive, partial_folder, runs_root
 
 
 @contextmanager

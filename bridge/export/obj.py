@@ -9,7 +9,7 @@ from trimesh.exchange.obj import export_obj
 
 from bridge.export.about import about_in_a_line
 from bridge.export.surface_frames import meshes
-from bridge.runs.progress import progress
+from bridge.runs.workers import progress
 from bridge.runtime.moving_body import MovingBody
 
 _DIGITS = 6

@@ -24,13 +24,13 @@ from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
-from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
+from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.export.new_path import new_path, refuse_taken
 from bridge.export.precision_error import precision_error
 from bridge.paper import N_BETAS, N_JOINTS, THETA_SIZE
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
-from bridge.runs.damage import damage_refused
+from bridge.runs.untrusted import damage_refused
 from bridge.runtime.graphs.dsnet_body_graph import dsnet_body_graph
 from bridge.runtime.graphs.onnx_kernels import PRECISIONS, Precision
 from bridge.runtime.graphs.plus_graph import plus_graph

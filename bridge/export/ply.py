@@ -8,7 +8,7 @@ from trimesh.exchange.ply import export_ply
 
 from bridge.export.about import about_in_a_line
 from bridge.export.surface_frames import meshes
-from bridge.runs.progress import progress
+from bridge.runs.workers import progress
 from bridge.runtime.moving_body import MovingBody
 
 

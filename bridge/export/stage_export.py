@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Literal
 
 from bridge.body import load_body_model
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.export.formats import FORMATS, chosen_format
 from bridge.export.new_path import new_path, refuse_taken
 from bridge.runs import Run
-from bridge.runs.processes import notify
 from bridge.runtime.characters import choose, open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody, announce

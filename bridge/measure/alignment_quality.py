@@ -14,7 +14,7 @@ from bridge.measure.metrics import ErrorSums, frame_blocks, rotation_error_deg
 from bridge.measure.references import MotionArrays
 from bridge.motion import unpack_theta
 from bridge.runs import Artifact
-from bridge.runs.worker_pool import worker_pool
+from bridge.runs.workers import worker_pool
 
 
 @dataclass(frozen=True)

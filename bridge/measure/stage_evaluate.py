@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
+from bridge.errors import notify
 from bridge.measure.alignment_quality import alignment_errors
 from bridge.measure.evaluation import Evaluation, SequenceErrors
 from bridge.measure.pooled import Pool, PooledCells
@@ -18,10 +19,8 @@ from bridge.measure.roads import Road, roads_of, stages_of_roads
 from bridge.measure.spectrum import STEP_HZ
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.processes import notify
-from bridge.runs.progress import progress
 from bridge.runs.run import INFER_PLUS, body_model_path
-from bridge.runs.worker_pool import worker_pool
+from bridge.runs.workers import progress, worker_pool
 
 MESH_ERROR, OFFSET_SIZE = "mesh_error", "offset_size"
 TRUE = "true"

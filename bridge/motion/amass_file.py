@@ -29,8 +29,7 @@ from bridge.motion.bounds import (
 )
 from bridge.motion.sample_files import motion_path, remedy_of_missing
 from bridge.paper import N_BETAS, N_JOINTS
-from bridge.runs.damage import damage_refused
-from bridge.runs.foreign_files import ForeignNpz, open_npz, text_of
+from bridge.runs.untrusted import UntrustedNpz, damage_refused, open_npz, text_of
 
 _POSE_WIDTHS = {72: "SMPL", 156: "SMPL-H", 165: "SMPL-X"}
 _RATE_KEYS = ("mocap_framerate", "mocap_frame_rate")
@@ -101,7 +100,7 @@ def gender_of_motion(path: Path) -> str | None:
     return _gender(arrays) if is_motion else None
 
 
-def _arrays(archive: ForeignNpz, wanted: tuple[str, ...]) -> dict[str, NDArray]:
+def _arrays(archive: UntrustedNpz, wanted: tuple[str, ...]) -> dict[str, NDArray]:
     """Those of the wanted arrays that there are, none of which is read before all are checked."""
     there = [key for key in wanted if key in archive]
     for key in there:
@@ -109,7 +108,7 @@ def _arrays(archive: ForeignNpz, wanted: tuple[str, ...]) -> dict[str, NDArray]:
     return {key: archive.array(key) for key in there}
 
 
-def _read(path: Path, file: Path, read: Callable[[ForeignNpz], _Read]) -> _Read:
+def _read(path: Path, file: Path, read: Callable[[UntrustedNpz], _Read]) -> _Read:
     """What `read` finds in the archive; `path` is the name that the user knows it by."""
     with damage_refused(partial(_unreadable, path)), open_npz(file) as archive:
         return read(archive)

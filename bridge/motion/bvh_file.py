@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 from bridge.errors import DsnetError
 from bridge.motion.bounds import MOST_FRAMES, RATES_HZ
 from bridge.motion.bvh_channels import PlainBvh
-from bridge.runs.damage import damage_refused
-from bridge.runs.foreign_files import open_regular
+from bridge.runs.untrusted import damage_refused, open_regular
 
 if TYPE_CHECKING:
     from pybvh import Bvh

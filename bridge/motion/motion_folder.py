@@ -8,9 +8,8 @@ from pathlib import Path
 
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.motion.motion_file import SUFFIXES, gender_of_file
-from bridge.runs.processes import notify
 
 
 def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> list[Path]:

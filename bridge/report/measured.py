@@ -17,7 +17,7 @@ from bridge.motion.sequences import is_real_motion
 from bridge.paper import N_VERTICES, VALIDATION_SEQUENCE
 from bridge.report.paper_table import Measured
 from bridge.runs import Artifact
-from bridge.runs.foreign_files import open_npz
+from bridge.runs.untrusted import open_npz
 
 Stages = Mapping[str, Artifact]
 

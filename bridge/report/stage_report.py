@@ -32,8 +32,8 @@ from bridge.report.parity_figure import draw_parity
 from bridge.report.scene import Scene
 from bridge.report.summary import departures, read_parity, summarise
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.progress import progress
 from bridge.runs.run import INFER, INFER_PLUS, TRAIN_PLUS, body_model_path
+from bridge.runs.workers import progress
 
 _BESIDE = {"decode": ("train-ae", "encode", "train"), INFER_PLUS: (TRAIN_PLUS,)}
 _OPTIONAL = ("corpus", "truth", "verify")

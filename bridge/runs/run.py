@@ -1,25 +1,34 @@
-"""A run: the folder `runs/<run>/`, one artifact a stage, each made at most once."""
+"""A run: the folder `runs/<run>/`, one artifact a stage, each made at most once, in one chain."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from bridge.errors import DsnetError, InterruptedWorkError, did_you_mean
-from bridge.runs.artifact import SCHEMA_VERSION, Artifact, DataOrigin, read_artifact
-from bridge.runs.chain import Chain, command_of, is_made
-from bridge.runs.digests import cached_sha256s, json_sha256
-from bridge.runs.folders import (
+from bridge.runs.artifact import (
+    SCHEMA_VERSION,
+    Artifact,
+    ArtifactWriter,
+    DataOrigin,
+    read_artifact,
+)
+from bridge.runs.files import (
     MANIFEST,
+    exclusive,
+    is_finished,
     is_unsettled,
+    json_sha256,
+    lock_of,
     runs_root,
     settle,
+    sha256_of,
+    stamp_of,
 )
-from bridge.runs.locks import exclusive, lock_of
-from bridge.runs.writer import ArtifactWriter
 
 ALIGNMENT = "align"
 # Beside the paper's aligner's, of the same meshes.
@@ -28,8 +37,18 @@ ROBUST_ALIGNMENT = "align_robust"
 TRAIN, TRAIN_PLUS = "train", "train_plus"
 INFER, INFER_PLUS = "infer", "infer_plus"
 
-BENCH = "bench"
-"""A folder in a run that is no stage's."""
+# Artifacts that are not named after the command that makes them.
+_MADE_BY = {"truth": "corpus", ROBUST_ALIGNMENT: ALIGNMENT, TRAIN_PLUS: TRAIN, INFER_PLUS: INFER}
+STAGES = {
+    *("corpus", "train-ae", "encode", "decode", "evaluate", "report", "verify"),
+    *(ALIGNMENT, TRAIN, INFER, *_MADE_BY),
+}
+"""Names of the folders that commands make in a run."""
+
+
+def command_of(stage: str) -> str:
+    """The command that makes a stage."""
+    return _MADE_BY.get(stage, stage)
 
 
 class Run:
@@ -53,35 +72,25 @@ class Run:
         return is_made(self.path / stage)
 
     def artifact(self, stage: str) -> Artifact:
-        """The finished artifact of `stage`, which is one chain with all that it was made from.
-
-        Raises
-        ------
-        DsnetError
-            If there is none, or if something before it was made again since.
-        """
+        """The finished artifact of `stage`; refused if something before it was made again since."""
         return self.artifacts(stage)[stage]
 
     def artifacts(self, *stages: str) -> dict[str, Artifact]:
         """The finished artifacts of several stages, by name; see `artifact`."""
         for stage in stages:
             if not self.finished(stage):
-                raise self._unfinished(stage)
-        Chain(self.path).check(stages)
+                raise self._without(stage)
+        check_chain(self.path, stages)
         return {stage: read_artifact(self.path / stage) for stage in stages}
 
-    def _unfinished(self, stage: str) -> DsnetError:
+    def _without(self, stage: str) -> DsnetError:
         having = f"run {self.name!r} without {stage!r}"
         remedy = f"Run `dsnet {command_of(stage)} --run {self.name}` or `./reproduce.sh` first."
         if not self.path.is_dir():
             names = sorted({p.parent.parent.name for p in runs_root().glob("*/*/" + MANIFEST)})
             having = f"unknown run {self.name!r} (known: {', '.join(names) or 'none'})"
             remedy = did_you_mean(self.name, names, remedy)
-        return DsnetError(
-            having,
-            f"a finished stage {stage!r} in {self.path}",
-            remedy,
-        )
+        return DsnetError(having, f"a finished stage {stage!r} in {self.path}", remedy)
 
     def build(
         self,
@@ -94,25 +103,24 @@ class Run:
     ) -> Artifact:
         """Make the artifact of `stage` unless one of the same inputs and configuration exists.
 
-        Parameters
-        ----------
-        config : dataclass instance
-            Saved in the manifest; `run` is left out, so a renamed run stays current.
-        make : callable
-            Fills the writer. When it is interrupted, its partial folder stays,
-            and the next call with the same inputs finds its checkpoints there.
-        upstream : mapping of name to Artifact or path of an input file
-            Their content digests enter the manifest and decide whether the stage is current.
-
-        Raises
-        ------
-        DsnetError
-            If another process is making this stage of this run.
+        `make` fills the writer; when it is interrupted, its partial folder stays, and the next call
+        with the same inputs finds its checkpoints there. `config`, a dataclass, is saved without
+        `run`, so a renamed run stays current. `upstream` are artifacts and paths of input files:
+        their digests decide whether the stage is current.
         """
-        settings = {key: _plain(value) for key, value in asdict(config).items() if key != "run"}
-        digests = _digests(upstream)
+        # As it will be read back, to compare equal.
+        settings = json.loads(json.dumps(asdict(config), default=str))
+        settings.pop("run", None)
+        files = {name: source for name, source in upstream.items() if isinstance(source, Path)}
+        stamps = {name: stamp_of(path) for name, path in files.items()}
+        digests = {
+            name: source.content_sha256 if isinstance(source, Artifact) else sha256_of(source)
+            for name, source in upstream.items()
+        }
         if current := self._current(stage, settings, digests):
-            self._remove_lock(stage)
+            if lock_of(current.path).exists():  # of a process that was killed, or is at work
+                with suppress(DsnetError, OSError), self.alone(stage):
+                    pass
             return current
         with self.alone(stage):
             settle(self.path / stage)
@@ -128,7 +136,14 @@ class Run:
             except DsnetError:
                 writer.discard()
                 raise
-            writer.record_measured(inputs=self._inputs(upstream))
+            # In the run, which may be moved, or anywhere else.
+            home = self.path.resolve()
+            paths = {name: path.resolve() for name, path in files.items()}
+            inputs = {
+                name: str(path.relative_to(home) if path.is_relative_to(home) else path)
+                for name, path in paths.items()
+            }
+            writer.record_measured(inputs=inputs, input_stamps=stamps)
             return writer.finish(config=settings, upstream=digests)
 
     def _current(
@@ -144,21 +159,6 @@ class Run:
         made_from = finished.manifest["config"], finished.manifest["upstream"]
         return finished if made_from == (settings, digests) else None
 
-    def _remove_lock(self, stage: str) -> None:
-        """Remove a lock that a killed process left; if another one holds it, that one does."""
-        if lock_of(self.path / stage).exists():
-            with suppress(DsnetError, OSError), self.alone(stage):
-                pass
-
-    def _inputs(self, upstream: Mapping[str, Artifact | Path]) -> dict[str, str]:
-        """Where input files lie: in the run, which may be moved, or anywhere else."""
-        home = self.path.resolve()
-        files = {n: p.resolve() for n, p in upstream.items() if not isinstance(p, Artifact)}
-        return {
-            name: str(path.relative_to(home) if path.is_relative_to(home) else path)
-            for name, path in files.items()
-        }
-
     def alone(self, stage: str) -> AbstractContextManager[None]:
         """Keep other processes out of `stage`."""
         return exclusive(
@@ -168,51 +168,99 @@ class Run:
         )
 
 
-def _digests(upstream: Mapping[str, Artifact | Path]) -> dict[str, str]:
-    """Of what a stage is made from, in its order."""
-    files = {name: source for name, source in upstream.items() if isinstance(source, Path)}
-    of_files = dict(zip(files, cached_sha256s(files.values()), strict=True))
-    return {
-        name: source.content_sha256 if isinstance(source, Artifact) else of_files[name]
-        for name, source in upstream.items()
-    }
+def is_made(folder: Path) -> bool:
+    """Whether a stage's folder is there, finished.
+
+    One that has lost its manifest is refused: damage, not a stage that was never made.
+    """
+    for _ in range(2):  # another process may have put it into place between the two questions
+        if is_finished(folder):
+            return True
+        if not folder.exists():
+            return False
+    command = command_of(folder.name)
+    raise DsnetError(
+        f"{folder}, which has lost its {MANIFEST}",
+        "the folder of a finished stage, or none",
+        f"Run `dsnet {command} --run {folder.parent.name}` again, with the options that it had.",
+    )
 
 
-def _plain(value: Any) -> Any:
-    """The JSON form of a configuration value, so that it compares equal after reading it back."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return str(value) if isinstance(value, Path) else value
+def check_chain(folder: Path, stages: Iterable[str]) -> None:
+    """Refuse stages in a run's folder that are older than what they, or those before, were made of.
+
+    What was deleted since cannot be compared and is passed over. The refusal names the stages to
+    run again, in order.
+    """
+    seen: dict[str, bool] = {}
+    entered: set[str] = set()
+    newer: list[str] = []
+
+    def is_old(stage: str) -> bool:
+        if stage not in seen:
+            if stage in entered:
+                raise DsnetError(
+                    f"stage {stage!r} of {folder}, which was made from itself",
+                    "one chain",
+                    "Delete its folder and run its stage again.",
+                )
+            entered.add(stage)
+            artifact = read_artifact(folder / stage)
+            changed = [has_changed(artifact, name) for name in artifact.manifest["upstream"]]
+            seen[stage] = any(changed)  # each source was looked at, so that each is named
+        return seen[stage]
+
+    def has_changed(artifact: Artifact, source: str) -> bool:
+        recorded = artifact.manifest["upstream"][source]
+        if given := artifact.manifest["provenance"].get("inputs", {}).get(source):
+            present = _present_sha256(artifact, source, folder / given) or recorded
+        elif is_made(folder / source):
+            if is_old(source):
+                return True
+            present = read_artifact(folder / source).content_sha256
+        else:
+            return False
+        if present != recorded:
+            newer.append(given or source)
+        return present != recorded
+
+    for stage in stages:
+        is_old(stage)
+    if not (old := [stage for stage, found in seen.items() if found]):
+        return
+    run = folder.name
+    those = f"stages {', '.join(old)} are" if len(old) > 1 else f"stage {old[0]} is"
+    commands = (f"`dsnet {command_of(stage)} --run {run}`" for stage in old)
+    raise DsnetError(
+        f"run {run!r}, whose {those} older than {', '.join(map(repr, dict.fromkeys(newer)))}",
+        "one chain",
+        f"Run {', '.join(dict.fromkeys(commands))} again, with the options they had.",
+    )
 
 
-def has_best_alignment(run: Run) -> bool:
-    """Whether `best_alignment` would find one, current or not."""
+def _present_sha256(artifact: Artifact, source: str, path: Path) -> str | None:
+    """Digest of an input file as it is now, None if it is gone or has the stamp of then."""
+    if not path.is_file():
+        return None
+    stamps = artifact.manifest["provenance"].get("input_stamps", {})
+    stamp = stamp_of(path)
+    return None if stamp and stamp == stamps.get(source) else sha256_of(path)
+
+
+def best_alignment_of(run: Run) -> str | None:
+    """The stage that holds the robust aligner's work: beside the paper's or in its place."""
     if run.finished(ROBUST_ALIGNMENT):
-        return True
-    return run.finished(ALIGNMENT) and _is_robust(read_artifact(run.path / ALIGNMENT))
-
-
-def _is_robust(align: Artifact) -> bool:
-    return align.manifest.get("aligner") == "robust"
+        return ROBUST_ALIGNMENT
+    if run.finished(ALIGNMENT):
+        aligner = read_artifact(run.path / ALIGNMENT).manifest.get("aligner")
+        return ALIGNMENT if aligner == "robust" else None
+    return None
 
 
 def best_alignment(run: Run) -> Artifact:
-    """What the robust aligner made of the run's meshes: beside the paper's alignment or in its
-    place.
-
-    Raises
-    ------
-    DsnetError
-        If only the paper's aligner was used, or none, or what it was made from is newer.
-    """
-    if run.finished(ROBUST_ALIGNMENT):
-        return run.artifact(ROBUST_ALIGNMENT)
-    if run.finished(ALIGNMENT):
-        align = run.artifact(ALIGNMENT)
-        if _is_robust(align):
-            return align
+    """What the robust aligner made of the run's meshes."""
+    if stage := best_alignment_of(run):
+        return run.artifact(stage)
     raise DsnetError(
         f"run {run.name!r} without an alignment by the robust aligner",
         f"a finished {ROBUST_ALIGNMENT!r} in {run.path}",
@@ -222,7 +270,7 @@ def best_alignment(run: Run) -> Artifact:
 
 def body_model_path(run: Run) -> Path:
     """The SMPL model file that the run was aligned with: the licensed one, or the corpus's."""
-    licensed = run.artifact("align").manifest["config"].get("smpl")
+    licensed = run.artifact(ALIGNMENT).manifest["config"].get("smpl")
     return Path(licensed) if licensed else corpus_body_path(run.artifact("corpus"))
 
 

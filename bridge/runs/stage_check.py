@@ -6,9 +6,9 @@ import sys
 from dataclasses import dataclass
 
 from bridge.errors import DsnetError
-from bridge.runs.artifact import Artifact, read_artifact
-from bridge.runs.chain import Chain, is_made
-from bridge.runs.run import BENCH, Run
+from bridge.runs.artifact import read_artifact
+from bridge.runs.files import is_finished
+from bridge.runs.run import STAGES, Run, check_chain, is_made
 
 
 @dataclass(frozen=True)
@@ -26,23 +26,19 @@ PROFILES = {name: CheckConfig() for name in ("smoke", "demo", "paper")}
 
 
 def main(config: CheckConfig) -> None:
-    """Check all stages, print what was found, and refuse the run for its first fault.
-
-    Raises
-    ------
-    DsnetError
-        If there is no such run, a file changed, a folder has lost its manifest, or a stage is older
-        than what it was made from.
-    """
+    """Check all stages, print what was found, and refuse the run for its first fault."""
     run = Run(config.run)
-    there = (path.name for path in run.path.glob("[!.]*") if path.is_dir())
-    stages = sorted(name for name in there if name != BENCH)
+    folders = sorted(path for path in run.path.glob("[!.]*") if path.is_dir())
+    stages = [path.name for path in folders if path.name in STAGES or is_finished(path)]
     if not stages:
         run.artifact("corpus")
     faults = [fault for fault in (_fault(run, stage) for stage in stages) if fault]
+    for folder in folders:
+        if folder.name not in stages:
+            sys.stdout.write(f"{folder.name:<12} is not a stage of dsnet, left alone\n")
     if faults:
         raise faults[0]
-    Chain(run.path).check(stages)
+    check_chain(run.path, stages)
     sys.stdout.write(f"run {run.name!r}: {len(stages)} stages, one chain\n")
 
 
@@ -53,13 +49,8 @@ def _fault(run: Run, stage: str) -> DsnetError | None:
         artifact = read_artifact(run.path / stage)
         artifact.verify()
     except DsnetError as error:
-        sys.stdout.write(f"{stage:<10} FAULT\n")
+        sys.stdout.write(f"{stage:<12} FAULT\n")
         return error
-    sys.stdout.write(f"{stage:<10} {_size(artifact)} as written\n")
+    sizes = [(artifact.path / name).stat().st_size for name in artifact.digests]
+    sys.stdout.write(f"{stage:<12} {len(sizes):>3} files {sum(sizes) / 1e6:>9.1f} MB as written\n")
     return None
-
-
-def _size(artifact: Artifact) -> str:
-    files = [artifact.path / name for name in artifact.digests]
-    megabytes = sum(path.stat().st_size for path in files) / 1e6
-    return f"{len(files):>3} files {megabytes:>9.1f} MB"

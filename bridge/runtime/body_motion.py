@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, load_motion_file, unpack_theta
 from bridge.motion.bounds import FARTHEST_M
-from bridge.runs.processes import notify
 from bridge.runtime.bounds import LARGEST_BODY_M
 
 

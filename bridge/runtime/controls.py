@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.shapes import find_shape, parse_shape
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.motion import Motion
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import REMEDY, Lap, close_lap
 from bridge.motion.smoothing import described
 from bridge.options import PositiveFloat, check_options
 from bridge.paper import N_BETAS
-from bridge.runs.processes import notify
 from bridge.runtime.body_motion import place_motion
 from bridge.runtime.characters import Character
 from bridge.runtime.floor import Floor, put_on_floor, root_joint_m

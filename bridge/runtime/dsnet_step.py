@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.exchange import load_weights
-from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
+from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact
 from bridge.runtime.graphs.dsnet_body_graph import dsnet_layout, dsnet_step_graph

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError, did_you_mean
 from bridge.runs import Artifact, Run, read_artifact
-from bridge.runs.damage import damage_refused
 from bridge.runs.run import body_model_path
+from bridge.runs.untrusted import damage_refused
 from bridge.runtime.stepping import Model
 
 Open = Callable[[Mapping[str, Artifact], str, BodyModelData], Model]

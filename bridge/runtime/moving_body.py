@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body.smpl import Smpl
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import motion_warnings
-from bridge.runs.processes import notify
-from bridge.runs.progress import progress
+from bridge.runs.workers import progress
 from bridge.runtime.characters import Character
 from bridge.runtime.stepping import Prediction
 

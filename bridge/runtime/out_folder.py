@@ -13,8 +13,7 @@ from pathlib import Path
 from bridge.errors import DsnetError
 from bridge.runs import ArtifactWriter, read_artifact
 from bridge.runs.artifact import DataOrigin
-from bridge.runs.folders import MANIFEST, runs_root
-from bridge.runs.locks import exclusive
+from bridge.runs.files import MANIFEST, exclusive, runs_root
 
 KIND = "prediction"
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import Motion
@@ -19,7 +19,6 @@ from bridge.motion.motion_folder import PeopleOfFolders, find_motion_files, subj
 from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat, check_options
 from bridge.runs import Artifact, Run
-from bridge.runs.processes import notify
 from bridge.runs.run import body_model_path
 
 
@@ -64,7 +63,7 @@ def find_motions(run: Run, amass: Path | None, encoded: Artifact) -> list[Path]:
         return []
     corpus = run.artifact("corpus")
     names = [name for name in corpus.manifest["files"] if name.startswith("mosh/")]
-    return corpus.files(sorted(names))
+    return [corpus.file(name) for name in sorted(names)]
 
 
 def gather(

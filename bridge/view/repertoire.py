@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.errors import DsnetError
-from bridge.exchange.trained_dsnet import dsnets_of
+from bridge.errors import DsnetError, notify
+from bridge.exchange.dsnet import dsnets_of
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import DEFAULT_FPS
@@ -21,7 +21,6 @@ from bridge.motion.motion_folder import subject_and_motion
 from bridge.motion.sample_files import SAMPLE_PREFIX, SAMPLES
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
-from bridge.runs.processes import notify
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
 from bridge.runtime.body_motion import place_motion
 from bridge.runtime.characters import ROADS, Character, open_character

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.installation import require_package
 from bridge.options import Bounds, PositiveFloat
 from bridge.runs import Run
-from bridge.runs.processes import notify
 from bridge.runtime.controls import Controls
 from bridge.view.performances import Performances
 from bridge.view.repertoire import open_repertoire

@@ -19,8 +19,8 @@ from benchmarks.scaling.model import (
 )
 from benchmarks.scaling.overhead import overheads
 from bridge.errors import DsnetError
-from bridge.runs.foreign_files import MOST_JSON_BYTES
-from bridge.runs.worker_pool import WorkerPool, worker_pool
+from bridge.runs.untrusted import MOST_JSON_BYTES
+from bridge.runs.workers import WorkerPool, worker_pool
 
 
 def measured(frames: int, workers: int, alone_a_frame: float = 1e-3) -> dict:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bridge import DsnetError
-from bridge.runs.processes import notify
+from bridge.errors import notify
 
 
 @pytest.mark.parametrize("hostile", ["a\nb", "\x1b[2J", "\x07", "\u202egnp", "\x9b31m", "\ud800"])

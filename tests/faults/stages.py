@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bridge.runs import read_artifact
-from bridge.runs.folders import MANIFEST
+from bridge.runs.files import MANIFEST
 
 RUN = "tiny"
 ROOT = Path(__file__).parents[2]

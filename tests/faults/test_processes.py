@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from bridge.runs import read_artifact
-from bridge.runs.locks import lock_of
+from bridge.runs.files import lock_of
 from tests.faults.conftest import Base
 from tests.faults.stages import ROOT, RUN, Stage, check_as_undisturbed, copy_before, make
 
@@ -29,8 +29,8 @@ def children_of(process: int) -> list[int]:
 
 
 INFER = f"""
-from bridge.endings import exit_with_one_line
-from bridge.runs.processes import run_dsnet
+from bridge.processes import exit_with_one_line
+from bridge.processes import run_dsnet
 with exit_with_one_line():
     run_dsnet("infer", "--run", {RUN!r})
 """

@@ -13,7 +13,7 @@ import pytest
 
 from bridge.errors import DsnetError
 from bridge.runs import Artifact, Run, read_artifact
-from bridge.runs.folders import CHECKPOINTS, MANIFEST
+from bridge.runs.files import CHECKPOINTS, MANIFEST
 from tests.faults.conftest import LONG, SEED, Base, asked
 from tests.faults.stages import (
     ARTIFACTS,

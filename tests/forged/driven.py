@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, kinematics
 from bridge.body import BodyModelData
-from bridge.exchange.clips import UnpaddedClip, join_inputs
+from bridge.exchange.dsnet import UnpaddedClip, join_inputs
 from bridge.tissue.shape import body_mass_index
 from tf_dsnet.predictors import TrainingData
 

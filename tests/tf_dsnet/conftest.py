@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from tests.forged.encoded import write_encoded
 from tf_dsnet.model import build_dsnet, named_weights
 

@@ -13,12 +13,12 @@ import pytest
 from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.exchange import save_weights
-from bridge.exchange.trained_dsnet import TrainedDsnet
+from bridge.exchange.dsnet import TrainedDsnet
 from bridge.motion import sequences_of, subject_rows
 from bridge.motion.cells import cell_of
 from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import content_digest
-from bridge.runs.folders import MANIFEST
+from bridge.runs.files import MANIFEST
 from bridge.runtime import run_motions
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.reference.tissue import moving

@@ -11,7 +11,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.exchange import load_weights
-from bridge.exchange.trained_dsnet import load_trained_dsnet
+from bridge.exchange.dsnet import load_trained_dsnet
 from bridge.options import check_options
 from bridge.runs import read_artifact
 from tests.tf_dsnet.plus import TINY as PLUS_TINY

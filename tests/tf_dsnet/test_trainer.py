@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge.exchange.clips import Clips, fit_scaling, load_unpadded_clips, make_clips
+from bridge.exchange.dsnet import Clips, fit_scaling, load_unpadded_clips, make_clips
 from bridge.runs import read_artifact
 from tf_dsnet.trainer import Trainer, _PackedClips
 

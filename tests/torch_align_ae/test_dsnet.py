@@ -10,7 +10,7 @@ from torch import Tensor
 
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
-from bridge.exchange.layouts import KERAS_ADAM
+from bridge.exchange.weights import KERAS_ADAM
 from bridge.verify import draws
 from bridge.verify.reference import dsnet as reference
 from torch_align_ae.dsnet import (

@@ -25,8 +25,7 @@ from tqdm import tqdm
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
-from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
-from bridge.exchange.weights import refuse_nonfinite
+from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
 from bridge.motion.splits import FrameSplit, chunks
 from torch_align_ae.autoencoder.codes import Normaliser
 from torch_align_ae.processes import Processes

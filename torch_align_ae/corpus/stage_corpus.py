@@ -17,11 +17,8 @@ from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifes
 from bridge.motion.motion_folder import find_motion_files
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.array_file import ArrayFile
-from bridge.runs.digests import arrays_sha256
-from bridge.runs.progress import progress
-from bridge.runs.storage import is_written, mark_written
-from bridge.runs.worker_pool import on_any_node, worker_pool
+from bridge.runs.files import ArrayFile, arrays_sha256, is_written, mark_written
+from bridge.runs.workers import on_any_node, progress, worker_pool
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.corpus_motions import CorpusMotions
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna

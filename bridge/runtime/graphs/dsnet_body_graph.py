@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
-from bridge.exchange.layouts import BATCH_NORM_EPSILON
-from bridge.exchange.trained_dsnet import TrainedDsnet
+from bridge.exchange.dsnet import TrainedDsnet
+from bridge.exchange.weights import BATCH_NORM_EPSILON
 from bridge.paper import FEATURES, INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runtime.graphs.body_graph import surface
 from bridge.runtime.graphs.bones_graph import posed_bones, translated, translation

@@ -1,7 +1,7 @@
 """Both networks as ONNX graphs, written straight from named arrays: no framework is needed.
 
 Linear layers and convolutions are matrix products with Keras's kernels, so a graph holds the
-arrays that `bridge.exchange.layouts` gives, under the names that it gives them, and
+arrays that `bridge.exchange.weights` gives, under the names that it gives them, and
 `dsnet_weights` and `mesh_autoencoder_weights` read them back.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
-from bridge.exchange.layouts import (
+from bridge.exchange.weights import (
     BATCH_NORM_EPSILON,
     lstm_from_onnx,
     lstm_to_onnx,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.exchange.trained_dsnet import TrainedDsnet, load_trained_dsnet
+from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runs import Run
 from bridge.runtime.bounds import check_poses, check_shapes, numbers

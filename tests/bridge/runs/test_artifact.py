@@ -1,17 +1,27 @@
-"""Artifacts: what is written is read back, nothing half-written is ever seen."""
+"""Artifacts: what is written is read back, nothing half-written is seen, no forgery is taken."""
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
+import os
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from bridge import DsnetError
+from bridge.motion.sequences import sequences_of
 from bridge.runs import ArtifactWriter, Run, read_artifact, write_artifact
+from bridge.runs.artifact import content_digest
+from bridge.runs.run import check_chain
 
 UNITS = {"betas": "1", "offsets": "m"}
 
@@ -278,8 +288,180 @@ def test_no_stage_finishes_with_an_array_that_is_not_finite(value, tmp_path):
     array[2, 1_234_567] = array[3, 0] = value
     writer.put("whole", np.array([2**62]), "1")
     writer.put("x", array, "m")
-    with pytest.raises(DsnetError, match=rf"stage 's' with {value} at x\[2, 1234567\];"):
+    with pytest.raises(DsnetError, match=r"stage 's' with NaN or infinity in x\[2\];"):
         writer.finish()
     # The one before is still there, and the next try begins anew.
     assert read_artifact(tmp_path / "s").array("x").shape == (1,)
     assert [path.name for path in tmp_path.iterdir()] == ["s"]
+
+
+Manifest = dict[str, Any]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    path = tmp_path / "align"
+    write_artifact(path, "align", {"a": np.arange(6.0)}, units={"a": "m"}, data="synthetic")
+    return path
+
+
+def forge(folder: Path, change: Callable[[Manifest], object]) -> None:
+    """Change the manifest and sign it again."""
+    path = folder / "manifest.json"
+    manifest = json.loads(path.read_text())
+    change(manifest)
+    manifest["sha256"] = content_digest(manifest)
+    path.write_text(json.dumps(manifest))
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        (lambda m: m.update(arrays=None), "arrays"),
+        (lambda m: m.update(data="x"), "data"),
+        (lambda m: m["arrays"]["a"].pop("shape"), "arrays"),
+        (lambda m: m["arrays"]["a"].pop("dtype"), "arrays"),
+        (lambda m: m["arrays"]["a"].update(dtype="O"), "arrays"),
+        (lambda m: m["arrays"]["a"].update(dtype="no type"), "arrays"),
+        (lambda m: m["arrays"]["a"].update(shape=[-1]), "arrays"),
+        (lambda m: m["arrays"]["a"].pop("sha256"), "arrays"),
+        (lambda m: m["arrays"].update({"../a": m["arrays"]["a"]}), "arrays"),
+        (lambda m: m["files"].update({"../x": {"sha256": ""}}), "files"),
+        (lambda m: m["files"].update({"/etc/passwd": {"sha256": ""}}), "files"),
+        (lambda m: m["files"].update({"a\n\x1b[2J": {"sha256": ""}}), "files"),
+        (lambda m: m["upstream"].update({"../../x": ""}), "upstream"),
+        (lambda m: m["upstream"].update({"x": 5}), "upstream"),
+        (lambda m: m["provenance"].update(inputs=[1]), "provenance"),
+        (lambda m: m["provenance"].update(sha256=1), "provenance"),
+        (lambda m: m["provenance"].update(sha256=[]), "provenance"),
+        (lambda m: m["provenance"].update(stamps=[]), "provenance"),
+        (lambda m: m["provenance"].update(input_stamps=1), "provenance"),
+        (lambda m: m.update(sequences={}), "sequences"),
+        (lambda m: m.update(predictors=["a"]), "predictors"),
+        (lambda m: m.update(predictors={"../a": {}}), "predictors"),
+    ],
+)
+def test_manifests_that_no_stage_wrote_are_refused(
+    folder: Path, change: Callable[[Manifest], object], key: str
+) -> None:
+    forge(folder, change)
+    with pytest.raises(DsnetError, match=f"whose '{key}' no stage wrote") as caught:
+        read_artifact(folder)
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    "text", [b"[]", b"5", b"null", b"NaN", b"[" * 100_000, b"\xff", b" " * (17 << 20)]
+)
+def test_what_is_no_manifest_is_refused(folder: Path, text: bytes) -> None:
+    (folder / "manifest.json").write_bytes(text)
+    with pytest.raises(DsnetError, match=r"schema|is not JSON"):
+        read_artifact(folder)
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
+def test_a_manifest_that_is_no_file_is_refused_at_once(
+    folder: Path, make: Callable[[Path], None]
+) -> None:
+    (folder / "manifest.json").unlink()
+    make(folder / "manifest.json")
+    with pytest.raises(DsnetError, match=r"has no manifest\.json"):
+        read_artifact(folder)
+
+
+def _archive() -> bytes:
+    stream = io.BytesIO()
+    np.savez(stream, a=np.arange(6.0))
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda content: content.replace(b"(6,)", b"{6,)"),
+        lambda content: content.replace(b"(6,)", b"(9,)"),
+        lambda content: content.replace(b"<f8", b"|O "),
+        lambda content: content.replace(b"<f8", b"<i8"),
+        lambda content: content[:-1],
+        lambda _: _archive(),
+        lambda _: b"",
+    ],
+)
+def test_arrays_that_are_not_what_the_manifest_says_are_refused(
+    folder: Path, change: Callable[[bytes], bytes]
+) -> None:
+    content = change((folder / "a.npy").read_bytes())
+    (folder / "a.npy").write_bytes(content)
+    digest = hashlib.sha256(content).hexdigest()
+    forge(folder, lambda m: m["arrays"]["a"].update(sha256=digest))
+    with pytest.raises(DsnetError, match=r"does not hold what manifest\.json says"):
+        read_artifact(folder).array("a")
+
+
+@pytest.mark.parametrize("entry", [{}, {"name": 5}, {"nam": "x"}])
+def test_sequences_that_are_none_are_refused(folder: Path, entry: Manifest) -> None:
+    forge(folder, lambda m: m.update(sequences=[entry]))
+    with pytest.raises(DsnetError, match="no list of sequences"):
+        sequences_of(read_artifact(folder))
+
+
+def test_a_value_that_a_stage_did_not_write_is_told(folder: Path) -> None:
+    with pytest.raises(DsnetError, match="without 'sequences'"):
+        sequences_of(read_artifact(folder))
+
+
+def test_a_stage_that_was_made_from_itself_is_refused(folder: Path) -> None:
+    forge(folder, lambda m: m["upstream"].update(align="0"))
+    with pytest.raises(DsnetError, match="made from itself"):
+        check_chain(folder.parent, ["align"])
+
+
+def written(path: Path, at: float) -> Path:
+    """A file of a turn, last changed then."""
+    path.touch()
+    os.utime(path, (at, at))
+    return path
+
+
+@pytest.mark.parametrize("text", ["", "1", "x y", "1 2 3", "\xff"])
+def test_a_damaged_time_stops_no_work(tmp_path, text):
+    first = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
+    (first.checkpoints / "turns").write_bytes(text.encode("latin-1"))
+    second = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
+    assert 0 <= second.finish().manifest["provenance"]["wall_time_s"] < 10
+
+
+def test_an_artifact_tells_the_time_of_all_its_turns(tmp_path):
+    begun = time.time()
+    first = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
+    (first.checkpoints / "one").touch()
+    for file in first.checkpoints.iterdir():
+        os.utime(file, (begun + 60, begun + 60))
+    second = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
+    second.put("x", np.zeros(3), "m")
+    made = second.finish().manifest["provenance"]
+    assert 55 < made["wall_time_s"] < 90
+
+
+def test_other_work_in_the_same_place_begins_anew(tmp_path):
+    first = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="a")
+    written(first.checkpoints / "one", time.time() + 60)
+    other = ArtifactWriter(tmp_path / "toy", "toy", data="synthetic", fingerprint="b")
+    other.put("x", np.zeros(3), "m")
+    assert other.finish().manifest["provenance"]["wall_time_s"] < 30
+
+
+def test_an_array_that_stays_as_it_was_written_is_not_read_again(tmp_path, monkeypatch):
+    writer = ArtifactWriter(tmp_path / "s", "s", data="synthetic")
+    writer.put("x", np.ones(3), "m")
+    time.sleep(0.1)  # what was written just now is not trusted
+    writer.finish()
+    artifact = read_artifact(tmp_path / "s")
+    monkeypatch.setattr("bridge.runs.artifact.sha256_of", lambda path: pytest.fail("read"))
+    assert artifact.array("x").shape == (3,)
+    before = (tmp_path / "s" / "x.npy").stat()
+    monkeypatch.undo()
+    flip(tmp_path / "s" / "x.npy")
+    os.utime(tmp_path / "s" / "x.npy", ns=(before.st_atime_ns, before.st_mtime_ns))
+    with pytest.raises(DsnetError, match=r"x\.npy with SHA-256"):
+        artifact.array("x")

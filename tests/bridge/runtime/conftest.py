@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bridge.body import load_body_model
 from bridge.exchange import save_weights
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from bridge.runs import ArtifactWriter, Run, write_artifact
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws

@@ -20,7 +20,7 @@ PREDICT = "from bridge.cli import main; main()"
 
 def files_below(folder: Path) -> dict[str, bytes]:
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {str(path): path.read_bytes() for path in files if ".digests" not in path.parts}
+    return {str(path): path.read_bytes() for path in files}
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.cli import main
-from bridge.exchange.clips import join_inputs
+from bridge.exchange.dsnet import join_inputs
 from bridge.motion import unpack_theta
 from bridge.runs import write_artifact
 from bridge.runtime.body_motion import load_motion

@@ -11,7 +11,7 @@ import pytest
 
 from bridge.body import load_body_model
 from bridge.exchange import save_weights
-from bridge.exchange.layouts import autoencoder_shapes, dsnet_shapes
+from bridge.exchange.weights import autoencoder_shapes, dsnet_shapes
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import ArtifactWriter, Run, write_artifact
 from bridge.tissue.trained_plus import TrainedPlus

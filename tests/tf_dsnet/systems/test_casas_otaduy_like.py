@@ -18,8 +18,7 @@ from benchmarks.systems.history_noise import HistoryNoise
 from benchmarks.systems.rate_search import RateSearch
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
-from bridge.exchange.clips import Clips
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet
 from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, people
 from tf_dsnet.framework import be_reproducible, tf

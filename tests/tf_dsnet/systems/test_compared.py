@@ -14,9 +14,7 @@ from benchmarks.systems.loads import loads_on_skin
 from benchmarks.systems.rate_search import RATES, RateSearch
 from bridge import DsnetError
 from bridge.body import load_body_model
-from bridge.exchange.clips import join_inputs
-from bridge.exchange.codes import DMPL, LATENTS_OF
-from bridge.exchange.trained_dsnet import dsnets_of, load_trained_dsnet
+from bridge.exchange.dsnet import DMPL, LATENTS_OF, dsnets_of, join_inputs, load_trained_dsnet
 from bridge.runs import Artifact, read_artifact
 from tests.forged.encoded import write_encoded
 from tf_dsnet import stage_infer, stage_train

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.systems.kinematics import pose_differences
 from bridge import DsnetError
-from bridge.exchange.clips import join_inputs
+from bridge.exchange.dsnet import join_inputs
 from bridge.runs import Artifact, read_artifact
 from bridge.runtime.streams.streaming import StreamingPredictor
 from tf_dsnet import stage_infer, stage_train

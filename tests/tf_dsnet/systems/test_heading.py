@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.systems.heading import ALIGNED_SIZE, heading_aligned, headings
-from bridge.exchange.clips import join_inputs
+from bridge.exchange.dsnet import join_inputs
 from bridge.motion import pack_theta, unpack_theta
 from tests.forged.lively import lively, moved
 

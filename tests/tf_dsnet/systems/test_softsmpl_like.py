@@ -15,8 +15,7 @@ from benchmarks.systems.rate_search import RateSearch
 from benchmarks.systems.softsmpl_like import DynamicLoss, SoftSmplLike, mean_sizes
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
-from bridge.exchange.clips import Clips, join_inputs
-from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet, join_inputs
 from bridge.motion import pack_theta, unpack_theta
 from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, motion, people

@@ -19,7 +19,7 @@ from pathlib import Path
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.codes import Normaliser
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
-from torch_align_ae.processes import started_by_torchrun
+from torch_align_ae.workers import started_by_torchrun
 from bridge.motion.splits import split_frames
 
 checkpoint, steps = Path(sys.argv[1]), int(sys.argv[2])

@@ -15,7 +15,7 @@ import trimesh
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_PARENTS
-from bridge.exchange.trained_dsnet import TrainedDsnet
+from bridge.exchange.dsnet import TrainedDsnet
 from bridge.runtime.streams.streaming import StreamingPredictor
 from bridge.runtime.streams.streaming_bodies import StreamingBodies
 from tests.forged.plus import soft_flesh

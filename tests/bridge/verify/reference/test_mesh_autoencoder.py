@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bridge.exchange.layouts import autoencoder_shapes
+from bridge.exchange.weights import autoencoder_shapes
 from bridge.verify.reference import mesh_autoencoder
 
 WIDTHS = (11, 7, 7, 4, 2)

@@ -1,18 +1,38 @@
-"""A trained DSNet as arrays: its weights, and the scaling of what goes in and comes out."""
+"""What DSNet is given and gives: codes of offsets, scaling, clips of 300 frames (Section 5), and a
+trained network as arrays.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError, did_you_mean
-from bridge.exchange.codes import AUTOENCODER, CodeName
 from bridge.exchange.weights import load_weights
-from bridge.paper import INPUT_SIZE, LATENT_SIZE
+from bridge.motion import MotionSequence, sequences_of, subject_rows
+from bridge.motion.sequences import Split
+from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS
 from bridge.runs import Artifact
+
+CodeName = Literal["autoencoder", "pca", "dmpl"]
+AUTOENCODER: CodeName = "autoencoder"
+"""The paper's: the mesh autoencoder's latents."""
+PCA: CodeName = "pca"
+"""Coefficients in metres of the leading principal components, as many as the latents are; distances
+between them are distances between offsets."""
+DMPL: CodeName = "dmpl"
+"""Coefficients in metres of DMPL's released directions, made orthonormal in their order; only in
+runs that were given the licensed file."""
+LATENTS_OF: dict[CodeName, str] = {AUTOENCODER: "latents", PCA: "latents_pca", DMPL: "latents_dmpl"}
+"""Array of the `encode` artifact that holds a code's latents."""
+UNITS: dict[CodeName, str] = {AUTOENCODER: "1", PCA: "m", DMPL: "m"}
+"""Of a code's latents."""
+LINEAR_FILES: dict[CodeName, str] = {PCA: "pca.safetensors", DMPL: "dmpl.safetensors"}
+"""Of the `train-ae` artifact: `components` (K, V * 3), `mean_m` (V, 3)."""
 
 _SCALING = "scaling/"
 DSNETS = ("dsnet_standardised", "dsnet_faithful")
@@ -37,8 +57,7 @@ class Scaling:
     def identity(cls) -> Scaling:
         """Nothing is changed."""
         sizes = (INPUT_SIZE, LATENT_SIZE)
-        zeros, ones = ([f(size, np.float32) for size in sizes] for f in (np.zeros, np.ones))
-        return cls(zeros[0], ones[0], zeros[1], ones[1])
+        return cls(*(np.full(size, fill, np.float32) for size in sizes for fill in (0, 1)))
 
     @classmethod
     def fitted(cls, inputs: NDArray, latents: NDArray, min_input_std: float) -> Scaling:
@@ -73,6 +92,95 @@ class Scaling:
 
 
 @dataclass(frozen=True, eq=False)
+class Clips:
+    """N sequences of one length T, as the network sees them."""
+
+    inputs: NDArray[np.float32]
+    """(N, T, 79) betas, then theta, or what another kind of inputs has; zero where padded."""
+    latents: NDArray[np.float32]
+    """(N, T, 100); zero where padded."""
+    real: NDArray[np.bool_]
+    """(N, T) False where padded."""
+
+    def __len__(self) -> int:
+        return len(self.inputs)
+
+
+@dataclass(frozen=True, eq=False)
+class UnpaddedClip:
+    """One sequence at its own length, in its own units."""
+
+    inputs: NDArray[np.floating]
+    """(T, 79) betas, then theta, or what another kind of inputs has."""
+    latents: NDArray[np.floating]
+    """(T, 100)."""
+
+    @property
+    def betas(self) -> NDArray[np.floating]:
+        """(10,) of `inputs` that are betas and theta."""
+        return self.inputs[0, :N_BETAS]
+
+
+def join_inputs(theta: NDArray, betas: NDArray) -> NDArray:
+    """A motion theta (T, 69) and a shape betas (10,) to the network's inputs (T, 79)."""
+    return np.concatenate([np.broadcast_to(betas, (len(theta), len(betas))), theta], axis=1)
+
+
+def load_unpadded_clips(
+    encoded: Artifact, split: Split, code: CodeName = AUTOENCODER
+) -> list[UnpaddedClip]:
+    """The sequences of one split from the `encode` stage's artifact, with latents of one code."""
+    if LATENTS_OF[code] not in encoded.manifest["arrays"]:
+        raise DsnetError(
+            f"{encoded.path} without latents of {code!r}",
+            f"{LATENTS_OF[code]}, on which this predictor is trained",
+            f"Run `dsnet train-ae --{code} FILE` and `dsnet encode`, or leave the predictor out.",
+        )
+    sequences = sequences_of(encoded)
+    rows = subject_rows(sequences)
+    theta, betas, latents = (encoded.array(name) for name in ("theta", "betas", LATENTS_OF[code]))
+
+    def cut(sequence: MotionSequence) -> UnpaddedClip:
+        shape = betas[rows[sequence.subject]]
+        return UnpaddedClip(join_inputs(theta[sequence.frames], shape), latents[sequence.frames])
+
+    recordings = [cut(sequence) for sequence in sequences if sequence.split == split]
+    if not recordings:
+        raise DsnetError(
+            f"{encoded.path} without a sequence of split {split!r}",
+            "at least one sequence to train on and one to validate on",
+            "Align more sequences, or name another one for validation.",
+        )
+    return recordings
+
+
+def fit_scaling(recordings: list[UnpaddedClip], min_input_std: float) -> Scaling:
+    """Mean and spread of every real frame: padding would pull both towards zero."""
+    inputs = np.concatenate([recording.inputs for recording in recordings])
+    latents = np.concatenate([recording.latents for recording in recordings])
+    return Scaling.fitted(inputs, latents, min_input_std)
+
+
+def make_clips(recordings: list[UnpaddedClip], scaling: Scaling, length: int) -> Clips:
+    """Scale, then pad or clip, so that padding is zero to the network whatever the scaling."""
+    inputs = _padded([scaling.inputs(recording.inputs) for recording in recordings], length)
+    latents = _padded([scaling.latents(recording.latents) for recording in recordings], length)
+    frame_counts = np.array([len(recording.inputs) for recording in recordings])
+    return Clips(inputs, latents, np.arange(length) < frame_counts[:, None])
+
+
+def _padded(parts: list[NDArray], length: int) -> NDArray:
+    """Sequences (T, D) as (N, length, D): zeros at the end, or the tail cut off.
+
+    Nothing is written where zeros are, and so the system gives no memory for most of them.
+    """
+    block = np.zeros((len(parts), length, parts[0].shape[1]), parts[0].dtype)
+    for row, part in enumerate(parts):
+        block[row, : len(part)] = part[:length]
+    return block
+
+
+@dataclass(frozen=True, eq=False)
 class TrainedDsnet:
     """One trained network of a run."""
 
@@ -98,13 +206,7 @@ class TrainedDsnet:
 
 
 def load_trained_dsnet(train: Artifact, name: str | None = None) -> TrainedDsnet:
-    """Read one network from the `train` stage's artifact; the run's default when None.
-
-    Raises
-    ------
-    DsnetError
-        If that predictor was not trained in this run, or it or its weights are not DSNet's.
-    """
+    """Read one network from the `train` stage's artifact; the run's default when None."""
     chosen = name or train.manifest["default"]
     check_trained(train, chosen)
     if chosen not in dsnets_of(train):
@@ -135,13 +237,7 @@ def code_of(train: Artifact, name: str) -> CodeName:
 
 
 def check_trained(train: Artifact, name: str) -> None:
-    """Refuse a predictor that a finished `train` does not hold.
-
-    Raises
-    ------
-    DsnetError
-        That names those that it holds.
-    """
+    """Refuse a predictor that a finished `train` does not hold."""
     there = list(train.manifest["predictors"])
     if name not in there:
         command = f"dsnet train --predictors {' '.join(there)} NAME"

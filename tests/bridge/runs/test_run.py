@@ -117,16 +117,16 @@ def test_check_reads_every_byte_and_the_chain(run, capsys):
         check(CheckConfig("x"))
 
 
-def test_check_does_not_trust_the_cache(run, monkeypatch, capsys):
+def test_check_does_not_trust_what_was_read_before(run, monkeypatch, capsys):
     digest = run.artifact("encode").digests["x.npy"]
-    monkeypatch.setattr("bridge.runs.artifact.cached_sha256", lambda path: digest)
+    monkeypatch.setattr("bridge.runs.artifact.sha256_of", lambda path: digest)
     path = run.path / "encode" / "x.npy"
     content = path.read_bytes()
     path.write_bytes(content[:-1] + b"\x01")
     assert run.artifact("encode").array("x").shape == (1,)
     with pytest.raises(DsnetError, match=r"encode/x\.npy with SHA-256"):
         check(CheckConfig("x"))
-    assert "encode     FAULT" in capsys.readouterr().out
+    assert "encode       FAULT" in capsys.readouterr().out
     path.write_bytes(content)
     (run.path / "train" / "notes.txt").write_text("mine")
     with pytest.raises(DsnetError, match=r"train/notes\.txt, which is not part"):
@@ -148,7 +148,7 @@ def test_a_folder_that_has_lost_its_manifest_is_damage_until_it_is_made_again(ru
     ):
         with pytest.raises(DsnetError, match=lost):
             asked()
-    assert "train      FAULT" in capsys.readouterr().out
+    assert "train        FAULT" in capsys.readouterr().out
     assert run.artifact("encode")
     make("train", value=1.0)
     assert run.artifact("decode")
@@ -156,8 +156,11 @@ def test_a_folder_that_has_lost_its_manifest_is_damage_until_it_is_made_again(ru
     assert not run.finished("train")
 
 
-@pytest.mark.usefixtures("run")
-def test_check_passes_over_measured_times(capsys):
+@pytest.mark.parametrize("name", ["notes", "bench"])
+def test_check_leaves_alone_what_is_no_stage(run, name, capsys):
     write_results("x", "speed", {"s": 1.0})
+    (run.path / "notes").mkdir()
     check(CheckConfig("x"))
-    assert "6 stages" in capsys.readouterr().out
+    said = capsys.readouterr().out.splitlines()
+    assert f"{name:<12} is not a stage of dsnet, left alone" in said
+    assert said[-1] == "run 'x': 6 stages, one chain"

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from bridge.runs.processes import outcome_of_module
+from bridge.processes import outcome_of_module
 
 COMMAND = """
 import errno, os, signal, sys, time
-from bridge.endings import exit_with_one_line
+from bridge.processes import exit_with_one_line
 with exit_with_one_line():
     {}
 """
@@ -89,7 +89,7 @@ def test_a_library_that_loads_swallows_no_signal(block, number, how, tmp_path):
 import sys, time
 from contextlib import nullcontext
 sys.path[:0] = [{str(tmp_path)!r}, {str(Path.cwd())!r}]
-from bridge.endings import ends_at_once, exit_with_one_line
+from bridge.processes import ends_at_once, exit_with_one_line
 with exit_with_one_line(), {block}:
     import swallows
     time.sleep(30)
@@ -126,17 +126,14 @@ def test_a_module_that_fails_is_an_answer(tmp_path: Path):
     assert "no_such_module" in said
 
 
-@pytest.mark.parametrize("masks", [True, False])
-def test_an_interrupt_of_all_is_answered_by_the_first_alone(masks: bool, tmp_path: Path):
+def test_an_interrupt_of_all_is_answered_by_the_first_alone(tmp_path: Path):
     """The child is loading its libraries: there it could say nothing but a traceback."""
     (tmp_path / "waits.py").write_text(WAITS)
-    if not masks:  # as on Windows, in all processes; Python reads this file before all else
-        (tmp_path / "sitecustomize.py").write_text("import signal; del signal.pthread_sigmask")
     code = f"""
 import sys
 sys.path.insert(0, {str(Path.cwd())!r})
-from bridge.endings import exit_with_one_line
-from bridge.runs.processes import run_module
+from bridge.processes import exit_with_one_line
+from bridge.processes import run_module
 with exit_with_one_line():
     run_module("waits", "begun")
 """

@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from bridge.cli import main
 from bridge.errors import DsnetError, InterruptedWorkError
 from bridge.runs import Run
-from bridge.runs.worker_pool import worker_pool
+from bridge.runs.workers import on_any_node, use_engine, worker_pool
 
 N_WORKERS = 2
 KINDS = ("serial", "threads", "processes")
@@ -149,8 +150,8 @@ def test_a_killed_worker_is_one_line_and_keeps_what_the_stage_has_done(tmp_path,
 
 KILLED = """
 import multiprocessing, os, signal
-from bridge.runs.worker_pool import worker_pool
-from tests.bridge.runs.test_worker_pool import sleep
+from bridge.runs.workers import worker_pool
+from tests.bridge.runs.test_workers import sleep
 
 if __name__ == "__main__":
     with worker_pool("processes", None, 2) as pool:
@@ -162,8 +163,8 @@ if __name__ == "__main__":
 
 INTERRUPTED = """
 import os, time
-from bridge.endings import exit_with_one_line
-from bridge.runs.worker_pool import worker_pool
+from bridge.processes import exit_with_one_line
+from bridge.runs.workers import worker_pool
 
 def work(said, item):
     os.write(1, b"begun\\n")  # whole: lines that two threads print mix
@@ -221,3 +222,57 @@ def alive(pid: int) -> bool:
         return False
     with open(f"/proc/{pid}/stat", encoding="utf-8") as stat:
         return stat.read().rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--engine", "spark"), "--engine spark; expected local or ray"),
+        (("--address", "10.0.0.1:6379"), "--address 10.0.0.1:6379 without a cluster"),
+        (("--engine=local", "--address=auto"), "--address auto without a cluster"),
+    ],
+)
+def test_slips_are_told_in_one_line(options, said, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["check", "--profile", "smoke", *options])
+    assert caught.value.code == 2
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 1
+    assert said in told[0]
+
+
+def test_the_local_engine_leaves_work_as_it_is():
+    with use_engine("local"):
+        assert on_any_node("threads") == "threads"
+
+
+def _double(factor: int, item: int) -> int:
+    if item < 0:
+        raise DsnetError(f"item {item}", "0 or more", "Pass another.")
+    return factor * item
+
+
+@pytest.mark.cluster
+def test_work_on_ray_comes_back_in_order_and_errors_keep_their_words():
+    pytest.importorskip("ray", reason="Ray is not installed: extra ray")
+    with use_engine("ray"):
+        assert on_any_node("threads") == "ray"
+        with worker_pool(on_any_node("serial"), 2) as pool:
+            assert list(pool.map(_double, range(20))) == list(range(0, 40, 2))
+            # What is no function of a module, too.
+            assert list(pool.map(lambda factor, item: factor + item, [1, 2])) == [3, 4]
+        with (
+            pytest.raises(DsnetError, match=r"^item -1; expected 0 or more"),
+            worker_pool("ray", 2) as pool,
+        ):
+            list(pool.map(_double, [1, -1]))
+    assert on_any_node("threads") == "threads"
+
+
+@pytest.mark.cluster
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "127.0.0.1:none"])
+def test_no_cluster_at_an_address_is_one_line(address):
+    pytest.importorskip("ray", reason="Ray is not installed: extra ray")
+    refused = pytest.raises(DsnetError, match=f"{address}, where no Ray cluster answers")
+    with refused, use_engine("ray", address):
+        pass

@@ -1,24 +1,35 @@
-"""Arrays that are written in pieces: room is taken first, and damage is told from work done."""
+"""Arrays that are written in pieces, and digests of files that may have changed."""
 
 from __future__ import annotations
 
 import errno
+import hashlib
+import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bridge.runs.digests import arrays_sha256
-from bridge.runs.storage import is_written, map_array, mark_written, save_array
+from bridge.runs import files
+from bridge.runs.files import (
+    arrays_sha256,
+    is_written,
+    map_array,
+    mark_written,
+    save_array,
+    sha256_of,
+    stamp_of,
+)
 
 LIMITED = """
 import resource, sys
 from pathlib import Path
-from bridge.endings import exit_with_one_line
-from bridge.runs.digests import arrays_sha256
-from bridge.runs.storage import map_array
+from bridge.processes import exit_with_one_line
+from bridge.runs.files import arrays_sha256
+from bridge.runs.files import map_array
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 with exit_with_one_line():
     map_array(Path(sys.argv[1]), (1000, 1000), "f4")[:] = 1
@@ -76,3 +87,43 @@ def test_a_full_disk_says_so(tmp_path):
     with pytest.raises(OSError, match="No space left") as full:
         save_array(Path("/dev/full"), np.zeros(100_000))
     assert full.value.errno == errno.ENOSPC
+
+
+@pytest.fixture
+def readings(monkeypatch):
+    seen = []
+
+    def count(path):
+        seen.append(path)
+        return sha256(path)
+
+    monkeypatch.setattr(files, "file_sha256", count)
+    return seen
+
+
+def sha256(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_a_file_is_read_once_and_again_when_it_has_changed_even_with_its_old_time(
+    tmp_path, readings
+):
+    path = tmp_path / "x"
+    path.write_bytes(b"a" * 100_000)
+    time.sleep(0.1)
+    for _ in range(3):
+        assert sha256_of(path) == sha256(path)
+    assert len(readings) == 1
+    before = path.stat()
+    path.write_bytes(b"a" * 99_999 + b"b")
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert sha256_of(path) == sha256(path)
+    assert len(readings) == 2
+
+
+def test_a_file_that_was_changed_just_now_is_not_trusted(tmp_path):
+    path = tmp_path / "x"
+    for content in (b"c" * 100_000, b"d" * 100_000):
+        path.write_bytes(content)
+        assert stamp_of(path) is None
+        assert sha256_of(path) == hashlib.sha256(content).hexdigest()

@@ -1,0 +1,272 @@
+"""How a process ends, and those that it begins: a framework in each, arrays pass on disk.
+
+A mistake, a full disk and a signal are one line each, never a traceback. A process that was begun
+here ends with the one that began it, however that ends.
+"""
+
+from __future__ import annotations
+
+import atexit
+import errno
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from types import FrameType
+from typing import Any, NoReturn, TypeVar
+
+from bridge.errors import DsnetError, InterruptedWorkError
+from bridge.installation import require_packages_of
+
+Config = TypeVar("Config")
+
+_ROOM = "room on the disk", "Make room and run the same command: it goes on where it was."
+_ALLOWED = "a path that may be read and written", "Change its permissions, or name another path."
+_FOLDER = "a folder", "Name another one, or move the file that has its name."
+_FILES = "a process that may open more files", "Raise its limit, as by `ulimit -n 4096`."
+_MEMORY = "enough memory", "Free some and run the same command: it goes on where it was."
+_EXPECTED = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), _ROOM),
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), _ALLOWED),
+    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), _FOLDER),
+    **dict.fromkeys((errno.EMFILE, errno.ENFILE), _FILES),
+    errno.ENAMETOOLONG: ("names of at most 255 bytes", "Name another path."),
+    errno.ENOMEM: _MEMORY,
+    errno.EIO: ("a disk without faults", "Check the disk; `dsnet check` names damaged files."),
+}
+"""What a user can mend of what the system refuses: what was expected, and how."""
+_ENDING: dict[int, str] = {
+    signal.SIGINT: "interrupted; run the same command to go on",
+    signal.SIGTERM: "terminated; run the same command to go on",
+}
+"""What is answered, by signal."""
+_PAUSE_S = 0.1
+_PATIENCE_S = 10.0
+
+
+class Terminated(BaseException):
+    """The system asked the process to end (SIGTERM)."""
+
+
+@contextmanager
+def exit_with_one_line(*, answer_signals: bool = True) -> Iterator[None]:
+    """Turn what a user or the system can cause into one line and an exit status.
+
+    A `DsnetError` and a refusal of the system such as a full disk end with 2, an interrupt with
+    130 and SIGTERM with 143; who stops reading what is printed needs no line. A process that
+    another one began leaves the signals to that one.
+    """
+    with ExitStack() as opened:
+        if answer_signals:
+            opened.enter_context(_answered_by(_undoing_work()))
+            # Nothing is left to interrupt but the interpreter's own end, which would not be silent.
+            opened.callback(atexit.register, _be_deaf)
+        try:
+            try:
+                yield
+            finally:
+                print(end="", flush=True)  # noqa: T201
+        except DsnetError as error:
+            _end(error, 2)
+        except MemoryError:
+            _end(DsnetError("work without the memory that it needs", *_MEMORY), 2)
+        except BrokenPipeError:
+            if _is_printed("\n"):
+                raise
+            sys.exit(141)  # as whom SIGPIPE ends
+        except OSError as error:
+            if error.errno not in _EXPECTED:
+                raise
+            _is_printed()
+            place = f"{error.filename}: " if error.filename else ""
+            # Libraries put a paragraph of their own into `error.strerror`.
+            said = f"{place}{os.strerror(error.errno)}"
+            _end(DsnetError(said, *_EXPECTED[error.errno]), 2)
+        except KeyboardInterrupt:
+            _be_deaf()
+            _end(_ENDING[signal.SIGINT], 128 + signal.SIGINT)
+        except Terminated:
+            _be_deaf()
+            _end(_ENDING[signal.SIGTERM], 128 + signal.SIGTERM)
+
+
+def _end(said: object, status: int) -> NoReturn:
+    print(f"dsnet: {said}", file=sys.stderr)  # noqa: T201
+    sys.exit(status)
+
+
+def _is_printed(text: str = "") -> bool:
+    """Whether stdout takes it; else all is dropped that would fail at the interpreter's end."""
+    try:
+        print(end=text, flush=True)  # noqa: T201
+    except OSError:
+        with open(os.devnull, "wb") as nothing:
+            os.dup2(nothing.fileno(), sys.stdout.fileno())
+        return False
+    return True
+
+
+def _be_deaf() -> None:
+    for one in _ENDING:
+        signal.signal(one, signal.SIG_IGN)
+
+
+@contextmanager
+def ends_at_once() -> Iterator[None]:
+    """A signal in this block ends the process, which has begun nothing, with its line.
+
+    Libraries that load swallow an exception, or turn it into another; what they print may be held
+    back meanwhile.
+    """
+    stderr = os.dup(2)
+    try:
+        with _answered_by(lambda number, _frame: _end_at_once(number, stderr)):
+            yield
+    finally:
+        os.close(stderr)
+
+
+def _end_at_once(number: int, stderr: int) -> NoReturn:
+    os.write(stderr, f"dsnet: {_ENDING[number]}\n".encode())
+    os._exit(128 + number)
+
+
+@contextmanager
+def _answered_by(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Answer SIGINT and SIGTERM so, unless they are ignored or another thread's."""
+    before: dict[int, signal._HANDLER] = {}
+    if threading.current_thread() is threading.main_thread():
+        for one in _ENDING:
+            if signal.getsignal(one) not in (signal.SIG_IGN, None):
+                before[one] = signal.signal(one, handler)
+    try:
+        yield
+    finally:
+        for one, earlier in before.items():
+            signal.signal(one, earlier)
+
+
+def _undoing_work() -> Callable[[int, FrameType | None], None]:
+    """A handler of signals, for which the work under way is undone, once however often they come.
+
+    Where a library loads they come again a little later. Who has waited in vain for the work to be
+    undone ends the process at once.
+    """
+    began: list[float] = []
+
+    def answer(number: int, frame: FrameType | None) -> None:
+        if _is_loading(frame):
+            again = threading.Timer(_PAUSE_S, os.kill, [os.getpid(), number])
+            again.daemon = True
+            again.start()
+        elif not began:
+            began.append(time.monotonic())
+            raise KeyboardInterrupt if number == signal.SIGINT else Terminated
+        elif time.monotonic() > began[0] + _PATIENCE_S:
+            _end_at_once(number, 2)
+
+    return answer
+
+
+def _is_loading(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
+
+
+@contextmanager
+def interrupts_withheld() -> Iterator[None]:
+    """Processes begun in this block never see an interrupt from the keyboard, from their start on.
+
+    It reaches every process of the terminal; the first one alone answers it, and ends the others.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def run_module(module: str, *arguments: str) -> None:
+    """Run `python -m module arguments`; a child that failed has said why, so pass on its status."""
+    require_packages_of(module)
+    status, _ = _outcome(module, arguments)
+    if status == -signal.SIGTERM:
+        raise Terminated
+    if status < 0:
+        raise InterruptedWorkError(
+            f"a process that the system ended with signal {-status}",
+            "enough memory for it",
+            "Free memory and run the same command: it goes on where it was.",
+        )
+    if status:
+        sys.exit(status)
+
+
+def run_dsnet(command: str, *arguments: str) -> None:
+    """Run `dsnet command arguments` in a process of its own; as `run_module`."""
+    run_module("bridge.cli", command, *arguments)
+
+
+def outcome_of_module(module: str, *arguments: str) -> tuple[int, str]:
+    """Exit status and stderr of `python -m module arguments`, which prints nothing of its own."""
+    return _outcome(module, arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+
+_CHILD = """
+import runpy
+from bridge.processes import end_with_parent
+end_with_parent()
+runpy.run_module({!r}, run_name="__main__", alter_sys=True)
+"""
+
+
+def _outcome(
+    module: str, arguments: Sequence[str], stdout: int | None = None, stderr: int | None = None
+) -> tuple[int, str]:
+    command = [sys.executable, "-c", _CHILD.format(module), *arguments]
+    reading, writing = os.pipe()
+    try:
+        with interrupts_withheld():
+            child = subprocess.Popen(
+                command, stdin=reading, stdout=stdout, stderr=stderr, encoding="locale"
+            )
+        try:
+            _, said = child.communicate()
+        except BaseException:
+            child.kill()
+            raise
+        finally:
+            child.wait()
+    finally:
+        os.close(reading)
+        os.close(writing)
+    return child.returncode, said
+
+
+def end_with_parent() -> None:
+    """End this process, begun by the above, when its parent does: nobody waits for it any more."""
+
+    def watch() -> None:
+        # A pipe of which the parent holds the other end, and into which it writes nothing.
+        os.read(0, 1)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def run_as_process(config_type: type[Config], main: Callable[[Config], Any]) -> None:
+    """The other end of `run_module`: a `main` whose configuration's fields are the options."""
+    import tyro  # late: not every process that ends here has options
+
+    with exit_with_one_line(answer_signals=False):
+        main(tyro.cli(config_type))
