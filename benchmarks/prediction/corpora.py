@@ -12,7 +12,7 @@ from typing import Any
 from benchmarks import plugin
 from bridge.errors import DsnetError
 from bridge.exchange.codes import DMPL
-from bridge.motion.cells import CELLS
+from bridge.motion.splits import CELLS
 from bridge.runs import Artifact, Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import run_dsnet

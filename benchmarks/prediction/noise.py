@@ -24,12 +24,11 @@ from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, WHITE_DEG, WHIT
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows
-from bridge.motion.amass_file import StoredMotion
+from bridge.motion.motion import StoredMotion, pack_theta, unpack_theta
 from bridge.motion.motion_checks import tremor_mm
 from bridge.motion.resampling import continuous_rotations
 from bridge.motion.sequences import is_real_motion
 from bridge.motion.smoothing import SmoothHz, smoothed
-from bridge.motion.theta import pack_theta, unpack_theta
 from bridge.runs import Artifact, Run
 from bridge.runs.folders import write_text_atomically
 from bridge.runs.processes import notify, run_as_process

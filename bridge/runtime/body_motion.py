@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.motion import Motion, load_motion_file, unpack_theta
-from bridge.motion.bounds import FARTHEST_M
+from bridge.motion.motion import FARTHEST_M
 from bridge.runs.processes import notify
 from bridge.runtime.bounds import LARGEST_BODY_M
 

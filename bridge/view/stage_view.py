@@ -42,14 +42,7 @@ PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ViewConfig())
 
 
 def main(config: ViewConfig) -> None:
-    """Serve the viewer until it is interrupted, or write the recording.
-
-    Raises
-    ------
-    DsnetError
-        If the extra `viewer` is not installed, the port is taken, the run has no trained model,
-        or the file is no motion of a body, and what `controlled_body` raises.
-    """
+    """Serve the viewer until it is interrupted, or write the recording."""
     config.check()
     require_package("viser", "viewer", "dsnet view")
     check_address(config.host, config.port)
@@ -63,13 +56,7 @@ def main(config: ViewConfig) -> None:
 
 
 def check_address(host: str, port: int) -> None:
-    """Make sure that one can serve there.
-
-    Raises
-    ------
-    DsnetError
-        If the port is taken or the address is not this machine's.
-    """
+    """Make sure that one can serve there."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM
@@ -88,16 +75,9 @@ def check_address(host: str, port: int) -> None:
 def write_recording(
     path: Path, performances: Performances, controls: Controls | None = None
 ) -> None:
-    """Write the recording of what is shown first; all or nothing.
-
-    Raises
-    ------
-    DsnetError
-        If the file exists or cannot be written.
-    """
-    from bridge.export.new_path import new_path
-    from bridge.view.recording import record
-    from bridge.view.viewer import first_selection
+    """Write the recording of what is shown first; all or nothing."""
+    from bridge.export.output import new_path
+    from bridge.view.viewer import first_selection, record
 
     with new_path(path, "--record") as partial:
         try:
@@ -109,8 +89,7 @@ def write_recording(
 
 
 def _serve(config: ViewConfig, performances: Performances) -> None:
-    from bridge.view.serving import serving
-    from bridge.view.viewer import Viewer
+    from bridge.view.viewer import Viewer, serving
 
     with serving(config.host, config.port) as server:
         viewer = Viewer(server, performances, config)

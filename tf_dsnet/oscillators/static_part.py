@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.motion.cells import kind_of
+from bridge.motion.splits import kind_of
 from bridge.tissue.trained_plus import StaticPart
 from tf_dsnet.oscillators.clips import NodeClip
 

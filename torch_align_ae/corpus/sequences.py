@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 
 from bridge.errors import DsnetError, did_you_mean
-from bridge.motion.cells import take_suffix
 from bridge.motion.smoothing import SmoothHz
+from bridge.motion.splits import take_suffix
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS, WHOLE_S
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
 
@@ -101,7 +101,7 @@ def held_out_takes(
     seconds: float,
     crossing: Crossing,
 ) -> list[Take]:
-    """What no stage sees before prediction, in the four cells of `bridge.motion.cells`.
+    """What no stage sees before prediction, in the four cells of `bridge.motion.splits`.
 
     Kinds that nobody was trained on (`unseen`) and kinds of training (`known`), each by people of
     training and by new ones; who was trained on a kind does it in another style, as take 2.

@@ -13,7 +13,7 @@ import pytest
 
 from bridge.cli import main
 from bridge.export.formats import FORMATS
-from bridge.export.new_path import new_path
+from bridge.export.output import new_path
 from bridge.runtime.moving_body import MovingBody
 from tests.bridge.export.conftest import moving_body
 from tests.forged.amass import save, smplh
@@ -124,7 +124,7 @@ def test_an_interrupt_leaves_nothing(motion, tmp_path, monkeypatch):
         (path / "body.pc2").write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bridge.export.pc2.write", interrupted)
+    monkeypatch.setattr("bridge.export.mesh_files.write_pc2", interrupted)
     out = tmp_path / "out"
     with pytest.raises(SystemExit) as stopped:
         main(["export", "--to", "pc2", "--motion", str(motion), "--out", str(out)])

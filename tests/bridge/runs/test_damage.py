@@ -13,7 +13,7 @@ from safetensors import SafetensorError
 
 from bridge.errors import DsnetError
 from bridge.exchange.checkpoints import load_checkpoint, save_checkpoint
-from bridge.motion.amass_file import read_amass_file
+from bridge.motion.readers import amass
 from bridge.runs import read_artifact, write_artifact
 from bridge.runs.damage import damage_refused
 from bridge.runs.storage import map_array
@@ -69,7 +69,7 @@ def test_a_machine_without_files_to_open_damages_none(tmp_path):
             lambda: read_artifact(tmp_path / "a"),
             lambda: load_checkpoint(tmp_path / "c"),
             lambda: map_array(tmp_path / "y.npy", (3,), np.float64),
-            lambda: read_amass_file(motion),
+            lambda: amass.read(motion),
         ):
             with pytest.raises(OSError, match="Too many open files"):
                 work()

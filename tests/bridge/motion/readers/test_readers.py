@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion.motion_folder import PeopleOfFolders, find_motion_files, subject_and_motion
+from bridge.motion.readers import PeopleOfFolders, find_motion_files, subject_and_motion
 from tests.forged.amass import save, shape, smplh, smplx
 
 
