@@ -129,26 +129,20 @@ def find_pops(motion: Motion, pieces: Sequence[slice]) -> dict[int, str]:
     """
     found: dict[int, str] = {}
     for piece in pieces:
-        excess = _excess(motion.theta[piece], motion.fps)
+        pose, trans_m = unpack_theta(np.asarray(motion.theta[piece], np.float64))
+        # How far each joint's speed and the root's acceleration are above the bound, as 1.
+        excess = np.zeros((len(pose), N_JOINTS + 1))
+        if len(pose) > 1:
+            turn_deg = np.degrees(turns_rad(pose[:-1], pose[1:]))
+            excess[1:, :N_JOINTS] = turn_deg * motion.fps / _MOST_TURNS_DEG_S
+            bent_m = np.linalg.norm(np.diff(trans_m, 2, axis=0), axis=1)
+            excess[1:-1, N_JOINTS] = bent_m * motion.fps**2 / (MOST_ROOT_G * _GRAVITY_M_S2)
         last = -np.inf
         for frame in np.flatnonzero((excess > 1).any(axis=1)):
             if frame - last > _POPS_APART_S * motion.fps:
                 name = [*SMPL_JOINT_NAMES[:N_JOINTS], "root"][int(excess[frame].argmax())]
                 found[piece.start + int(frame)] = name
             last = frame
-    return found
-
-
-def _excess(theta: NDArray[np.floating], fps: float) -> NDArray[np.float64]:
-    """(T, 23) how far each joint's speed and the root's acceleration are above the bound, as 1."""
-    found = np.zeros((len(theta), N_JOINTS + 1))
-    pose, trans_m = unpack_theta(np.asarray(theta, np.float64))
-    if len(theta) > 1:
-        turn_deg = np.degrees(turns_rad(pose[:-1], pose[1:]))
-        found[1:, :N_JOINTS] = turn_deg * fps / _MOST_TURNS_DEG_S
-    if len(theta) > 2:
-        bent_m = np.linalg.norm(np.diff(trans_m, 2, axis=0), axis=1)
-        found[1:-1, N_JOINTS] = bent_m * fps**2 / (MOST_ROOT_G * _GRAVITY_M_S2)
     return found
 
 

@@ -71,10 +71,7 @@ def split_frames(frames: NDArray[np.int64], seed: int) -> FrameSplit:
             "at least 2",
             "Align a longer sequence: dsnet align.",
         )
-    order = np.random.default_rng(seed).permutation(frames)
-    # In integers: 0.7 * n in floating point can fall just below a whole number.
-    cut = len(frames) * TRAIN_TENTHS // 10
-    return FrameSplit(np.sort(order[:cut]), np.sort(order[cut:]))
+    return FrameSplit(*map(np.sort, _drawn(frames, seed)))
 
 
 def split_sequences(index: Sequence[MotionSequence], seed: int) -> FrameSplit:
@@ -83,9 +80,15 @@ def split_sequences(index: Sequence[MotionSequence], seed: int) -> FrameSplit:
         raise DsnetError(
             f"{len(index)} aligned sequences", "at least 2", "Use the frame-level split."
         )
-    order = np.random.default_rng(seed).permutation(len(index))
-    cut = len(index) * TRAIN_TENTHS // 10
-    return FrameSplit(_frames(index, order[:cut]), _frames(index, order[cut:]))
+    train, validation = _drawn(np.arange(len(index)), seed)
+    return FrameSplit(_frames(index, train), _frames(index, validation))
+
+
+def _drawn(items: NDArray[np.int64], seed: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    order = np.random.default_rng(seed).permutation(items)
+    # In integers: 0.7 * n in floating point can fall just below a whole number.
+    cut = len(items) * TRAIN_TENTHS // 10
+    return order[:cut], order[cut:]
 
 
 def _frames(index: Sequence[MotionSequence], rows: Iterable[int]) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bridge.body.parts import PARTS
 from bridge.body.shapes import find_shape
-from bridge.body.smpl import ShapedBody, Smpl
+from bridge.body.smpl import Smpl
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
@@ -137,42 +137,38 @@ class Performances:
         self.repertoire = repertoire
         self.worker = LatestWork()
         self._most_s = most_s
-        self._skin = Smpl(repertoire.body)
         self._clips: dict[Asked, Clip] = {}
         self._errors: dict[tuple[Asked, Gains], NDArray[np.float32]] = {}
+        body, takes, skin = repertoire.body, repertoire.takes, Smpl(repertoire.body)
         # Posing needs a shape's blended vertices; sliders bring many shapes, people few.
-        self.shaped = lru_cache(8)(self._shaped)
-        self.staged = lru_cache(8)(self._staged)
-        self.own_motion = lru_cache(8)(self._own_motion)
-        self.truth = lru_cache(2)(self._truth)
-        self._blended = lru_cache(8)(self._blended_gain)
+        self._shaped = lru_cache(8)(lambda betas: skin.person(np.array(betas)))
+        self._staged = lru_cache(8)(self._stage)
+        self._own_motion = lru_cache(8)(lambda take: takes[take].read(None))
+        self._truth = lru_cache(2)(self._read_truth)
+        self._blended = lru_cache(8)(
+            lambda gains: blended_gain(body, gains.of_all, gains.of_parts)[:, None]
+        )
 
-    def _shaped(self, betas: tuple[float, ...]) -> ShapedBody:
-        return self._skin.person(np.array(betas))
-
-    def _staged(self, way: Way) -> tuple[Motion, Lap | None]:
+    def _stage(self, way: Way) -> tuple[Motion, Lap | None]:
         """A whole motion, and its lap if it is to repeat."""
         placed = self.repertoire.takes[way.take].read(np.array(way.betas))
-        own = self.own_motion(way.take)
+        own = self._own_motion(way.take)
         return stage_motion(placed, self.repertoire.body, own, way.floor, way.loop)
 
     def motion(self, way: Way) -> Motion:
         """As much of a motion as is shown."""
-        motion, lap = self.staged(way)
+        motion, lap = self._staged(way)
         known = None if lap else self.repertoire.takes[way.take].frames
         end = max(min(int(self._most_s * motion.fps), known or len(motion.theta)), 1)
         return replace(motion, theta=motion.theta[:end])
 
-    def _truth(self, take: str) -> TrueMotion | None:
+    def _read_truth(self, take: str) -> TrueMotion | None:
         name, read = self.repertoire.takes[take].truth, self.repertoire.read_truth
         return None if name is None or read is None else read(name)
 
-    def _own_motion(self, take: str) -> Motion:
-        return self.repertoire.takes[take].read(None)
-
     def own_betas(self, take: str) -> tuple[float, ...]:
         """Ten shape coefficients of the person who moved."""
-        return tuple(map(float, self.own_motion(take).betas))
+        return tuple(map(float, self._own_motion(take).betas))
 
     def person_betas(self, name: str) -> tuple[float, ...]:
         """Those of one of the people, or of a shape by name, which the body may not have."""
@@ -190,9 +186,6 @@ class Performances:
         if asked.predictor == TRUTH:
             return 1.0
         return gains.of_all if gains == Gains(gains.of_all) else self._blended(gains)
-
-    def _blended_gain(self, gains: Gains) -> NDArray[np.float32]:
-        return blended_gain(self.repertoire.body, gains.of_all, gains.of_parts)[:, None]
 
     def clip(self, asked: Asked) -> Clip | None:
         """What has been computed of it."""
@@ -227,15 +220,12 @@ class Performances:
     def _perform(self, asked: Asked, clip: Clip) -> Iterator[None]:
         clip.ready = 0  # of an earlier attempt that was dropped
         if asked.predictor == TRUTH:
-            if truth := self.truth(asked.way.take):
+            if truth := self._truth(asked.way.take):
                 clip.add(truth.offsets_m)
             clip.ready = len(clip.offsets_m)
             return
-        predict, (whole, lap) = (
-            self.repertoire.open(asked.predictor).predict,
-            self.staged(asked.way),
-        )
-        motion = self.motion(asked.way)
+        predict, motion = self.repertoire.open(asked.predictor).predict, self.motion(asked.way)
+        whole, lap = self._staged(asked.way)
         if lap is not None:  # predicted as a whole, however little of it is shown
             motion, predict = whole, LoopedPredictor(predict, lap)
         for piece in pieces_between_cuts(motion.theta):
@@ -250,13 +240,10 @@ class Performances:
     ) -> NDArray[np.float32]:
         """(T', V, 3) posed meshes; SMPL alone in frames that are not computed yet."""
         offsets_m = self.gain(asked, gains) * self._clips[asked].offsets_m[frames]
-        truth = self.truth(asked.way.take) if asked.predictor == TRUTH else None
-        if truth is None:
-            theta, shaped = self.motion(asked.way).theta, self.shaped(asked.way.betas)
-        else:
-            theta, shaped = truth.theta, self.shaped(tuple(map(float, truth.betas)))
-        pose, trans = unpack_theta(theta[frames])
-        return shaped.pose(pose, trans, offsets_m)
+        theta, betas = self.motion(asked.way).theta, asked.way.betas
+        if asked.predictor == TRUTH and (truth := self._truth(asked.way.take)):
+            theta, betas = truth.theta, tuple(map(float, truth.betas))
+        return self._shaped(betas).pose(*unpack_theta(theta[frames]), offsets_m)
 
     def errors_m(self, asked: Asked, gains: Gains) -> NDArray[np.float32] | None:
         """(T,) distance to the true mesh, mean over vertices, metres; None until it is known."""

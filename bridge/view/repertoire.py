@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -101,12 +101,11 @@ def open_repertoire(
         for warning in motion_warnings(given, pieces_between_cuts(given.theta)):
             notify(warning)
     best = open_character(run, None, gender)
-    body, origin, opened = best.body, best.chosen.trained.origin, {best.chosen.name: best}
+    body, origin = best.body, best.chosen.trained.origin
 
+    @cache
     def character(name: str) -> Character:
-        if name not in opened:
-            opened[name] = open_character(run, name, gender)
-        return opened[name]
+        return best if name == best.chosen.name else open_character(run, name, gender)
 
     takes: dict[str, ViewedMotion] = {}
     if given is not None:
@@ -166,7 +165,7 @@ def _labels_of(run: Run) -> dict[str, str]:
 
 
 def _of_file(path: Path, body: BodyModelData) -> ViewedMotion:
-    load = lru_cache(1)(partial(load_amass_motion, path))
+    load = cache(partial(load_amass_motion, path))
     return ViewedMotion(lambda betas: place_motion(load(), body, betas))
 
 

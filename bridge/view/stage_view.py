@@ -45,18 +45,27 @@ def main(config: ViewConfig) -> None:
     """Serve the viewer until it is interrupted, or write the recording."""
     config.check()
     require_package("viser", "viewer", "dsnet view")
-    check_address(config.host, config.port)
+    _check_address(config.host, config.port)
     run = None if config.run is None else Run(config.run)
     repertoire = open_repertoire(run, config.motion, config)
     performances = Performances(repertoire, config.seconds)
     if config.record is not None:
         write_recording(config.record, performances, config)
-    else:
-        _serve(config, performances)
+        return
+    from bridge.view.viewer import Viewer, serving
+
+    with serving(config.host, config.port) as server:
+        viewer = Viewer(server, performances, config)
+        owner = performances.repertoire.owner
+        address = f"http://{config.host}:{server.get_port()}"
+        notify(f"{owner}: open {address} in a browser; Ctrl-C ends it")
+        try:
+            viewer.run()
+        finally:
+            performances.worker.stop()
 
 
-def check_address(host: str, port: int) -> None:
-    """Make sure that one can serve there."""
+def _check_address(host: str, port: int) -> None:
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM
@@ -86,17 +95,3 @@ def write_recording(
             performances.worker.stop()
         partial.write_text(page, encoding="utf-8", newline="\n")
     notify(f"{path}: {len(page) / 1e6:.1f} MB; open it in any browser")
-
-
-def _serve(config: ViewConfig, performances: Performances) -> None:
-    from bridge.view.viewer import Viewer, serving
-
-    with serving(config.host, config.port) as server:
-        viewer = Viewer(server, performances, config)
-        owner = performances.repertoire.owner
-        address = f"http://{config.host}:{server.get_port()}"
-        notify(f"{owner}: open {address} in a browser; Ctrl-C ends it")
-        try:
-            viewer.run()
-        finally:
-            performances.worker.stop()
