@@ -24,7 +24,7 @@ from benchmarks.scaling.measured_child import ChildUse, measured
 from benchmarks.scaling.smooth_corpus import SmoothCorpus, short_lengths
 from bridge.cli import COMMANDS
 from bridge.errors import DsnetError
-from bridge.motion.bounds import MOST_FRAMES
+from bridge.motion.motion import MOST_FRAMES
 from bridge.runs import Run
 from bridge.runs.artifact import provenance
 from bridge.runs.files import runs_root

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from textwrap import dedent
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -24,3 +25,10 @@ def commands_on(page: str) -> list[str]:
 def flags_of(command: str) -> set[str]:
     """The long options in a command or in its help."""
     return set(re.findall(r"(?<=\s)(--[a-z][\w.-]*)", command))
+
+
+def python_blocks(page: str) -> list[str]:
+    """The Python in a page, each block as a file would hold it."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    found = re.findall(r"^( *)```python\n(.*?)^ *```$", text, re.DOTALL | re.MULTILINE)
+    return [dedent(block) for _, block in found]

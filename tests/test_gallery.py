@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from bridge import DsnetError
-from bridge.motion.sample_files import sample_path
+from bridge.motion.readers.amass import sample_path
 from bridge.runtime.characters import open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
 from tests.forged.cyclic import circling

@@ -8,7 +8,7 @@ ROOT = Path(__file__).parents[1]
 MAKES_IT = "torch_align_ae/corpus/stage_corpus.py"
 READS_IT = "bridge/measure/stage_evaluate.py"
 # To be looked at beside predictions, and for their errors over time; no predictor is given any.
-SHOWS_IT = "bridge/view/truth.py"
+SHOWS_IT = "bridge/view/repertoire.py"
 LISTS_ITS_WALL_TIME = "bridge/report/stage_report.py"
 NAMES_ITS_COMMAND = "bridge/runs/run.py"
 
@@ -32,7 +32,7 @@ def test_the_chain_opens_no_array():
 
 def test_the_viewer_reads_it_in_one_place():
     readers = [p for p in (ROOT / "bridge" / "view").glob("*.py") if "open_truth" in p.read_text()]
-    assert {path.name for path in readers} == {"truth.py", "repertoire.py"}
+    assert {path.name for path in readers} == {"repertoire.py"}
 
 
 def test_the_report_asks_the_truth_for_no_array():

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.export import gif
+from bridge.export.clips import write_gif
 from bridge.motion import load_motion_file
 from bridge.processes import run_as_process
 from bridge.runs import Run
@@ -106,7 +106,7 @@ def jumping_jacks(config: Gallery, path: Path, kind: str = "jumping_jacks") -> N
     """A clip of one round of a motion: SMPL alone, the run's DSNet, its best predictor."""
     file = motion_of_kind(Run(config.run), kind)
     lap = partial(closed_lap, multiple=_FRAMES_A_PICTURE)
-    gif.write(path, *_moved(config, file, lap, Controls(loop=True)), body_px=config.look.body_px)
+    write_gif(path, *_moved(config, file, lap, Controls(loop=True)), body_px=config.look.body_px)
 
 
 def recorded_jumps(config: Gallery, path: Path) -> None:
@@ -144,7 +144,7 @@ def recorded_motion(
     moving = _moved(config, file, itemgetter(shown), asked)
     # Even, and smaller than of a lap: three seconds have twice as many pictures.
     body_px = config.look.body_px * 4 // 9 * 2
-    gif.write(path, *moving, body_px=body_px, recorded=recorded or file.name)
+    write_gif(path, *moving, body_px=body_px, recorded=recorded or file.name)
 
 
 def landing(config: Gallery, path: Path, kind: str = "jumping_jacks") -> None:

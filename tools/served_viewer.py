@@ -12,8 +12,7 @@ from bridge.errors import DsnetError
 from bridge.runs import Run
 from bridge.view.performances import Performances
 from bridge.view.repertoire import open_repertoire
-from bridge.view.serving import serving
-from bridge.view.viewer import Viewer
+from bridge.view.viewer import Viewer, serving
 from tools.headless_chromium import why_missing
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd
 
-from bridge.export.surface_frames import VertexNormals
+from bridge.export.mesh_files import VertexNormals
 from tools.built_wheel import ROOT
 from tools.try_pythons import find_python, last_line, run, say
 

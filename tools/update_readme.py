@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bridge.motion.cells import CELLS
+from bridge.motion.splits import CELLS
 from bridge.runs import Run
 from bridge.runs.run import TRAIN_PLUS
 from tools.speed_page import speed_page

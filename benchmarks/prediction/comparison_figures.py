@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from benchmarks.prediction.comparison_page import BEST, NOTHING, systems_of
-from bridge.motion.cells import CELLS
+from bridge.motion.splits import CELLS
 from bridge.report.panels import new_figure, save_figure
 
 Scores = Sequence[Mapping[str, Any]]

@@ -7,7 +7,7 @@ from statistics import mean
 from typing import Any
 
 from benchmarks.prediction.over_seeds import r2_of, summary, without_real
-from bridge.motion.cells import CELLS
+from bridge.motion.splits import CELLS
 
 NOTHING = ("person_mean", "smpl")
 """What learns nothing of motions."""

@@ -14,6 +14,8 @@ from bridge.errors import DsnetError
 from bridge.exchange.dsnet import DMPL
 from bridge.motion.cells import CELLS
 from bridge.processes import run_dsnet
+from bridge.exchange.codes import DMPL
+from bridge.motion.splits import CELLS
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
 

@@ -24,7 +24,7 @@ from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, WHITE_DEG, WHIT
 from bridge.body import load_body_model
 from bridge.errors import DsnetError, notify
 from bridge.motion import MotionSequence, sequences_of, subject_rows
-from bridge.motion.amass_file import StoredMotion
+from bridge.motion.motion import StoredMotion, pack_theta, unpack_theta
 from bridge.motion.motion_checks import tremor_mm
 from bridge.motion.resampling import continuous_rotations
 from bridge.motion.sequences import is_real_motion

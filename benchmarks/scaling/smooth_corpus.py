@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.motion import MotionSequence, to_manifest
-from bridge.motion.cells import take_suffix
 from bridge.motion.sequences import Split, end_to_end, subjects_of
+from bridge.motion.splits import take_suffix
 from bridge.paper import N_JOINTS
 from bridge.runs import ArtifactWriter, Run
 from torch_align_ae.corpus.corpus_motions import write_amass_motion

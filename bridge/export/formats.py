@@ -1,4 +1,4 @@
-"""What `dsnet export --to` can write: one entry a format, which names the module that does it."""
+"""What `dsnet export --to` can write: one entry a format, which names the function that does it."""
 
 from __future__ import annotations
 
@@ -10,17 +10,14 @@ from pathlib import Path
 from bridge.errors import DsnetError, did_you_mean
 from bridge.installation import require_package
 
-Writer = Callable[..., None]
-"""`write(path, moving)`: writes a `MovingBody` to a new file, or into an empty folder; holds some
-frames at a time. One that shows several takes more of them, of one body and motion."""
-
 
 @dataclass(frozen=True)
 class Format:
     """One way to write a moving body."""
 
-    module: str
-    """Which holds its `write`, a `Writer`."""
+    writer_name: str
+    """Module and function `write(path, moving)`, which writes a `MovingBody` to a new file, or into
+    an empty folder, and holds some frames at a time."""
     suffixes: tuple[str, ...] = ()
     """What the name of its one file may end in; none if it is a folder of files."""
     package: str | None = None
@@ -28,7 +25,7 @@ class Format:
     extra: str | None = None
     """The extra that brings it."""
     several: bool = False
-    """Whether it can show what several predictors make of one motion."""
+    """Whether its writer takes several moving bodies, of one body and motion."""
     of_motion: bool = True
     """Whether it shows a motion; else it holds a predictor and its body, for motions to come."""
 
@@ -37,32 +34,29 @@ class Format:
         """Whether it is a folder of files."""
         return not self.suffixes
 
-    def writer(self) -> Writer:
-        """Its `write`, whose module is imported now."""
-        return import_module(self.module).write
+    def writer(self) -> Callable[..., None]:
+        """Its function, whose module is imported now."""
+        module, _, name = self.writer_name.rpartition(".")
+        return getattr(import_module(module), name)
 
 
 FORMATS = {
-    "onnx": Format("bridge.export.onnx_model", (".onnx",), of_motion=False),
-    "usd": Format("bridge.export.usd", (".usd", ".usdc", ".usda"), "pxr", "usd"),
-    "pc2": Format("bridge.export.pc2"),
-    "mdd": Format("bridge.export.mdd"),
-    "obj": Format("bridge.export.obj"),
-    "ply": Format("bridge.export.ply"),
-    "npz": Format("bridge.export.smpl_npz", (".npz",)),
-    "gif": Format("bridge.export.gif", (".gif",), several=True),
-    "mp4": Format("bridge.export.mp4", (".mp4",), "imageio_ffmpeg", "clip", several=True),
+    "onnx": Format("bridge.export.onnx_model.export_onnx", (".onnx",), of_motion=False),
+    "usd": Format("bridge.export.usd.write", (".usd", ".usdc", ".usda"), "pxr", "usd"),
+    "pc2": Format("bridge.export.mesh_files.write_pc2"),
+    "mdd": Format("bridge.export.mesh_files.write_mdd"),
+    "obj": Format("bridge.export.mesh_files.write_obj"),
+    "ply": Format("bridge.export.mesh_files.write_ply"),
+    "npz": Format("bridge.export.smpl_npz.write", (".npz",)),
+    "gif": Format("bridge.export.clips.write_gif", (".gif",), several=True),
+    "mp4": Format(
+        "bridge.export.clips.write_mp4", (".mp4",), "imageio_ffmpeg", "clip", several=True
+    ),
 }
 
 
 def chosen_format(name: str, out: Path) -> Format:
-    """The format `name`, which can be written here to a path like `out`.
-
-    Raises
-    ------
-    DsnetError
-        If there is no such format, its extra is not installed, or `out` has another suffix.
-    """
+    """The format `name`, if it can be written here to a path like `out`."""
     if name not in FORMATS:
         known = ", ".join(FORMATS)
         remedy = did_you_mean(name, FORMATS, "Pass one of these.")

@@ -7,8 +7,8 @@ everything else that is written here. Offsets lie in the rest pose, which no up 
 
 from __future__ import annotations
 
+import json
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import JOINT_COUNT
 from bridge.body.posing import shaped_joints
-from bridge.export.about import about, controls_in_a_line
+from bridge.export.output import about
 from bridge.motion import unpack_theta
 from bridge.runtime.moving_body import MovingBody
 
@@ -41,8 +41,8 @@ def write(path: Path, moving: MovingBody) -> None:
         with archive.open("offsets.npy", "w", force_zip64=True) as file:
             header = {"descr": "<f4", "fortran_order": False, "shape": shape}
             npy.write_array_header_2_0(file, header)
-            for piece in _offsets(moving):
-                file.write(piece)
+            for posed in moving.shown("npz"):
+                file.write(np.ascontiguousarray(posed.offsets_m, "<f4").tobytes())
 
 
 def _parameters(moving: MovingBody) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def _parameters(moving: MovingBody) -> dict[str, Any]:
         "length_unit": "m",
         "angle_unit": "rad",
         **{key: facts[key] for key in _TEXTS},
-        "controls": controls_in_a_line(moving),
+        "controls": json.dumps(moving.controls),
     }
 
 
@@ -77,8 +77,3 @@ def _z_up(theta: NDArray, root_joint_m: NDArray) -> tuple[NDArray, NDArray]:
     full[:, 0] = (_R_ZUP_YUP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
     turned_m = _R_ZUP_YUP.apply(trans_m + root_joint_m) - root_joint_m
     return full.reshape(len(pose), -1), turned_m
-
-
-def _offsets(moving: MovingBody) -> Iterator[bytes]:
-    for posed in moving.shown("npz"):
-        yield np.ascontiguousarray(posed.offsets_m, "<f4").tobytes()

@@ -9,7 +9,7 @@ from typing import Literal
 from bridge.body import load_body_model
 from bridge.errors import DsnetError, notify
 from bridge.export.formats import FORMATS, chosen_format
-from bridge.export.new_path import new_path, refuse_taken
+from bridge.export.output import new_path, refuse_taken
 from bridge.runs import Run
 from bridge.runtime.characters import choose, open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
@@ -38,18 +38,11 @@ class ExportConfig(Controls):
     """File to write, or for pc2, mdd, obj and ply a folder; it must not exist."""
 
 
-PROFILES = {name: ExportConfig() for name in ("smoke", "demo", "paper")}
+PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ExportConfig())
 
 
 def main(config: ExportConfig) -> None:
-    """Write the export.
-
-    Raises
-    ------
-    DsnetError
-        If an option is missing, the format is unknown or not installed, `out` exists or cannot
-        be written, or the motion or its predictor cannot be used.
-    """
+    """Write the export."""
     to, out = config.to, config.out
     if to is None:
         raise DsnetError("export without --to", f"one of {', '.join(FORMATS)}", "Pass --to FORMAT.")

@@ -18,23 +18,17 @@ import numpy as np
 from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
 from bridge.errors import DsnetError
-from bridge.export.about import about, about_in_a_line
-from bridge.export.surface_frames import VertexNormals
-from bridge.export.usd_skeleton import SkeletonVariant
-from bridge.runtime.moving_body import MovedFrames, MovingBody
+from bridge.export.mesh_files import VertexNormals
+from bridge.export.output import about, about_in_a_line
+from bridge.export.usd_skeleton import SkeletonVariant, vectors
+from bridge.runtime.moving_body import MovingBody
 
 ROOT, MESH, VARIANTS = "/Body", "/Body/Mesh", "deformation"
 POINTS, SKELETON = "points", "skeleton"
 
 
 def write(path: Path, moving: MovingBody) -> None:
-    """Write a USD file: one time code a frame from 0, 60 a second, metres, y up.
-
-    Raises
-    ------
-    DsnetError
-        If the file cannot be written.
-    """
+    """Write a USD file: one time code a frame from 0, 60 a second, metres, y up."""
     try:
         stage = _new_stage(path, moving)
         _write_frames(stage, moving)
@@ -86,13 +80,26 @@ def _write_frames(stage: Usd.Stage, moving: MovingBody) -> None:
     variants = stage.GetPrimAtPath(ROOT).GetVariantSets().AddVariantSet(VARIANTS)
     for name in (POINTS, SKELETON):
         variants.AddVariant(name)
-    skeleton = SkeletonVariant(moving)
+    skeleton, body = SkeletonVariant(moving), moving.character.body
+    normals_of = VertexNormals(body.faces, body.vertex_count)
     variants.SetVariantSelection(POINTS)
     with variants.GetVariantEditContext():
         UsdGeom.Xform.Define(stage, ROOT)
-        points = _MovingPoints(stage, moving)
+        mesh = UsdGeom.Mesh.Get(stage, MESH)
+        points, normals = mesh.CreatePointsAttr(), mesh.CreateNormalsAttr()
+        extent = mesh.CreateExtentAttr()
+        size = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+            "offset_m", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex
+        )
         for posed in moving.shown("usd"):
-            points.add(posed)
+            sizes_m = np.linalg.norm(posed.offsets_m, axis=-1)
+            for row, time in enumerate(range(posed.frames.start, posed.frames.stop)):
+                vertices_m = posed.vertices_m[row]
+                points.Set(vectors(vertices_m), time)
+                normals.Set(vectors(normals_of(vertices_m)), time)
+                corners = np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])
+                extent.Set(vectors(corners), time)
+                size.Set(Vt.FloatArray.FromNumpy(sizes_m[row]), time)
             skeleton.add(posed)
             # What is saved is no longer held in memory.
             stage.Save()
@@ -100,32 +107,3 @@ def _write_frames(stage: Usd.Stage, moving: MovingBody) -> None:
     with variants.GetVariantEditContext():
         skeleton.write(stage, ROOT, MESH)
     variants.SetVariantSelection(POINTS)
-
-
-class _MovingPoints:
-    """The mesh's attributes that have a sample a frame."""
-
-    def __init__(self, stage: Usd.Stage, moving: MovingBody) -> None:
-        body = moving.character.body
-        mesh = UsdGeom.Mesh.Get(stage, MESH)
-        self._points, self._normals = mesh.CreatePointsAttr(), mesh.CreateNormalsAttr()
-        self._extent = mesh.CreateExtentAttr()
-        self._size = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
-            "offset_m", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex
-        )
-        self._normals_of = VertexNormals(body.faces, body.vertex_count)
-
-    def add(self, posed: MovedFrames) -> None:
-        """Set the samples of some frames."""
-        sizes_m = np.linalg.norm(posed.offsets_m, axis=-1)
-        for row, time in enumerate(range(posed.frames.start, posed.frames.stop)):
-            vertices_m = posed.vertices_m[row]
-            self._points.Set(_vectors(vertices_m), time)
-            self._normals.Set(_vectors(self._normals_of(vertices_m)), time)
-            corners = np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])
-            self._extent.Set(_vectors(corners), time)
-            self._size.Set(Vt.FloatArray.FromNumpy(sizes_m[row]), time)
-
-
-def _vectors(array: np.ndarray) -> Any:
-    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(array, np.float32))

@@ -16,7 +16,7 @@ from bridge.measure.references import Block, MotionArrays, References
 from bridge.measure.rest_pose import Compared, RestPose
 from bridge.measure.roads import Road
 from bridge.motion import MotionSequence
-from bridge.motion.cells import cell_of, trained_people_and_kinds
+from bridge.motion.splits import cell_of, trained_people_and_kinds
 from bridge.runs import Artifact
 
 

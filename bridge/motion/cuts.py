@@ -1,8 +1,11 @@
-"""Cuts in a motion: frames between which no body can have moved.
+"""Frames of a file between which no body can have moved: cuts, and a rest pose put in front.
 
 Recordings are joined, lose track, or loop: from one frame to the next the root is elsewhere, or a
 joint is turned round. To what has a past, tissue or a recurrent network, that is a blow which
 nobody gave. So each piece between cuts is a motion of its own, which begins from rest.
+
+Conversions of whole libraries (CMU's) begin with a T, because a program can take the skeleton from
+there, and leap into the motion within some frames: the same blow at every beginning.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.motion.theta import unpack_theta
+from bridge.motion.motion import unpack_theta
 
 CUT_M = 0.5
 """Least step of the root between two frames that is a cut: 15 m/s at 30 frames a second."""
@@ -22,16 +25,15 @@ CUT_RAD = np.radians(150.0)
 """Least turn of a joint between two frames that is one: a skater's spin of six turns a second makes
 36 degrees in 1/60 s, a pitcher's arm 120."""
 _FRAMES_AT_ONCE = 4096
+_LEAP_RAD_S = np.radians(1500.0)
+"""Least speed of a joint's first turn that is a leap out of a rest pose: only the fastest kick is
+as fast, and a recording begins with what comes before it."""
+_SETTLED_RAD_S = np.radians(700.0)
+_LONGEST_LEAP_S = 0.1
 
 
 def find_cuts(pose: ArrayLike, trans_m: ArrayLike) -> list[int]:
-    """The first frame after each cut, ascending.
-
-    Parameters
-    ----------
-    pose : (T, J, 3) joint rotations relative to their parents, axis-angle.
-    trans_m : (T, 3) translation of the root, metres.
-    """
+    """The first frame after each cut of joint rotations (T, J, 3), axis-angle, and trans (T, 3)."""
     pose, trans_m = np.asarray(pose, np.float64), np.asarray(trans_m, np.float64)
     cuts: list[int] = []
     for first in range(0, len(pose) - 1, _FRAMES_AT_ONCE):
@@ -49,13 +51,32 @@ def is_cut(before: NDArray, after: NDArray) -> NDArray[np.bool_]:
 
 def pieces_between_cuts(theta: NDArray) -> list[slice]:
     """The frames of a motion (T, 69) as pieces without a cut: slices that follow one another."""
-    cuts = find_cuts(*unpack_theta(theta))
-    return [slice(first, end) for first, end in pairwise([0, *cuts, len(theta)])]
+    return pieces_of(*unpack_theta(theta))
+
+
+def pieces_of(pose: NDArray, trans_m: NDArray) -> list[slice]:
+    """The same of joint rotations (T, J, 3), axis-angle, and translations (T, 3)."""
+    cuts = find_cuts(pose, trans_m)
+    return [slice(first, end) for first, end in pairwise([0, *cuts, len(pose)])]
 
 
 def predict_between_cuts(predict: Callable[[NDArray], NDArray], theta: NDArray) -> NDArray:
     """What `predict` makes of every piece of a motion (T, 69), one after another: (T, ...)."""
     return np.concatenate([predict(theta[piece]) for piece in pieces_between_cuts(theta)])
+
+
+def frames_of_rest_pose(pose: NDArray[np.floating], fps: float) -> int:
+    """How many frames of a pose (T, J, 3) come before the motion: those up to the end of a leap.
+
+    At most a tenth of a second, and never so many that fewer than two are left; mostly 0.
+    """
+    steps = min(max(1, round(_LONGEST_LEAP_S * fps)), len(pose) - 2)
+    if steps < 1:
+        return 0
+    speed_rad_s = turns_rad(pose[:steps], pose[1 : steps + 1]).max(axis=1) * fps
+    if speed_rad_s[0] < _LEAP_RAD_S:
+        return 0
+    return int(np.flatnonzero(speed_rad_s >= _SETTLED_RAD_S)[-1]) + 1
 
 
 def turns_rad(pose: NDArray, next_pose: NDArray) -> NDArray[np.float64]:
@@ -67,7 +88,6 @@ def turns_rad(pose: NDArray, next_pose: NDArray) -> NDArray[np.float64]:
 def _jumps(
     pose: NDArray, trans_m: NDArray, next_pose: NDArray, next_trans_m: NDArray
 ) -> NDArray[np.bool_]:
-    """(N,) for joint rotations (N, J, 3) and translations (N, 3) of frames and those after them."""
     turn_rad = turns_rad(pose, next_pose).max(axis=1)
     far_m = np.linalg.norm(next_trans_m - trans_m, axis=1)
     return (far_m >= CUT_M) | (turn_rad >= CUT_RAD)

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError
-from bridge.motion.sample_files import CYCLE, SAMPLE_PREFIX
-from bridge.motion.theta import pack_theta, unpack_theta
+from bridge.motion.motion import pack_theta, unpack_theta
+from bridge.motion.readers.amass import CYCLE, SAMPLE_PREFIX
 
 SMOOTH_DEG, SMOOTH_M = 2.0, 0.005
 """By how much the step of a joint, and of the root's place, may change from frame to frame over the
@@ -55,21 +55,15 @@ class Lap:
 
 
 def close_lap(theta: NDArray, root_joint_m: NDArray) -> Lap:
-    """A motion as a lap that leads into the next.
+    """A motion (T, 69), y up, as a lap that leads into the next.
 
     If its last frame is its first again, but for the way it has gone, it is dropped. Otherwise
-    the next lap begins one frame after the last, as fast as the body moves before and after.
+    the next lap begins one frame after the last, as fast as the body moves before and after. A
+    motion that jerks over the seam as it does nowhere else is refused.
 
     Parameters
     ----------
-    theta : (T, 69) pose vectors, y up.
     root_joint_m : (3,) the root joint of the body at rest, metres.
-
-    Raises
-    ------
-    DsnetError
-        If it is shorter than five frames or jerks over the seam as it does nowhere else: the
-        message names the joint and by how much.
     """
     if len(theta) < _LEAST_FRAMES:
         raise DsnetError(
@@ -77,10 +71,16 @@ def close_lap(theta: NDArray, root_joint_m: NDArray) -> Lap:
             f"{_LEAST_FRAMES} or more",
             "Pass a longer motion.",
         )
-    ends = _Ends.of(theta, root_joint_m)
-    dropped = ends.same()
-    turn_rad, next_m = ends.repeated() if dropped else ends.continued()
-    shift_m = next_m - _about(turn_rad).apply(ends.places[0])
+    pose, trans_m = unpack_theta(np.asarray(theta, np.float64)[[0, 1, -2, -1]])
+    first, second, last_but_one, last = (Rotation.from_rotvec(frame) for frame in pose)
+    places = np.asarray(trans_m + root_joint_m, np.float64)
+    turn_rad, next_m = _turn_rad(first, last), places[-1]
+    dropped = _same(first, last, turn_rad, places[-1, 1] - places[0, 1])
+    if not dropped:  # the next lap begins with a step as those before and after it
+        turn_rad = turn_rad + (_turn_rad(last_but_one, last) + _turn_rad(first, second)) / 2
+        after_m = _about(turn_rad).apply(places[1] - places[0])
+        next_m = places[-1] + (places[-1] - places[-2] + after_m) / 2
+    shift_m = next_m - _about(turn_rad).apply(places[0])
     shift_m[1] = 0.0  # or a thousand laps would climb
     kept = np.asarray(theta[:-1] if dropped else theta)
     lap = Lap(kept, dropped, turn_rad, shift_m, np.asarray(root_joint_m, np.float64))
@@ -88,57 +88,21 @@ def close_lap(theta: NDArray, root_joint_m: NDArray) -> Lap:
     return lap
 
 
-@dataclass(frozen=True, eq=False)
-class _Ends:
-    """The two first and the two last frames of a motion, indexed 0, 1, -2, -1."""
-
-    rotations: list[Rotation]
-    """Of each frame, 22 joints."""
-    places: NDArray[np.float64]
-    """(4, 3) of the root joint."""
-
-    @classmethod
-    def of(cls, theta: NDArray, root_joint_m: NDArray) -> _Ends:
-        pose, trans_m = unpack_theta(np.asarray(theta, np.float64)[[0, 1, -2, -1]])
-        places = np.asarray(trans_m + root_joint_m, np.float64)
-        return cls([Rotation.from_rotvec(frame) for frame in pose], places)
-
-    def turn_rad(self, start: int, end: int) -> float:
-        """About the vertical, from one frame's root to another's."""
-        return _about_vertical(self.rotations[end][0] * self.rotations[start][0].inv())
-
-    def same(self) -> bool:
-        """Whether the last frame is the first, but for place and heading."""
-        first = _turned(self.rotations[0], self.turn_rad(0, -1))
-        angles_deg = np.degrees((first.inv() * self.rotations[-1]).magnitude())
-        height_m = abs(self.places[-1, 1] - self.places[0, 1])
-        return bool(angles_deg.max() < _SAME_DEG and height_m < _SAME_M)
-
-    def repeated(self) -> tuple[float, NDArray[np.float64]]:
-        """Turn and first place of a next lap whose first frame is the last one here."""
-        return self.turn_rad(0, -1), self.places[-1]
-
-    def continued(self) -> tuple[float, NDArray[np.float64]]:
-        """The same of a lap whose first frame follows: a step as those before and after it."""
-        turn_rad = self.turn_rad(0, -1) + (self.turn_rad(-2, -1) + self.turn_rad(0, 1)) / 2
-        before_m = self.places[-1] - self.places[-2]
-        after_m = _about(turn_rad).apply(self.places[1] - self.places[0])
-        return turn_rad, self.places[-1] + (before_m + after_m) / 2
+def _same(first: Rotation, last: Rotation, turn_rad: float, climbed_m: float) -> bool:
+    """Whether joint rotations (22) are the first ones, but for place and heading of the root."""
+    turns = np.zeros((len(first), 3))
+    turns[0, 1] = turn_rad
+    apart = (Rotation.from_rotvec(turns) * first).inv() * last
+    return bool(np.degrees(apart.magnitude()).max() < _SAME_DEG and abs(climbed_m) < _SAME_M)
 
 
 def _about(turn_rad: float) -> Rotation:
     return Rotation.from_rotvec([0.0, turn_rad, 0.0])
 
 
-def _turned(rotations: Rotation, turn_rad: float) -> Rotation:
-    """Joint rotations (22) of a body that is turned about the vertical: only the root's change."""
-    turns = np.zeros((len(rotations), 3))
-    turns[0, 1] = turn_rad
-    return Rotation.from_rotvec(turns) * rotations
-
-
-def _about_vertical(rotation: Rotation) -> float:
-    _, y, _, w = rotation.as_quat()
+def _turn_rad(start: Rotation, end: Rotation) -> float:
+    """About the vertical, from one frame's root to another's."""
+    _, y, _, w = (end[0] * start[0].inv()).as_quat()
     return float(np.remainder(2 * np.arctan2(y, w) + np.pi, 2 * np.pi) - np.pi)
 
 
@@ -147,20 +111,20 @@ def _check_seam(lap: Lap) -> None:
     frames = len(lap.theta)
     across_deg, across_m = _changes(lap.repeated(2)[frames - 2 : frames + 2])
     allowed_deg = np.maximum(within_deg.max(axis=0), SMOOTH_DEG)
+    allowed_m = max(within_m.max(), SMOOTH_M)
     worst = int((across_deg.max(axis=0) - allowed_deg).argmax())
     if (jerk := across_deg[:, worst].max()) > allowed_deg[worst]:
-        raise _no_loop(
-            f"a motion whose {SMPL_JOINT_NAMES[worst]} jerks by {jerk:.1f} degrees from the last "
-            "frame to the first",
-            f"at most {allowed_deg[worst]:.1f}",
-        )
-    allowed_m = max(within_m.max(), SMOOTH_M)
-    if across_m.max() > allowed_m:
-        raise _no_loop(
-            f"a motion whose root jerks by {100 * across_m.max():.1f} cm from the last frame to "
-            "the first",
-            f"at most {100 * allowed_m:.1f}",
-        )
+        what, size = SMPL_JOINT_NAMES[worst], f"{jerk:.1f} degrees"
+        allowed = f"{allowed_deg[worst]:.1f}"
+    elif across_m.max() > allowed_m:
+        what, size, allowed = "root", f"{100 * across_m.max():.1f} cm", f"{100 * allowed_m:.1f}"
+    else:
+        return
+    raise DsnetError(
+        f"--loop with a motion whose {what} jerks by {size} from the last frame to the first",
+        f"at most {allowed}, as within the motion",
+        REMEDY,
+    )
 
 
 def _changes(theta: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -171,11 +135,3 @@ def _changes(theta: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     steps = (before.inv() * after).as_rotvec().reshape(len(pose) - 1, -1, 3)
     changes_deg = np.degrees(np.linalg.norm(np.diff(steps, axis=0), axis=-1))
     return changes_deg, np.linalg.norm(np.diff(trans_m, 2, axis=0), axis=-1)
-
-
-def _no_loop(received: str, expected: str) -> DsnetError:
-    return DsnetError(
-        f"--loop with {received}",
-        f"{expected}, as within the motion",
-        REMEDY,
-    )

@@ -1,22 +1,91 @@
-"""A motion that a body can follow, frame by frame."""
+"""A motion that a body can follow, and the paper's pose vector (Section 3.2).
+
+theta_t holds 22 joints x 3 axis-angle components (root first, hands left out) and then the root's
+translation: 22 x 3 + 3 = 69. SMPL's own `body_pose` is 69 wide too and is something else (23
+joints, no root, no translation). No other module packs or unpacks the 69 numbers.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.motion.smoothing import SmoothHz
-from bridge.motion.theta import pack_theta, unpack_theta
+from bridge.errors import DsnetError
+from bridge.paper import N_JOINTS, THETA_SIZE
 
 UpAxis = Literal["y", "z"]
+SmoothHz: TypeAlias = float | Literal["auto"]
+"""A cutoff in Hz, or what suits each moment."""
 Y_UP_FROM_Z_UP = Rotation.from_euler("x", -90, degrees=True)
 DEFAULT_FPS = 60.0
 """Dyna's rate, to which the paper resamples all motions (Table 1)."""
+
+# What no person's motion or shape exceeds, whatever body model it is for.
+FARTHEST_M = 1000.0
+"""A place farther off is no motion's."""
+HIGHEST_M = 50.0
+"""Above or below the floor, over most of a motion: who is there is in another unit."""
+RATES_HZ = 1.0, 10_000.0
+"""Of a file. Motion capture runs at 30 to 480 frames a second; a slower "rate" is a duration or a
+slip."""
+LARGEST_ANGLE_RAD = 100.0
+"""Of a joint: sixteen turns. A dancer's spin is often written as an angle that goes on growing."""
+LARGEST_BETA = 100.0
+"""In standard deviations of people's shapes."""
+MOST_FRAMES = 108_000
+"""Of a file, and of what is made of it: a quarter of an hour at 120 Hz, half an hour at 60."""
+
+
+def pack_theta(pose: ArrayLike, trans_m: ArrayLike) -> NDArray[np.floating]:
+    """Joint rotations (..., >= 22, 3) axis-angle and translation (..., 3) m to theta (..., 69).
+
+    Joints beyond the 22nd (SMPL's hands) are dropped, as in the paper.
+    """
+    pose, trans_m = np.asarray(pose), np.asarray(trans_m)
+    if pose.shape[-2] < N_JOINTS or pose.shape[-1] != 3 or trans_m.shape[-1] != 3:
+        raise DsnetError(
+            f"pose {pose.shape} and translation {trans_m.shape}",
+            "pose (..., 22 or more, 3) and translation (..., 3)",
+            "Pass axis-angle joint rotations and metres.",
+        )
+    body = pose[..., :N_JOINTS, :].reshape(*pose.shape[:-2], 3 * N_JOINTS)
+    return np.concatenate([body, trans_m], axis=-1)
+
+
+def unpack_theta(theta: ArrayLike) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """theta (..., 69) to joint rotations (..., 22, 3) axis-angle and translation (..., 3) m."""
+    theta = np.asarray(theta)
+    if theta.shape[-1] != THETA_SIZE:
+        raise DsnetError(
+            f"theta of shape {theta.shape}",
+            f"a last axis of {THETA_SIZE}",
+            "Pack it with bridge.motion.pack_theta.",
+        )
+    return theta[..., :-3].reshape(*theta.shape[:-1], N_JOINTS, 3), theta[..., -3:]
+
+
+@dataclass(frozen=True, eq=False)
+class StoredMotion:
+    """What a reader finds in a file: T frames at the file's own rate."""
+
+    pose: NDArray[np.float64]
+    """(T, 22, 3) joint rotations, axis-angle, radians."""
+    trans_m: NDArray[np.float64]
+    """(T, 3) translation of the root, metres, z up."""
+    betas: NDArray[np.float64]
+    """(10,) first shape coefficients; zero where the file has none."""
+    gender: str
+    """`female`, `male`, `neutral`, or `unknown` where the file does not say."""
+    fps: float
+    dmpls: NDArray[np.float64] | None = None
+    """(T, 8) DMPL soft tissue coefficients, where the file has them."""
+    rest_pose_frames: int = 0
+    """Frames of the file that come before these, a rest pose, and are left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,23 +99,21 @@ class Motion:
     gender: str
     """`female`, `male`, `neutral`, or `unknown` where the file does not say."""
     fps: float
-    """Frames per second of `theta`."""
     source_fps: float
     """Frames per second of the file."""
     source: Path
-    """The file."""
     up: UpAxis = "y"
     """Vertical axis of `theta`'s root."""
     dmpls: NDArray[np.float64] | None = None
     """(T, 8) DMPL soft tissue coefficients, where the file has them."""
-    lead_in: int = 0
+    rest_pose_frames: int = 0
     """Frames of the file that come before the motion and are left out."""
     smooth_hz: SmoothHz | None = None
     """What was faster in the file is left out; `auto`: than what suits each moment."""
 
     @property
     def duration_s(self) -> float:
-        """Time from the first frame to the last, seconds."""
+        """From the first frame to the last."""
         return (len(self.theta) - 1) / self.fps
 
     def about_root_joint(self, root_joint_m: ArrayLike) -> Motion:

@@ -19,8 +19,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.motion.cuts import turns_rad
-from bridge.motion.motion import Motion
-from bridge.motion.theta import unpack_theta
+from bridge.motion.motion import Motion, unpack_theta
 from bridge.paper import N_JOINTS
 
 MOST_TREMOR_MM = 0.45
@@ -64,13 +63,40 @@ def motion_warnings(
     rate_option : the option by which the user says the right frame rate.
     smooth_option : the one that leaves noise out.
     """
-    falls = _fall_warning(motion, pieces, rate_option)
-    found = [_lead_in_warning(motion), _cut_warning(motion, pieces), falls]
-    found.append(_pop_warning(motion, pieces))
+    source, fps, found = motion.source, motion.fps, []
+    trans_m = unpack_theta(motion.theta)[1]
+    if motion.rest_pose_frames:
+        found.append(
+            f"{source}: the motion begins after frame {motion.rest_pose_frames} of the file; "
+            "before it stands a pose from which nobody gets there so fast"
+        )
+    if cuts := [f"{piece.start} ({piece.start / fps:.2f} s)" for piece in pieces[1:]]:
+        found.append(
+            f"{source} jumps at frame {_first_of(cuts)} of its {fps:g} frames a second: "
+            "the tissue starts anew there, from rest"
+        )
+    fall_g = max(steepest_fall_g(trans_m[piece, 1], fps) for piece in pieces)
+    if fall_g > MOST_FALL_G:
+        found.append(
+            f"{source} falls with {fall_g:.1f} times gravity at its {motion.source_fps:g} "
+            f"frames a second, where one of some {motion.source_fps / np.sqrt(fall_g):.0f} would "
+            f"fit: if it is wrong, {rate_option} says the right one"
+        )
+    pops = find_pops(motion, pieces)
+    if named := [f"{name} at {frame / fps:.2f} s" for frame, name in pops.items()]:
+        found.append(
+            f"{source} moves faster than anybody can: {_first_of(named)}: "
+            "if it is a fault of the recording, smooth it there, for it throws the tissue"
+        )
     # At a wrong rate everything trembles; what `auto` leaves is motion.
-    if not falls and motion.smooth_hz != "auto":
-        found.append(_tremor_warning(motion, pieces, smooth_option))
-    return [warning for warning in found if warning]
+    if fall_g <= MOST_FALL_G and motion.smooth_hz != "auto":
+        most_mm = max(tremor_mm(trans_m[piece], fps) for piece in pieces)
+        if most_mm > MOST_TREMOR_MM:
+            found.append(
+                f"{source} trembles by {most_mm:.1f} mm above {TREMOR_FROM_HZ:g} Hz, as noisy "
+                f"recordings do, and shakes the tissue: {smooth_option} leaves that out"
+            )
+    return found
 
 
 def tremor_mm(trans_m: NDArray[np.floating], fps: float) -> float:
@@ -99,15 +125,18 @@ def steepest_fall_g(height_m: NDArray, fps: float) -> float:
 def find_pops(motion: Motion, pieces: Sequence[slice]) -> dict[int, str]:
     """The first frame of each pop, and what moves there: a joint's name, or `root`.
 
-    Frames less than a quarter of a second apart are one pop.
-
-    Parameters
-    ----------
-    pieces : those between cuts.
+    Frames less than a quarter of a second apart are one pop; `pieces` are those between cuts.
     """
     found: dict[int, str] = {}
     for piece in pieces:
-        excess = _excess(motion.theta[piece], motion.fps)
+        pose, trans_m = unpack_theta(np.asarray(motion.theta[piece], np.float64))
+        # How far each joint's speed and the root's acceleration are above the bound, as 1.
+        excess = np.zeros((len(pose), N_JOINTS + 1))
+        if len(pose) > 1:
+            turn_deg = np.degrees(turns_rad(pose[:-1], pose[1:]))
+            excess[1:, :N_JOINTS] = turn_deg * motion.fps / _MOST_TURNS_DEG_S
+            bent_m = np.linalg.norm(np.diff(trans_m, 2, axis=0), axis=1)
+            excess[1:-1, N_JOINTS] = bent_m * motion.fps**2 / (MOST_ROOT_G * _GRAVITY_M_S2)
         last = -np.inf
         for frame in np.flatnonzero((excess > 1).any(axis=1)):
             if frame - last > _POPS_APART_S * motion.fps:
@@ -115,74 +144,6 @@ def find_pops(motion: Motion, pieces: Sequence[slice]) -> dict[int, str]:
                 found[piece.start + int(frame)] = name
             last = frame
     return found
-
-
-def _excess(theta: NDArray[np.floating], fps: float) -> NDArray[np.float64]:
-    """(T, 23) how far each joint's speed and the root's acceleration are above the bound, as 1."""
-    found = np.zeros((len(theta), N_JOINTS + 1))
-    pose, trans_m = unpack_theta(np.asarray(theta, np.float64))
-    if len(theta) > 1:
-        turn_deg = np.degrees(turns_rad(pose[:-1], pose[1:]))
-        found[1:, :N_JOINTS] = turn_deg * fps / _MOST_TURNS_DEG_S
-    if len(theta) > 2:
-        bent_m = np.linalg.norm(np.diff(trans_m, 2, axis=0), axis=1)
-        found[1:-1, N_JOINTS] = bent_m * fps**2 / (MOST_ROOT_G * _GRAVITY_M_S2)
-    return found
-
-
-def _lead_in_warning(motion: Motion) -> str:
-    if not motion.lead_in:
-        return ""
-    return (
-        f"{motion.source}: the motion begins after frame {motion.lead_in} of the file; "
-        "before it stands a pose from which nobody gets there so fast"
-    )
-
-
-def _cut_warning(motion: Motion, pieces: Sequence[slice]) -> str:
-    frames = [piece.start for piece in pieces[1:]]
-    if not frames:
-        return ""
-    named = _first_of([f"{frame} ({frame / motion.fps:.2f} s)" for frame in frames])
-    return (
-        f"{motion.source} jumps at frame {named} of its {motion.fps:g} frames a second: "
-        "the tissue starts anew there, from rest"
-    )
-
-
-def _fall_warning(motion: Motion, pieces: Sequence[slice], rate_option: str) -> str:
-    height_m = unpack_theta(motion.theta)[1][:, 1]
-    steepest_g = max(steepest_fall_g(height_m[piece], motion.fps) for piece in pieces)
-    if steepest_g <= MOST_FALL_G:
-        return ""
-    fitting = motion.source_fps / np.sqrt(steepest_g)
-    return (
-        f"{motion.source} falls with {steepest_g:.1f} times gravity at its {motion.source_fps:g} "
-        f"frames a second, where one of some {fitting:.0f} would fit: if it is wrong, "
-        f"{rate_option} says the right one"
-    )
-
-
-def _pop_warning(motion: Motion, pieces: Sequence[slice]) -> str:
-    pops = find_pops(motion, pieces)
-    if not pops:
-        return ""
-    named = _first_of([f"{name} at {frame / motion.fps:.2f} s" for frame, name in pops.items()])
-    return (
-        f"{motion.source} moves faster than anybody can: {named}: "
-        "if it is a fault of the recording, smooth it there, for it throws the tissue"
-    )
-
-
-def _tremor_warning(motion: Motion, pieces: Sequence[slice], smooth_option: str) -> str:
-    trans_m = unpack_theta(motion.theta)[1]
-    most_mm = max((tremor_mm(trans_m[piece], motion.fps) for piece in pieces), default=0.0)
-    if most_mm <= MOST_TREMOR_MM:
-        return ""
-    return (
-        f"{motion.source} trembles by {most_mm:.1f} mm above {TREMOR_FROM_HZ:g} Hz, as noisy "
-        f"recordings do, and shakes the tissue: {smooth_option} leaves that out"
-    )
 
 
 def _first_of(named: Sequence[str]) -> str:

@@ -1,8 +1,13 @@
-"""Motions from AMASS and BVH files, as the paper prepares them (Section 3.2): 60 fps, y up."""
+"""Motions in time: from a file's frames to the paper's 60 fps, y up (Section 3.2), and between two.
+
+Rotations are interpolated on the sphere (SLERP, the short way) joint by joint, all else linearly;
+nothing is extrapolated beyond the last frame, and nothing is interpolated across a cut
+(`bridge.motion.cuts`). Axis-angle vectors are kept continuous in time, as those of an alignment
+that starts each frame from the one before.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,13 +17,21 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from bridge.errors import DsnetError
-from bridge.motion.amass_file import StoredMotion, read_amass_file
-from bridge.motion.bounds import MOST_FRAMES, RATES_HZ
-from bridge.motion.cuts import find_cuts
-from bridge.motion.motion import DEFAULT_FPS, Y_UP_FROM_Z_UP, Motion, UpAxis
-from bridge.motion.motion_file import read_motion_file
-from bridge.motion.smoothing import SmoothHz, smoothed
-from bridge.motion.theta import pack_theta
+from bridge.motion.cuts import pieces_of
+from bridge.motion.motion import (
+    DEFAULT_FPS,
+    MOST_FRAMES,
+    RATES_HZ,
+    Y_UP_FROM_Z_UP,
+    Motion,
+    SmoothHz,
+    StoredMotion,
+    UpAxis,
+    pack_theta,
+    unpack_theta,
+)
+from bridge.motion.readers import amass, read_motion_file
+from bridge.motion.smoothing import smoothed
 
 # Files store rates such as 120.00004577636719; a last frame must not be lost to that.
 _FRAME_TOLERANCE = 1e-3
@@ -32,29 +45,15 @@ def load_amass_motion(
     source_fps: float | None = None,
     up: UpAxis = "y",
 ) -> Motion:
-    """Read an AMASS `.npz` (SMPL-H or SMPL-X), resample it and turn it upright.
-
-    Rotations are interpolated on the sphere (SLERP, the short way) joint by joint, translation
-    and DMPL coefficients linearly; nothing is extrapolated beyond the last frame, and nothing is
-    interpolated across a cut (`bridge.motion.cuts`). Axis-angle vectors are kept continuous in
-    time, as those of an alignment that starts each frame from the one before.
+    """Read an AMASS `.npz` (SMPL-H or SMPL-X) or a sample; see `load_motion_file`.
 
     Parameters
     ----------
-    path : the file; `bridge.motion.amass_file` says what it must hold.
     root_joint_m : (3,) rest position of the root joint of the body that will be posed, metres;
         0 when None. It can be given later: `Motion.about_root_joint`.
-    fps : frames per second of the result (Table 1: from 100 to 60).
-    source_fps : frames per second of the file, where what it says of itself is wrong.
     up : vertical axis of the result; AMASS has z.
-
-    Raises
-    ------
-    DsnetError
-        If the file is missing, is not such an archive, or holds no usable motion, or a rate is
-        none.
     """
-    motion = _prepared(Path(path), read_amass_file, fps, source_fps, up)
+    motion = _prepared(Path(path), amass.read(Path(path)), source_fps, fps, None, up)
     return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
 
 
@@ -64,39 +63,43 @@ def load_motion_file(
     fps: float = DEFAULT_FPS,
     smooth_hz: SmoothHz | None = None,
 ) -> Motion:
-    """Read any motion that can be followed, y up: AMASS `.npz`, a sample, or BVH.
-
-    A BVH skeleton is brought to SMPL's joints (`bridge.motion.retargeting`); it has no shape.
+    """Read any motion that can be followed, y up: a file of `bridge.motion.readers`, or a sample.
 
     Parameters
     ----------
     source_fps : frames per second of the file, where what it says of itself is wrong.
-    fps : frames per second of the result.
+    fps : frames per second of the result (Table 1: from 100 to 60).
     smooth_hz : leave out what is faster (`bridge.motion.smoothing`), at a cutoff or `auto`, at the
         one that suits each moment; None: nothing.
 
     Raises
     ------
     DsnetError
-        If the file is missing, is none of these, or holds no usable motion, or the rate is none.
+        If the file is missing, is none of these, or holds no usable motion, or a rate is none.
     """
-    return _prepared(Path(path), read_motion_file, fps, source_fps, smooth_hz=smooth_hz)
+    return _prepared(Path(path), read_motion_file(Path(path)), source_fps, fps, smooth_hz, "y")
 
 
 def _prepared(
     path: Path,
-    read: Callable[[Path], StoredMotion],
-    fps: float = DEFAULT_FPS,
-    source_fps: float | None = None,
-    up: UpAxis = "y",
-    smooth_hz: SmoothHz | None = None,
+    stored: StoredMotion,
+    source_fps: float | None,
+    fps: float,
+    smooth_hz: SmoothHz | None,
+    up: UpAxis,
 ) -> Motion:
-    """Smoothed, resampled and turned upright; see `load_amass_motion`."""
+    """Smoothed, resampled and turned upright."""
     if not (np.isfinite(fps) and fps > 0):
         raise DsnetError(f"fps={fps}", "a positive number", "Pass 60, the paper's rate.")
-    stored = read(path)
     if source_fps is not None:
-        stored = replace(stored, fps=_checked_rate(source_fps))
+        lowest, highest = RATES_HZ
+        if not lowest <= source_fps <= highest:
+            raise DsnetError(
+                f"a motion at {source_fps:g} frames a second",
+                f"{lowest:g} to {highest:g}",
+                "Pass the rate that it was recorded at.",
+            )
+        stored = replace(stored, fps=source_fps)
     if smooth_hz is not None:
         stored = smoothed(stored, smooth_hz)
     if (frames := resampled_frames(len(stored.pose), stored.fps, fps)) > MOST_FRAMES:
@@ -109,8 +112,8 @@ def _prepared(
     if up == "y":
         pose[:, 0] = (Y_UP_FROM_Z_UP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
         trans_m = Y_UP_FROM_Z_UP.apply(trans_m)
-    for first, end in pairwise([0, *find_cuts(pose, trans_m), len(pose)]):
-        pose[first:end] = continuous_rotations(pose[first:end])
+    for piece in pieces_of(pose, trans_m):
+        pose[piece] = continuous_rotations(pose[piece])
     return Motion(
         theta=pack_theta(pose, trans_m),
         betas=stored.betas,
@@ -120,20 +123,9 @@ def _prepared(
         source=path,
         up=up,
         dmpls=dmpls,
-        lead_in=stored.lead_in,
+        rest_pose_frames=stored.rest_pose_frames,
         smooth_hz=smooth_hz,
     )
-
-
-def _checked_rate(source_fps: float) -> float:
-    lowest, highest = RATES_HZ
-    if not lowest <= source_fps <= highest:
-        raise DsnetError(
-            f"a motion at {source_fps:g} frames a second",
-            f"{lowest:g} to {highest:g}",
-            "Pass the rate that it was recorded at.",
-        )
-    return source_fps
 
 
 def resampled_frames(frame_count: int, source_fps: float, fps: float = DEFAULT_FPS) -> int:
@@ -145,65 +137,38 @@ def resampled_frames(frame_count: int, source_fps: float, fps: float = DEFAULT_F
 def _resample(
     stored: StoredMotion, fps: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
-    """Joint rotations, translation and DMPL coefficients at `fps`, piece by piece between cuts."""
-    times_s = _sample_times_s(len(stored.pose), stored.fps, fps)
-    starts = [0, *find_cuts(stored.pose, stored.trans_m)]
-    first_times_s = np.array(starts) / stored.fps - _FRAME_TOLERANCE / fps
-    samples = [*np.searchsorted(times_s, first_times_s), len(times_s)]
-    found = []
-    for (first, end), (one, last) in zip(
-        pairwise([*starts, len(stored.pose)]), pairwise(samples), strict=True
-    ):
-        goes_on = end < len(stored.pose)
-        pose = _and_next_rotation(stored.pose[first:end], goes_on)
-        rows = [stored.trans_m, *([] if stored.dmpls is None else [stored.dmpls])]
-        lines = [_and_next_value(values[first:end], goes_on) for values in rows]
-        at_s = np.clip(times_s[one:last] - first / stored.fps, 0, (len(pose) - 1) / stored.fps)
-        if len(at_s):
-            moved = [_resample_linearly(values, stored.fps, at_s) for values in lines]
-            found.append([_resample_rotations(pose, stored.fps, at_s), *moved])
-    pose, trans_m, *dmpls = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return pose, trans_m, dmpls[0] if dmpls else None
+    """Joint rotations, translation and DMPL coefficients at `fps`, piece by piece between cuts.
 
-
-def _and_next_rotation(pose: NDArray[np.float64], goes_on: bool) -> NDArray[np.float64]:
-    """Rotations (T, 22, 3), and before a cut one more, as if the motion went on as it did.
-
-    Samples between the last frame before a cut and the first after it lie there.
+    What is sampled between the last frame before a cut and the first after it goes on as the
+    motion did before.
     """
-    if not goes_on:
-        return pose
-    before, last = (Rotation.from_rotvec(pose[i]) for i in (max(len(pose) - 2, 0), -1))
-    return np.concatenate([pose, (last * before.inv() * last).as_rotvec()[None]])
-
-
-def _and_next_value(values: NDArray[np.float64], goes_on: bool) -> NDArray[np.float64]:
-    """The same for what is interpolated linearly (T, N)."""
-    if not goes_on:
-        return values
-    return np.concatenate([values, 2 * values[-1:] - values[-2:][:1]])
-
-
-def _sample_times_s(frame_count: int, source_fps: float, fps: float) -> NDArray[np.float64]:
-    duration_s = (frame_count - 1) / source_fps
-    return np.minimum(np.arange(resampled_frames(frame_count, source_fps, fps)) / fps, duration_s)
-
-
-def _resample_rotations(
-    pose: NDArray[np.float64], source_fps: float, times_s: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    if len(pose) == 1:
-        return pose.copy()
-    source_s = np.arange(len(pose)) / source_fps
-    joints = [Slerp(source_s, Rotation.from_rotvec(joint)) for joint in pose.swapaxes(0, 1)]
-    return np.stack([slerp(times_s).as_rotvec() for slerp in joints], axis=1)
-
-
-def _resample_linearly(
-    values: NDArray[np.float64], source_fps: float, times_s: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    source_s = np.arange(len(values)) / source_fps
-    return np.stack([np.interp(times_s, source_s, column) for column in values.T], axis=1)
+    count = len(stored.pose)
+    lines = [stored.trans_m, *([] if stored.dmpls is None else [stored.dmpls])]
+    line = np.concatenate(lines, axis=1)  # (T, 3) or (T, 11)
+    times_s = np.arange(resampled_frames(count, stored.fps, fps)) / fps
+    times_s = np.minimum(times_s, (count - 1) / stored.fps)
+    pieces = pieces_of(stored.pose, stored.trans_m)
+    first_times_s = np.array([piece.start for piece in pieces]) / stored.fps
+    first_samples = np.searchsorted(times_s, first_times_s - _FRAME_TOLERANCE / fps)
+    found = []
+    samples = pairwise([*first_samples, len(times_s)])
+    for piece, (one, last) in zip(pieces, samples, strict=True):
+        if one == last:
+            continue
+        pose, values = stored.pose[piece], line[piece]
+        if piece.stop < count:
+            before, now = (Rotation.from_rotvec(pose[i]) for i in (max(len(pose) - 2, 0), -1))
+            pose = np.concatenate([pose, (now * before.inv() * now).as_rotvec()[None]])
+            values = np.concatenate([values, 2 * values[-1:] - values[-2:][:1]])
+        source_s = np.arange(len(pose)) / stored.fps
+        at_s = np.clip(times_s[one:last] - piece.start / stored.fps, 0, source_s[-1])
+        moved = np.stack([np.interp(at_s, source_s, column) for column in values.T], axis=1)
+        if len(pose) > 1:
+            turns = [Slerp(source_s, Rotation.from_rotvec(joint)) for joint in pose.swapaxes(0, 1)]
+            pose = np.stack([slerp(at_s).as_rotvec() for slerp in turns], axis=1)
+        found.append((pose, moved))
+    pose, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return pose, moved[:, :3], None if stored.dmpls is None else moved[:, 3:]
 
 
 def continuous_rotations(pose: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -216,3 +181,28 @@ def continuous_rotations(pose: NDArray[np.float64]) -> NDArray[np.float64]:
         turns = np.round((along - angle[frame]) / (2 * np.pi))
         result[frame] += 2 * np.pi * turns * axis[frame]
     return result
+
+
+def between(before: NDArray, after: NDArray, share: NDArray) -> NDArray[np.floating]:
+    """Poses (N, 69) at shares (N,) of the way from poses (N, 69) to poses (N, 69).
+
+    A share of 1 gives `after` as it is.
+    """
+    if (share == 1).all():
+        return after
+    (pose, trans_m), (next_pose, next_trans_m) = unpack_theta(before), unpack_theta(after)
+    first, second = (Rotation.from_rotvec(p.reshape(-1, 3)) for p in (pose, next_pose))
+    turn = (first.inv() * second).as_rotvec() * share.repeat(pose.shape[1])[:, None]
+    turned = (first * Rotation.from_rotvec(turn)).as_rotvec().reshape(pose.shape)
+    both = np.stack([pose, turned]).reshape(2, -1, 3).astype(np.float64)
+    turned = continuous_rotations(both)[1]
+    moved_m = trans_m + share[:, None] * (next_trans_m - trans_m)
+    found = pack_theta(turned.reshape(pose.shape), moved_m)
+    return np.where(share[:, None] == 1, after, found)
+
+
+def going_on(before: NDArray, last: NDArray) -> NDArray[np.floating]:
+    """The pose (69,) after `last`, if the body goes on as it did from `before` to it."""
+    (pose, trans_m), (last_pose, last_trans_m) = unpack_theta(before), unpack_theta(last)
+    first, second = Rotation.from_rotvec(pose), Rotation.from_rotvec(last_pose)
+    return pack_theta((second * first.inv() * second).as_rotvec(), 2 * last_trans_m - trans_m)

@@ -7,13 +7,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from bridge.errors import DsnetError
+from bridge.motion.readers import READERS
 from bridge.runs.artifact import Artifact
 
 FRAMES_AT_ONCE = 1024
 """Of a long sequence: 85 MB of meshes."""
 _MOST_FRAMES = 2**40
-REAL_MOTIONS = ("amass_", "bvh_")
-"""How the names of a synthetic corpus's motions begin if real people made them: of which format."""
 Split = Literal["train", "validation", "test"]
 
 
@@ -24,21 +23,18 @@ class MotionSequence:
     name: str
     """`<subject>_<motion>`, the data set's own key."""
     subject: str
-    """Subject identifier, such as `50004`."""
+    """Such as `50004`."""
     motion: str
-    """Motion name, such as `one_leg_jump`."""
+    """Such as `one_leg_jump`."""
     start: int
-    """First frame in the concatenated arrays."""
     length: int
-    """Number of frames."""
     fps: float
-    """Frames per second."""
     split: Split = "train"
     """What DSNet may do with it."""
 
     @property
     def frames(self) -> slice:
-        """Slice of this sequence's frames along the first axis."""
+        """Its frames along the first axis."""
         return slice(self.start, self.start + self.length)
 
     def pieces(self, size: int = FRAMES_AT_ONCE) -> Iterator[slice]:
@@ -50,17 +46,11 @@ class MotionSequence:
 
 def is_real_motion(name: str) -> bool:
     """Whether a synthetic corpus's sequence `<subject>_<motion>` has a motion of real people."""
-    return name.partition("_")[2].startswith(REAL_MOTIONS)
+    return name.partition("_")[2].startswith(tuple(f"{reader}_" for reader in READERS))
 
 
 def sequences_of(artifact: Artifact) -> list[MotionSequence]:
-    """Read the sequence index of an artifact.
-
-    Raises
-    ------
-    DsnetError
-        If it has none, or one that is none.
-    """
+    """Read the sequence index of an artifact; `DsnetError` if it has none, or one that is none."""
     found = [_sequence(entry) for entry in artifact.manifest["sequences"]]
     if None in found:
         raise DsnetError(

@@ -3,46 +3,49 @@
 Tissue feels accelerations, in which noise grows with the square of its frequency, and swings at 5
 to 15 Hz of its own. Biomechanics filters recordings of markers at 6 to 12 Hz for the same reason
 (Winter, *Biomechanics and Motor Control of Human Movement*): by a Butterworth filter of second
-order, once forwards and once backwards, so that nothing is late. How fast somebody moves differs
-from motion to motion, and so does the cutoff that suits: `auto` seeks it.
+order, once forwards and once backwards, so that nothing is late.
+
+What cutoff suits differs from moment to moment, and `auto` seeks it. What moves a trunk gets less
+with frequency, and the noise of a recording, read as acceleration, grows with frequency squared.
+Between them lies a valley. A dancer's is at 5 Hz, that of somebody who lands from a jump beyond 15:
+no one cutoff suits both (docs/prediction.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
-from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import ShortTimeFFT, butter, sosfiltfilt
+from scipy.signal.windows import hann
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.motion.amass_file import StoredMotion
-from bridge.motion.cuts import find_cuts
-from bridge.motion.valley import cutoffs_hz, most_cutoff_hz
+from bridge.motion.cuts import pieces_of
+from bridge.motion.motion import SmoothHz, StoredMotion
 
-SmoothHz: TypeAlias = float | Literal["auto"]
-"""A cutoff in Hz, or what suits each moment."""
 _PADDED_FRAMES = 9
 _BANK_HZ = (4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24)
+_TRUNK = (0, 1, 2, 3, 6, 9)
+"""Pelvis, hips and spine, on which most of the flesh hangs."""
+_LEVER_M = 0.2
+"""How far from these joints it is: what a turn amounts to."""
+_WINDOW_S, _HOP_S = 1.0, 0.25
+_SLOWEST_HZ, _FASTEST_HZ = 3.0, 20.0
+_SMOOTHED_HZ = 1.5
+"""Half of the width over which a spectrum is averaged before its valley is sought."""
+_CUTOFF_OF_VALLEY = 1.4
+"""At its cutoff a filter has halved what it is given, at the valley motion is still all there is.
+Chosen on training motions of the own law (docs/prediction.md)."""
+_FEWEST_FRAMES = 16
 
 
 def smoothed(stored: StoredMotion, smooth_hz: SmoothHz) -> StoredMotion:
-    """The motion without what is faster than a cutoff, piece by piece between cuts.
+    """The motion without what is faster than a cutoff, or `auto`, piece by piece between cuts.
 
     Rotations are filtered as quaternions, which are made unit quaternions again.
-
-    Parameters
-    ----------
-    smooth_hz : cutoff in Hz; `auto`: what suits each moment of it (`bridge.motion.valley`).
-
-    Raises
-    ------
-    DsnetError
-        If the motion has no frames so fast.
     """
     if smooth_hz != "auto" and not 0 < smooth_hz < stored.fps / 2:
         raise DsnetError(
@@ -51,12 +54,14 @@ def smoothed(stored: StoredMotion, smooth_hz: SmoothHz) -> StoredMotion:
             "Pass auto, or 6 to 12.",
         )
     pose, trans_m = stored.pose.copy(), stored.trans_m.copy()
-    starts = [0, *find_cuts(stored.pose, stored.trans_m), len(stored.pose)]
-    for piece in (slice(first, end) for first, end in pairwise(starts)):
-        calmed = _filter_for(stored.pose[piece], stored.trans_m[piece], stored.fps, smooth_hz)
-        trans_m[piece] = calmed(stored.trans_m[piece])
-        turns = _continuous_quaternions(stored.pose[piece])
-        rotations = Rotation.from_quat(calmed(turns).reshape(-1, 4))
+    for piece in pieces_of(stored.pose, stored.trans_m):
+        if smooth_hz == "auto":
+            cutoff_hz = noise_cutoff_hz(stored.pose[piece], stored.trans_m[piece], stored.fps)
+        else:
+            cutoff_hz = smooth_hz
+        trans_m[piece] = _calmed(stored.trans_m[piece], cutoff_hz, stored.fps)
+        turns = _calmed(_continuous_quaternions(stored.pose[piece]), cutoff_hz, stored.fps)
+        rotations = Rotation.from_quat(turns.reshape(-1, 4))
         pose[piece] = rotations.as_rotvec().reshape(pose[piece].shape)
     return replace(stored, pose=pose, trans_m=trans_m)
 
@@ -68,23 +73,59 @@ def described(smooth_hz: SmoothHz | None) -> str:
     return "smoothed as it moves" if smooth_hz == "auto" else f"smoothed at {smooth_hz:g} Hz"
 
 
-def _filter_for(
-    pose: NDArray, trans_m: NDArray, fps: float, smooth_hz: SmoothHz
-) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    if smooth_hz == "auto":
-        chosen_hz = cutoffs_hz(pose, trans_m, fps)
-        return lambda values: _blended(values, chosen_hz, fps)
-    return lambda values: _low_passed(values, smooth_hz, fps)
+def no_noise_hz(fps: float) -> float:
+    """The cutoff that says that no noise was found."""
+    return _CUTOFF_OF_VALLEY * _fastest_hz(fps)
 
 
-def _blended(
-    values: NDArray[np.float64], chosen_hz: NDArray[np.float64], fps: float
+def noise_cutoff_hz(pose: NDArray, trans_m: NDArray, fps: float) -> NDArray[np.float64]:
+    """(T,) cutoff that suits each frame of pose (T, J, 3), axis-angle, and trans (T, 3), metres."""
+    if len(pose) < _FEWEST_FRAMES or _fastest_hz(fps) < 2 * _SLOWEST_HZ:
+        return np.full(len(pose), no_noise_hz(fps))
+    felt = _accelerations(pose, trans_m, fps)
+    size = max(round(_WINDOW_S * fps), _FEWEST_FRAMES)
+    window = hann(min(size, len(felt)), sym=False)
+    transform = ShortTimeFFT(window, max(round(_HOP_S * fps), 1), fps, mfft=2 * size)
+    spectra = transform.spectrogram(felt, axis=0, padding="even").sum(axis=1)  # (f, times)
+    averaged = uniform_filter1d(
+        np.log(spectra + np.finfo(float).tiny),
+        2 * round(_SMOOTHED_HZ / transform.delta_f) + 1,
+        axis=0,
+        mode="nearest",
+    )
+    sought = (transform.f >= _SLOWEST_HZ) & (transform.f <= _fastest_hz(fps))
+    valleys_hz = transform.f[sought][averaged[sought].argmin(axis=0)]
+    frames = 1 + transform.t(len(felt)) * fps  # the first acceleration is the second frame's
+    between = np.interp(np.arange(len(pose)), frames, np.log(valleys_hz))
+    return _CUTOFF_OF_VALLEY * np.exp(between)
+
+
+def _fastest_hz(fps: float) -> float:
+    return min(_FASTEST_HZ, fps / 3)
+
+
+def _accelerations(pose: NDArray, trans_m: NDArray, fps: float) -> NDArray[np.float64]:
+    """(T - 2, n) in m/s^2: the root's, and those of the trunk's turns at their lever."""
+    turned = Rotation.from_rotvec(pose[:, _TRUNK].reshape(-1, 3))
+    turned = turned.as_matrix().reshape(len(pose), len(_TRUNK), 3, 3)
+    steps = Rotation.from_matrix(
+        (turned[:-1].swapaxes(-1, -2) @ turned[1:]).reshape(-1, 3, 3)
+    ).as_rotvec()
+    rates = fps * steps.reshape(len(pose) - 1, -1)
+    turning = _LEVER_M * fps * np.diff(rates, axis=0)
+    return np.concatenate([fps**2 * np.diff(trans_m, 2, axis=0), turning], axis=1)
+
+
+def _calmed(
+    values: NDArray[np.float64], cutoff_hz: float | NDArray[np.float64], fps: float
 ) -> NDArray[np.float64]:
-    """Values (T, ...) each with its own cutoff (T,): between those of the two next to it in a bank
-    of filters, in proportion to the logarithm of frequency. The last of the bank lets all pass."""
-    most_hz = most_cutoff_hz(fps)
+    """Values (T, ...) at one cutoff, or each at its own (T,): between those of the two next to it
+    in a bank of filters, in proportion to the logarithm of frequency. The last lets all pass."""
+    if np.ndim(cutoff_hz) == 0:
+        return _low_passed(values, float(cutoff_hz), fps)
+    most_hz = no_noise_hz(fps)
     bank_hz = [*(hz for hz in _BANK_HZ if hz < most_hz), most_hz]
-    place = np.interp(np.log(chosen_hz), np.log(bank_hz), np.arange(len(bank_hz)))
+    place = np.interp(np.log(cutoff_hz), np.log(bank_hz), np.arange(len(bank_hz)))
     found = np.zeros_like(values)
     for number, hz in enumerate(bank_hz):
         share = np.clip(1 - np.abs(place - number), 0, 1)

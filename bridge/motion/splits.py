@@ -1,7 +1,8 @@
-"""Who is trained on what: sequences held out, the autoencoder's frames, what is evaluated."""
+"""Who is trained on what: sequences held out, the autoencoder's frames, the four test groups."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -14,7 +15,15 @@ from bridge.motion.sequences import MotionSequence, Split
 
 SplitName = Literal["frame", "sequence"]
 TRAIN_TENTHS = 7
+CELLS = {
+    "known_person_known_motion": "known person, known motion",
+    "known_person_unseen_motion": "known person, unseen motion",
+    "new_person_known_motion": "new person, known motion",
+    "new_person_unseen_motion": "new person, unseen motion",
+}
+"""Label of each group of test motions (Figure 9), from the easiest to the hardest."""
 _CHUNK_FRAMES = 128
+_TAKE = re.compile(r"_take\d+$")
 
 
 @dataclass(frozen=True)
@@ -38,11 +47,6 @@ def split_autoencoder_frames(
 
     The paper draws from all frames, the validation sequence's too (`include_held_out`); then its
     code has seen the clip on which DSNet is judged.
-
-    Raises
-    ------
-    DsnetError
-        If too few frames or sequences are left.
     """
     known = [sequence for sequence in index if include_held_out or sequence.split == "train"]
     if by == "sequence":
@@ -60,11 +64,6 @@ def split_frames(frames: NDArray[np.int64], seed: int) -> FrameSplit:
 
     Neighbouring frames of one clip fall on both sides, so its validation error
     is nearly a training error; `split_sequences` is stricter.
-
-    Raises
-    ------
-    DsnetError
-        If there are fewer than two frames.
     """
     if len(frames) < 2:
         raise DsnetError(
@@ -72,39 +71,24 @@ def split_frames(frames: NDArray[np.int64], seed: int) -> FrameSplit:
             "at least 2",
             "Align a longer sequence: dsnet align.",
         )
-    order = np.random.default_rng(seed).permutation(frames)
-    # In integers: 0.7 * n in floating point can fall just below a whole number.
-    cut = len(frames) * TRAIN_TENTHS // 10
-    return FrameSplit(np.sort(order[:cut]), np.sort(order[cut:]))
+    return FrameSplit(*map(np.sort, _drawn(frames, seed)))
 
 
 def split_sequences(index: Sequence[MotionSequence], seed: int) -> FrameSplit:
-    """Draw floor(0.7 S) whole sequences at random, so that no clip lies on both sides.
-
-    Raises
-    ------
-    DsnetError
-        If there are fewer than two sequences.
-    """
+    """Draw floor(0.7 S) whole sequences at random, so that no clip lies on both sides."""
     if len(index) < 2:
         raise DsnetError(
             f"{len(index)} aligned sequences", "at least 2", "Use the frame-level split."
         )
-    order = np.random.default_rng(seed).permutation(len(index))
-    cut = len(index) * TRAIN_TENTHS // 10
-    return FrameSplit(_frames(index, order[:cut]), _frames(index, order[cut:]))
+    train, validation = _drawn(np.arange(len(index)), seed)
+    return FrameSplit(_frames(index, train), _frames(index, validation))
 
 
-def decoded_sequences(index: Iterable[MotionSequence]) -> list[MotionSequence]:
-    """Validation and test sequences, and the first training sequence of each subject."""
-    chosen, represented = [], set()
-    for sequence in index:
-        if sequence.split == "train":
-            if sequence.subject in represented:
-                continue
-            represented.add(sequence.subject)
-        chosen.append(sequence)
-    return chosen
+def _drawn(items: NDArray[np.int64], seed: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    order = np.random.default_rng(seed).permutation(items)
+    # In integers: 0.7 * n in floating point can fall just below a whole number.
+    cut = len(items) * TRAIN_TENTHS // 10
+    return order[:cut], order[cut:]
 
 
 def _frames(index: Sequence[MotionSequence], rows: Iterable[int]) -> NDArray[np.int64]:
@@ -119,3 +103,39 @@ def chunks(
     """Read the named frames of a memory-mapped (F, V, 3) array in pieces of `size`."""
     for start in range(0, len(frames), size):
         yield np.asarray(offsets_m[frames[start : start + size]], dtype=np.float32)
+
+
+def decoded_sequences(index: Iterable[MotionSequence]) -> list[MotionSequence]:
+    """Validation and test sequences, and the first training sequence of each subject."""
+    chosen, represented = [], set()
+    for sequence in index:
+        if sequence.split != "train" or sequence.subject not in represented:
+            chosen.append(sequence)
+        if sequence.split == "train":
+            represented.add(sequence.subject)
+    return chosen
+
+
+def take_suffix(take: int) -> str:
+    """What the name of a motion ends with when the same person does it again."""
+    return f"_take{take}"
+
+
+def kind_of(motion: str) -> str:
+    """The kind of a motion: its name without the number of the take."""
+    return _TAKE.sub("", motion)
+
+
+def trained_people_and_kinds(sequences: Iterable[MotionSequence]) -> tuple[set[str], set[str]]:
+    """Subjects and kinds of motion of the sequences that training sees."""
+    trained = [sequence for sequence in sequences if sequence.split == "train"]
+    return {s.subject for s in trained}, {kind_of(s.motion) for s in trained}
+
+
+def cell_of(
+    sequence: MotionSequence, known_people: Collection[str], known_kinds: Collection[str]
+) -> str:
+    """The group of a test sequence, given whom and which kinds training has seen."""
+    person = "known" if sequence.subject in known_people else "new"
+    motion = "known" if kind_of(sequence.motion) in known_kinds else "unseen"
+    return f"{person}_person_{motion}_motion"

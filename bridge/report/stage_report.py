@@ -14,7 +14,7 @@ from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.measure.roads import stages_of_roads
 from bridge.motion import MotionSequence
-from bridge.motion.cells import CELLS
+from bridge.motion.splits import CELLS
 from bridge.options import PositiveInt
 from bridge.report.body_figures import draw_figure4, draw_figure7, draw_test_strip
 from bridge.report.curve_figures import (

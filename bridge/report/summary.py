@@ -7,7 +7,7 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from bridge.motion.cells import CELLS
+from bridge.motion.splits import CELLS
 from bridge.report.measured import Stages, measure, parameter_counts, validation_result
 from bridge.report.paper_table import compare
 from bridge.runs import Artifact

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
-from bridge.motion.bounds import FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_BETA
+from bridge.motion.motion import FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_BETA
 from bridge.paper import N_BETAS, THETA_SIZE
 
 LARGEST_BODY_M = 10.0

@@ -15,7 +15,7 @@ from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import Motion
 from bridge.motion.motion_checks import motion_warnings
-from bridge.motion.motion_folder import PeopleOfFolders, find_motion_files, subject_and_motion
+from bridge.motion.readers import PeopleOfFolders, find_motion_files, subject_and_motion
 from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat, check_options
 from bridge.runs import Artifact, Run

@@ -1,4 +1,8 @@
-"""Bodies, labels, the scale of colours and the floor in viser's scene."""
+"""Bodies, labels, the scale of colours and the floor in viser's scene.
+
+viser's meshes that can move have one colour each. So a body is as many meshes as there are bands of
+colour, and a face belongs to the band of its value, the mean over its corners.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +12,15 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from bridge.view.colour_bands import (
-    BANDS,
-    CLAY,
-    COLOURS,
-    band_edges_cm,
-    faces_by_band,
-    own_vertices,
-)
 from bridge.view.selection import OVERLAID, PLAIN, Posed, Selection
 
+CLAY = (219, 201, 186)
+COLOURS = (
+    (252, 240, 178), (254, 196, 136), (253, 154, 106), (246, 110, 92), (224, 76, 103),
+    (188, 57, 120), (150, 44, 128), (114, 31, 129), (76, 17, 122), (37, 18, 85),
+)  # fmt: skip
+"""The report's colours of sizes, from none to `full_m` and more."""
+BANDS = len(COLOURS)
 _APART_M = 1.3
 _SEE_THROUGH = 0.35
 _FIELD_OF_VIEW_DEG = 40.0
@@ -25,14 +28,33 @@ _GRID_M = 1 / 4096
 """To which vertices are rounded: a quarter of a millimetre halves a recording."""
 
 
-class Figure:
-    """One body: a mesh for each band of colour, and one without colours.
+def faces_by_band(
+    faces: NDArray[np.uint32], values_m: NDArray[np.floating], full_m: float
+) -> list[NDArray[np.uint32]]:
+    """The faces (F, 3) of a mesh in bands of equal width of its values (V,), from 0 to `full_m`."""
+    first, second, third = values_m[faces.T]
+    of_face = (first + second + third) / 3
+    band = np.minimum((of_face * (BANDS / full_m)).astype(np.int64), BANDS - 1)
+    order = np.argsort(band, kind="stable")
+    ends = np.cumsum(np.bincount(band, minlength=BANDS))[:-1]
+    return np.split(faces[order], ends)
 
-    Parameters
-    ----------
-    faces : (F, 3).
-    sparse : whether a band's mesh has no vertices but its own: less to send and to draw, but
-        others every time, so that a recording, which keeps once what meshes share, grows.
+
+def own_vertices(
+    faces: NDArray[np.uint32], count: int
+) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
+    """Which of `count` vertices faces (F, 3) have, ascending, and the same faces among those."""
+    used = np.zeros(count, bool)
+    used[faces] = True
+    places = np.cumsum(used, dtype=np.uint32) - np.uint32(1)
+    return np.flatnonzero(used), places[faces]
+
+
+class Figure:
+    """One body of faces (F, 3): a mesh for each band of colour, and one without colours.
+
+    `sparse` says whether a band's mesh has no vertices but its own: less to send and to draw, but
+    others every time, so that a recording, which keeps once what meshes share, grows.
     """
 
     def __init__(
@@ -60,46 +82,29 @@ class Figure:
         """Show one frame; as a ghost one looks through it and it has no colours."""
         vertices_m = np.round(posed.vertices_m / _GRID_M).astype(np.float32) * np.float32(_GRID_M)
         self.vertices_m = vertices_m
-        values_m = None if ghost else posed.values_m
-        by_band = [self._faces[:0]] * BANDS
-        if values_m is not None:
-            by_band = faces_by_band(self._faces, values_m, full_m)
-        plain = values_m is None
+        plain, none = posed.values_m is None and not ghost, self._faces[:0]
+        by_band = [none] * BANDS
+        if posed.values_m is not None and not ghost:
+            by_band = faces_by_band(self._faces, posed.values_m, full_m)
         for mesh, faces in (
             *zip(self.bands, by_band, strict=True),
-            (self._clay, self._faces[: None if plain and not ghost else 0]),
-            (self._ghost, self._faces[: None if ghost else 0]),
+            (self._clay, self._faces if plain else none),
+            (self._ghost, self._faces if ghost else none),
         ):
-            if len(faces):
-                mesh.vertices, mesh.faces = self._of(faces)
+            if len(faces) and self._sparse:
+                own, among_own = own_vertices(faces, len(vertices_m))
+                mesh.vertices, mesh.faces = vertices_m[own], among_own
+            elif len(faces):
+                mesh.vertices, mesh.faces = vertices_m, faces
             mesh.visible = bool(len(faces))
         self._label.text, self._label.position = label, label_m
-
-    def _of(self, faces: NDArray[np.uint32]) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """Vertices and faces of the mesh that shows some of the body's faces."""
-        if not self._sparse:
-            return self.vertices_m, faces
-        own, among_own = own_vertices(faces, len(self.vertices_m))
-        return self.vertices_m[own], among_own
-
-    @property
-    def visible(self) -> bool:
-        """Whether the body is there at all."""
-        return self.root.visible
-
-    @visible.setter
-    def visible(self, visible: bool) -> None:
-        self.root.visible = visible
 
 
 class LiveScene:
     """What is drawn of a selection.
 
-    Parameters
-    ----------
-    faces : (F, 3) of the body.
-    origin : `synthetic` or `licensed`: it stands in the scene, so that every picture of it says so.
-    sparse : see `Figure`; False for what is recorded.
+    `origin`, `synthetic` or `licensed`, stands in the scene, so that every picture of it says so;
+    `sparse` (see `Figure`) is False for what is recorded.
     """
 
     def __init__(
@@ -130,7 +135,7 @@ class LiveScene:
                 self._server.scene.configure_default_lights(cast_shadow=self._shadows)
             self._draw_legend(selection, len(bodies))
             for name, figure in self.figures.items():
-                figure.visible = name in {one.name for one in bodies}
+                figure.root.visible = name in {one.name for one in bodies}
             for number, posed in enumerate(bodies):
                 self._draw_body(posed, number, len(bodies), selection)
 
@@ -161,15 +166,13 @@ class LiveScene:
             return
         apart = 0 if selection.layout == OVERLAID else count - 1
         left_m, scene = -0.9 - _APART_M * apart / 2, self._server.scene
-        edges_cm = band_edges_cm(selection.full_cm / 100)
         for band, colour in enumerate(COLOURS):
-            at = (left_m, 0.2 + 0.12 * band, 0.0)
-            size = (0.1, 0.12, 0.01)
+            at, size = (left_m, 0.2 + 0.12 * band, 0.0), (0.1, 0.12, 0.01)
             self._scale.append(
                 scene.add_box(f"/scale/{band}", color=colour, dimensions=size, position=at)
             )
-        marks = {0: "0 cm", BANDS // 2: f"{edges_cm[BANDS // 2]:g} cm"}
-        marks[BANDS] = f"{edges_cm[-1]:g} cm and more"
+        full_cm = selection.full_cm
+        marks = {0: "0 cm", BANDS // 2: f"{full_cm / 2:g} cm", BANDS: f"{full_cm:g} cm and more"}
         for band, text in marks.items():
             at = (left_m - 0.12, 0.14 + 0.12 * band, 0.0)
             self._scale.append(

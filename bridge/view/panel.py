@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, get_args
 
 import numpy as np
@@ -13,24 +15,65 @@ from bridge.body.shapes import SHAPES
 from bridge.errors import DsnetError
 from bridge.paper import N_BETAS
 from bridge.runtime.floor import Floor
-from bridge.view.clips import LABELS, SMPL_ALONE, Gains
-from bridge.view.performances import Performances
-from bridge.view.repertoire import AS_ASKED
+from bridge.view.performances import Gains, Performances
+from bridge.view.repertoire import AS_ASKED, LABELS, SMPL_ALONE, TRUTH
 from bridge.view.selection import COLOURINGS, LAYOUTS, Selection
-from bridge.view.timeline import Timeline
-from bridge.view.truth import TRUTH
 
 _SPEEDS = {"0.1": 0.1, "0.25": 0.25, "0.5": 0.5, "1": 1.0, "2": 2.0}
 _OWN_PERSON = "who moved"
 _MOST_BETA, _MOST_GAIN = 5.0, 5.0
 
 
+@dataclass
+class Timeline:
+    """A clock over the frames of one motion, which begins again at its end."""
+
+    frames: int
+    fps: float = 60.0
+    speed: float = 1.0
+    """1 is as fast as the motion is."""
+    playing: bool = True
+    _at: float = 0.0
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    """A hand moves it in another thread than the clock."""
+
+    @property
+    def frame(self) -> int:
+        """To be seen now."""
+        return min(int(self._at), self.frames - 1)
+
+    @property
+    def time_s(self) -> float:
+        """Of its frame in the motion."""
+        return self.frame / self.fps
+
+    def pass_time(self, seconds: float) -> int:
+        """Let time pass, and say which frame is to be seen then."""
+        with self._lock:
+            if self.playing:
+                self._at = (self._at + seconds * self.speed * self.fps) % self.frames
+            return self.frame
+
+    def go_to(self, frame: int) -> None:
+        """Jump to a frame; beyond the ends, to the first or last."""
+        with self._lock:
+            self._at = float(min(max(frame, 0), self.frames - 1))
+
+    def stop_at(self, frame: int) -> None:
+        """Pause at a frame."""
+        self.playing = False
+        self.go_to(frame)
+
+    def begin(self, frames: int, fps: float, frame: int = 0) -> None:
+        """Take another motion, or the same with more frames or fewer, from a frame on."""
+        self.frames, self.fps = frames, fps
+        self.go_to(frame)
+
+
 class Panel:
     """Controls of one viewer; what they say now is `selection`, and time is in `timeline`.
 
-    Parameters
-    ----------
-    record : makes the recording of a selection, HTML; for the button.
+    `record` makes the recording of a selection, HTML, for the button.
     """
 
     def __init__(
@@ -72,13 +115,19 @@ class Panel:
             self._in_place = gui.add_checkbox("Stay in place", start.in_place)
             self._shadows = gui.add_checkbox("Shadows", start.shadows)
         with gui.add_folder("Dynamics"):
-            self._gain = _add_gain(gui, "Gain", start.gains.of_all)
+            gain = start.gains.of_all
+            self._gain = gui.add_slider("Gain", 0.0, max(_MOST_GAIN, gain), 0.05, gain)
             with gui.add_folder("Gain by part", expand_by_default=False):
                 names = [part.replace("_", " ") for part in PARTS]
-                gains = zip(names, start.gains.of_parts, strict=True)
-                self._part_gains = [_add_gain(gui, name, gain) for name, gain in gains]
+                self._part_gains = [
+                    gui.add_slider(name, 0.0, max(_MOST_GAIN, gain), 0.05, gain)
+                    for name, gain in zip(names, start.gains.of_parts, strict=True)
+                ]
         with gui.add_folder("Betas", expand_by_default=False):
-            self._betas = [_add_beta(gui, number) for number in range(N_BETAS)]
+            self._betas = [
+                gui.add_slider(f"Beta {number + 1}", -_MOST_BETA, _MOST_BETA, 0.05, 0.0)
+                for number in range(N_BETAS)
+            ]
             gui.add_button("Shape of the person").on_click(self._on_person)
         self._add_recording(gui)
         self._set_betas(start.betas)
@@ -174,11 +223,3 @@ class Panel:
         self._play.icon = viser.Icon.PLAYER_PAUSE if playing else viser.Icon.PLAYER_PLAY
         if status != self._status.content:
             self._status.content = status
-
-
-def _add_gain(gui: viser.GuiApi, label: str, gain: float) -> viser.GuiSliderHandle[float]:
-    return gui.add_slider(label, 0.0, max(_MOST_GAIN, gain), 0.05, gain)
-
-
-def _add_beta(gui: viser.GuiApi, number: int) -> viser.GuiSliderHandle[float]:
-    return gui.add_slider(f"Beta {number + 1}", -_MOST_BETA, _MOST_BETA, 0.05, 0.0)

@@ -1,33 +1,52 @@
-"""What there is to be seen: motions, people and predictors, of a run or of the package."""
+"""What there is to be seen: motions, people and predictors, of a run or of the package.
+
+The simulated truth is to be looked at beside predictions: nothing is computed from it but errors.
+Apart from evaluation this is the one reader, and what it reads reaches no predictor.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.errors import DsnetError, notify
-from bridge.exchange.dsnet import dsnets_of
+from bridge.errors import DsnetError
+from bridge.exchange.trained_dsnet import dsnets_of
+from bridge.measure.references import MotionArrays, true_offsets_m
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import DEFAULT_FPS
 from bridge.motion.motion_checks import motion_warnings
-from bridge.motion.motion_folder import subject_and_motion
-from bridge.motion.sample_files import SAMPLE_PREFIX, SAMPLES
+from bridge.motion.readers import subject_and_motion
+from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
 from bridge.runtime.body_motion import place_motion
 from bridge.runtime.characters import ROADS, Character, open_character
 from bridge.runtime.controls import Controls, asked_betas
-from bridge.view.truth import ReadTruth, open_truth
 
 AVERAGE, AS_ASKED = "average shape", "as asked"
+SMPL_ALONE, TRUTH = "smpl", "truth"
+"""Who is shown beside predictors."""
+LABELS = {SMPL_ALONE: "SMPL alone", TRUTH: TRUTH}
+
+
+@dataclass(frozen=True, eq=False)
+class TrueMotion:
+    """What really moved in a synthetic sequence of T frames."""
+
+    theta: NDArray[np.floating]
+    """(T, 69) true pose."""
+    betas: NDArray[np.floating]
+    """(10,) true shape."""
+    offsets_m: NDArray[np.float32]
+    """(T, V, 3) true offsets in the rest pose, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +78,8 @@ class Repertoire:
     """By what the picker calls them, the first to be shown first."""
     people: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     """Shapes (10,) by name, besides each motion's own person."""
-    read_truth: ReadTruth | None = None
+    read_truth: Callable[[str], TrueMotion] | None = None
+    """The truth of a sequence by name, where any is known."""
 
 
 def open_repertoire(
@@ -69,64 +89,71 @@ def open_repertoire(
 
     Parameters
     ----------
-    path : a motion to be shown first: an AMASS `.npz`, a BVH, or a sample such as `sample:walking`.
+    path : a motion to be shown first, of any format that is read, or a sample.
     controls : a shape that they ask for is one of the people, `AS_ASKED`.
-
-    Raises
-    ------
-    DsnetError
-        If the file is no motion of a body, the run has no trained predictor, or nothing to show,
-        or the body has no such shape.
     """
-    given = None if path is None else _given(path, controls)
-    gender = "unknown" if given is None else given.gender
+    controls = controls or Controls()
+    gender, given = "unknown", None
+    if path is not None:
+        given = load_motion_file(path, controls.motion_fps, smooth_hz=controls.smooth_hz)
+        gender = given.gender
+        for warning in motion_warnings(given, pieces_between_cuts(given.theta)):
+            notify(warning)
     best = open_character(run, None, gender)
-    named = {} if given is None else {given.source.stem: _of_motion(given, best.body)}
-    opened = {best.chosen.name: best}
+    body, origin = best.body, best.chosen.trained.origin
 
+    @cache
     def character(name: str) -> Character:
-        if name not in opened:
-            opened[name] = open_character(run, name, gender)
-        return opened[name]
+        return best if name == best.chosen.name else open_character(run, name, gender)
 
-    origin = best.chosen.trained.origin
-    found = partial(Repertoire, best.chosen.owner, origin, best.body, open=character)
-    people = _asked(best.body, controls) | {AVERAGE: np.zeros(N_BETAS)}
+    takes: dict[str, ViewedMotion] = {}
+    if given is not None:
+        place_motion(given, body)  # refuses what is no person's motion before anything is shown
+        takes[given.source.stem] = ViewedMotion(lambda betas: place_motion(given, body, betas))
+    labels = {best.chosen.name: best.chosen.label}
+    betas = asked_betas(body, controls)
+    people = {} if betas is None else {AS_ASKED: betas}
+    people[AVERAGE] = np.zeros(N_BETAS)
+    found = partial(Repertoire, best.chosen.owner, origin, body, open=character)
     if run is None:
-        takes = named | _samples(best.body)
-        return found(predictors=_labels(best), takes=takes, people=people)
+        samples = {name: _of_file(Path(SAMPLE_PREFIX + name), body) for name in SAMPLES}
+        return found(predictors=labels, takes=takes | samples, people=people)
     known, read = open_truth(run, origin)
     align = run.artifact(ROBUST_ALIGNMENT if run.finished(ROBUST_ALIGNMENT) else ALIGNMENT)
-    takes = named | _aligned(align, best.body, known) | _unseen(run, align, best.body, known)
+    takes |= _aligned(align, body, known) | _unseen(run, align, body, known)
     if not takes:
         raise DsnetError(f"run {run.name!r} without motions", "a motion", "Pass --motion FILE.")
     return found(
-        predictors=_labels(best) | _labels_of(run),
+        predictors=labels | _labels_of(run),
         takes=takes,
         people=_people(align) | people,
         read_truth=read if known else None,
     )
 
 
-def _given(path: Path, controls: Controls | None) -> Motion:
-    controls = controls or Controls()
-    motion = load_motion_file(path, controls.motion_fps, smooth_hz=controls.smooth_hz)
-    for warning in motion_warnings(motion, pieces_between_cuts(motion.theta)):
-        notify(warning)
-    return motion
+def open_truth(run: Run, origin: str) -> tuple[Mapping[str, int], Callable[[str], TrueMotion]]:
+    """Lengths of the sequences whose truth is known, by name, and what reads one of them.
 
+    `origin` is that of the run's meshes; the truth is of its own corpus, not of licensed ones.
+    """
+    known: dict[str, int] = {}
+    truth = None
+    if origin == "synthetic" and run.finished(TRUTH):
+        truth = MotionArrays.of(run.artifact(TRUTH))
+        known = {name: place.length for name, place in truth.places.items()}
 
-def _asked(body: BodyModelData, controls: Controls | None) -> dict[str, NDArray[np.float64]]:
-    betas = None if controls is None else asked_betas(body, controls)
-    return {} if betas is None else {AS_ASKED: betas}
+    def read(name: str) -> TrueMotion:
+        if truth is None:
+            raise KeyError(name)
+        frames = slice(0, known[name])
+        offsets_m = np.asarray(true_offsets_m(truth, name, frames), np.float32)
+        return TrueMotion(truth.frames("theta", name, frames), truth.betas(name), offsets_m)
 
-
-def _labels(best: Character) -> dict[str, str]:
-    return {best.chosen.name: best.chosen.label}
+    return known, read
 
 
 def _labels_of(run: Run) -> dict[str, str]:
-    """Labels of all predictors that move single motions, of every road that the run has."""
+    """Labels of all predictors that move single motions, of every pipeline that the run has."""
     found: dict[str, str] = {}
     for road in ROADS:
         if all(run.finished(stage) for stage in road.stages):
@@ -136,23 +163,9 @@ def _labels_of(run: Run) -> dict[str, str]:
     return found
 
 
-def _of_motion(motion: Motion, body: BodyModelData) -> ViewedMotion:
-    place_motion(motion, body)  # refuses what is no person's motion before anything is shown
-    return ViewedMotion(lambda betas: place_motion(motion, body, betas))
-
-
 def _of_file(path: Path, body: BodyModelData) -> ViewedMotion:
-    load = lru_cache(1)(partial(load_amass_motion, path))
+    load = cache(partial(load_amass_motion, path))
     return ViewedMotion(lambda betas: place_motion(load(), body, betas))
-
-
-def _with_truth(take: ViewedMotion, sequence: str, known: Mapping[str, int]) -> ViewedMotion:
-    return replace(take, truth=sequence, frames=known[sequence]) if sequence in known else take
-
-
-def _samples(body: BodyModelData) -> dict[str, ViewedMotion]:
-    paths = {name: Path(SAMPLE_PREFIX + name) for name in SAMPLES}
-    return {name: _of_file(path, body) for name, path in paths.items()}
 
 
 def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:
@@ -176,7 +189,7 @@ def _aligned(
             source=Path(one.name),
         )
         take = ViewedMotion(partial(_shaped, motion))
-        takes[_titled(one.name, one.split)] = _with_truth(take, one.name, known)
+        takes |= _titled(take, one.name, one.split, known)
     return takes
 
 
@@ -188,20 +201,22 @@ def _unseen(
     run: Run, align: Artifact, body: BodyModelData, known: Mapping[str, int]
 ) -> dict[str, ViewedMotion]:
     """The corpus's motions without meshes, on which predictors are tested."""
-    if "corpus" not in align.manifest["upstream"]:
-        return {}
-    corpus = run.artifact("corpus")
     takes = {}
-    for name in sorted(corpus.manifest["files"]):
-        if name.endswith("_poses.npz"):
-            path = corpus.file(name)
-            subject, motion = subject_and_motion(path)
-            sequence = f"{subject}_{motion}"
-            take = _of_file(path, body)
-            takes[_titled(sequence, "test")] = _with_truth(take, sequence, known)
+    if "corpus" in align.manifest["upstream"]:
+        corpus = run.artifact("corpus")
+        for name in sorted(corpus.manifest["files"]):
+            if name.endswith("_poses.npz"):
+                path = corpus.file(name)
+                sequence = "_".join(subject_and_motion(path))
+                takes |= _titled(_of_file(path, body), sequence, "test", known)
     return takes
 
 
-def _titled(sequence: str, split: str) -> str:
+def _titled(
+    take: ViewedMotion, sequence: str, split: str, known: Mapping[str, int]
+) -> dict[str, ViewedMotion]:
+    """By what the picker calls it, and with its truth."""
     kinds = {"train": "trained on", "validation": "held out", "test": "unseen"}
-    return f"{sequence} ({kinds[split]})"
+    if sequence in known:
+        take = replace(take, truth=sequence, frames=known[sequence])
+    return {f"{sequence} ({kinds[split]})": take}

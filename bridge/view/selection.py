@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.runtime.floor import Floor
-from bridge.view.clips import AS_PREDICTED, LABELS, Asked, Gains, Way
-from bridge.view.performances import Performances
-from bridge.view.truth import TRUTH
+from bridge.view.performances import AS_PREDICTED, Asked, Gains, Performances, Way
+from bridge.view.repertoire import LABELS, TRUTH
 
 SIDE_BY_SIDE, OVERLAID = "side by side", "overlaid"
 LAYOUTS = (SIDE_BY_SIDE, OVERLAID)
@@ -26,21 +25,15 @@ class Selection:
     take: str
     """Which motion."""
     betas: tuple[float, ...]
-    """Ten shape coefficients."""
     shown: tuple[str, ...]
     """Predictors, `smpl`, `truth`: who stands there, from left to right."""
     gains: Gains = AS_PREDICTED
-    """Of predicted offsets."""
     floor: Floor = "keep"
-    """Where the motion stands."""
     loop: bool = False
-    """Whether the motion repeats."""
     layout: str = SIDE_BY_SIDE
-    """One of `LAYOUTS`."""
     colouring: str = OFFSETS
-    """One of `COLOURINGS`."""
     full_cm: float = 2.0
-    """What has the last colour, centimetres."""
+    """What has the last colour."""
     in_place: bool = False
     """Whether the root's way over the ground is left out."""
     shadows: bool = True
@@ -50,10 +43,6 @@ class Selection:
     def way(self) -> Way:
         """How somebody moves."""
         return Way(self.take, self.betas, self.floor, self.loop)
-
-    def asked(self, known: bool) -> list[Asked]:
-        """Keys of the performances that it needs; the truth only where it is known."""
-        return [Asked(self.way, name) for name in self.shown if known or name != TRUTH]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,18 +60,13 @@ class Posed:
 
 
 class Shown:
-    """A selection with the performances that it needs under way.
-
-    Raises
-    ------
-    DsnetError
-        If a motion or a predictor cannot be read.
-    """
+    """A selection with the performances that it needs under way; the truth only where known."""
 
     def __init__(self, performances: Performances, selection: Selection) -> None:
         self.performances, self.selection = performances, selection
         self.knows_truth = performances.knows_truth(selection.way)
-        self.asked = selection.asked(self.knows_truth)
+        names = [name for name in selection.shown if self.knows_truth or name != TRUTH]
+        self.asked = [Asked(selection.way, name) for name in names]
         performances.want(self.asked, selection.gains)
 
     @property
@@ -97,42 +81,28 @@ class Shown:
 
     def posed(self, frame: int) -> Iterator[Posed]:
         """Every body in one frame; those that are not computed yet as SMPL alone, and say so."""
-        selection = self.selection
-        true = Asked(selection.way, TRUTH)
-        root_m = self._root_m(frame)
+        selection, performances = self.selection, self.performances
+        labels = {**LABELS, **performances.repertoire.predictors}
+        one, true = slice(frame, frame + 1), Asked(selection.way, TRUTH)
+        true_clip = performances.clip(true) if self.knows_truth else None
+        root_m = np.zeros(3, np.float32)
+        if selection.in_place:
+            way_m = performances.motion(selection.way).theta[frame, -3:] * [1, 0, 1]
+            root_m = way_m.astype(np.float32)
         for asked in self.asked:
-            one = slice(frame, frame + 1)
-            vertices_m = self.performances.vertices_m(asked, one, selection.gains)[0]
+            clip, label = performances.clip(asked), labels[asked.predictor]
+            assert clip is not None
+            vertices_m = performances.vertices_m(asked, one, selection.gains)[0]
             values_m = None
             if selection.colouring == OFFSETS:
-                values_m = self._size_m(asked, frame)
-            elif selection.colouring == ERRORS and self._computed(true):
-                gap_m = vertices_m - self.performances.vertices_m(true, one)[0]
+                gain = performances.gain(asked, selection.gains)
+                values_m = np.linalg.norm(gain * clip.offsets_m[frame], axis=-1)
+            elif selection.colouring == ERRORS and true_clip is not None and true_clip.complete:
+                gap_m = vertices_m - performances.vertices_m(true, one)[0]
                 values_m = np.linalg.norm(gap_m, axis=-1)
-            yield Posed(asked.predictor, self._label(asked, frame), vertices_m - root_m, values_m)
-
-    def _computed(self, asked: Asked) -> bool:
-        clip = self.performances.clip(asked)
-        return self.knows_truth and clip is not None and clip.complete
-
-    def _root_m(self, frame: int) -> NDArray[np.float32]:
-        """(3,) the way over the ground that is left out."""
-        motion = self.performances.motion(self.selection.way)
-        way_m = motion.theta[frame, -3:] * [1, 0, 1]
-        return (way_m if self.selection.in_place else np.zeros(3)).astype(np.float32)
-
-    def _size_m(self, asked: Asked, frame: int) -> NDArray[np.float32]:
-        clip = self.performances.clip(asked)
-        assert clip is not None
-        gain = self.performances.gain(asked, self.selection.gains)
-        return np.linalg.norm(gain * clip.offsets_m[frame], axis=-1)
-
-    def _label(self, asked: Asked, frame: int) -> str:
-        labels = {**LABELS, **self.performances.repertoire.predictors}
-        label, clip = labels[asked.predictor], self.performances.clip(asked)
-        if failure := self.performances.worker.failed.get(asked):
-            return f"{label}: {failure}"
-        if clip is not None and frame >= clip.ready:
-            share = 100 * clip.ready // len(clip.offsets_m)
-            return f"{label}: {share} % computed; SMPL alone until then"
-        return label
+            if failure := performances.worker.failed.get(asked):
+                label = f"{label}: {failure}"
+            elif frame >= clip.ready:
+                share = 100 * clip.ready // len(clip.offsets_m)
+                label = f"{label}: {share} % computed; SMPL alone until then"
+            yield Posed(asked.predictor, label, vertices_m - root_m, values_m)

@@ -41,34 +41,30 @@ PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ViewConfig())
 
 
 def main(config: ViewConfig) -> None:
-    """Serve the viewer until it is interrupted, or write the recording.
-
-    Raises
-    ------
-    DsnetError
-        If the extra `viewer` is not installed, the port is taken, the run has no trained model,
-        or the file is no motion of a body, and what `controlled_body` raises.
-    """
+    """Serve the viewer until it is interrupted, or write the recording."""
     config.check()
     require_package("viser", "viewer", "dsnet view")
-    check_address(config.host, config.port)
+    _check_address(config.host, config.port)
     run = None if config.run is None else Run(config.run)
     repertoire = open_repertoire(run, config.motion, config)
     performances = Performances(repertoire, config.seconds)
     if config.record is not None:
         write_recording(config.record, performances, config)
-    else:
-        _serve(config, performances)
+        return
+    from bridge.view.viewer import Viewer, serving
+
+    with serving(config.host, config.port) as server:
+        viewer = Viewer(server, performances, config)
+        owner = performances.repertoire.owner
+        address = f"http://{config.host}:{server.get_port()}"
+        notify(f"{owner}: open {address} in a browser; Ctrl-C ends it")
+        try:
+            viewer.run()
+        finally:
+            performances.worker.stop()
 
 
-def check_address(host: str, port: int) -> None:
-    """Make sure that one can serve there.
-
-    Raises
-    ------
-    DsnetError
-        If the port is taken or the address is not this machine's.
-    """
+def _check_address(host: str, port: int) -> None:
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM
@@ -87,16 +83,9 @@ def check_address(host: str, port: int) -> None:
 def write_recording(
     path: Path, performances: Performances, controls: Controls | None = None
 ) -> None:
-    """Write the recording of what is shown first; all or nothing.
-
-    Raises
-    ------
-    DsnetError
-        If the file exists or cannot be written.
-    """
-    from bridge.export.new_path import new_path
-    from bridge.view.recording import record
-    from bridge.view.viewer import first_selection
+    """Write the recording of what is shown first; all or nothing."""
+    from bridge.export.output import new_path
+    from bridge.view.viewer import first_selection, record
 
     with new_path(path, "--record") as partial:
         try:
@@ -105,18 +94,3 @@ def write_recording(
             performances.worker.stop()
         partial.write_text(page, encoding="utf-8", newline="\n")
     notify(f"{path}: {len(page) / 1e6:.1f} MB; open it in any browser")
-
-
-def _serve(config: ViewConfig, performances: Performances) -> None:
-    from bridge.view.serving import serving
-    from bridge.view.viewer import Viewer
-
-    with serving(config.host, config.port) as server:
-        viewer = Viewer(server, performances, config)
-        owner = performances.repertoire.owner
-        address = f"http://{config.host}:{server.get_port()}"
-        notify(f"{owner}: open {address} in a browser; Ctrl-C ends it")
-        try:
-            viewer.run()
-        finally:
-            performances.worker.stop()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bridge import DsnetError
 from bridge.body.shapes import parse_shape
-from bridge.motion.sample_files import motion_path
+from bridge.motion.readers.amass import motion_path
 from bridge.runtime.controls import Controls
 from tests.fuzz.mutations import ODD_NAMES, Draw, Files
 

@@ -15,7 +15,7 @@ from bridge.body import load_body_model
 from bridge.exchange import save_weights
 from bridge.exchange.dsnet import TrainedDsnet
 from bridge.motion import sequences_of, subject_rows
-from bridge.motion.cells import cell_of
+from bridge.motion.splits import cell_of
 from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import content_digest
 from bridge.runs.files import MANIFEST

@@ -12,11 +12,11 @@ from bridge.body import BodyModelData
 from bridge.body.smpl import Smpl
 from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
-from bridge.motion.cells import kind_of
+from bridge.motion.splits import kind_of
 from bridge.runs import Run
 from bridge.runtime.dsnet_step import DSNET
 from bridge.runtime.moving_body import MovingBody
-from bridge.view.truth import open_truth
+from bridge.view.repertoire import open_truth
 
 TAIL = "_poses.npz"
 

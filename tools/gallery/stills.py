@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.export.clip_stage import turned_to_camera
+from bridge.export.clip_pictures import turned_to_camera
 from bridge.motion import unpack_theta
 from bridge.report.motion_strip import draw_row_of_bodies
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.body.smpl import ShapedBody
 from bridge.motion.cuts import is_cut
-from bridge.motion.interpolation import between, going_on
+from bridge.motion.resampling import between, going_on
 from bridge.runtime.stepping import Model, finished
 from bridge.runtime.streams.frame_clock import FrameClock
 

@@ -11,7 +11,7 @@ from benchmarks.prediction import comparison, corpora
 from benchmarks.prediction.comparison_page import systems_of
 from benchmarks.prediction.comparison_scores import joined, refuse_mixture
 from bridge.errors import DsnetError
-from bridge.motion.cells import CELLS
+from bridge.motion.splits import CELLS
 
 DOCS = Path(__file__).parents[3] / "docs" / "results" / "comparison"
 RIVAL = {

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.prediction import ablation, corpora, test_bed
 from bridge.errors import DsnetError
-from bridge.motion.cells import CELLS
+from bridge.motion.splits import CELLS
 
 
 def score(corpus: str, seed: int, r2: float) -> dict:

@@ -13,7 +13,7 @@ from benchmarks.rivals import __main__ as command
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, to_manifest
-from bridge.motion.cells import CELLS
+from bridge.motion.splits import CELLS
 from bridge.runs import Run, write_artifact
 
 SEQUENCES = [

@@ -13,9 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
 from bridge.body.posing import shaped_joints
-from bridge.export import gif
-from bridge.export.clip_page import ClipPage
-from bridge.export.clip_stage import set_stage
+from bridge.export import clips
+from bridge.export.clip_pictures import ClipPage, set_stage
 from bridge.motion import pack_theta, unpack_theta
 from bridge.report.panels import FOOTERS, footer
 from bridge.runtime.moving_body import MovingBody
@@ -31,7 +30,7 @@ def short(character):
 
 def test_gif(short, tmp_path):
     path = tmp_path / "body.gif"
-    gif.write(path, short, body_px=120)
+    clips.write_gif(path, short, body_px=120)
     with Image.open(path) as clip:
         count = getattr(clip, "n_frames", 1)
         assert (count, clip.size[0], clip.info["loop"]) == (3, 302, 0)
@@ -52,7 +51,7 @@ def test_several_predictors_side_by_side(short, tmp_path):
     """A column each, on one scale of colours, in the order in which they are named."""
     path, motion = tmp_path / "body.gif", short.motion
     calm = MovingBody(short.character, motion, gain=0.0)
-    gif.write(path, calm, short, body_px=120)
+    clips.write_gif(path, calm, short, body_px=120)
     with Image.open(path) as clip:
         assert clip.size[0] == 3 * 120 + 62
         assert clip.info["comment"].startswith(b"synthetic data; dsnet: dsnet_plus, dsnet_plus of")
@@ -66,7 +65,7 @@ def test_several_predictors_side_by_side(short, tmp_path):
 def test_a_recorded_motion_is_said_below_the_pictures(short, tmp_path):
     pages = []
     for recorded in ("", "somebody"):
-        gif.write(tmp_path / "body.gif", short, body_px=300, recorded=recorded)
+        clips.write_gif(tmp_path / "body.gif", short, body_px=300, recorded=recorded)
         with Image.open(tmp_path / "body.gif") as clip:
             pages.append(np.asarray(clip.convert("RGB")).astype(int))
     differs = np.abs(pages[0] - pages[1]).max(axis=(1, 2)) > 100
@@ -91,10 +90,8 @@ def assert_bodies_side_by_side(page, bar_px):
 
 def test_mp4(short, tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
-    from bridge.export import mp4
-
     path = tmp_path / "body.mp4"
-    mp4.write(path, short, body_px=120)
+    clips.write_mp4(path, short, body_px=120)
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     done = subprocess.run([ffmpeg, "-i", str(path), *raw], capture_output=True, check=True)
     said = done.stderr.decode()
@@ -117,10 +114,8 @@ def test_a_page_is_as_large_as_is_said(height_px):
 
 def test_an_encoder_that_fails_says_why(short, tmp_path):
     pytest.importorskip("imageio_ffmpeg")
-    from bridge.export import mp4
-
     with pytest.raises(OSError, match="No such file or directory"):
-        mp4.write(tmp_path / "nowhere" / "body.mp4", short, body_px=20)
+        clips.write_mp4(tmp_path / "nowhere" / "body.mp4", short, body_px=20)
 
 
 def test_every_body_of_the_motion_is_in_the_picture(performed):
@@ -160,6 +155,6 @@ def test_a_body_that_turned_and_went_away_is_drawn_where_it_was(short):
 
 
 def test_a_gif_of_a_long_motion_is_refused(short, tmp_path, monkeypatch):
-    monkeypatch.setattr(gif, "LONGEST_S", 0.05)
+    monkeypatch.setattr(clips, "LONGEST_GIF_S", 0.05)
     with pytest.raises(DsnetError, match=r"--to gif of .* expected at most .* --to mp4"):
-        gif.write(tmp_path / "body.gif", short)
+        clips.write_gif(tmp_path / "body.gif", short)

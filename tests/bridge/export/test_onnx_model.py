@@ -13,9 +13,14 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model
-from bridge.exchange.dsnet import Scaling, TrainedDsnet
-from bridge.export.onnx_model import DecodedDsnet, OnnxCharacters, export_onnx, load_exportable
-from bridge.export.precision_error import PrecisionError, precision_error
+from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
+from bridge.export.onnx_model import (
+    DecodedDsnet,
+    OnnxCharacters,
+    export_onnx,
+    load_exportable,
+    precision_error_mm,
+)
 from bridge.runs import Run, write_artifact
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
@@ -104,8 +109,8 @@ def test_fewer_bits_are_measured_and_the_file_says_so(tmp_path):
     about = OnnxCharacters(path).metadata
     error = json.loads(about["error_mm"])
     assert 0 < error["mean_mm"] < error["percentile_99_mm"] < error["max_mm"] < 1.0
-    exact = precision_error(*[onnx.load_model(path)] * 2)
-    assert exact == PrecisionError(0.0, 0.0, 0.0)
+    exact = precision_error_mm(*[onnx.load_model(path)] * 2)
+    assert set(exact.values()) == {0.0}
 
 
 def test_a_run_is_exported_by_its_artifacts(plus, tmp_path, monkeypatch):

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from bridge.cli import main
-from bridge.export.formats import FORMATS
-from bridge.export.new_path import new_path
+from bridge.export.formats import FORMATS, Format
+from bridge.export.output import new_path
 from bridge.runtime.moving_body import MovingBody
 from tests.bridge.export.conftest import moving_body
 from tests.forged.amass import save, smplh
+from tests.pages import python_blocks
 
 
 @pytest.fixture
@@ -91,6 +92,22 @@ def test_a_missing_extra_is_named(refused, motion, tmp_path, monkeypatch, to):
     assert f'[{FORMATS[to].extra}]"' in printed.partition("pip install")[2]
 
 
+def test_a_new_format_is_the_file_and_the_line_that_contributing_shows(
+    motion, tmp_path, monkeypatch
+):
+    (block,) = [block for block in python_blocks("CONTRIBUTING.md") if "def write" in block]
+    (tmp_path / "csv_export.py").write_text(block)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(FORMATS, "csv", Format("csv_export.write", (".csv",)))
+    for to in ("csv", "npz"):
+        out = str(tmp_path / f"body.{to}")
+        main(["export", "--to", to, "--motion", str(motion), "--out", out])
+    comment, *rows = (tmp_path / "body.csv").read_text().splitlines()
+    assert comment.startswith("# synthetic data; dsnet")
+    with np.load(tmp_path / "body.npz") as stored:
+        assert [row.count(",") for row in rows] == [3 * 6890 - 1] * len(stored["theta"])
+
+
 @pytest.mark.parametrize("kind", ["file", "folder", "link"])
 def test_what_exists_stays(refused, motion, tmp_path, kind):
     out = tmp_path / "body.npz"
@@ -124,7 +141,7 @@ def test_an_interrupt_leaves_nothing(motion, tmp_path, monkeypatch):
         (path / "body.pc2").write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bridge.export.pc2.write", interrupted)
+    monkeypatch.setattr("bridge.export.mesh_files.write_pc2", interrupted)
     out = tmp_path / "out"
     with pytest.raises(SystemExit) as stopped:
         main(["export", "--to", "pc2", "--motion", str(motion), "--out", str(out)])

@@ -12,13 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
 from bridge.motion import load_motion_file, unpack_theta
-from bridge.motion.amass_file import StoredMotion
-from bridge.motion.bounds import RATES_HZ
 from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.motion import RATES_HZ, StoredMotion
 from bridge.motion.motion_checks import motion_warnings, tremor_mm
-from bridge.motion.sample_files import SAMPLES, sample_path
-from bridge.motion.smoothing import SmoothHz, smoothed
-from bridge.motion.valley import cutoffs_hz, most_cutoff_hz
+from bridge.motion.readers.amass import SAMPLES, sample_path
+from bridge.motion.smoothing import SmoothHz, no_noise_hz, noise_cutoff_hz, smoothed
 from tests.forged.amass import save, smplh
 
 FPS = 120.0
@@ -101,11 +99,11 @@ def test_the_cutoff_follows_the_motion(fps: float) -> None:
         np.r_[0 : int(fps), int(5 * fps) : int(6 * fps)],
         slice(int(2.5 * fps), int(3.5 * fps)),
     )
-    found = cutoffs_hz(noisy.pose, noisy.trans_m, fps)
+    found = noise_cutoff_hz(noisy.pose, noisy.trans_m, fps)
     assert np.median(found[landings]) > 1.5 * np.median(found[calm])
-    without = cutoffs_hz(clean.pose, clean.trans_m, fps)
+    without = noise_cutoff_hz(clean.pose, clean.trans_m, fps)
     assert np.median(without[landings]) > np.median(found[landings])
-    assert without.max() < most_cutoff_hz(fps) + 1e-9 < fps / 2
+    assert without.max() < no_noise_hz(fps) + 1e-9 < fps / 2
 
 
 def test_auto_keeps_landings_and_leaves_noise_out() -> None:

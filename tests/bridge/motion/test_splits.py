@@ -9,12 +9,18 @@ from hypothesis import strategies as st
 
 from bridge import DsnetError
 from bridge.motion import MotionSequence
+from bridge.motion.sequences import Split
 from bridge.motion.splits import (
+    CELLS,
+    cell_of,
     held_out_frames,
+    kind_of,
     split_autoencoder_frames,
     split_frames,
     split_sequences,
     splits_of_names,
+    take_suffix,
+    trained_people_and_kinds,
 )
 
 
@@ -87,3 +93,42 @@ def test_named_sequences_are_held_out_and_else_the_last():
     assert splits_of_names(names, ("b", "z")) == {"a": "train", "b": "validation", "c": "train"}
     assert splits_of_names(names, ("z",)) == {"a": "train", "b": "train", "c": "validation"}
     assert splits_of_names(["a"], ()) == {"a": "train"}
+
+
+def sequence(subject: str, motion: str, split: Split = "test") -> MotionSequence:
+    return MotionSequence(f"{subject}_{motion}", subject, motion, 0, 10, 60.0, split)
+
+
+TRAINED = [
+    sequence("50004", "one_leg_jump", "validation"),
+    sequence("50004", "hips", "train"),
+    sequence("50020", "one_leg_jump", "train"),
+]
+
+
+@pytest.mark.parametrize(
+    ("subject", "motion", "expected"),
+    [
+        ("50004", "hips_take2", "known_person_known_motion"),
+        ("50020", "hips", "known_person_known_motion"),
+        ("50004", "one_leg_jump_take12", "known_person_known_motion"),
+        ("50004", "kicking", "known_person_unseen_motion"),
+        ("50004", "hips_taken", "known_person_unseen_motion"),
+        ("99001", "hips", "new_person_known_motion"),
+        ("99001", "hips_take2", "new_person_known_motion"),
+        ("99001", "amass_hips", "new_person_unseen_motion"),
+    ],
+)
+def test_every_test_sequence_has_its_cell(subject: str, motion: str, expected: str) -> None:
+    people, kinds = trained_people_and_kinds(TRAINED)
+    found = cell_of(sequence(subject, motion), people, kinds)
+    assert found == expected
+    assert found in CELLS
+
+
+def test_people_and_kinds_are_those_of_training_alone() -> None:
+    assert trained_people_and_kinds(TRAINED[:2]) == ({"50004"}, {"hips"})
+
+
+def test_a_take_is_the_same_kind() -> None:
+    assert kind_of("running_on_spot" + take_suffix(2)) == "running_on_spot"

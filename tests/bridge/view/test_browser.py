@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from bridge.view.clips import SMPL_ALONE
 from bridge.view.performances import Performances
-from bridge.view.repertoire import open_repertoire
+from bridge.view.repertoire import SMPL_ALONE, open_repertoire
 from tools.headless_chromium import PATIENCE_MS, OpenPage, chromium, open_page, why_missing
 
 if TYPE_CHECKING:
@@ -23,9 +22,8 @@ if TYPE_CHECKING:
 from tests.bridge.view.conftest import FRAMES
 
 pytest.importorskip("viser", reason="viser is not installed")
-from bridge.view.serving import serving
 from bridge.view.stage_view import write_recording
-from bridge.view.viewer import Viewer
+from bridge.view.viewer import Viewer, serving
 
 pytestmark = [
     pytest.mark.browser,
@@ -156,7 +154,7 @@ def test_the_pickers_change_motion_and_person(viewer):
     until(lambda: bool(abs(np.ptp(vertices_m(found)[:, 1]) - before) < 0.01))
     opened.choose("Motion", "50004_stand (trained on)")
     until(lambda: found.timeline.frames == FRAMES)
-    until(lambda: not found.scene.figures["truth"].visible)
+    until(lambda: not found.scene.figures["truth"].root.visible)
     opened.page.get_by_text("Error over time").first.wait_for(state="hidden")
 
 

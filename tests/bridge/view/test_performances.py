@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -11,11 +14,9 @@ from bridge.runtime.characters import open_character
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.part_gains import vertex_gain
-from bridge.view.clips import SMPL_ALONE, Asked, Clip, Gains, Way
-from bridge.view.performances import Performances
-from bridge.view.repertoire import open_repertoire
+from bridge.view.performances import Asked, Clip, Gains, LatestWork, Performances, Way
+from bridge.view.repertoire import SMPL_ALONE, TRUTH, open_repertoire
 from bridge.view.selection import ERRORS, Selection, Shown
-from bridge.view.truth import TRUTH
 from tests.bridge.view.conftest import FRAMES, JUMP
 from tests.forged.amass import save, smplh
 from tests.forged.cyclic import save_on_the_spot
@@ -169,3 +170,67 @@ def test_the_packaged_model_shows_samples_without_any_run():
     assert (found.origin, list(found.predictors)) == ("synthetic", ["dsnet_plus"])
     assert {"dancing", "walking"} <= set(found.takes)
     assert found.read_truth is None
+
+
+@pytest.fixture
+def worker() -> Iterator[LatestWork]:
+    found = LatestWork()
+    yield found
+    found.stop()
+
+
+def test_work_is_done_in_order(worker):
+    done: list[str] = []
+
+    def work(name: str, steps: int) -> Iterator[None]:
+        for _ in range(steps):
+            yield
+        done.append(name)
+
+    worker.want({"a": lambda: work("a", 3), "b": lambda: work("b", 0)})
+    assert worker.wait(5)
+    assert done == ["a", "b"]
+
+
+def test_what_is_under_way_is_dropped_or_goes_on(worker):
+    begun, go, started = [], threading.Semaphore(0), threading.Event()
+
+    def endless(name: str) -> Iterator[None]:
+        begun.append(name)
+        started.set()
+        while True:
+            go.acquire()
+            yield
+
+    def short() -> Iterator[None]:
+        begun.append("short")
+        yield
+
+    worker.want({"a": lambda: endless("a")})
+    assert started.wait(5)
+    go.release()
+    worker.want({"a": lambda: endless("a again")})
+    go.release()
+    worker.want({"short": short})
+    go.release(2)
+    assert worker.wait(5)
+    assert begun == ["a", "short"]
+
+
+def test_a_failure_is_kept_and_the_rest_is_done(worker):
+    done = []
+
+    def failing() -> Iterator[None]:
+        yield
+        raise ValueError("no")
+
+    def fine() -> Iterator[None]:
+        done.append("fine")
+        yield
+
+    worker.want({"bad": failing, "fine": fine})
+    assert worker.wait(5)
+    assert done == ["fine"]
+    assert str(worker.failed["bad"]) == "no"
+    worker.want({"bad": failing})
+    assert worker.wait(5)

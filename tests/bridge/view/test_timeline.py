@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from bridge.view.timeline import Timeline
+import pytest
+
+pytest.importorskip("viser", reason="viser is not installed")
+from bridge.view.panel import Timeline
 
 
 def test_it_is_as_fast_as_the_motion_and_begins_again():

@@ -12,18 +12,15 @@ from bridge.body.parts import PARTS, part_weights
 from bridge.body.shapes import find_shape
 from bridge.errors import DsnetError
 from bridge.runtime.controls import Controls
-from bridge.view.clips import SMPL_ALONE
 from bridge.view.performances import Performances
-from bridge.view.repertoire import AS_ASKED, open_repertoire
+from bridge.view.repertoire import AS_ASKED, SMPL_ALONE, open_repertoire
 from tests.bridge.view.conftest import FRAMES, JUMP
 
 pytest.importorskip("viser", reason="viser is not installed")
-from bridge.view.colour_bands import BANDS
-from bridge.view.recording import record
+from bridge.view.live_scene import BANDS
 from bridge.view.selection import OVERLAID, Selection
-from bridge.view.serving import serving
 from bridge.view.stage_view import write_recording
-from bridge.view.viewer import Viewer, first_selection
+from bridge.view.viewer import Viewer, first_selection, record, serving
 
 
 @pytest.fixture
@@ -94,11 +91,11 @@ def test_a_beta_moves_every_body_and_takes_the_truth_away(viewer):
     change(viewer)
     for name, vertices_m in before.items():
         assert np.abs(drawn_m(viewer, name) - vertices_m).max() > 0.01
-    assert not viewer.scene.figures["truth"].visible
+    assert not viewer.scene.figures["truth"].root.visible
     viewer.panel._on_person(None)
     change(viewer)
     np.testing.assert_array_equal(drawn_m(viewer, SMPL_ALONE), before[SMPL_ALONE])
-    assert viewer.scene.figures["truth"].visible
+    assert viewer.scene.figures["truth"].root.visible
 
 
 def test_a_shape_by_name_sets_the_betas(viewer):
@@ -151,7 +148,7 @@ def test_what_cannot_be_looped_stays_as_it_was(viewer, monkeypatch):
     change(viewer, loop=True)
     viewer.draw(0.0)
     assert "no file; expected one." in viewer.panel._status.content
-    assert viewer.scene.figures["truth"].visible
+    assert viewer.scene.figures["truth"].root.visible
     assert len(tried) == 1
     change(viewer, loop=False)
     assert "no file" not in viewer.panel._status.content
@@ -180,7 +177,7 @@ def test_another_motion_begins_at_its_first_frame(viewer):
     assert viewer.timeline.frames == FRAMES - 10
     change(viewer, take="50004_stand (trained on)")
     assert (viewer.timeline.frame, viewer.timeline.frames) == (0, FRAMES)
-    assert not viewer.scene.figures["truth"].visible
+    assert not viewer.scene.figures["truth"].root.visible
 
 
 def test_bodies_stand_apart_or_in_one_another(viewer):
@@ -207,7 +204,7 @@ def test_a_motion_that_cannot_be_read_leaves_the_last_one(viewer, monkeypatch):
     monkeypatch.setattr(viewer.performances, "want", _broken)
     change(viewer, gain=2.0)
     assert "no file; expected one." in viewer.panel._status.content
-    assert viewer.scene.figures[SMPL_ALONE].visible
+    assert viewer.scene.figures[SMPL_ALONE].root.visible
 
 
 def test_a_recording_holds_the_scene_and_its_client(performances):

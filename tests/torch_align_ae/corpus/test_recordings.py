@@ -11,7 +11,7 @@ from bridge.body import load_body_model
 from bridge.body.posing import shaped_vertices
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
-from bridge.motion.cells import CELLS, cell_of
+from bridge.motion.splits import CELLS, cell_of
 from torch_align_ae.corpus.motions import DYNA_MOTIONS
 from torch_align_ae.corpus.recordings import dyna_recordings, held_out_recordings
 from torch_align_ae.corpus.stage_corpus import PROFILES, plan_of

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.motion.sample_files import SAMPLES, sample_path
+from bridge.motion.readers.amass import SAMPLES, sample_path
 from tools import build_sample_motions
 
 

@@ -1,39 +1,46 @@
-"""What an AMASS `.npz` holds, read and checked, in the file's own frame rate with z up.
+"""AMASS `.npz`, and the short synthetic motions of the package, which are such files.
 
 SMPL-H's release stores `poses` (T, 156) and `mocap_framerate`, SMPL-X's (`*_stageii.npz`) `poses`
 (T, 165) and `mocap_frame_rate`. All begin with the root's rotation and the 21 body joints: the
 22 joints of the paper's pose vector. Hands, jaw and eyes follow and are dropped.
+
+`python tools/build_sample_motions.py` makes the samples.
 """
 
 from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
+from importlib import resources
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError
-from bridge.motion.bounds import (
+from bridge.errors import DsnetError, did_you_mean
+from bridge.motion.motion import (
     FARTHEST_M,
     HIGHEST_M,
     LARGEST_ANGLE_RAD,
     LARGEST_BETA,
     MOST_FRAMES,
     RATES_HZ,
+    StoredMotion,
 )
-from bridge.motion.sample_files import motion_path, remedy_of_missing
 from bridge.paper import N_BETAS, N_JOINTS
 from bridge.runs.untrusted import UntrustedNpz, damage_refused, open_npz, text_of
 
+SUFFIXES = (".npz",)
+SAMPLE_PREFIX = "sample:"
+CYCLE = "walk_cycle"
+"""The one that repeats, in place: its last frame is its first again."""
+SAMPLES = ("dancing", "jumping_jacks", CYCLE, "walking")
+
 _POSE_WIDTHS = {72: "SMPL", 156: "SMPL-H", 165: "SMPL-X"}
 _RATE_KEYS = ("mocap_framerate", "mocap_frame_rate")
-
 _BYTES_A_FRAME = 8 * max(_POSE_WIDTHS)
 _MOST_BYTES = {"poses": MOST_FRAMES * _BYTES_A_FRAME, "trans": MOST_FRAMES * 24}
 _MOST_BYTES |= {"dmpls": MOST_FRAMES * 64, "betas": 1 << 16}
@@ -41,40 +48,19 @@ _MOST_TEXT_BYTES = 1 << 12
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
 
 Arrays = Mapping[str, NDArray]
-_Read = TypeVar("_Read")
 
 
-@dataclass(frozen=True, eq=False)
-class StoredMotion:
-    """The parameters of T frames."""
-
-    pose: NDArray[np.float64]
-    """(T, 22, 3) joint rotations, axis-angle, radians."""
-    trans_m: NDArray[np.float64]
-    """(T, 3) translation of the root, metres, z up."""
-    betas: NDArray[np.float64]
-    """(10,) first of the 16 (or 10) shape coefficients."""
-    gender: str
-    """`female`, `male`, `neutral`, or `unknown` where the file does not say."""
-    fps: float
-    """Frames per second."""
-    dmpls: NDArray[np.float64] | None
-    """(T, 8) DMPL soft tissue coefficients, where the file has them."""
-    lead_in: int = 0
-    """Frames of the file that come before these and are left out."""
+def sniff(path: Path) -> bool:
+    """By its name."""
+    return str(path).startswith(SAMPLE_PREFIX) or path.suffix in SUFFIXES
 
 
-def read_amass_file(path: Path) -> StoredMotion:
-    """Read and check one file, or a sample that comes with the package (`sample:walking`).
-
-    Raises
-    ------
-    DsnetError
-        If the file is missing, is not such an archive, or holds no usable motion.
-    """
+def read(path: Path) -> StoredMotion:
+    """Read and check one file, or a sample that comes with the package (`sample:walking`)."""
     # Other arrays (markers) may be large or pickled; they are not touched.
     wanted = ("poses", "trans", "betas", "gender", "dmpls", *_RATE_KEYS)
-    arrays = _read(path, motion_path(path), lambda archive: _arrays(archive, wanted))
+    with _opened(path, motion_path(path)) as archive:
+        arrays = _arrays(archive, wanted)
     pose, trans_m = _pose(path, arrays)
     return StoredMotion(
         pose=pose,
@@ -86,18 +72,37 @@ def read_amass_file(path: Path) -> StoredMotion:
     )
 
 
-def gender_of_motion(path: Path) -> str | None:
-    """The gender that a file states, or None if it has no `poses` and so is no motion.
+def gender_of(path: Path) -> str | None:
+    """The gender that a file states, or None if it has no `poses` and so is no motion."""
+    with _opened(path, path) as archive:
+        return _gender(_arrays(archive, ("gender",))) if "poses" in archive else None
 
-    Raises
-    ------
-    DsnetError
-        If the file is not a readable `.npz`.
-    """
-    arrays, is_motion = _read(
-        path, path, lambda archive: (_arrays(archive, ("gender",)), "poses" in archive)
-    )
-    return _gender(arrays) if is_motion else None
+
+def motion_path(name_or_path: Path | str) -> Path:
+    """The file of `sample:walking` and the like; any other path as it is."""
+    name = str(name_or_path)
+    if not name.startswith(SAMPLE_PREFIX):
+        return Path(name_or_path)
+    sample = name.removeprefix(SAMPLE_PREFIX)
+    if sample not in SAMPLES:
+        known = ", ".join(SAMPLE_PREFIX + sample for sample in SAMPLES)
+        remedy = did_you_mean(
+            sample, SAMPLES, "Name one of these, or an AMASS file.", SAMPLE_PREFIX
+        )
+        raise DsnetError(f"motion {name}", known, remedy)
+    return sample_path(sample)
+
+
+def sample_path(name: str) -> Path:
+    """Where a sample lies, or will when it is built."""
+    return Path(str(resources.files("bridge.motion"))) / "samples" / f"{name}.npz"
+
+
+@contextmanager
+def _opened(path: Path, file: Path) -> Iterator[ForeignNpz]:
+    """The archive; `path` is the name that the user knows it by."""
+    with damage_refused(partial(_unreadable, path)), open_npz(file) as archive:
+        yield archive
 
 
 def _arrays(archive: UntrustedNpz, wanted: tuple[str, ...]) -> dict[str, NDArray]:
@@ -108,15 +113,12 @@ def _arrays(archive: UntrustedNpz, wanted: tuple[str, ...]) -> dict[str, NDArray
     return {key: archive.array(key) for key in there}
 
 
-def _read(path: Path, file: Path, read: Callable[[UntrustedNpz], _Read]) -> _Read:
-    """What `read` finds in the archive; `path` is the name that the user knows it by."""
-    with damage_refused(partial(_unreadable, path)), open_npz(file) as archive:
-        return read(archive)
-
-
 def _unreadable(path: Path, error: Exception) -> DsnetError:
     if isinstance(error, FileNotFoundError):
-        return _unusable(path, "which does not exist", remedy_of_missing(path))
+        # It may be a sample's name alone.
+        named = () if path.suffix else SAMPLES
+        remedy = did_you_mean(str(path), named, "Check the path.", SAMPLE_PREFIX)
+        return _unusable(path, "which does not exist", remedy)
     if isinstance(error, IsADirectoryError):
         return _unusable(path, "which is a folder", "Name one file in it.")
     if isinstance(error, (zipfile.BadZipFile, zlib.error)):
@@ -130,9 +132,8 @@ def _unusable(path: Path, flaw: str, remedy: str = "Download the file again.") -
 
 def _numeric(path: Path, arrays: Arrays, key: str) -> NDArray:
     if key not in arrays:
-        raise _unusable(
-            path, f"which has no {key!r}", "Pass a motion, not a shape or a model file."
-        )
+        remedy = "Pass a motion, not a shape or a model file."
+        raise _unusable(path, f"which has no {key!r}", remedy)
     if arrays[key].dtype.kind not in "iuf":
         raise _unusable(path, f"whose {key!r} are not all finite numbers")
     return arrays[key]
@@ -152,22 +153,7 @@ def _numbers(
 
 
 def _pose(path: Path, arrays: Arrays) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Joint rotations (T, 22, 3) and translations (T, 3)."""
-    _check_frames(path, arrays)
-    # Without hands and face, which take three fifths of the memory.
-    poses = _numbers(path, {"poses": arrays["poses"][:, : 3 * N_JOINTS]}, "poses")
-    if not len(poses):
-        raise _unusable(path, "which has zero frames", "Pass a motion with at least one frame.")
-    trans_m = _numbers(path, arrays, "trans", len(poses))
-    if trans_m.shape[1] != 3:
-        raise _unusable(path, f"whose 'trans' have shape {trans_m.shape}")
-    pose = poses.reshape(-1, N_JOINTS, 3)
-    _check_bounds(path, pose, trans_m)
-    return pose, trans_m
-
-
-def _check_frames(path: Path, arrays: Arrays) -> None:
-    """Refuse poses of a shape that is no model's, or of too many frames."""
+    """Joint rotations (T, 22, 3) and translations (T, 3) that a body can take."""
     shape = _numeric(path, arrays, "poses").shape
     if len(shape) != 2 or shape[1] not in _POSE_WIDTHS:
         known = ", ".join(f"{width} ({model})" for width, model in _POSE_WIDTHS.items())
@@ -182,28 +168,29 @@ def _check_frames(path: Path, arrays: Arrays) -> None:
             f"at most {MOST_FRAMES}",
             "Cut it into several files.",
         )
-
-
-def _check_bounds(path: Path, pose: NDArray[np.float64], trans_m: NDArray[np.float64]) -> None:
-    """Refuse poses and places that no body takes."""
+    # Without hands and face, which take three fifths of the memory.
+    poses = _numbers(path, {"poses": arrays["poses"][:, : 3 * N_JOINTS]}, "poses")
+    if not len(poses):
+        raise _unusable(path, "which has zero frames", "Pass a motion with at least one frame.")
+    trans_m = _numbers(path, arrays, "trans", len(poses))
+    if trans_m.shape[1] != 3:
+        raise _unusable(path, f"whose 'trans' have shape {trans_m.shape}")
     # The largest entry: squares of what a hostile file holds overflow.
-    if (angle_rad := np.abs(pose).max()) > LARGEST_ANGLE_RAD:
+    if (angle_rad := np.abs(poses).max()) > LARGEST_ANGLE_RAD:
         flaw = f"whose 'poses' turn a joint by {angle_rad:.3g} rad"
         raise _unusable(path, flaw, f"Angles are radians, at most {LARGEST_ANGLE_RAD:g}.")
     far_m, height_m = np.abs(trans_m).max(), abs(float(np.median(trans_m[:, 2])))
     if far_m > FARTHEST_M or height_m > HIGHEST_M:
+        # The unit in which a body's root is as high above the floor as hips are.
+        likely = [unit for unit, per_m in _UNITS.items() if 0.2 < height_m / per_m < 2.0]
+        remedy = f"it seems to be in {likely[0]}" if likely else "convert it"
         raise _unusable(
             path,
             f"whose 'trans' are {far_m:.3g} m off, {height_m:.3g} m high over half of the time",
             f"Expected are metres, z up, at most {FARTHEST_M:g} off and {HIGHEST_M:g} high: "
-            f"{_unit_remedy(height_m)}.",
+            f"{remedy}.",
         )
-
-
-def _unit_remedy(height: float) -> str:
-    """The unit in which a body's root is as high above the floor as hips are, if there is one."""
-    likely = [unit for unit, per_m in _UNITS.items() if 0.2 < height / per_m < 2.0]
-    return f"it seems to be in {likely[0]}" if likely else "convert it"
+    return poses.reshape(-1, N_JOINTS, 3), trans_m
 
 
 def _rate(path: Path, arrays: Arrays) -> float:

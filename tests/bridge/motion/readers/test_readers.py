@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import ModuleType
+from typing import cast
 
 import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion.motion_folder import PeopleOfFolders, find_motion_files, subject_and_motion
+from bridge.motion import load_amass_motion, load_motion_file
+from bridge.motion.readers import (
+    READERS,
+    MotionReader,
+    PeopleOfFolders,
+    find_motion_files,
+    format_of,
+    subject_and_motion,
+)
+from bridge.motion.sequences import is_real_motion
 from tests.forged.amass import save, shape, smplh, smplx
+from tests.pages import python_blocks
 
 
 @pytest.fixture
@@ -115,3 +127,23 @@ def test_people_of_one_name_are_told_apart_by_their_shape() -> None:
     assert found == ["flat", "flat-2", "flat", "flat-3", "flat-2", "flat-5", "flat-4"]
     for name, betas in zip(found, given, strict=True):
         np.testing.assert_array_equal(shapes[name], betas)
+
+
+def test_a_new_format_is_the_file_and_the_line_that_contributing_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (block,) = [block for block in python_blocks("CONTRIBUTING.md") if "def sniff" in block]
+    module = ModuleType("text")
+    exec(block, module.__dict__)
+    monkeypatch.setitem(READERS, "text", cast(MotionReader, module))
+    walking = load_motion_file("sample:walking")
+    lying = load_amass_motion("sample:walking", up="z").theta
+    (tmp_path / "anna").mkdir()
+    path = tmp_path / "anna" / "walk.txt"
+    np.savetxt(path, lying)
+    np.testing.assert_allclose(load_motion_file(path).theta, walking.theta, atol=1e-9)
+    assert find_motion_files(tmp_path, "female") == [path]
+    assert format_of(path) == "text"
+    assert is_real_motion("50004_text_walk")
+    with pytest.raises(DsnetError, match=r"no \.npz or \.bvh or \.txt and no motion"):
+        find_motion_files(tmp_path / "nowhere", "female")

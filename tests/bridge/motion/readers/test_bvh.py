@@ -11,8 +11,8 @@ from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
 from bridge.motion import load_motion_file, unpack_theta
-from bridge.motion.bvh_channels import PlainBvh
-from bridge.motion.joint_names import plain_name
+from bridge.motion.readers.bvh import positions_apart
+from bridge.motion.retargeting import plain_name
 from tests.forged.bvh import Skeleton, text, world_of
 from tests.forged.lively import lively
 
@@ -172,10 +172,10 @@ def test_positions_are_taken_out_in_whatever_order_they_stand():
     header[-1] = header[-1].replace("6", "4")
     joint = ["JOINT the b\n", "  CHANNELS 5 Zrotation Yposition Xposition Zposition Xrotation\n"]
     rows = ["MOTION\n", "Frames: 2\n", "Frame Time: 0.1\n", *(f"{_counted(n)}\n" for n in (0, 9))]
-    plain = PlainBvh.of([*header, *joint, *rows])
-    assert plain.lines[4] == "  CHANNELS 2 Zrotation Xrotation\n"
-    assert plain.lines[-2:] == ["0 1 2 3 4 8\n", "9 10 11 12 13 17\n"]
-    np.testing.assert_array_equal(plain.places["the b"], [[6, 5, 7], [15, 14, 16]])
+    lines, places = positions_apart([*header, *joint, *rows])
+    assert lines[4] == "  CHANNELS 2 Zrotation Xrotation\n"
+    assert lines[-2:] == ["0 1 2 3 4 8\n", "9 10 11 12 13 17\n"]
+    np.testing.assert_array_equal(places["the b"], [[6, 5, 7], [15, 14, 16]])
 
 
 def test_a_skeleton_without_collars_and_spine_is_enough(tmp_path):

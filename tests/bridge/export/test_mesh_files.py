@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from bridge.export import mdd, obj, pc2, ply
+from bridge.export.mesh_files import write_mdd, write_obj, write_pc2, write_ply
 from tests.bridge.export.conftest import FRAMES, moving_body
 
 
 def test_pc2(performed, tmp_path):
-    pc2.write(tmp_path, performed.moving)
+    write_pc2(tmp_path, performed.moving)
     data = (tmp_path / "body.pc2").read_bytes()
     assert data[:12] == b"POINTCACHE2\0"
     version, points, start, rate, samples = struct.unpack("<iiffi", data[12:32])
@@ -24,7 +24,7 @@ def test_pc2(performed, tmp_path):
 
 
 def test_mdd(performed, tmp_path):
-    mdd.write(tmp_path, performed.moving)
+    write_mdd(tmp_path, performed.moving)
     data = (tmp_path / "body.mdd").read_bytes()
     frames, points = struct.unpack(">ii", data[:8])
     assert (frames, points) == (FRAMES, 6890)
@@ -35,7 +35,7 @@ def test_mdd(performed, tmp_path):
     np.testing.assert_array_equal(stored, performed.vertices_m)
 
 
-@pytest.mark.parametrize("write", [pc2.write, mdd.write])
+@pytest.mark.parametrize("write", [write_pc2, write_mdd])
 def test_a_caches_base_mesh_has_its_points_in_their_order(performed, tmp_path, write):
     write(tmp_path, performed.moving)
     base = trimesh.load_mesh(tmp_path / "body.obj", process=False, maintain_order=True)
@@ -49,7 +49,7 @@ def test_a_caches_base_mesh_has_its_points_in_their_order(performed, tmp_path, w
 
 def test_obj(character, tmp_path):
     moving = moving_body(character, 3)
-    obj.write(tmp_path, moving)
+    write_obj(tmp_path, moving)
     (posed,) = moving
     paths = sorted(tmp_path.iterdir())
     assert [path.name for path in paths] == [f"frame_{n:05d}.obj" for n in range(3)]
@@ -63,7 +63,7 @@ def test_obj(character, tmp_path):
 
 
 def test_ply(performed, tmp_path):
-    ply.write(tmp_path, performed.moving)
+    write_ply(tmp_path, performed.moving)
     paths = sorted(tmp_path.iterdir())
     assert [path.name for path in paths] == [f"frame_{n:05d}.ply" for n in range(FRAMES)]
     for number in (0, FRAMES - 1):

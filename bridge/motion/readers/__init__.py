@@ -1,15 +1,66 @@
-"""Which files below a folder, AMASS's or one of BVHs, are motions that a run can be tested on."""
+"""Files of motions: one module a format, and which files of a folder are motions.
+
+A new format is a module here and its line in `READERS`. The order is that in which they are asked;
+what none of them knows is refused in the words of the first.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Protocol
 
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError, notify
-from bridge.motion.motion_file import SUFFIXES, gender_of_file
+from bridge.errors import DsnetError
+from bridge.motion.motion import StoredMotion
+from bridge.motion.readers import amass, bvh
+from bridge.runs.processes import notify
+
+
+class MotionReader(Protocol):
+    """What a module of this folder has."""
+
+    @property
+    def SUFFIXES(self) -> tuple[str, ...]:
+        """Of its files below a folder."""
+        ...
+
+    def sniff(self, path: Path) -> bool:
+        """Whether a file is for this reader: by its name, or by its first bytes."""
+        ...
+
+    def read(self, path: Path) -> StoredMotion:
+        """Read and check it; `DsnetError` if it is missing or holds no usable motion."""
+        ...
+
+    def gender_of(self, path: Path) -> str | None:
+        """Whose motion it is; None if it is none. As few bytes as possible are read."""
+        ...
+
+
+READERS: dict[str, MotionReader] = {
+    "amass": amass,
+    "bvh": bvh,
+}
+"""By the names that a synthetic corpus's motions begin with if real people made them."""
+
+
+def format_of(path: Path) -> str:
+    """Whose file it is, of `READERS`."""
+    return next((name for name, one in READERS.items() if one.sniff(path)), next(iter(READERS)))
+
+
+def read_motion_file(path: Path) -> StoredMotion:
+    """A motion as its file holds it, whatever the format, at the file's rate, z up.
+
+    Raises
+    ------
+    DsnetError
+        If the file is missing, is of no format that is read, or holds no usable motion.
+    """
+    return READERS[format_of(path)].read(path)
 
 
 def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> list[Path]:
@@ -19,16 +70,13 @@ def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> l
     `*_stagei.npz`, body models); people of the other gender, whose shape coefficients mean
     something else; and motions whose name is already there: those of `known` (`DFaust` holds the
     very motions that Dyna's meshes show) and second copies (SMPL-H beside SMPL-X).
-
-    Raises
-    ------
-    DsnetError
-        If the folder is none, holds no such motion, or holds an `.npz` that cannot be read.
     """
+    suffixes = [suffix for reader in READERS.values() for suffix in reader.SUFFIXES]
     other = {"female": "male", "male": "female"}.get(gender)
     taken, motions, left_out = set(known), [], Counter[str]()
-    for path in sorted(path for path in folder.rglob("*") if path.suffix in SUFFIXES):
-        name, stated = "_".join(subject_and_motion(path)), gender_of_file(path)
+    for path in sorted(path for path in folder.rglob("*") if path.suffix in suffixes):
+        name = "_".join(subject_and_motion(path))
+        stated = READERS[format_of(path)].gender_of(path)
         if stated is None:
             left_out["without poses"] += 1
         elif stated == other:
@@ -40,14 +88,22 @@ def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> l
             motions.append(path)
     counts = ", ".join(f"{count} {why}" for why, count in left_out.items())
     if not motions:
+        counts = counts or f"no {' or '.join(suffixes)}"
         raise DsnetError(
-            f"--amass {folder}, with {counts or 'no .npz or .bvh'} and no motion",
+            f"--amass {folder}, with {counts} and no motion",
             f"a folder of motions of {gender} bodies, AMASS's or BVH",
             "Check the path, or leave --amass out.",
         )
     if left_out:
         notify(f"{folder}: {len(motions)} motions; left out: {counts}")
     return motions
+
+
+def subject_and_motion(path: Path) -> tuple[str, str]:
+    """Who does what: `50004_kicking_poses.npz`, `05_06.bvh`, AMASS's `50004/kicking_poses.npz`."""
+    stem = path.stem.removesuffix("_poses").removesuffix("_stageii")
+    subject, _, motion = stem.partition("_")
+    return (subject, motion) if subject.isdecimal() and motion else (path.parent.name, stem)
 
 
 class PeopleOfFolders:
@@ -78,10 +134,3 @@ class PeopleOfFolders:
             known.setdefault(tuple(self._shapes[one].tolist()), one)
             self._looked_at[name] = number
         return known[shape]
-
-
-def subject_and_motion(path: Path) -> tuple[str, str]:
-    """Who does what: `50004_kicking_poses.npz`, `05_06.bvh`, AMASS's `50004/kicking_poses.npz`."""
-    stem = path.stem.removesuffix("_poses").removesuffix("_stageii")
-    subject, _, motion = stem.partition("_")
-    return (subject, motion) if subject.isdecimal() and motion else (path.parent.name, stem)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,8 +12,12 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion.amass_file import gender_of_motion, read_amass_file
-from bridge.motion.resampling import load_amass_motion
+from bridge.motion import load_amass_motion
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.loops import close_lap
+from bridge.motion.motion import MOST_FRAMES
+from bridge.motion.readers import amass
+from bridge.motion.readers.amass import CYCLE, SAMPLES, motion_path, sample_path
 from tests.forged.amass import save, shape, smpl, smplh, smplx
 
 Layout = Callable[..., dict[str, Any]]
@@ -28,7 +34,7 @@ def test_every_layout_begins_with_the_papers_22_joints(
 ) -> None:
     rng = np.random.default_rng(0)
     poses, trans = rng.uniform(-1, 1, (3, width)), rng.normal(size=(3, 3))
-    stored = read_amass_file(save(target, layout(3, 60.0), poses=poses, trans=trans))
+    stored = amass.read(save(target, layout(3, 60.0), poses=poses, trans=trans))
     np.testing.assert_array_equal(stored.pose.reshape(3, 66), poses[:, :66])
     np.testing.assert_array_equal(stored.trans_m, trans)
     np.testing.assert_array_equal(stored.betas, layout()["betas"][:10])
@@ -41,16 +47,16 @@ def test_stageii_joints_are_those_of_its_own_parts(target: Path) -> None:
     parts = {key: rng.normal(size=smplx()[key].shape) for key in ("root_orient", "pose_body")}
     rest = rng.normal(size=(5, 99))
     arrays = smplx() | parts | {"poses": np.concatenate([*parts.values(), rest], axis=1)}
-    stored = read_amass_file(save(target, arrays))
+    stored = amass.read(save(target, arrays))
     np.testing.assert_array_equal(stored.pose[:, 0], parts["root_orient"])
     np.testing.assert_array_equal(stored.pose[:, 1:].reshape(5, 63), parts["pose_body"])
 
 
 def test_dmpls_are_kept_where_there_are_some(target: Path) -> None:
     dmpls = np.random.default_rng(2).normal(size=(5, 8))
-    stored = read_amass_file(save(target, smplh(), dmpls=dmpls))
+    stored = amass.read(save(target, smplh(), dmpls=dmpls))
     np.testing.assert_array_equal(stored.dmpls, dmpls)
-    assert read_amass_file(save(target, smplx())).dmpls is None
+    assert amass.read(save(target, smplx())).dmpls is None
 
 
 @pytest.mark.parametrize("layout", [smpl, smplh, smplx])
@@ -76,16 +82,16 @@ def test_rate_under_either_name(target: Path, layout: Layout) -> None:
 )
 def test_gender(target: Path, stored: Any, expected: str) -> None:
     save(target, smplh(), gender=stored)
-    assert read_amass_file(target).gender == gender_of_motion(target) == expected
+    assert amass.read(target).gender == amass.gender_of(target) == expected
 
 
 def test_a_shape_file_is_no_motion(target: Path) -> None:
-    assert gender_of_motion(save(target, shape())) is None
+    assert amass.gender_of(save(target, shape())) is None
 
 
 @pytest.mark.parametrize("betas", [np.arange(16.0), np.arange(10.0), np.arange(16.0)[None]])
 def test_first_ten_betas(target: Path, betas: np.ndarray) -> None:
-    stored = read_amass_file(save(target, smplh(), betas=betas))
+    stored = amass.read(save(target, smplh(), betas=betas))
     np.testing.assert_array_equal(stored.betas, np.arange(10.0))
 
 
@@ -122,12 +128,12 @@ def test_unusable_contents_are_refused_in_one_line(
     target: Path, changes: dict[str, Any], complaint: str
 ) -> None:
     with pytest.raises(DsnetError, match=complaint) as caught:
-        read_amass_file(save(target, smplh(), **changes))
+        amass.read(save(target, smplh(), **changes))
     assert "\n" not in str(caught.value)
     assert str(target) in str(caught.value)
 
 
-@pytest.mark.parametrize("read", [read_amass_file, gender_of_motion])
+@pytest.mark.parametrize("read", [amass.read, amass.gender_of])
 def test_unusable_files_are_refused_in_one_line(
     tmp_path: Path, read: Callable[[Path], object]
 ) -> None:
@@ -140,3 +146,98 @@ def test_unusable_files_are_refused_in_one_line(
         with pytest.raises(DsnetError, match="expected") as caught:
             read(tmp_path / name)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"poses": np.full((5, 156), 1e160)}, "turn a joint by 1e.160 rad.*Angles are radians"),
+        ({"trans": np.full((5, 3), 1e39)}, "'trans' are 1e.39 m off.*convert it"),
+        ({"trans": np.full((5, 3), 900.0)}, "it seems to be in millimetres"),
+        ({"trans": np.full((5, 3), 90.0)}, "it seems to be in centimetres"),
+        ({"betas": np.full(16, 1e10)}, "'betas' reach 1e.10"),
+        ({"dmpls": np.zeros((5, 0))}, "'dmpls' have shape"),
+        ({"poses": np.zeros((5, 0))}, "'poses' have shape"),
+        ({"poses": np.zeros((3_000_000, 156), "i1")}, "'poses' is of|3000000 frames"),
+        ({"gender": "female" * 10_000}, "'gender' is of 240000 bytes"),
+    ],
+)
+def test_what_nobody_does_is_refused_by_name(
+    tmp_path: Path, changes: dict[str, Any], complaint: str
+) -> None:
+    path = tmp_path / "motion.npz"
+    np.savez_compressed(path, **(smplh() | changes))
+    with pytest.raises(DsnetError, match=complaint) as caught:
+        load_amass_motion(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("rate", "fps"), [(1.0, 60.0), (120.0, 1e9)])
+def test_more_frames_than_a_file_may_make_are_not_made(
+    tmp_path: Path, rate: float, fps: float
+) -> None:
+    path = save(tmp_path / "motion.npz", smplh(3000, rate), marker_data=None)
+    with pytest.raises(DsnetError, match=f"expected at most {MOST_FRAMES}"):
+        load_amass_motion(path, fps=fps)
+
+
+@pytest.mark.parametrize("key", ["poses", "trans", "betas", "gender", "dmpls", "mocap_framerate"])
+@pytest.mark.parametrize("content", [b"hello", b""])
+def test_a_member_that_is_no_array_is_refused(tmp_path: Path, key: str, content: bytes) -> None:
+    path = save(tmp_path / "motion.npz", smplh(), **{key: None})
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr(f"{key}.npy", content)
+    with pytest.raises(DsnetError, match="does not load"):
+        load_amass_motion(path)
+
+
+def test_a_directory_of_many_members_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "motion.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        for number in range(8000):
+            archive.writestr(f"{number:0150}", b"")
+    with pytest.raises(DsnetError, match="bytes at once"):
+        load_amass_motion(path)
+
+
+def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.npz")
+    for path in (tmp_path / "pipe.npz", Path("/dev/zero"), tmp_path / ("x" * 5000)):
+        with pytest.raises(DsnetError, match="does not load"):
+            load_amass_motion(path)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_each_is_one_movement_of_four_seconds_or_one_lap(name):
+    motion, frames = load_amass_motion(f"sample:{name}"), 61 if name == CYCLE else 240
+    assert (motion.gender, motion.fps, len(motion.theta)) == ("female", 60.0, frames)
+    assert pieces_between_cuts(motion.theta) == [slice(0, frames)]
+    assert np.ptp(motion.theta, axis=0).max() > 0.3
+    assert sample_path(name).stat().st_size < 50_000
+
+
+def test_one_repeats_in_place():
+    lap = close_lap(load_amass_motion(f"sample:{CYCLE}").theta, np.zeros(3))
+    assert lap.dropped
+    np.testing.assert_allclose(lap.repeated(3), np.tile(lap.theta, (3, 1)), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", sorted({*SAMPLES} - {CYCLE}))
+def test_the_others_do_not_and_say_which_does(name):
+    with pytest.raises(DsnetError, match=r"--loop with a motion.* as sample:walk_cycle is"):
+        close_lap(load_amass_motion(f"sample:{name}").theta, np.zeros(3))
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_each_says_that_it_is_synthetic(name):
+    with np.load(sample_path(name)) as arrays:
+        assert arrays["source"] == "synthetic"
+
+
+def test_an_unknown_one_is_refused_with_those_that_there_are():
+    with pytest.raises(DsnetError, match=r"sample:flying; expected .*sample:walking"):
+        load_amass_motion("sample:flying")
+
+
+def test_other_paths_stay_what_they_are():
+    assert motion_path("a/b.npz") == Path("a/b.npz")
