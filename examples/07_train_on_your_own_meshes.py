@@ -12,7 +12,7 @@ import sys
 from bridge.endings import exit_with_one_line
 from bridge.runs import Run
 from bridge.runs.processes import run_dsnet
-from bridge.runtime.predict_motion import predict_motion
+from bridge.runtime.stage_predict import predict_motion
 
 
 def main(smpl: str, *meshes: str) -> None:

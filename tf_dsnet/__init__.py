@@ -4,8 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bridge.runtime.streams.streaming import StreamingPredictor
-    from bridge.runtime.streams.streaming_bodies import StreamingBodies
+    from bridge.runtime.streams import StreamingBodies, StreamingPredictor
     from tf_dsnet.codec import load_codec
     from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder
     from tf_dsnet.model import build_dsnet
@@ -24,8 +23,8 @@ __all__ = [
 _LOADED_LATE = {
     "KerasSMPL": "tf_dsnet.smpl",
     "KerasMeshAutoencoder": "tf_dsnet.mesh_autoencoder",
-    "StreamingBodies": "bridge.runtime.streams.streaming_bodies",
-    "StreamingPredictor": "bridge.runtime.streams.streaming",
+    "StreamingBodies": "bridge.runtime.streams",
+    "StreamingPredictor": "bridge.runtime.streams",
     "build_dsnet": "tf_dsnet.model",
     "load_codec": "tf_dsnet.codec",
     "unpose": "tf_dsnet.unposing",

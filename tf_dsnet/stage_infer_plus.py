@@ -15,9 +15,8 @@ from bridge.runs import ArtifactWriter, Run
 from bridge.runs.progress import progress
 from bridge.runs.run import INFER_PLUS, TRAIN_PLUS, best_alignment, body_model_path
 from bridge.runs.worker_pool import on_any_node, worker_pool
-from bridge.runtime.plus_step import PlusModel
 from bridge.runtime.run_motions import AmassOptions, MotionSet, find_motions, gather
-from bridge.runtime.stepping import codes_of
+from bridge.runtime.stepping import PlusModel, codes_of
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 
 

@@ -17,7 +17,7 @@ from bridge.exchange.clips import Clips
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runs.processes import run_as_process
-from bridge.runtime.streams.streaming import StreamingPredictor
+from bridge.runtime.streams import StreamingPredictor
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.lstm import BlockLSTM
 from tf_dsnet.model import build_dsnet, named_weights

@@ -34,7 +34,6 @@ from bridge.body.model_data import (
     SMPL_PARENTS,
     BodyModelData,
 )
-from bridge.body.smpl_files import load_smpl_file
 from bridge.errors import DsnetError
 from bridge.runs.foreign_files import ForeignNpz, open_npz
 
@@ -53,8 +52,7 @@ def load_body_model(name_or_path: str | Path) -> BodyModelData:
     """
     name = str(name_or_path)
     if not name.startswith(EMBEDDED_PREFIX):
-        # What checks foreign surfaces takes half a second to import: more than the first frames.
-        from bridge.body.surface import checked_surface
+        from bridge.body.smpl_files import checked_surface, load_smpl_file
 
         return checked_surface(load_smpl_file(name_or_path))
     gender = name.removeprefix(EMBEDDED_PREFIX)

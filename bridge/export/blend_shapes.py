@@ -29,7 +29,7 @@ class RestBodies:
     """A moving body before skinning: template, shape, pose blend shapes and skin offsets."""
 
     def __init__(self, moving: MovingBody) -> None:
-        body: BodyModelData = moving.character.body
+        body: BodyModelData = moving.body
         self._body, self._theta = body, moving.motion.theta
         self.shaped_m = shaped_vertices(body, moving.motion.betas[None])[0]
         self._posedirs = body.posedirs.reshape(-1, body.posedirs.shape[-1]).T.astype(np.float32)

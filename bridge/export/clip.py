@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from bridge.body.smpl import Smpl
+from bridge.body.posing import Smpl
 from bridge.export.clip_page import ClipPage
 from bridge.export.clip_stage import set_stage
 from bridge.motion import unpack_theta
@@ -33,7 +33,7 @@ class RenderedClip:
     def __init__(
         self, moving: Sequence[MovingBody], *, fps: float, body_px: int, recorded: str = ""
     ) -> None:
-        self._moving, self._body = moving, moving[0].character.body
+        self._moving, self._body = moving, moving[0].body
         self._motion = motion = moving[0].motion
         self._step = max(1, round(motion.fps / fps))
         self._stage = set_stage(moving, self._step, body_px * (1 + len(moving)))
@@ -42,9 +42,9 @@ class RenderedClip:
         self._page = ClipPage(
             camera.width_px,
             camera.height_px,
-            titles=("SMPL alone", *(one.character.chosen.label for one in moving)),
+            titles=("SMPL alone", *(one.trained.label for one in moving)),
             top_m=self._stage.top_m,
-            origin=moving[0].character.chosen.trained.origin,
+            origin=moving[0].trained.origin,
             recorded=recorded,
         )
 

@@ -19,7 +19,7 @@ def write(folder: Path, moving: MovingBody) -> None:
     """Write `body.mdd`, its base mesh and `about.json` into an empty folder."""
     times_s = np.arange(len(moving)) / moving.motion.fps
     with (folder / "body.mdd").open("wb") as file:
-        file.write(struct.pack(">ii", len(moving), moving.character.body.vertex_count))
+        file.write(struct.pack(">ii", len(moving), moving.body.vertex_count))
         file.write(times_s.astype(">f4").tobytes())
         file.writelines(positions(moving, ">f4"))
     write_companions(folder, moving)

@@ -31,8 +31,8 @@ from bridge.paper import N_BETAS, N_JOINTS, THETA_SIZE
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.damage import damage_refused
-from bridge.runtime.graphs.dsnet_body_graph import dsnet_body_graph
-from bridge.runtime.graphs.onnx_kernels import PRECISIONS, Precision
+from bridge.runtime.graphs.network_graphs import dsnet_body_graph
+from bridge.runtime.graphs.onnx_graph import PRECISIONS, Precision
 from bridge.runtime.graphs.plus_graph import plus_graph
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import NAME, TrainedPlus
@@ -98,7 +98,7 @@ def export_onnx(
     path : a new file, `.onnx`.
     origin : of what it was trained on; a synthetic body makes it synthetic too.
     run : name of the run that it is from.
-    precision : of the large kernels (`bridge.runtime.graphs.onnx_kernels`). What fewer bits cost is
+    precision : of the large kernels (`bridge.runtime.graphs.onnx_graph`). What fewer bits cost is
         measured and written into the file: `error_mm`, see `bridge.export.precision_error`.
 
     Raises

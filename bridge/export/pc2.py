@@ -16,7 +16,7 @@ from bridge.runtime.moving_body import MovingBody
 
 def write(folder: Path, moving: MovingBody) -> None:
     """Write `body.pc2`, its base mesh and `about.json` into an empty folder."""
-    points = moving.character.body.vertex_count
+    points = moving.body.vertex_count
     header = struct.pack("<12siiffi", b"POINTCACHE2\0", 1, points, 0.0, 1.0, len(moving))
     with (folder / "body.pc2").open("wb") as file:
         file.write(header)

@@ -37,7 +37,7 @@ class VertexNormals:
 
 def meshes(moving: MovingBody) -> Iterator[tuple[int, trimesh.Trimesh]]:
     """Number and mesh of each frame; `offset_m` of a vertex is the length of its skin offset."""
-    body = moving.character.body
+    body = moving.body
     normals = VertexNormals(body.faces, body.vertex_count)
     for posed in moving:
         numbers = range(posed.frames.start, posed.frames.stop)

@@ -61,7 +61,7 @@ def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
     root = stage.DefinePrim(ROOT)
     stage.SetDefaultPrim(root)
     Usd.ModelAPI(root).SetKind("component")
-    mesh, faces = UsdGeom.Mesh.Define(stage, MESH), moving.character.body.faces
+    mesh, faces = UsdGeom.Mesh.Define(stage, MESH), moving.body.faces
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
@@ -106,7 +106,7 @@ class _MovingPoints:
     """The mesh's attributes that have a sample a frame."""
 
     def __init__(self, stage: Usd.Stage, moving: MovingBody) -> None:
-        body = moving.character.body
+        body = moving.body
         mesh = UsdGeom.Mesh.Get(stage, MESH)
         self._points, self._normals = mesh.CreatePointsAttr(), mesh.CreateNormalsAttr()
         self._extent = mesh.CreateExtentAttr()

@@ -28,7 +28,7 @@ class SkeletonVariant:
     """Gathers a moving body's frames, and writes them as a skeleton with blend shapes."""
 
     def __init__(self, moving: MovingBody) -> None:
-        self._moving, self._body = moving, moving.character.body
+        self._moving, self._body = moving, moving.body
         self._rest = RestBodies(moving)
         self._shapes = fit_blend_shapes(moving, self._rest)
         self._weights_m: list[NDArray[np.float32]] = []

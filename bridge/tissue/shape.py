@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.measurements import DENSITY_KG_M3
 from bridge.body.posing import shaped_joints, shaped_vertices
+from bridge.body.shapes import DENSITY_KG_M3
 from bridge.body.surface_operators import vertex_areas_m2, vertex_normals, volume_m3
 
 SHAPE_FEATURES = ("depth", "girth", "mass")

@@ -16,18 +16,20 @@ from numpy.typing import NDArray
 from bridge.body import load_body_model
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.paper import DSNET_WIDTHS
-from bridge.runtime.graphs import onnx_graphs
-from bridge.runtime.graphs.dsnet_body_graph import dsnet_body_graph
-from bridge.runtime.graphs.onnx_builder import GraphSession, held_arrays, save_graph
+from bridge.runtime.graphs import network_graphs
+from bridge.runtime.graphs.network_graphs import dsnet_body_graph
+from bridge.runtime.graphs.onnx_graph import GraphSession, held_arrays
 from bridge.runtime.graphs.plus_graph import plus_graph as plus_body_graph
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.answers import joined, layers, prefixed
 from bridge.verify.protocol import Case, Tensors, serve
 
+_VERTICES_LAST = ("encoder.", "decoder.", "to_coordinates", "normaliser.")
+
 
 def dsnet_forward(case: Case) -> Tensors:
     """Every layer: the whole batch, row by row, or frame by frame."""
-    run = GraphSession(onnx_graphs.dsnet_graph(case.weights(), trace=True))
+    run = GraphSession(network_graphs.dsnet_graph(case.weights(), trace=True))
     motion = case.inputs()["motion"]
 
     def at_rest(batch: NDArray) -> dict[str, NDArray]:
@@ -51,8 +53,8 @@ def dsnet_forward(case: Case) -> Tensors:
 def ae_forward(case: Case) -> Tensors:
     """Every layer, and the normaliser's where the weights hold one."""
     weights, architecture = case.weights(), case.options["architecture"]
-    encode = GraphSession(onnx_graphs.encoder_graph(weights, architecture, trace=True))
-    decode = GraphSession(onnx_graphs.decoder_graph(weights, architecture, trace=True))
+    encode = GraphSession(network_graphs.encoder_graph(weights, architecture, trace=True))
+    decode = GraphSession(network_graphs.decoder_graph(weights, architecture, trace=True))
 
     def run(offsets: NDArray) -> Tensors:
         encoded = encode(offsets=offsets)
@@ -88,26 +90,26 @@ def formats(case: Case) -> Tensors:
     """Weights as the saved graphs hold them."""
     weights, path = case.weights(), case.scratch / "network.onnx"
     if case.options["network"] == "dsnet":
-        held = _through_file(onnx_graphs.dsnet_graph(weights), path)
-        return prefixed("weight/onnx", onnx_graphs.dsnet_weights(held))
+        held = _through_file(network_graphs.dsnet_graph(weights), path)
+        return prefixed("weight/onnx", network_graphs.dsnet_weights(held))
     held = {}
-    for build in (onnx_graphs.encoder_graph, onnx_graphs.decoder_graph):
+    for build in (network_graphs.encoder_graph, network_graphs.decoder_graph):
         held |= _through_file(build(weights, case.options["architecture"]), path)
-    return prefixed("weight/onnx", onnx_graphs.mesh_autoencoder_weights(held))
+    return prefixed("weight/onnx", network_graphs.mesh_autoencoder_weights(held))
 
 
 def _layers(outputs: Tensors) -> Tensors:
-    """Layers alone, features last as everywhere but inside the convolutions."""
+    """Layers alone, features last."""
     results = ("latents", "offsets", "next_hidden", "next_cell")
     return {
-        name: array.swapaxes(1, 2) if ".conv_" in name else array
+        name: array.swapaxes(1, 2) if name.startswith(_VERTICES_LAST) else array
         for name, array in outputs.items()
         if name not in results
     }
 
 
 def _through_file(model: onnx.ModelProto, path: Path) -> dict[str, NDArray]:
-    save_graph(path, model)
+    onnx.save_model(model, path)
     return held_arrays(path)
 
 

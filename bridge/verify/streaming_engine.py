@@ -6,7 +6,7 @@ import numpy as np
 
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.paper import N_BETAS
-from bridge.runtime.streams.streaming import StreamingPredictor
+from bridge.runtime.streams import StreamingPredictor
 from bridge.verify.protocol import Case, Tensors, serve
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body.parts import PARTS
-from bridge.runtime.floor import Floor
+from bridge.runtime.controls import Floor
 from bridge.view.truth import TRUTH
 
 SMPL_ALONE = "smpl"

@@ -12,7 +12,7 @@ from bridge.body.parts import PARTS
 from bridge.body.shapes import SHAPES
 from bridge.errors import DsnetError
 from bridge.paper import N_BETAS
-from bridge.runtime.floor import Floor
+from bridge.runtime.controls import Floor
 from bridge.view.clips import LABELS, SMPL_ALONE, Gains
 from bridge.view.performances import Performances
 from bridge.view.repertoire import AS_ASKED

@@ -9,15 +9,13 @@ from functools import lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.body.posing import ShapedBody, Smpl
 from bridge.body.shapes import find_shape
-from bridge.body.smpl import ShapedBody, Smpl
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
-from bridge.runtime.controls import stage_motion
-from bridge.runtime.looped import LoopedPredictor
-from bridge.runtime.part_gains import blended_gain
-from bridge.runtime.stepping import MotionPredictor, Prediction
+from bridge.runtime.controls import blended_gain, stage_motion
+from bridge.runtime.stepping import Prediction, predict_loop, predict_whole
 from bridge.view.clips import AS_PREDICTED, SMPL_ALONE, Asked, Clip, Gains, Way
 from bridge.view.latest_work import LatestWork, Steps
 from bridge.view.repertoire import Repertoire
@@ -153,26 +151,28 @@ class Performances:
             return
         # A lap is predicted as a whole, however little of it is shown.
         motion = self.staged(asked.way)[0] if asked.way.loop else self.motion(asked.way)
-        predict = self._predictor(asked)
-        for piece in pieces_between_cuts(motion.theta):
-            for offsets_m in predict(motion.theta[piece], motion.betas).offsets_m:
+        for prediction in self._predictions(asked, motion):
+            for offsets_m in prediction.offsets_m:
                 clip.add(offsets_m)
                 yield
                 if clip.complete:
                     return
 
-    def _predictor(self, asked: Asked) -> MotionPredictor:
-        predict = self.repertoire.open(asked.predictor).predict
-        _, lap = self.staged(asked.way)
-        if lap is None:
-            return predict
+    def _predictions(self, asked: Asked, motion: Motion) -> Iterator[Prediction]:
+        """Of each piece between cuts, or of the loop."""
+        predict = partial(predict_whole, self.repertoire.open(asked.predictor).model)
+        _, loop = self.staged(asked.way)
+        if loop is None:
+            for piece in pieces_between_cuts(motion.theta):
+                yield predict(motion.theta[piece], motion.betas)
+            return
 
-        # Laps are predicted in one step until they agree, while a hand may ask for another shape.
+        # Rounds are predicted in one step until they agree, while a hand may ask for another shape.
         def droppable(theta: NDArray, betas: NDArray) -> Prediction:
             found = predict(theta, betas)
             return replace(found, offsets_m=self._dropped(asked, found.offsets_m))
 
-        return LoopedPredictor(droppable, lap)
+        yield predict_loop(droppable, loop, motion.betas)
 
     def _dropped(
         self, asked: Asked, pieces: Iterator[NDArray[np.float32]]

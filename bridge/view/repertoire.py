@@ -23,9 +23,9 @@ from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
 from bridge.runs.processes import notify
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
-from bridge.runtime.body_motion import place_motion
-from bridge.runtime.characters import ROADS, Character, open_character
-from bridge.runtime.controls import Controls, asked_betas
+from bridge.runtime.controls import Controls
+from bridge.runtime.load_model import PIPELINES, TrainedModel, load_model
+from bridge.runtime.moving_body import place_motion
 from bridge.view.truth import ReadTruth, open_truth
 
 AVERAGE, AS_ASKED = "average shape", "as asked"
@@ -54,7 +54,7 @@ class Repertoire:
     body: BodyModelData
     predictors: Mapping[str, str]
     """Labels by name, the best first."""
-    open: Callable[[str], Character]
+    open: Callable[[str], TrainedModel]
     """A predictor by name."""
     takes: Mapping[str, ViewedMotion]
     """By what the picker calls them, the first to be shown first."""
@@ -81,17 +81,17 @@ def open_repertoire(
     """
     given = None if path is None else _given(path, controls)
     gender = "unknown" if given is None else given.gender
-    best = open_character(run, None, gender)
+    best = load_model(run, None, gender)
     named = {} if given is None else {given.source.stem: _of_motion(given, best.body)}
-    opened = {best.chosen.name: best}
+    opened = {best.name: best}
 
-    def character(name: str) -> Character:
+    def character(name: str) -> TrainedModel:
         if name not in opened:
-            opened[name] = open_character(run, name, gender)
+            opened[name] = load_model(run, name, gender)
         return opened[name]
 
-    origin = best.chosen.trained.origin
-    found = partial(Repertoire, best.chosen.owner, origin, best.body, open=character)
+    origin = best.origin
+    found = partial(Repertoire, best.owner, origin, best.body, open=character)
     people = _asked(best.body, controls) | {AVERAGE: np.zeros(N_BETAS)}
     if run is None:
         takes = named | _samples(best.body)
@@ -118,20 +118,20 @@ def _given(path: Path, controls: Controls | None) -> Motion:
 
 
 def _asked(body: BodyModelData, controls: Controls | None) -> dict[str, NDArray[np.float64]]:
-    betas = None if controls is None else asked_betas(body, controls)
+    betas = None if controls is None else controls.asked_betas(body)
     return {} if betas is None else {AS_ASKED: betas}
 
 
-def _labels(best: Character) -> dict[str, str]:
-    return {best.chosen.name: best.chosen.label}
+def _labels(best: TrainedModel) -> dict[str, str]:
+    return {best.name: best.label}
 
 
 def _labels_of(run: Run) -> dict[str, str]:
-    """Labels of all predictors that move single motions, of every road that the run has."""
+    """Labels of all predictors that move single motions, of every pipeline that the run has."""
     found: dict[str, str] = {}
-    for road in ROADS:
-        if all(run.finished(stage) for stage in road.stages):
-            trained = run.artifact(road.stages[0])
+    for pipeline in PIPELINES:
+        if all(run.finished(stage) for stage in pipeline.stages):
+            trained = run.artifact(pipeline.stages[0])
             entries = trained.manifest["predictors"]
             found |= {name: entries[name].get("label", name) for name in dsnets_of(trained)}
     return found

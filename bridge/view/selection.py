@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.runtime.floor import Floor
+from bridge.runtime.controls import Floor
 from bridge.view.clips import AS_PREDICTED, LABELS, Asked, Gains, Way
 from bridge.view.performances import Performances
 from bridge.view.truth import TRUTH

@@ -10,8 +10,7 @@ import viser
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.runtime.controls import Controls
-from bridge.runtime.part_gains import gains_of_parts
+from bridge.runtime.controls import Controls, gains_of_parts
 from bridge.view.clips import LABELS, SMPL_ALONE, Gains
 from bridge.view.error_plot import ErrorPlot
 from bridge.view.live_scene import LiveScene

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
-from bridge.runtime.plus_step import PlusModel
-from bridge.runtime.stepping import codes_of_several
+from bridge.runtime.stepping import PlusModel, codes_of_several
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import STEPS
 from bridge.tissue.shape import shape_features, shaped_normals

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from tyro.conf import Fixed
 
-from bridge.body.dmpl_files import load_dmpl_directions
+from bridge.body.smpl_files import load_dmpl_directions
 from bridge.errors import DsnetError
 from bridge.exchange import save_weights
 from bridge.exchange.codes import DMPL, LINEAR_FILES, PCA, CodeName

@@ -19,22 +19,19 @@ import onnx
 
 from bridge.body import BodyModelData
 from bridge.paper import N_BETAS, THETA_SIZE
-from bridge.runtime.graphs.body_graph import surface, turned
-from bridge.runtime.graphs.bones_graph import (
+from bridge.runtime.graphs.body_graph import (
     BONES,
     TURNING,
-    PosedBones,
+    Surface,
     posed_bones,
     translated,
     translation,
+    turned,
 )
-from bridge.runtime.graphs.onnx_kernels import Precision
-from bridge.runtime.graphs.onnx_values import Value, ValueGraph
-from bridge.runtime.graphs.shape_graph import known_people, person_of
-from bridge.runtime.graphs.state_layout import StateLayout
-from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
+from bridge.runtime.graphs.onnx_graph import Graph, Precision, StateLayout, Value
+from bridge.runtime.graphs.tissue_graph import Person, SheetGraph, known_people, person_of
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import FPS, coupling
+from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
 
 _BLOCK = 106
@@ -43,16 +40,17 @@ numbering follows the surface, so these are few. 65 blocks are SMPL's 6890 verti
 Arrays = dict[str, Value]
 
 
-def plus_layout(model: TrainedPlus) -> StateLayout:
-    """What a character's row holds; K nodes, N taps, P known people, L frames of latency."""
-    nodes = len(model.nodes)
+def plus_layout(model: TrainedPlus, skin: bool = True) -> StateLayout:
+    """What a character's row holds, with or without what only the skin must know; K nodes, N taps,
+    P known people, L frames of latency."""
+    nodes, late = len(model.nodes), model.look_ahead
     shapes: dict[str, tuple[int, ...]] = {
         "age": (1,),
         "betas": (N_BETAS,),
         "omega": (1, nodes),
         "stiffening": (1, nodes),
         "normals": (3, nodes),
-        "known": (len(model.people_betas),),
+        "known": (len(model.people_betas) * skin,),
         "now": (3, nodes),
         "before": (3, nodes),
         "places": (3, nodes),
@@ -60,24 +58,17 @@ def plus_layout(model: TrainedPlus) -> StateLayout:
         "turns": (9, nodes),
         "trans": (3,),
         "felt": (len(model.weights.taps) - 1, 3, nodes),
-        "late_bones": (model.look_ahead, 12, BONES),
-        "late_features": (model.look_ahead, TURNING),
-        "late_trans": (model.look_ahead, 3),
+        "late_bones": (late * skin, 12, BONES),
+        "late_features": (late * skin, TURNING),
+        "late_trans": (late * skin, 3),
     }
     return StateLayout({name: shape for name, shape in shapes.items() if np.prod(shape)})
-
-
-def step_layout(model: TrainedPlus) -> StateLayout:
-    """The same without what only the skin must know."""
-    shapes = plus_layout(model).shapes
-    skins = ("known", "late_")
-    return StateLayout({n: shape for n, shape in shapes.items() if not n.startswith(skins)})
 
 
 def plus_step_graph(model: TrainedPlus, body: BodyModelData) -> onnx.ModelProto:
     """The step of a trained `dsnet_plus` alone: outputs `codes` (B, 3, K), offsets of the nodes in
     the rest pose, metres, `look_ahead` frames ago, and `next_state`."""
-    step = _PlusStep(model, body, step_layout(model))
+    step = _PlusStep(model, body, plus_layout(model, skin=False))
     return step.graph.model(
         "dsnet_plus_step",
         {"codes": step.codes, "next_state": step.layout.written(step.graph, step.after)},
@@ -97,7 +88,7 @@ def plus_graph(
     Of its kernels only the pose blend shapes are large; `precision` is theirs.
     """
     step = _PlusStep(model, body, plus_layout(model))
-    vertices, late = _Skin(step, precision).shown()
+    vertices, late = _skin(step, precision)
     return step.graph.model(
         "dsnet_plus",
         {"vertices": vertices, "next_state": step.layout.written(step.graph, step.after | late)},
@@ -115,52 +106,50 @@ class _PlusStep:
 
     def __init__(self, model: TrainedPlus, body: BodyModelData, layout: StateLayout) -> None:
         self.model, self.body, self.layout = model, body, layout
-        self.graph = graph = ValueGraph()
-        coefficients = {name: np.exp(log) for name, log in model.weights.base.items()}
-        coupled = coupling(coefficients, model.nodes.laplacian)
-        self._sheet = SheetGraph(graph, coefficients, coupled, model.weights.taps.tolist())
+        self.graph = graph = Graph()
+        self._sheet = SheetGraph.of(graph, model)
         theta = graph.input("theta", ("B", THETA_SIZE))
         self.betas = graph.input("betas", ("B", N_BETAS))
         state = graph.input("state", ("B", layout.size))
-        bones = posed_bones(graph, body, theta, self.betas)
-        self.present = self._present(bones, theta, self.betas)
-        self.past = layout.read(self._with_past(state, self.betas, self.present))
+        self.present = self._present(theta)
+        self.past = layout.read(self._with_past(state))
         with graph.section("load"):
-            after, felt = self._felt(self.past, self.present)
+            after, loads = self._loads()
         with graph.section("oscillators"):
             past = self.past
             person = Person(past["omega"], past["stiffening"], past["normals"])
-            load = self._sheet.smoothed(felt)
+            load = self._sheet.smoothed(loads)
             now, before = self._sheet.frame(person, past["now"], past["before"], load)
-            now, before = self._from_the_first_frame_on(past, now, before)
+            if model.look_ahead > 1:  # else the loads of rest are all that was known
+                # Loads are known early: offsets rest until the first frame is shown.
+                going = (past["age"] + -float(model.look_ahead)).clip(0.0, 1.0).reshape(0, 1, 1)
+                now = past["now"] + going * (now - past["now"])
+                before = past["before"] + going * (before - past["before"])
         self.codes = now
         self.after: Arrays = past | after | {"now": now, "before": before}
 
-    def _present(self, bones: PosedBones, theta: Value, betas: Value) -> Arrays:
+    def _present(self, theta: Value) -> Arrays:
         """Of this frame: places of the nodes about the root, turns, bones."""
-        graph = self.graph
+        graph, vertices = self.graph, self.model.nodes.vertices
+        bones, turning = posed_bones(graph, self.body, theta, self.betas)
         with graph.section("nodes"):
-            nodes = surface(graph, self.body, self.model.nodes.vertices)
-            blended = self._as_if_whole(bones.bones @ nodes.weights)
+            nodes = Surface(graph, self.body, vertices)
+            # As if weights summed to 1: then standing is no turn, and no load.
+            missing = 1 - self.body.weights[vertices].sum(axis=1)
+            still = np.append(np.eye(3).ravel(), np.zeros(3))[:, None]
+            blended = bones @ nodes.weights + graph.array("missing", still * missing)
             *columns, shift = blended.split(1, [3, 3, 3, 3])
-            rest = nodes.rest(bones.features, betas)
             return {
-                "places": turned(columns, shift, rest, axis=1),
+                "places": turned(columns, shift, nodes.rest(turning, self.betas)),
                 "turns": graph.concat(columns, 1),
                 "trans": translation(theta),
-                "bones": bones.bones,
-                "features": bones.features,
+                "bones": bones,
+                "features": turning,
             }
 
-    def _as_if_whole(self, blended: Value) -> Value:
-        """What weights that sum to 1 would give: then standing is no turn, and no load."""
-        missing = 1 - self.body.weights[self.model.nodes.vertices].sum(axis=1)
-        still = np.append(np.eye(3).ravel(), np.zeros(3))[:, None]
-        return blended + self.graph.array("missing", still * missing)
-
-    def _with_past(self, state: Value, betas: Value, present: Arrays) -> Value:
+    def _with_past(self, state: Value) -> Value:
         """The state, where those without a past have been given one."""
-        graph = self.graph
+        graph, betas = self.graph, self.betas
         with graph.section("past"):
             age, betas_before = state.part(1, 0, 1), state.part(1, 1, 1 + N_BETAS)
             apart = graph.apply("Abs", betas - betas_before).max(1)
@@ -168,9 +157,10 @@ class _PlusStep:
             count = graph.apply("Cast", new, to=1).max(0, 1).reshape()
 
             def begun() -> Value:
-                rows = graph.apply("NonZero", new.reshape(-1))
-                mine = {name: _rows(value, rows) for name, value in present.items()}
-                fresh = self._begun(_rows(betas, rows), mine)
+                rows = graph.apply("NonZero", new.reshape(-1))  # (1, N)
+                chosen = rows.reshape(-1)
+                mine = {name: value.gather(chosen, 0) for name, value in self.present.items()}
+                fresh = self._begun(betas.gather(chosen, 0), mine)
                 return graph.apply("ScatterND", state, rows.transpose(1, 0), fresh)
 
             return graph.choose(count > 0.0, begun, lambda: state)
@@ -180,11 +170,10 @@ class _PlusStep:
         graph = self.graph
         person = person_of(graph, self.body, self.model, betas)
         with graph.section("settled"):
-            felt = self._sheet.felt(None, present["turns"].split(1, [3, 3, 3]))
-            offsets_m = self._sheet.settled(person, felt)
-            nothing = 0.0 * present["trans"]
+            load = self._sheet.load(None, present["turns"].split(1, [3, 3, 3]))
+            offsets_m = self._sheet.settled(person, load)
             begun = {
-                "age": nothing.part(1, 0, 1),
+                "age": (0.0 * present["trans"]).part(1, 0, 1),
                 "betas": betas,
                 "omega": person.omega,
                 "stiffening": person.stiffening,
@@ -195,7 +184,7 @@ class _PlusStep:
                 "moves": 0.0 * offsets_m,
                 "turns": present["turns"],
                 "trans": present["trans"],
-                "felt": graph.concat([felt] * max(len(self.model.weights.taps) - 1, 1), 1),
+                "felt": graph.concat([load] * max(len(self.model.weights.taps) - 1, 1), 1),
             }
             if "known" in self.layout.shapes:
                 begun["known"] = known_people(graph, self.model, betas)
@@ -204,86 +193,57 @@ class _PlusStep:
                 begun[f"late_{name}"] = graph.concat([_long(present[name])] * frames, 1)
             return self.layout.written(graph, begun)
 
-    def _felt(self, past: Arrays, present: Arrays) -> tuple[Arrays, list[Value]]:
+    def _loads(self) -> tuple[Arrays, list[Value]]:
         """What the next frame must know, and loads, the newest first: of the frame before this.
 
         Places are about the root, whose own way is differenced apart: far from the origin a sum
         of both would have lost the digits that accelerations are made of. What moves in her first
         frame moved before it too, as in whole clips, so that frame has no acceleration.
         """
-        graph, (nodes, count) = self.graph, (len(self.model.nodes), len(self.model.weights.taps))
+        graph, past, present = self.graph, self.past, self.present
+        nodes, kept = len(self.model.nodes), len(self.model.weights.taps) - 1
         steps = (present["trans"] - past["trans"]).reshape(0, 3, 1)
         moves = (present["places"] - past["places"]) + steps
         young = past["age"].reshape(0, 1, 1)  # 0, 1, then what has an acceleration
-        counts = FPS**2 * graph.apply("Min", graph.apply("Max", young - 1.0, 0.0), 1.0)
-        acceleration = counts * (moves - past["moves"])
-        age = graph.apply("Min", past["age"] + 1.0, float(max(2, self.model.look_ahead + 1)))
-        newest = self._sheet.felt(acceleration, past["turns"].split(1, [3, 3, 3]))
-        loads = [newest]
-        if count > 1:
-            older = past["felt"].reshape(0, 3 * (count - 1), nodes)
-            loads += older.split(1, [3] * (count - 1))
-        after = {name: present[name] for name in ("places", "turns", "trans")}
-        kept = {"felt": graph.concat(loads[: count - 1], 1)} if count > 1 else {}
-        return {**after, "age": age, "moves": moves, **kept}, loads
-
-    def _from_the_first_frame_on(
-        self, past: Arrays, now: Value, before: Value
-    ) -> tuple[Value, Value]:
-        """Offsets that rest until the first frame is shown: loads are known so much earlier."""
-        frames, graph = self.model.look_ahead, self.graph
-        if frames < 2:  # the loads of rest are all that was known
-            return now, before
-        going = graph.apply("Min", graph.apply("Max", past["age"] + -float(frames), 0.0), 1.0)
-        going = going.reshape(0, 1, 1)
-        held, held_before = past["now"], past["before"]
-        return held + going * (now - held), held_before + going * (before - held_before)
+        acceleration = FPS**2 * (young - 1.0).clip(0.0, 1.0) * (moves - past["moves"])
+        after = {name: present[name] for name in ("places", "turns", "trans")} | {"moves": moves}
+        age = float(max(2, self.model.look_ahead + 1))
+        after["age"] = graph.apply("Min", past["age"] + 1.0, age)
+        loads = [self._sheet.load(acceleration, past["turns"].split(1, [3, 3, 3]))]
+        if kept:
+            older = past["felt"].reshape(0, 3 * kept, nodes).split(1, [3] * kept)
+            after["felt"] = graph.concat([*loads, *older[:-1]], 1)
+            loads += older
+        return after, loads
 
 
-class _Skin:
-    """The posed surface of the step's characters, as late as their offsets are."""
-
-    def __init__(self, step: _PlusStep, precision: Precision) -> None:
-        self._step, self._graph, self._model = step, step.graph, step.model
-        self._precision: Precision = precision
-
-    def shown(self) -> tuple[Value, Arrays]:
-        """(B, V, 3) vertices, and what the next frame must know of later ones."""
-        shown, late = self._shown(self._step.past, self._step.present)
-        return self._vertices(shown), late
-
-    def _shown(self, past: Arrays, present: Arrays) -> tuple[Arrays, Arrays]:
-        """The pose that is shown, and what the next frame must know of later ones."""
-        frames, names = self._model.look_ahead, ("bones", "features", "trans")
-        if frames == 0:
-            return {name: present[name] for name in names}, {}
-        shown, late = {}, {}
-        for name in names:
-            whole = past[f"late_{name}"]
-            oldest, *others = whole.split(1, [1] * frames)
-            shape = self._step.layout.shapes[f"late_{name}"][1:]
-            shown[name] = oldest.reshape(0, *shape)
-            late[f"late_{name}"] = self._graph.concat([*others, _long(present[name])], 1)
-        return shown, late
-
-    def _vertices(self, shown: Arrays) -> Value:
-        """The shown pose with its offsets, and what is static of them."""
-        graph, model, body = self._graph, self._model, self._step.body
-        with graph.section("skin"):
-            shape, constant = self._step.betas, None
-            if model.static.constant_m.any():
-                shape = graph.concat([shape, self._step.past["known"]], 1)
-                constant = model.static.constant_m
-            skin = surface(graph, _with_static(body, model), slice(None), constant, self._precision)
-            rest = skin.rest(shown["features"], shape)
-        with graph.section("spread"):
-            rest = rest + spread(graph, model.nodes, self._step.codes)
-        with graph.section("skin"):
-            bones = translated(graph, shown["bones"], shown["trans"])
-            return skin.skinned(bones, rest)
+def _skin(step: _PlusStep, precision: Precision) -> tuple[Value, Arrays]:
+    """(B, V, 3) the posed surface of the step's characters, as late as their offsets are, and what
+    the next frame must know of later ones."""
+    graph, model, frames = step.graph, step.model, step.model.look_ahead
+    shown = {name: step.present[name] for name in ("bones", "features", "trans")}
+    late: Arrays = {}
+    for name in shown if frames else ():
+        oldest, *others = step.past[f"late_{name}"].split(1, [1] * frames)
+        late[f"late_{name}"] = graph.concat([*others, _long(shown[name])], 1)
+        shown[name] = oldest.reshape(0, *step.layout.shapes[f"late_{name}"][1:])
+    body, shape, constant_m = step.body, step.betas, None
+    if model.static.by_pose_m.any():  # features are the same as of the pose blend shapes
+        by_pose_m = model.nodes.spread(model.static.by_pose_m)  # (207, V, 3)
+        body = replace(body, posedirs=body.posedirs + by_pose_m.transpose(1, 2, 0))
+    if model.static.constant_m.any():
+        shape = graph.concat([shape, step.past["known"]], 1)
+        constant_m = model.static.constant_m
+    with graph.section("skin"):
+        skin = Surface(graph, body, slice(None), constant_m, precision)
+        rest = skin.rest(shown["features"], shape)
+    with graph.section("spread"):
+        rest = rest + spread(graph, model.nodes, step.codes)
+    with graph.section("skin"):
+        return skin.skinned(translated(graph, shown["bones"], shown["trans"]), rest), late
 
 
-def spread(graph: ValueGraph, nodes: TissueNodes, at_nodes: Value) -> Value:
+def spread(graph: Graph, nodes: TissueNodes, at_nodes: Value) -> Value:
     """(B, 3, V) offsets of all vertices from those of the nodes (B, 3, K)."""
     vertex_count = len(nodes.owners)
     near = [
@@ -305,19 +265,6 @@ def spread(graph: ValueGraph, nodes: TissueNodes, at_nodes: Value) -> Value:
     return whole if blocks * _BLOCK == vertex_count else whole.part(2, 0, vertex_count)
 
 
-def _rows(value: Value, rows: Value) -> Value:
-    """Those rows (1, N) of a value (B, ...)."""
-    return value.gather(rows.reshape(-1), axis=0)
-
-
 def _long(value: Value) -> Value:
     """(B, 1, ...) of (B, ...)."""
     return value.graph.apply("Unsqueeze", value, value.graph.integers([1]))
-
-
-def _with_static(body: BodyModelData, model: TrainedPlus) -> BodyModelData:
-    """The body whose pose blend shapes hold what is static by the pose: features are the same."""
-    if not model.static.by_pose_m.any():
-        return body
-    by_pose_m = model.nodes.spread(model.static.by_pose_m)  # (207, V, 3)
-    return replace(body, posedirs=body.posedirs + by_pose_m.transpose(1, 2, 0))

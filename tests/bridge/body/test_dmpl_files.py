@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.body.dmpl_files import load_dmpl_directions
+from bridge.body.smpl_files import load_dmpl_directions
 from tests.forged.dmpl import forged_directions, save_dmpl
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
-from bridge.body.smpl import Smpl
+from bridge.body.posing import Smpl
 
 
 @pytest.mark.parametrize("joints", [22, 24])
@@ -26,7 +26,7 @@ def test_posed_vertices_are_the_oracles(joints):
 
 
 def test_several_persons_are_posed_as_each_alone(monkeypatch):
-    monkeypatch.setattr("bridge.body.smpl._FRAMES_AT_ONCE", 4)
+    monkeypatch.setattr("bridge.body.posing._FRAMES_AT_ONCE", 4)
     rng = np.random.default_rng(3)
     body, betas = load_body_model("embedded:female"), rng.normal(size=(11, 10))
     pose, trans = rng.normal(0, 0.7, (11, 22, 3)), rng.normal(0, 3, (11, 3))

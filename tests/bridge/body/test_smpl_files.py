@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.body.pickle_records import as_array
-from bridge.body.safe_pickle import load_restricted
+from bridge.body.safe_pickle import as_array, load_restricted
 from tests.forged.python2_pickle import Ch, Select, python2_pickle, sliced
 from tests.forged.smpl import VARIETIES, forge_smpl, npz, smpl_fields
 

@@ -11,7 +11,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model
-from bridge.body.surface import checked_surface
+from bridge.body.smpl_files import checked_surface
 
 
 def flip_first(faces: np.ndarray) -> np.ndarray:

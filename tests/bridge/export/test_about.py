@@ -32,7 +32,7 @@ def predicted(motion, tmp_path_factory) -> dict:
     """The manifest of `dsnet predict` of the same motion, asked the same."""
     out = tmp_path_factory.mktemp("predicted")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bridge.runtime.predict_motion._draw", lambda *_: None)  # the manifest alone
+        patch.setattr("bridge.runtime.stage_predict._draw", lambda *_: None)  # the manifest alone
         main(["predict", "--motion", str(motion), "--out", str(out), *OPTIONS])
     return json.loads((out / "manifest.json").read_text())
 

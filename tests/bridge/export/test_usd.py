@@ -73,7 +73,7 @@ def test_points_normals_extent_and_offsets(performed, stage):
     assert mesh.GetPrim().GetStage().GetDefaultPrim().GetTypeName() == "Xform"
     np.testing.assert_array_equal(samples(mesh.GetPointsAttr()), performed.vertices_m)
     faces = np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
-    np.testing.assert_array_equal(faces, performed.moving.character.body.faces)
+    np.testing.assert_array_equal(faces, performed.moving.body.faces)
     assert set(mesh.GetFaceVertexCountsAttr().Get()) == {3}
     assert mesh.GetNormalsInterpolation() == "vertex"
     last = FRAMES - 1

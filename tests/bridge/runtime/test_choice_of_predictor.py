@@ -9,15 +9,14 @@ import pytest
 from bridge import DsnetError
 from bridge.cli import main
 from bridge.runs import Run, read_artifact
-from bridge.runtime.characters import ROADS
-from bridge.runtime.motion_predictor import choose_predictor
-from bridge.runtime.predict_motion import predict_motion
+from bridge.runtime.load_model import find_model
+from bridge.runtime.stage_predict import predict_motion
 from bridge.tissue.trained_plus import NAME
 from tests.forged.plus import write_plus
 
 
 @pytest.fixture
-def both_roads(trained_run, flesh) -> Run:
+def both_pipelines(trained_run, flesh) -> Run:
     write_plus(trained_run, flesh)
     return trained_run
 
@@ -27,8 +26,8 @@ def predicted(out: Path, motion: Path, *options: str) -> dict:
     return read_artifact(out, "prediction").manifest
 
 
-@pytest.mark.usefixtures("blank_strip", "both_roads")
-def test_the_best_of_both_roads_predicts_and_says_so(motion, tmp_path, capsys):
+@pytest.mark.usefixtures("blank_strip", "both_pipelines")
+def test_the_best_of_both_pipelines_predicts_and_says_so(motion, tmp_path, capsys):
     made = predicted(tmp_path / "out", motion)
     assert (made["predictor"], made["label"], made["why"]) == (NAME, "soft flesh", "the run's best")
     said = "dsnet: dsnet_plus (soft flesh) of run 'r' predicts: the run's best\n"
@@ -37,7 +36,7 @@ def test_the_best_of_both_roads_predicts_and_says_so(motion, tmp_path, capsys):
     assert set(made["arrays"]) == {"offsets", "vertices"}
 
 
-@pytest.mark.usefixtures("blank_strip", "both_roads")
+@pytest.mark.usefixtures("blank_strip", "both_pipelines")
 def test_another_is_taken_when_asked(motion, tmp_path, capsys):
     made = predicted(tmp_path / "out", motion, "--predictor", "dsnet_faithful")
     assert (made["predictor"], made["why"]) == ("dsnet_faithful", "as asked")
@@ -46,13 +45,13 @@ def test_another_is_taken_when_asked(motion, tmp_path, capsys):
     assert set(made["arrays"]) == {"latents", "offsets", "vertices"}
 
 
-def test_a_run_of_one_road_offers_that(trained_run):
-    assert choose_predictor(trained_run, None, ROADS).name == "dsnet_standardised"
+def test_a_run_of_one_pipeline_offers_that(trained_run):
+    assert find_model(trained_run, None).name == "dsnet_standardised"
 
 
-def test_a_run_of_the_other_road_offers_that(plus_run):
-    assert choose_predictor(plus_run, None, ROADS).name == NAME
-    assert choose_predictor(plus_run, NAME, ROADS).why == "as asked"
+def test_a_run_of_the_other_pipeline_offers_that(plus_run):
+    assert find_model(plus_run, None).name == NAME
+    assert find_model(plus_run, NAME).why == "as asked"
 
 
 @pytest.mark.usefixtures("trained_run")
@@ -70,22 +69,22 @@ def test_one_that_the_run_lacks_is_one_line(motion, tmp_path, capsys, asked):
 
 def test_the_nearest_of_a_run_is_offered(trained_run):
     with pytest.raises(DsnetError, match=r"Did you mean 'dsnet_standardised'\? .*dsnet train"):
-        choose_predictor(trained_run, "dsnet_standardized", ROADS)
+        find_model(trained_run, "dsnet_standardized")
 
 
 def test_the_networks_are_not_offered_by_a_run_without(plus_run):
     with pytest.raises(DsnetError, match=r"one of dsnet_plus\..*`dsnet train --run r`"):
-        choose_predictor(plus_run, "dsnet_faithful", ROADS)
+        find_model(plus_run, "dsnet_faithful")
 
 
 def test_a_run_without_any_says_what_trains_one(aligned_run):
     with pytest.raises(DsnetError, match=r"without a trained predictor.*dsnet train --run r"):
-        choose_predictor(aligned_run, None, ROADS)
+        find_model(aligned_run, None)
 
 
 def test_an_unknown_run_says_which_there_are(plus_run):
     with pytest.raises(DsnetError, match=r"unknown run 'nope' \(known: r\)"):
-        choose_predictor(Run("nope"), None, ROADS)
+        find_model(Run("nope"), None)
 
 
 def test_a_damaged_model_is_one_line(plus_run, motion, tmp_path):

@@ -10,25 +10,23 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.body.measurements import MeasuredBody
 from bridge.body.parts import PARTS, part_weights
+from bridge.body.shapes import MeasuredBody
 from bridge.cli import main
 from bridge.motion import Motion, load_amass_motion
 from bridge.runs import Run
-from bridge.runtime.body_motion import place_motion
-from bridge.runtime.characters import Character, open_character
-from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.part_gains import vertex_gain
-from bridge.runtime.predict_motion import predict_motion
+from bridge.runtime.controls import Controls, blended_gain, controlled_body, gains_of_parts
+from bridge.runtime.load_model import TrainedModel, load_model
+from bridge.runtime.moving_body import MovingBody, place_motion
+from bridge.runtime.stage_predict import predict_motion
 from tests.forged.cyclic import save_on_the_spot
 
 LAP = 30
 
 
 @pytest.fixture
-def character(plus_run: Run) -> Character:
-    return open_character(plus_run)
+def character(plus_run: Run) -> TrainedModel:
+    return load_model(plus_run)
 
 
 @pytest.fixture
@@ -40,7 +38,7 @@ def offsets_of(moving: MovingBody) -> np.ndarray:
     return np.concatenate([posed.offsets_m for posed in moving])
 
 
-def controlled(character: Character, motion: Motion, **asked) -> np.ndarray:
+def controlled(character: TrainedModel, motion: Motion, **asked) -> np.ndarray:
     return offsets_of(controlled_body(character, motion, Controls(**asked)))
 
 
@@ -74,7 +72,7 @@ def test_gain_multiplies_the_skin_alone(character, bouncing):
 
 def test_the_gain_of_a_part_is_its_own(character):
     body = character.body
-    gain = vertex_gain(body, 2.0, ["belly=3", "arms=0", "hands=1"])
+    gain = blended_gain(body, 2.0, gains_of_parts(["belly=3", "arms=0", "hands=1"]))
     assert isinstance(gain, np.ndarray)
     weights = part_weights(body)
     expected = {"belly": 6.0, "forearms": 0.0, "hands": 2.0, "thighs": 2.0}

@@ -11,10 +11,10 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model
-from bridge.body.smpl import Smpl
+from bridge.body.posing import Smpl
 from bridge.motion import Motion, load_amass_motion, pack_theta, unpack_theta
-from bridge.runtime.body_motion import place_motion
-from bridge.runtime.floor import leg_length_m, lowest_points_m, put_on_floor
+from bridge.runtime.controls import leg_length_m, lowest_points_m, put_on_floor
+from bridge.runtime.moving_body import place_motion
 from tests.forged.cyclic import circling
 
 BODY = load_body_model("embedded:female")

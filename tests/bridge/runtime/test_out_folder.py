@@ -13,7 +13,7 @@ import pytest
 
 from bridge.cli import main
 from bridge.runs import read_artifact
-from bridge.runtime.out_folder import open_out_folder
+from bridge.runtime.stage_predict import open_out_folder
 
 PREDICT = "from bridge.cli import main; main()"
 

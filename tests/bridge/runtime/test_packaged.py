@@ -14,11 +14,15 @@ from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.motion import Motion, load_amass_motion, pack_theta, unpack_theta
 from bridge.runs import read_artifact
-from bridge.runtime.body_motion import place_motion
-from bridge.runtime.characters import open_character, open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.packaged import KIND, packaged_folder, packaged_predictor
+from bridge.runtime.load_model import (
+    PACKAGED,
+    find_model,
+    load_for_motion,
+    load_model,
+    packaged_folder,
+)
+from bridge.runtime.moving_body import MovingBody, place_motion
 from tests.forged import bvh
 
 GENDERS = ("female", "male")
@@ -27,7 +31,7 @@ LARGEST_BYTES = 4_000_000
 
 @pytest.mark.parametrize("gender", GENDERS)
 def test_they_are_as_they_were_written_and_say_synthetic(gender):
-    model = read_artifact(packaged_folder(gender), KIND)
+    model = read_artifact(packaged_folder(gender), PACKAGED)
     model.verify()
     assert (model.origin, model.manifest["gender"]) == ("synthetic", gender)
 
@@ -38,13 +42,13 @@ def test_both_together_are_small():
 
 
 def test_the_body_is_of_the_motions_gender():
-    assert open_character(None, gender="male").body.name == "embedded:male"
-    assert open_character(None, gender="neutral").body.name == "embedded:female"
+    assert load_model(None, gender="male").body.name == "embedded:male"
+    assert load_model(None, gender="neutral").body.name == "embedded:female"
 
 
 def test_another_predictor_needs_a_run():
     with pytest.raises(DsnetError, match=r"'dsnet_faithful' without a run.*dsnet_plus.*--run demo"):
-        packaged_predictor("female", "dsnet_faithful")
+        find_model(None, "dsnet_faithful", "female")
 
 
 def test_a_bvh_moves_her_as_the_motion_does_that_it_was_made_of(tmp_path):
@@ -53,7 +57,7 @@ def test_a_bvh_moves_her_as_the_motion_does_that_it_was_made_of(tmp_path):
     body = load_body_model("embedded:female")
     skeleton = bvh.Skeleton(SMPL_JOINT_NAMES, SMPL_PARENTS, body.J_regressor @ body.v_template)
     (tmp_path / "walk.bvh").write_text(bvh.text(skeleton, bvh.world_of(pose), places_m))
-    character, motion = open_for_motion(None, None, tmp_path / "walk.bvh")
+    character, motion = load_for_motion(None, None, tmp_path / "walk.bvh")
     moved = [
         np.concatenate([posed.vertices_m for posed in MovingBody(character, one)])
         for one in (
@@ -79,7 +83,7 @@ def hops() -> Motion:
 def test_hops_shake_every_body_and_standing_stills_it(gender, first_beta, hops):
     betas = np.zeros(10)
     betas[0] = first_beta
-    character = open_character(None, gender=gender)
+    character = load_model(None, gender=gender)
     moving = MovingBody(character, place_motion(replace(hops, betas=betas), character.body))
     size_mm = 1e3 * np.concatenate(
         [np.linalg.norm(posed.offsets_m, axis=-1).mean(axis=1) for posed in moving]
@@ -91,7 +95,7 @@ def test_hops_shake_every_body_and_standing_stills_it(gender, first_beta, hops):
 
 def test_the_flesh_of_the_sample_that_repeats_does_too():
     """Over the seam its steps change no more than within the lap, as they do without --loop."""
-    character, motion = open_for_motion(None, None, Path("sample:walk_cycle"))
+    character, motion = load_for_motion(None, None, Path("sample:walk_cycle"))
     laps = [
         np.concatenate(
             [p.offsets_m for p in controlled_body(character, motion, Controls(loop=loop))]

@@ -13,11 +13,11 @@ from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.cli import main
 from bridge.exchange.clips import join_inputs
-from bridge.motion import unpack_theta
+from bridge.motion import load_motion_file, unpack_theta
 from bridge.runs import write_artifact
-from bridge.runtime.body_motion import load_motion
 from bridge.runtime.controls import Controls
-from bridge.runtime.predict_motion import predict_motion
+from bridge.runtime.moving_body import place_motion
+from bridge.runtime.stage_predict import predict_motion
 from bridge.verify.reference import dsnet
 from tests.bridge.runtime.conftest import autoencoder_arrays
 from tests.forged.amass import save, smplh
@@ -33,7 +33,7 @@ def test_vertices_are_the_references(trained_run, trained, tmp_path):
     made.verify()
 
     body = load_body_model("embedded:female")
-    motion = load_motion(path, body, None)
+    motion = place_motion(load_motion_file(path), body)
     wide = {name: array.astype(np.float64) for name, array in trained.weights.items()}
     inputs = join_inputs(motion.theta, motion.betas)
     scaled = (inputs - trained.scaling.input_mean) / trained.scaling.input_std
@@ -123,7 +123,7 @@ def test_a_body_of_no_persons_size_or_place_is_one_line(
 
 def test_networks_that_give_no_numbers_are_one_line(trained_run, motion, tmp_path, monkeypatch):
     nan = {name: np.full_like(a, np.nan) for name, a in autoencoder_arrays().items()}
-    monkeypatch.setattr("bridge.runtime.dsnet_step.load_weights", lambda path: nan)
+    monkeypatch.setattr("bridge.runtime.stepping.load_weights", lambda path: nan)
     with pytest.raises(DsnetError, match="not finite from frame 0"):
         predict_motion(trained_run, motion, tmp_path / "out")
     assert not list(tmp_path.glob("*out*"))
@@ -140,7 +140,7 @@ def test_networks_that_give_no_numbers_are_one_line(trained_run, motion, tmp_pat
 )
 def test_betas_of_the_other_gender_are_told(tmp_path, capsys, gender, betas, said):
     path = save(tmp_path / "a_poses.npz", smplh(), gender=gender)
-    motion = load_motion(path, load_body_model("embedded:female"), betas)
+    motion = place_motion(load_motion_file(path), load_body_model("embedded:female"), betas)
     printed = capsys.readouterr().err
     assert printed.endswith(said)
     assert printed.count("\n") == bool(said)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bridge.body.posing import pose_vertices
-from bridge.body.smpl import Smpl
+from bridge.body.posing import Smpl, pose_vertices
 from bridge.motion import pack_theta, unpack_theta
-from bridge.tissue.load import GRAVITY_M_S2, Load, node_loads
+from bridge.tissue.oscillators import GRAVITY_M_S2, Load, node_loads
 
 FPS = 60.0
 SKIN = np.arange(0, 6890, 40)

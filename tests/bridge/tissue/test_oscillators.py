@@ -16,8 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from bridge.motion import pack_theta
-from bridge.tissue.load import node_loads
-from bridge.tissue.oscillators import FPS, STEPS
+from bridge.tissue.oscillators import FPS, STEPS, node_loads
 from tests.bridge.tissue.mechanics import (
     ALONE,
     AnySheet,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bridge.body import load_body_model
-from bridge.tissue.load import node_loads
+from bridge.tissue.oscillators import node_loads
 from torch_align_ae.corpus.simulation import body_in_double, rest_frame_drive
 
 

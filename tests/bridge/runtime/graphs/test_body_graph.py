@@ -8,20 +8,19 @@ import pytest
 
 from bridge.body import BodyModelData, load_body_model, pose_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.graphs.body_graph import surface
-from bridge.runtime.graphs.bones_graph import posed_bones, translated, translation
-from bridge.runtime.graphs.onnx_values import ValueGraph
+from bridge.runtime.graphs.body_graph import Surface, posed_bones, translated, translation
+from bridge.runtime.graphs.onnx_graph import Graph
 
 BODY = load_body_model("embedded:female")
 
 
 def posed(body: BodyModelData, theta: np.ndarray, betas: np.ndarray) -> np.ndarray:
-    graph = ValueGraph()
+    graph = Graph()
     given, shape = graph.input("theta", ("B", 69)), graph.input("betas", ("B", 10))
-    bones = posed_bones(graph, body, given, shape)
-    skin = surface(graph, body, slice(None))
-    moved = translated(graph, bones.bones, translation(given))
-    vertices = skin.skinned(moved, skin.rest(bones.features, shape))
+    bones, turning = posed_bones(graph, body, given, shape)
+    skin = Surface(graph, body, slice(None))
+    moved = translated(graph, bones, translation(given))
+    vertices = skin.skinned(moved, skin.rest(turning, shape))
     model = graph.model("body", {"vertices": vertices}, {"vertices": ("B", body.vertex_count, 3)})
     session = onnxruntime.InferenceSession(
         model.SerializeToString(), providers=["CPUExecutionProvider"]

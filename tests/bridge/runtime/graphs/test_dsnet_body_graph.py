@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import onnxruntime
 import pytest
@@ -9,11 +11,9 @@ import pytest
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.dsnet_step import DsnetModel
-from bridge.runtime.graphs.dsnet_body_graph import dsnet_body_graph
-from bridge.runtime.graphs.onnx_builder import GraphSession
-from bridge.runtime.graphs.onnx_graphs import decoder_graph
-from bridge.runtime.stepping import WholeMotions
+from bridge.runtime.graphs.network_graphs import decoder_graph, dsnet_body_graph
+from bridge.runtime.graphs.onnx_graph import GraphSession
+from bridge.runtime.stepping import DsnetModel, predict_whole
 
 BODY = load_body_model("embedded:female")
 BETAS = np.random.default_rng(5).normal(size=(2, 10)).astype(np.float32)
@@ -33,7 +33,9 @@ def clip(model) -> np.ndarray:
 
 
 def expected(network, decoder, architecture) -> np.ndarray:
-    predict = WholeMotions(DsnetModel(network, GraphSession(decoder_graph(decoder, architecture))))
+    predict = partial(
+        predict_whole, DsnetModel(network, GraphSession(decoder_graph(decoder, architecture)))
+    )
     clips = []
     for theta, betas in zip(THETA.swapaxes(0, 1), BETAS, strict=True):
         offsets_m = np.concatenate(list(predict(theta, betas).offsets_m))

@@ -6,9 +6,8 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from bridge.runtime.graphs import onnx_kernels
-from bridge.runtime.graphs.onnx_kernels import PRECISIONS, product
-from bridge.runtime.graphs.onnx_values import ValueGraph
+from bridge.runtime.graphs import onnx_graph
+from bridge.runtime.graphs.onnx_graph import PRECISIONS, Graph, product
 
 RNG = np.random.default_rng(0)
 KERNEL = RNG.normal(size=(300, 400)).astype(np.float32)
@@ -17,11 +16,11 @@ FEATURES = RNG.normal(size=(3, 9, 300)).astype(np.float32)
 
 @pytest.fixture(autouse=True)
 def everything_is_large(monkeypatch):
-    monkeypatch.setattr(onnx_kernels, "_LARGE", 0)
+    monkeypatch.setattr(onnx_graph, "_LARGE", 0)
 
 
 def multiplied(precision, features: np.ndarray) -> np.ndarray:
-    graph = ValueGraph()
+    graph = Graph()
     found = product(graph, "kernel", KERNEL, precision)(graph.input("x", ("B", 9, 300)))
     model = graph.model("product", {"y": found}, {"y": ("B", 9, 400)})
     session = onnxruntime.InferenceSession(

@@ -11,10 +11,9 @@ import pytest
 
 from bridge.body import load_body_model, pose_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.graphs.onnx_kernels import Precision
+from bridge.runtime.graphs.onnx_graph import Precision
 from bridge.runtime.graphs.plus_graph import plus_graph, plus_layout
-from bridge.runtime.plus_step import PlusModel
-from bridge.runtime.stepping import WholeMotions
+from bridge.runtime.stepping import PlusModel, predict_whole
 from bridge.tissue.trained_plus import TrainedPlus
 
 BODY = load_body_model("embedded:female")
@@ -58,7 +57,7 @@ class Stepped:
 
 def whole_clip(model: TrainedPlus, theta: np.ndarray, betas: np.ndarray) -> np.ndarray:
     theta, betas = theta.astype(np.float64), betas.astype(np.float64)
-    offsets_m = np.concatenate(list(WholeMotions(PlusModel(model, BODY))(theta, betas).offsets_m))
+    offsets_m = np.concatenate(list(predict_whole(PlusModel(model, BODY), theta, betas).offsets_m))
     shapes = np.tile(betas, (len(theta), 1))
     return pose_vertices(BODY, shapes, *unpack_theta(theta), offsets_m)
 

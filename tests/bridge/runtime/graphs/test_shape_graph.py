@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from bridge.body import load_body_model
-from bridge.runtime.graphs.onnx_builder import GraphSession
-from bridge.runtime.graphs.onnx_values import ValueGraph
-from bridge.runtime.graphs.shape_graph import known_people, person_of
-from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
+from bridge.runtime.graphs.onnx_graph import Graph, GraphSession
+from bridge.runtime.graphs.tissue_graph import Person, SheetGraph, known_people, person_of
 from bridge.tissue.oscillators import coupling
 from bridge.tissue.trained_plus import TrainedPlus, known_person
 from bridge.verify import draws
@@ -23,7 +21,7 @@ BETAS = np.stack([np.zeros(10), MODEL.people_betas[1], np.linspace(-2, 2, 10)]).
 
 @pytest.fixture(scope="module")
 def found() -> dict[str, np.ndarray]:
-    graph = ValueGraph()
+    graph = Graph()
     betas = graph.input("betas", ("B", 10))
     person = person_of(graph, BODY, MODEL, betas)
     outputs = {**vars(person), "known": known_people(graph, MODEL, betas)}
@@ -50,7 +48,7 @@ def test_rest_is_the_sheets():
     mechanics = coefficients(MODEL, BODY, BETAS[2])
     sheet = Sheet(mechanics, MODEL.nodes.laplacian.toarray())
     load = np.random.default_rng(5).normal(0, 8, (3, len(MODEL.nodes), 3)).astype(np.float32)
-    graph = ValueGraph()
+    graph = Graph()
     shapes = {"omega": 1, "stiffening": 1, "normals": 3, "load": 3}
     given = {name: graph.input(name, ("B", rows, "K")) for name, rows in shapes.items()}
     person = Person(given["omega"], given["stiffening"], given["normals"])

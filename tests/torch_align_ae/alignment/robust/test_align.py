@@ -11,7 +11,7 @@ import torch
 from benchmarks.alignment.lesser_laws import WeightsAlone
 from benchmarks.laws.captured import CapturedForm
 from bridge.motion import unpack_theta
-from bridge.tissue.load import node_loads
+from bridge.tissue.oscillators import node_loads
 from torch_align_ae.alignment.robust import RobustSettings, align_sequences, loads
 from torch_align_ae.alignment.robust.loads import Loads
 from torch_align_ae.alignment.robust.sample import SkinSample

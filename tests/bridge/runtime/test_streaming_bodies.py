@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,11 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model
-from bridge.body.smpl import Smpl
+from bridge.body.posing import Smpl
 from bridge.motion import unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.runtime.dsnet_step import DsnetModel, load_decoder
-from bridge.runtime.plus_step import PlusModel
-from bridge.runtime.stepping import WholeMotions
-from bridge.runtime.streams.streaming_bodies import MovedBody, StreamingBodies
+from bridge.runtime.stepping import DsnetModel, PlusModel, load_decoder, predict_whole
+from bridge.runtime.streams import MovedBody, StreamingBodies
 from tests.forged.swaying import swaying
 
 BODY = load_body_model("embedded:female")
@@ -66,7 +65,7 @@ def test_frame_by_frame_is_the_whole_motion(flesh, look_ahead, frames):
     assert bodies.latency_frames == look_ahead
     assert bodies.latency_s == pytest.approx(look_ahead / 60)
     found = streamed(bodies, theta, BETAS)
-    expected = whole(WholeMotions(PlusModel(model, BODY)), theta)
+    expected = whole(partial(predict_whole, PlusModel(model, BODY)), theta)
     np.testing.assert_allclose(offsets_of(found), expected, atol=1e-5)
     posed = Smpl(BODY).person(BETAS).pose(*unpack_theta(theta), expected)
     np.testing.assert_allclose([body.vertices_m for body in found], posed, atol=1e-5)
@@ -76,7 +75,7 @@ def test_frame_by_frame_is_the_whole_motion(flesh, look_ahead, frames):
 def test_the_static_part_is_that_of_the_pose_answered(flesh_with_static_part):
     theta = swaying(TIMES_S[:20])
     found = streamed(StreamingBodies(flesh_with_static_part, body=BODY), theta, BETAS)
-    expected = whole(WholeMotions(PlusModel(flesh_with_static_part, BODY)), theta)
+    expected = whole(partial(predict_whole, PlusModel(flesh_with_static_part, BODY)), theta)
     np.testing.assert_allclose(offsets_of(found), expected, atol=1e-5)
 
 
@@ -88,7 +87,7 @@ def test_after_a_cut_she_begins_anew(flesh, cuts, look_ahead):
         theta[cut:, 66] += 0.7
     model = replace(flesh, look_ahead=look_ahead)
     found = streamed(StreamingBodies(model, body=BODY), theta, BETAS)
-    expected = whole(WholeMotions(PlusModel(model, BODY)), theta)
+    expected = whole(partial(predict_whole, PlusModel(model, BODY)), theta)
     np.testing.assert_allclose(offsets_of(found), expected, atol=1e-5)
 
 
@@ -123,7 +122,7 @@ def test_who_joins_leaves_or_waits_disturbs_nobody(flesh):
         np.testing.assert_allclose(offsets_of(together), offsets_of(alone), atol=1e-6)
         for one, other in zip(together, alone, strict=True):
             np.testing.assert_allclose(one.vertices_m, other.vertices_m, atol=1e-6)
-        expected = whole(WholeMotions(PlusModel(flesh, BODY)), theta, betas)
+        expected = whole(partial(predict_whole, PlusModel(flesh, BODY)), theta, betas)
         np.testing.assert_allclose(offsets_of(together), expected, atol=1e-5)
 
 
@@ -218,7 +217,9 @@ def test_dsnet_gives_latents_too(trained_run, trained):
     assert bodies.latency_frames == 0
     bodies.join(np.zeros(10))
     found = streamed(bodies, theta, BETAS)
-    predict = WholeMotions(DsnetModel(trained, load_decoder(trained_run.artifact("train-ae"))))
+    predict = partial(
+        predict_whole, DsnetModel(trained, load_decoder(trained_run.artifact("train-ae")))
+    )
     parts = [predict(theta[part], BETAS) for part in (slice(25), slice(25, None))]
     latents = np.concatenate([part.latents for part in parts if part.latents is not None])
     np.testing.assert_allclose(latents_of(found), latents, atol=1e-5)

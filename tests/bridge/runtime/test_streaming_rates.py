@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,9 +11,8 @@ import pytest
 from bridge.body import load_body_model
 from bridge.motion import load_amass_motion, pack_theta
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.runtime.plus_step import PlusModel
-from bridge.runtime.stepping import WholeMotions
-from bridge.runtime.streams.streaming_bodies import StreamingBodies
+from bridge.runtime.stepping import PlusModel, predict_whole
+from bridge.runtime.streams import StreamingBodies
 from tests.forged.amass import save, smplh
 from tests.forged.swaying import swaying
 
@@ -30,7 +30,7 @@ def streamed(model, theta: np.ndarray, fps: float) -> np.ndarray:
 
 
 def whole(model, theta: np.ndarray) -> np.ndarray:
-    predict = WholeMotions(PlusModel(model, BODY))
+    predict = partial(predict_whole, PlusModel(model, BODY))
     pieces = [predict(theta[piece], BETAS).offsets_m for piece in pieces_between_cuts(theta)]
     return np.concatenate([offsets for piece in pieces for offsets in piece])
 
