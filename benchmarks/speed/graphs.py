@@ -22,7 +22,7 @@ from bridge.paper import (
     N_VERTICES,
     THETA_SIZE,
 )
-from bridge.runtime.graphs.body_graph import (
+from bridge.runtime.body_graph import (
     BONES,
     TURNING,
     Surface,
@@ -31,10 +31,10 @@ from bridge.runtime.graphs.body_graph import (
     translation,
     turned,
 )
-from bridge.runtime.graphs.network_graphs import decoded, dsnet_body_graph
-from bridge.runtime.graphs.onnx_graph import Graph, Value
-from bridge.runtime.graphs.plus_graph import plus_graph, spread
-from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
+from bridge.runtime.network_graphs import decoded, dsnet_body_graph
+from bridge.runtime.onnx_graph import Graph, Value
+from bridge.runtime.plus_graph import plus_graph, spread
+from bridge.runtime.tissue_graph import Person, SheetGraph
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws

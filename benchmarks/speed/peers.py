@@ -43,7 +43,7 @@ from bridge.options import PositiveInt, Seed
 from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
 from bridge.runs.processes import run_as_process
 from bridge.runs.provenance import machine
-from bridge.runtime.graphs.onnx_graph import Graph, Value
+from bridge.runtime.onnx_graph import Graph, Value
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder
 from torch_align_ae.autoencoder.allocation import keep_freed_memory
 

@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 from benchmarks.systems.autoregression import Autoregression, DrivenClip, OneStepFit
 from benchmarks.systems.fitted_once import FitOutcome, FittedOnce
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, changes
+from bridge.body.shapes import body_mass_index
 from bridge.errors import DsnetError
 from bridge.exchange.clips import UnpaddedClip, fit_scaling
 from bridge.exchange.codes import DMPL, PCA, CodeName
 from bridge.exchange.trained_dsnet import Scaling, TrainedDsnet
 from bridge.paper import DMPL_DIRECTIONS, LATENT_SIZE, N_BETAS
-from bridge.tissue.shape import body_mass_index
 from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
 
 RIDGES = (1e-6, 1e-4, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 10.0)

@@ -103,6 +103,12 @@ class MeasuredBody:
         return float(ConvexHull(np.reshape(lines, (-1, 3))[:, [0, 2]]).area)
 
 
+def body_mass_index(body: BodyModelData, betas: NDArray) -> float:
+    """Mass by height squared, kg/m^2, of a person of shape betas (10,) in the rest pose."""
+    vertices = shaped_vertices(body, np.asarray(betas, np.float64)[None])[0]
+    return DENSITY_KG_M3 * volume_m3(vertices, body.faces) / float(np.ptp(vertices[:, 1])) ** 2
+
+
 def find_shape(body: BodyModelData, words: Sequence[str]) -> NDArray[np.float64]:
     """(10,) betas of a shape in words.
 

@@ -1,7 +1,7 @@
 """A predictor with its body as one `.onnx` file that ONNX Runtime alone can run.
 
 The file says of itself, in its metadata, all that a user must know to feed it; what its inputs,
-outputs and state are stands in `plus_graph` and `dsnet_body_graph` of `bridge.runtime.graphs`.
+outputs and state are stands in `plus_graph` and `dsnet_body_graph` of `bridge.runtime`.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from bridge.paper import N_BETAS, N_JOINTS, THETA_SIZE
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.damage import damage_refused
-from bridge.runtime.graphs.network_graphs import dsnet_body_graph
-from bridge.runtime.graphs.onnx_graph import PRECISIONS, Precision
-from bridge.runtime.graphs.plus_graph import plus_graph
+from bridge.runtime.network_graphs import dsnet_body_graph
+from bridge.runtime.onnx_graph import PRECISIONS, Precision
+from bridge.runtime.plus_graph import plus_graph
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 
@@ -98,7 +98,7 @@ def export_onnx(
     path : a new file, `.onnx`.
     origin : of what it was trained on; a synthetic body makes it synthetic too.
     run : name of the run that it is from.
-    precision : of the large kernels (`bridge.runtime.graphs.onnx_graph`). What fewer bits cost is
+    precision : of the large kernels (`bridge.runtime.onnx_graph`). What fewer bits cost is
         measured and written into the file: `error_mm`, see `bridge.export.precision_error`.
 
     Raises

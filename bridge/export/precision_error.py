@@ -9,7 +9,7 @@ import onnx
 from numpy.typing import NDArray
 
 from bridge.paper import N_BETAS, THETA_SIZE
-from bridge.runtime.graphs.onnx_graph import GraphSession
+from bridge.runtime.onnx_graph import GraphSession
 
 FRAMES, FPS = 60, 60.0
 """One second."""

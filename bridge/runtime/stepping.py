@@ -26,8 +26,8 @@ from bridge.exchange.weights import load_weights
 from bridge.motion.loops import Lap
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact
-from bridge.runtime.graphs.onnx_graph import GraphSession
-from bridge.runtime.graphs.plus_graph import plus_layout, plus_step_graph
+from bridge.runtime.onnx_graph import GraphSession
+from bridge.runtime.plus_graph import plus_layout, plus_step_graph
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
 
@@ -109,7 +109,6 @@ class PlusModel:
         return state
 
     def step(self, state: State, theta: NDArray) -> tuple[State, Codes]:
-        """All with one product by the nodes' coupling."""
         about_start = np.array(theta, np.float64)
         about_start[:, _PLACE] -= state[:, _PLACE]
         found = self._run(
@@ -126,7 +125,6 @@ class PlusModel:
         return still
 
     def offsets_m(self, betas: NDArray, codes: Codes, theta: NDArray) -> Piece:
-        """Spread over the skin, and the static part."""
         offsets_m = self.trained.nodes.spread(codes.transpose(0, 2, 1))
         static_m = self.trained.static_m(self._body, betas, theta)
         return offsets_m if static_m is None else offsets_m + static_m
@@ -143,19 +141,17 @@ class DsnetModel:
     codes_are_latents = True
 
     def __init__(self, network: TrainedDsnet, decoder: GraphSession | None = None) -> None:
-        from bridge.runtime.graphs.network_graphs import dsnet_layout, dsnet_step_graph
+        from bridge.runtime.network_graphs import dsnet_layout, dsnet_step_graph
 
         self._memory = dsnet_layout(network).size
         self._run = GraphSession(dsnet_step_graph(network), threads=1)
         self._decoder = decoder
 
     def reset(self, betas: NDArray, theta0: NDArray) -> State:
-        """The network remembers nothing."""
         state = np.zeros((len(betas), N_BETAS + self._memory), np.float32)
         return self.reshaped(state, betas)
 
     def step(self, state: State, theta: NDArray) -> tuple[State, Codes]:
-        """One step of the network for all."""
         betas = state[:, _BETAS]
         inputs = np.concatenate([betas, np.asarray(theta, np.float32)], axis=1)
         found = self._run(motion=inputs, state=state[:, _MEMORY])
@@ -172,14 +168,13 @@ class DsnetModel:
         return state
 
     def offsets_m(self, betas: NDArray, codes: Codes, theta: NDArray) -> Piece:
-        """Decoded."""
         assert self._decoder is not None
         return self._decoder(latents=codes)["offsets"]
 
 
 def load_decoder(codec: Artifact) -> GraphSession:
     """The decoder of a finished `train-ae`: `latents` (B, 100) to `offsets` (B, V, 3), metres."""
-    from bridge.runtime.graphs.network_graphs import decoder_graph
+    from bridge.runtime.network_graphs import decoder_graph
 
     arrays = load_weights(codec.file("autoencoder.safetensors"))
     weights = {name.removeprefix("model."): array for name, array in arrays.items()}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import count
 from math import ceil, floor
@@ -86,11 +86,6 @@ class StreamingPredictor:
     ----------
     run : name of a run whose stage `train` is finished, or a loaded `TrainedDsnet`.
     predictor : which of the run's networks; the run's own choice when None.
-
-    Raises
-    ------
-    DsnetError
-        If there is no such run, or it lacks that network.
     """
 
     def __init__(
@@ -108,17 +103,10 @@ class StreamingPredictor:
         self._state = np.empty((0, 0), np.float32)
 
     def step(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
-        """Advance every character by one frame (1/60 s).
+        """(B, 100) latents, as the autoencoder decodes them, one frame (1/60 s) later.
 
-        Parameters
-        ----------
-        theta : (B, 69) poses of B characters, in the same order at every step.
-        betas : (B, 10) their shapes.
-
-        Returns
-        -------
-        ndarray
-            (B, 100) latents, as the autoencoder decodes them.
+        `theta` (B, 69) are poses of B characters, in the same order at every step, `betas` (B, 10)
+        their shapes.
 
         Raises
         ------
@@ -186,11 +174,6 @@ class StreamingBodies:
     body : the body model that moves; the run's when None.
     gender : of the packaged model's body, `female` or `male`.
     fps : frames per second of what comes and goes, 10 to 1000.
-
-    Raises
-    ------
-    DsnetError
-        If there is no such run, predictor or rate, or a model comes without a body.
     """
 
     def __init__(
@@ -228,11 +211,6 @@ class StreamingBodies:
         """Let a person of shape betas (10,) in; the number is hers, and never anybody else's.
 
         Takes, with her first step, longer than the steps after it: her tissue is brought to rest.
-
-        Raises
-        ------
-        DsnetError
-            If that is no person's shape.
         """
         shape = _checked_betas(betas, self._body)
         character = _Character(self._skin.person(shape), shape)
@@ -243,15 +221,9 @@ class StreamingBodies:
     def step(self, poses: Mapping[int, ArrayLike]) -> dict[int, MovedBody]:
         """Advance those who are named by one frame of 1 / fps s; for others no time passes.
 
-        Parameters
-        ----------
-        poses : theta (69,) by the number that `join` gave.
-
-        Returns
-        -------
-        dict
-            By the same numbers, each as she was `latency_frames` ago, or at her first frame if
-            she has not been there for so long.
+        `poses` are theta (69,) by the number that `join` gave; the answer has, by the same
+        numbers, each as she was `latency_frames` ago, or at her first frame if she has not been
+        there for so long.
 
         Raises
         ------
@@ -263,38 +235,69 @@ class StreamingBodies:
         if not here:
             return {}
         rows = [_checked_pose(f"theta of character {who}", theta) for who, theta in poses.items()]
-        now = _advanced(here, np.stack(rows), self._clock, self._model)
-        answered = [max(c.frames - 1 - self.latency_frames, 0) for c in now]
-        moved = self._moved(now, answered)
-        for who, character in zip(poses, now, strict=True):
-            following = max(character.frames - self.latency_frames, 0)
-            self._characters[who] = character.without(following, self._clock)
+        self._advance(here, np.stack(rows))
+        moved = self._moved(here, [max(c.frames - 1 - self.latency_frames, 0) for c in here])
+        for character in here:
+            character.forget(max(character.frames - self.latency_frames, 0), self._clock)
         return dict(zip(poses, moved, strict=True))
 
     def leave(self, who: int) -> Iterator[MovedBody]:
-        """Let somebody go.
-
-        Returns
-        -------
-        iterator
-            The `latency_frames` last frames that she was given and that no step has answered, as
-            if her motion ended there; each is computed when it is asked for.
-
-        Raises
-        ------
-        DsnetError
-            If the number is nobody's.
-        """
+        """Let somebody go; gives the `latency_frames` last frames that she was given and no step
+        has answered, as if her motion ended there, each computed when it is asked for."""
         character = self._character(who)
         del self._characters[who]
         return self._owed(character)
 
     def _owed(self, character: _Character) -> Iterator[MovedBody]:
-        if character.frames:
-            finished = character.finished(self._model)
-            answered = max(character.frames - 1 - self.latency_frames, 0)
-            for frame in range(answered + 1, character.frames):
-                yield from self._moved([finished], [frame])
+        character.finish(self._model)
+        answered = max(character.frames - 1 - self.latency_frames, 0)
+        for frame in range(answered + 1, character.frames):
+            yield from self._moved([character], [frame])
+
+    def _advance(self, characters: Sequence[_Character], theta: NDArray) -> None:
+        """Give each one frame more, of theta (B, 69), and all ticks up to it."""
+        each = list(zip(characters, theta, strict=True))
+        before = np.array([c.poses[-1] if c.poses else row for c, row in each])
+        cut = is_cut(before, theta)
+        # Ticks before a cut's frame are still the old motion's, which goes on as it did.
+        towards = np.array([
+            going_on(c.poses[-min(c.since_cut, 2)], c.poses[-1]) if jumps else row
+            for (c, row), jumps in zip(each, cut, strict=True)
+        ])  # fmt: skip
+        ticks = [self._clock.ticks(c.frames) for c in characters]
+        for turn in range(max(map(len, ticks))):
+            rows = [row for row, numbers in enumerate(ticks) if turn < len(numbers)]
+            some = [characters[row] for row in rows]
+            share = np.array([
+                self._clock.share(ticks[row][turn], characters[row].frames) for row in rows
+            ])  # fmt: skip
+            after = np.where(share[:, None] == 1, theta[rows], towards[rows])
+            self._tick(some, between(before[rows], after, share))
+        for (character, pose), jumps in zip(each, cut, strict=True):
+            character.frames += 1
+            character.poses.append(pose)
+            character.since_cut = 1 if jumps else character.since_cut + 1
+
+    def _tick(self, characters: Sequence[_Character], theta: NDArray) -> None:
+        """Give each one tick more, of theta (B, 69); after a cut tissue begins anew, at rest."""
+        model, each = self._model, list(zip(characters, theta, strict=True))
+        before = np.array([c.ticks[-1] if c.ticks else row for c, row in each])
+        states = []
+        for (character, row), jumps in zip(each, is_cut(before, theta), strict=True):
+            if character.state is None or jumps:
+                character.finish(model)
+                character.state = model.reset(character.betas[None], row[None])[0]
+                character.since_begin = 0
+            states.append(character.state)
+        states, codes = model.step(np.stack(states), theta)
+        for (character, row), state, code in zip(each, states, codes, strict=True):
+            character.state = state.copy()
+            character.ticks.append(row)
+            character.begins.append(character.since_begin == 0)
+            # The first tick's code comes again until another's is known.
+            if not 0 < character.since_begin <= model.look_ahead:
+                character.codes.append(code.copy())
+            character.since_begin += 1
 
     def _moved(self, characters: Sequence[_Character], frames: Sequence[int]) -> list[MovedBody]:
         each = list(zip(characters, frames, strict=True))
@@ -317,16 +320,16 @@ class StreamingBodies:
         return self._characters[who]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Character:
-    """All that one's future depends on; replaced, never changed, so that a refused step is none."""
+    """All that one's future depends on."""
 
     shaped: ShapedBody
     betas: NDArray
     """(10,)."""
     frames: int = 0
     """That she was given."""
-    poses: tuple[NDArray, ...] = ()
+    poses: list[NDArray] = field(default_factory=list)
     """The newest of them, (69,) each."""
     since_cut: int = 0
     """How many frames."""
@@ -336,11 +339,11 @@ class _Character:
     """How many ticks that state has seen."""
     first: int = 0
     """Number of the first tick that is kept."""
-    ticks: tuple[NDArray, ...] = ()
+    ticks: list[NDArray] = field(default_factory=list)
     """Poses (69,) from that tick on."""
-    begins: tuple[bool, ...] = ()
+    begins: list[bool] = field(default_factory=list)
     """Whether the tissue begins there, at rest."""
-    codes: tuple[NDArray, ...] = ()
+    codes: list[NDArray] = field(default_factory=list)
     """What the model made of them; of the newest it may not be known yet."""
 
     def code_at(self, frame: int, clock: FrameClock) -> NDArray:
@@ -359,98 +362,20 @@ class _Character:
         """(69,) one of the newest."""
         return self.poses[frame - self.frames]
 
-    def finished(self, model: Model) -> _Character:
-        """With all codes, for she stops here."""
-        if self.state is None:
-            return self
-        owed = finished(model, self.state[None], self.ticks[-1][None])
-        # Of a motion shorter than the look-ahead the first are those before its beginning.
-        owed = owed[max(model.look_ahead - self.since_begin + 1, 0) :]
-        return replace(self, codes=(*self.codes, *(codes[0] for codes in owed)))
+    def finish(self, model: Model) -> None:
+        """All codes are known where she stops."""
+        if self.state is not None:
+            owed = finished(model, self.state[None], self.ticks[-1][None])
+            # Of a motion shorter than the look-ahead the first are those before its beginning.
+            owed = owed[max(model.look_ahead - self.since_begin + 1, 0) :]
+            self.codes += [codes[0] for codes in owed]
 
-    def begun(self, model: Model, theta: NDArray) -> _Character:
-        """At rest in the next tick's pose theta (69,), which is still to be stepped."""
-        state = model.reset(self.betas[None], theta[None])[0]
-        return replace(self.finished(model), state=state, since_begin=0)
-
-    def stepped(self, theta: NDArray, state: NDArray, code: NDArray, look_ahead: int) -> _Character:
-        """With one tick more, in the pose theta (69,), and what the model made of it."""
-        # The first tick's code comes again until another's is known.
-        known = (code,) if not 0 < self.since_begin <= look_ahead else ()
-        return replace(
-            self,
-            state=state,
-            since_begin=self.since_begin + 1,
-            ticks=(*self.ticks, theta),
-            begins=(*self.begins, self.since_begin == 0),
-            codes=(*self.codes, *known),
-        )
-
-    def without(self, frame: int, clock: FrameClock) -> _Character:
-        """Only with what frames from this one on need, and what tells a cut to the next."""
-        tick, _ = clock.place(frame)
-        old = min(tick - self.first, len(self.ticks) - 1)
-        return replace(
-            self,
-            poses=self.poses[min(frame - self.frames, -2) :],
-            first=self.first + old,
-            ticks=self.ticks[old:],
-            begins=self.begins[old:],
-            codes=self.codes[old:],
-        )
-
-
-def _advanced(
-    characters: Sequence[_Character],
-    theta: NDArray,
-    clock: FrameClock,
-    model: Model,
-) -> list[_Character]:
-    """Each given one frame more, of theta (B, 69), and all ticks up to it."""
-    found = list(characters)
-    before = np.array(
-        [c.poses[-1] if c.poses else row for c, row in zip(found, theta, strict=True)]
-    )
-    cut = is_cut(before, theta)
-    # Ticks before a cut's frame are still the old motion's, which goes on as it did.
-    towards = np.array([
-        going_on(c.poses[-min(c.since_cut, 2)], c.poses[-1]) if jumps else row
-        for c, row, jumps in zip(found, theta, cut, strict=True)
-    ])  # fmt: skip
-    ticks = [clock.ticks(c.frames) for c in found]
-    for turn in range(max(map(len, ticks))):
-        rows = [row for row, numbers in enumerate(ticks) if turn < len(numbers)]
-        share = np.array([clock.share(ticks[row][turn], found[row].frames) for row in rows])
-        after = np.where(share[:, None] == 1, theta[rows], towards[rows])
-        given = _ticked([found[row] for row in rows], between(before[rows], after, share), model)
-        for row, character in zip(rows, given, strict=True):
-            found[row] = character
-    return [
-        replace(
-            c,
-            frames=c.frames + 1,
-            poses=(*c.poses, pose),
-            since_cut=1 if jumps else c.since_cut + 1,
-        )
-        for c, pose, jumps in zip(found, theta, cut, strict=True)
-    ]
-
-
-def _ticked(characters: Sequence[_Character], theta: NDArray, model: Model) -> list[_Character]:
-    """Each given one tick more, of theta (B, 69); after a cut its tissue begins anew."""
-    before = np.array(
-        [c.ticks[-1] if c.ticks else row for c, row in zip(characters, theta, strict=True)]
-    )
-    jumps = is_cut(before, theta)
-    here = [
-        c.begun(model, row) if c.state is None or jump else c
-        for c, row, jump in zip(characters, theta, jumps, strict=True)
-    ]
-    states, codes = model.step(np.stack([c.state for c in here if c.state is not None]), theta)
-    return [
-        c.stepped(row, state.copy(), code.copy(), model.look_ahead)
-        for c, row, state, code in zip(here, theta, states, codes, strict=True)
-    ]
+    def forget(self, frame: int, clock: FrameClock) -> None:
+        """Keep what frames from this one on need, and what tells a cut to the next."""
+        old = min(clock.place(frame)[0] - self.first, len(self.ticks) - 1)
+        del self.poses[: min(frame - self.frames, -2)]
+        del self.ticks[:old], self.begins[:old], self.codes[:old]
+        self.first += old
 
 
 def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:

@@ -39,7 +39,7 @@ solve it. Of a mode that has the share s of B + N, (1 - s)^2 is left after two: 
 node, and never less than nothing, so no change of velocity is overdone, and what sweeps leave
 feeds no vibration.
 
-The step is `bridge.runtime.graphs.tissue_graph`; what it is verified by, in float64,
+The step is `bridge.runtime.tissue_graph`; what it is verified by, in float64,
 `bridge.verify.reference.oscillators`; what it is trained as, `tf_dsnet.oscillators.stepping`.
 """
 

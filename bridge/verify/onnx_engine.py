@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from bridge.body import load_body_model
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.paper import DSNET_WIDTHS
-from bridge.runtime.graphs import network_graphs
-from bridge.runtime.graphs.network_graphs import dsnet_body_graph
-from bridge.runtime.graphs.onnx_graph import GraphSession, held_arrays
-from bridge.runtime.graphs.plus_graph import plus_graph as plus_body_graph
+from bridge.runtime import network_graphs
+from bridge.runtime.network_graphs import dsnet_body_graph
+from bridge.runtime.onnx_graph import GraphSession, held_arrays
+from bridge.runtime.plus_graph import plus_graph as plus_body_graph
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.answers import joined, layers, prefixed
 from bridge.verify.protocol import Case, Tensors, serve

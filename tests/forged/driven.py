@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, kinematics
 from bridge.body import BodyModelData
+from bridge.body.shapes import body_mass_index
 from bridge.exchange.clips import UnpaddedClip, join_inputs
-from bridge.tissue.shape import body_mass_index
 from tf_dsnet.predictors.base import TrainingData
 
 _MODES = 5

@@ -51,7 +51,7 @@ def test_gif(short, tmp_path):
 def test_several_predictors_side_by_side(short, tmp_path):
     """A column each, on one scale of colours, in the order in which they are named."""
     path, motion = tmp_path / "body.gif", short.motion
-    calm = MovingBody(short.character, motion, gain=0.0)
+    calm = MovingBody(short.trained, motion, gain=0.0)
     gif.write(path, calm, short, body_px=120)
     with Image.open(path) as clip:
         assert clip.size[0] == 3 * 120 + 62
@@ -150,7 +150,7 @@ def test_a_body_that_turned_and_went_away_is_drawn_where_it_was(short):
     joint_m = shaped_joints(short.body, short.motion.betas[None])[0, 0]
     trans_m = turn.apply(trans_m + joint_m) - joint_m + [20.0, 0.0, -7.0]
     motion = replace(short.motion, theta=pack_theta(pose, trans_m))
-    elsewhere = MovingBody(short.character, motion)
+    elsewhere = MovingBody(short.trained, motion)
     (turned,) = elsewhere
     np.testing.assert_allclose(
         set_stage([elsewhere], 2, 400).place(turned.vertices_m[3], 3, 1),

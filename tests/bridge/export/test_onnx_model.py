@@ -143,7 +143,7 @@ def test_a_foreign_file_is_one_line(tmp_path, content):
 
 
 def test_another_model_is_one_line(tmp_path):
-    from bridge.runtime.graphs.network_graphs import dsnet_graph
+    from bridge.runtime.network_graphs import dsnet_graph
 
     onnx.save_model(dsnet_graph(draws.dsnet_weights(0)), tmp_path / "a.onnx")
     with pytest.raises(DsnetError, match="state_layout"):

@@ -8,8 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.runtime.graphs.onnx_graph import Graph, GraphSession, Value
-from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
+from bridge.runtime.onnx_graph import Graph, GraphSession, Value
+from bridge.runtime.tissue_graph import Person, SheetGraph
 from bridge.tissue.oscillators import STEPS, coupling
 from bridge.verify.reference.oscillators import Coefficients, Sheet
 

@@ -19,7 +19,7 @@ import onnx
 
 from bridge.body import BodyModelData
 from bridge.paper import N_BETAS, THETA_SIZE
-from bridge.runtime.graphs.body_graph import (
+from bridge.runtime.body_graph import (
     BONES,
     TURNING,
     Surface,
@@ -28,8 +28,8 @@ from bridge.runtime.graphs.body_graph import (
     translation,
     turned,
 )
-from bridge.runtime.graphs.onnx_graph import Graph, Precision, StateLayout, Value
-from bridge.runtime.graphs.tissue_graph import Person, SheetGraph, known_people, person_of
+from bridge.runtime.onnx_graph import Graph, Precision, StateLayout, Value
+from bridge.runtime.tissue_graph import Person, SheetGraph, known_people, person_of
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus

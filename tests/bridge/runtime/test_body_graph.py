@@ -8,8 +8,8 @@ import pytest
 
 from bridge.body import BodyModelData, load_body_model, pose_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.graphs.body_graph import Surface, posed_bones, translated, translation
-from bridge.runtime.graphs.onnx_graph import Graph
+from bridge.runtime.body_graph import Surface, posed_bones, translated, translation
+from bridge.runtime.onnx_graph import Graph
 
 BODY = load_body_model("embedded:female")
 

@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge import DsnetError
-from bridge.runtime.graphs import network_graphs
-from bridge.runtime.graphs.onnx_graph import held_arrays
+from bridge.runtime import network_graphs
+from bridge.runtime.onnx_graph import held_arrays
 from bridge.verify import draws
 from bridge.verify.draws import SMALL_WIDTHS
 from bridge.verify.reference import dsnet, mesh_autoencoder

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bridge.body import load_body_model
-from bridge.runtime.graphs.onnx_graph import Graph, GraphSession
-from bridge.runtime.graphs.tissue_graph import Person, SheetGraph, known_people, person_of
+from bridge.runtime.onnx_graph import Graph, GraphSession
+from bridge.runtime.tissue_graph import Person, SheetGraph, known_people, person_of
 from bridge.tissue.oscillators import coupling
 from bridge.tissue.trained_plus import TrainedPlus, known_person
 from bridge.verify import draws

@@ -10,7 +10,7 @@ import pytest
 from onnx import ModelProto, TensorProto, helper, numpy_helper
 
 from bridge import DsnetError
-from bridge.runtime.graphs.onnx_graph import held_arrays
+from bridge.runtime.onnx_graph import held_arrays
 
 
 def _model(weights: TensorProto) -> ModelProto:

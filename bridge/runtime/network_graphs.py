@@ -26,8 +26,8 @@ from bridge.exchange.layouts import (
 )
 from bridge.exchange.trained_dsnet import TrainedDsnet
 from bridge.paper import FEATURES, INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
-from bridge.runtime.graphs.body_graph import Surface, posed_bones, translated, translation
-from bridge.runtime.graphs.onnx_graph import Graph, Precision, StateLayout, Value, product
+from bridge.runtime.body_graph import Surface, posed_bones, translated, translation
+from bridge.runtime.onnx_graph import Graph, Precision, StateLayout, Value, product
 
 _ACTIVATIONS = {"leaky_relu": "LeakyRelu", "elu": "Elu", "tanh": "Tanh", "relu": "Relu"}
 _ENCODER, _DECODER = ("encoder.", "to_latent."), ("from_latent.", "decoder.", "to_coordinates.")

@@ -27,6 +27,10 @@ Shape = Sequence[int | str]
 _GROUP = 4
 
 
+def _operator(op: str) -> Callable[[Value, Operand], Value]:
+    return lambda left, right: left.graph.apply(op, left, right)
+
+
 @dataclass(frozen=True, eq=False)
 class Value:
     """A tensor of a graph under construction; the operators are NumPy's, broadcasting included."""
@@ -34,20 +38,9 @@ class Value:
     graph: Graph
     name: str
 
-    def __add__(self, other: Operand) -> Value:
-        return self.graph.apply("Add", self, other)
-
-    def __sub__(self, other: Operand) -> Value:
-        return self.graph.apply("Sub", self, other)
-
-    def __mul__(self, other: Operand) -> Value:
-        return self.graph.apply("Mul", self, other)
-
-    def __truediv__(self, other: Operand) -> Value:
-        return self.graph.apply("Div", self, other)
-
-    def __matmul__(self, other: Operand) -> Value:
-        return self.graph.apply("MatMul", self, other)
+    __add__, __sub__ = _operator("Add"), _operator("Sub")
+    __mul__, __truediv__ = _operator("Mul"), _operator("Div")
+    __matmul__, __gt__ = _operator("MatMul"), _operator("Greater")
 
     def __rmul__(self, other: float) -> Value:
         return self.graph.apply("Mul", other, self)
@@ -57,9 +50,6 @@ class Value:
 
     def __neg__(self) -> Value:
         return self.graph.apply("Neg", self)
-
-    def __gt__(self, other: Operand) -> Value:
-        return self.graph.apply("Greater", self, other)
 
     def sum(self, axis: int) -> Value:
         """Over one axis, which stays with the size 1."""

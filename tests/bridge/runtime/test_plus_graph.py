@@ -11,8 +11,8 @@ import pytest
 
 from bridge.body import load_body_model, pose_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.graphs.onnx_graph import Precision
-from bridge.runtime.graphs.plus_graph import plus_graph, plus_layout
+from bridge.runtime.onnx_graph import Precision
+from bridge.runtime.plus_graph import plus_graph, plus_layout
 from bridge.runtime.stepping import PlusModel, predict_whole
 from bridge.tissue.trained_plus import TrainedPlus
 

@@ -11,8 +11,8 @@ import pytest
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.graphs.network_graphs import decoder_graph, dsnet_body_graph
-from bridge.runtime.graphs.onnx_graph import GraphSession
+from bridge.runtime.network_graphs import decoder_graph, dsnet_body_graph
+from bridge.runtime.onnx_graph import GraphSession
 from bridge.runtime.stepping import DsnetModel, predict_whole
 
 BODY = load_body_model("embedded:female")

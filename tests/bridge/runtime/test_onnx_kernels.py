@@ -6,8 +6,8 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from bridge.runtime.graphs import onnx_graph
-from bridge.runtime.graphs.onnx_graph import PRECISIONS, Graph, product
+from bridge.runtime import onnx_graph
+from bridge.runtime.onnx_graph import PRECISIONS, Graph, product
 
 RNG = np.random.default_rng(0)
 KERNEL = RNG.normal(size=(300, 400)).astype(np.float32)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.paper import N_JOINTS, THETA_SIZE
-from bridge.runtime.graphs.onnx_graph import Graph, Precision, Value, product
+from bridge.runtime.onnx_graph import Graph, Precision, Value, product
 
 BONES = N_JOINTS + 1
 """The joints of theta, and one that never moves: the root's parent."""
