@@ -23,6 +23,7 @@ NODE_FIELDS = (
     "omega", "damping_ratio", "stiffening", "normal_ratio", "wave_speed", "bending",
     "inertia_gain", "gravity_gain",
 )  # fmt: skip
+_LEARNED = ("slopes", "stiffening_power", "residual", "taps")
 KERNEL_WIDTH, _KERNEL_NOISE = 2.5, 1e-2
 """Of the Gaussian between two shapes' betas."""
 _MOST_FRAMES_AHEAD = 60
@@ -90,24 +91,18 @@ class TrainedPlus:
             raise DsnetError(received, f"{STEPS} steps", "Train it again: dsnet train.")
         _check_arrays(arrays)
         base = {name: arrays[f"log_{name}"] for name in NODE_FIELDS}
-        others = ("slopes", "stiffening_power", "residual", "taps")
-        weights = Weights(base, **{name: arrays[name] for name in others})
+        weights = Weights(base, **{name: arrays[name] for name in _LEARNED})
         static = StaticPart(arrays["constant_m"], arrays["by_pose_m"])
         nodes = TissueNodes.from_arrays(arrays)
         return cls(nodes, weights, static, arrays["people_betas"], int(arrays["look_ahead"][0]))
 
     def arrays(self) -> dict[str, NDArray]:
         """Everything by name, for a safetensors file."""
-        weights, static = self.weights, self.static
         return {
             **self.nodes.arrays(),
-            **{f"log_{name}": array for name, array in weights.base.items()},
-            "slopes": weights.slopes,
-            "stiffening_power": weights.stiffening_power,
-            "residual": weights.residual,
-            "taps": weights.taps,
-            "constant_m": static.constant_m,
-            "by_pose_m": static.by_pose_m,
+            **{f"log_{name}": array for name, array in self.weights.base.items()},
+            **{name: getattr(self.weights, name) for name in _LEARNED},
+            **vars(self.static),
             "people_betas": self.people_betas,
             "look_ahead": np.array([self.look_ahead], np.int32),
             "steps": np.array([STEPS], np.int32),

@@ -1,4 +1,4 @@
-"""Tissue of a motion that repeats: the lap that is given follows on itself, for either road."""
+"""Tissue of a motion that repeats: the lap that is given follows on itself, for either pipeline."""
 
 from __future__ import annotations
 
