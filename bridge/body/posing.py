@@ -195,23 +195,11 @@ class Smpl:
         offsets : (T, K, 3) displacement in the rest pose, metres; none when None.
         """
         vertices = np.empty((len(pose), len(self.vertices), 3), self.dtype)
-        for frame, (rest, blended) in enumerate(self._frames(people, pose, trans, offsets)):
+        for frame, (rest, blended) in enumerate(self.frames(people, pose, trans, offsets)):
             vertices[frame] = _moved(rest, blended).T
         return vertices
 
-    def skin(
-        self, people: Sequence[ShapedBody], pose: NDArray, trans: NDArray
-    ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """Places (T, K, 3), metres, and what turns each vertex (T, K, 3, 3): the linear part of
-        its skinning transform. Parameters are as in `pose`."""
-        count = len(self.vertices)
-        places = np.empty((len(pose), 3, count), self.dtype)
-        turns = np.empty((len(pose), 3, 3, count), self.dtype)
-        for frame, (rest, blended) in enumerate(self._frames(people, pose, trans, None)):
-            places[frame], turns[frame] = _moved(rest, blended), blended[:, :3]
-        return places.transpose(0, 2, 1), turns.transpose(0, 3, 1, 2)
-
-    def _frames(
+    def frames(
         self, people: Sequence[ShapedBody], pose: NDArray, trans: NDArray, offsets: NDArray | None
     ) -> Iterator[tuple[NDArray, NDArray]]:
         """Of each frame the rest pose (3, K) and each vertex's transform (3, 4, K)."""
@@ -261,5 +249,11 @@ class ShapedBody:
         return self.smpl.pose([self], pose, trans, offsets)
 
     def skin(self, pose: NDArray, trans: NDArray) -> tuple[NDArray, NDArray]:
-        """Places and turns of T frames; see `Smpl.skin`."""
-        return self.smpl.skin([self], pose, trans)
+        """Places (T, K, 3), metres, of T frames, and what turns each vertex (T, K, 3, 3): the
+        linear part of its skinning transform."""
+        count, dtype = len(self.smpl.vertices), self.smpl.dtype
+        places = np.empty((len(pose), 3, count), dtype)
+        turns = np.empty((len(pose), 3, 3, count), dtype)
+        for frame, (rest, blended) in enumerate(self.smpl.frames([self], pose, trans, None)):
+            places[frame], turns[frame] = _moved(rest, blended), blended[:, :3]
+        return places.transpose(0, 2, 1), turns.transpose(0, 3, 1, 2)
