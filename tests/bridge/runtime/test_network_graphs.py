@@ -1,23 +1,29 @@
-"""The ONNX graphs, run by onnxruntime, against the float64 reference."""
+"""The networks' graphs, run by onnxruntime: every layer is the float64 reference's, and DSNet with
+its decoder and body is the prediction of the clip, posed by the oracle."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import onnx
+import onnxruntime
 import pytest
 from numpy.typing import NDArray
 
 from bridge import DsnetError
+from bridge.body import load_body_model, pose_vertices
+from bridge.motion import unpack_theta
 from bridge.runtime import network_graphs
-from bridge.runtime.onnx_graph import held_arrays
+from bridge.runtime.network_graphs import decoder_graph, dsnet_body_graph
+from bridge.runtime.onnx_graph import GraphSession, held_arrays
+from bridge.runtime.stepping import DsnetModel, predict_whole
 from bridge.verify import draws
 from bridge.verify.draws import SMALL_WIDTHS
 from bridge.verify.reference import dsnet, mesh_autoencoder
 
-onnxruntime = pytest.importorskip("onnxruntime")
 ACTIVATIONS = ("leaky_relu", "elu", "tanh", "relu")
 VERTICES = SMALL_WIDTHS[0]
 VERTICES_LAST = ("encoder.", "decoder.", "to_coordinates")
@@ -137,3 +143,57 @@ def test_a_foreign_file_is_one_line(tmp_path: Path, content: bytes | None):
         path.write_bytes(content)
     with pytest.raises(DsnetError, match=r"a\.onnx"):
         held_arrays(path)
+
+
+BODY = load_body_model("embedded:female")
+BETAS = np.random.default_rng(5).normal(size=(2, 10)).astype(np.float32)
+THETA = np.random.default_rng(6).normal(0, 0.4, (6, 2, 69)).astype(np.float32)
+
+
+def clip(model) -> np.ndarray:
+    """(T, B, V, 3)."""
+    session = onnxruntime.InferenceSession(
+        model.SerializeToString(), providers=["CPUExecutionProvider"]
+    )
+    state, found = np.zeros((2, session.get_inputs()[2].shape[1]), np.float32), []
+    for frame in THETA:
+        vertices, state = session.run(None, {"theta": frame, "betas": BETAS, "state": state})
+        found.append(vertices)
+    return np.stack(found)
+
+
+def expected(network, decoder, architecture) -> np.ndarray:
+    predict = partial(
+        predict_whole, DsnetModel(network, GraphSession(decoder_graph(decoder, architecture)))
+    )
+    clips = []
+    for theta, betas in zip(THETA.swapaxes(0, 1), BETAS, strict=True):
+        offsets_m = np.concatenate(list(predict(theta, betas).offsets_m))
+        shapes = np.tile(betas, (len(theta), 1))
+        clips.append(pose_vertices(BODY, shapes, *unpack_theta(theta), offsets_m))
+    return np.stack(clips, axis=1)
+
+
+@pytest.mark.parametrize("activation", ["leaky_relu", "tanh"])
+def test_frame_by_frame_is_the_whole_clip(trained, mesh_decoder, activation):
+    decoder, architecture = mesh_decoder
+    architecture = {**architecture, "activation": activation}
+    found = clip(dsnet_body_graph(trained, decoder, architecture, BODY))
+    wanted = expected(trained, decoder, architecture)
+    np.testing.assert_allclose(found, wanted, atol=1e-5)
+    rest = pose_vertices(BODY, BETAS, *unpack_theta(THETA[-1]))
+    assert np.abs(wanted[-1] - rest).max() > 1e-3
+
+
+def test_fewer_bits_cost_little(trained, mesh_decoder):
+    decoder, architecture = mesh_decoder
+    exact = clip(dsnet_body_graph(trained, decoder, architecture, BODY))
+    found = clip(dsnet_body_graph(trained, decoder, architecture, BODY, precision="int8"))
+    error_mm = 1e3 * np.linalg.norm(found - exact, axis=-1)
+    assert 0 < error_mm.mean() < 0.2
+
+
+def test_a_decoder_of_another_body_is_refused(trained, mesh_decoder):
+    decoder, architecture = mesh_decoder
+    with pytest.raises(DsnetError, match="40 vertices"):
+        dsnet_body_graph(trained, decoder, {**architecture, "widths": (40, 12, 8, 6, 4)}, BODY)
