@@ -29,12 +29,8 @@ VERTICES = SMALL_WIDTHS[0]
 VERTICES_LAST = ("encoder.", "decoder.", "to_coordinates")
 
 
-def run(model, **inputs: NDArray) -> dict[str, NDArray]:
-    session = onnxruntime.InferenceSession(
-        model.SerializeToString(), providers=["CPUExecutionProvider"]
-    )
-    names = [output.name for output in session.get_outputs()]
-    return dict(zip(names, session.run(names, inputs), strict=True))
+def run(model: onnx.ModelProto, **inputs: NDArray) -> dict[str, NDArray]:
+    return GraphSession(model)(**inputs)
 
 
 def wide(arrays: dict[str, NDArray]) -> dict[str, NDArray]:
