@@ -3,7 +3,7 @@
 import numpy as np
 
 from bridge.motion import load_amass_motion
-from bridge.runtime.streams.streaming_bodies import StreamingBodies
+from bridge.runtime.streams import StreamingBodies
 
 bodies = StreamingBodies(fps=60)  # of the package; StreamingBodies("demo") takes that run's best
 theta = load_amass_motion("sample:jumping_jacks").theta

@@ -6,18 +6,18 @@ The same as options of `dsnet predict`, `export` and `view`: --gain, --part-gain
 import numpy as np
 
 from bridge.motion import load_amass_motion
-from bridge.runtime.characters import open_character
 from bridge.runtime.controls import Controls, controlled_body
+from bridge.runtime.load_model import load_model
 
 motion = load_amass_motion("sample:jumping_jacks")
-character = open_character(run=None, gender=motion.gender)
+trained = load_model(run=None, gender=motion.gender)
 for controls in (
     Controls(),
     Controls(gain=0.5),
     Controls(part_gain=("belly=2", "arms=0")),
     Controls(shape=("heavy",), floor="scale"),
 ):
-    moving = controlled_body(character, motion, controls)
+    moving = controlled_body(trained, motion, controls)
     largest_mm = max(1e3 * np.linalg.norm(p.offsets_m, axis=-1).max() for p in moving)
     lowest_cm = min(100 * posed.vertices_m[..., 1].min() for posed in moving)
     asked = controls.given() or "as predicted"

@@ -12,8 +12,8 @@ from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows, subjects_of
 from bridge.motion.sequences import Split
 from bridge.runs import Artifact
-from bridge.tissue.load import Load, node_loads
 from bridge.tissue.nodes import TissueNodes
+from bridge.tissue.oscillators import Load, node_loads
 from bridge.tissue.trained_plus import static_features
 
 _FRAMES_AT_ONCE = 256

@@ -20,6 +20,8 @@ from bridge.exchange import save_weights
 from bridge.processes import run_dsnet
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runtime.packaged import KIND, packaged_folder
+from bridge.runs.processes import run_dsnet
+from bridge.runtime.load_model import PACKAGED, packaged_folder
 from bridge.tissue.trained_plus import NAME, StaticPart, TrainedPlus
 
 GENDERS = ("female", "male")
@@ -53,7 +55,7 @@ def pack(trained: Artifact, folder: Path, gender: str, config: BuildConfig) -> A
     nothing = StaticPart.nothing()
     by_pose_m = model.static.by_pose_m if model.static.by_pose_m.any() else nothing.by_pose_m
     model = replace(model, static=StaticPart(nothing.constant_m, by_pose_m))
-    writer = ArtifactWriter(folder, KIND, data=trained.origin)
+    writer = ArtifactWriter(folder, PACKAGED, data=trained.origin)
     save_weights(writer.file_path(f"{NAME}.safetensors"), model.arrays())
     writer.record(predictors={NAME: {"label": trained.manifest["predictors"][NAME]["label"]}},
                   default=NAME, gender=gender)  # fmt: skip

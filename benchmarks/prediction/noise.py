@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, WHITE_DEG, WHITE_M, Noise
 from bridge.body import load_body_model
 from bridge.errors import DsnetError, notify
+from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.motion import StoredMotion, pack_theta, unpack_theta
 from bridge.motion.motion_checks import tremor_mm
@@ -37,6 +38,10 @@ from bridge.runs.run import body_model_path
 from bridge.runtime.motion_predictor import choose_predictor
 from bridge.runtime.plus_step import PLUS
 from bridge.runtime.stepping import MotionPredictor, WholeMotions
+from bridge.runs.folders import write_text_atomically
+from bridge.runs.processes import notify, run_as_process
+from bridge.runtime.load_model import load_model
+from bridge.runtime.stepping import Model, predict_whole
 
 _CUTOFFS: tuple[SmoothHz | None, ...] = (None, 15.0, 12.0, 10.0, 8.0, 6.0, 5.0, 4.0, "auto")
 _INPUTS = ("clean", "noisy", "white")
@@ -145,8 +150,7 @@ def _best_cutoffs(clips: Sequence[Mapping[str, Any]]) -> str:
 
 def _clips(run: Run, noises: Sequence[Noise]) -> Iterator[dict[str, Any]]:
     """Energies missed and there, of every invented test motion, cutoff and input."""
-    truth, body = run.artifact("truth"), load_body_model(body_model_path(run))
-    predict = WholeMotions(choose_predictor(run, "dsnet_plus", (PLUS,)).open(body))
+    truth, model = run.artifact("truth"), load_model(run, "dsnet_plus").model
     sequences = sequences_of(truth)
     rows = subject_rows(sequences)
     tested = [s for s in sequences if s.split == "test" and not is_real_motion(s.name)]
@@ -168,7 +172,7 @@ def _clips(run: Run, noises: Sequence[Noise]) -> Iterator[dict[str, Any]]:
                           for name, one in stored.items()},
             "scores": {
                 _named(cutoff): {
-                    name: _energies(predict, _smoothed(one, cutoff), betas, truth, sequence)
+                    name: _energies(model, _smoothed(one, cutoff), betas, truth, sequence)
                     for name, one in stored.items()
                 }
                 for cutoff in _CUTOFFS
@@ -191,14 +195,14 @@ def _smoothed(stored: StoredMotion, cutoff: SmoothHz | None) -> NDArray:
 
 
 def _energies(
-    predict: MotionPredictor,
+    model: Model,
     theta: NDArray,
     betas: NDArray,
     truth: Artifact,
     sequence: MotionSequence,
 ) -> dict[str, list[float]]:
     """By kind, the sums of squares of what is missed and of what there is."""
-    found = np.concatenate(list(predict(theta, betas).offsets_m)).astype(np.float64)
+    found = np.concatenate(list(predict_whole(model, theta, betas).offsets_m)).astype(np.float64)
     there = np.asarray(truth.array("offsets")[sequence.frames], np.float64)
     parts = {
         "offsets": (found, there),

@@ -21,7 +21,7 @@ from benchmarks.rivals.rig import HelperRig, carried_by_skeleton, helper_rig
 from benchmarks.rivals.rival import MotionClip
 from benchmarks.rivals.springs import HelperSprings, SpringSettings
 from bridge.body import BodyModelData
-from bridge.body.smpl import Smpl
+from bridge.body.posing import Smpl
 from bridge.errors import DsnetError
 from bridge.measure.posed_meshes import posed_frames
 from bridge.motion.cuts import predict_between_cuts

@@ -22,20 +22,20 @@ from bridge.paper import (
     N_VERTICES,
     THETA_SIZE,
 )
-from bridge.runtime.graphs.body_graph import surface, turned
-from bridge.runtime.graphs.bones_graph import (
+from bridge.runtime.body_graph import (
     BONES,
     TURNING,
+    Surface,
     posed_bones,
     translated,
     translation,
+    turned,
 )
-from bridge.runtime.graphs.dsnet_body_graph import decoded, dsnet_body_graph
-from bridge.runtime.graphs.onnx_values import Value, ValueGraph
-from bridge.runtime.graphs.plus_graph import plus_graph, spread
-from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
+from bridge.runtime.network_graphs import decoded, dsnet_body_graph
+from bridge.runtime.onnx_graph import Graph, Value
+from bridge.runtime.plus_graph import plus_graph, spread
+from bridge.runtime.tissue_graph import Person, SheetGraph
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import coupling
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 
@@ -93,25 +93,25 @@ def decoder_graph(arrays: Mapping[str, NDArray]) -> onnx.ModelProto:
     return graph_of(lambda g: decoded(g, arrays, ARCHITECTURE, g.input("latents", latents)))
 
 
-def graph_of(build: Callable[[ValueGraph], Value]) -> onnx.ModelProto:
+def graph_of(build: Callable[[Graph], Value]) -> onnx.ModelProto:
     """A part of a graph as a graph; its output is `found`."""
-    graph = ValueGraph()
+    graph = Graph()
     return graph.model("part", {"found": build(graph)}, {})
 
 
-def _load(graph: ValueGraph, model: TrainedPlus, body: BodyModelData) -> Value:
+def _load(graph: Graph, model: TrainedPlus, body: BodyModelData) -> Value:
     """From a pose to the load on each node."""
     theta = graph.input("theta", ("B", THETA_SIZE))
     betas = graph.input("betas", ("B", N_BETAS))
     before = graph.input("before", ("B", 3, len(model.nodes)))
-    posed = posed_bones(graph, body, theta, betas)
-    nodes = surface(graph, body, model.nodes.vertices)
-    *columns, shift = (posed.bones @ nodes.weights).split(1, [3, 3, 3, 3])
-    places = turned(columns, shift, nodes.rest(posed.features, betas), axis=1)
-    return _sheet(graph, model).felt(3600.0 * (places - before), columns)
+    bones, turning = posed_bones(graph, body, theta, betas)
+    nodes = Surface(graph, body, model.nodes.vertices)
+    *columns, shift = (bones @ nodes.weights).split(1, [3, 3, 3, 3])
+    places = turned(columns, shift, nodes.rest(turning, betas))
+    return SheetGraph.of(graph, model).load(3600.0 * (places - before), columns)
 
 
-def _step(graph: ValueGraph, model: TrainedPlus, body: BodyModelData) -> Value:
+def _step(graph: Graph, model: TrainedPlus, body: BodyModelData) -> Value:
     """A frame of the oscillators."""
     nodes = len(model.nodes)
     omega, stiffening = (graph.input(n, ("B", 1, nodes)) for n in ("omega", "stiffening"))
@@ -119,23 +119,17 @@ def _step(graph: ValueGraph, model: TrainedPlus, body: BodyModelData) -> Value:
     normals, *moving = (graph.input(name, ("B", 3, nodes)) for name in names)
     now, before, load = moving
     person = Person(omega, stiffening, normals)
-    return _sheet(graph, model).frame(person, now, before, load)[0]
+    return SheetGraph.of(graph, model).frame(person, now, before, load)[0]
 
 
-def _sheet(graph: ValueGraph, model: TrainedPlus) -> SheetGraph:
-    coefficients = {name: np.exp(log) for name, log in model.weights.base.items()}
-    coupled = coupling(coefficients, model.nodes.laplacian)
-    return SheetGraph(graph, coefficients, coupled, model.weights.taps.tolist())
-
-
-def skinned(graph: ValueGraph, body: BodyModelData) -> Value:
+def skinned(graph: Graph, body: BodyModelData) -> Value:
     """From a pose to posed vertices (B, V, 3), without offsets."""
     theta = graph.input("theta", ("B", THETA_SIZE))
     betas = graph.input("betas", ("B", N_BETAS))
-    posed = posed_bones(graph, body, theta, betas)
-    skin = surface(graph, body, slice(None))
-    rest = skin.rest(posed.features, betas)
-    return skin.skinned(translated(graph, posed.bones, translation(theta)), rest)
+    bones, turning = posed_bones(graph, body, theta, betas)
+    skin = Surface(graph, body, slice(None))
+    rest = skin.rest(turning, betas)
+    return skin.skinned(translated(graph, bones, translation(theta)), rest)
 
 
 def weights_bytes(model: onnx.ModelProto) -> int:

@@ -22,7 +22,7 @@ import onnx
 import onnxruntime
 from numpy.typing import NDArray
 
-from bridge.runtime.graphs.onnx_values import Value, ValueGraph
+from bridge.runtime.onnx_graph import Graph, Value
 
 Clock = Literal["wall", "processor"]
 _SQUARE = 1024
@@ -173,6 +173,6 @@ def _interleaved(
 
 def _square() -> onnx.ModelProto:
     """The largest rate of multiplications: a product of two square matrices."""
-    graph = ValueGraph()
+    graph = Graph()
     found: Value = graph.input("a", ("B", _SQUARE)) @ graph.input("b", ("B", _SQUARE))
     return graph.model("square", {"found": found}, {})

@@ -44,6 +44,9 @@ from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
 from bridge.processes import run_as_process
 from bridge.runs.artifact import machine
 from bridge.runtime.graphs.onnx_values import Value, ValueGraph
+from bridge.runs.processes import run_as_process
+from bridge.runs.provenance import machine
+from bridge.runtime.onnx_graph import Graph, Value
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder
 from torch_align_ae.autoencoder.training import keep_freed_memory
 
@@ -174,7 +177,7 @@ def _casas_otaduy(seed: int) -> BothDecoders:
     decoder = CasasOtaduyAutoencoder(CASAS_OTADUY_WIDTHS[:-1]).decoder  # as large as the encoder
     layers = [layer for layer in decoder if isinstance(layer, torch.nn.Linear)]
 
-    def build(graph: ValueGraph) -> Value:
+    def build(graph: Graph) -> Value:
         features = graph.input("latents", ("B", LATENT_SIZE))
         for number, layer in enumerate(layers):
             if number > 0:

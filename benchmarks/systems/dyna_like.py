@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from benchmarks.systems.autoregression import Autoregression, DrivenClip, OneStepFit
 from benchmarks.systems.fitted_once import FitOutcome, FittedOnce
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, changes
+from bridge.body.shapes import body_mass_index
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import (
     DMPL,
@@ -38,6 +39,7 @@ from bridge.exchange.dsnet import (
 from bridge.paper import DMPL_DIRECTIONS, LATENT_SIZE, N_BETAS
 from bridge.tissue.shape import body_mass_index
 from tf_dsnet.predictors import BodyOf, PredictMotion, PredictorSettings, TrainingData
+from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
 
 RIDGES = (1e-6, 1e-4, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 10.0)
 """Penalties of a frame that are tried, where inputs and latents have a spread of 1."""

@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from benchmarks.systems.kinematics import CHANGE_S
 from bridge.paper import N_BETAS
-from bridge.tissue.load import node_loads
 from bridge.tissue.nodes import farthest_points
 from tf_dsnet.predictors import BodyOf
+from bridge.tissue.oscillators import node_loads
+from tf_dsnet.predictors.base import BodyOf
 
 NODES = 60
 """Few, for all of them are inputs: 6 numbers each."""

@@ -34,7 +34,6 @@ from bridge.body.model_data import (
     SMPL_PARENTS,
     BodyModelData,
 )
-from bridge.body.smpl_files import load_smpl_file
 from bridge.errors import DsnetError
 from bridge.runs.untrusted import UntrustedNpz, open_npz
 
@@ -53,8 +52,7 @@ def load_body_model(name_or_path: str | Path) -> BodyModelData:
     """
     name = str(name_or_path)
     if not name.startswith(EMBEDDED_PREFIX):
-        # What checks foreign surfaces takes half a second to import: more than the first frames.
-        from bridge.body.surface import checked_surface
+        from bridge.body.smpl_files import checked_surface, load_smpl_file
 
         return checked_surface(load_smpl_file(name_or_path))
     gender = name.removeprefix(EMBEDDED_PREFIX)
@@ -76,16 +74,27 @@ def embedded_makehuman_index(gender: str = "female") -> np.ndarray:
 
 def unpack(gender: str, arrays: Mapping[str, np.ndarray]) -> BodyModelData:
     """Rebuild the model from an asset's arrays; see the module's table."""
+    vertex_count, joints = len(arrays["v_template"]), np.arange(JOINT_COUNT)
     shapedirs = arrays["shapedirs"] * float(arrays["shapedirs_step_m"])
+    by_turn = (arrays["posedirs"] * float(arrays["posedirs_step_m"])).T.reshape(-1, 3, 9)
+    posedirs = np.zeros((vertex_count, JOINT_COUNT - 1, 3, 9))
+    joint = np.repeat(joints[:-1], arrays["posedirs_count"])
+    posedirs[arrays["posedirs_vertex"], joint] = by_turn
+    weights = np.zeros((vertex_count, JOINT_COUNT))
+    mover, value = arrays["weight_joint"].astype(np.int64), arrays["weight_value"]
+    np.put_along_axis(weights, mover, value.astype(np.float64), axis=1)
+    around = arrays["regressor_value"].astype(np.float64)
+    around /= around.sum(axis=1, keepdims=True)
+    place = np.repeat(joints, around.shape[1]), arrays["regressor_vertex"].astype(np.int64).ravel()
     return BodyModelData(
         name=EMBEDDED_PREFIX + gender,
         source="synthetic",
         gender=gender,
         v_template=arrays["v_template"],
         shapedirs=np.ascontiguousarray(np.moveaxis(shapedirs, 0, -1)),
-        posedirs=_unpack_posedirs(arrays),
-        J_regressor=_unpack_regressor(arrays),
-        weights=_unpack_weights(arrays),
+        posedirs=posedirs.transpose(0, 2, 1, 3).reshape(vertex_count, 3, POSE_FEATURE_COUNT),
+        J_regressor=sp.csr_matrix((around.ravel(), place), shape=(JOINT_COUNT, vertex_count)),
+        weights=weights / weights.sum(axis=1, keepdims=True),
         faces=arrays["faces"],
         parents=np.array(SMPL_PARENTS),
     )
@@ -94,29 +103,3 @@ def unpack(gender: str, arrays: Mapping[str, np.ndarray]) -> BodyModelData:
 def _open_asset(gender: str) -> AbstractContextManager[UntrustedNpz]:
     asset = resources.files("bridge.body") / "assets" / f"embedded_{gender}.npz"
     return open_npz(str(asset))
-
-
-def _unpack_posedirs(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
-    vertex_count = len(arrays["v_template"])
-    values = (arrays["posedirs"] * float(arrays["posedirs_step_m"])).T.reshape(-1, 3, 9)
-    vertex = arrays["posedirs_vertex"]
-    joint = np.repeat(np.arange(JOINT_COUNT - 1), arrays["posedirs_count"])
-    posedirs = np.zeros((vertex_count, JOINT_COUNT - 1, 3, 9))
-    posedirs[vertex, joint] = values
-    return posedirs.transpose(0, 2, 1, 3).reshape(vertex_count, 3, POSE_FEATURE_COUNT)
-
-
-def _unpack_weights(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
-    value = arrays["weight_value"].astype(np.float64)
-    weights = np.zeros((len(value), JOINT_COUNT))
-    np.put_along_axis(weights, arrays["weight_joint"].astype(np.int64), value, axis=1)
-    return weights / weights.sum(axis=1, keepdims=True)
-
-
-def _unpack_regressor(arrays: Mapping[str, np.ndarray]) -> sp.csr_matrix:
-    value = arrays["regressor_value"].astype(np.float64)
-    value /= value.sum(axis=1, keepdims=True)
-    row = np.repeat(np.arange(JOINT_COUNT), value.shape[1])
-    column = arrays["regressor_vertex"].astype(np.int64).ravel()
-    shape = (JOINT_COUNT, len(arrays["v_template"]))
-    return sp.csr_matrix((value.ravel(), (row, column)), shape=shape)

@@ -43,11 +43,6 @@ class BodyModelData:
 
     Other vertex and face counts are accepted, so that tests can use small bodies; the file
     readers insist on SMPL's.
-
-    Raises
-    ------
-    DsnetError
-        If an array has the wrong shape, is not finite, or is inconsistent with the others.
     """
 
     name: str
@@ -80,9 +75,7 @@ class BodyModelData:
             object.__setattr__(self, field, np.asarray(getattr(self, field), dtype=np.float64))
         for field in ("faces", "parents"):
             object.__setattr__(self, field, _whole_numbers(self, field))
-        _check_shapes(self)
-        _check_finite(self)
-        _check_consistent(self)
+        _check(self)
 
     @property
     def vertex_count(self) -> int:
@@ -95,25 +88,13 @@ class BodyModelData:
         return self.J_regressor @ self.v_template
 
     def save_smpl_npz(self, path: str | Path) -> None:
-        """Write the model as SMPL's `SMPL_*.npz`: dense arrays only.
-
-        Raises
-        ------
-        DsnetError
-            If `path` cannot be written.
-        """
+        """Write the model as SMPL's `SMPL_*.npz`: dense arrays only."""
         fields = _smpl_fields(self)
         fields["J_regressor"] = self.J_regressor.toarray()
         _write_atomically(path, lambda file: np.savez_compressed(file, **fields))
 
     def save_smpl_pkl(self, path: str | Path) -> None:
-        """Write the model as SMPL's `.pkl`: a protocol 2 pickle with a sparse regressor.
-
-        Raises
-        ------
-        DsnetError
-            If `path` cannot be written.
-        """
+        """Write the model as SMPL's `.pkl`: a protocol 2 pickle with a sparse regressor."""
         fields = _smpl_fields(self)
         fields["J_regressor"] = sp.csc_matrix(self.J_regressor)
         _write_atomically(path, lambda file: pickle.dump(fields, file, protocol=2))
@@ -154,7 +135,8 @@ def _write_atomically(path: str | Path, write: Callable[[IO[bytes]], None]) -> N
         ) from error
 
 
-def _check_shapes(data: BodyModelData) -> None:
+def _check(data: BodyModelData) -> None:
+    """Shapes, finite numbers, and what arrays say of one another."""
     vertex_count = len(data.v_template) if data.v_template.ndim else 0
     expected = {
         "v_template": (vertex_count, 3),
@@ -168,14 +150,22 @@ def _check_shapes(data: BodyModelData) -> None:
     for field, shape in expected.items():
         if (received := getattr(data, field).shape) != shape:
             raise _invalid(data, f"{field} has shape {received}", f"shape {shape}")
-
-
-def _check_finite(data: BodyModelData) -> None:
     arrays = {field: getattr(data, field) for field in ("v_template", "shapedirs", "weights")}
     arrays |= {"posedirs": data.posedirs, "J_regressor": data.J_regressor.data}
     for field, array in arrays.items():
         if bad := int(array.size - np.isfinite(array).sum()):
             raise _invalid(data, f"{field} has {bad} values that are NaN or infinite", "none")
+    faces, (root, *others) = data.faces, data.parents.tolist()
+    if faces.size and not 0 <= faces.min() <= faces.max() < vertex_count:
+        indices = f"faces index vertices {faces.min()} to {faces.max()}"
+        raise _invalid(data, indices, f"0 to {vertex_count - 1}")
+    if root != -1 or not all(0 <= parent < joint for joint, parent in enumerate(others, 1)):
+        found = f"parents are {data.parents.tolist()}"
+        raise _invalid(data, found, "-1 first, then only earlier joints")
+    for field in ("weights", "J_regressor"):
+        sums = np.asarray(getattr(data, field).sum(axis=1)).ravel()
+        if (worst := float(np.abs(sums - 1.0).max(initial=0.0))) > 1e-3:
+            raise _invalid(data, f"rows of {field} miss a sum of 1 by {worst:.3g}", "sums of one")
 
 
 def _whole_numbers(data: BodyModelData, field: str) -> np.ndarray:
@@ -187,27 +177,6 @@ def _whole_numbers(data: BodyModelData, field: str) -> np.ndarray:
     return whole
 
 
-def _check_consistent(data: BodyModelData) -> None:
-    if data.faces.size and not 0 <= data.faces.min() <= data.faces.max() < data.vertex_count:
-        raise _invalid(
-            data,
-            f"faces index vertices {data.faces.min()} to {data.faces.max()}",
-            f"0 to {data.vertex_count - 1}",
-        )
-    root, others = data.parents[0], data.parents[1:]
-    if root != -1 or (others < 0).any() or (others >= np.arange(1, JOINT_COUNT)).any():
-        raise _invalid(
-            data, f"parents are {data.parents.tolist()}", "-1 first, then only earlier joints"
-        )
-    for field, sums in (
-        ("weights", data.weights.sum(axis=1)),
-        ("J_regressor", np.asarray(data.J_regressor.sum(axis=1)).ravel()),
-    ):
-        if (worst := float(np.abs(sums - 1.0).max(initial=0.0))) > 1e-3:
-            raise _invalid(data, f"rows of {field} miss a sum of 1 by {worst:.3g}", "sums of one")
-
-
 def _invalid(data: BodyModelData, received: str, expected: str) -> DsnetError:
-    return DsnetError(
-        f"body model {data.name}: {received}", expected, "Use an intact SMPL model file"
-    )
+    remedy = "Use an intact SMPL model file"
+    return DsnetError(f"body model {data.name}: {received}", expected, remedy)

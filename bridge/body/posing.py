@@ -1,18 +1,31 @@
-"""Pose and unpose a body in float64 NumPy: slow, obvious, and the oracle of the fast paths."""
+"""Pose and unpose a body in NumPy (Eq. 1-2, 5).
+
+`pose_vertices` and `unpose_vertices` are in float64, slow, obvious, and the oracle of the fast
+paths. `Smpl` poses by matrix products, in float32 or float64, all vertices or some: a body's shape
+does not change within a motion, so it is blended once, and within a frame each component's numbers
+lie side by side, as NumPy's loops then run along vertices and not along three coordinates.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import JOINT_COUNT, BodyModelData
 from bridge.errors import DsnetError
 
+_FRAMES_AT_ONCE = 64
+"""A product for many rows costs each of them less; the others wait, so that memory is bounded."""
+
 
 def joint_transforms(
     rotations: np.ndarray, joints: np.ndarray, parents: np.ndarray, trans: np.ndarray
 ) -> np.ndarray:
-    """Transform of each bone from the rest pose to the world.
+    """(B, 24, 4, 4) `T_world_rest`: each bone's homogeneous transform from the rest pose.
 
     The root turns about its own joint and is then moved by `trans`, as in SMPL.
 
@@ -22,10 +35,6 @@ def joint_transforms(
     joints : (B, 24, 3) joints of the rest pose, metres.
     parents : (24,) parent of each joint, -1 for the root.
     trans : (B, 3) translation, metres.
-
-    Returns
-    -------
-    (B, 24, 4, 4) `T_world_rest`, homogeneous.
     """
     T_world_joint = np.zeros((*rotations.shape[:2], 4, 4))
     for joint, parent in enumerate(parents):
@@ -55,24 +64,14 @@ def pose_vertices(
     trans: np.ndarray,
     offsets: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Posed vertices, Eq. 1-2, with `offsets` added in the rest pose.
+    """(B, V, 3) posed vertices, metres, Eq. 1-2, with `offsets` added in the rest pose.
 
     Parameters
     ----------
-    data : the body model.
     betas : (B, 10) shape.
     pose : (B, 22, 3) or (B, 24, 3) axis-angle, radians; missing hand joints stay at rest.
     trans : (B, 3) translation, metres.
     offsets : (B, V, 3) displacement in the rest pose, or None.
-
-    Returns
-    -------
-    (B, V, 3) vertices, metres.
-
-    Raises
-    ------
-    DsnetError
-        If an argument has the wrong shape.
     """
     rest, blended = _rest_and_skinning(data, betas, pose, trans)
     if offsets is not None:
@@ -88,24 +87,10 @@ def unpose_vertices(
     pose: np.ndarray,
     trans: np.ndarray,
 ) -> np.ndarray:
-    """Rest-pose vertices of a posed mesh: the inverse skinning W^-1 of Eq. 5.
+    """(B, V, 3) rest-pose vertices of a posed mesh, metres: the inverse skinning W^-1 of Eq. 5.
 
     The pose blend shapes stay in the result, so Eq. 5's offsets are
-    `unpose_vertices(...) - rest_vertices(...)`.
-
-    Parameters
-    ----------
-    data, betas, pose, trans : as in `pose_vertices`.
-    vertices : (B, V, 3) posed mesh, metres.
-
-    Returns
-    -------
-    (B, V, 3) rest-pose vertices, metres.
-
-    Raises
-    ------
-    DsnetError
-        If an argument has the wrong shape.
+    `unpose_vertices(...) - rest_vertices(...)`. Parameters are as in `pose_vertices`.
     """
     rest, blended = _rest_and_skinning(data, betas, pose, trans)
     _check_shape("vertices", vertices, rest.shape)
@@ -162,3 +147,113 @@ def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
         raise DsnetError(
             f"{name} has shape {np.shape(array)}", f"shape {shape}", "Reshape it or its partners"
         )
+
+
+class Smpl:
+    """What all persons of a body model share: how vertices follow bones and poses.
+
+    Parameters
+    ----------
+    data : the body model.
+    vertices : (K,) which; all when None.
+    dtype : of what is done for each vertex; the bones are few and stay float64.
+    """
+
+    def __init__(
+        self,
+        data: BodyModelData,
+        vertices: NDArray[np.integer] | None = None,
+        dtype: type[np.floating] = np.float32,
+    ) -> None:
+        self.data, self.dtype = data, dtype
+        self.vertices = np.arange(data.vertex_count) if vertices is None else vertices
+        by_pose = data.posedirs[self.vertices].transpose(2, 1, 0)  # (207, 3, K)
+        self._posedirs = np.ascontiguousarray(by_pose, self.dtype).reshape(len(by_pose), -1)
+        self._weights = np.ascontiguousarray(data.weights[self.vertices].T, self.dtype)
+
+    def person(self, betas: NDArray) -> ShapedBody:
+        """A person of shape betas (10,)."""
+        shape = np.asarray(betas, np.float64)[None]
+        rest_m = shaped_vertices(self.data, shape)[0, self.vertices].T
+        return ShapedBody(
+            self, np.ascontiguousarray(rest_m, self.dtype), shaped_joints(self.data, shape)
+        )
+
+    def pose(
+        self,
+        people: Sequence[ShapedBody],
+        pose: NDArray,
+        trans: NDArray,
+        offsets: NDArray | None = None,
+    ) -> NDArray[np.floating]:
+        """Posed vertices (T, K, 3), metres, of one person in T frames or of T in one frame each.
+
+        Parameters
+        ----------
+        pose : (T, 22, 3) or (T, 24, 3) axis-angle, radians.
+        trans : (T, 3) translation, metres.
+        offsets : (T, K, 3) displacement in the rest pose, metres; none when None.
+        """
+        vertices = np.empty((len(pose), len(self.vertices), 3), self.dtype)
+        for frame, (rest, blended) in enumerate(self.frames(people, pose, trans, offsets)):
+            vertices[frame] = _moved(rest, blended).T
+        return vertices
+
+    def frames(
+        self, people: Sequence[ShapedBody], pose: NDArray, trans: NDArray, offsets: NDArray | None
+    ) -> Iterator[tuple[NDArray, NDArray]]:
+        """Of each frame the rest pose (3, K) and each vertex's transform (3, 4, K)."""
+        for start in range(0, len(pose), _FRAMES_AT_ONCE):
+            part = slice(start, start + _FRAMES_AT_ONCE)
+            some = people[part] if len(people) > 1 else people
+            rotations = joint_rotations(self.data, pose[part])
+            joints = np.concatenate([person.joints_m for person in some])
+            joints = np.broadcast_to(joints, (len(rotations), *joints.shape[1:]))
+            bones = joint_transforms(rotations, joints, self.data.parents, trans[part])
+            # Weights sum to 1 only up to rounding; blended this way, standing is no turn exactly.
+            moved = (bones[:, :, :3] - np.eye(3, 4)).transpose(0, 2, 3, 1).astype(self.dtype)
+            moved = moved.reshape(len(moved), 12, -1)
+            features = pose_features(rotations).astype(self.dtype)
+            rest = (features @ self._posedirs).reshape(len(features), 3, -1)
+            for row, bone in enumerate(moved):
+                rest[row] += some[row % len(some)].rest_m
+                if offsets is not None:
+                    rest[row] += offsets[start + row].T
+                blended = (bone @ self._weights).reshape(3, 4, -1)
+                for axis in range(3):
+                    blended[axis, axis] += 1
+                yield rest[row], blended
+
+
+def _moved(rest: NDArray, blended: NDArray) -> NDArray:
+    """(3, K) the vertices of a rest pose (3, K), by their transforms (3, 4, K)."""
+    placed = np.einsum("xyk,yk->xk", blended[:, :3], rest)
+    placed += blended[:, 3]
+    return placed
+
+
+@dataclass(frozen=True, eq=False)
+class ShapedBody:
+    """One person's shape."""
+
+    smpl: Smpl
+    rest_m: NDArray[np.floating]
+    """(3, K) vertices in the rest pose."""
+    joints_m: NDArray[np.float64]
+    """(1, 24, 3) in the rest pose."""
+
+    def pose(
+        self, pose: NDArray, trans: NDArray, offsets: NDArray | None = None
+    ) -> NDArray[np.floating]:
+        """Posed vertices (T, K, 3) of T frames; see `Smpl.pose`."""
+        return self.smpl.pose([self], pose, trans, offsets)
+
+    def skin(self, pose: NDArray, trans: NDArray) -> tuple[NDArray, NDArray]:
+        """Places (T, K, 3), metres, of T frames, and what turns each vertex (T, K, 3, 3): the
+        linear part of its skinning transform."""
+        count, dtype = len(self.smpl.vertices), self.smpl.dtype
+        places = np.empty((len(pose), 3, count), dtype)
+        turns = np.empty((len(pose), 3, 3, count), dtype)
+        for frame, (rest, blended) in enumerate(self.smpl.frames([self], pose, trans, None)):
+            places[frame], turns[frame] = _moved(rest, blended), blended[:, :3]
+        return places.transpose(0, 2, 1), turns.transpose(0, 3, 1, 2)

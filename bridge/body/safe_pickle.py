@@ -1,207 +1,274 @@
 """Read SMPL's pickles without running anything that they contain.
 
 The licensed files were pickled by Python 2 and hold NumPy arrays, SciPy sparse matrices and
-`chumpy` objects. All of these become inert records (`bridge.body.pickle_records`), of which
-`as_array` makes arrays later and only where one is wanted. Every other global, so every malicious
-pickle, is refused before anything is called.
-
-The unpickler is the standard library's in Python: the one in C reserves memory that an opcode asks
-for, and crashes on keys that are nested deeply.
+`chumpy` objects. `pickletools` of the standard library takes a pickle apart; here its opcodes build
+plain containers and inert records, and every other global, so every malicious pickle, is refused.
+No constructor of NumPy's, SciPy's or Python's sees a file's values before `as_array` has checked
+them, and that is done where an array is wanted. A file that is never asked for more bytes than it
+has (`bridge.runs.foreign_files`) bounds what an opcode may ask for.
 """
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Callable
+import codecs
+import math
+import pickletools
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pickle import UnpicklingError
 from typing import IO, Any
 
-from bridge.body.pickle_records import (
-    ArrayRecord,
-    ChumpyRecord,
-    CscRecord,
-    DtypeRecord,
-    Record,
-    ScalarRecord,
-)
+import numpy as np
+import scipy.sparse as sp
 
+MOST_BYTES = 1 << 27
+"""Of an array in a file of SMPL's: 300 shape components take 50 MB."""
 _MOST_OPCODES = 200_000
 """SMPL's files have some thousands; each makes an object of up to 200 bytes."""
+_OPCODES = {operation.code: operation for operation in pickletools.opcodes}
+_PLAIN = ("INT", "BININT", "LONG", "FLOAT", "BINFLOAT", "STRING", "BINSTRING", "SHORT_BIN",
+          "UNICODE", "BINUNICODE", "BINBYTES")  # fmt: skip
+"""How opcodes of numbers and text begin."""
+_NUMBERS = re.compile(r"[biuf][1248]|[SU]\d{1,4}")
+_GLOBALS = {
+    ("numpy", "ndarray"): "array",
+    ("numpy", "dtype"): "dtype",
+    ("_codecs", "encode"): "encode",
+    **{(f"numpy.{core}.multiarray", "_reconstruct"): "new array" for core in ("core", "_core")},
+    **{(f"numpy.{core}.multiarray", "scalar"): "scalar" for core in ("core", "_core")},
+    **{(module, "_reconstructor"): "new object" for module in ("copy_reg", "copyreg")},
+    **{(module, "object"): "object" for module in ("__builtin__", "builtins")},
+    **{(module, "set"): "set" for module in ("__builtin__", "builtins")},
+}
+
+
+@dataclass(frozen=True)
+class _Global:
+    """A name in a pickle that is known, in place of what it names."""
+
+    kind: str
+
+
+@dataclass(eq=False)
+class Record:
+    """An object that a pickle describes, kept as its bare state."""
+
+    kind: str
+    arguments: tuple[Any, ...] = ()
+    state: Any = None
 
 
 def load_restricted(file: IO[bytes]) -> Any:
-    """Unpickle arrays, sparse matrices, chumpy objects and plain containers.
+    """Unpickle arrays, sparse matrices, chumpy objects and plain containers."""
+    stack: list[Any] = []
+    marked: list[list[Any]] = []  # stacks below each mark
+    memo: dict[int, Any] = {}
+    for code, name, argument in _operations(file):
+        match name:
+            case "STOP":
+                return stack.pop()
+            case "PROTO" | "FRAME":
+                pass
+            case "MARK":
+                marked.append(stack)
+                stack = []
+            case "POP" if stack:
+                stack.pop()
+            case "POP" | "POP_MARK" | "ADDITEMS":
+                stack = marked.pop()
+            case "PUT" | "BINPUT" | "LONG_BINPUT":
+                memo[argument] = stack[-1]
+            case "MEMOIZE":
+                memo[len(memo)] = stack[-1]
+            case "GET" | "BINGET" | "LONG_BINGET":
+                stack.append(memo[argument])
+            case "NONE" | "EMPTY_SET":  # chumpy's sets are of no use
+                stack.append(None)
+            case "NEWTRUE" | "NEWFALSE":
+                stack.append(name == "NEWTRUE")
+            case "EMPTY_TUPLE":
+                stack.append(())
+            case "TUPLE1" | "TUPLE2" | "TUPLE3":
+                count = int(name[-1])
+                stack[-count:] = [tuple(stack[-count:])]
+            case "EMPTY_LIST":
+                stack.append([])
+            case "EMPTY_DICT":
+                stack.append({})
+            case "TUPLE" | "LIST" | "DICT":
+                items, stack = stack, marked.pop()
+                stack.append(tuple(items) if name == "TUPLE" else items)
+                if name == "DICT":
+                    stack[-1] = {}
+                    _set(stack[-1], items)
+            case "APPENDS" | "SETITEMS":
+                items, stack = stack, marked.pop()
+                (_append if name == "APPENDS" else _set)(stack[-1], items)
+            case "APPEND":
+                _append(stack[-2], [stack.pop()])
+            case "SETITEM":
+                _set(stack[-3], stack[-2:])
+                del stack[-2:]
+            case "GLOBAL":
+                module, _, found = argument.partition(" ")
+                stack.append(_found(module, found))
+            case "STACK_GLOBAL":
+                stack[-2:] = [_found(*stack[-2:])]
+            case "REDUCE" | "NEWOBJ":
+                stack[-2:] = [_made(*stack[-2:])]
+            case "BUILD":
+                state = stack.pop()
+                if not isinstance(stack[-1], Record):
+                    raise UnpicklingError(f"it asks to change a {type(stack[-1]).__name__}")
+                stack[-1].state = state
+            case _ if name.startswith(_PLAIN):
+                stack.append(argument)
+            case _:
+                raise UnpicklingError(f"it asks for opcode {ord(code)}")
+    raise UnpicklingError(f"more than {_MOST_OPCODES} objects")
 
-    Raises
-    ------
-    pickle.UnpicklingError
-        If the pickle names anything else.
-    """
-    return _InertUnpickler(file).load()
+
+def _operations(file: IO[bytes]) -> Iterator[tuple[str, str, Any]]:
+    """Code, name and argument of each, at most `_MOST_OPCODES`."""
+    for _ in range(_MOST_OPCODES):
+        code = file.read(1).decode("latin1")
+        if code not in _OPCODES:
+            raise UnpicklingError(f"it asks for opcode {ord(code)}" if code else "it ends early")
+        operation = _OPCODES[code]
+        if operation.name == "STRING":  # the library's takes text for ASCII
+            text = file.readline().strip()[1:-1]
+            yield code, operation.name, codecs.escape_decode(text)[0].decode("latin1")
+        else:
+            yield code, operation.name, operation.arg and operation.arg.reader(file)
+
+
+def _append(target: Any, items: list[Any]) -> None:
+    if not isinstance(target, list):
+        raise UnpicklingError(f"it asks to append to a {type(target).__name__}")
+    target.extend(items)
+
+
+def _set(target: Any, items: list[Any]) -> None:
+    # Tuples that hold one another a million times over can be made, but not hashed.
+    names = all(isinstance(key, (str, bytes, int)) for key in items[::2])
+    if not isinstance(target, dict) or not names:
+        raise UnpicklingError("a dictionary with keys that are no names")
+    target.update(zip(items[::2], items[1::2], strict=True))
+
+
+def _found(module: Any, name: Any) -> _Global:
+    if not isinstance(module, str) or not isinstance(name, str):
+        raise UnpicklingError("it asks to run what has no name")
+    if module.split(".")[0] == "chumpy":
+        return _Global("chumpy")
+    if module.startswith("scipy.sparse") and name == "csc_matrix":
+        return _Global("csc")
+    if (module, name) not in _GLOBALS:
+        raise UnpicklingError(f"it asks to run {module}.{name}")
+    return _Global(_GLOBALS[module, name])
+
+
+def _made(function: Any, arguments: Any) -> Any:
+    """What a known global makes of arguments: a record, or text."""
+    if not isinstance(function, _Global) or not isinstance(arguments, tuple):
+        raise UnpicklingError("it asks to run something that it made")
+    match function.kind, arguments:
+        case "new array", (_Global("array"), _, _):  # the state replaces what else there is
+            return Record("array")
+        case "new object", (_Global("chumpy" | "csc" as kind), _Global("object"), None):
+            return Record(kind)
+        case "encode", (str(text),) | (str(text), "latin1"):
+            return text  # protocol 2's way to write bytes; text holds one byte a character
+        case "set", _:
+            return None
+        case ("array" | "dtype" | "scalar" | "chumpy" | "csc") as kind, _:
+            return Record(kind, arguments)
+    raise UnpicklingError("it asks to construct something else")
 
 
 def load_restricted_item(file: IO[bytes]) -> Any:
-    """Unpickle the object in an `.npy` that holds one.
-
-    Raises
-    ------
-    pickle.UnpicklingError
-        If it is none, or `load_restricted` refuses it.
-    """
+    """Unpickle the object in an `.npy` that holds one, as NumPy stores what is no array."""
     array = load_restricted(file)
-    if not isinstance(array, ArrayRecord):
-        raise pickle.UnpicklingError("no array")
-    return array.only_item()
+    if not isinstance(array, Record) or array.kind != "array":
+        raise UnpicklingError("no array")
+    shape, dtype, _, items = _array_parts(array)
+    if shape != () or dtype.arguments[0] not in ("O8", "O4") or not isinstance(items, list):
+        raise UnpicklingError("an array of objects")
+    (item,) = items
+    return item
 
 
-def _reconstructed_array(cls: Any, shape: Any, code: Any) -> ArrayRecord:
-    """NumPy's `_reconstruct`, whose other arguments the state replaces."""
-    if cls is not ArrayRecord:
-        raise pickle.UnpicklingError("it asks to construct no array")
-    return ArrayRecord()
+def as_array(value: Any) -> np.ndarray:
+    """A dense array from what a pickle's field held: one of the records, or a number.
+
+    Raises an exception of any kind, if it is something else: lists can hold one another a million
+    times over.
+    """
+    if isinstance(value, (np.ndarray, float)):
+        return np.asarray(value)
+    match value:
+        case Record("array"):
+            shape, dtype, is_fortran, raw = _array_parts(value)
+            sizes, numbers = _whole_numbers(shape), _dtype(dtype)
+            _check_size(sizes, numbers.itemsize)
+            flat = np.frombuffer(_raw_bytes(raw), numbers, math.prod(sizes))
+            return flat.reshape(sizes, order="F" if is_fortran else "C")
+        case Record("scalar", (Record("dtype") as dtype, raw)):
+            return np.frombuffer(_raw_bytes(raw), _dtype(dtype), 1).reshape(())
+        case Record("chumpy", _, {"idxs": idxs, "a": whole, **state}):
+            # A chumpy.reordering.Select. `idxs` may repeat what there is.
+            indices = as_array(idxs)
+            _check_size(indices.shape, 8)
+            selected, shape = as_array(whole).ravel()[indices], state.get("preferred_shape")
+            return selected if shape is None else selected.reshape(shape)
+        case Record("chumpy", _, {"x": x}):
+            return as_array(x)
+        case Record("csc", _, dict(state)):
+            shape = _whole_numbers(state.get("_shape", state.get("shape")))
+            _check_size(shape, 8)
+            numbers, *indices = (as_array(state[key]) for key in ("data", "indices", "indptr"))
+            matrix = sp.csc_matrix((numbers.astype(np.float64), *indices), shape=shape)
+            matrix.check_format(full_check=True)  # SciPy's routines trust indices
+            return matrix.toarray()
+    raise UnpicklingError(f"a {type(value).__name__} in place of an array")
 
 
-def _encoded(text: Any, encoding: Any = "latin1") -> Any:
-    """Protocol 2's way to write bytes; they stay text, which holds one byte a character."""
-    if encoding != "latin1":
-        raise pickle.UnpicklingError("it asks for the codec of another text")
-    return text
+def _array_parts(record: Record) -> tuple[Any, Record, Any, Any]:
+    match record.state:
+        case (_, shape, Record("dtype") as dtype, is_fortran, raw):
+            return shape, dtype, is_fortran, raw
+    raise UnpicklingError("an array without its values")
 
 
-def _object(cls: Any, base: Any, state: Any) -> Any:
-    """Python 2's constructor of objects, for the records only."""
-    if cls not in (ChumpyRecord, CscRecord) or base is not _no_object or state is not None:
-        raise pickle.UnpicklingError("it asks to construct something else")
-    return cls()
+def _dtype(record: Record) -> np.dtype:
+    """Of numbers or text."""
+    code, order = record.arguments[0], "|"
+    if record.state is not None:
+        _, order, *parts = record.state
+        if any(part is not None for part in parts[:3]):
+            raise UnpicklingError("an array of structures")
+    if not isinstance(code, str) or not _NUMBERS.fullmatch(code) or order not in set("<>=|"):
+        raise UnpicklingError("an array of neither numbers nor text")
+    return np.dtype(code).newbyteorder(order)
 
 
-def _no_object() -> None:
-    """Stands for `object`, whose constructor is never wanted."""
-    raise pickle.UnpicklingError("it asks to construct an object")
+def _whole_numbers(shape: Any) -> tuple[int, ...]:
+    if (
+        not isinstance(shape, (tuple, list))
+        or len(shape) > 8
+        or not all(type(size) is int and size >= 0 for size in shape)
+    ):
+        raise UnpicklingError("a shape that is none")
+    return tuple(shape)
 
 
-def _no_set(*_: Any) -> None:
-    """Stands for `set`: chumpy's are of no use, and hashing what a file nests may never end."""
+def _check_size(shape: tuple[int, ...], item_bytes: int) -> None:
+    if math.prod(shape) * max(item_bytes, 1) > MOST_BYTES:
+        raise UnpicklingError(f"an array of shape {shape}")
 
 
-_GLOBALS: dict[tuple[str, str], Callable[..., Any]] = {
-    ("numpy", "ndarray"): ArrayRecord,
-    ("numpy", "dtype"): DtypeRecord,
-    ("_codecs", "encode"): _encoded,
-    **{
-        (f"numpy.{core}.multiarray", name): constructor
-        for core in ("core", "_core")
-        for name, constructor in (("_reconstruct", _reconstructed_array), ("scalar", ScalarRecord))
-    },
-    **{(module, "_reconstructor"): _object for module in ("copy_reg", "copyreg")},
-    **{(module, "object"): _no_object for module in ("__builtin__", "builtins")},
-    **{(module, "set"): _no_set for module in ("__builtin__", "builtins")},
-}
-_CALLABLE = (*_GLOBALS.values(), ChumpyRecord, CscRecord)
-
-# In the standard library since Python 3.0, though without a public name.
-_Unpickler: Any = pickle.__dict__["_Unpickler"]
-# What the pickles of arrays, numbers, text and plain containers consist of.
-_KNOWN = (
-    "PROTO STOP FRAME MARK POP POP_MARK MEMOIZE PUT BINPUT LONG_BINPUT GET BINGET LONG_BINGET "
-    "NONE NEWTRUE NEWFALSE INT BININT BININT1 BININT2 LONG LONG1 LONG4 FLOAT BINFLOAT "
-    "STRING BINSTRING SHORT_BINSTRING UNICODE BINUNICODE SHORT_BINUNICODE BINUNICODE8 "
-    "BINBYTES SHORT_BINBYTES BINBYTES8 EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 "
-    "EMPTY_LIST LIST APPEND APPENDS EMPTY_DICT GLOBAL STACK_GLOBAL"
-)
-
-
-class _Opcodes(dict[int, Callable[..., Any]]):
-    """What is done for each opcode, counting them."""
-
-    count = 0
-
-    def __getitem__(self, opcode: int) -> Callable[..., Any]:
-        self.count += 1
-        if self.count > _MOST_OPCODES:
-            raise pickle.UnpicklingError(f"more than {_MOST_OPCODES} objects")
-        return super().__getitem__(opcode)
-
-    def __missing__(self, opcode: int) -> Callable[..., Any]:
-        raise pickle.UnpicklingError(f"it asks for opcode {opcode}")
-
-
-class _InertUnpickler(_Unpickler):
-    def __init__(self, file: IO[bytes]) -> None:
-        super().__init__(file, encoding="latin1")
-        known = {opcode: _Unpickler.dispatch[opcode] for opcode in map(_opcode, _KNOWN.split())}
-        self.dispatch = _Opcodes(known | _OWN)
-
-    def find_class(self, module: str, name: str) -> Any:
-        if module.split(".")[0] == "chumpy":
-            return ChumpyRecord
-        if module.startswith("scipy.sparse") and name == "csc_matrix":
-            return CscRecord
-        try:
-            return _GLOBALS[module, name]
-        except KeyError:
-            raise pickle.UnpicklingError(f"it asks to run {module}.{name}") from None
-
-    def load_call(self) -> None:
-        """REDUCE and NEWOBJ: of what `find_class` gave, nothing else."""
-        arguments, function = self.stack.pop(), self.stack[-1]
-        if not any(function is known for known in _CALLABLE) or not isinstance(arguments, tuple):
-            raise pickle.UnpicklingError("it asks to run something that it made")
-        self.stack[-1] = function(*arguments)
-
-    def load_state(self) -> None:
-        """BUILD."""
-        state, record = self.stack.pop(), self.stack[-1]
-        if not isinstance(record, Record):
-            raise pickle.UnpicklingError(f"it asks to change a {type(record).__name__}")
-        record.state = state
-
-    def load_items(self) -> None:
-        """SETITEMS."""
-        items = self.pop_mark()
-        self._set(self.stack[-1], items[::2], items[1::2])
-
-    def load_one_item(self) -> None:
-        """SETITEM."""
-        value, key = self.stack.pop(), self.stack.pop()
-        self._set(self.stack[-1], [key], [value])
-
-    def load_dictionary(self) -> None:
-        """DICT."""
-        items = self.pop_mark()
-        self.append({})
-        self._set(self.stack[-1], items[::2], items[1::2])
-
-    def load_no_set(self) -> None:
-        """EMPTY_SET."""
-        self.append(None)
-
-    def load_no_items(self) -> None:
-        """ADDITEMS."""
-        self.pop_mark()
-
-    def _set(self, target: Any, keys: list[Any], values: list[Any]) -> None:
-        # Tuples that hold one another a million times over can be made, but not hashed.
-        if not isinstance(target, dict) or not all(
-            isinstance(key, (str, bytes, int)) for key in keys
-        ):
-            raise pickle.UnpicklingError("a dictionary with keys that are no names")
-        target.update(zip(keys, values, strict=True))
-
-
-def _opcode(name: str) -> int:
-    return getattr(pickle, name)[0]
-
-
-_OWN = {
-    _opcode(name): function
-    for name, function in {
-        "REDUCE": _InertUnpickler.load_call,
-        "NEWOBJ": _InertUnpickler.load_call,
-        "BUILD": _InertUnpickler.load_state,
-        "SETITEM": _InertUnpickler.load_one_item,
-        "SETITEMS": _InertUnpickler.load_items,
-        "DICT": _InertUnpickler.load_dictionary,
-        "EMPTY_SET": _InertUnpickler.load_no_set,
-        "ADDITEMS": _InertUnpickler.load_no_items,
-    }.items()
-}
+def _raw_bytes(raw: Any) -> bytes:
+    if not isinstance(raw, (str, bytes)):
+        raise UnpicklingError(f"a {type(raw).__name__} in place of an array's values")
+    return raw.encode("latin1") if isinstance(raw, str) else raw

@@ -1,17 +1,34 @@
-"""Shape coefficients of a body that is asked for by name or by its measurements."""
+"""Shapes of a body in words: what a tape and a scale say of it, and the betas of what is asked for.
+
+A girth is the convex hull of a plane section, as a tape bridges hollows. The planes lie at fixed
+parts of the way between joints, so they follow the body as its shape changes and any SMPL body has
+them; arms are left out. All measurements are of the rest pose.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body.measurements import MEASURES, MeasuredBody, Measurements
-from bridge.body.model_data import SHAPE_COUNT, BodyModelData
+from bridge.body.model_data import SHAPE_COUNT, SMPL_JOINT_NAMES, BodyModelData
+from bridge.body.posing import shaped_vertices
+from bridge.body.surface_operators import volume_m3
 from bridge.errors import DsnetError, did_you_mean
 
+DENSITY_KG_M3 = 985.0
+"""Of a person: a little less than water's."""
+GIRTHS = {
+    "chest": ("spine2", "left_shoulder", 0.5),
+    "waist": ("spine1", "spine2", 0.4),
+    "hips": ("left_hip", "left_knee", 0.12),
+}
+"""Height of each girth's plane: from one joint to another, and what part of the way."""
+_TRUNK = (
+    "pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar", "left_hip", "right_hip",
+)  # fmt: skip
 SHAPES: Mapping[str, Mapping[str, float]] = {
     "tall": {"height": 1.08, "weight": 1.08**2},
     "short": {"height": 0.92, "weight": 0.92**2},
@@ -31,6 +48,67 @@ _PRIOR = 0.1
 """Of a beta of 1, in such misses: it chooses among shapes that measure the same, unmeasurably."""
 
 
+@dataclass(frozen=True)
+class Measurements:
+    """Of one person."""
+
+    height: float
+    """From soles to crown, cm."""
+    weight: float
+    """Of the volume at `DENSITY_KG_M3`, kg."""
+    chest: float
+    """Girth, cm: see `GIRTHS`."""
+    waist: float
+    """Girth, cm."""
+    hips: float
+    """Girth, cm."""
+
+    def __str__(self) -> str:
+        return " ".join(f"{name}={value:.1f}" for name, value in asdict(self).items())
+
+
+MEASURES = tuple(Measurements.__dataclass_fields__)
+
+
+class MeasuredBody:
+    """A body model whose shapes are measured."""
+
+    def __init__(self, body: BodyModelData) -> None:
+        self._body = body
+        trunk = body.weights[:, [SMPL_JOINT_NAMES.index(name) for name in _TRUNK]].sum(axis=1) > 0.5
+        self._trunk = body.faces[trunk[body.faces].all(axis=1)]
+
+    def __call__(self, betas: NDArray) -> Measurements:
+        """Of the shape betas (10,)."""
+        vertices = shaped_vertices(self._body, np.asarray(betas)[None])[0]
+        joints = self._body.J_regressor @ vertices
+        heights_m: dict[str, float] = dict(zip(SMPL_JOINT_NAMES, joints[:, 1], strict=True))
+        girths = {
+            name: 100 * self._girth_m(vertices, (1 - part) * heights_m[one] + part * heights_m[two])
+            for name, (one, two, part) in GIRTHS.items()
+        }
+        weight_kg = DENSITY_KG_M3 * volume_m3(vertices, self._body.faces)
+        return Measurements(100 * float(np.ptp(vertices[:, 1])), weight_kg, **girths)
+
+    def _girth_m(self, vertices: NDArray, height_m: float) -> float:
+        # Importing these takes longer than the first frames of a motion, which need no tape.
+        import trimesh
+        from scipy.spatial import ConvexHull
+
+        # Only faces that the plane meets: handing over the whole trunk costs ten times as much.
+        above = (vertices[:, 1] > height_m)[self._trunk].sum(axis=1)
+        cut = trimesh.Trimesh(vertices, self._trunk[(above > 0) & (above < 3)], process=False)
+        lines = trimesh.intersections.mesh_plane(cut, [0, 1, 0], [0, height_m, 0])
+        # Of a flat hull SciPy calls the length of its border its area.
+        return float(ConvexHull(np.reshape(lines, (-1, 3))[:, [0, 2]]).area)
+
+
+def body_mass_index(body: BodyModelData, betas: NDArray) -> float:
+    """Mass by height squared, kg/m^2, of a person of shape betas (10,) in the rest pose."""
+    vertices = shaped_vertices(body, np.asarray(betas, np.float64)[None])[0]
+    return DENSITY_KG_M3 * volume_m3(vertices, body.faces) / float(np.ptp(vertices[:, 1])) ** 2
+
+
 def find_shape(body: BodyModelData, words: Sequence[str]) -> NDArray[np.float64]:
     """(10,) betas of a shape in words.
 
@@ -39,11 +117,6 @@ def find_shape(body: BodyModelData, words: Sequence[str]) -> NDArray[np.float64]
     body : whose shape space it is.
     words : names of `SHAPES`, and measurements such as `height=182`, cm and kg (`MEASURES`), each
         once; a measurement counts more than what a name says of it.
-
-    Raises
-    ------
-    DsnetError
-        If a word is unknown, or no betas give what is asked; the message has what comes nearest.
     """
     named, stated = parse_shape(words)
     measured, betas = MeasuredBody(body), np.zeros(SHAPE_COUNT)
@@ -56,34 +129,48 @@ def find_shape(body: BodyModelData, words: Sequence[str]) -> NDArray[np.float64]
 
 
 def parse_shape(words: Sequence[str]) -> tuple[list[Mapping[str, float]], dict[str, float]]:
-    """What words say: the rows of `SHAPES`, in its order, and measurements by name.
-
-    Raises
-    ------
-    DsnetError
-        If one is unknown or said twice.
-    """
-    named = _named([word for word in words if "=" not in word])
-    return named, _stated([word for word in words if "=" in word])
+    """What words say: the rows of `SHAPES`, in its order, and measurements by name."""
+    named, stated = set[str](), dict[str, float]()
+    for word in words:
+        name, is_measure, text = word.partition("=")
+        if not is_measure:
+            if name not in SHAPES:
+                raise DsnetError(
+                    f"shape {name!r}",
+                    f"{', '.join(SHAPES)}, or a measurement such as height=182",
+                    did_you_mean(name, SHAPES, "See docs/animation.md."),
+                )
+            named.add(name)
+            continue
+        if name not in MEASURES or name in stated:
+            again = " a second time" if name in stated else ""
+            raise DsnetError(
+                f"measurement {word!r}{again}",
+                f"each of {', '.join(MEASURES)} at most once",
+                did_you_mean(name, MEASURES, "Write height=182, in cm; weight in kg."),
+            )
+        try:
+            stated[name] = float(text)
+        except ValueError:
+            stated[name] = np.nan
+        if not 0 < stated[name] < 1000:
+            raise DsnetError(
+                f"measurement {word!r}", "a number of cm or kg", "Write height=182 weight=80."
+            )
+    return [factors for name, factors in SHAPES.items() if name in named], stated
 
 
 def betas_that_measure(
     measured: MeasuredBody, wanted: Mapping[str, float], start: NDArray | None = None
 ) -> NDArray[np.float64]:
-    """(10,) betas nearest to zero, none farther than `FARTHEST_BETA`, with given measurements.
+    """(10,) betas nearest to zero, none farther than `FARTHEST_BETA`, that measure within
+    `CLOSE_ENOUGH` of what is wanted.
 
     Parameters
     ----------
-    measured : the body model.
     wanted : some of `MEASURES`, cm and kg; the others are free.
     start : (10,) betas to search from.
-
-    Raises
-    ------
-    DsnetError
-        If none come closer than `CLOSE_ENOUGH`; the message has what comes nearest.
     """
-
     # Importing it takes longer than the first frames of a motion, which need no search.
     from scipy.optimize import least_squares
 
@@ -98,53 +185,11 @@ def betas_that_measure(
     limits = (-FARTHEST_BETA, FARTHEST_BETA)
     betas = least_squares(residuals, first, bounds=limits, xtol=1e-4, ftol=1e-6).x
     if np.abs(misses(betas)).max(initial=0.0) > CLOSE_ENOUGH:
-        raise _out_of_reach(wanted, measured(betas))
-    return betas
-
-
-def _named(names: Sequence[str]) -> list[Mapping[str, float]]:
-    """What the names say, in the table's order."""
-    for name in names:
-        if name not in SHAPES:
-            raise DsnetError(
-                f"shape {name!r}",
-                f"{', '.join(SHAPES)}, or a measurement such as height=182",
-                did_you_mean(name, SHAPES, "See docs/animation.md."),
-            )
-    return [factors for name, factors in SHAPES.items() if name in names]
-
-
-def _stated(words: Sequence[str]) -> dict[str, float]:
-    stated: dict[str, float] = {}
-    for word in words:
-        name, _, text = word.partition("=")
-        if name not in MEASURES or name in stated:
-            again = " a second time" if name in stated else ""
-            raise DsnetError(
-                f"measurement {word!r}{again}",
-                f"each of {', '.join(MEASURES)} at most once",
-                did_you_mean(name, MEASURES, "Write height=182, in cm; weight in kg."),
-            )
-        stated[name] = _number(word, text)
-    return stated
-
-
-def _number(word: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not 0 < value < 1000:
+        asked = " ".join(f"{name}={value:.1f}" for name, value in wanted.items())
         raise DsnetError(
-            f"measurement {word!r}", "a number of cm or kg", "Write height=182 weight=80."
+            f"a shape of {asked}",
+            f"one that {SHAPE_COUNT} betas within {FARTHEST_BETA:g} give (the nearest has "
+            f"{measured(betas)})",
+            "Ask for less, or for fewer measurements; --betas gives any shape.",
         )
-    return value
-
-
-def _out_of_reach(wanted: Mapping[str, float], nearest: Measurements) -> DsnetError:
-    asked = " ".join(f"{name}={value:.1f}" for name, value in wanted.items())
-    return DsnetError(
-        f"a shape of {asked}",
-        f"one that {SHAPE_COUNT} betas within {FARTHEST_BETA:g} give (the nearest has {nearest})",
-        "Ask for less, or for fewer measurements; --betas gives any shape.",
-    )
+    return betas

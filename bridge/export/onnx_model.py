@@ -1,7 +1,7 @@
 """A predictor with its body as one `.onnx` file that ONNX Runtime alone can run.
 
 The file says of itself, in its metadata, all that a user must know to feed it; what its inputs,
-outputs and state are stands in `plus_graph` and `dsnet_body_graph` of `bridge.runtime.graphs`.
+outputs and state are stands in `plus_graph` and `dsnet_body_graph` of `bridge.runtime`.
 """
 
 from __future__ import annotations

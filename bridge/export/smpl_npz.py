@@ -33,7 +33,7 @@ def write(path: Path, moving: MovingBody) -> None:
     Beside these stand `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest
     position that the root turns about, and facts of the export as texts.
     """
-    shape = (len(moving), moving.character.body.vertex_count, 3)
+    shape = (len(moving), moving.body.vertex_count, 3)
     with zipfile.ZipFile(path, "w") as archive:
         for name, value in _parameters(moving).items():
             with archive.open(f"{name}.npy", "w") as file:
@@ -47,7 +47,7 @@ def write(path: Path, moving: MovingBody) -> None:
 
 def _parameters(moving: MovingBody) -> dict[str, Any]:
     facts, motion = about(moving), moving.motion
-    root_joint_m = shaped_joints(moving.character.body, motion.betas[None])[0, 0]
+    root_joint_m = shaped_joints(moving.body, motion.betas[None])[0, 0]
     poses, trans_m = _z_up(motion.theta, root_joint_m)
     return {
         "poses": poses,

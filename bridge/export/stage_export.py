@@ -13,7 +13,8 @@ from bridge.export.output import new_path, refuse_taken
 from bridge.runs import Run
 from bridge.runtime.characters import choose, open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.moving_body import MovingBody, announce
+from bridge.runtime.load_model import find_model, load_for_motion
+from bridge.runtime.moving_body import MovingBody
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +65,7 @@ def main(config: ExportConfig) -> None:
     moving = _moving_bodies(config)
     with new_path(out) as path:
         for one in moving:
-            announce(one)
+            one.announce()
         if form.is_folder:
             path.mkdir()
         form.writer()(path, *moving)
@@ -81,13 +82,13 @@ def _export_predictor(config: ExportConfig, out: Path) -> None:
             "Leave out --motion, --gain, --betas and the like.",
         )
     run = None if config.run is None else Run(config.run)
-    chosen = choose(run, next(iter(config.predictor), None), config.gender)
+    chosen = find_model(run, next(iter(config.predictor), None), config.gender)
     notify(f"{chosen.name} ({chosen.label}) of {chosen.owner}: {chosen.why}")
     export_onnx(
         load_exportable(chosen.artifacts, chosen.name),
-        load_body_model(chosen.body_model),
+        chosen.body,
         out,
-        origin=chosen.trained.origin,
+        origin=chosen.origin,
         run=config.run or "packaged",
         precision=config.precision,
     )
@@ -99,7 +100,7 @@ def _moving_bodies(config: ExportConfig) -> list[MovingBody]:
         raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
     run = None if config.run is None else Run(config.run)
     opened = [
-        open_for_motion(run, name, config.motion, config.motion_fps, config.smooth_hz)
+        load_for_motion(run, name, config.motion, config.motion_fps, config.smooth_hz)
         for name in config.predictor or (None,)
     ]
-    return [controlled_body(character, motion, config) for character, motion in opened]
+    return [controlled_body(trained, motion, config) for trained, motion in opened]

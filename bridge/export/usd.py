@@ -55,7 +55,7 @@ def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
     root = stage.DefinePrim(ROOT)
     stage.SetDefaultPrim(root)
     Usd.ModelAPI(root).SetKind("component")
-    mesh, faces = UsdGeom.Mesh.Define(stage, MESH), moving.character.body.faces
+    mesh, faces = UsdGeom.Mesh.Define(stage, MESH), moving.body.faces
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.body.smpl import ShapedBody
+from bridge.body.posing import ShapedBody
 from bridge.motion import unpack_theta
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.smpl import ShapedBody, Smpl
+from bridge.body.posing import ShapedBody, Smpl
 from bridge.measure.metrics import frame_blocks
 from bridge.measure.posed_meshes import PosedFrames, posed_frames
 from bridge.measure.roads import Road

@@ -6,27 +6,36 @@ export and the viewer iterate over.
 
 from __future__ import annotations
 
-from dataclasses import Field, dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.shapes import find_shape, parse_shape
-from bridge.errors import DsnetError, notify
-from bridge.motion import Motion
+from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.body.posing import Smpl, shaped_joints, shaped_vertices
+from bridge.errors import DsnetError, did_you_mean
+from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import REMEDY, Lap, close_lap
 from bridge.motion.smoothing import described
-from bridge.options import PositiveFloat, check_options
+from bridge.options import Bounds, PositiveFloat, check_options
 from bridge.paper import N_BETAS
-from bridge.runtime.body_motion import place_motion
-from bridge.runtime.characters import Character
-from bridge.runtime.floor import Floor, put_on_floor, root_joint_m
-from bridge.runtime.looped import LoopedPredictor
-from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.part_gains import GAINS, gains_of_parts, vertex_gain
+from bridge.runs.processes import notify
+from bridge.runtime.load_model import TrainedModel
+from bridge.runtime.moving_body import MovingBody, place_motion
+
+Floor = Literal["keep", "shift", "scale"]
+GAINS = Bounds(0, 20)
+"""What a gain may be."""
+_SOLE_PERCENTILE = 1.0
+"""Of the lowest points of all frames: a single bad frame does not lift the motion."""
+_LEGS = ("left_hip", "right_hip")
+_FEET = ("left_ankle", "right_ankle", "left_foot", "right_foot")
+_EVERY = 8
+"""Vertices of the rest of the body, of which fewer are looked at than of the feet."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,48 +64,49 @@ class Controls:
     finds the cutoff that suits each moment."""
 
     def check(self) -> None:
-        """Refuse what needs no body to be refused.
-
-        Raises
-        ------
-        DsnetError
-            If something asked for does not exist, is no number or does not go together.
-        """
+        """Refuse what needs no body to be refused."""
         check_options(self)
-        gains_of_parts(self.part_gain)
+        if self.part_gain:
+            gains_of_parts(self.part_gain)
         if self.betas is not None and self.shape:
             raise DsnetError(
                 "--betas with --shape", "one way to say a shape", "Leave one of them out."
             )
         if self.betas is not None:
-            parse_betas(self.betas)
-        if self.shape and not self.words():
-            raise DsnetError("an empty --shape", "names or measurements", "Pass --shape tall.")
-        parse_shape(self.words())
+            _parsed_betas(self.betas)
+        if self.shape:
+            from bridge.body.shapes import parse_shape
 
-    def words(self) -> list[str]:
+            if not self._words():
+                raise DsnetError("an empty --shape", "names or measurements", "Pass --shape tall.")
+            parse_shape(self._words())
+
+    def _words(self) -> list[str]:
         """The shape's, one by one."""
         return [word for text in self.shape for word in text.replace(",", " ").split()]
 
     def given(self) -> dict[str, Any]:
         """Those that are not left at their default, by name."""
-        values = [(field.name, getattr(self, field.name), field.default) for field in _fields()]
-        return {name: value for name, value, default in values if value != default}
+        own = {field.name: field.default for field in fields(Controls)}
+        return {n: getattr(self, n) for n, default in own.items() if getattr(self, n) != default}
+
+    def asked_betas(self, body: BodyModelData) -> NDArray[np.float64] | None:
+        """(10,) betas of the shape that is asked for; None where the motion's own is meant."""
+        if self.betas is not None:
+            return _parsed_betas(self.betas)
+        if not self.shape:
+            return None
+        from bridge.body.shapes import find_shape
+
+        return find_shape(body, self._words())
 
 
-def _fields() -> tuple[Field, ...]:
-    """Of `Controls` alone: a command's configuration has more."""
-    return fields(Controls)
-
-
-def controlled_body(character: Character, motion: Motion, controls: Controls) -> MovingBody:
-    """A character that performs a motion as an animator asks.
+def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -> MovingBody:
+    """A body that performs a motion as an animator asks.
 
     Parameters
     ----------
-    character : who moves.
     motion : as its file has it, read with `motion_fps` and `smooth_hz` if the controls have them.
-    controls : what is asked.
 
     Raises
     ------
@@ -105,20 +115,6 @@ def controlled_body(character: Character, motion: Motion, controls: Controls) ->
         motion is not one of a body of a person's size.
     """
     controls.check()
-    _check_reading(motion, controls)
-    body = character.body
-    gain = vertex_gain(body, controls.gain, controls.part_gain)
-    placed = place_motion(motion, body, asked_betas(body, controls))
-    own = motion.about_root_joint(root_joint_m(body, motion.betas))
-    placed, lap = stage_motion(placed, body, own, controls.floor, controls.loop)
-    if lap is not None:
-        if lap.dropped:
-            notify(f"the last frame of {motion.source} is its first again: left out of the loop")
-        character = replace(character, predict=LoopedPredictor(character.predict, lap))
-    return MovingBody(character, placed, gain, controls.given())
-
-
-def _check_reading(motion: Motion, controls: Controls) -> None:
     if controls.motion_fps not in (None, motion.source_fps):
         raise DsnetError(
             f"{motion.source}, read at {motion.source_fps:g} frames a second",
@@ -131,23 +127,26 @@ def _check_reading(motion: Motion, controls: Controls) -> None:
             f"it {described(controls.smooth_hz)}, as the controls say",
             f"Read it by load_motion_file(path, smooth_hz={controls.smooth_hz!r}).",
         )
+    body, gain = trained.body, controls.gain
+    if controls.part_gain:
+        gain = blended_gain(body, gain, gains_of_parts(controls.part_gain))
+    placed = place_motion(motion, body, controls.asked_betas(body))
+    own = motion.about_root_joint(root_joint_m(body, motion.betas))
+    placed, loop = stage_motion(placed, body, own, controls.floor, controls.loop)
+    if loop is not None and loop.dropped:
+        notify(f"the last frame of {motion.source} is its first again: left out of the loop")
+    return MovingBody(trained, placed, gain, controls.given(), loop)
 
 
 def stage_motion(
     placed: Motion, body: BodyModelData, own: Motion, floor: Floor, loop: bool
 ) -> tuple[Motion, Lap | None]:
-    """A motion as it stands on the floor, and as one lap if it is to repeat, with that lap.
+    """A motion as it stands on the floor, and the loop that it becomes if it is to repeat.
 
     Parameters
     ----------
     placed : y up, about the root joint of the body that performs it.
-    body : the model of that body.
     own : the same motion of the body whose it is.
-
-    Raises
-    ------
-    DsnetError
-        If the motion cannot repeat, or is of a body without legs.
     """
     placed = put_on_floor(placed, body, floor, own)
     if not loop:
@@ -158,31 +157,11 @@ def stage_motion(
             "a motion without cuts",
             REMEDY,
         )
-    lap = close_lap(placed.theta, root_joint_m(body, placed.betas))
-    return replace(placed, theta=lap.theta), lap
+    closed = close_lap(placed.theta, root_joint_m(body, placed.betas))
+    return replace(placed, theta=closed.theta), closed
 
 
-def asked_betas(body: BodyModelData, controls: Controls) -> NDArray[np.float64] | None:
-    """(10,) betas of the shape that is asked for; None where the motion's own is meant.
-
-    Raises
-    ------
-    DsnetError
-        If they are no ten numbers, or the shape is unknown or out of reach.
-    """
-    if controls.betas is not None:
-        return parse_betas(controls.betas)
-    return find_shape(body, controls.words()) if controls.shape else None
-
-
-def parse_betas(text: str) -> NDArray[np.float64]:
-    """(10,) numbers of the text of `--betas`.
-
-    Raises
-    ------
-    DsnetError
-        If they are not ten, or not finite.
-    """
+def _parsed_betas(text: str) -> NDArray[np.float64]:
     try:
         betas = np.array([float(part) for part in text.split(",")])
     except ValueError:
@@ -192,3 +171,97 @@ def parse_betas(text: str) -> NDArray[np.float64]:
             f"--betas {text}", f"{N_BETAS} finite numbers", "Separate them by commas, no spaces."
         )
     return betas
+
+
+def blended_gain(body: BodyModelData, gain: float, of_parts: ArrayLike) -> NDArray[np.float32]:
+    """(V,) gains of vertices from one of all and those of `PARTS` (11,), which fade as they do."""
+    from bridge.body.parts import part_weights
+
+    return (gain * part_weights(body) @ np.asarray(of_parts)).astype(np.float32)
+
+
+def gains_of_parts(part_gain: Sequence[str]) -> NDArray[np.float64]:
+    """(11,) the gains of `PARTS`, 1 where none is said.
+
+    `part_gain` is `part=gain` of `PARTS` and `GROUPS`; a part's own counts more than its group's.
+    """
+    from bridge.body.parts import GROUPS, PARTS
+
+    said: dict[str, float] = {}
+    for word in part_gain:
+        part, _, text = word.partition("=")
+        if part not in (*PARTS, *GROUPS) or part in said:
+            again = ", said before" if part in said else ""
+            raise DsnetError(
+                f"--part-gain {word}{again}",
+                f"each of {', '.join((*PARTS, *GROUPS))} at most once",
+                did_you_mean(part, (*PARTS, *GROUPS), "Pass --part-gain belly=2 chest=0.5."),
+            )
+        try:
+            said[part] = float(text)
+        except ValueError:
+            said[part] = np.nan
+        if not GAINS.hold(said[part]):
+            raise DsnetError(
+                f"--part-gain {word}", f"a gain of {GAINS}", "Pass --part-gain belly=2 chest=0.5."
+            )
+    group_of = {part: group for group, parts in GROUPS.items() for part in parts}
+    return np.array([said.get(part, said.get(group_of.get(part, ""), 1.0)) for part in PARTS])
+
+
+def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own: Motion) -> Motion:
+    """A motion whose lowest point stands on the floor, at height 0.
+
+    Parameters
+    ----------
+    motion : y up, about the root joint of the body that performs it.
+    floor : `keep` changes nothing; `shift` adds one number to all heights, so that jumps take the
+        time they take; `scale` first multiplies the root's travel and height by the ratio of leg
+        lengths, so that strides fit.
+    own : the same motion of the body whose it is, about its root joint: for `scale`.
+    """
+    if floor == "keep":
+        return motion
+    if floor == "scale":
+        motion = _strides_fitted(motion, body, own)
+    low_m = np.percentile(lowest_points_m(motion, body), _SOLE_PERCENTILE)
+    pose, trans_m = unpack_theta(motion.theta)
+    return replace(motion, theta=pack_theta(pose, trans_m - [0.0, low_m, 0.0]))
+
+
+def lowest_points_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:
+    """(T,) height of the body's lowest point in each frame, without skin offsets."""
+    feet = body.weights[:, [SMPL_JOINT_NAMES.index(name) for name in _FEET]].sum(axis=1) > 0.5
+    looked_at = feet | (np.arange(len(feet)) % _EVERY == 0)
+    person = Smpl(body, np.flatnonzero(looked_at), np.float64).person(motion.betas)
+    places_m = person.pose(*unpack_theta(np.asarray(motion.theta, np.float64)))
+    return places_m[..., 1].min(axis=1)
+
+
+def leg_length_m(body: BodyModelData, betas: NDArray) -> float:
+    """From the hips' joints to the soles, of a body of shape betas (10,) at rest."""
+    betas = np.asarray(betas, np.float64)[None]
+    hips = shaped_joints(body, betas)[0, [SMPL_JOINT_NAMES.index(name) for name in _LEGS], 1]
+    return float(hips.mean() - shaped_vertices(body, betas)[0, :, 1].min())
+
+
+def _strides_fitted(motion: Motion, body: BodyModelData, own: Motion) -> Motion:
+    own_m = leg_length_m(body, own.betas)
+    if not 0.1 < own_m < 10.0:
+        raise DsnetError(
+            f"--floor scale with {motion.source}, whose betas are of legs of {own_m:.3g} m",
+            "a person's",
+            "Pass --floor shift.",
+        )
+    ratio = leg_length_m(body, motion.betas) / own_m
+    _, own_trans_m = unpack_theta(own.theta)
+    places_m = own_trans_m + root_joint_m(body, own.betas)
+    start_m = places_m[:1] * [1.0, 0.0, 1.0]
+    trans_m = start_m + ratio * (places_m - start_m) - root_joint_m(body, motion.betas)
+    pose, _ = unpack_theta(motion.theta)
+    return replace(motion, theta=pack_theta(pose, trans_m))
+
+
+def root_joint_m(body: BodyModelData, betas: NDArray) -> NDArray[np.float64]:
+    """(3,) where the root joint of a body of shape betas (10,) rests."""
+    return shaped_joints(body, np.asarray(betas, np.float64)[None])[0, 0]

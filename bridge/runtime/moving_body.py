@@ -1,4 +1,4 @@
-"""A character in motion: skin offsets and posed vertices, some frames at a time.
+"""A body in motion: skin offsets and posed vertices, some frames at a time.
 
 What prediction, export and the viewer have in common; memory does not grow with the motion.
 """
@@ -6,21 +6,29 @@ What prediction, export and the viewer have in common; memory does not grow with
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body.smpl import Smpl
-from bridge.errors import DsnetError, notify
+from bridge.body import BodyModelData
+from bridge.body.posing import Smpl
+from bridge.errors import DsnetError
 from bridge.motion import Motion, unpack_theta
+from bridge.motion.bounds import FARTHEST_M
 from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.loops import Lap
 from bridge.motion.motion_checks import motion_warnings
-from bridge.runs.workers import progress
-from bridge.runtime.characters import Character
-from bridge.runtime.stepping import Prediction
+from bridge.runs.processes import notify
+from bridge.runs.progress import progress
+from bridge.runtime.load_model import TrainedModel
+from bridge.runtime.stepping import Prediction, predict_loop, predict_whole
+
+LARGEST_BODY_M = 10.0
+"""A shape larger than this is no person's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,35 +47,42 @@ class MovedFrames:
 
 
 class MovingBody:
-    """A character that performs a motion; iterating gives `MovedFrames` from first to last.
+    """A body that performs a motion; iterating gives `MovedFrames` from first to last.
 
-    The body begins from rest, settled in its first pose, there and after every cut.
+    It begins from rest, settled in its first pose, there and after every cut.
 
     Parameters
     ----------
-    character : who moves.
+    trained : what moves it.
     motion : (T, 69) at 60 frames a second with y up, and the shape to move with.
     gain : by which the predicted offsets are multiplied, one number or one a vertex (V,): 0 is
         SMPL alone, 1 what was predicted.
-    controls : all that an animator asked for, by name: `Controls.given()`, which motion, character
-        and gain already obey. It goes with what is written of the body.
+    controls : all that an animator asked for, by name: `Controls.given()`, which motion, gain and
+        loop already obey. It goes with what is written of the body.
+    loop : the motion as one that repeats, if it does.
     """
 
     def __init__(
         self,
-        character: Character,
+        trained: TrainedModel,
         motion: Motion,
         gain: float | NDArray[np.floating] = 1.0,
         controls: Mapping[str, Any] | None = None,
+        loop: Lap | None = None,
     ) -> None:
-        self.character, self.motion = character, motion
+        self.trained, self.motion = trained, motion
         self.controls = dict(controls or {})
         self.pieces = pieces_between_cuts(motion.theta)
-        self._gain = np.asarray(gain, np.float32)
+        self._gain, self._loop = np.asarray(gain, np.float32), loop
         self._gain = self._gain[:, None] if self._gain.ndim else self._gain
 
     def __len__(self) -> int:
         return len(self.motion.theta)
+
+    @property
+    def body(self) -> BodyModelData:
+        """The body model."""
+        return self.trained.body
 
     @property
     def latents(self) -> NDArray[np.float32] | None:
@@ -78,12 +93,15 @@ class MovingBody:
 
     def _predictions(self) -> list[Prediction]:
         """Of each piece between cuts; their offsets are computed when they are asked for."""
-        betas = self.motion.betas
-        return [self.character.predict(self.motion.theta[piece], betas) for piece in self.pieces]
+        theta, betas = self.motion.theta, self.motion.betas
+        predict = partial(predict_whole, self.trained.model)
+        if self._loop is not None:
+            return [predict_loop(predict, self._loop, betas)]
+        return [predict(theta[piece], betas) for piece in self.pieces]
 
     def __iter__(self) -> Iterator[MovedFrames]:
         pose, trans = unpack_theta(self.motion.theta)
-        shaped, start = Smpl(self.character.body).person(self.motion.betas), 0
+        shaped, start = Smpl(self.body).person(self.motion.betas), 0
         for found_m in chain.from_iterable(found.offsets_m for found in self._predictions()):
             frames = slice(start, start + len(found_m))
             offsets_m = found_m * self._gain
@@ -104,10 +122,37 @@ class MovingBody:
                 yield posed
                 bar.update(len(posed))
 
+    def announce(self) -> None:
+        """Say on stderr which predictor moves the body, and what is odd about the motion."""
+        by = self.trained
+        notify(f"{by.name} ({by.label}) of {by.owner} predicts: {by.why}")
+        for warning in motion_warnings(self.motion, self.pieces):
+            notify(warning)
 
-def announce(moving: MovingBody) -> None:
-    """Say on stderr which predictor moves the body, and what is odd about the motion."""
-    chosen, motion = moving.character.chosen, moving.motion
-    notify(f"{chosen.name} ({chosen.label}) of {chosen.owner} predicts: {chosen.why}")
-    for warning in motion_warnings(motion, moving.pieces):
-        notify(warning)
+
+def place_motion(
+    motion: Motion, body: BodyModelData, betas: NDArray[np.float64] | None = None
+) -> Motion:
+    """A motion as its file has it, turned to y up about the root joint of the body that will be
+    posed, with the shape betas (10,) in place of the file's.
+
+    Raises
+    ------
+    DsnetError
+        If it is not one of a body of a person's size.
+    """
+    if betas is not None:
+        motion = replace(motion, betas=betas)
+    elif {motion.gender, body.gender} == {"female", "male"}:
+        file_gender = f"a {motion.gender}'s, the body {body.gender}"
+        notify(f"the betas of {motion.source} are {file_gender}: see --betas")
+    with np.errstate(over="ignore", invalid="ignore"):
+        rest = body.v_template + body.shapedirs @ motion.betas
+        size_m, far_m = np.ptp(rest, axis=0).max(), np.abs(unpack_theta(motion.theta)[1]).max()
+    if not (size_m < LARGEST_BODY_M and far_m < FARTHEST_M):
+        raise DsnetError(
+            f"{motion.source}, a body of {size_m:.3g} m that moves {far_m:.3g} m off",
+            f"a person within {FARTHEST_M:g} m of the origin",
+            "Check the file's betas and trans; --betas gives another shape.",
+        )
+    return motion.about_root_joint((body.J_regressor @ rest)[0])

@@ -13,7 +13,6 @@ from bridge.body import load_body_model
 from bridge.errors import DsnetError, notify
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.motion import Motion
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import PeopleOfFolders, find_motion_files, subject_and_motion
 from bridge.motion.resampling import load_motion_file
@@ -93,22 +92,13 @@ def gather(
         motion = motion.about_root_joint(
             (body.J_regressor @ (body.v_template + body.shapedirs @ shape))[0]
         )
-        sequences.append(_test_sequence(subject, name, start, motion))
+        length = len(motion.theta)
+        sequences.append(
+            MotionSequence(f"{subject}_{name}", subject, name, start, length, motion.fps, "test")
+        )
         theta.append(motion.theta)
-        start += len(motion.theta)
+        start += length
     rows = [shapes[subject] for subject in subject_rows(sequences)]
     return MotionSet(
         sequences, np.concatenate(theta).astype(np.float32), np.stack(rows).astype(np.float32)
-    )
-
-
-def _test_sequence(subject: str, motion_name: str, start: int, motion: Motion) -> MotionSequence:
-    return MotionSequence(
-        name=f"{subject}_{motion_name}",
-        subject=subject,
-        motion=motion_name,
-        start=start,
-        length=len(motion.theta),
-        fps=motion.fps,
-        split="test",
     )

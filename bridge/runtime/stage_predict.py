@@ -1,13 +1,28 @@
-"""`dsnet predict`: one motion to the files of a moving body; no framework, no training."""
+"""`dsnet predict`: one motion to the files of a moving body; no framework, no training.
+
+From here to the arithmetic: `controlled_body` gives a `MovingBody`; iterating it, `predict_whole`
+repeats `Model.step`, which runs the deployable graph.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from bridge.errors import DsnetError
-from bridge.runs import Run
-from bridge.runtime.controls import Controls
+from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
+from bridge.runs.artifact import DataOrigin
+from bridge.runs.folders import MANIFEST, runs_root
+from bridge.runs.locks import exclusive
+from bridge.runtime.controls import Controls, controlled_body
+from bridge.runtime.load_model import load_for_motion
+from bridge.runtime.moving_body import MovingBody
+
+KIND = "prediction"
 
 
 @dataclass(frozen=True)
@@ -31,13 +46,7 @@ PROFILES = {name: PredictConfig() for name in ("smoke", "demo", "paper")}
 
 
 def main(config: PredictConfig) -> None:
-    """Write the prediction.
-
-    Raises
-    ------
-    DsnetError
-        If `motion` or `out` is missing, and what `predict_motion` raises.
-    """
+    """Write the prediction."""
     if config.motion is None:
         raise DsnetError(
             "predict without --motion",
@@ -46,8 +55,6 @@ def main(config: PredictConfig) -> None:
         )
     if config.out is None:
         raise DsnetError("--motion without --out", "a folder to write", "Pass --out DIR.")
-    from bridge.runtime.predict_motion import predict_motion
-
     run = None if config.run is None else Run(config.run)
     predict_motion(
         run,
@@ -57,3 +64,138 @@ def main(config: PredictConfig) -> None:
         controls=config,
         strip=config.strip,
     )
+
+
+def predict_motion(
+    run: Run | None,
+    path: Path | str,
+    out: Path | str,
+    *,
+    predictor: str | None = None,
+    controls: Controls | None = None,
+    strip: bool = True,
+) -> Artifact:
+    """Predict how a body moves in one motion, at 60 fps with y up.
+
+    Says on stderr which predictor it took, where the motion has cuts, at which it starts anew, and
+    if its rate cannot be right.
+
+    Parameters
+    ----------
+    run : whose body and predictor; None for those that come with the package, of the motion's
+        gender.
+    path : AMASS `.npz`, BVH, or `sample:NAME`.
+    out : folder to write, see `open_out_folder`: offsets (T, V, 3) in the rest pose and vertices
+        (T, V, 3), both in metres, latents (T, 100) if the predictor has them, `strip.png`,
+        `manifest.json`.
+    predictor : which of the run's; the run's best when None.
+    controls : what an animator asks for; nothing when None.
+    strip : whether to draw `strip.png`.
+
+    Raises
+    ------
+    DsnetError
+        If the run lacks the predictor or its stages are no chain, the file is no motion of a
+        body, `out` holds something else, and what `controlled_body` raises.
+    """
+    path, out, controls = Path(path), Path(out), controls or Controls()
+    controls.check()
+    trained, motion = load_for_motion(run, predictor, path, controls.motion_fps, controls.smooth_hz)
+    moving = controlled_body(trained, motion, controls)
+    motion = moving.motion
+    with open_out_folder(out, trained.origin) as writer:
+        moving.announce()
+        _write(moving, writer, strip=strip)
+        writer.record(
+            predictor=trained.name,
+            label=trained.label,
+            why=trained.why,
+            source=path.name,
+            source_fps=motion.source_fps,
+            fps=motion.fps,
+            up=motion.up,
+            betas=motion.betas.tolist(),
+            controls=moving.controls,
+            starts_anew_at=[piece.start for piece in moving.pieces[1:]],
+        )
+        return writer.finish(config={"run": run and run.name}, upstream=trained.upstream)
+
+
+def _write(moving: MovingBody, writer: ArtifactWriter, *, strip: bool) -> None:
+    """Write vertices and offsets (T, V, 3), latents if there are any, and the strip."""
+    if (latents := moving.latents) is not None:
+        writer.put("latents", latents, "latent unit")
+    shape = (len(moving), moving.body.vertex_count, 3)
+    offsets_m = writer.open_array("offsets", shape, np.float32, "m")
+    vertices_m = writer.open_array("vertices", shape, np.float32, "m")
+    for posed in moving.shown("predict"):
+        offsets_m[posed.frames] = posed.offsets_m
+        vertices_m[posed.frames] = posed.vertices_m
+    if strip:
+        # Matplotlib takes longer to load than the first frames, which do not wait for it.
+        from bridge.report.motion_strip import draw_motion_strip
+
+        path, origin = writer.file_path("strip.png"), moving.trained.origin
+        draw_motion_strip(path, vertices_m, offsets_m, moving.body.faces, origin=origin)
+
+
+@contextmanager
+def open_out_folder(out: Path, origin: DataOrigin) -> Iterator[ArtifactWriter]:
+    """A writer of the prediction that will be `out`; an exception discards it.
+
+    A finished artifact replaces the folder of its name with all that is in it, so one that is in a
+    run, or holds anything but an earlier prediction, is refused; one process at a time writes it.
+    """
+    out = out.resolve()
+    _refuse_foreign(out)
+    try:
+        with exclusive(out, f"--out {out}", "Wait until it has ended, or name another folder."):
+            _refuse_foreign(out)  # once more: it may have been filled before we were alone
+            writer = ArtifactWriter(out, KIND, data=origin)
+            try:
+                yield writer
+            except BaseException:  # an interrupt, too: there is nothing to go on from
+                writer.discard()
+                raise
+    except OSError as error:
+        raise DsnetError(
+            f"--out {out}, which cannot be written ({error.strerror or error})",
+            "a folder that can be made, on a disk with room",
+            "Name another folder.",
+        ) from error
+
+
+def _refuse_foreign(out: Path) -> None:
+    if out.exists() and not out.is_dir():
+        raise DsnetError(f"--out {out}, a file", "a folder to write", "Name another path.")
+    if out.parent.parent == runs_root().resolve():
+        raise DsnetError(
+            f"--out {out}, a place for a stage of run {out.parent.name!r}",
+            "a folder outside of the runs",
+            "Name another folder.",
+        )
+    if out.is_dir() and (held := _foreign(out)):
+        raise DsnetError(
+            f"--out {out}, which holds {held}",
+            f"a new or empty folder, or one of an earlier {KIND} and nothing else",
+            "Name another folder.",
+        )
+
+
+def _foreign(out: Path) -> str:
+    """What in a folder is not an earlier prediction's, empty if nothing is."""
+    there = min(out.iterdir(), default=None)
+    if there is None:
+        return ""
+    try:
+        artifact = read_artifact(out)
+    except DsnetError:
+        return f"other files such as {there.name}"
+    if artifact.manifest["kind"] != KIND:
+        return f"an artifact of kind {artifact.manifest['kind']!r}"
+    own = {MANIFEST, *artifact.digests}
+    for path in sorted(out.rglob("*")):
+        name = path.relative_to(out).as_posix()
+        if name not in own and (path.is_symlink() or not path.is_dir()):
+            return f"{name} beside an earlier {KIND}"
+    return ""

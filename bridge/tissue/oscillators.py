@@ -1,5 +1,10 @@
 """Coupled damped oscillators on the skin, stepped implicitly: the equations of `dsnet_plus`.
 
+A node of skin at x, turned by R, bears per unit of mass the loads of inertia, -R^T x'', and of
+gravity, R^T g - g: the scanned shape, upright, already hangs in g, so a body that stands as it was
+scanned bears nothing. Place and pose enter only through these, which is why what is learned from
+some motions holds for others.
+
 Each node's offset u from its skinned place obeys, in the rest pose's frame,
 
     u'' + 2 z w u' + w^2 (1 + a |u|_P^2) P u + C u = f,      f = h inertia + j gravity
@@ -34,19 +39,25 @@ solve it. Of a mode that has the share s of B + N, (1 - s)^2 is left after two: 
 node, and never less than nothing, so no change of velocity is overdone, and what sweeps leave
 feeds no vibration.
 
-The step is `bridge.runtime.graphs.tissue_graph`; what it is verified by, in float64,
-`bridge.verify.reference.oscillators`; what it is trained as, `tf_dsnet.oscillators`.
+The step is `bridge.runtime.tissue_graph`; what it is verified by, in float64,
+`bridge.verify.reference.oscillators`; what it is trained as, `tf_dsnet.oscillators.stepping`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from bridge.body import BodyModelData
+from bridge.body.posing import Smpl
+from bridge.motion import unpack_theta
+
 FPS = 60.0
+GRAVITY_M_S2 = np.array([0.0, -9.81, 0.0])
 STEPS = 2
 """In a frame."""
 SWEEPS = 2
@@ -64,3 +75,34 @@ def coupling(coefficients: Mapping[str, NDArray], laplacian: sp.csr_matrix) -> N
     )
     pulls = tension @ laplacian + bending @ laplacian @ laplacian
     return (pulls / (2 * STEPS * FPS) ** 2).toarray()
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """Accelerations (T, K, 3) of K nodes, m/s^2, in the rest pose's frame."""
+
+    inertia: NDArray[np.float32]
+    gravity: NDArray[np.float32]
+
+    def __getitem__(self, frames: slice) -> Load:
+        return Load(self.inertia[frames], self.gravity[frames])
+
+    def __len__(self) -> int:
+        return len(self.inertia)
+
+
+def node_loads(
+    body: BodyModelData, vertices: NDArray, betas: NDArray, theta: NDArray, fps: float
+) -> Load:
+    """The loads of a motion theta (T, 69) on nodes at `vertices` (K,) of a body (10,).
+
+    Accelerations are central differences; the first and last frame, which have none, stand still.
+    """
+    person = Smpl(body, vertices, np.float64).person(betas)
+    places, turns = person.skin(*unpack_theta(np.asarray(theta, np.float64)))
+    acceleration = np.zeros_like(places)
+    acceleration[1:-1] = (places[2:] - 2 * places[1:-1] + places[:-2]) * fps**2
+    # R^T w is w^T R: no transposed copies.
+    inertia = -np.einsum("tkx,tkxy->tky", acceleration, turns)
+    gravity = np.einsum("x,tkxy->tky", GRAVITY_M_S2, turns) - GRAVITY_M_S2
+    return Load(inertia.astype(np.float32), gravity.astype(np.float32))

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.measurements import DENSITY_KG_M3
 from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.body.surface_operators import vertex_areas_m2, vertex_normals, volume_m3
 
@@ -35,12 +34,6 @@ def shaped_normals(body: BodyModelData, betas: NDArray) -> NDArray[np.float32]:
     """(V, 3) outward normals of the body of shape betas (10,) in the rest pose."""
     vertices = shaped_vertices(body, np.asarray(betas, np.float64)[None])[0]
     return vertex_normals(vertices, body.faces).astype(np.float32)
-
-
-def body_mass_index(body: BodyModelData, betas: NDArray) -> float:
-    """Mass by height squared, kg/m^2, of a person of shape betas (10,) in the rest pose."""
-    vertices = shaped_vertices(body, np.asarray(betas, np.float64)[None])[0]
-    return DENSITY_KG_M3 * volume_m3(vertices, body.faces) / float(np.ptp(vertices[:, 1])) ** 2
 
 
 def shape_measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArray[np.floating]:

@@ -13,18 +13,20 @@ from bridge.body.posing import joint_rotations, pose_features
 from bridge.errors import DsnetError
 from bridge.exchange.weights import load_weights
 from bridge.motion import unpack_theta
+from bridge.paper import N_BETAS
 from bridge.runs import Artifact
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import STEPS
-from bridge.tissue.plus_arrays import check_plus_arrays
 
 NAME = "dsnet_plus"
 NODE_FIELDS = (
     "omega", "damping_ratio", "stiffening", "normal_ratio", "wave_speed", "bending",
     "inertia_gain", "gravity_gain",
 )  # fmt: skip
+_LEARNED = ("slopes", "stiffening_power", "residual", "taps")
 KERNEL_WIDTH, _KERNEL_NOISE = 2.5, 1e-2
 """Of the Gaussian between two shapes' betas."""
+_MOST_FRAMES_AHEAD = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,48 +79,30 @@ class TrainedPlus:
 
     @classmethod
     def load(cls, trained: Artifact) -> TrainedPlus:
-        """From a finished `train_plus`.
-
-        Raises
-        ------
-        DsnetError
-            If its file is damaged, or it was trained with other steps through time.
-        """
+        """From a finished `train_plus`."""
         return cls.from_arrays(load_weights(trained.file(f"{NAME}.safetensors")))
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> TrainedPlus:
-        """The inverse of `arrays`.
-
-        Raises
-        ------
-        DsnetError
-            If it was trained with other steps through time, or arrays do not fit together.
-        """
+        """The inverse of `arrays`."""
         steps = arrays["steps"].ravel().tolist() if "steps" in arrays else [1]
         if steps != [STEPS]:
             received = f"a {NAME} that was trained with {steps} steps a frame"
             raise DsnetError(received, f"{STEPS} steps", "Train it again: dsnet train.")
-        check_plus_arrays(arrays, NODE_FIELDS)
+        _check_arrays(arrays)
         base = {name: arrays[f"log_{name}"] for name in NODE_FIELDS}
-        others = ("slopes", "stiffening_power", "residual", "taps")
-        weights = Weights(base, **{name: arrays[name] for name in others})
+        weights = Weights(base, **{name: arrays[name] for name in _LEARNED})
         static = StaticPart(arrays["constant_m"], arrays["by_pose_m"])
         nodes = TissueNodes.from_arrays(arrays)
         return cls(nodes, weights, static, arrays["people_betas"], int(arrays["look_ahead"][0]))
 
     def arrays(self) -> dict[str, NDArray]:
         """Everything by name, for a safetensors file."""
-        weights, static = self.weights, self.static
         return {
             **self.nodes.arrays(),
-            **{f"log_{name}": array for name, array in weights.base.items()},
-            "slopes": weights.slopes,
-            "stiffening_power": weights.stiffening_power,
-            "residual": weights.residual,
-            "taps": weights.taps,
-            "constant_m": static.constant_m,
-            "by_pose_m": static.by_pose_m,
+            **{f"log_{name}": array for name, array in self.weights.base.items()},
+            **{name: getattr(self.weights, name) for name in _LEARNED},
+            **vars(self.static),
             "people_betas": self.people_betas,
             "look_ahead": np.array([self.look_ahead], np.int32),
             "steps": np.array([STEPS], np.int32),
@@ -172,3 +156,50 @@ def known_person(betas: NDArray, people: NDArray) -> NDArray[np.floating]:
 def _kernel(first: NDArray, second: NDArray) -> NDArray[np.floating]:
     squared = np.square(first[:, None] - second[None]).sum(-1)
     return np.exp(-squared / (2 * KERNEL_WIDTH**2))
+
+
+def _check_arrays(arrays: Mapping[str, NDArray]) -> None:
+    """Refuse arrays that are missing, do not fit one another or point outside."""
+    nodes, vertices = (_length(arrays, f"nodes/{name}") for name in ("vertices", "owners"))
+    people, edges = _length(arrays, "people_betas"), _length(arrays, "nodes/edges")
+    expected: dict[str, tuple[int | None, ...]] = {
+        "nodes/vertices": (nodes,),
+        "nodes/owners": (vertices, None),
+        "nodes/shares": arrays["nodes/owners"].shape,
+        "nodes/areas_m2": (vertices,),
+        "nodes/edges": (edges, 2),
+        "nodes/pulls_m2": (edges,),
+        **{f"log_{name}": (nodes, 1) for name in NODE_FIELDS},
+        "slopes": (3, 1),
+        "stiffening_power": (1,),
+        "residual": (people, nodes, 1),
+        "taps": (None,),
+        "people_betas": (people, N_BETAS),
+        "constant_m": (None, None, 3),
+        "by_pose_m": (None, None, 3),
+        "look_ahead": (1,),
+    }
+    for name, shape in expected.items():
+        _length(arrays, name)
+        found = arrays[name].shape
+        fits = len(found) == len(shape) and all(
+            wanted in (None, size) for size, wanted in zip(found, shape, strict=True)
+        )
+        if not fits or not np.isfinite(arrays[name]).all():
+            raise _refused(f"{name!r} of shape {found}", f"finite numbers of shape {shape}")
+    bounds = {"nodes/vertices": vertices, "nodes/owners": nodes, "nodes/edges": nodes}
+    for name, most in {**bounds, "look_ahead": _MOST_FRAMES_AHEAD}.items():
+        array = arrays[name]
+        if array.dtype.kind not in "iu" or array.min() < 0 or array.max() >= most:
+            raise _refused(f"{name!r} that point outside", f"whole numbers of 0 to {most - 1}")
+
+
+def _length(arrays: Mapping[str, NDArray], name: str) -> int:
+    if name not in arrays or not arrays[name].ndim:
+        raise _refused(f"no {name!r}", "all of its arrays")
+    return len(arrays[name])
+
+
+def _refused(received: str, expected: str) -> DsnetError:
+    remedy = "Train it again, or copy the file again."
+    return DsnetError(f"a file of dsnet_plus with {received}", expected, remedy)

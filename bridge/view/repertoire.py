@@ -72,7 +72,7 @@ class Repertoire:
     body: BodyModelData
     predictors: Mapping[str, str]
     """Labels by name, the best first."""
-    open: Callable[[str], Character]
+    open: Callable[[str], TrainedModel]
     """A predictor by name."""
     takes: Mapping[str, ViewedMotion]
     """By what the picker calls them, the first to be shown first."""
@@ -155,9 +155,9 @@ def open_truth(run: Run, origin: str) -> tuple[Mapping[str, int], Callable[[str]
 def _labels_of(run: Run) -> dict[str, str]:
     """Labels of all predictors that move single motions, of every pipeline that the run has."""
     found: dict[str, str] = {}
-    for road in ROADS:
-        if all(run.finished(stage) for stage in road.stages):
-            trained = run.artifact(road.stages[0])
+    for pipeline in PIPELINES:
+        if all(run.finished(stage) for stage in pipeline.stages):
+            trained = run.artifact(pipeline.stages[0])
             entries = trained.manifest["predictors"]
             found |= {name: entries[name].get("label", name) for name in dsnets_of(trained)}
     return found

@@ -12,6 +12,9 @@ from bridge.body import BodyModelData
 from bridge.exchange.dsnet import UnpaddedClip, join_inputs
 from bridge.tissue.shape import body_mass_index
 from tf_dsnet.predictors import TrainingData
+from bridge.body.shapes import body_mass_index
+from bridge.exchange.clips import UnpaddedClip, join_inputs
+from tf_dsnet.predictors.base import TrainingData
 
 _MODES = 5
 _SIZE_M = 0.02

@@ -13,8 +13,8 @@ from bridge.body import BodyModelData
 from bridge.motion import MotionSequence, to_manifest
 from bridge.motion.sequences import Split
 from bridge.runs import write_artifact
-from bridge.tissue.load import node_loads
 from bridge.tissue.nodes import TissueNodes
+from bridge.tissue.oscillators import node_loads
 from bridge.tissue.trained_plus import (
     NODE_FIELDS,
     StaticPart,

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from onnx import helper, numpy_helper
 
 from bridge.exchange import load_weights
-from bridge.runtime.graphs.onnx_builder import held_arrays
+from bridge.runtime.onnx_graph import held_arrays
 from bridge.tissue.trained_plus import TrainedPlus
 from tests.fuzz.mutations import Draw, Files, damaged, damaged_json, damaged_npy
 

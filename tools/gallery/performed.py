@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.smpl import Smpl
+from bridge.body.posing import Smpl
 from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
 from bridge.motion.splits import kind_of
 from bridge.runs import Run
-from bridge.runtime.dsnet_step import DSNET
 from bridge.runtime.moving_body import MovingBody
 from bridge.view.repertoire import open_truth
 
@@ -100,4 +99,4 @@ def sequence_of(path: Path) -> str:
 
 def shown_dsnet(run: Run) -> str:
     """The reading of the paper's DSNet that stands for it in the run's report."""
-    return str(run.artifact(DSNET.stages[0]).manifest["default"])
+    return str(run.artifact("train").manifest["default"])

@@ -61,12 +61,12 @@ class Moment:
     @property
     def faces(self) -> NDArray:
         """Of every body."""
-        return self.of.character.body.faces
+        return self.of.body.faces
 
     @property
     def origin(self) -> DataOrigin:
         """Of the data that the predictor was trained on."""
-        return self.of.character.chosen.trained.origin
+        return self.of.trained.origin
 
     @property
     def pose(self) -> NDArray:

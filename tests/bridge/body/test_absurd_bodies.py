@@ -14,8 +14,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model
-from bridge.body.person import checked_person
-from bridge.body.smpl_files import load_smpl_file
+from bridge.body.smpl_files import checked_person, load_smpl_file
 from tests.forged.smpl import Fields, npz, smpl_fields
 
 

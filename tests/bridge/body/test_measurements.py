@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.body.measurements import MEASURES, MeasuredBody
 from bridge.body.model_data import BodyModelData
+from bridge.body.shapes import MEASURES, MeasuredBody
 
 MEAN = np.zeros(10)
 

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from bridge import DsnetError
 from bridge.body import load_body_model
-from bridge.body.measurements import MEASURES, MeasuredBody
-from bridge.body.shapes import SHAPES, betas_that_measure, find_shape
+from bridge.body.shapes import MEASURES, SHAPES, MeasuredBody, betas_that_measure, find_shape
 from tests.sources import ROOT
 
 FEMALE = load_body_model("embedded:female")

@@ -1,18 +1,22 @@
-"""SMPL's files as licensed users have them: every variety, forged."""
+"""SMPL's and DMPL's files as licensed users have them, forged; whatever else is refused."""
 
 from __future__ import annotations
 
 import io
 import pickle
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model
-from bridge.body.pickle_records import as_array
-from bridge.body.safe_pickle import load_restricted
+from bridge.body.safe_pickle import as_array, load_restricted
+from bridge.body.smpl_files import checked_surface, load_dmpl_directions
+from tests.forged.dmpl import forged_directions, save_dmpl
 from tests.forged.python2_pickle import Ch, Select, python2_pickle, sliced
 from tests.forged.smpl import VARIETIES, forge_smpl, npz, smpl_fields
 
@@ -82,3 +86,62 @@ def test_gender_is_read_from_the_path(
     fields = smpl_fields(female)
     file.write_bytes(npz(fields | {"J_regressor": fields["J_regressor"].toarray()}))
     assert load_body_model(file).gender == gender
+
+
+def test_the_first_eight_are_read(tmp_path):
+    path = save_dmpl(tmp_path / "model.npz", count=10)
+    np.testing.assert_array_equal(load_dmpl_directions(path), forged_directions(10)[..., :8])
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"dirs": forged_directions()}, "no 'eigvec'"),
+        ({"eigvec": forged_directions(7)}, r"in shape \(6890, 3, 7\)"),
+        ({"eigvec": forged_directions()[:6889]}, r"in shape \(6889, 3, 8\)"),
+        ({"eigvec": np.repeat(forged_directions(1), 8, axis=2)}, "parallel"),
+        ({"eigvec": np.full((6890, 3, 8), np.nan)}, "not numbers"),
+        ({"eigvec": np.array([None])}, "array of object"),
+    ],
+)
+def test_what_is_none_is_refused(tmp_path, fields, words):
+    np.savez(tmp_path / "model.npz", **fields)
+    with pytest.raises(DsnetError, match=words):
+        load_dmpl_directions(tmp_path / "model.npz")
+
+
+def test_no_file_and_half_a_file_are_refused(tmp_path):
+    path = tmp_path / "model.npz"
+    with pytest.raises(DsnetError, match="DMPL"):
+        load_dmpl_directions(path)
+    save_dmpl(path)
+    path.write_bytes(path.read_bytes()[:100_000])
+    with pytest.raises(DsnetError, match="DMPL"):
+        load_dmpl_directions(path)
+
+
+def flip_first(faces: np.ndarray) -> np.ndarray:
+    return np.concatenate([faces[:1, ::-1], faces[1:]])
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (np.zeros_like, "13776 faces that repeat a vertex"),
+        (lambda faces: faces[:-1], "leave holes"),
+        (lambda faces: faces[:, ::-1], "clockwise seen from outside"),
+        (flip_first, "wind in opposite directions"),
+    ],
+)
+def test_what_is_no_closed_surface_is_refused(
+    female: BodyModelData, edit: Callable[[np.ndarray], np.ndarray], words: str
+) -> None:
+    with pytest.raises(DsnetError, match=words):
+        checked_surface(replace(female, faces=edit(female.faces)))
+
+
+def test_a_file_is_checked_when_it_is_loaded(female: BodyModelData, tmp_path: Path) -> None:
+    assert checked_surface(female) is female
+    replace(female, faces=female.faces[:, ::-1]).save_smpl_npz(tmp_path / "inside_out.npz")
+    with pytest.raises(DsnetError, match=r"inside_out\.npz: faces that wind clockwise"):
+        load_body_model(tmp_path / "inside_out.npz")

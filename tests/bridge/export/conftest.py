@@ -9,9 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge.motion import load_amass_motion
-from bridge.runtime.body_motion import place_motion
-from bridge.runtime.characters import Character, open_character
-from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.load_model import TrainedModel, load_model
+from bridge.runtime.moving_body import MovingBody, place_motion
 
 FRAMES = 66
 """More than one piece."""
@@ -27,11 +26,11 @@ class Performed:
 
 
 @pytest.fixture(scope="session")
-def character() -> Character:
-    return open_character(None, gender="female")
+def character() -> TrainedModel:
+    return load_model(None, gender="female")
 
 
-def moving_body(character: Character, frames: int) -> MovingBody:
+def moving_body(character: TrainedModel, frames: int) -> MovingBody:
     """The sample of jumping jacks, once they are under way."""
     motion = load_amass_motion("sample:jumping_jacks")
     motion = replace(motion, theta=motion.theta[30 : 30 + frames])
@@ -39,7 +38,7 @@ def moving_body(character: Character, frames: int) -> MovingBody:
 
 
 @pytest.fixture(scope="session")
-def performed(character: Character) -> Performed:
+def performed(character: TrainedModel) -> Performed:
     moving = moving_body(character, FRAMES)
     pieces = list(moving)
     assert len(pieces) > 1

@@ -31,9 +31,7 @@ def motion(tmp_path_factory) -> Path:
 def predicted(motion, tmp_path_factory) -> dict:
     """The manifest of `dsnet predict` of the same motion, asked the same."""
     out = tmp_path_factory.mktemp("predicted")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bridge.runtime.predict_motion._draw", lambda *_: None)  # the manifest alone
-        main(["predict", "--motion", str(motion), "--out", str(out), *OPTIONS])
+    main(["predict", "--motion", str(motion), "--out", str(out), "--no-strip", *OPTIONS])
     return json.loads((out / "manifest.json").read_text())
 
 

@@ -142,10 +142,10 @@ def test_a_body_that_turned_and_went_away_is_drawn_where_it_was(short):
     pose, trans_m = unpack_theta(short.motion.theta)
     pose = pose.copy()
     pose[:, 0] = (turn * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
-    joint_m = shaped_joints(short.character.body, short.motion.betas[None])[0, 0]
+    joint_m = shaped_joints(short.body, short.motion.betas[None])[0, 0]
     trans_m = turn.apply(trans_m + joint_m) - joint_m + [20.0, 0.0, -7.0]
     motion = replace(short.motion, theta=pack_theta(pose, trans_m))
-    elsewhere = MovingBody(short.character, motion)
+    elsewhere = MovingBody(short.trained, motion)
     (turned,) = elsewhere
     np.testing.assert_allclose(
         set_stage([elsewhere], 2, 400).place(turned.vertices_m[3], 3, 1),

@@ -40,7 +40,7 @@ def test_a_caches_base_mesh_has_its_points_in_their_order(performed, tmp_path, w
     write(tmp_path, performed.moving)
     base = trimesh.load_mesh(tmp_path / "body.obj", process=False, maintain_order=True)
     np.testing.assert_allclose(base.vertices, performed.vertices_m[0], atol=1e-6)
-    np.testing.assert_array_equal(base.faces, performed.moving.character.body.faces)
+    np.testing.assert_array_equal(base.faces, performed.moving.body.faces)
     assert (tmp_path / "body.obj").read_text().startswith("# base mesh of a point cache: synthetic")
     facts = json.loads((tmp_path / "about.json").read_text())
     stated = [facts[key] for key in ("data", "fps", "length_unit", "up_axis", "frames")]
@@ -70,7 +70,7 @@ def test_ply(performed, tmp_path):
         assert b"comment frame %d of synthetic" % number in paths[number].read_bytes()[:200]
         mesh = trimesh.load_mesh(paths[number], process=False)
         np.testing.assert_array_equal(mesh.vertices, performed.vertices_m[number])
-        np.testing.assert_array_equal(mesh.faces, performed.moving.character.body.faces)
+        np.testing.assert_array_equal(mesh.faces, performed.moving.body.faces)
         stored = mesh.metadata["_ply_raw"]["vertex"]["data"]
         normals = np.column_stack([np.ravel(stored[axis]) for axis in ("nx", "ny", "nz")])
         np.testing.assert_allclose(normals, _normals(mesh), atol=1e-4)

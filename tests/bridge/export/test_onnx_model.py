@@ -148,10 +148,9 @@ def test_a_foreign_file_is_one_line(tmp_path, content):
 
 
 def test_another_model_is_one_line(tmp_path):
-    from bridge.runtime.graphs.onnx_builder import save_graph
-    from bridge.runtime.graphs.onnx_graphs import dsnet_graph
+    from bridge.runtime.network_graphs import dsnet_graph
 
-    save_graph(tmp_path / "a.onnx", dsnet_graph(draws.dsnet_weights(0)))
+    onnx.save_model(dsnet_graph(draws.dsnet_weights(0)), tmp_path / "a.onnx")
     with pytest.raises(DsnetError, match="state_layout"):
         OnnxCharacters(tmp_path / "a.onnx")
 

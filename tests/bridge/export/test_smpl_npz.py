@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body import pose_vertices
 from bridge.export import smpl_npz
-from bridge.motion import unpack_theta
-from bridge.runtime.body_motion import load_motion
+from bridge.motion import load_motion_file, unpack_theta
+from bridge.runtime.moving_body import place_motion
 from tests.bridge.export.conftest import FRAMES
 
 
@@ -40,20 +40,20 @@ def test_it_says_what_it_is(stored):
 
 
 def test_theta_and_offsets_give_the_body_with_y_up(performed, stored):
-    body = performed.moving.character.body
+    body = performed.moving.body
     vertices_m = posed(body, stored, *unpack_theta(stored["theta"]))
     np.testing.assert_allclose(vertices_m, performed.vertices_m, atol=1e-5)
 
 
 def test_poses_and_offsets_give_the_body_with_z_up(performed, stored):
-    body = performed.moving.character.body
+    body = performed.moving.body
     vertices_m = posed(body, stored, stored["poses"].reshape(FRAMES, 24, 3), stored["trans"])
     x, y, z = np.moveaxis(performed.vertices_m, -1, 0)
     np.testing.assert_allclose(vertices_m, np.stack([x, -z, y], axis=-1), atol=1e-5)
 
 
 def test_an_exported_motion_can_be_predicted_again(performed, path):
-    motion = load_motion(path, performed.moving.character.body, None)
+    motion = place_motion(load_motion_file(path), performed.moving.body)
     before, after = (unpack_theta(m.theta) for m in (performed.moving.motion, motion))
     np.testing.assert_allclose(after[1], before[1], atol=1e-9)
     turns = [Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix() for pose, _ in (before, after)]

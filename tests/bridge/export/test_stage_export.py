@@ -192,7 +192,7 @@ class Watched(MovingBody):
 
     @classmethod
     def of(cls, moving: MovingBody) -> Watched:
-        return cls(moving.character, moving.motion)
+        return cls(moving.trained, moving.motion)
 
     def __iter__(self):
         given = []

@@ -73,7 +73,7 @@ def test_points_normals_extent_and_offsets(performed, stage):
     assert mesh.GetPrim().GetStage().GetDefaultPrim().GetTypeName() == "Xform"
     np.testing.assert_array_equal(samples(mesh.GetPointsAttr()), performed.vertices_m)
     faces = np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
-    np.testing.assert_array_equal(faces, performed.moving.character.body.faces)
+    np.testing.assert_array_equal(faces, performed.moving.body.faces)
     assert set(mesh.GetFaceVertexCountsAttr().Get()) == {3}
     assert mesh.GetNormalsInterpolation() == "vertex"
     last = FRAMES - 1
@@ -147,7 +147,7 @@ def test_frames_go_to_the_disk_while_others_are_predicted(character, tmp_path, m
 def test_a_text_file_by_its_suffix(performed, tmp_path, monkeypatch):
     monkeypatch.setattr(
         "bridge.export.stage_export._moving_bodies",
-        lambda config: [moving_body(performed.moving.character, 2)],
+        lambda config: [moving_body(performed.moving.trained, 2)],
     )
     out = tmp_path / "body.usda"
     main(ExportConfig(to="usd", out=out))

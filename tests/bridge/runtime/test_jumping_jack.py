@@ -14,10 +14,10 @@ import pytest
 from bridge.body import load_body_model
 from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
 from bridge.motion import Motion, load_motion_file, unpack_theta
-from bridge.runtime.body_motion import place_motion
 from bridge.runtime.controls import Controls
-from bridge.runtime.predict_motion import predict_motion
-from bridge.verify.reference.oscillators import moving
+from bridge.runtime.moving_body import place_motion
+from bridge.runtime.stage_predict import predict_motion
+from bridge.verify.reference.tissue import moving
 
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
 pytestmark = [

@@ -1,8 +1,9 @@
-"""Tissue of a motion that repeats: the lap that is given follows on itself, for either road."""
+"""Tissue of a motion that repeats: the lap that is given follows on itself, for either pipeline."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,11 +11,16 @@ import pytest
 from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.motion.loops import close_lap
-from bridge.runtime.dsnet_step import DsnetModel, load_decoder
-from bridge.runtime.looped import LoopedPredictor
-from bridge.runtime.plus_step import PlusModel
-from bridge.runtime.stepping import FRAMES_AT_ONCE, Prediction, WholeMotions
-from bridge.verify.reference.oscillators import moving
+from bridge.runtime.stepping import (
+    FRAMES_AT_ONCE,
+    DsnetModel,
+    PlusModel,
+    Prediction,
+    load_decoder,
+    predict_loop,
+    predict_whole,
+)
+from bridge.verify.reference.tissue import moving
 from tests.forged.cyclic import circling
 
 BODY = load_body_model("embedded:female")
@@ -36,31 +42,33 @@ def test_it_is_a_late_lap_of_many(flesh, lap_frames, look_ahead):
     """The oracle predicts the motion over and over, in one piece."""
     model = replace(flesh, look_ahead=look_ahead)
     lap = lap_of(circling(lap_frames + 1, lap_frames))
-    found = offsets_of(LoopedPredictor(WholeMotions(PlusModel(model, BODY)), lap)(lap.theta, BETAS))
+    found = offsets_of(predict_loop(partial(predict_whole, PlusModel(model, BODY)), lap, BETAS))
     count = 1 + 600 // lap_frames
     long = moving(model, BODY, circling((count + 1) * lap_frames, lap_frames), BETAS)
     expected = model.nodes.spread(long[(count - 1) * lap_frames : count * lap_frames])
     assert found.shape == expected.shape
     assert np.abs(expected).max() > 2e-3
     np.testing.assert_allclose(found, expected, atol=1e-4)
-    once = offsets_of(WholeMotions(PlusModel(model, BODY))(lap.theta, BETAS))
+    once = offsets_of(predict_whole(PlusModel(model, BODY), lap.theta, BETAS))
     assert np.abs(once - found).max() > 1e-3
 
 
 def test_the_last_frame_leads_into_the_first(flesh):
     lap = lap_of(circling(LAP, LAP))
-    predict = LoopedPredictor(WholeMotions(PlusModel(flesh, BODY)), lap)
-    found = offsets_of(predict(lap.theta, BETAS))
+    predict = partial(predict_loop, partial(predict_whole, PlusModel(flesh, BODY)), lap)
+    found = offsets_of(predict(BETAS))
     around = np.linalg.norm(np.diff(found, axis=0, append=found[:1]), axis=-1).max(axis=1)
     assert around[-1] < 1.2 * around[:-1].max()
-    alone = offsets_of(WholeMotions(PlusModel(flesh, BODY))(lap.theta, BETAS))
+    alone = offsets_of(predict_whole(PlusModel(flesh, BODY), lap.theta, BETAS))
     assert np.linalg.norm(alone[0] - alone[-1], axis=-1).max() > 1.2 * around.max()
 
 
 def test_the_networks_tissue_repeats_too(trained, trained_run):
-    network = WholeMotions(DsnetModel(trained, load_decoder(trained_run.artifact("train-ae"))))
+    network = partial(
+        predict_whole, DsnetModel(trained, load_decoder(trained_run.artifact("train-ae")))
+    )
     lap = lap_of(circling(LAP + 1, LAP, turn_rad=1e-9, stride_m=1e-12))
-    found = LoopedPredictor(network, lap)(lap.theta, BETAS)
+    found = predict_loop(network, lap, BETAS)
     assert found.latents is not None
     long = network(lap.repeated(12), BETAS)
     assert long.latents is not None
@@ -88,7 +96,7 @@ class Counting:
 def test_only_as_many_laps_as_it_takes():
     predict = Counting(settles_after=20.0)
     lap = lap_of(circling(LAP, LAP))
-    found = LoopedPredictor(predict, lap)(lap.theta, BETAS)
+    found = predict_loop(predict, lap, BETAS)
     asked = predict.given
     offsets_m = offsets_of(found)
     assert len(offsets_m) == LAP
@@ -105,4 +113,4 @@ def test_only_as_many_laps_as_it_takes():
 def test_what_never_settles_is_refused():
     lap = lap_of(circling(LAP, LAP))
     with pytest.raises(DsnetError, match=r"--loop with offsets that still differ by \d+\.\d mm"):
-        LoopedPredictor(Counting(settles_after=1e4), lap)(lap.theta, BETAS)
+        predict_loop(Counting(settles_after=1e4), lap, BETAS)

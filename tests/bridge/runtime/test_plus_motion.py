@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,13 @@ import pytest
 
 from bridge.body import load_body_model, pose_vertices
 from bridge.cli import main
-from bridge.motion import unpack_theta
+from bridge.motion import load_motion_file, unpack_theta
 from bridge.motion.smoothing import SmoothHz
-from bridge.runtime.body_motion import load_motion
 from bridge.runtime.controls import Controls
-from bridge.runtime.plus_step import PlusModel
-from bridge.runtime.predict_motion import predict_motion
-from bridge.runtime.stepping import FRAMES_AT_ONCE, WholeMotions
-from bridge.verify.reference.oscillators import moving
+from bridge.runtime.moving_body import place_motion
+from bridge.runtime.stage_predict import predict_motion
+from bridge.runtime.stepping import FRAMES_AT_ONCE, PlusModel, predict_whole
+from bridge.verify.reference.tissue import moving
 from tests.forged.amass import save, smplh
 
 BODY = load_body_model("embedded:female")
@@ -34,7 +34,7 @@ def hopping(path: Path, frames: int = 151) -> Path:
 
 
 def theta_of(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    motion = load_motion(path, BODY, None)
+    motion = place_motion(load_motion_file(path), BODY)
     return motion.theta, motion.betas
 
 
@@ -47,7 +47,7 @@ def whole(found) -> np.ndarray:
 def test_pieces_are_the_whole_motion(flesh, tmp_path, look_ahead, frames):
     theta, betas = theta_of(hopping(tmp_path / "hop.npz", frames))
     model = replace(flesh, look_ahead=look_ahead)
-    found = WholeMotions(PlusModel(model, BODY))(theta, betas)
+    found = predict_whole(PlusModel(model, BODY), theta, betas)
     assert found.latents is None
     expected = model.nodes.spread(moving(model, BODY, theta, betas))
     np.testing.assert_allclose(whole(found), expected, atol=1e-6)
@@ -58,8 +58,8 @@ def test_what_is_static_is_added(flesh, tmp_path):
     by_pose = np.random.default_rng(2).normal(0, 1e-3, flesh.static.by_pose_m.shape)
     static = replace(flesh.static, by_pose_m=by_pose.astype(np.float32))
     model = replace(flesh, static=static)
-    added = whole(WholeMotions(PlusModel(model, BODY))(theta, betas))
-    added -= whole(WholeMotions(PlusModel(flesh, BODY))(theta, betas))
+    added = whole(predict_whole(PlusModel(model, BODY), theta, betas))
+    added -= whole(predict_whole(PlusModel(flesh, BODY), theta, betas))
     assert np.abs(added).max() > 1e-4
     np.testing.assert_allclose(added, model.static_m(BODY, betas, theta), atol=1e-6)
 
@@ -67,13 +67,13 @@ def test_what_is_static_is_added(flesh, tmp_path):
 def test_a_motion_begins_at_rest_in_its_first_pose(flesh, tmp_path):
     """Also one that is cut out of a jump: its first load has no acceleration."""
     theta, betas = theta_of(hopping(tmp_path / "hop.npz", 60))
-    predict = WholeMotions(PlusModel(flesh, BODY))
+    predict = partial(predict_whole, PlusModel(flesh, BODY))
     standing = whole(predict(theta[30:31].repeat(3, axis=0), betas))
     np.testing.assert_allclose(whole(predict(theta[30:], betas))[0], standing[0], atol=1e-7)
 
 
 def test_who_stands_as_she_was_scanned_is_not_moved(flesh):
-    found = whole(WholeMotions(PlusModel(flesh, BODY))(np.zeros((90, 69)), np.zeros(10)))
+    found = whole(predict_whole(PlusModel(flesh, BODY), np.zeros((90, 69)), np.zeros(10)))
     np.testing.assert_allclose(found, 0.0, atol=1e-9)
 
 

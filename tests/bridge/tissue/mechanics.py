@@ -8,9 +8,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.runtime.graphs.onnx_builder import GraphSession
-from bridge.runtime.graphs.onnx_values import Value, ValueGraph
-from bridge.runtime.graphs.tissue_graph import Person, SheetGraph
+from bridge.runtime.onnx_graph import Graph, GraphSession, Value
+from bridge.runtime.tissue_graph import Person, SheetGraph
 from bridge.tissue.oscillators import STEPS, coupling
 from bridge.verify.reference.oscillators import Coefficients, Sheet
 
@@ -54,7 +53,7 @@ class GraphSheet:
         coupled, rows = coupling(fields, laplacian), len(springs.normals)
 
         def session(make: Callable[[SheetGraph, Person, dict[str, Value]], Value]) -> GraphSession:
-            graph = ValueGraph()
+            graph = Graph()
             given = {n: graph.input(n, ("B", 3, rows)) for n in ("now", "before", "load")}
             own = (graph.array(n, fields[n].T[None]) for n in ("omega", "stiffening", "normals"))
             sheet = SheetGraph(graph, fields, coupled, [1.0])

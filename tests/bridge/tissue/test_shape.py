@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from bridge.body.shapes import body_mass_index
 from bridge.tissue.shape import (
     SHAPE_FEATURES,
-    body_mass_index,
     distance_to_bones_m,
     shape_features,
 )

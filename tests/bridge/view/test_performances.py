@@ -10,8 +10,8 @@ import pytest
 
 from bridge.body.parts import PARTS
 from bridge.motion import load_amass_motion
-from bridge.runtime.characters import open_character
-from bridge.runtime.controls import Controls, controlled_body
+from bridge.runtime.controls import Controls, blended_gain, controlled_body, gains_of_parts
+from bridge.runtime.load_model import load_model
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.part_gains import vertex_gain
 from bridge.view.performances import Asked, Clip, Gains, LatestWork, Performances, Way
@@ -115,7 +115,7 @@ def test_parts_have_their_own_gains(performances):
     asked = Asked(Way(JUMP, performances.own_betas(JUMP)), "dsnet_plus")
     performances.want([asked])
     assert performances.worker.wait(30)
-    gain = vertex_gain(body, 2.0, ["belly=3"])
+    gain = blended_gain(body, 2.0, gains_of_parts(["belly=3"]))
     np.testing.assert_array_equal(performances.gain(asked, gains)[:, 0], gain)
     _, vertices_m = moved(performances, asked, gain)
     shown_m = performances.vertices_m(asked, slice(0, SHOWN), gains)
@@ -140,7 +140,7 @@ def test_a_loop_is_the_one_that_prediction_makes(tmp_path):
     assert short.worker.wait(60)
     short.worker.stop()
     assert not short.worker.failed
-    looped = controlled_body(open_character(None), load_amass_motion(path), Controls(loop=True))
+    looped = controlled_body(load_model(None), load_amass_motion(path), Controls(loop=True))
     whole_m = np.concatenate([frames.vertices_m for frames in looped])
     assert len(whole_m) == 30
     shown_m = short.vertices_m(asked, slice(0, 18))

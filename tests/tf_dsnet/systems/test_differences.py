@@ -13,7 +13,7 @@ from benchmarks.systems.kinematics import pose_differences
 from bridge import DsnetError
 from bridge.exchange.dsnet import join_inputs
 from bridge.runs import Artifact, read_artifact
-from bridge.runtime.streams.streaming import StreamingPredictor
+from bridge.runtime.streams import StreamingPredictor
 from tf_dsnet import stage_infer, stage_train
 from tf_dsnet.predictors import load_predictor
 from tf_dsnet.stage_infer import InferConfig

@@ -19,9 +19,9 @@ from benchmarks.systems.dyna_like import (
 )
 from benchmarks.systems.fitted_once import FittedOnce
 from bridge import DsnetError
+from bridge.body.shapes import body_mass_index
 from bridge.exchange import load_weights, save_weights
 from bridge.paper import N_BETAS
-from bridge.tissue.shape import body_mass_index
 from tests.forged.driven import forged_data, people
 from tf_dsnet.predictors import PredictorSettings, TrainingData
 

@@ -7,8 +7,7 @@ import pytest
 
 from bridge.body import load_body_model, pose_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.plus_step import PlusModel
-from bridge.runtime.stepping import WholeMotions
+from bridge.runtime.stepping import PlusModel, predict_whole
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 from bridge.verify.reference import oscillators
@@ -23,7 +22,7 @@ def test_a_stream_is_the_whole_clip(look_ahead):
     given = draws.stream(0, 12, 1)
     theta, betas = given["theta"][:, 0].astype(np.float64), given["betas"][0].astype(np.float64)
     theta[: look_ahead + 3] = theta[look_ahead + 2]  # at rest before it moves
-    offsets_m = np.concatenate(list(WholeMotions(PlusModel(model, BODY))(theta, betas).offsets_m))
+    offsets_m = np.concatenate(list(predict_whole(PlusModel(model, BODY), theta, betas).offsets_m))
     shapes = np.tile(betas, (len(theta), 1))
     whole = pose_vertices(BODY, shapes, *unpack_theta(theta), offsets_m)
     found = oscillators.posed(model, BODY, theta, betas)

@@ -1,1 +1,0 @@
-"""Networks, tissue and bodies as ONNX graphs, written straight from named arrays."""

@@ -1,0 +1,204 @@
+"""A trained predictor and the body that it moves: of a run, or the small one of the package.
+
+The package's models (`python tools/build_packaged_models.py` makes them) are artifacts like a
+stage's: `dsnet_plus` of the synthetic corpus, for the embedded body of one gender.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+
+from bridge.body import BodyModelData, load_body_model
+from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX
+from bridge.errors import DsnetError, did_you_mean
+from bridge.motion import Motion, load_motion_file
+from bridge.motion.smoothing import SmoothHz
+from bridge.runs import Artifact, Run, read_artifact
+from bridge.runs.artifact import DataOrigin
+from bridge.runs.damage import damage_refused
+from bridge.runs.run import body_model_path
+from bridge.runtime.stepping import DsnetModel, Model, PlusModel, load_decoder
+from bridge.tissue.trained_plus import TrainedPlus
+
+PACKAGED = "packaged-model"
+"""Kind of the package's artifacts."""
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """Some stages of a run that together predict motions."""
+
+    stages: tuple[str, ...]
+    """Whose artifacts are needed; the manifest of the first names the predictors and a default."""
+    open: Callable[[Mapping[str, Artifact], str, BodyModelData], Model]
+    """A predictor from these artifacts by stage, its name, and the body that it moves."""
+
+
+def _open_plus(artifacts: Mapping[str, Artifact], _: str, body: BodyModelData) -> Model:
+    return PlusModel(TrainedPlus.load(artifacts["train_plus"]), body)
+
+
+def _open_dsnet(artifacts: Mapping[str, Artifact], name: str, _: BodyModelData) -> Model:
+    from bridge.exchange.trained_dsnet import load_trained_dsnet
+
+    network = load_trained_dsnet(artifacts["train"], name)
+    return DsnetModel(network, load_decoder(artifacts["train-ae"]))
+
+
+PIPELINES = (Pipeline(("train_plus",), _open_plus), Pipeline(("train", "train-ae"), _open_dsnet))
+"""Whose predictors can be asked for, the best first: `dsnet_plus`, and the paper's DSNet."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedModel:
+    """The predictor that was asked for, or that there is to offer; loaded when it is used."""
+
+    name: str
+    label: str
+    """As in tables and legends."""
+    why: str
+    """Why this one."""
+    owner: str
+    """Whose it is, as in "run 'demo'"."""
+    body_model: str
+    """Of the body that it moves: `embedded:female`, or the path of an SMPL model file."""
+    artifacts: Mapping[str, Artifact]
+    """What it is made of, by stage."""
+    pipeline: Pipeline
+
+    @property
+    def origin(self) -> DataOrigin:
+        """Of what it was trained on."""
+        return self.artifacts[self.pipeline.stages[0]].origin
+
+    @property
+    def upstream(self) -> dict[str, str]:
+        """Digests of all that it is made of, by stage."""
+        return {stage: artifact.content_sha256 for stage, artifact in self.artifacts.items()}
+
+    @cached_property
+    def body(self) -> BodyModelData:
+        """The body model."""
+        return load_body_model(self.body_model)
+
+    @cached_property
+    def model(self) -> Model:
+        """What is stepped."""
+        return self.open(self.body)
+
+    def open(self, body: BodyModelData) -> Model:
+        """The model on a body; DsnetError if what its training left does not fit together."""
+
+        # Arrays of a stranger's can be missing, of other shapes or types, or none of a network.
+        def refusal(error: Exception) -> DsnetError:
+            return DsnetError(
+                f"{self.name} of {self.owner}, whose arrays do not fit together ({error!s:.200})",
+                "what its training wrote",
+                "Train it again, or copy the run again.",
+            )
+
+        with damage_refused(refusal):
+            return self.pipeline.open(self.artifacts, self.name, body)
+
+
+def load_model(
+    run: Run | None, predictor: str | None = None, gender: str = "unknown"
+) -> TrainedModel:
+    """A predictor of a run, with its body; without a run, that of the package.
+
+    Parameters
+    ----------
+    predictor : its name; the best there is when None.
+    gender : of the packaged body; `female` where it is neither.
+
+    Raises
+    ------
+    DsnetError
+        If there is no such predictor, what it is made of is no chain, or a file is damaged.
+    """
+    found = find_model(run, predictor, gender)
+    _ = found.model
+    return found
+
+
+def load_for_motion(
+    run: Run | None,
+    predictor: str | None,
+    path: Path,
+    motion_fps: float | None = None,
+    smooth_hz: SmoothHz | None = None,
+) -> tuple[TrainedModel, Motion]:
+    """A predictor, and the motion of a file as it has it; without a run, of the motion's gender.
+
+    A run that cannot predict is told before the file is read. `motion_fps` is the file's rate,
+    where what it says of itself is wrong; what is faster than `smooth_hz` is left out.
+    """
+    trained = None if run is None else load_model(run, predictor)
+    motion = load_motion_file(path, motion_fps, smooth_hz=smooth_hz)
+    return trained or load_model(None, predictor, motion.gender), motion
+
+
+def packaged_folder(gender: str) -> Path:
+    """Where the model of `female` or `male` bodies lies."""
+    return Path(str(resources.files("bridge.runtime"))) / "models" / gender
+
+
+def find_model(run: Run | None, asked: str | None = None, gender: str = "unknown") -> TrainedModel:
+    """As `load_model`, with nothing of it read yet but manifests."""
+    if run is None:
+        return _packaged(asked, gender if gender in EMBEDDED_GENDERS else EMBEDDED_GENDERS[0])
+    trained = {
+        pipeline: read_artifact(run.path / pipeline.stages[0]).manifest
+        for pipeline in PIPELINES
+        if run.finished(pipeline.stages[0])
+    }
+    train = f"`dsnet train --run {run.name}`"
+    if not trained:
+        if not run.path.is_dir():
+            run.artifact(PIPELINES[0].stages[0])  # says which runs there are
+        finished = " or ".join(f"a finished stage {p.stages[0]!r}" for p in PIPELINES)
+        raise DsnetError(f"run {run.name!r} without a trained predictor", finished, f"Run {train}.")
+    for pipeline, manifest in trained.items():
+        name = asked or str(manifest["default"])
+        if name in manifest["predictors"]:
+            entry = manifest["predictors"][name]
+            return TrainedModel(
+                name,
+                label=str(entry.get("label", name)) if isinstance(entry, dict) else name,
+                why="the run's best" if asked is None else "as asked",
+                owner=f"run {run.name!r}",
+                body_model=str(body_model_path(run)),
+                artifacts=run.artifacts(*pipeline.stages),
+                pipeline=pipeline,
+            )
+    there = [name for manifest in trained.values() for name in manifest["predictors"]]
+    raise DsnetError(
+        f"predictor {asked!r} asked of run {run.name!r}",
+        f"one of {', '.join(there)}",
+        did_you_mean(asked or "", there, f"Name one of these, or train another: {train}."),
+    )
+
+
+def _packaged(asked: str | None, gender: str) -> TrainedModel:
+    artifact = read_artifact(packaged_folder(gender), PACKAGED)
+    (name, entry), *_ = artifact.manifest["predictors"].items()
+    if asked not in (None, name):
+        otherwise = "Train another and name its run: ./reproduce.sh, then --run demo."
+        raise DsnetError(
+            f"predictor {asked!r} without a run",
+            f"{name}, which comes with the package",
+            did_you_mean(asked or "", [name], otherwise),
+        )
+    return TrainedModel(
+        name,
+        label=entry["label"],
+        why="no --run given",
+        owner=f"the packaged model ({gender}, {artifact.origin})",
+        body_model=EMBEDDED_PREFIX + gender,
+        artifacts={PIPELINES[0].stages[0]: artifact},
+        pipeline=PIPELINES[0],
+    )

@@ -1,0 +1,298 @@
+"""The paper's networks as ONNX graphs, straight from named arrays.
+
+`dsnet_step_graph` and `dsnet_body_graph` are what is deployed: one step, and one step with decoder
+and body. `dsnet_graph`, `encoder_graph` and `decoder_graph` give every layer, and hold the arrays
+that `bridge.exchange.layouts` gives, so that `dsnet_weights` and `mesh_autoencoder_weights` read
+them back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.errors import DsnetError
+from bridge.exchange.layouts import (
+    BATCH_NORM_EPSILON,
+    lstm_from_onnx,
+    lstm_to_onnx,
+    mesh_autoencoder_from_keras,
+    mesh_autoencoder_to_keras,
+)
+from bridge.exchange.trained_dsnet import TrainedDsnet
+from bridge.paper import FEATURES, INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
+from bridge.runtime.body_graph import Surface, posed_bones, translated, translation
+from bridge.runtime.onnx_graph import Graph, Precision, StateLayout, Value, product
+
+_ACTIVATIONS = {"leaky_relu": "LeakyRelu", "elu": "Elu", "tanh": "Tanh", "relu": "Relu"}
+_ENCODER, _DECODER = ("encoder.", "to_latent."), ("from_latent.", "decoder.", "to_coordinates.")
+Weights = Mapping[str, NDArray]
+
+
+def dsnet_layout(network: TrainedDsnet) -> StateLayout:
+    """What a character's row holds: the LSTM's memory."""
+    units = len(network.weights["batch_norm/gamma"])
+    return StateLayout({"hidden": (units,), "cell": (units,)})
+
+
+def dsnet_step_graph(network: TrainedDsnet) -> onnx.ModelProto:
+    """The step of a trained DSNet alone.
+
+    Inputs `motion` (B, 79), betas and theta, and `state`; outputs `codes` (B, 100), latents, and
+    `next_state`.
+    """
+    graph, layout = Graph(), dsnet_layout(network)
+    motion = graph.input("motion", ("B", INPUT_SIZE))
+    past = layout.read(graph.input("state", ("B", layout.size)))
+    latents, after = _stepped(graph, network, motion, past)
+    outputs = {"codes": latents, "next_state": layout.written(graph, after)}
+    shapes = {"codes": ("B", LATENT_SIZE), "next_state": ("B", layout.size)}
+    return graph.model("dsnet_step", outputs, shapes, checked=False)
+
+
+def dsnet_body_graph(
+    network: TrainedDsnet,
+    decoder: Weights,
+    architecture: Mapping[str, Any],
+    body: BodyModelData,
+    metadata: Mapping[str, str] | None = None,
+    precision: Precision = "float32",
+) -> onnx.ModelProto:
+    """A trained DSNet, its autoencoder's decoder and the body: a pose in, the posed skin out.
+
+    Inputs `theta` (B, 69), `betas` (B, 10) and `state` (B, 120); outputs `vertices` (B, V, 3),
+    metres, and `next_state` (B, 120). A row is the LSTM's memory of one character, zero where she
+    begins, as in training: the network itself takes the first pose for one that was held
+    (Section 4.2).
+
+    Parameters
+    ----------
+    decoder : weights named as by PyTorch, with `normaliser.mean_m` and `normaliser.scale_m`.
+    architecture : as in the manifest of `train-ae`.
+    precision : of the large kernels.
+    """
+    if architecture["widths"][0] != body.vertex_count:
+        raise DsnetError(
+            f"a decoder of {architecture['widths'][0]} vertices",
+            f"one of the body's {body.vertex_count}",
+            "Name the body model that the run was aligned with.",
+        )
+    graph, layout = Graph(), dsnet_layout(network)
+    theta = graph.input("theta", ("B", THETA_SIZE))
+    betas = graph.input("betas", ("B", N_BETAS))
+    past = layout.read(graph.input("state", ("B", layout.size)))
+    latents, after = _stepped(graph, network, graph.concat([betas, theta], 1), past)
+    offsets_m = decoded(graph, decoder, architecture, latents, precision)
+    bones, turning = posed_bones(graph, body, theta, betas)
+    with graph.section("skin"):
+        skin = Surface(graph, body, slice(None), precision=precision)
+        rest = skin.rest(turning, betas) + offsets_m
+        vertices = skin.skinned(translated(graph, bones, translation(theta)), rest)
+    return graph.model(
+        "dsnet",
+        {"vertices": vertices, "next_state": layout.written(graph, after)},
+        {"vertices": ("B", body.vertex_count, 3), "next_state": ("B", layout.size)},
+        {**(metadata or {}), "latency_frames": "0", "state_layout": layout.as_text()},
+    )
+
+
+def _stepped(
+    graph: Graph, network: TrainedDsnet, inputs: Value, past: Mapping[str, Value]
+) -> tuple[Value, dict[str, Value]]:
+    """Latents (B, 100) of inputs (B, 79) in a motion's own units, and the memory after them.
+
+    What is affine is folded together once. All four gates come from one tanh, as
+    sigmoid(z) = (1 + tanh(z / 2)) / 2.
+    """
+    w = {name: array.astype(np.float64) for name, array in network.weights.items()}
+    scale = network.scaling
+    gain = w["batch_norm/gamma"] / np.sqrt(w["batch_norm/moving_variance"] + BATCH_NORM_EPSILON)
+    scaled = np.diag(1 / scale.input_std), -scale.input_mean / scale.input_std
+    normalised = np.diag(gain), w["batch_norm/beta"] - gain * w["batch_norm/moving_mean"]
+    restored = np.diag(scale.latent_std), scale.latent_mean
+    dense = {n: (w[f"{n}/kernel"], w[f"{n}/bias"]) for n in ("fc_enc_1", "fc_enc_2", "fc_enc_3")}
+    kernel = np.vstack([w["lstm/kernel"], w["lstm/recurrent_kernel"]])
+    halved = np.repeat([0.5, 0.5, 1.0, 0.5], len(gain))
+
+    def affine(name: str, features: Value, *layers: tuple[NDArray, NDArray]) -> Value:
+        (kernel, bias), *others = layers
+        for next_kernel, next_bias in others:
+            kernel, bias = kernel @ next_kernel, bias @ next_kernel + next_bias
+        return features @ graph.array(f"{name}/kernel", kernel) + graph.array(f"{name}/bias", bias)
+
+    with graph.section("dsnet"):
+        encoded = affine("encode", inputs, scaled, dense["fc_enc_1"], dense["fc_enc_2"])
+        known = graph.concat([graph.apply("Tanh", encoded), past["hidden"]], 1)
+        gates = affine("gates", known, (kernel * halved, w["lstm/bias"] * halved))
+        # Keras's order: input, forget, candidate, output.
+        i, f, candidate, o = graph.apply("Tanh", gates).split(1, [len(gain)] * 4)
+        i, f, o = (0.5 + 0.5 * gate for gate in (i, f, o))
+        cell = f * past["cell"] + i * candidate
+        hidden = o * graph.apply("Tanh", cell)
+        latents = affine("decode", hidden, normalised, dense["fc_enc_3"], restored)
+        return latents, {"hidden": hidden, "cell": cell}
+
+
+def dsnet_graph(weights: Weights, *, trace: bool = False) -> onnx.ModelProto:
+    """DSNet at rest, for whole motions or for one frame after another.
+
+    Inputs `motion` (B, T, 79), and `hidden` and `cell` (1, B, 60), which are zero where a motion
+    begins; outputs `latents` (B, T, 100), `next_hidden` and `next_cell`, and with `trace` every
+    layer's. Weights are named as by `tf_dsnet.model.named_weights`.
+    """
+    graph, units = Graph(), len(weights["batch_norm/gamma"])
+    motion = graph.input("motion", ("B", "T", len(weights["fc_enc_1/kernel"])))
+    past = [graph.input(name, (1, "B", units)) for name in ("hidden", "cell")]
+
+    def dense(layer: str, features: Value, name: str = "") -> Value:
+        kernel, bias = (graph.array(f"{layer}/{n}", weights[f"{layer}/{n}"])
+                        for n in ("kernel", "bias"))  # fmt: skip
+        return graph.apply("Add", features @ kernel, bias, layer=name or layer)
+
+    encoded = dense("fc_enc_2", dense("fc_enc_1", motion), "fc_enc_2/sum")
+    by_time = graph.apply("Tanh", encoded, layer="fc_enc_2").transpose(1, 0, 2)
+    held = {n: graph.array(f"lstm/{n}", array) for n, array in lstm_to_onnx(weights).items()}
+    lengths = Value(graph, "")  # all are whole
+    directions, *states = graph.apply_many(
+        "LSTM", 3, by_time, held["W"], held["R"], held["B"], lengths, *past, hidden_size=units
+    )  # (T, 1, B, 60), (1, B, 60) twice
+    whole = graph.apply("Squeeze", directions, graph.integers([1]))
+    memory = graph.apply("Transpose", whole, layer="lstm", perm=[1, 0, 2])
+
+    with graph.section("batch_norm"):
+        names = ("gamma", "beta", "moving_mean", "moving_variance")
+        gamma, beta, mean, variance = (graph.array(n, weights[f"batch_norm/{n}"]) for n in names)
+        spread = graph.apply("Sqrt", variance + BATCH_NORM_EPSILON)
+        scaled = (memory - mean) / spread * gamma
+        normalised = graph.apply("Add", scaled, beta, layer="batch_norm")
+    outputs = {"latents": dense("fc_enc_3", normalised)}
+    outputs |= dict(zip(("next_hidden", "next_cell"), states, strict=True))
+    return graph.model("dsnet", outputs, trace=trace)
+
+
+def dsnet_weights(held: Weights) -> dict[str, NDArray]:
+    """DSNet's weights from the arrays that its graph holds."""
+    lstm = {name: held[f"lstm/{name}"] for name in ("W", "R", "B")}
+    others = {n: w for n, w in held.items() if n.startswith(("fc_enc_", "batch_norm/"))}
+    return {**others, **lstm_from_onnx(lstm)}
+
+
+def encoder_graph(
+    weights: Weights, architecture: Mapping[str, Any], *, trace: bool = False
+) -> onnx.ModelProto:
+    """Input `offsets` (B, V, 3), output `latents` (B, 100), and with `trace` every layer's.
+
+    Parameters
+    ----------
+    weights : named as by PyTorch. With `normaliser.mean_m` and `normaliser.scale_m` the graph
+        takes metres, without them normalised offsets.
+    architecture : `widths`, `activation`, `negative_slope`, as in the manifest of `train-ae`.
+    trace : layers have vertices last, (B, features, V), but for the row and the latents.
+    """
+    layers = _MeshLayers(Graph(), weights, _ENCODER, architecture)
+    graph, mean_m = layers.graph, weights.get("normaliser.mean_m")
+    features = graph.input("offsets", ("B", architecture["widths"][0], 3)).transpose(0, 2, 1)
+    if mean_m is not None:
+        centred = features - graph.array("normaliser.mean_m", mean_m.T)
+        scale_m = graph.array("normaliser.scale_m", weights["normaliser.scale_m"].T)
+        features = graph.apply("Div", centred, scale_m, layer="normaliser.normalise")
+    for name in ("encoder.linear_1", "encoder.linear_2"):
+        features = layers.activated(name, layers.per_vertex(name, features))
+    features = layers.convolutions("encoder", features)
+    row = graph.apply("Flatten", features.transpose(0, 2, 1))
+    return graph.model("encoder", {"latents": layers.linear("to_latent", row)}, trace=trace)
+
+
+def decoder_graph(
+    weights: Weights, architecture: Mapping[str, Any], *, trace: bool = False
+) -> onnx.ModelProto:
+    """Input `latents` (B, 100), output `offsets` (B, V, 3); parameters as in `encoder_graph`."""
+    graph = Graph()
+    latents = graph.input("latents", ("B", weights["from_latent.weight"].shape[1]))
+    offsets = decoded(graph, weights, architecture, latents).transpose(0, 2, 1)
+    return graph.model("decoder", {"offsets": offsets}, trace=trace)
+
+
+def decoded(
+    graph: Graph,
+    weights: Weights,
+    architecture: Mapping[str, Any],
+    latents: Value,
+    precision: Precision = "float32",
+) -> Value:
+    """Offsets (B, 3, V) of latents (B, 100), by the decoder of Section 4.1.
+
+    Vertices stay the last axis throughout: nine rows a character of each convolution's product,
+    and of the largest, 55 MB, every number is read once however many characters there are.
+    """
+    layers = _MeshLayers(graph, weights, _DECODER, architecture, precision)
+    row = layers.activated("from_latent", layers.linear("from_latent", latents))
+    features = row.reshape(0, architecture["widths"][-1], FEATURES[-1]).transpose(0, 2, 1)
+    features = layers.convolutions("decoder", features)
+    name = "decoder.linear_1"
+    features = layers.activated(name, layers.per_vertex(name, features))
+    values = layers.per_vertex("to_coordinates", features)
+    if "normaliser.mean_m" not in weights:
+        return values
+    scale_m, mean_m = (graph.array(name, weights[name].T)
+                       for name in ("normaliser.scale_m", "normaliser.mean_m"))  # fmt: skip
+    return graph.apply("Add", values * scale_m, mean_m, layer="normaliser.denormalise")
+
+
+class _MeshLayers:
+    """Layers of one side of the autoencoder, with Keras's kernels; vertices are the last axis."""
+
+    def __init__(
+        self,
+        graph: Graph,
+        weights: Weights,
+        side: tuple[str, ...],
+        architecture: Mapping[str, Any],
+        precision: Precision = "float32",
+    ) -> None:
+        own = {name: array for name, array in weights.items() if name.startswith(side)}
+        self.graph, self._weights = graph, mesh_autoencoder_to_keras(own)
+        self._architecture = architecture
+        self._precision: Precision = precision
+
+    def linear(self, layer: str, features: Value) -> Value:
+        """On the last axis."""
+        multiply = product(
+            self.graph, f"{layer}/kernel", self._weights[f"{layer}/kernel"], self._precision
+        )
+        bias = self.graph.array(f"{layer}/bias", self._weights[f"{layer}/bias"])
+        return self.graph.apply("Add", multiply(features), bias, layer=layer)
+
+    def per_vertex(self, layer: str, features: Value) -> Value:
+        """On each vertex's features (B, in, V)."""
+        kernel, bias = (self.graph.array(f"{layer}/{n}", self._weights[f"{layer}/{n}"])
+                        for n in ("kernel", "bias"))  # fmt: skip
+        mixed = kernel.transpose(1, 0) @ features
+        return self.graph.apply("Add", mixed, bias.reshape(1, -1, 1), layer=layer)
+
+    def activated(self, layer: str, features: Value) -> Value:
+        """The nonlinearity after a layer."""
+        activation = self._architecture["activation"]
+        slope = {"alpha": self._architecture["negative_slope"]}
+        given = slope if activation == "leaky_relu" else {}
+        op = _ACTIVATIONS[activation]
+        return self.graph.apply(op, features, layer=f"{layer}_activation", **given)
+
+    def convolutions(self, side: str, features: Value) -> Value:
+        """Mix vertices, (B, 9, in) to (B, 9, out)."""
+        for number in range(1, len(self._architecture["widths"])):
+            layer = f"{side}.conv_{number}"
+            features = self.activated(layer, self.linear(layer, features))
+        return features
+
+
+def mesh_autoencoder_weights(held: Weights) -> dict[str, NDArray]:
+    """The autoencoder's weights from the arrays that its two graphs hold together."""
+    return mesh_autoencoder_from_keras(
+        {name: array for name, array in held.items() if name.endswith(("/kernel", "/bias"))}
+    )
