@@ -88,7 +88,7 @@ def _write(moving: MovingBody, writer: ArtifactWriter, *, strip: bool) -> None:
 
 def _draw(writer: ArtifactWriter, vertices_m: NDArray, offsets_m: NDArray, of: MovingBody) -> None:
     # Matplotlib takes longer to load than the first frames, which do not wait for it.
-    from bridge.report.motion_strip import draw_motion_strip
+    from bridge.report.panels import draw_motion_strip
 
     path, character = writer.file_path("strip.png"), of.character
     origin = character.chosen.trained.origin

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.measure.references import MotionArrays, true_offsets_m
+from bridge.measure.pipelines import MotionArrays
 from bridge.runs import Run
 
 
@@ -51,7 +51,7 @@ def open_truth(run: Run, origin: str) -> tuple[Mapping[str, int], ReadTruth]:
 
     def read(name: str) -> TrueMotion:
         frames = slice(0, truth.places[name].length)
-        offsets_m = np.asarray(true_offsets_m(truth, name, frames), np.float32)
+        offsets_m = np.asarray(truth.offsets_m(name, frames), np.float32)
         return TrueMotion(truth.frames("theta", name, frames), truth.betas(name), offsets_m)
 
     return {name: place.length for name, place in truth.places.items()}, read
