@@ -74,12 +74,9 @@ class SequenceErrors:
 
 
 class Evaluation:
-    """All comparisons of one run; its sequences are independent of one another.
+    """All comparisons of one run; the truth is None for licensed data.
 
-    Parameters
-    ----------
-    pipelines : the run's, one at least.
-    truth : arrays of the simulation, None for licensed data.
+    Sequences are independent of one another.
     """
 
     def __init__(

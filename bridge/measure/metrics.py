@@ -293,7 +293,7 @@ def jackknife_r2_se(squares: Sequence[tuple[float, float]]) -> float | None:
 
 
 def frame_blocks(frames: slice, size: int = FRAMES_AT_ONCE) -> Iterator[slice]:
-    """Cut a range, of frames or of vertices, into pieces that fit in memory."""
+    """Cut a range of frames or vertices into pieces that fit in memory."""
     for start in range(frames.start, frames.stop, size):
         yield slice(start, min(start + size, frames.stop))
 

@@ -20,12 +20,8 @@ from bridge.runs import Artifact, Run
 from bridge.runs.run import INFER, INFER_PLUS
 
 PAPER, BEST = "paper", "best"
-AUTOENCODER, PERSON_MEAN, SEQUENCE_MEAN, SMPL = (
-    "autoencoder",
-    "person_mean",
-    "sequence_mean",
-    "smpl",
-)
+AUTOENCODER, SMPL = "autoencoder", "smpl"
+PERSON_MEAN, SEQUENCE_MEAN = "person_mean", "sequence_mean"
 LEARN_NOTHING = {
     AUTOENCODER: "autoencoder alone, given the aligned offsets",
     PERSON_MEAN: "the person's mean offset over training",
@@ -104,13 +100,7 @@ class Pipeline:
 
 
 def stages_of_pipelines(run: Run) -> list[str]:
-    """The stages whose artifacts make the pipelines that the run finished; else the paper's.
-
-    Raises
-    ------
-    DsnetError
-        If the best pipeline is older than what it was made from.
-    """
+    """The stages whose artifacts make the pipelines that the run finished; else the paper's."""
     names: list[str] = []
     if run.finished("decode") or not run.finished(INFER_PLUS):
         names += ["align", INFER, "decode"]
@@ -139,13 +129,7 @@ def _alignment_of(plus: Artifact) -> str:
 
 
 def pipeline_of(pipelines: Iterable[Pipeline], predictor: str) -> Pipeline:
-    """The pipeline that a predictor belongs to.
-
-    Raises
-    ------
-    DsnetError
-        If no pipeline of the run has such a predictor.
-    """
+    """The pipeline that a predictor belongs to."""
     known: list[str] = []
     for pipeline in pipelines:
         if predictor in pipeline.predictors:

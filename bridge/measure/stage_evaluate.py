@@ -48,13 +48,7 @@ PROFILES = {name: EvaluateConfig(run=name) for name in ("smoke", "demo", "paper"
 
 
 def main(config: EvaluateConfig) -> None:
-    """Run the stage, saying what the run lacks; a result that is current is kept.
-
-    Raises
-    ------
-    DsnetError
-        If the run finished no pipeline, or one is older than what it was made from.
-    """
+    """Run the stage, saying what the run lacks; a result that is current is kept."""
     run = Run(config.run)
     upstream = run.artifacts(*stages_of_pipelines(run))
     pipelines = pipelines_of(upstream)
@@ -177,22 +171,13 @@ def _put_frames(
     writer.record(**{f"{kind}_sequences": index})
 
 
-def frame_errors_m(evaluate: Artifact, predictor: str, sequence: str) -> NDArray[np.float32] | None:
-    """(T,) error of the posed mesh in each frame, mean over its vertices; None if not measured."""
-    return _frames(evaluate, MESH_ERROR, predictor, sequence)
-
-
-def offset_sizes_m(evaluate: Artifact, predictor: str, sequence: str) -> NDArray[np.float32] | None:
-    """(T,) mean length of the moving offsets in each frame; None if not measured.
-
-    Of a predictor, or with `TRUE` in place of its name of the true offsets.
-    """
-    return _frames(evaluate, OFFSET_SIZE, predictor, sequence)
-
-
-def _frames(
+def frames_m(
     evaluate: Artifact, kind: str, predictor: str, sequence: str
 ) -> NDArray[np.float32] | None:
+    """(T,) value of each frame, mean over vertices, metres; None if not measured.
+
+    `MESH_ERROR` of a predictor; `OFFSET_SIZE`, length of the moving offsets, of one or of `TRUE`.
+    """
     entries = evaluate.manifest[f"{kind}_sequences"].get(predictor, [])
     place = next((MotionSequence(**one) for one in entries if one["name"] == sequence), None)
     return None if place is None else evaluate.array(f"{kind}_{predictor}")[place.frames]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +19,8 @@ from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
 
 _STRIP_BODIES = 8
+Column = tuple[str, NDArray[np.float64], "NDArray[np.floating] | None"]
+"""Title, posed bodies (N, V, 3), and if they are coloured by it, a size (N, V); metres."""
 
 
 @dataclass(frozen=True)
@@ -75,38 +77,22 @@ class Scene:
 
 def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     """Figure 4: original mesh, the autoencoder's reconstruction, distance between the two."""
-    frames, first = _lively_frames(scene, sequence, 2), scene.pipelines[0]
-    aligned_m = first.align.frames("offsets", sequence.name, frames)
-    rebuilt_m = scene.offsets_m(AUTOENCODER, sequence.name, frames)
-    original, rebuilt = (
-        scene.pose(first, sequence.name, frames, offsets_m) for offsets_m in (aligned_m, rebuilt_m)
-    )
+    frames, first, name = _lively_frames(scene, sequence, 2), scene.pipelines[0], sequence.name
+    aligned_m = first.align.frames("offsets", name, frames)
+    rebuilt_m = scene.offsets_m(AUTOENCODER, name, frames)
+    original, rebuilt = (scene.pose(first, name, frames, o) for o in (aligned_m, rebuilt_m))
     error_m = np.linalg.norm(rebuilt - original, axis=-1)
-    top_m = scale_top_m(error_m)
-    camera = frame_camera([*original, *rebuilt], height_px=scene.panel_px)
-    rows = [
-        [
-            scene.picture(camera, original[row]),
-            scene.picture(camera, rebuilt[row]),
-            scene.picture(camera, rebuilt[row], magnitude_colours(error_m[row], top_m)),
-        ]
-        for row in range(len(frames))
+    columns: list[Column] = [
+        ("original mesh", original, None),
+        ("reconstruction", rebuilt, None),
+        ("per-vertex error", rebuilt, error_m),
     ]
-    draw_panels(
-        path,
-        rows,
-        title="Figure 4: the autoencoder's reconstruction",
-        origin=scene.origin,
-        column_titles=["original mesh", "reconstruction", "per-vertex error"],
-        row_titles=_times(sequence, frames),
-        colour_top_m=top_m,
-        colour_label="error",
-        width_in=7.0,
-    )
+    title = "Figure 4: the autoencoder's reconstruction"
+    _draw_columns(path, scene, _times(sequence, frames), columns, title, "error", 7.0)
 
 
 def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
-    """Figure 7: ground truth, SMPL alone, and with each pipeline's predictor, and its part.
+    """Figure 7: ground truth, SMPL alone, SMPL with each pipeline's predictor, and its part.
 
     Two pipelines have two rows instead of three, so that the picture takes as long to render.
     """
@@ -114,35 +100,48 @@ def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     name, first = sequence.name, scene.pipelines[0]
     aligned_m = first.align.frames("offsets", name, frames)
     truth, plain = (scene.pose(first, name, frames, o) for o in (aligned_m, None))
-    parts_m = [scene.offsets_m(one.default, name, frames) for one in scene.pipelines]
-    moved = [
-        scene.pose(one, name, frames, part_m)
-        for one, part_m in zip(scene.pipelines, parts_m, strict=True)
-    ]
-    magnitudes_m = np.linalg.norm(parts_m, axis=-1)
-    top_m = scale_top_m(magnitudes_m)
-    camera = frame_camera([*truth, *plain, *np.concatenate(moved)], height_px=scene.panel_px)
-    rows = []
-    for row in range(len(frames)):
-        pictures = [scene.picture(camera, bodies[row]) for bodies in (truth, plain)]
-        for bodies, magnitude_m in zip(moved, magnitudes_m, strict=True):
-            pictures.append(scene.picture(camera, bodies[row]))
-            colours = magnitude_colours(magnitude_m[row], top_m)
-            pictures.append(scene.picture(camera, bodies[row], colours))
-        rows.append(pictures)
-    columns = ["ground truth", "SMPL"]
-    for label in scene.shown.values():
-        columns += [f"SMPL + {label}", f"part of {label}"]
+    letters = iter("cdef")
+    columns: list[Column] = [("(a) ground truth", truth, None), ("(b) SMPL", plain, None)]
+    for pipeline in scene.pipelines:
+        part_m = scene.offsets_m(pipeline.default, name, frames)
+        moved = scene.pose(pipeline, name, frames, part_m)
+        label = pipeline.predictors[pipeline.default]
+        columns.append((f"({next(letters)}) SMPL + {label}", moved, None))
+        part = np.linalg.norm(part_m, axis=-1)
+        columns.append((f"({next(letters)}) part of {label}", moved, part))
+    title = f"Figure 7: a sequence that no predictor saw, {name}"
+    width_in = 9.0 + 2.0 * (len(scene.pipelines) - 1)
+    _draw_columns(path, scene, _times(sequence, frames), columns, title, "contribution", width_in)
+
+
+def _draw_columns(
+    path: Path,
+    scene: Scene,
+    times: Sequence[str],
+    columns: Sequence[Column],
+    title: str,
+    colour_label: str,
+    width_in: float,
+) -> None:
+    """A picture for each time and column, on one scale of colour."""
+    top_m = scale_top_m([sizes_m for *_, sizes_m in columns if sizes_m is not None])
+    everything = np.concatenate([posed for _, posed, _ in columns])
+    camera = frame_camera(list(everything), height_px=scene.panel_px)
+    rows: list[list[NDArray[np.uint8]]] = []
+    for row in range(len(times)):
+        colours = [None if m is None else magnitude_colours(m[row], top_m) for *_, m in columns]
+        bodies = [posed[row] for _, posed, _ in columns]
+        rows.append([scene.picture(camera, *one) for one in zip(bodies, colours, strict=True)])
     draw_panels(
         path,
         rows,
-        title=f"Figure 7: a sequence that no predictor saw, {name}",
+        title=title,
         origin=scene.origin,
-        column_titles=[f"({'abcdef'[i]}) {title}" for i, title in enumerate(columns)],
-        row_titles=_times(sequence, frames),
+        column_titles=[column_title for column_title, *_ in columns],
+        row_titles=times,
         colour_top_m=top_m,
-        colour_label="contribution",
-        width_in=9.0 + 2.0 * (len(scene.pipelines) - 1),
+        colour_label=colour_label,
+        width_in=width_in,
     )
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from bridge.measure.comparison import TRUE
 from bridge.measure.metrics import STEP_HZ
 from bridge.measure.pipelines import PERSON_MEAN, SMPL
-from bridge.measure.stage_evaluate import frame_errors_m, offset_sizes_m
+from bridge.measure.stage_evaluate import MESH_ERROR, OFFSET_SIZE, frames_m
 from bridge.motion import sequences_of
 from bridge.paper import CLIP_FRAMES
 from bridge.report.panels import new_figure, save_figure
@@ -77,25 +77,18 @@ def draw_figure6(path: Path, align: Artifact) -> None:
 
 def draw_figure8(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]) -> None:
     """Figure 8: error of the posed mesh in each frame; the default is drawn last and so on top."""
-    name, labels = sequence["name"], evaluate.manifest["predictors"]
-    title = f"Figure 8: error over time, {name} (never trained on)"
+    title = f"Figure 8: error over time, {sequence['name']} (never trained on)"
     styles = dict(reversed((trained_styles(evaluate) | _UNTRAINED).items()))
-    found = {key: frame_errors_m(evaluate, key, name) for key in styles}
-    curves_m = {key: error_m for key, error_m in found.items() if error_m is not None}
-    named = {key: f"{labels[key]}, mean {1e3 * m.mean():.2f} mm" for key, m in curves_m.items()}
     with _drawn_axes(path, title, evaluate.origin, "time [s]", "mean vertex error [mm]") as axes:
-        _draw_over_time(axes, evaluate, sequence, curves_m, named, styles)
+        _draw_over_time(axes, evaluate, MESH_ERROR, sequence, styles)
 
 
 def draw_offset_size(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]) -> None:
     """Mean length of the moving offsets in each frame; shaded where the body stands still."""
-    name, labels = sequence["name"], evaluate.manifest["predictors"] | {TRUE: "true"}
-    title = f"Size of the skin offsets over time, {name} (never trained on)"
+    title = f"Size of the skin offsets over time, {sequence['name']} (never trained on)"
     styles = {TRUE: _TRUE_STYLE} | trained_styles(evaluate)
-    found = {key: offset_sizes_m(evaluate, key, name) for key in styles}
-    curves_m = {key: size_m for key, size_m in found.items() if size_m is not None}
     with _drawn_axes(path, title, evaluate.origin, "time [s]", "mean over vertices [mm]") as axes:
-        _draw_over_time(axes, evaluate, sequence, curves_m, labels, styles)
+        _draw_over_time(axes, evaluate, OFFSET_SIZE, sequence, styles)
         for start_s, stop_s in sequence["stands_still_s"]:
             axes.axvspan(start_s, stop_s, color="#000000", alpha=0.07, linewidth=0)
 
@@ -103,16 +96,18 @@ def draw_offset_size(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]
 def _draw_over_time(
     axes: Axes,
     evaluate: Artifact,
+    kind: str,
     sequence: Mapping[str, Any],
-    curves_m: Mapping[str, NDArray],
-    labels: Mapping[str, str],
     styles: Mapping[str, tuple[str, str]],
 ) -> None:
     fps = next(s.fps for s in sequences_of(evaluate) if s.name == sequence["name"])
-    for key, curve_m in curves_m.items():
-        colour, line = styles[key]
-        times_s = np.arange(len(curve_m)) / fps
-        axes.plot(times_s, 1e3 * curve_m, line, color=colour, label=labels[key], linewidth=1.5)
+    for name, (colour, line) in styles.items():
+        curve_m = frames_m(evaluate, kind, name, sequence["name"])
+        if curve_m is not None:
+            label = evaluate.manifest["predictors"].get(name, "true")
+            label += f", mean {1e3 * curve_m.mean():.2f} mm"
+            times_s = np.arange(len(curve_m)) / fps
+            axes.plot(times_s, 1e3 * curve_m, line, color=colour, label=label, linewidth=1.5)
     axes.set_ylim(bottom=0.0, top=1.35 * axes.get_ylim()[1])  # room for the legend
     axes.set_xlim(0, sequence["frames"] / fps)
 
@@ -141,19 +136,16 @@ def draw_spectrum(path: Path, evaluate: Artifact) -> None:
         if f"spectrum_{name}" in evaluate.manifest["arrays"]
     }
     true_mm = next(iter(drawn.values()))[0]
-    curves = {TRUE: (true_mm, "true", _TRUE_STYLE)} | {
-        name: (drawn[name][1], evaluate.manifest["predictors"][name], style)
-        for name, style in trained_styles(evaluate).items()
-        if name in drawn
-    }
     frequencies_hz = STEP_HZ * (np.arange(len(true_mm)) + 0.5)
     floor_mm = 1e-4 * float(true_mm.max()) or 1e-9
     title, y = "Spectrum of the skin offsets", "root mean square in half a hertz [mm]"
     with _drawn_axes(path, title, evaluate.origin, "frequency [Hz]", y) as axes:
-        for name, (size_mm, label, (colour, line)) in curves.items():
-            width = 2 if name == TRUE else 1.5
-            shown_mm = np.maximum(size_mm, floor_mm)
-            axes.plot(frequencies_hz, shown_mm, line, color=colour, label=label, linewidth=width)
+        for name, (colour, line) in ({TRUE: _TRUE_STYLE} | trained_styles(evaluate)).items():
+            if name == TRUE or name in drawn:
+                size_mm = np.maximum(true_mm if name == TRUE else drawn[name][1], floor_mm)
+                label = evaluate.manifest["predictors"].get(name, "true")
+                width = 2.0 if name == TRUE else 1.5
+                axes.plot(frequencies_hz, size_mm, line, color=colour, label=label, linewidth=width)
         axes.set_yscale("log")
         axes.set_xlim(0, frequencies_hz[-1])
 

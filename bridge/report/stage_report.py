@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from tyro.conf import Fixed
 
@@ -69,13 +70,7 @@ PROFILES = {
 
 
 def main(config: ReportConfig) -> None:
-    """Run the stage; a report that is current is kept.
-
-    Raises
-    ------
-    DsnetError
-        If the run lacks one of the stages before this one, or `evaluate` did when it was made.
-    """
+    """Run the stage; a report that is current is kept."""
     run = Run(config.run)
     last = stages_of_pipelines(run)
     named = {"evaluate", *last, *(stage for stage in _OPTIONAL if run.finished(stage))}
@@ -122,94 +117,80 @@ def _make(writer: ArtifactWriter, scene: Scene, run_name: str) -> None:
     writer.file_path("report.html").write_text(html, encoding="utf-8")
 
 
-@dataclass(frozen=True)
-class FigurePlan:
-    """A figure of the report."""
+class FigurePlan(NamedTuple):
+    """A figure of the report: its file's name below `figures/`, without extension."""
 
     name: str
-    """File name below `figures/`, without its extension."""
     caption: str
     draw: Callable[[Path], None]
 
 
 def plan_figures(scene: Scene) -> list[FigurePlan]:
     """The figures that this run's data allow, in the order of the page."""
-    stages, plans = scene.stages, list[FigurePlan]()
-    evaluate, follows_paper = stages["evaluate"], "decode" in stages
-
-    def add(name: str, caption: str, draw: Callable[[Path], None]) -> None:
-        plans.append(FigurePlan(name, caption, draw))
-
+    stages, evaluate = scene.stages, scene.stages["evaluate"]
+    plans: dict[str, tuple[str, Callable[[Path], None]]] = {}
     if held_out := validation_result(evaluate):
         sequence = scene.predicted()[held_out["name"]]
-        add(
-            "figure7_validation",
+        plans["figure7_validation"] = (
             "Figure 7. (a) Ground truth, (b) SMPL from beta and theta, and for each pipeline SMPL "
             "with the predicted offset and what the predictor contributes, in centimetres.",
             lambda path: draw_figure7(path, scene, sequence),
         )
-        add(
-            "figure8_error",
+        plans["figure8_error"] = (
             "Figure 8. Mean distance of the posed mesh's vertices from the registered mesh in each "
             "frame.",
             lambda path: draw_figure8(path, evaluate, held_out),
         )
-        if follows_paper:
-            add(
-                "figure4_autoencoder",
+        if "decode" in stages:
+            plans["figure4_autoencoder"] = (
                 "Figure 4. The original mesh, its reconstruction through 100 numbers, and the "
                 "distance between the two in centimetres.",
                 lambda path: draw_figure4(path, scene, sequence),
             )
     if test := _unseen(scene):
-        add(
-            "test_strip",
+        plans["test_strip"] = (
             f"Offsets predicted by {' and '.join(scene.shown.values())} for {test.name}, which "
             "nothing was trained on.",
             lambda path: draw_test_strip(path, scene, test),
         )
     # Nothing moves without test sequences whose true offsets are known.
     if stopping := stopping_sequence(evaluate):
-        add(
-            "decay",
+        plans["decay"] = (
             f"How the offsets swing and die away, {stopping['name']}: their mean length in each "
             "frame. Shaded: the body stands still.",
             lambda path: draw_offset_size(path, evaluate, stopping),
         )
-        add(
-            "spectrum",
+        plans["spectrum"] = (
             "How fast the offsets move, over all test sequences: root mean square in each half "
             "hertz.",
             lambda path: draw_spectrum(path, evaluate),
         )
-    add(
-        "figure6_lengths",
+    plans["figure6_lengths"] = (
         "Figure 6. Sequence lengths; shorter ones are padded with zeros, longer ones clipped.",
         lambda path: draw_figure6(path, scene.pipelines[0].align.artifact),
     )
-    if follows_paper:
-        add(
-            "loss_autoencoder",
+    if "decode" in stages:
+        plans["loss_autoencoder"] = (
             "Loss of the autoencoder; epoch 0 is before the first step.",
             lambda path: draw_autoencoder_loss(path, stages["train-ae"]),
         )
-        add(
-            "loss_dsnet",
+        plans["loss_dsnet"] = (
             "Loss of each predictor. The latents' scales differ, so the values do too.",
             lambda path: draw_dsnet_loss(path, stages["train"]),
         )
     if TRAIN_PLUS in stages and plus_losses(stages[TRAIN_PLUS]):
-        caption = "Loss of this repository's predictors."
-        add("loss_plus", caption, lambda path: draw_plus_loss(path, stages[TRAIN_PLUS]))
+        plans["loss_plus"] = (
+            "Loss of this repository's predictors.",
+            lambda path: draw_plus_loss(path, stages[TRAIN_PLUS]),
+        )
     if "verify" in stages:
         parity = read_parity(stages["verify"])
-        add(
-            "parity",
+        plans["parity"] = (
             "What `dsnet verify` found: each engine's largest difference from a float64 NumPy "
             "reference, as the exponent of its size relative to the tensor's scale.",
             lambda path: draw_parity(path, parity, scene.origin),
         )
-    return plans
+    return [FigurePlan(name, *plan) for name, plan in plans.items()]
 
 
 def _unseen(scene: Scene) -> MotionSequence | None:

@@ -10,7 +10,7 @@ import pytest
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.measure.pipelines import pipeline_of, pipelines_of, stages_of_pipelines
-from bridge.measure.stage_evaluate import EvaluateConfig, main, offset_sizes_m
+from bridge.measure.stage_evaluate import OFFSET_SIZE, EvaluateConfig, frames_m, main
 from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
 from bridge.runs import Run, read_artifact, write_artifact
 from tests.forged.best_road import PLUS, write_best_road
@@ -158,11 +158,13 @@ def test_decay_and_rest_are_found_where_she_stops(both):
     assert plus["spectrum"]["own"]["ratio"] == pytest.approx(0.5, rel=1e-4)
     # The other groups' bodies never move: there is nothing to stop.
     assert cells["new_person_known_motion"][PLUS]["decay"] is None
-    true, predicted = (offset_sizes_m(both, name, "99001_stopping") for name in ("true", PLUS))
+    true, predicted = (
+        frames_m(both, OFFSET_SIZE, name, "99001_stopping") for name in ("true", PLUS)
+    )
     assert true is not None
     assert predicted is not None
     np.testing.assert_allclose(predicted, 0.5 * true, rtol=1e-5)
-    assert offset_sizes_m(both, "smpl", "99001_stopping") is None
+    assert frames_m(both, OFFSET_SIZE, "smpl", "99001_stopping") is None
 
 
 def test_a_captured_truth_is_judged_whole_and_in_parts(tmp_path):
