@@ -13,7 +13,7 @@ from bridge.measure.pipelines import pipeline_of, pipelines_of, stages_of_pipeli
 from bridge.measure.stage_evaluate import OFFSET_SIZE, EvaluateConfig, frames_m, main
 from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
 from bridge.runs import Run, read_artifact, write_artifact
-from tests.forged.best_road import PLUS, write_best_road
+from tests.forged.best_pipeline import PLUS, write_best_pipeline
 
 SEQUENCES = [
     MotionSequence("50004_one_leg_jump", "50004", "one_leg_jump", 0, 8, 60.0, "validation"),
@@ -80,7 +80,7 @@ def both(tmp_path_factory):
     """The artifact `evaluate` of a run with two pipelines, made once."""
     runs = tmp_path_factory.mktemp("runs")
     forge(runs / "both")
-    write_best_road(runs / "both", share=0.5)
+    write_best_pipeline(runs / "both", share=0.5)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSNET_RUNS", str(runs))
         patch.setattr(MODEL_PATH, lambda run: "embedded:female")
@@ -169,7 +169,7 @@ def test_decay_and_rest_are_found_where_she_stops(both):
 
 def test_a_captured_truth_is_judged_whole_and_in_parts(tmp_path):
     forge(tmp_path / "both", captured=True)
-    write_best_road(tmp_path / "both", share=0.5, static_share=0.9)
+    write_best_pipeline(tmp_path / "both", share=0.5, static_share=0.9)
     manifest = evaluated().manifest
     assert manifest["test_bed"] == {
         "tissue": "own", "form": "captured", "gravity": True, "gender": "female"
@@ -197,7 +197,7 @@ def test_a_captured_truth_is_judged_whole_and_in_parts(tmp_path):
 def test_one_pipeline_is_enough(tmp_path, pipeline):
     forge(tmp_path / "both", paper=pipeline == "paper")
     if pipeline == "best":
-        write_best_road(tmp_path / "both", own_alignment=False)
+        write_best_pipeline(tmp_path / "both", own_alignment=False)
     evaluate = evaluated()
     own = {"paper": "dsnet", "best": PLUS}[pipeline]
     assert list(evaluate.manifest["roads"]) == [pipeline]
@@ -218,14 +218,14 @@ def test_one_pipeline_is_enough(tmp_path, pipeline):
 
 def test_pipelines_of_one_alignment_share_what_learns_nothing(tmp_path):
     forge(tmp_path / "both")
-    write_best_road(tmp_path / "both", own_alignment=False)
+    write_best_pipeline(tmp_path / "both", own_alignment=False)
     names = list(evaluated().manifest["predictors"])
     assert names == [PLUS, "dsnet", "autoencoder", "person_mean", "sequence_mean", "smpl"]
 
 
 def test_without_a_truth_aligned_offsets_are_each_pipelines_own(tmp_path):
     forge(tmp_path / "both")
-    write_best_road(tmp_path / "both")
+    write_best_pipeline(tmp_path / "both")
     shutil.rmtree(tmp_path / "both" / "truth")
     manifest = evaluated().manifest
     assert manifest["test_bed"] is None
@@ -239,7 +239,7 @@ def test_without_a_truth_aligned_offsets_are_each_pipelines_own(tmp_path):
 
 def test_an_older_best_pipeline_is_refused(tmp_path):
     forge(tmp_path / "both")
-    write_best_road(tmp_path / "both")
+    write_best_pipeline(tmp_path / "both")
     put(tmp_path / "both", "align_robust", {}, ALIGNED)
     with pytest.raises(DsnetError, match="older than 'align_robust'"):
         main(EvaluateConfig(run="both"))
@@ -247,7 +247,7 @@ def test_an_older_best_pipeline_is_refused(tmp_path):
 
 def test_an_unknown_predictor_is_one_line(tmp_path):
     forge(tmp_path / "both")
-    write_best_road(tmp_path / "both")
+    write_best_pipeline(tmp_path / "both")
     run = Run("both")
     pipelines = pipelines_of(run.artifacts(*stages_of_pipelines(run)))
     assert pipeline_of(pipelines, PLUS).name == "best"

@@ -17,7 +17,7 @@ from bridge.report.panels import FOOTERS, new_figure
 from bridge.report.paper_table import compare, measure
 from bridge.report.results import render_html, render_markdown
 from bridge.runs import read_artifact
-from tests.forged.best_road import write_best_road
+from tests.forged.best_pipeline import write_best_pipeline
 
 FIGURES = (
     "figure7_validation",
@@ -39,7 +39,7 @@ def folder(forged_runs, tmp_path_factory):
     runs = tmp_path_factory.mktemp("runs")
     ignored = shutil.ignore_patterns("evaluate", "report")
     shutil.copytree(forged_runs / "forged", runs / "both", ignore=ignored)
-    write_best_road(runs / "both")
+    write_best_pipeline(runs / "both")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSNET_RUNS", str(runs))
         stage_evaluate.main(stage_evaluate.EvaluateConfig(run="both"))
@@ -262,7 +262,7 @@ def test_the_best_pipeline_alone_has_a_report(own_alignment, forged_runs, tmp_pa
     runs = tmp_path / "runs"
     for stage in ("corpus", "truth", "align"):
         shutil.copytree(forged_runs / "forged" / stage, runs / "best" / stage)
-    write_best_road(runs / "best", own_alignment=own_alignment)
+    write_best_pipeline(runs / "best", own_alignment=own_alignment)
     monkeypatch.setenv("DSNET_RUNS", str(runs))
     monkeypatch.setattr(stage_report, "draw_figure7", lambda path, *_: path.write_bytes(b"x"))
     monkeypatch.setattr(stage_report, "draw_test_strip", lambda path, *_: path.write_bytes(b"x"))
