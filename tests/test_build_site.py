@@ -61,8 +61,8 @@ class Html(HTMLParser):
         (
             "docs/metrics.md",
             "metrics.md",
-            "[`rest.py`](../bridge/measure/rest.py)",
-            "[`rest.py`](api/bridge.measure.rest.md)",
+            "[`stops.py`](../bridge/measure/stops.py)",
+            "[`stops.py`](api/bridge.measure.stops.md)",
         ),
         (
             "docs/metrics.md",

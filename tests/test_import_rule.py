@@ -99,12 +99,12 @@ def test_third_parties_are_those_of_the_folder(folder: str) -> None:
 
 def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
     source = tmp_path / "source.py"
-    source.write_text("def f():\n    import torch.nn\n    from bridge.report.page import Page\n")
+    source.write_text("def f():\n    import torch.nn\n    from bridge.report.bodies import Scene\n")
     names = list(imported_modules(source))
-    assert names == ["torch.nn", "bridge.report.page"]
-    assert upward("motion", names) == ["bridge.report.page"]
+    assert names == ["torch.nn", "bridge.report.bodies"]
+    assert upward("motion", names) == ["bridge.report.bodies"]
     assert upward("report", names) == []
-    assert upward("", names) == ["bridge.report.page"]
+    assert upward("", names) == ["bridge.report.bodies"]
     assert upward("cli.py", names) == []
     assert upward("verify", ["bridge.cli"]) == ["bridge.cli"]
 

@@ -13,8 +13,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bridge.report.parity_figure import draw_parity
-from bridge.report.summary import read_parity
+from bridge.report.curves import draw_parity
+from bridge.report.results import read_parity
 from bridge.runs import Run
 
 ROOT = Path(__file__).parents[1]

@@ -14,7 +14,7 @@ from benchmarks.alignment.joint_absorption import CARRIERS, JointLoads, pose_err
 from benchmarks.alignment.known_sequences import KnownSequence
 from bridge.body import BodyModelData, load_body_model, pose_vertices
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.measure.alignment_quality import Alignment, AlignmentErrors, spread
+from bridge.measure.alignment import Alignment, AlignmentErrors, spread
 from bridge.motion import unpack_theta
 from bridge.paper import N_JOINTS
 from torch_align_ae.body import SMPL, rest_pose_offsets

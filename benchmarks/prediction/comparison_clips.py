@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.measure.roads import stages_of_roads
+from bridge.measure.pipelines import stages_of_pipelines
 from bridge.motion import sequences_of
+from bridge.report.bodies import Scene
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
-from bridge.report.render import Camera, frame_camera, render_bodies
-from bridge.report.scene import Scene
+from bridge.report.render import frame_camera
 from bridge.runs import Run
 from bridge.runs.run import body_model_path
 
@@ -28,21 +28,22 @@ def draw_clips(path: Path, run: Run, name: str) -> None:
 
     Frames are the liveliest of equal parts; colour is the size of the offsets, on one scale.
     """
-    stages = run.artifacts(*stages_of_roads(run), "truth")
+    stages = run.artifacts(*stages_of_pipelines(run), "truth")
     scene = Scene(stages, load_body_model(str(body_model_path(run))), panel_px=220)
     frames, true_m = _liveliest(scene, name)
-    labels = {key: label for road in scene.roads for key, label in road.predictors.items()}
+    labels = {key: label for one in scene.pipelines for key, label in one.predictors.items()}
     rows = {_TRUE: true_m}
     rows |= {labels[s]: scene.offsets_m(s, name, frames) for s in SHOWN if s in labels}
     top_m = scale_top_m(np.linalg.norm(true_m, axis=-1))
     posed = {
-        label: scene.pose(scene.roads[-1], name, frames, rows_m) for label, rows_m in rows.items()
+        label: scene.pose(scene.pipelines[-1], name, frames, rows_m)
+        for label, rows_m in rows.items()
     }
     camera = frame_camera(list(posed[_TRUE]), height_px=scene.panel_px)
     sizes_m = {label: np.linalg.norm(rows_m, axis=-1) for label, rows_m in rows.items()}
     colours = {label: magnitude_colours(one, top_m) for label, one in sizes_m.items()}
     pictures = [
-        [_picture(scene, camera, *one) for one in zip(posed[n], colours[n], strict=True)]
+        [scene.picture(camera, *one) for one in zip(posed[n], colours[n], strict=True)]
         for n in rows
     ]
     fps = next(s.fps for s in sequences_of(stages["truth"]) if s.name == name)
@@ -67,7 +68,3 @@ def _liveliest(scene: Scene, name: str) -> tuple[NDArray[np.int64], NDArray[np.f
     parts = np.array_split(np.arange(place.length), min(_COLUMNS, place.length))
     frames = np.array([part[np.argmax(energy[part])] for part in parts])
     return frames, np.asarray(true_m[frames])
-
-
-def _picture(scene: Scene, camera: Camera, body: NDArray, colours: NDArray) -> NDArray[np.uint8]:
-    return render_bodies([body], scene.body.faces, camera=camera, colours=[colours])

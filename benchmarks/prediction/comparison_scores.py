@@ -12,6 +12,9 @@ import numpy as np
 from benchmarks.prediction.corpora import dsnet, score_files, scores_of
 from bridge.errors import DsnetError
 from bridge.measure.stage_evaluate import TRUE, offset_sizes_m
+from bridge.measure.comparison import TRUE
+from bridge.measure.stage_evaluate import OFFSET_SIZE, frames_m
+from bridge.motion.cells import CELLS
 from bridge.motion.sequences import is_real_motion
 from bridge.motion.splits import CELLS
 from bridge.runs import Artifact, Run
@@ -86,7 +89,7 @@ def sizes_over_time(evaluated: Artifact) -> dict[str, Any]:
         return {}
     shown = next((s for s in unseen if is_real_motion(s["name"])), unseen[0])["name"]
     sizes = {
-        name: offset_sizes_m(evaluated, name, shown)
+        name: frames_m(evaluated, OFFSET_SIZE, name, shown)
         for name in (TRUE, *evaluated.manifest["predictors"])
     }
     in_mm = {n: np.round(1e3 * s, 3).tolist() for n, s in sizes.items() if s is not None}

@@ -13,9 +13,8 @@ from benchmarks.prediction.comparison_scores import short, sizes_over_time
 from benchmarks.prediction.corpora import scores_of
 from benchmarks.rivals.rival import MotionClip, Rival
 from bridge.body import BodyModelData
-from bridge.measure.references import MotionArrays
-from bridge.measure.roads import BEST, Road
-from bridge.measure.stage_evaluate import evaluate_roads
+from bridge.measure.pipelines import BEST, MotionArrays, Pipeline
+from bridge.measure.stage_evaluate import evaluate_pipelines
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.sequences import end_to_end
 from bridge.runs import Artifact, ArtifactWriter
@@ -48,9 +47,10 @@ def score_rival(
     """
     with tempfile.TemporaryDirectory() as folder:
         offsets = _predict(Path(folder) / "offsets", rival, motions, body)
-        road = Road(BEST, align.path.name, align, offsets, offsets)
+        predicted = MotionArrays.of(offsets)
+        pipeline = Pipeline(BEST, MotionArrays.of(align), predicted, predicted)
         writer = ArtifactWriter(Path(folder) / "evaluate", "evaluate", data=align.origin)
-        evaluate_roads(writer, [road], truth, body)
+        evaluate_pipelines(writer, [pipeline], truth, body)
         evaluated = writer.finish()
         found = short(scores_of(evaluated))
         return found | {"over_time": sizes_over_time(evaluated)}

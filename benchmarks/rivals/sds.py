@@ -23,7 +23,7 @@ from benchmarks.rivals.springs import HelperSprings, SpringSettings
 from bridge.body import BodyModelData
 from bridge.body.posing import Smpl
 from bridge.errors import DsnetError
-from bridge.measure.posed_meshes import posed_frames
+from bridge.measure.comparison import posed_frames
 from bridge.motion.cuts import predict_between_cuts
 from bridge.tissue.nodes import farthest_points
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.subspaces.results import SUMMARY, read_summary
-from bridge.report.curve_figures import finish_axes
+from bridge.report.curves import finish_axes
 from bridge.report.panels import new_figure, save_figure
 
 # Okabe and Ito's colours, told apart by every reader; line styles do it in print.

@@ -1,8 +1,12 @@
-"""`dsnet evaluate`: errors of every road's predictions, beside what learns nothing."""
+"""`dsnet evaluate`: errors of every pipeline's predictions, beside what learns nothing.
+
+One pass over the sequences gives a table with a row for each; of a group of sequences, sums of its
+rows give the figures.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,32 +14,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.errors import notify
-from bridge.measure.alignment_quality import alignment_errors
-from bridge.measure.evaluation import Evaluation, SequenceErrors
-from bridge.measure.pooled import Pool, PooledCells
-from bridge.measure.rest_pose_errors import MovementErrors
-from bridge.measure.roads import Road, roads_of, stages_of_roads
-from bridge.measure.spectrum import STEP_HZ
+from bridge.measure.alignment import alignment_errors
+from bridge.measure.comparison import Evaluation, SequenceErrors
+from bridge.measure.metrics import STEP_HZ, GroupErrors, SpectrumSums
+from bridge.measure.pipelines import MotionArrays, Pipeline, pipelines_of, stages_of_pipelines
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import INFER_PLUS, body_model_path
 from bridge.runs.workers import progress, worker_pool
 
 MESH_ERROR, OFFSET_SIZE = "mesh_error", "offset_size"
-TRUE = "true"
-"""In place of a predictor's name: the true offsets."""
 _EVERYTHING = "everything"
 _TEST_BED = {"tissue": "own", "form": "clean", "gravity": True, "gender": None}
 
 
 @dataclass(frozen=True)
 class EvaluateConfig:
-    """Measure every prediction of both roads: about 5 ms a frame, 1 GB.
+    """Measure every prediction of both pipelines: about 5 ms a frame, 1 GB.
 
     Gives errors of the posed meshes against the registered ones, which a licensed user has too, and
     for synthetic data against the true meshes of unseen motions; R2, velocity, spectrum, decay and
-    rest of the offsets; all of them by cell, and mesh error and size of the offsets in each frame.
+    rest of the offsets; all of them by test group, and mesh error and size of the offsets in each
+    frame.
     """
 
     run: str = "demo"
@@ -46,17 +46,11 @@ PROFILES = {name: EvaluateConfig(run=name) for name in ("smoke", "demo", "paper"
 
 
 def main(config: EvaluateConfig) -> None:
-    """Run the stage, saying what the run lacks; a result that is current is kept.
-
-    Raises
-    ------
-    DsnetError
-        If the run came to the end of no road, or one is older than what it was made from.
-    """
+    """Run the stage, saying what the run lacks; a result that is current is kept."""
     run = Run(config.run)
-    upstream = run.artifacts(*stages_of_roads(run))
-    roads = roads_of(upstream)
-    origin = roads[0].align.origin
+    upstream = run.artifacts(*stages_of_pipelines(run))
+    pipelines = pipelines_of(upstream)
+    origin = pipelines[0].align.artifact.origin
     # The truth belongs to the run's own corpus, not to licensed meshes aligned beside it.
     whole = {"decode", INFER_PLUS} | ({"truth"} if origin == "synthetic" else set())
     if "truth" in whole and run.finished("truth"):
@@ -67,80 +61,85 @@ def main(config: EvaluateConfig) -> None:
     run.build(
         "evaluate",
         config,
-        lambda writer: evaluate_roads(writer, roads, upstream.get("truth"), body),
+        lambda writer: evaluate_pipelines(writer, pipelines, upstream.get("truth"), body),
         data=origin,
         upstream=upstream,
     )
 
 
-def evaluate_roads(
-    writer: ArtifactWriter, roads: Sequence[Road], truth: Artifact | None, body: BodyModelData
+def evaluate_pipelines(
+    writer: ArtifactWriter,
+    pipelines: Sequence[Pipeline],
+    truth: Artifact | None,
+    body: BodyModelData,
 ) -> None:
-    """Fill an artifact with the errors of every predictor of some roads, the first road's first."""
-    evaluation = Evaluation(roads, truth, body)
-    found = _KeptErrors()
-    for one in _compared(evaluation):
-        found.add(one, evaluation)
-    found.mesh_errors_m.write(writer, MESH_ERROR, "m, mean over vertices")
-    found.sizes_m.write(writer, OFFSET_SIZE, "m, mean over vertices")
-    for name, movement in found.movements().items():
-        writer.put(f"spectrum_{name}", movement.spectrum.rms_mm(), "mm; true, predicted, error")
-    alignments = {road.alignment: alignment_errors(road.align, truth, body) for road in roads}
+    """Fill an artifact with the errors of every predictor, the first pipeline's sequences first."""
+    known = None if truth is None else MotionArrays.of(truth)
+    evaluation = Evaluation(pipelines, known, body)
+    sequences = evaluation.sequences()
+    table: list[SequenceErrors] = []
+    described: list[dict[str, Any]] = []
+    groups: dict[str, dict[str, GroupErrors]] = {}
+    with worker_pool("threads", evaluation) as pool:
+        rows = pool.map(Evaluation.compare, sequences)
+        for row in progress(rows, what="evaluate", unit="sequence", total=len(sequences)):
+            described.append(_described(row, evaluation))
+            for group in (_EVERYTHING, *evaluation.groups(row.sequence)):
+                for name, errors in row.errors.items():
+                    groups.setdefault(group, {}).setdefault(name, GroupErrors()).add(errors)
+            # Its sums are in the groups', and take a megabyte or more.
+            table.append(replace(row, errors={}))
+    _put_frames(writer, MESH_ERROR, [(row.sequence, row.mesh_error_m) for row in table])
+    _put_frames(writer, OFFSET_SIZE, [(row.sequence, row.offset_size_m) for row in table])
+    everything = groups.pop(_EVERYTHING, {})
+    tested = any(sequence.split == "test" for sequence in sequences)
+    for name, found in (groups.get("test", {}) if tested else everything).items():
+        if isinstance(spectrum := found.sums.get("spectrum"), SpectrumSums):
+            writer.put(f"spectrum_{name}", spectrum.rms_mm(), "mm; true, predicted, error")
+    alignments = {one.alignment: alignment_errors(one.align, known, body) for one in pipelines}
     writer.record(
-        sequences=to_manifest(found.sequences),
+        sequences=to_manifest(sequences),
         predictors={name: one.label for name, one in evaluation.candidates.items()},
-        default=roads[-1].default,
-        roads={road.name: _described_road(road) for road in roads},
+        default=pipelines[-1].default,
+        roads={one.name: _described_pipeline(one) for one in pipelines},
         test_bed=None if truth is None else _test_bed(truth, body),
-        per_sequence=found.described,
-        cells=found.cells.summary(),
+        per_sequence=described,
+        cells={
+            group: {name: errors.summary() for name, errors in by_name.items()}
+            for group, by_name in groups.items()
+        },
         spectrum_step_hz=STEP_HZ,
-        alignment=alignments[roads[0].alignment],
+        alignment=alignments[pipelines[0].alignment],
         alignments=alignments,
     )
 
 
-class _KeptErrors:
-    """What is kept of all sequences' errors, so that thousands of sequences fit in memory."""
-
-    def __init__(self) -> None:
-        self.sequences: list[MotionSequence] = []
-        self.described: list[dict[str, Any]] = []
-        self.cells, self._everything = PooledCells(), PooledCells()
-        self.mesh_errors_m, self.sizes_m = _FrameRows(), _FrameRows()
-
-    def add(self, one: SequenceErrors, evaluation: Evaluation) -> None:
-        """Take in one sequence."""
-        self.sequences.append(one.sequence)
-        self.described.append(_described(one, evaluation))
-        self.cells.add(evaluation.cells(one.sequence), one.errors)
-        self._everything.add([_EVERYTHING], one.errors)
-        self.mesh_errors_m.add(one.sequence, _mesh_errors_m(one))
-        self.sizes_m.add(one.sequence, _sizes_m(one))
-
-    def movements(self) -> dict[str, MovementErrors]:
-        """Over all test sequences; over all there are in a run without one."""
-        tested = any(sequence.split == "test" for sequence in self.sequences)
-        return self.cells.movements("test") if tested else self._everything.movements(_EVERYTHING)
-
-
-def _compared(evaluation: Evaluation) -> Iterator[SequenceErrors]:
-    sequences = evaluation.sequences()
-    with worker_pool("threads", evaluation) as pool:
-        yield from progress(
-            pool.map(Evaluation.compare, sequences),
-            what="evaluate",
-            unit="sequence",
-            total=len(sequences),
-        )
-
-
-def _described_road(road: Road) -> dict[str, Any]:
+def _described(row: SequenceErrors, evaluation: Evaluation) -> dict[str, Any]:
+    sequence = row.sequence
+    frames_mm = {name: 1e3 * m.astype(np.float64) for name, m in row.mesh_error_m.items()}
     return {
-        "predictors": list(road.predictors),
-        "default": road.default,
-        "alignment": road.alignment,
-        "aligner": road.align.manifest["config"].get("aligner"),
+        "name": sequence.name,
+        "subject": sequence.subject,
+        "motion": sequence.motion,
+        "split": sequence.split,
+        "cell": evaluation.groups(sequence)[-1],
+        "person": "known" if evaluation.knows(sequence) else "new",
+        "frames": sequence.length,
+        "stands_still_s": [[s.start / sequence.fps, s.stop / sequence.fps] for s in row.spans],
+        "errors": {name: GroupErrors([errors]).summary() for name, errors in row.errors.items()},
+        "mesh_frame_error_mm": {
+            name: {"mean": float(mm.mean()), "min": float(mm.min()), "max": float(mm.max())}
+            for name, mm in frames_mm.items()
+        },
+    }
+
+
+def _described_pipeline(pipeline: Pipeline) -> dict[str, Any]:
+    return {
+        "predictors": list(pipeline.predictors),
+        "default": pipeline.default,
+        "alignment": pipeline.alignment,
+        "aligner": pipeline.align.artifact.manifest["config"].get("aligner"),
     }
 
 
@@ -150,87 +149,33 @@ def _test_bed(truth: Artifact, body: BodyModelData) -> dict[str, Any]:
     return known | {"gender": known["gender"] or body.gender}
 
 
-def _described(found: SequenceErrors, evaluation: Evaluation) -> dict[str, Any]:
-    sequence, errors = found.sequence, found.errors
-    meshes = {name: one.mesh for name, one in errors.items() if one.mesh is not None}
-    return {
-        "name": sequence.name,
-        "subject": sequence.subject,
-        "motion": sequence.motion,
-        "split": sequence.split,
-        "cell": evaluation.cells(sequence)[-1],
-        "person": "known" if evaluation.knows(sequence) else "new",
-        "frames": sequence.length,
-        "stands_still_s": _still_s(found),
-        "errors": {name: Pool([one]).summary() for name, one in errors.items()},
-        "mesh_frame_error_mm": {name: one.frame_summary_mm() for name, one in meshes.items()},
-    }
+def _put_frames(
+    writer: ArtifactWriter,
+    kind: str,
+    rows: Iterable[tuple[MotionSequence, Mapping[str, NDArray[np.float32]]]],
+) -> None:
+    """An array for each predictor, without gaps where it was not compared, and an index of it."""
+    places: dict[str, list[MotionSequence]] = {}
+    values: dict[str, list[NDArray[np.float32]]] = {}
+    for sequence, by_name in rows:
+        for name, frames in by_name.items():
+            own = places.setdefault(name, [])
+            start = own[-1].frames.stop if own else 0
+            own.append(replace(sequence, start=start, length=len(frames)))
+            values.setdefault(name, []).append(frames)
+    for name, parts in values.items():
+        writer.put(f"{kind}_{name}", np.concatenate(parts), "m, mean over vertices")
+    index = {name: to_manifest(own) for name, own in places.items()}
+    writer.record(**{f"{kind}_sequences": index})
 
 
-def _still_s(found: SequenceErrors) -> list[list[float]]:
-    """First and last second of each stretch in which the body stands still."""
-    spans = [] if found.at_rest is None else found.at_rest.spans
-    return [[edge / found.sequence.fps for edge in (span.start, span.stop)] for span in spans]
-
-
-def frame_errors_m(evaluate: Artifact, predictor: str, sequence: str) -> NDArray[np.float32] | None:
-    """(T,) error of the posed mesh in each frame, mean over its vertices; None if not measured."""
-    return _frames(evaluate, MESH_ERROR, predictor, sequence)
-
-
-def offset_sizes_m(evaluate: Artifact, predictor: str, sequence: str) -> NDArray[np.float32] | None:
-    """(T,) mean length of the moving offsets in each frame; None if not measured.
-
-    Of a predictor, or with `TRUE` in place of its name of the true offsets.
-    """
-    return _frames(evaluate, OFFSET_SIZE, predictor, sequence)
-
-
-def _frames(
+def frames_m(
     evaluate: Artifact, kind: str, predictor: str, sequence: str
 ) -> NDArray[np.float32] | None:
+    """(T,) value of each frame, mean over vertices, metres; None if not measured.
+
+    `MESH_ERROR` of a predictor; `OFFSET_SIZE`, length of the moving offsets, of one or of `TRUE`.
+    """
     entries = evaluate.manifest[f"{kind}_sequences"].get(predictor, [])
     place = next((MotionSequence(**one) for one in entries if one["name"] == sequence), None)
     return None if place is None else evaluate.array(f"{kind}_{predictor}")[place.frames]
-
-
-FrameValues = Mapping[str, NDArray[np.float32]]
-"""(T,) of one sequence, by predictor."""
-
-
-def _mesh_errors_m(one: SequenceErrors) -> FrameValues:
-    meshes = {name: own.mesh for name, own in one.errors.items() if own.mesh is not None}
-    return {name: mesh.frames_m() for name, mesh in meshes.items()}
-
-
-def _sizes_m(one: SequenceErrors) -> FrameValues:
-    sizes = {
-        name: own.at_rest.sizes.frames_m()
-        for name, own in one.errors.items()
-        if own.at_rest is not None and own.movement() is not None
-    }
-    true = {} if one.at_rest is None else {TRUE: one.at_rest.true_size_m}
-    return true | sizes
-
-
-class _FrameRows:
-    """Arrays without gaps: a predictor has frames only where it was compared."""
-
-    def __init__(self) -> None:
-        self._index: dict[str, list[MotionSequence]] = {}
-        self._values: dict[str, list[NDArray[np.float32]]] = {}
-
-    def add(self, sequence: MotionSequence, by_name: FrameValues) -> None:
-        """Take in one sequence."""
-        for name, frames_m in by_name.items():
-            places = self._index.setdefault(name, [])
-            start = places[-1].frames.stop if places else 0
-            places.append(replace(sequence, start=start, length=len(frames_m)))
-            self._values.setdefault(name, []).append(frames_m)
-
-    def write(self, writer: ArtifactWriter, kind: str, unit: str) -> None:
-        """An array for each predictor, and where each sequence lies in it."""
-        for name, parts in self._values.items():
-            writer.put(f"{kind}_{name}", np.concatenate(parts), unit)
-        index = {name: to_manifest(places) for name, places in self._index.items()}
-        writer.record(**{f"{kind}_sequences": index})

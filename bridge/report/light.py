@@ -36,18 +36,7 @@ around the picture."""
 
 
 class RayScene:
-    """All bodies of a picture, to be hit by rays.
-
-    Parameters
-    ----------
-    bodies : vertices (V, 3) of each, metres, y up.
-    faces : (F, 3) vertex indices of one body, counter-clockwise from outside.
-
-    Raises
-    ------
-    DsnetError
-        If Embree is not installed.
-    """
+    """All bodies of a picture, vertices (V, 3) of each, metres, y up, to be hit by rays."""
 
     def __init__(self, bodies: Sequence[NDArray], faces: NDArray) -> None:
         first = np.cumsum([0, *map(len, bodies[:-1])])

@@ -1,44 +1,59 @@
-"""Each number that the paper prints, beside ours."""
+"""Each number that the paper prints, beside ours, read from what a run's stages recorded."""
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
-from bridge.paper import NUMBERS, PaperNumber, Value
+import numpy as np
+
+from bridge.exchange import load_weights
+from bridge.motion import sequences_of
+from bridge.motion.sequences import is_real_motion
+from bridge.paper import (
+    CASAS_OTADUY_WIDTHS,
+    NUMBERS,
+    VALIDATION_SEQUENCE,
+    PaperNumber,
+    Value,
+)
+from bridge.runs import Artifact
+from bridge.runs.foreign_files import open_npz
+
+Stages = Mapping[str, Artifact]
+
+_PEOPLE = {"female": "women", "male": "men"}
+_ONE_GENDER = "one gender at a time, like the paper's own training"
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A number of ours, read from what the run built."""
+    """A number of ours, None when the run has none; why it may differ from the paper's."""
 
     value: Value | None
-    """The number; None when the run has none."""
     why: str = ""
-    """Reason for which it may differ from the paper's."""
 
 
-@dataclass(frozen=True)
-class ComparisonRow:
-    """One row of the report's first table."""
-
-    section: str
-    quantity: str
-    paper: str
-    ours: str
-    verdict: str
-    """`same`, `differs: why`, or `paper does not say`."""
-
-
-def compare(measured: Mapping[str, Measured]) -> list[ComparisonRow]:
-    """A row for each of the paper's numbers, in the paper's order.
-
-    Raises
-    ------
-    KeyError
-        If there is no entry, not even an empty one, for a number of the paper's.
-    """
+def compare(measured: Mapping[str, Measured]) -> list[dict[str, str]]:
+    """A row for each of the paper's numbers, in its order; all need an entry, if an empty one."""
     return [_row(number, measured[number.key]) for number in NUMBERS]
+
+
+def _row(number: PaperNumber, ours: Measured) -> dict[str, str]:
+    # Where the paper states no unit, ours carries its own in the text.
+    unit = "" if number.unit == "unit not stated" else number.unit
+    return {
+        "section": number.section,
+        "quantity": number.quantity,
+        "paper": format_value(number.value, number.unit),
+        "ours": format_value(ours.value, unit),
+        "verdict": verdict(number, ours),
+    }
 
 
 def verdict(number: PaperNumber, ours: Measured) -> str:
@@ -56,29 +71,217 @@ def format_value(value: Value | None, unit: str = "") -> str:
     if value is None:
         return "-"
     if isinstance(value, tuple):
-        text = ", ".join(map(_format_one, value)) if len(value) > 2 else _format_range(value)
+        text = (", " if len(value) > 2 else " to ").join(map(_format_one, value))
     else:
         text = value if isinstance(value, str) else _format_one(value)
     return f"{text} {unit}".strip() if unit in ("", "%", "s", "1/s", "mm") else f"{text} ({unit})"
-
-
-def _row(number: PaperNumber, ours: Measured) -> ComparisonRow:
-    # Where the paper states no unit, ours carries its own in the text.
-    unit = "" if number.unit == "unit not stated" else number.unit
-    return ComparisonRow(
-        number.section,
-        number.quantity,
-        format_value(number.value, number.unit) if number.value is not None else "-",
-        format_value(ours.value, unit if ours.value is not None else ""),
-        verdict(number, ours),
-    )
-
-
-def _format_range(value: tuple[int | float, ...]) -> str:
-    return " to ".join(map(_format_one, value))
 
 
 def _format_one(value: int | float) -> str:
     if isinstance(value, int) or float(value).is_integer():
         return f"{int(value):,}"
     return f"{value:.4g}"
+
+
+def parameter_counts(stages: Stages) -> dict[str, int]:
+    """Parameters that the training stages counted on the built models."""
+    autoencoders = stages["train-ae"].manifest["parameters"]
+    return {
+        "autoencoder": autoencoders["mesh_autoencoder"],
+        "dsnet": stages["train"].manifest["parameters"]["dsnet"],
+        "casas_otaduy": autoencoders["casas_otaduy"],
+    }
+
+
+def measure(stages: Stages, gender: str) -> dict[str, Measured]:
+    """Ours for each of `bridge.paper.NUMBERS`; `gender` is that of the run's body model."""
+    return {
+        **_data(stages, gender),
+        **_sizes(stages),
+        **_alignment(stages),
+        **_autoencoder(stages),
+        **_dsnet(stages),
+        **_results(stages),
+    }
+
+
+def _data(stages: Stages, gender: str) -> dict[str, Measured]:
+    sequences = sequences_of(stages["align"])
+    tests = [s for s in sequences_of(stages["infer"]) if s.split == "test"]
+    per_subject = Counter(sequence.subject for sequence in sequences).values()
+    lengths = [s.length for s in sequences]
+    durations_s = [s.length / s.fps for s in sequences]
+    held_out = ", ".join(s.name for s in sequences if s.split == "validation")
+    smaller = f"this run's corpus has {len(sequences)} sequences"
+    found = {
+        "subjects": Measured(len(per_subject), smaller),
+        "subjects_total": Measured(len(per_subject), _ONE_GENDER),
+        "motions_per_subject": Measured((min(per_subject), max(per_subject)), smaller),
+        "dyna_fps": Measured(sequences[0].fps, "the files' rate"),
+        "mosh_fps": _mosh_rate(stages.get("corpus")),
+        "duration_s": Measured(
+            (round(min(durations_s), 1), round(max(durations_s), 1)), "this run's corpus"
+        ),
+        "usual_frames": Measured(
+            tuple(int(q) for q in np.quantile(lengths, [0.1, 0.9])),
+            "10th and 90th percentile of this run's lengths",
+        ),
+        "clip_frames": Measured(stages["train"].manifest["config"]["frames"], "set by the run"),
+        "validation_sequence": Measured(held_out, "set by the run, or not among its sequences"),
+    }
+    # The paper counts women's sequences and men's; a run has those of its body model.
+    for quantity, count, why in (
+        ("sequences", len(sequences), "this run's corpus is smaller"),
+        ("mosh_sequences", len(tests), "this run's own held-out set"),
+    ):
+        for own, people in _PEOPLE.items():
+            counted = own == gender
+            found[f"{quantity}_{people}"] = (
+                Measured(count, why) if counted else Measured(None, _ONE_GENDER)
+            )
+    return found
+
+
+def _mosh_rate(corpus: Artifact | None) -> Measured:
+    if corpus is None:
+        return Measured(None, "the files' own rates, each resampled to 60")
+    # Real motions, of `dsnet corpus --amass`, keep their own rate.
+    files = (f for f in corpus.manifest["files"] if f.startswith("mosh/"))
+    name = next((f for f in files if not is_real_motion(Path(f).name)), None)
+    if name is None:
+        return Measured(None, "the files' rate")
+    with open_npz(corpus.file(name)) as motion:
+        return Measured(round(motion.array("mocap_framerate").item(), 3), "the files' rate")
+
+
+def _sizes(stages: Stages) -> dict[str, Measured]:
+    decode, infer = stages["decode"], stages["infer"]
+    shape = decode.array(f"offsets_{decode.manifest['default']}").shape
+    theta, betas = infer.array("theta").shape[1], infer.array("betas").shape[1]
+    return {
+        "vertices": Measured(shape[1]),
+        "mesh_size": Measured(shape[1] * shape[2]),
+        "joints": Measured((theta - 3) // 3),
+        "theta": Measured(theta),
+        "betas": Measured(betas),
+        "amass_betas": Measured(
+            betas, "16 are read, the first 10 are used, as by the paper's DSNet"
+        ),
+        "amass_dmpls": Measured(None, "read where a file has them, not used by DSNet"),
+        "amass_pose": Measured(theta, "156 rotations and 3 of translation are read, 69 are used"),
+        "latent_size": Measured(stages["encode"].array("latents").shape[1]),
+    }
+
+
+def _alignment(stages: Stages) -> dict[str, Measured]:
+    config = stages["align"].manifest["config"]
+    error = stages["evaluate"].manifest["alignment"]["frame_error_mm"]["mean"]
+    found = {"align_error_mm": Measured(round(error, 3))}
+    for key in ("lr", "momentum", "steps"):
+        found[f"align_{key}"] = (
+            Measured(config[key], "set by the run")
+            if config["aligner"] == "sgd"
+            else Measured(None, f"aligned by `{config['aligner']}`, which has no such setting")
+        )
+    return found
+
+
+def _autoencoder(stages: Stages) -> dict[str, Measured]:
+    manifest = stages["train-ae"].manifest
+    trained, counts = manifest["autoencoder"], parameter_counts(stages)
+    train, validation = trained["train_frames"], trained["validation_frames"]
+    steps_an_epoch = math.ceil(train / manifest["config"]["batch_size"])
+    share = 100 * counts["autoencoder"] / counts["casas_otaduy"]
+    frames = f"floor(0.7 n) and the rest of this run's {train + validation:,} meshes"
+    standard = "values leave [-1, 1]: see `autoencoder` under departures"
+    literal = trained["normalisation"] == "global_maximum"
+    # Linear, convolutional and last linear layers, counted in the file of weights.
+    names = [
+        name
+        for name in load_weights(stages["train-ae"].file("autoencoder.safetensors"))
+        if name.endswith("weight")
+    ]
+    layers = tuple(
+        sum(name.startswith(kind) for name in names)
+        for kind in ("model.encoder.linear", "model.encoder.conv", "model.to_latent")
+    )
+    # The paper's widths, if dense layers of those widths have the parameters that were built.
+    chain = CASAS_OTADUY_WIDTHS + CASAS_OTADUY_WIDTHS[-2::-1]
+    total = sum((inner + 1) * outer for inner, outer in pairwise(chain))
+    as_papers = total == counts["casas_otaduy"]
+    return {
+        "ae_layers": Measured(layers),
+        "ae_widths": Measured("-".join(map(str, manifest["architecture"]["widths"]))),
+        "ae_activation": Measured(trained["activation"]),
+        "ae_parameters": Measured(counts["autoencoder"]),
+        "casas_otaduy_parameters": Measured(counts["casas_otaduy"]),
+        "casas_otaduy_widths": Measured(
+            CASAS_OTADUY_WIDTHS[1:] if as_papers else None, "the built network has other widths"
+        ),
+        "parameter_share": Measured(round(share, 1)),
+        "ae_train_frames": Measured(train, frames),
+        "ae_validation_frames": Measured(validation, frames),
+        "ae_train_share": Measured(round(100 * train / (train + validation)), frames),
+        "ae_input_range": Measured((-1, 1)) if literal else Measured(None, standard),
+        "ae_batch": Measured(manifest["config"]["batch_size"], "set by the run"),
+        "ae_lr": Measured(trained["learning_rate"], "set by the run"),
+        "ae_epochs": Measured(round(trained["steps_taken"] / steps_an_epoch, 1)),
+        "ae_r2": Measured(round(trained["r2_validation"], 4)),
+    }
+
+
+def _dsnet(stages: Stages) -> dict[str, Measured]:
+    manifest = stages["train"].manifest
+    config, name = manifest["config"], stages["infer"].manifest["default"]
+    predictor, made = manifest["predictors"][name], manifest["provenance"]
+    weights = load_weights(stages["train"].file(f"{name}.safetensors"))
+    # Read from the file, so that no predictor is known here by its name.
+    scaled = any(key.startswith("scaling/") for key in weights)
+    departs = "; ".join(predictor["departures"]) or "set by the run"
+    inputs, latent = weights["fc_enc_1/kernel"].shape[0], weights["fc_enc_3/kernel"].shape[1]
+    block = (config["batch_size"], config["frames"])
+    return {
+        "dsnet_input": Measured(inputs),
+        "fc_enc_1": Measured(weights["fc_enc_1/kernel"].shape[1]),
+        "fc_enc_2": Measured(weights["fc_enc_2/kernel"].shape[1]),
+        "lstm": Measured(weights["lstm/recurrent_kernel"].shape[0]),
+        "fc_enc_3": Measured(latent),
+        "dsnet_parameters": Measured(manifest["parameters"]["dsnet"]),
+        "dsnet_batch": Measured(config["batch_size"], "set by the run"),
+        "input_block": Measured(
+            (*block, inputs), "beta enters at each step too, as the same section says: 79 wide"
+        ),
+        "output_block": Measured((*block, latent), "set by the run"),
+        "dsnet_lr": Measured(predictor["lr"], f"`{name}`: {departs}"),
+        "epoch_s": Measured(made.get(f"epoch_s_{name}"), f"another machine: {made['machine']}"),
+        "dsnet_epochs": Measured(config["epochs"]),
+        "latent_scale": Measured(
+            "one standard deviation" if scaled else "as the autoencoder gives"
+        ),
+    }
+
+
+def _results(stages: Stages) -> dict[str, Measured]:
+    evaluated = validation_result(stages["evaluate"])
+    if evaluated is None:
+        nothing = Measured(None, "no validation sequence in this run")
+        return {"figure8_error": nothing, "dsnet_r2": nothing}
+    name = stages["decode"].manifest["default"]
+    error_mm = evaluated["mesh_frame_error_mm"][name]
+    metres, centimetres = (
+        " to ".join(f"{error_mm[key] / millimetres:.2g}" for key in ("min", "max"))
+        for millimetres in (1e3, 10)
+    )
+    return {
+        "figure8_error": Measured(
+            f"{metres} m, {centimetres} cm", "the unit is not stated, and the data are others"
+        ),
+        "dsnet_r2": Measured(round(evaluated["errors"][name]["mesh"]["r2"], 4)),
+    }
+
+
+def validation_result(evaluate: Artifact) -> dict[str, Any] | None:
+    """The paper's validation sequence, or the run's first, as `evaluate` recorded it."""
+    held_out = [r for r in evaluate.manifest["per_sequence"] if r["split"] == "validation"]
+    papers = [result for result in held_out if result["name"] == VALIDATION_SEQUENCE]
+    return next(iter(papers + held_out), None)

@@ -28,7 +28,6 @@ class Camera:
     """Where the pictures are taken from; one camera for all panels that are to be compared."""
 
     origin_m: tuple[float, float, float]
-    """Position, metres."""
     target_m: tuple[float, float, float]
     """Point at the centre of the picture."""
     field_of_view_deg: float
@@ -36,9 +35,7 @@ class Camera:
     floor_m: float
     """Height of the floor, y up."""
     width_px: int
-    """Width of the picture."""
     height_px: int
-    """Height of the picture."""
 
 
 def frame_camera(
@@ -52,14 +49,15 @@ def frame_camera(
 ) -> Camera:
     """A camera that sees all of `bodies` (each (V, 3), metres, y up), on a floor below.
 
-    Parameters
-    ----------
-    width_px : chosen to fit the bodies when None.
-    azimuth_deg : 0 looks along -z at the front of a body in its rest pose.
-    margin : empty border, as a part of the picture.
+    The width fits the bodies when None; azimuth 0 looks along -z at the front of a body in its rest
+    pose; `margin` is the empty border, as a part of the picture.
     """
     points = np.concatenate([np.asarray(body, dtype=np.float64) for body in bodies])
-    right, up, back = _camera_axes(np.radians(azimuth_deg), np.radians(elevation_deg))
+    azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
+    flat = np.cos(elevation)
+    back = np.array([np.sin(azimuth) * flat, np.sin(elevation), np.cos(azimuth) * flat])
+    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
+    up = np.cross(back, right)
     seen = points @ np.stack([right, up, back], axis=1)
     low, high = seen.min(axis=0), seen.max(axis=0)
     centre, half = (low + high) / 2, (high - low) / 2 * (1 + 2 * margin)
@@ -70,9 +68,11 @@ def frame_camera(
     nearest = distance - half[2]
     half_width = max(half[0], half[1] * width_px / height_px)
     target = centre @ np.stack([right, up, back])
+    x, y, z = target.tolist()
+    from_x, from_y, from_z = (target + distance * back).tolist()
     return Camera(
-        origin_m=_triple(target + distance * back),
-        target_m=_triple(target),
+        origin_m=(from_x, from_y, from_z),
+        target_m=(x, y, z),
         field_of_view_deg=float(np.degrees(2 * np.arctan(half_width / nearest))),
         floor_m=float(points[:, 1].min()),
         width_px=width_px,
@@ -87,18 +87,10 @@ def render_bodies(
     camera: Camera,
     colours: Sequence[ArrayLike | None] | None = None,
 ) -> NDArray[np.uint8]:
-    """Picture of bodies on a floor in soft light.
+    """Picture (height, width, 3) in sRGB of bodies on a floor in soft light.
 
-    Parameters
-    ----------
-    bodies : vertices of each body (V, 3), metres, world frame with y up.
-    faces : (F, 3) vertex indices, counter-clockwise from outside.
-    camera : see `frame_camera`.
-    colours : sRGB colour in [0, 1] of each vertex (V, 3), for each body; clay where None.
-
-    Returns
-    -------
-    (height, width, 3) sRGB picture.
+    Each body has vertices (V, 3), metres, y up, and perhaps `colours` (V, 3), sRGB in [0, 1]; clay
+    where None. Faces (F, 3) are counter-clockwise from outside.
     """
     view = _View(camera)
     # About the target: far from the origin, single precision would be too coarse.
@@ -227,24 +219,6 @@ def linear_to_srgb(light: ArrayLike) -> NDArray[np.float64]:
 def _tones(light: NDArray) -> NDArray[np.uint8]:
     """sRGB values of linear light, which is clipped to [0, 1]."""
     return _TONES[(np.clip(light, 0, 1) * np.float32(len(_TONES) - 1)).astype(np.int16)]
-
-
-def _camera_axes(azimuth: float, elevation: float) -> tuple[NDArray, NDArray, NDArray]:
-    """Right, up and backward directions of the camera in the world."""
-    back = np.array(
-        [
-            np.sin(azimuth) * np.cos(elevation),
-            np.sin(elevation),
-            np.cos(azimuth) * np.cos(elevation),
-        ]
-    )
-    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
-    return right, np.cross(back, right), back
-
-
-def _triple(vector: NDArray) -> tuple[float, float, float]:
-    x, y, z = vector.tolist()
-    return x, y, z
 
 
 _TONES = np.round(255 * linear_to_srgb(np.linspace(0, 1, 1 << 14))).astype(np.uint8)

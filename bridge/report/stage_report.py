@@ -5,32 +5,39 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from tyro.conf import Fixed
 
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
-from bridge.measure.roads import stages_of_roads
+from bridge.measure.pipelines import stages_of_pipelines
 from bridge.motion import MotionSequence
 from bridge.motion.splits import CELLS
 from bridge.options import PositiveInt
-from bridge.report.body_figures import draw_figure4, draw_figure7, draw_test_strip
-from bridge.report.curve_figures import (
+from bridge.report.bodies import Scene, draw_figure4, draw_figure7, draw_test_strip
+from bridge.report.curves import (
     draw_autoencoder_loss,
     draw_dsnet_loss,
     draw_figure6,
     draw_figure8,
+    draw_offset_size,
+    draw_parity,
     draw_plus_loss,
+    draw_spectrum,
     plus_losses,
+    stopping_sequence,
 )
-from bridge.report.movement_figures import draw_offset_size, draw_spectrum, stopping_sequence
-from bridge.report.page import render_html, render_markdown
 from bridge.report.panels import FOOTERS
-from bridge.report.parity_figure import draw_parity
-from bridge.report.scene import Scene
-from bridge.report.summary import departures, read_parity, summarise
+from bridge.report.paper_table import validation_result
+from bridge.report.results import (
+    departures,
+    read_parity,
+    render_html,
+    render_markdown,
+    summarise,
+)
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import INFER, INFER_PLUS, TRAIN_PLUS, body_model_path
 from bridge.runs.workers import progress
@@ -62,33 +69,14 @@ PROFILES = {
 }
 
 
-@dataclass(frozen=True)
-class FigurePlan:
-    """A figure of the report."""
-
-    name: str
-    """File name below `figures/`, without its extension."""
-    caption: str
-    """What it shows, for the page."""
-    draw: Callable[[Path], None]
-    """Writes it."""
-
-
 def main(config: ReportConfig) -> None:
-    """Run the stage; a report that is current is kept.
-
-    Raises
-    ------
-    DsnetError
-        If the run lacks one of the stages before this one, or `evaluate` did when it was made.
-    """
+    """Run the stage; a report that is current is kept."""
     run = Run(config.run)
-    roads = stages_of_roads(run)
-    named = {"evaluate", *roads, *(stage for stage in _OPTIONAL if run.finished(stage))}
-    for last, beside in _BESIDE.items():
-        named.update(beside if last in roads else ())
+    last = stages_of_pipelines(run)
+    named = {"evaluate", *last, *(stage for stage in _OPTIONAL if run.finished(stage))}
+    named.update(*(beside for stage, beside in _BESIDE.items() if stage in last))
     stages = run.artifacts(*(stage for stage in _ORDER if stage in named))
-    _require_measured(run, stages, roads)
+    _require_measured(run, stages, last)
     body = load_body_model(str(body_model_path(run)))
     scene = Scene(stages, body, config.panel_px)
     run.build(
@@ -100,12 +88,12 @@ def main(config: ReportConfig) -> None:
     )
 
 
-def _require_measured(run: Run, stages: Mapping[str, Artifact], roads: Sequence[str]) -> None:
+def _require_measured(run: Run, stages: Mapping[str, Artifact], last: Sequence[str]) -> None:
     evaluate = stages["evaluate"]
     measured = evaluate.manifest["upstream"]
     run.artifacts(*measured)  # what was deleted since is named
     of_truth = {"truth"} & set(stages) if evaluate.origin == "synthetic" else set()
-    if missed := sorted({*roads, *of_truth} - set(measured)):
+    if missed := sorted({*last, *of_truth} - set(measured)):
         raise DsnetError(
             f"run {run.name!r}, whose 'evaluate' was made without {', '.join(missed)}",
             "one that measured all that there is",
@@ -120,139 +108,99 @@ def _make(writer: ArtifactWriter, scene: Scene, run_name: str) -> None:
     results = summarise(scene.stages, run_name, scene.body.gender)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"
     writer.file_path("results.json").write_text(text, encoding="utf-8")
-    markdown = render_markdown(
-        {
-            "results": results,
-            "figures": plans,
-            "departures": departures(scene.stages),
-            "notice": FOOTERS[scene.origin],
-        }
-    )
+    notice = FOOTERS[scene.origin]
+    said = {"figures": plans, "departures": departures(scene.stages), "notice": notice}
+    markdown = render_markdown({"results": results, **said})
     page = writer.file_path("report.md")
     page.write_text(markdown, encoding="utf-8")
-    html = render_html(
-        markdown, page.parent, title=f"DSNet, run {run_name}", banner=FOOTERS[scene.origin]
-    )
+    html = render_html(markdown, page.parent, title=f"DSNet, run {run_name}", banner=notice)
     writer.file_path("report.html").write_text(html, encoding="utf-8")
+
+
+class FigurePlan(NamedTuple):
+    """A figure of the report: its file's name below `figures/`, without extension."""
+
+    name: str
+    caption: str
+    draw: Callable[[Path], None]
 
 
 def plan_figures(scene: Scene) -> list[FigurePlan]:
     """The figures that this run's data allow, in the order of the page."""
-    return [
-        *_motion_figures(scene),
-        *_movement_figures(scene.stages["evaluate"]),
-        *_training_figures(scene),
-        *_verification_figures(scene),
-    ]
-
-
-def _motion_figures(scene: Scene) -> list[FigurePlan]:
-    validation, test = scene.validation(), _unseen(scene)
-    plans = _validation_figures(scene, validation) if validation else []
-    if test:
-        caption = (
-            f"Offsets predicted by {' and '.join(scene.shown.values())} for {test.name}, which "
-            "nothing was trained on."
+    stages, evaluate = scene.stages, scene.stages["evaluate"]
+    plans: dict[str, tuple[str, Callable[[Path], None]]] = {}
+    if held_out := validation_result(evaluate):
+        sequence = scene.predicted()[held_out["name"]]
+        plans["figure7_validation"] = (
+            "Figure 7. (a) Ground truth, (b) SMPL from beta and theta, and for each pipeline SMPL "
+            "with the predicted offset and what the predictor contributes, in centimetres.",
+            lambda path: draw_figure7(path, scene, sequence),
         )
-        draw = partial(draw_test_strip, scene=scene, sequence=test)
-        plans.append(FigurePlan("test_strip", caption, draw))
-    return plans
-
-
-def _movement_figures(evaluate: Artifact) -> list[FigurePlan]:
-    """Nothing without test sequences whose true offsets are known."""
-    sequence = stopping_sequence(evaluate)
-    if sequence is None:
-        return []
-    return [
-        FigurePlan(
-            "decay",
-            f"How the offsets swing and die away, {sequence['name']}: their mean length in each "
-            "frame. Shaded: the body stands still.",
-            partial(draw_offset_size, evaluate=evaluate, sequence=sequence),
-        ),
-        FigurePlan(
-            "spectrum",
-            "How fast the offsets move, over all test sequences: root mean square in each half "
-            "hertz.",
-            partial(draw_spectrum, evaluate=evaluate),
-        ),
-    ]
-
-
-def _training_figures(scene: Scene) -> list[FigurePlan]:
-    stages = scene.stages
-    plans = [
-        FigurePlan(
-            "figure6_lengths",
-            "Figure 6. Sequence lengths; shorter ones are padded with zeros, longer ones clipped.",
-            lambda path: draw_figure6(path, scene.roads[0].align),
-        )
-    ]
-    if scene.follows_paper:
-        plans += [
-            FigurePlan(
-                "loss_autoencoder",
-                "Loss of the autoencoder; epoch 0 is before the first step.",
-                partial(draw_autoencoder_loss, train_ae=stages["train-ae"]),
-            ),
-            FigurePlan(
-                "loss_dsnet",
-                "Loss of each predictor. The latents' scales differ, so the values do too.",
-                partial(draw_dsnet_loss, train=stages["train"]),
-            ),
-        ]
-    if TRAIN_PLUS in stages and plus_losses(stages[TRAIN_PLUS]):
-        draw = partial(draw_plus_loss, train_plus=stages[TRAIN_PLUS])
-        plans.append(FigurePlan("loss_plus", "Loss of the best road's predictors.", draw))
-    return plans
-
-
-def _verification_figures(scene: Scene) -> list[FigurePlan]:
-    if "verify" not in scene.stages:
-        return []
-    caption = (
-        "What `dsnet verify` found: each engine's largest difference from a float64 NumPy "
-        "reference, as the exponent of its size relative to the tensor's scale."
-    )
-    parity = read_parity(scene.stages["verify"])
-    draw = partial(draw_parity, parity=parity, origin=scene.origin)
-    return [FigurePlan("parity", caption, draw)]
-
-
-def _validation_figures(scene: Scene, sequence: MotionSequence) -> list[FigurePlan]:
-    plans = [
-        FigurePlan(
-            "figure7_validation",
-            "Figure 7. (a) Ground truth, (b) SMPL from beta and theta, and for each road SMPL with "
-            "the predicted offset and what the predictor contributes, in centimetres.",
-            partial(draw_figure7, scene=scene, sequence=sequence),
-        ),
-        FigurePlan(
-            "figure8_error",
+        plans["figure8_error"] = (
             "Figure 8. Mean distance of the posed mesh's vertices from the registered mesh in each "
             "frame.",
-            partial(draw_figure8, evaluate=scene.stages["evaluate"], sequence=sequence),
-        ),
-    ]
-    if scene.follows_paper:
-        caption = (
-            "Figure 4. The original mesh, its reconstruction through 100 numbers, and the distance "
-            "between the two in centimetres."
+            lambda path: draw_figure8(path, evaluate, held_out),
         )
-        draw = partial(draw_figure4, scene=scene, sequence=sequence)
-        plans.append(FigurePlan("figure4_autoencoder", caption, draw))
-    return plans
+        if "decode" in stages:
+            plans["figure4_autoencoder"] = (
+                "Figure 4. The original mesh, its reconstruction through 100 numbers, and the "
+                "distance between the two in centimetres.",
+                lambda path: draw_figure4(path, scene, sequence),
+            )
+    if test := _unseen(scene):
+        plans["test_strip"] = (
+            f"Offsets predicted by {' and '.join(scene.shown.values())} for {test.name}, which "
+            "nothing was trained on.",
+            lambda path: draw_test_strip(path, scene, test),
+        )
+    # Nothing moves without test sequences whose true offsets are known.
+    if stopping := stopping_sequence(evaluate):
+        plans["decay"] = (
+            f"How the offsets swing and die away, {stopping['name']}: their mean length in each "
+            "frame. Shaded: the body stands still.",
+            lambda path: draw_offset_size(path, evaluate, stopping),
+        )
+        plans["spectrum"] = (
+            "How fast the offsets move, over all test sequences: root mean square in each half "
+            "hertz.",
+            lambda path: draw_spectrum(path, evaluate),
+        )
+    plans["figure6_lengths"] = (
+        "Figure 6. Sequence lengths; shorter ones are padded with zeros, longer ones clipped.",
+        lambda path: draw_figure6(path, scene.pipelines[0].align.artifact),
+    )
+    if "decode" in stages:
+        plans["loss_autoencoder"] = (
+            "Loss of the autoencoder; epoch 0 is before the first step.",
+            lambda path: draw_autoencoder_loss(path, stages["train-ae"]),
+        )
+        plans["loss_dsnet"] = (
+            "Loss of each predictor. The latents' scales differ, so the values do too.",
+            lambda path: draw_dsnet_loss(path, stages["train"]),
+        )
+    if TRAIN_PLUS in stages and plus_losses(stages[TRAIN_PLUS]):
+        plans["loss_plus"] = (
+            "Loss of this repository's predictors.",
+            lambda path: draw_plus_loss(path, stages[TRAIN_PLUS]),
+        )
+    if "verify" in stages:
+        parity = read_parity(stages["verify"])
+        plans["parity"] = (
+            "What `dsnet verify` found: each engine's largest difference from a float64 NumPy "
+            "reference, as the exponent of its size relative to the tensor's scale.",
+            lambda path: draw_parity(path, parity, scene.origin),
+        )
+    return [FigurePlan(name, *plan) for name, plan in plans.items()]
 
 
 def _unseen(scene: Scene) -> MotionSequence | None:
-    """The first test sequence of the hardest cell that the run has."""
+    """The first test sequence of the hardest group that the run has."""
     hardest_first = list(reversed(CELLS))
-    decoded = scene.decoded()
+    predicted = scene.predicted()
     tested = [
         one
         for one in scene.stages["evaluate"].manifest["per_sequence"]
-        if one["split"] == "test" and one["name"] in decoded
+        if one["split"] == "test" and one["name"] in predicted
     ]
     found = min(tested, key=lambda one: hardest_first.index(one["cell"]), default=None)
-    return None if found is None else decoded[found["name"]]
+    return None if found is None else predicted[found["name"]]

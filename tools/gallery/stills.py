@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.export.clip_pictures import turned_to_camera
 from bridge.motion import unpack_theta
-from bridge.report.motion_strip import draw_row_of_bodies
-from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
+from bridge.report.panels import draw_panels, draw_row_of_bodies, magnitude_colours, scale_top_m
 from bridge.report.render import frame_camera, render_bodies
 from bridge.runs.artifact import DataOrigin
 from bridge.runtime.moving_body import MovingBody

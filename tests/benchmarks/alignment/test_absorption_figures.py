@@ -14,7 +14,7 @@ from benchmarks.alignment.absorption_figures import (
     draw_figure10,
 )
 from bridge.body import load_body_model
-from bridge.measure.absorption import Absorption
+from bridge.measure.alignment import Absorption
 
 ONE, OTHER = Drawn("one", "#D55E00"), Drawn("other", "#0072B2", "--")
 

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from bridge.body import load_body_model
-from bridge.measure import alignment_quality, predictions, references
-from bridge.measure.alignment_quality import alignment_errors
-from bridge.measure.metrics import FrameErrors
-from bridge.measure.pooled import PooledCells, PredictorErrors
-from bridge.measure.predictions import mean_offsets_m
+from bridge.measure import pipelines
+from bridge.measure.alignment import alignment_errors
+from bridge.measure.pipelines import NEW_PERSON, MotionArrays, mean_offsets_m
 from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import Artifact, write_artifact
 
@@ -40,15 +38,13 @@ def written(path: Path, sequences: int) -> Artifact:
 def indexings(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How often an index of all sequences is made."""
     made: list[int] = []
-    for module in (alignment_quality, predictions, references):
-        for name in ("sequences_of", "subject_rows"):
-            if (real := getattr(module, name, None)) is not None:
+    for real in (pipelines.sequences_of, pipelines.subject_rows):
 
-                def counted(of, real=real):
-                    made.append(1)
-                    return real(of)
+        def counted(of, real=real):
+            made.append(1)
+            return real(of)
 
-                monkeypatch.setattr(module, name, counted)
+        monkeypatch.setattr(pipelines, real.__name__, counted)
     return made
 
 
@@ -56,33 +52,19 @@ def indexings(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def test_the_index_is_made_once_an_artifact(
     sequences: int, tmp_path: Path, indexings: list[int]
 ) -> None:
-    align, truth = (written(tmp_path / name, sequences) for name in ("align", "truth"))
+    align, truth = (
+        MotionArrays.of(written(tmp_path / name, sequences)) for name in ("align", "truth")
+    )
     alignment_errors(align, truth, BODY)
     mean_offsets_m(align)
-    assert len(indexings) == 5
+    assert len(indexings) == 4
 
 
 def test_the_mean_of_a_person_is_that_of_all_training_frames(tmp_path: Path) -> None:
     align = written(tmp_path / "align", 7)
-    means, everybody = mean_offsets_m(align)
+    means = mean_offsets_m(MotionArrays.of(align))
     offsets_m = align.array("offsets").astype(np.float64)
     for person in range(3):
         np.testing.assert_allclose(means[str(person)], offsets_m[person::3].mean(axis=0))
+    everybody = means.pop(NEW_PERSON)
     np.testing.assert_allclose(everybody, np.mean(list(means.values()), axis=0))
-
-
-def test_pooled_errors_are_those_of_all_frames_at_once() -> None:
-    """Of a sequence only sums are kept: its histograms alone are 400 kB a predictor."""
-    predicted, reference = RNG.normal(0, 1e-2, (2, 6, 2, 5, 3))
-    cells, whole = PooledCells(), FrameErrors()
-    for found_m, true_m in zip(predicted, reference, strict=True):
-        mesh = FrameErrors()
-        mesh.add(found_m, true_m)
-        cells.add(["test", "new"], {"smpl": PredictorErrors(mesh)})
-    whole.add(predicted.reshape(12, 5, 3), reference.reshape(12, 5, 3))
-    for cell in ("test", "new"):
-        found = cells.summary()[cell]["smpl"]["mesh"]
-        spread = found.pop("r2_se")
-        assert found == pytest.approx(whole.sums.summary())
-        assert 0 < spread < 1
-        assert len(cells._pools[cell]["smpl"]._sums) == 1

@@ -11,10 +11,10 @@ import pytest
 from bridge.body import load_body_model
 from bridge.measure import stage_evaluate
 from bridge.report import stage_report
-from bridge.report.parity_figure import digits_to_spare, draw_parity
-from bridge.report.scene import Scene
+from bridge.report.bodies import Scene
+from bridge.report.curves import digits_to_spare, draw_parity
+from bridge.report.results import verification
 from bridge.report.stage_report import plan_figures
-from bridge.report.summary import verification
 from bridge.runs import Artifact, ArtifactWriter
 
 
@@ -81,7 +81,7 @@ def test_a_run_that_was_not_verified_says_nothing():
 
 
 def test_the_report_plans_the_figure(verify: Artifact, monkeypatch):
-    monkeypatch.setattr(Scene, "validation", lambda self: None)
+    monkeypatch.setattr("bridge.report.stage_report.validation_result", lambda evaluate: None)
     monkeypatch.setattr("bridge.report.stage_report._unseen", lambda scene: None)
     monkeypatch.setattr("bridge.report.stage_report.stopping_sequence", lambda evaluate: None)
     body = load_body_model("embedded:female")

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from bridge.errors import DsnetError
-from bridge.report.motion_strip import draw_motion_strip
-from bridge.report.panels import magnitude_colours, scale_top_m
+from bridge.report.panels import draw_motion_strip, magnitude_colours, scale_top_m
 from bridge.report.render import frame_camera, linear_to_srgb, render_bodies, srgb_to_linear
 
 TETRAHEDRON = np.array([[-0.5, 0, -0.3], [0.5, 0, -0.3], [0, 0, 0.6], [0, 1.6, 0]])

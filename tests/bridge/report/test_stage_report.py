@@ -6,18 +6,18 @@ import base64
 import json
 import re
 import shutil
+from pathlib import Path
 
 import pytest
 
 from bridge import DsnetError
 from bridge.measure import stage_evaluate
 from bridge.report import stage_report
-from bridge.report.measured import measure
-from bridge.report.page import render_markdown
 from bridge.report.panels import FOOTERS, new_figure
-from bridge.report.paper_table import compare
+from bridge.report.paper_table import compare, measure
+from bridge.report.results import render_html, render_markdown
 from bridge.runs import read_artifact
-from tests.forged.best_road import write_best_road
+from tests.forged.best_pipeline import write_best_pipeline
 
 FIGURES = (
     "figure7_validation",
@@ -39,7 +39,7 @@ def folder(forged_runs, tmp_path_factory):
     runs = tmp_path_factory.mktemp("runs")
     ignored = shutil.ignore_patterns("evaluate", "report")
     shutil.copytree(forged_runs / "forged", runs / "both", ignore=ignored)
-    write_best_road(runs / "both")
+    write_best_pipeline(runs / "both")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSNET_RUNS", str(runs))
         stage_evaluate.main(stage_evaluate.EvaluateConfig(run="both"))
@@ -120,7 +120,7 @@ def test_tables_are_the_results(folder):
                 assert f"| {label} | {cell[name]['mesh']['r2'] + 0.0:.3f} |" in markdown
 
 
-def test_both_roads_stand_side_by_side_first(folder):
+def test_both_pipelines_stand_side_by_side_first(folder):
     results = json.loads((folder / "results.json").read_text())
     first = (folder / "report.md").read_text().partition("\n|")[2].partition("\n\n")[0].splitlines()
     names = ["dsnet_plus", "dsnet_small", "dsnet_other", "person_mean", "smpl"]
@@ -183,21 +183,21 @@ def test_decay_and_rest_have_a_row_for_each_predictor(folder):
     assert expected in page
 
 
-def test_departures_of_both_roads_are_told(folder):
+def test_departures_of_both_pipelines_are_told(folder):
     page = (folder / "report.md").read_text()
     assert "- `dsnet_small`: a wrong turn\n- `dsnet_plus`: no autoencoder" in page
 
 
 def test_a_run_without_sgd_has_none_of_its_settings(folder):
     stages = {path.name: read_artifact(path) for path in folder.parent.iterdir() if path != folder}
-    rows = {row.quantity: row for row in compare(measure(stages, "female"))}
-    assert rows["learning rate of the alignment's SGD"].verdict == "same"
+    rows = {row["quantity"]: row for row in compare(measure(stages, "female"))}
+    assert rows["learning rate of the alignment's SGD"]["verdict"] == "same"
     stages["align"].manifest["config"]["aligner"] = "robust"
-    rows = {row.quantity: row for row in compare(measure(stages, "female"))}
+    rows = {row["quantity"]: row for row in compare(measure(stages, "female"))}
     for quantity in ("learning rate of the alignment's SGD", "momentum of the alignment's SGD"):
-        assert rows[quantity].ours == "-"
-        assert rows[quantity].verdict.startswith("differs: aligned by `robust`")
-    assert rows["SGD steps for a frame"].ours == "-"
+        assert rows[quantity]["ours"] == "-"
+        assert rows[quantity]["verdict"].startswith("differs: aligned by `robust`")
+    assert rows["SGD steps for a frame"]["ours"] == "-"
 
 
 def test_absorbed_and_invented_add_up_to_what_is_missing(folder):
@@ -257,15 +257,15 @@ def test_a_licensed_run_has_a_report_without_truth(forged_runs, tmp_path, monkey
 
 
 @pytest.mark.parametrize("own_alignment", [False, True])
-def test_the_best_road_alone_has_a_report(own_alignment, forged_runs, tmp_path, monkeypatch):
-    """Without the paper's road its tables and figures are left out."""
+def test_the_best_pipeline_alone_has_a_report(own_alignment, forged_runs, tmp_path, monkeypatch):
+    """Without the paper's pipeline its tables and figures are left out."""
     runs = tmp_path / "runs"
     for stage in ("corpus", "truth", "align"):
         shutil.copytree(forged_runs / "forged" / stage, runs / "best" / stage)
-    write_best_road(runs / "best", own_alignment=own_alignment)
+    write_best_pipeline(runs / "best", own_alignment=own_alignment)
     monkeypatch.setenv("DSNET_RUNS", str(runs))
-    monkeypatch.setattr(stage_report, "draw_figure7", lambda path, **_: path.write_bytes(b"x"))
-    monkeypatch.setattr(stage_report, "draw_test_strip", lambda path, **_: path.write_bytes(b"x"))
+    monkeypatch.setattr(stage_report, "draw_figure7", lambda path, *_: path.write_bytes(b"x"))
+    monkeypatch.setattr(stage_report, "draw_test_strip", lambda path, *_: path.write_bytes(b"x"))
     stage_evaluate.main(stage_evaluate.EvaluateConfig(run="best"))
     stage_report.main(stage_report.ReportConfig(run="best"))
     page = (runs / "best" / "report" / "report.md").read_text()
@@ -275,7 +275,7 @@ def test_the_best_road_alone_has_a_report(own_alignment, forged_runs, tmp_path, 
         "figure6_lengths", "loss_plus",
     }  # fmt: skip
     assert "DSNet plus" in page
-    assert "autoencoder" not in page.partition("## Every cell")[0]
+    assert "autoencoder" not in page.partition("## Every test group")[0]
     for section in ("paper's numbers", "## Autoencoder"):
         assert section not in page
 
@@ -312,3 +312,21 @@ def test_a_report_of_less_than_there_is_or_was_is_refused(folder, tmp_path, monk
     with pytest.raises(DsnetError, match=r"without 'decode'.*`dsnet decode --run both`"):
         stage_report.main(TINY)
     assert not (runs / "both" / "report").exists()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "<script>alert(1)</script>",
+        "![x](http://a.example/c.png)",
+        "![x](figures/../../x.png)",
+        "[x](javascript:alert(1))",
+        '"><img src=x onerror=alert(1)>',
+    ],
+)
+def test_names_become_neither_scripts_nor_pictures_from_elsewhere(
+    tmp_path: Path, name: str
+) -> None:
+    page = render_html(f"| a |\n|---|\n| {name} |\n", tmp_path, title=name, banner=name)
+    for forbidden in ("<script>alert", "<img", 'href="javascript'):
+        assert forbidden not in page

@@ -100,4 +100,4 @@ def blank_strip(monkeypatch: pytest.MonkeyPatch) -> None:
     def draw(path: Path, *arguments: object, **options: object) -> None:
         path.write_bytes(b"")
 
-    monkeypatch.setattr("bridge.report.motion_strip.draw_motion_strip", draw)
+    monkeypatch.setattr("bridge.report.panels.draw_motion_strip", draw)

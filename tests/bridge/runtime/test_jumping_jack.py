@@ -38,7 +38,7 @@ def motion(request) -> Motion:
 def mean_mm(plus_run, motion, tmp_path, monkeypatch) -> np.ndarray:
     """(T,) mean offset of each frame, as `dsnet predict --motion` gives it."""
     monkeypatch.setattr(
-        "bridge.report.motion_strip.draw_motion_strip", lambda path, *_, **__: path.touch()
+        "bridge.report.panels.draw_motion_strip", lambda path, *_, **__: path.touch()
     )
     controls = Controls(motion_fps=motion.source_fps)
     made = predict_motion(plus_run, SAMPLE, tmp_path / "out", controls=controls)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.measure.absorption import Absorption
+from bridge.measure.alignment import Absorption
 
 BETAS = np.zeros(10)
 

@@ -8,10 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.body import load_body_model
-from bridge.measure.decay import Decay, SwingSums, decays, fall_time_s, summary
-from bridge.measure.rest import RestSums
-from bridge.measure.stillness import StillSpan, joint_speed_m_s, still_spans
-from bridge.measure.trajectories import Trajectories
+from bridge.measure.metrics import Offsets
+from bridge.measure.stops import (
+    Decays,
+    RestSums,
+    StillSpan,
+    fall_time_s,
+    joint_speed_m_s,
+    still_spans,
+    swing_sums_m,
+)
 
 FPS = 60.0
 
@@ -56,24 +62,22 @@ def test_sway_is_no_stop():
 SPAN = StillSpan(30, 150, 12, after_motion=True)
 
 
-def damped(hz: float, rate: float, hanging_m: float = 0.0, size_m: float = 0.01) -> Trajectories:
+def damped(hz: float, rate: float, hanging_m: float = 0.0, size_m: float = 0.01) -> Offsets:
     """A vertex that is held until the stop and then swings freely about where it hangs."""
     times = np.clip(np.arange(150) - SPAN.start, 0, None) / FPS
     curve = hanging_m + size_m * np.exp(-rate * times) * np.cos(2 * np.pi * hz * times)
     offsets = np.zeros((150, 2, 3), np.float32)
     offsets[..., 1] = curve[:, None]
-    return Trajectories(offsets, FPS)
+    return Offsets(offsets, FPS)
 
 
-def swings(path: Trajectories) -> SwingSums:
-    sums = SwingSums([SPAN])
-    sums.add(path)
-    return sums
+def swings(offsets: Offsets, span: StillSpan = SPAN) -> np.ndarray:
+    return swing_sums_m(offsets, [span]) / offsets.total_m.shape[1]
 
 
 @given(rate=st.floats(2.5, 12), hz=st.floats(3, 8), hanging=st.floats(-0.02, 0.02))
 def test_a_damped_cosine_falls_to_a_fifth_in_its_own_time(rate, hz, hanging):
-    curve = swings(damped(hz, rate, hanging)).curves_m()[0]
+    curve = swings(damped(hz, rate, hanging))[SPAN.frames]
     # |cos| reaches its envelope twice in a swing: the last time above lies within half of one,
     # and what is not yet settled at the end is mistaken for the level that it swings about.
     late = 0.01 * np.exp(-rate * 1.8)
@@ -91,32 +95,35 @@ def test_an_exponential_falls_exactly():
 
 def test_less_damping_takes_longer_and_the_means_say_so():
     true, predicted = swings(damped(5, 6.0)), swings(damped(5, 3.0, size_m=0.005))
-    (found,) = decays(predicted, true, FPS)
-    assert found.true_mm == pytest.approx(10.0, rel=0.01)
-    assert found.predicted_mm == pytest.approx(5.0, rel=0.02)
-    assert found.predicted_s > 1.5 * found.true_s
-    assert summary([found, Decay(1.0, 0.5, 1.0, 1.0)]) == pytest.approx(
+    found = Decays.of(predicted, true, [SPAN], FPS)
+    (stop,) = found.stops
+    assert stop["true_mm"] == pytest.approx(10.0, rel=0.01)
+    assert stop["predicted_mm"] == pytest.approx(5.0, rel=0.02)
+    assert stop["predicted_s"] > 1.5 * stop["true_s"]
+    found += Decays([{"true_s": 1.0, "predicted_s": 0.5, "true_mm": 1.0, "predicted_mm": 1.0}])
+    assert found.summary() == pytest.approx(
         {
             "stops": 2,
-            "off_s": (found.predicted_s - found.true_s + 0.5) / 2,
-            "true_s": (found.true_s + 1.0) / 2,
-            "predicted_s": (found.predicted_s + 0.5) / 2,
-            "true_mm": (found.true_mm + 1.0) / 2,
-            "predicted_mm": (found.predicted_mm + 1.0) / 2,
+            "off_s": (stop["predicted_s"] - stop["true_s"] + 0.5) / 2,
+            "true_s": (stop["true_s"] + 1.0) / 2,
+            "predicted_s": (stop["predicted_s"] + 0.5) / 2,
+            "true_mm": (stop["true_mm"] + 1.0) / 2,
+            "predicted_mm": (stop["predicted_mm"] + 1.0) / 2,
         }
     )
-    assert summary([]) is None
+    assert Decays().summary() is None
 
 
 def test_flesh_that_hardly_swings_has_no_decay():
     still = swings(damped(5, 6.0, hanging_m=0.01, size_m=1e-5))
-    assert decays(still, still, FPS) == []
+    assert Decays.of(still, still, [SPAN], FPS).stops == []
 
 
 def test_a_stop_needs_motion_before_it():
-    sums = SwingSums([StillSpan(0, 60, 12, after_motion=False)])
-    sums.add(damped(5, 3.0))
-    assert sums.curves_m() == []
+    span = StillSpan(0, 60, 12, after_motion=False)
+    swing_m = swings(damped(5, 3.0), span)
+    assert not swing_m.any()
+    assert Decays.of(swing_m + 1, swing_m + 1, [span], FPS).stops == []
 
 
 def test_rest_is_the_mean_of_the_settled_frames():
@@ -129,5 +136,5 @@ def test_rest_is_the_mean_of_the_settled_frames():
     assert rest.summary() == pytest.approx({"predicted_mm": 1.0, "true_mm": 3.0, "error_mm": 4.0})
     other = RestSums()
     other.add(true, true, [SPAN])
-    rest.merge(other)
+    rest += other
     assert rest.summary() == pytest.approx({"predicted_mm": 2.0, "true_mm": 3.0, "error_mm": 2.0})

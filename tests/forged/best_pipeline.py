@@ -1,4 +1,4 @@
-"""What the best road's stages leave beside a forged run of the paper's road."""
+"""What the best pipeline's stages leave beside a forged run of the paper's."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PLUS = "dsnet_plus"
 LABEL = "DSNet plus"
 
 
-def write_best_road(
+def write_best_pipeline(
     run: Path, *, share: float = 0.9, static_share: float | None = None, own_alignment: bool = True
 ) -> None:
     """Add `align_robust`, `train_plus` and `infer_plus` to a forged run.
@@ -24,7 +24,7 @@ def write_best_road(
     ----------
     share : how much of the true moving offsets is predicted.
     static_share : how much of the true static part is predicted; None for a model without one.
-    own_alignment : whether the road has an `align_robust`; else `align` is its alignment.
+    own_alignment : whether the pipeline has an `align_robust`; else `align` is its alignment.
     """
     truth, align = read_artifact(run / "truth"), read_artifact(run / "align")
     alignment = "align_robust" if own_alignment else "align"

@@ -1,4 +1,4 @@
-"""Both roads of a run in one evaluation, each measured with its own motions and alignment."""
+"""Both pipelines of a run in one evaluation, each measured with its own motions and alignment."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
-from bridge.measure.roads import road_of, roads_of, stages_of_roads
-from bridge.measure.stage_evaluate import EvaluateConfig, main, offset_sizes_m
+from bridge.measure.pipelines import pipeline_of, pipelines_of, stages_of_pipelines
+from bridge.measure.stage_evaluate import OFFSET_SIZE, EvaluateConfig, frames_m, main
 from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
 from bridge.runs import Run, read_artifact, write_artifact
-from tests.forged.best_road import PLUS, write_best_road
+from tests.forged.best_pipeline import PLUS, write_best_pipeline
 
 SEQUENCES = [
     MotionSequence("50004_one_leg_jump", "50004", "one_leg_jump", 0, 8, 60.0, "validation"),
@@ -77,10 +77,10 @@ def _runs(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
-    """The artifact `evaluate` of a run with two roads, made once."""
+    """The artifact `evaluate` of a run with two pipelines, made once."""
     runs = tmp_path_factory.mktemp("runs")
     forge(runs / "both")
-    write_best_road(runs / "both", share=0.5)
+    write_best_pipeline(runs / "both", share=0.5)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSNET_RUNS", str(runs))
         patch.setattr(MODEL_PATH, lambda run: "embedded:female")
@@ -92,7 +92,7 @@ def evaluated(run="both"):
     return Run(run).artifact("evaluate")
 
 
-def test_every_cell_holds_both_roads(both):
+def test_every_group_holds_both_pipelines(both):
     manifest = both.manifest
     assert [cell for cell in manifest["cells"] if cell in FOUR] == FOUR
     own = ["dsnet_plus", "dsnet", "autoencoder", "person_mean", "sequence_mean", "smpl",
@@ -113,7 +113,7 @@ def test_every_cell_holds_both_roads(both):
 
 
 @pytest.mark.parametrize("name", ["50004_kicking", "99001_hips", "50004_one_leg_jump"])
-def test_each_road_is_posed_with_its_own_motion(both, name):
+def test_each_pipeline_is_posed_with_its_own_motion(both, name):
     body = load_body_model("embedded:female")
     found = next(s for s in both.manifest["per_sequence"] if s["name"] == name)["errors"]
 
@@ -156,18 +156,20 @@ def test_decay_and_rest_are_found_where_she_stops(both):
     assert rest["error_mm"] == pytest.approx(rest["true_mm"] / 2, rel=1e-5)
     assert plus["spectrum"]["own"]["hz"] == pytest.approx(5.25, abs=0.5)
     assert plus["spectrum"]["own"]["ratio"] == pytest.approx(0.5, rel=1e-4)
-    # The other cells' bodies never move: there is nothing to stop.
+    # The other groups' bodies never move: there is nothing to stop.
     assert cells["new_person_known_motion"][PLUS]["decay"] is None
-    true, predicted = (offset_sizes_m(both, name, "99001_stopping") for name in ("true", PLUS))
+    true, predicted = (
+        frames_m(both, OFFSET_SIZE, name, "99001_stopping") for name in ("true", PLUS)
+    )
     assert true is not None
     assert predicted is not None
     np.testing.assert_allclose(predicted, 0.5 * true, rtol=1e-5)
-    assert offset_sizes_m(both, "smpl", "99001_stopping") is None
+    assert frames_m(both, OFFSET_SIZE, "smpl", "99001_stopping") is None
 
 
 def test_a_captured_truth_is_judged_whole_and_in_parts(tmp_path):
     forge(tmp_path / "both", captured=True)
-    write_best_road(tmp_path / "both", share=0.5, static_share=0.9)
+    write_best_pipeline(tmp_path / "both", share=0.5, static_share=0.9)
     manifest = evaluated().manifest
     assert manifest["test_bed"] == {
         "tissue": "own", "form": "captured", "gravity": True, "gender": "female"
@@ -191,14 +193,14 @@ def test_a_captured_truth_is_judged_whole_and_in_parts(tmp_path):
     assert alignment == pytest.approx(1 - lost, rel=1e-4)
 
 
-@pytest.mark.parametrize("road", ["paper", "best"])
-def test_one_road_is_enough(tmp_path, road):
-    forge(tmp_path / "both", paper=road == "paper")
-    if road == "best":
-        write_best_road(tmp_path / "both", own_alignment=False)
+@pytest.mark.parametrize("pipeline", ["paper", "best"])
+def test_one_pipeline_is_enough(tmp_path, pipeline):
+    forge(tmp_path / "both", paper=pipeline == "paper")
+    if pipeline == "best":
+        write_best_pipeline(tmp_path / "both", own_alignment=False)
     evaluate = evaluated()
-    own = {"paper": "dsnet", "best": PLUS}[road]
-    assert list(evaluate.manifest["roads"]) == [road]
+    own = {"paper": "dsnet", "best": PLUS}[pipeline]
+    assert list(evaluate.manifest["roads"]) == [pipeline]
     assert evaluate.manifest["default"] == own
     assert set(evaluate.manifest["alignments"]) == {"align"}
     beside = ["person_mean", "sequence_mean", "smpl"]
@@ -210,20 +212,20 @@ def test_one_road_is_enough(tmp_path, road):
         == {
             "paper": {"align", "infer", "decode", "truth"},
             "best": {"align", "infer_plus", "truth"},
-        }[road]
+        }[pipeline]
     )
 
 
-def test_roads_of_one_alignment_share_what_learns_nothing(tmp_path):
+def test_pipelines_of_one_alignment_share_what_learns_nothing(tmp_path):
     forge(tmp_path / "both")
-    write_best_road(tmp_path / "both", own_alignment=False)
+    write_best_pipeline(tmp_path / "both", own_alignment=False)
     names = list(evaluated().manifest["predictors"])
     assert names == [PLUS, "dsnet", "autoencoder", "person_mean", "sequence_mean", "smpl"]
 
 
-def test_without_a_truth_aligned_offsets_are_each_roads_own(tmp_path):
+def test_without_a_truth_aligned_offsets_are_each_pipelines_own(tmp_path):
     forge(tmp_path / "both")
-    write_best_road(tmp_path / "both")
+    write_best_pipeline(tmp_path / "both")
     shutil.rmtree(tmp_path / "both" / "truth")
     manifest = evaluated().manifest
     assert manifest["test_bed"] is None
@@ -235,9 +237,9 @@ def test_without_a_truth_aligned_offsets_are_each_roads_own(tmp_path):
     assert errors[PLUS]["offsets"]["r2"] != pytest.approx(0.99, rel=1e-5)
 
 
-def test_an_older_best_road_is_refused(tmp_path):
+def test_an_older_best_pipeline_is_refused(tmp_path):
     forge(tmp_path / "both")
-    write_best_road(tmp_path / "both")
+    write_best_pipeline(tmp_path / "both")
     put(tmp_path / "both", "align_robust", {}, ALIGNED)
     with pytest.raises(DsnetError, match="older than 'align_robust'"):
         main(EvaluateConfig(run="both"))
@@ -245,9 +247,9 @@ def test_an_older_best_road_is_refused(tmp_path):
 
 def test_an_unknown_predictor_is_one_line(tmp_path):
     forge(tmp_path / "both")
-    write_best_road(tmp_path / "both")
+    write_best_pipeline(tmp_path / "both")
     run = Run("both")
-    roads = roads_of(run.artifacts(*stages_of_roads(run)))
-    assert road_of(roads, PLUS).name == "best"
+    pipelines = pipelines_of(run.artifacts(*stages_of_pipelines(run)))
+    assert pipeline_of(pipelines, PLUS).name == "best"
     with pytest.raises(DsnetError, match="predictor 'no_such'; expected one of dsnet, dsnet_plus"):
-        road_of(roads, "no_such")
+        pipeline_of(pipelines, "no_such")

@@ -1,0 +1,201 @@
+"""What alignment gives back of what the meshes were made from; only synthetic data can tell.
+
+Alignment can explain a jiggling breast by an offset or by a nodding spine (Section 6). With D the
+true offset of a vertex in a frame, D' the estimated one and a = D - D' what became of the
+difference,
+
+    absorbed = sum a . D / sum |D|^2          0: all of D came back, 1: pose and shape took it all
+    invented = rms |D' - (1 - absorbed) D|    what the estimate has that is not in proportion to D
+
+over any set of vertices and frames. The two do not overlap: invented is perpendicular to D, so
+1 - R2 = sum |a|^2 / sum |D|^2 = absorbed^2 + sum |invented|^2 / sum |D|^2. Of a, the part
+S(beta') - S(beta) is the shape's; the rest is the pose's. An energy ratio alone would not tell
+dynamics that were lost from errors that have nothing to do with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.measure.metrics import ErrorSums, frame_blocks, rotation_error_deg
+from bridge.measure.pipelines import MotionArrays
+from bridge.motion import unpack_theta
+from bridge.runs.worker_pool import worker_pool
+
+# Of a part that holds less of the body's energy, no share can be told: it hardly moves.
+_LEAST_SHARE = 5e-3
+
+
+class Absorption:
+    """Sums of one aligner's offsets against the true ones, for each vertex.
+
+    A vertex belongs to the part of the joint with its largest weight.
+    """
+
+    def __init__(self, body: BodyModelData) -> None:
+        self._shapedirs = body.shapedirs
+        self._part_of_vertex = body.weights.argmax(axis=1)
+        self._frames = 0
+        # Of the true offsets, the error, what was taken of the true ones, and by the shape.
+        self._sums = np.zeros((4, body.vertex_count))
+
+    def add(
+        self, found_m: ArrayLike, true_m: ArrayLike, found_betas: ArrayLike, true_betas: ArrayLike
+    ) -> None:
+        """Take in offsets (T, V, 3) of one sequence; betas are (10,), or (T, 10) of each frame."""
+        true = np.asarray(true_m, dtype=np.float64)
+        difference = true - np.asarray(found_m, dtype=np.float64)
+        change = np.subtract(found_betas, true_betas, dtype=np.float64)
+        by_shape = np.tensordot(np.atleast_2d(change), self._shapedirs, axes=(-1, -1))
+        by_shape = np.broadcast_to(by_shape, true.shape)
+        self._frames += len(true)
+        for sums, (one, other) in zip(
+            self._sums,
+            ((true, true), (difference, difference), (difference, true), (by_shape, true)),
+            strict=True,
+        ):
+            sums += np.einsum("tvx,tvx->v", one, other)
+
+    def merge(self, other: Absorption) -> None:
+        """Take in all frames of `other`."""
+        self._frames += other._frames
+        self._sums += other._sums
+
+    def rms_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Root mean square over frames of each vertex's true offset and of its error, (V,) m."""
+        true, error = np.sqrt(self._sums[:2] / max(self._frames, 1))
+        return true, error
+
+    def of(self, vertices: NDArray[np.bool_] | slice = slice(None)) -> dict[str, float | None]:
+        """Figures of some vertices (V,) bool, or of all.
+
+        `share` of the body's true energy; `true_mm`, `error_mm` and `invented_mm`, root mean
+        squares; `r2`; `absorbed`, and of that `absorbed_by_pose`. What would be a ratio to nothing
+        is None.
+        """
+        true, error, taken, by_shape = (float(sums[vertices].sum()) for sums in self._sums)
+        count = max(self._frames * len(self._sums[0, vertices]), 1)
+        share = true / max(float(self._sums[0].sum()), np.finfo(float).tiny)
+        tells = share >= _LEAST_SHARE
+        # Where hardly anything moves, all that the estimate has is invented.
+        invented = error - taken**2 / true if tells else error
+        return {
+            "share": share,
+            "true_mm": 1e3 * float(np.sqrt(true / count)),
+            "error_mm": 1e3 * float(np.sqrt(error / count)),
+            "invented_mm": 1e3 * float(np.sqrt(max(invented, 0.0) / count)),
+            "r2": 1.0 - error / true if tells else None,
+            "absorbed": taken / true if tells else None,
+            "absorbed_by_pose": (taken - by_shape) / true if tells else None,
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """`whole` body, and `parts` by name in SMPL's order, as `of` gives them."""
+        parts = {
+            name: self.of(own)
+            for joint, name in enumerate(SMPL_JOINT_NAMES)
+            if (own := self._part_of_vertex == joint).any()
+        }
+        return {"whole": self.of(), "parts": parts}
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Shape, poses and offsets of one sequence, found or true."""
+
+    betas: NDArray[np.floating]
+    """(10,), or (T, 10) when each frame has its own."""
+    theta: NDArray[np.floating]
+    """(T, 69)."""
+    offsets_m: NDArray[np.floating]
+    """(T, V, 3) all that the mesh has over SMPL, in the rest pose; may be memory-mapped."""
+
+
+class AlignmentErrors:
+    """Errors of what an aligner found with a body model, sequence by sequence."""
+
+    def __init__(self, body: BodyModelData) -> None:
+        self.offsets, self.absorption = ErrorSums(), Absorption(body)
+        self._angles_deg: list[NDArray[np.float64]] = []
+        self._shifts_mm: list[NDArray[np.float64]] = []
+
+    def add(self, found: Alignment, true: Alignment) -> None:
+        """Take in one sequence, of as many frames in both."""
+        for block in frame_blocks(slice(0, len(found.theta))):
+            pair = found.offsets_m[block], true.offsets_m[block]
+            self.offsets.add(*pair)
+            betas = found.betas if found.betas.ndim == 1 else found.betas[block]
+            self.absorption.add(*pair, betas, true.betas)
+        pose, trans = unpack_theta(found.theta)
+        true_pose, true_trans = unpack_theta(true.theta)
+        self._angles_deg.append(rotation_error_deg(pose, true_pose))
+        self._shifts_mm.append(1e3 * np.linalg.norm(trans - true_trans, axis=-1))
+
+    def merge(self, other: AlignmentErrors) -> None:
+        """Take in all sequences of `other`."""
+        self.offsets += other.offsets
+        self.absorption.merge(other.absorption)
+        self._angles_deg += other._angles_deg
+        self._shifts_mm += other._shifts_mm
+
+    def summary(self) -> dict[str, Any]:
+        """Of the `offsets`; `pose_deg` (over frames and joints) and `trans_mm`, mean and 95th
+        percentile; `absorption`.
+        """
+        return {
+            "offsets": self.offsets.summary(),
+            "pose_deg": spread(np.concatenate(self._angles_deg)),
+            "trans_mm": spread(np.concatenate(self._shifts_mm)),
+            "absorption": self.absorption.summary(),
+        }
+
+
+def alignment_errors(
+    align: MotionArrays, truth: MotionArrays | None, body: BodyModelData
+) -> dict[str, Any]:
+    """`frame_error_mm` of the aligned model, and with a truth also `AlignmentErrors.summary` and
+    `betas_rms`, root mean square over the coefficients of the subjects.
+    """
+    residual_mm = 1e3 * np.asarray(align.artifact.array("frame_error"), dtype=np.float64)
+    fitted = {"frame_error_mm": spread(residual_mm)}
+    shared = [] if truth is None else [name for name in align.places if name in truth.places]
+    if truth is None or not shared:
+        return fitted
+
+    def errors_of(body: BodyModelData, name: str) -> AlignmentErrors:
+        # Alignment cannot tell a misfit that stays from flesh that moves, and is not asked to.
+        found, true = (
+            Alignment(
+                arrays.betas(name),
+                arrays.frames("theta", name, slice(None)),
+                arrays.offsets_m(name, slice(None)),
+            )
+            for arrays in (align, truth)
+        )
+        own = AlignmentErrors(body)
+        own.add(found, true)
+        return own
+
+    errors = AlignmentErrors(body)
+    with worker_pool("threads", body) as pool:
+        for own in pool.map(errors_of, shared):
+            errors.merge(own)
+    found_betas, true_betas = (arrays.artifact.array("betas") for arrays in (align, truth))
+    differences = [
+        found_betas[row] - true_betas[truth.rows[subject]]
+        for subject, row in align.rows.items()
+        if subject in truth.rows
+    ]
+    betas_rms = float(np.sqrt(np.mean(np.square(differences))))
+    return fitted | errors.summary() | {"betas_rms": betas_rms}
+
+
+def spread(values: NDArray[np.floating]) -> dict[str, float]:
+    """Mean and 95th percentile."""
+    return {"mean": float(values.mean()), "p95": float(np.quantile(values, 0.95))}

@@ -1,0 +1,282 @@
+"""Figures 6 and 8 of the paper, losses, how offsets move, and what `dsnet verify` found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from bridge.measure.comparison import TRUE
+from bridge.measure.metrics import STEP_HZ
+from bridge.measure.pipelines import PERSON_MEAN, SMPL
+from bridge.measure.stage_evaluate import MESH_ERROR, OFFSET_SIZE, frames_m
+from bridge.motion import sequences_of
+from bridge.paper import CLIP_FRAMES
+from bridge.report.panels import new_figure, save_figure
+from bridge.runs import Artifact
+from bridge.runs.artifact import DataOrigin
+
+# Okabe and Ito's colours, told apart by every reader; line styles do it in print.
+_TRAINED = ("#0072B2", "#56B4E9", "#CC79A7", "#009E73", "#D55E00", "#F0E442")
+_LINES = ("-", "-.", ":")
+_UNTRAINED = {PERSON_MEAN: ("#E69F00", "--"), SMPL: ("#777777", "-")}
+_TRUE_STYLE = ("#000000", "-")
+_LOSSES = {"training": ("#0072B2", "-"), "validation": ("#D55E00", "--")}
+Curves = Mapping[str, tuple[NDArray, NDArray]]
+"""Places along the axis and values, by label."""
+
+
+@contextmanager
+def _drawn_axes(
+    path: Path, title: str, origin: DataOrigin, x: str, y: str, *, legend: bool = True
+) -> Iterator[Axes]:
+    """Axes to draw on; the figure is written at the end."""
+    figure = new_figure(8.0, 3.9, title=title, origin=origin)
+    axes = figure.subplots()
+    yield axes
+    finish_axes(axes, x, y, legend=legend)
+    save_figure(figure, path)
+
+
+def finish_axes(axes: Axes, x: str, y: str, *, legend: bool = True) -> None:
+    """Labels, grid and legend as all curves have them."""
+    axes.set_xlabel(x, fontsize=9)
+    axes.set_ylabel(y, fontsize=9)
+    axes.tick_params(labelsize=8)
+    axes.grid(alpha=0.25, linewidth=0.6)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    if legend:
+        axes.legend(fontsize=8, frameon=False)
+
+
+def draw_figure6(path: Path, align: Artifact) -> None:
+    """Figure 6: histogram of the sequences' lengths, and the length that all are brought to."""
+    lengths = [sequence.length for sequence in sequences_of(align)]
+    title = "Figure 6: lengths of the sequences"
+    with _drawn_axes(path, title, align.origin, "frames", "sequences", legend=False) as axes:
+        edges = np.arange(0, max(*lengths, CLIP_FRAMES) + 100, 50)
+        axes.hist(lengths, bins=edges.tolist(), color="#0072B2", edgecolor="white")
+        axes.axvline(CLIP_FRAMES, color="#D55E00", linestyle="--")
+        place = {"transform": axes.get_xaxis_transform(), "va": "top", "fontsize": 9}
+        axes.text(CLIP_FRAMES, 0.98, f" {CLIP_FRAMES} frames", color="#D55E00", **place)
+        axes.set_xlim(left=0)
+        axes.margins(y=0.15)  # room for the label above the bars
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def draw_figure8(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]) -> None:
+    """Figure 8: error of the posed mesh in each frame; the default is drawn last and so on top."""
+    title = f"Figure 8: error over time, {sequence['name']} (never trained on)"
+    styles = dict(reversed((trained_styles(evaluate) | _UNTRAINED).items()))
+    with _drawn_axes(path, title, evaluate.origin, "time [s]", "mean vertex error [mm]") as axes:
+        _draw_over_time(axes, evaluate, MESH_ERROR, sequence, styles)
+
+
+def draw_offset_size(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]) -> None:
+    """Mean length of the moving offsets in each frame; shaded where the body stands still."""
+    title = f"Size of the skin offsets over time, {sequence['name']} (never trained on)"
+    styles = {TRUE: _TRUE_STYLE} | trained_styles(evaluate)
+    with _drawn_axes(path, title, evaluate.origin, "time [s]", "mean over vertices [mm]") as axes:
+        _draw_over_time(axes, evaluate, OFFSET_SIZE, sequence, styles)
+        for start_s, stop_s in sequence["stands_still_s"]:
+            axes.axvspan(start_s, stop_s, color="#000000", alpha=0.07, linewidth=0)
+
+
+def _draw_over_time(
+    axes: Axes,
+    evaluate: Artifact,
+    kind: str,
+    sequence: Mapping[str, Any],
+    styles: Mapping[str, tuple[str, str]],
+) -> None:
+    fps = next(s.fps for s in sequences_of(evaluate) if s.name == sequence["name"])
+    for name, (colour, line) in styles.items():
+        curve_m = frames_m(evaluate, kind, name, sequence["name"])
+        if curve_m is not None:
+            label = evaluate.manifest["predictors"].get(name, "true")
+            label += f", mean {1e3 * curve_m.mean():.2f} mm"
+            times_s = np.arange(len(curve_m)) / fps
+            axes.plot(times_s, 1e3 * curve_m, line, color=colour, label=label, linewidth=1.5)
+    axes.set_ylim(bottom=0.0, top=1.35 * axes.get_ylim()[1])  # room for the legend
+    axes.set_xlim(0, sequence["frames"] / fps)
+
+
+def stopping_sequence(evaluate: Artifact) -> dict[str, Any] | None:
+    """The measured test sequence whose flesh swings most after a stop, or the first; or None."""
+    default = evaluate.manifest["default"]
+
+    def swing_mm(one: dict[str, Any]) -> float:
+        decay = one["errors"][default]["decay"]
+        return decay["true_mm"] if decay else 0.0
+
+    tested = [
+        one
+        for one in evaluate.manifest["per_sequence"]
+        if one["split"] == "test" and "velocity" in one["errors"].get(default, {})
+    ]
+    return max(tested, key=swing_mm, default=None)
+
+
+def draw_spectrum(path: Path, evaluate: Artifact) -> None:
+    """Root mean square of the moving offsets in each half hertz, over all test sequences."""
+    drawn = {
+        name: evaluate.array(f"spectrum_{name}")
+        for name in trained_styles(evaluate)
+        if f"spectrum_{name}" in evaluate.manifest["arrays"]
+    }
+    true_mm = next(iter(drawn.values()))[0]
+    frequencies_hz = STEP_HZ * (np.arange(len(true_mm)) + 0.5)
+    floor_mm = 1e-4 * float(true_mm.max()) or 1e-9
+    title, y = "Spectrum of the skin offsets", "root mean square in half a hertz [mm]"
+    with _drawn_axes(path, title, evaluate.origin, "frequency [Hz]", y) as axes:
+        for name, (colour, line) in ({TRUE: _TRUE_STYLE} | trained_styles(evaluate)).items():
+            if name == TRUE or name in drawn:
+                size_mm = np.maximum(true_mm if name == TRUE else drawn[name][1], floor_mm)
+                label = evaluate.manifest["predictors"].get(name, "true")
+                width = 2.0 if name == TRUE else 1.5
+                axes.plot(frequencies_hz, size_mm, line, color=colour, label=label, linewidth=width)
+        axes.set_yscale("log")
+        axes.set_xlim(0, frequencies_hz[-1])
+
+
+def trained_styles(evaluate: Artifact) -> dict[str, tuple[str, str]]:
+    """Colour and line of each trained predictor, in the order of the tables."""
+    pipelines = evaluate.manifest["roads"].values()
+    trained = {name for pipeline in pipelines for name in pipeline["predictors"]}
+    names = [name for name in evaluate.manifest["predictors"] if name in trained]
+    return dict(zip(names, zip(cycle(_TRAINED), cycle(_LINES), strict=False), strict=False))
+
+
+def draw_autoencoder_loss(path: Path, train_ae: Artifact) -> None:
+    """Losses of the autoencoder; validation begins before the first step."""
+    loss, validation, steps = (
+        np.asarray(train_ae.array(name)) for name in ("loss", "validation_loss", "validation_steps")
+    )
+    curves = {"training": (steps[1:], loss), "validation": (steps, validation)}
+    title, y = "Loss of the autoencoder (mean squared error)", "loss of normalised offsets"
+    _draw_losses(path, title, train_ae.origin, {"": curves}, "step", y)
+
+
+def draw_dsnet_loss(path: Path, train: Artifact) -> None:
+    """Losses of each predictor; their units differ, so each has axes of its own."""
+    validated = np.asarray(train.array("validation_epochs"))
+    panels = {}
+    for name, one in train.manifest["predictors"].items():
+        loss = np.asarray(train.array(f"loss_{name}"))
+        validation = np.asarray(train.array(f"validation_loss_{name}"))
+        panels[f"{one['label']}, Adam {one['lr']:g}"] = {
+            "training": (1 + np.arange(len(loss)), loss),
+            "validation": (validated, validation),
+        }
+    title = "Loss of DSNet (Section 4.3)"
+    _draw_losses(path, title, train.origin, panels, "epoch", "loss of a sequence")
+
+
+def draw_plus_loss(path: Path, train_plus: Artifact) -> None:
+    """Losses over the steps that were recorded."""
+    losses = plus_losses(train_plus)
+    curves = {label: (1 + np.arange(len(loss)), loss) for label, loss in losses.items()}
+    title = "Loss of this repository's predictors"
+    _draw_losses(path, title, train_plus.origin, {"": curves}, "step", "loss")
+
+
+def plus_losses(train_plus: Artifact) -> dict[str, np.ndarray]:
+    """The recorded losses by label; a predictor that is solved for in one go has none."""
+    return {
+        one["label"]: np.asarray(train_plus.array(f"loss_{name}"))
+        for name, one in train_plus.manifest["predictors"].items()
+        if f"loss_{name}" in train_plus.manifest["arrays"]
+    }
+
+
+def _draw_losses(
+    path: Path, title: str, origin: DataOrigin, panels: Mapping[str, Curves], x: str, y: str
+) -> None:
+    """Axes side by side, by title; on a logarithmic scale where losses fall far."""
+    width_in = 6.5 if len(panels) == 1 else 4.4 * len(panels)
+    figure = new_figure(width_in, 3.6, title=title, origin=origin)
+    row = figure.subplots(1, len(panels), squeeze=False)[0]
+    for axes, (panel, curves) in zip(row, panels.items(), strict=True):
+        others = zip(cycle(_TRAINED), cycle(_LINES), strict=False)
+        for label, (steps, values) in curves.items():
+            colour, line = _LOSSES.get(label) or next(others)
+            marker = "o" if len(steps) < 20 else ""
+            axes.plot(steps, values, line, marker=marker, color=colour, label=label, linewidth=1.2)
+        values = np.concatenate([values for _, values in curves.values()])
+        if (values > 0).all() and 10 * values.min() < values.max() < np.inf:
+            axes.set_yscale("log")
+        axes.set_title(panel, fontsize=9)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        finish_axes(axes, x, y)
+    save_figure(figure, path)
+
+
+_DIGITS_SHOWN = 7
+_PARITY_COLOURS = ListedColormap(colormaps["YlGnBu"](np.linspace(0.08, 0.75, 2 * _DIGITS_SHOWN)))
+_PARITY_COLOURS.set_under("#D55E00")
+_PARITY_COLOURS.set_bad("#f2f2f2")
+_SHORT = {"float64": "f64", "float32": "f32"}
+Row = Mapping[str, Any]
+
+
+def draw_parity(path: Path, parity: Mapping[str, Any], origin: DataOrigin) -> None:
+    """What `dsnet verify` found: a field for each check, part, engine and precision.
+
+    The colour is the number of digits between difference and tolerance, orange where there is
+    none; the number is the exponent of the difference relative to the tensor's scale.
+    """
+    rows = parity["rows"]
+    dsnet = [row for row in rows if row["check"].startswith("dsnet")]
+    sides = [dsnet, [row for row in rows if row not in dsnet]]
+    tallest = max(len({(row["check"], row["part"]) for row in side}) for side in sides)
+    verdict = "all within tolerance" if parity["passed"] else "NOT all within tolerance"
+    title = f"Difference from the float64 reference: {verdict}"
+    figure = new_figure(10.0, 1.9 + 0.155 * tallest, title=title, origin=origin)
+    panels = figure.subplots(1, 2)
+    for axes, side in zip(panels, sides, strict=True):
+        _draw_checks(axes, side)
+    place = {"location": "top", "fraction": 0.02, "pad": 0.01, "aspect": 50}
+    bar = figure.colorbar(panels[0].collections[0], ax=list(panels), **place)
+    bar.set_label("digits between difference and tolerance (orange: over it)", fontsize=8)
+    bar.ax.tick_params(labelsize=7)
+    save_figure(figure, path)
+
+
+def _draw_checks(axes: Axes, rows: Sequence[Row]) -> None:
+    checks = list(dict.fromkeys((row["check"], row["part"]) for row in rows))
+    engines = list(dict.fromkeys((row["engine"], row["dtype"]) for row in rows))
+    spare = np.full((len(checks), len(engines)), np.nan)
+    for row in rows:
+        y = checks.index((row["check"], row["part"]))
+        x = engines.index((row["engine"], row["dtype"]))
+        spare[y, x] = digits_to_spare(row)
+        found = row["max_rel"]
+        text = "x" if found is None else str(math.floor(math.log10(found))) if found else "0"
+        axes.text(x + 0.5, y + 0.5, text, fontsize=5.5, ha="center", va="center")
+    style = {"edgecolors": "white", "linewidth": 0.5}
+    axes.pcolormesh(spare, cmap=_PARITY_COLOURS, vmin=0, vmax=_DIGITS_SHOWN, **style)
+    axes.set_yticks(np.arange(len(checks)) + 0.5, [" · ".join(pair) for pair in checks], fontsize=6)
+    names = [f"{engine} {_SHORT[dtype]}" for engine, dtype in engines]
+    axes.set_xticks(np.arange(len(engines)) + 0.5, names, fontsize=6, rotation=90)
+    axes.tick_params(length=0)
+    axes.invert_yaxis()
+
+
+def digits_to_spare(row: Row) -> float:
+    """log10(tolerance / difference), below 0 for a row that failed."""
+    if not row["passed"]:
+        return -1.0
+    if not row["max_rel"]:
+        return float(_DIGITS_SHOWN)
+    return math.log10(row["tolerance"] / row["max_rel"])

@@ -1,0 +1,195 @@
+"""What a report says: `results.json`, every number of a run's manifests, and the pages of it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markdown_it import MarkdownIt
+
+from bridge.motion.cells import CELLS
+from bridge.report.paper_table import (
+    Stages,
+    compare,
+    measure,
+    parameter_counts,
+    validation_result,
+)
+from bridge.runs import Artifact
+from bridge.runs.run import TRAIN_PLUS
+
+_FORWARD = ("layers", "loss", "losses")
+_PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}
+_OF_EVERY_STAGE = ("command", "finished_utc", "sha256")
+_SHOWN_OF_STAGES = ("wall_time_s", "peak_memory_mb", "machine", "versions")
+
+
+def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
+    """The contents of `results.json`; lengths in millimetres where the key says so.
+
+    What belongs to the paper's pipeline is None in a run without it. `gender` is that of the run's
+    body model.
+    """
+    evaluate = stages["evaluate"].manifest
+    validation = validation_result(stages["evaluate"])
+    held_out = "" if validation is None else f", `{validation['name']}`"
+    titles = {"validation": f"held out{held_out}"} | CELLS
+    titles |= {"test": "all of the four test groups", "train": "trained on (first of each person)"}
+    measured = ("predictors", "default", "roads", "test_bed", "cells", "alignment", "alignments")
+    summary = {
+        "run": run_name,
+        "data": stages["evaluate"].origin,
+        "validation": validation,
+        **{key: evaluate[key] for key in measured},
+        "cell_titles": {key: text for key, text in titles.items() if key in evaluate["cells"]},
+        "sequences": evaluate["per_sequence"],
+        **_papers_pipeline(stages, gender),
+        "verification": verification(stages),
+        "stages": {name: _stage(artifact.manifest) for name, artifact in stages.items()},
+    }
+    return _without_nan(summary)
+
+
+def _papers_pipeline(stages: Stages, gender: str) -> dict[str, Any]:
+    """Networks of the paper's pipeline and its numbers beside ours."""
+    if "decode" not in stages:
+        return dict.fromkeys(("parameters", "autoencoder", "dsnet", "paper"))
+    train_ae, train = stages["train-ae"].manifest, stages["train"].manifest
+    trained = train_ae["autoencoder"]
+    # Share of the initial squared error on validation frames that training took away.
+    fall = 1.0 - (1.0 - trained["r2_validation"]) / (1.0 - trained["r2_initial"])
+    return {
+        "parameters": parameter_counts(stages),
+        "autoencoder": {
+            "training": trained | {"error_fall": fall},
+            "pca": train_ae["pca"],
+            "comparisons": train_ae.get("comparisons", []),
+        },
+        "dsnet": {
+            "default": stages["decode"].manifest["default"],
+            "predictors": train["predictors"],
+            "epochs": train["config"]["epochs"],
+            "parameters_trainable": train["parameters"].get("dsnet_trainable"),
+        },
+        "paper": compare(measure(stages, gender)),
+    }
+
+
+def departures(stages: Stages) -> list[str]:
+    """Where the run leaves the paper's words, in its stages' own."""
+    found: list[str] = []
+    if "train-ae" in stages:
+        trained = stages["train-ae"].manifest["autoencoder"]
+        found += [f"autoencoder: {text}" for text in trained.get("departures", ())]
+    for stage in ("train", TRAIN_PLUS):
+        if stage in stages:
+            for name, one in stages[stage].manifest["predictors"].items():
+                found += [f"`{name}`: {text}" for text in one["departures"]]
+    return found
+
+
+def read_parity(verify: Artifact) -> dict[str, Any]:
+    """The contents of `parity.json`."""
+    return json.loads(verify.file("parity.json").read_text(encoding="utf-8"))
+
+
+def verification(stages: Stages) -> dict[str, Any] | None:
+    """Rows, those that hold, and the largest differences of each engine and precision."""
+    if "verify" not in stages:
+        return None
+    parity = read_parity(stages["verify"])
+    rows = parity["rows"]
+    differentiated = {row["engine"] for row in rows if row["part"] == "gradients"}
+    largest: dict[tuple[str, str], dict[str, float | None]] = {}
+    for row in rows:
+        found = largest.setdefault(
+            (row["engine"], row["dtype"]), {"forward": None, "backward": None}
+        )
+        if row["max_rel"] is not None and row["part"] != "files":
+            way = "forward" if row["part"] in _FORWARD else "backward"
+            found[way] = max(found[way] or 0.0, row["max_rel"])
+    return {
+        "forward_only": [engine for engine in parity["engines"] if engine not in differentiated],
+        "rows": len(rows),
+        "held": sum(row["passed"] for row in rows),
+        "diagnosis": list(parity["diagnosis"]),
+        "engines": [
+            {
+                "engine": engine,
+                "version": parity["engines"][engine].get(_PACKAGES[engine], ""),
+                "precision": dtype,
+                **differences,
+            }
+            for (engine, dtype), differences in largest.items()
+        ],
+    }
+
+
+def _stage(manifest: dict[str, Any]) -> dict[str, Any]:
+    provenance = manifest["provenance"]
+    apart = (*_OF_EVERY_STAGE, *_SHOWN_OF_STAGES)
+    return {
+        **{key: provenance[key] for key in _SHOWN_OF_STAGES},
+        "seed": manifest["config"].get("seed"),
+        "config": manifest["config"],
+        "measured": {key: value for key, value in provenance.items() if key not in apart},
+    }
+
+
+def _without_nan(value: Any) -> Any:
+    """JSON has no NaN: a number that is not one becomes null."""
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _decimals(value: float | None, digits: int) -> str:
+    # Adding 0 turns the negative zero of rounding into zero.
+    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
+
+
+def _exponent(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0e}" if value else "0"
+
+
+_ENVIRONMENT = Environment(
+    loader=PackageLoader("bridge.report"),
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+    # Markdown escapes for itself; the HTML page marks what comes rendered.
+    autoescape=lambda name: bool(name and name.endswith(".html.j2")),
+)
+_ENVIRONMENT.filters |= {"decimals": _decimals, "exponent": _exponent}
+
+
+def render_markdown(context: Mapping[str, Any]) -> str:
+    """`report.md` from the results."""
+    return _ENVIRONMENT.get_template("report.md.j2").render(context)
+
+
+def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
+    """A page that needs no other file: pictures named in `markdown` are read from `folder`."""
+
+    def picture(found: re.Match[str]) -> str:
+        encoded = base64.b64encode((folder / found[1]).read_bytes()).decode("ascii")
+        return f'src="data:image/png;base64,{encoded}"'
+
+    body = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
+    body = re.sub(r'src="(figures/[\w.-]+\.png)"', picture, body)
+    # A name that is a picture from elsewhere would have it fetched by whoever reads the page.
+    body = re.sub(r'<img (?!src="data:)[^>]*>', "", body)
+    # Tables scroll by themselves on a narrow screen, the page does not.
+    body = body.replace("<table>", '<div class="wide"><table>')
+    body = body.replace("</table>", "</table></div>")
+    page = _ENVIRONMENT.get_template("page.html.j2")
+    return page.render(title=title, banner=banner, body=body)
