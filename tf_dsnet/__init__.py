@@ -4,8 +4,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bridge.runtime.streams.streaming import StreamingPredictor
-    from bridge.runtime.streams.streaming_bodies import StreamingBodies
+    from bridge.runtime.streams import (StreamingPredictor)
+    from bridge.runtime.streams import (StreamingBodies)
     from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, load_codec
     from tf_dsnet.model import build_dsnet
     from tf_dsnet.smpl import KerasSMPL, unpose

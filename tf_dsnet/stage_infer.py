@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.exchange.codes import LATENTS_OF
-from bridge.exchange.trained_dsnet import code_of
+from bridge.exchange.dsnet import (LATENTS_OF)
+from bridge.exchange.dsnet import (code_of)
 from bridge.motion import MotionSequence, subject_rows, to_manifest
 from bridge.motion.cuts import predict_between_cuts
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.array_file import ArrayFile
-from bridge.runs.progress import progress
+from bridge.runs.files import (ArrayFile)
+from bridge.runs.workers import (progress)
 from bridge.runs.run import (
     INFER,
     INFER_PLUS,
@@ -32,8 +32,8 @@ from bridge.runs.run import (
     best_alignment,
     body_model_path,
 )
-from bridge.runs.worker_pool import on_any_node, worker_pool
-from bridge.runtime.plus_step import PlusModel
+from bridge.runs.workers import (on_any_node, worker_pool)
+from bridge.runtime.stepping import (PlusModel)
 from bridge.runtime.run_motions import AmassOptions, MotionSet, find_motions, gather
 from bridge.runtime.stepping import codes_of
 from bridge.tissue.trained_plus import NAME, TrainedPlus

@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 
 from bridge.body import load_body_model
 from bridge.exchange import load_weights, save_weights
-from bridge.exchange.clips import Clips
-from bridge.exchange.layouts import mesh_autoencoder_from_keras
+from bridge.exchange.dsnet import (Clips)
+from bridge.exchange.weights import (mesh_autoencoder_from_keras)
 from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
 from tf_dsnet import mesh_autoencoder, model
-from tf_dsnet.codec import KerasCodec
+from tf_dsnet.mesh_autoencoder import (KerasCodec)
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, TorchAdam
-from tf_dsnet.oscillators.layer import OscillatorLayer
-from tf_dsnet.oscillators.learner import OscillatorLearner
+from tf_dsnet.oscillators import (OscillatorLayer)
+from tf_dsnet.oscillators import (OscillatorLearner)
 from tf_dsnet.smpl import KerasSMPL
 from tf_dsnet.trainer import Trainer
-from tf_dsnet.unposing import unpose
+from tf_dsnet.smpl import (unpose)
 
 NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 Options = dict[str, Any]

@@ -12,9 +12,9 @@ from typing import Any
 from benchmarks import plugin
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import DMPL
-from bridge.motion.cells import CELLS
+from bridge.motion.splits import (CELLS)
 from bridge.processes import run_dsnet
-from bridge.exchange.codes import DMPL
+from bridge.exchange.dsnet import (DMPL)
 from bridge.motion.splits import CELLS
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically

@@ -14,8 +14,8 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from benchmarks.systems.kinematics import DIFFERENCES_SIZE, pose_differences
-from bridge.exchange.clips import join_inputs
-from bridge.exchange.trained_dsnet import TrainedDsnet
+from bridge.exchange.dsnet import (join_inputs)
+from bridge.exchange.dsnet import (TrainedDsnet)
 from tf_dsnet.predictors import (
     BodyOf,
     DsnetPredictor,
@@ -25,7 +25,7 @@ from tf_dsnet.predictors import (
     applied_dsnet,
 )
 from bridge.exchange.dsnet import TrainedDsnet, join_inputs
-from tf_dsnet.predictors.base import BodyOf, PredictMotion, PredictorSettings, TrainingData
+from tf_dsnet.predictors import (BodyOf, PredictMotion, PredictorSettings, TrainingData)
 from tf_dsnet.predictors.dsnet import DsnetOfMotions, StandardisedDsnet
 from tf_dsnet.trainer import DsnetTraining
 

@@ -23,7 +23,7 @@ from bridge.motion.loops import REMEDY, Lap, close_lap
 from bridge.motion.smoothing import described
 from bridge.options import Bounds, PositiveFloat, check_options
 from bridge.paper import N_BETAS
-from bridge.runs.processes import notify
+from bridge.errors import (notify)
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.moving_body import MovingBody, place_motion
 

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from bridge.body.parts import PARTS
 from bridge.body.shapes import find_shape
-from bridge.body.smpl import Smpl
+from bridge.body.posing import (Smpl)
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
 from bridge.runtime.controls import stage_motion
-from bridge.runtime.floor import Floor
+from bridge.runtime.controls import (Floor)
 from bridge.runtime.looped import LoopedPredictor
-from bridge.runtime.part_gains import blended_gain
+from bridge.runtime.controls import (blended_gain)
 from bridge.view.repertoire import SMPL_ALONE, TRUTH, Repertoire, TrueMotion
 
 _MOST_BYTES = 1_500_000_000

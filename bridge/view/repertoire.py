@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
-from bridge.exchange.trained_dsnet import dsnets_of
-from bridge.measure.references import MotionArrays, true_offsets_m
+from bridge.exchange.dsnet import (dsnets_of)
+from bridge.measure.references import (true_offsets_m)
+from bridge.measure.pipelines import (MotionArrays)
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import DEFAULT_FPS
@@ -27,7 +28,7 @@ from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
-from bridge.runtime.body_motion import place_motion
+from bridge.runtime.moving_body import (place_motion)
 from bridge.runtime.characters import ROADS, Character, open_character
 from bridge.runtime.controls import Controls, asked_betas
 

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.errors import DsnetError
 from bridge.paper import N_VERTICES
-from bridge.runs.damage import damage_refused
-from bridge.runs.foreign_files import open_regular
-from bridge.runs.processes import notify
+from bridge.runs.untrusted import (damage_refused)
+from bridge.runs.untrusted import (open_regular)
+from bridge.errors import (notify)
 from torch_align_ae.corpus.dyna_checks import (
     FACES_KEY,
     LAYOUT,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bridge.errors import DsnetError
 from bridge.motion.motion import StoredMotion
 from bridge.motion.readers import amass, bvh
-from bridge.runs.processes import notify
+from bridge.errors import (notify)
 
 
 class MotionReader(Protocol):

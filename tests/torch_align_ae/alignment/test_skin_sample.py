@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from bridge.verify.reference.smpl import left_jacobian
 from torch_align_ae.alignment.skin_sample import linearise
 
 DOUBLE = torch.float64
