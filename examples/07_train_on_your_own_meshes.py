@@ -11,8 +11,6 @@ import sys
 
 from bridge.processes import exit_with_one_line, run_dsnet
 from bridge.runs import Run
-from bridge.runtime.stage_predict import (predict_motion)
-from bridge.processes import (run_dsnet)
 from bridge.runtime.stage_predict import predict_motion
 
 

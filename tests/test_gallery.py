@@ -12,8 +12,6 @@ from PIL import Image
 
 from bridge import DsnetError
 from bridge.motion.readers.amass import sample_path
-from bridge.runtime.characters import open_for_motion
-from bridge.motion.readers.amass import (sample_path)
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import load_for_motion
 from tests.forged.cyclic import circling

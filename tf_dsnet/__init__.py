@@ -4,8 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bridge.runtime.streams import (StreamingPredictor)
-    from bridge.runtime.streams import (StreamingBodies)
+    from bridge.runtime.streams import StreamingBodies, StreamingPredictor
     from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, load_codec
     from tf_dsnet.model import build_dsnet
     from tf_dsnet.smpl import KerasSMPL, unpose

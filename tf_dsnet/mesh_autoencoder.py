@@ -16,7 +16,12 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
-from bridge.exchange.weights import (TORCH_ADAM, AdamRule, mesh_autoencoder_from_keras, mesh_autoencoder_to_keras)
+from bridge.exchange.weights import (
+    TORCH_ADAM,
+    AdamRule,
+    mesh_autoencoder_from_keras,
+    mesh_autoencoder_to_keras,
+)
 from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE
 from bridge.runs import Artifact
 from tf_dsnet.framework import Tensor, keras, tf

@@ -18,9 +18,18 @@ from tyro.conf import Fixed
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
-from bridge.exchange.dsnet import (UnpaddedClip, fit_scaling, join_inputs, make_clips)
-from bridge.exchange.dsnet import (AUTOENCODER, CodeName)
-from bridge.exchange.dsnet import (DSNETS, Scaling, TrainedDsnet, check_trained)
+from bridge.exchange.dsnet import (
+    AUTOENCODER,
+    DSNETS,
+    CodeName,
+    Scaling,
+    TrainedDsnet,
+    UnpaddedClip,
+    check_trained,
+    fit_scaling,
+    join_inputs,
+    make_clips,
+)
 from bridge.options import NonNegativeFloat, PositiveFloat, PositiveInt, Seed
 from bridge.plugins import entry_named, with_plugins
 from bridge.runs import Artifact

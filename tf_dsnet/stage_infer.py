@@ -15,15 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.exchange.dsnet import (LATENTS_OF)
-from bridge.exchange.dsnet import (code_of)
+from bridge.exchange.dsnet import LATENTS_OF, code_of
 from bridge.motion import MotionSequence, subject_rows, to_manifest
 from bridge.motion.cuts import predict_between_cuts
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.files import (ArrayFile)
-from bridge.runs.workers import (progress)
+from bridge.runs.files import ArrayFile
 from bridge.runs.run import (
     INFER,
     INFER_PLUS,
@@ -32,10 +30,9 @@ from bridge.runs.run import (
     best_alignment,
     body_model_path,
 )
-from bridge.runs.workers import (on_any_node, worker_pool)
-from bridge.runtime.stepping import (PlusModel)
+from bridge.runs.workers import on_any_node, progress, worker_pool
 from bridge.runtime.run_motions import AmassOptions, MotionSet, find_motions, gather
-from bridge.runtime.stepping import codes_of
+from bridge.runtime.stepping import PlusModel, codes_of
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 
 if TYPE_CHECKING:

@@ -14,13 +14,11 @@ from tqdm import tqdm
 from bridge.body import BodyModelData, load_body_model
 from bridge.errors import DsnetError
 from bridge.exchange import save_weights
-from bridge.exchange.weights import (load_checkpoint, save_checkpoint)
-from bridge.exchange.weights import refuse_nonfinite
+from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import TRAIN_PLUS, best_alignment, body_model_path
-from bridge.runtime.stepping import (PlusModel)
-from bridge.runtime.stepping import codes_of_several
+from bridge.runtime.stepping import PlusModel, codes_of_several
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import STEPS
 from bridge.tissue.shape import shape_features, shaped_normals

@@ -19,7 +19,7 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.motion.splits import (kind_of)
+from bridge.motion.splits import kind_of
 from tf_dsnet.plus_clips import NodeClip
 
 RIDGES = (None, np.inf, 1e-1, 1e-2, 1e-3, 1e-4)

@@ -16,18 +16,15 @@ from numpy.typing import NDArray
 
 from bridge.body import load_body_model
 from bridge.exchange import load_weights, save_weights
-from bridge.exchange.dsnet import (Clips)
-from bridge.exchange.weights import (mesh_autoencoder_from_keras)
+from bridge.exchange.dsnet import Clips
+from bridge.exchange.weights import mesh_autoencoder_from_keras
 from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
 from tf_dsnet import mesh_autoencoder, model
-from tf_dsnet.mesh_autoencoder import (KerasCodec)
 from tf_dsnet.framework import Tensor, keras, tf
-from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, TorchAdam
-from tf_dsnet.oscillators import (OscillatorLayer)
-from tf_dsnet.oscillators import (OscillatorLearner)
-from tf_dsnet.smpl import KerasSMPL
+from tf_dsnet.mesh_autoencoder import KerasCodec, KerasMeshAutoencoder, TorchAdam
+from tf_dsnet.oscillators import OscillatorLayer, OscillatorLearner
+from tf_dsnet.smpl import KerasSMPL, unpose
 from tf_dsnet.trainer import Trainer
-from tf_dsnet.smpl import (unpose)
 
 NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 Options = dict[str, Any]

@@ -29,8 +29,6 @@ from bridge.export.clips import write_gif
 from bridge.motion import load_motion_file
 from bridge.processes import run_as_process
 from bridge.runs import Run
-from bridge.runtime.characters import open_for_motion
-from bridge.processes import (run_as_process)
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import load_for_motion
 from bridge.runtime.moving_body import MovingBody

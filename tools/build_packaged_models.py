@@ -19,9 +19,6 @@ import tyro
 from bridge.exchange import save_weights
 from bridge.processes import run_dsnet
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runtime.stage_predict import (KIND)
-from bridge.runtime.load_model import (packaged_folder)
-from bridge.processes import (run_dsnet)
 from bridge.runtime.load_model import PACKAGED, packaged_folder
 from bridge.tissue.trained_plus import NAME, StaticPart, TrainedPlus
 

@@ -17,10 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from bridge.body import load_body_model
-from bridge.motion.readers.amass import (CYCLE, SAMPLES, sample_path)
-from torch_align_ae.corpus.corpus_motions import write_amass_motion
 from bridge.motion.readers.amass import CYCLE, SAMPLES, sample_path
-from torch_align_ae.corpus.corpus_motions import (write_amass_motion)
+from torch_align_ae.corpus.corpus_motions import write_amass_motion
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.motions.locomotion import walking
 from torch_align_ae.corpus.motions.plan import Array, Planner, draw_style

@@ -34,14 +34,10 @@ from benchmarks.alignment.known_sequences import (
 )
 from benchmarks.alignment.scores import Scores, body_of, loads_of
 from bridge.errors import DsnetError
-from bridge.runs.files import (write_text_atomically)
-from bridge.processes import (run_as_process)
-from bridge.runs.artifact import (machine)
-from torch_align_ae.alignment.sgd import Descent
 from bridge.processes import run_as_process
 from bridge.runs.artifact import machine
 from bridge.runs.files import write_text_atomically
-from torch_align_ae.alignment.paper.corpus_fit import Effort
+from torch_align_ae.alignment.sgd import Descent
 
 
 @dataclass(frozen=True)

@@ -26,20 +26,12 @@ from torch import Tensor
 from bridge.body import load_body_model
 from bridge.options import PositiveInt
 from bridge.paper import N_JOINTS
-from bridge.runs.files import (write_text_atomically)
-from bridge.processes import (run_as_process)
-from bridge.runs.artifact import (machine)
-from torch_align_ae.alignment.gauss_newton import moved
-from torch_align_ae.alignment.mesh_distance import Bones, MeshDistance
-from torch_align_ae.alignment.skin_sample import Pose, SkinSample, linearise
 from bridge.processes import run_as_process
 from bridge.runs.artifact import machine
 from bridge.runs.files import write_text_atomically
-from torch_align_ae.alignment.mesh_distance import (Bones)
-from torch_align_ae.alignment.mesh_distance import (MeshDistance)
-from torch_align_ae.alignment.gauss_newton import (moved)
-from torch_align_ae.alignment.skin_sample import (linearise)
-from torch_align_ae.alignment.skin_sample import (Pose, SkinSample)
+from torch_align_ae.alignment.gauss_newton import moved
+from torch_align_ae.alignment.mesh_distance import Bones, MeshDistance
+from torch_align_ae.alignment.skin_sample import Pose, SkinSample, linearise
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import axis_angle_to_matrix
 

@@ -14,12 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.prediction.corpora import CORPORA, check_names, dsnet, prepare, scores, train_plus
-from bridge.motion.splits import (CELLS)
+from bridge.motion.splits import CELLS
 from bridge.processes import run_as_process, run_module
 from bridge.runs.files import write_text_atomically
-from bridge.motion.splits import CELLS
-from bridge.runs.files import (write_text_atomically)
-from bridge.processes import (run_as_process, run_module)
 
 VARIANTS: dict[str, tuple[str, ...]] = {
     "all of it": (),

@@ -21,26 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, WHITE_DEG, WHITE_M, Noise
-from bridge.body import load_body_model
 from bridge.errors import DsnetError, notify
-from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.motion import StoredMotion, pack_theta, unpack_theta
 from bridge.motion.motion_checks import tremor_mm
 from bridge.motion.resampling import continuous_rotations
 from bridge.motion.sequences import is_real_motion
 from bridge.motion.smoothing import SmoothHz, smoothed
-from bridge.motion.motion import (pack_theta, unpack_theta)
 from bridge.processes import run_as_process
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
-from bridge.runs.run import body_model_path
-from bridge.runtime.motion_predictor import choose_predictor
-from bridge.runtime.plus_step import PLUS
-from bridge.runtime.stepping import MotionPredictor, WholeMotions
-from bridge.runs.files import (write_text_atomically)
-from bridge.errors import (notify)
-from bridge.processes import (run_as_process)
 from bridge.runtime.load_model import load_model
 from bridge.runtime.stepping import Model, predict_whole
 

@@ -25,12 +25,9 @@ from benchmarks.prediction.corpora import (
     write_index,
 )
 from benchmarks.prediction.over_seeds import is_real, r2_of, summary, without_real
-from bridge.motion.splits import (CELLS)
+from bridge.motion.splits import CELLS
 from bridge.processes import run_as_process
 from bridge.runs.files import write_text_atomically
-from bridge.motion.splits import CELLS
-from bridge.runs.files import (write_text_atomically)
-from bridge.processes import (run_as_process)
 
 _INDEX = "test_bed.json"
 _METRICS = {

@@ -16,8 +16,6 @@ from benchmarks.speed.results import write_results
 from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.processes import run_as_process
-from bridge.runtime.streams import (StreamingPredictor)
-from bridge.processes import (run_as_process)
 from bridge.runtime.streams import StreamingPredictor
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.model import BlockLSTM, build_dsnet, named_weights

@@ -43,10 +43,6 @@ from bridge.options import PositiveInt, Seed
 from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
 from bridge.processes import run_as_process
 from bridge.runs.artifact import machine
-from bridge.runtime.graphs.onnx_values import (ValueGraph)
-from bridge.runtime.onnx_graph import (Value)
-from bridge.processes import (run_as_process)
-from bridge.runs.artifact import (machine)
 from bridge.runtime.onnx_graph import Graph, Value
 from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder
 from torch_align_ae.autoencoder.training import keep_freed_memory

@@ -10,10 +10,8 @@ from typing import TypeAlias
 from benchmarks.subspaces.codes import OffsetAutoencoder, SubspaceCode, new_network
 from benchmarks.subspaces.data import SubspaceData
 from bridge.errors import DsnetError
-from bridge.runs.files import (write_text_atomically)
-from torch_align_ae.autoencoder.stage_train_ae import PRESETS
 from bridge.runs.files import write_text_atomically
-from torch_align_ae.autoencoder.stage_train_ae import (PRESETS)
+from torch_align_ae.autoencoder.stage_train_ae import PRESETS
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
 
 OffsetTraining: TypeAlias = Training[OffsetAutoencoder]

@@ -14,8 +14,7 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from benchmarks.systems.kinematics import DIFFERENCES_SIZE, pose_differences
-from bridge.exchange.dsnet import (join_inputs)
-from bridge.exchange.dsnet import (TrainedDsnet)
+from bridge.exchange.dsnet import TrainedDsnet, join_inputs
 from tf_dsnet.predictors import (
     BodyOf,
     DsnetPredictor,
@@ -24,9 +23,6 @@ from tf_dsnet.predictors import (
     TrainingData,
     applied_dsnet,
 )
-from bridge.exchange.dsnet import TrainedDsnet, join_inputs
-from tf_dsnet.predictors import (BodyOf, PredictMotion, PredictorSettings, TrainingData)
-from tf_dsnet.predictors.dsnet import DsnetOfMotions, StandardisedDsnet
 from tf_dsnet.trainer import DsnetTraining
 
 

@@ -37,9 +37,7 @@ from bridge.exchange.dsnet import (
     fit_scaling,
 )
 from bridge.paper import DMPL_DIRECTIONS, LATENT_SIZE, N_BETAS
-from bridge.body.shapes import (body_mass_index)
 from tf_dsnet.predictors import BodyOf, PredictMotion, PredictorSettings, TrainingData
-from tf_dsnet.predictors import (BodyOf, PredictMotion, PredictorSettings, TrainingData)
 
 RIDGES = (1e-6, 1e-4, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 10.0)
 """Penalties of a frame that are tried, where inputs and latents have a spread of 1."""

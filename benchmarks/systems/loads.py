@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from benchmarks.systems.kinematics import CHANGE_S
 from bridge.paper import N_BETAS
 from bridge.tissue.nodes import farthest_points
-from tf_dsnet.predictors import BodyOf
 from bridge.tissue.oscillators import node_loads
-from tf_dsnet.predictors import (BodyOf)
+from tf_dsnet.predictors import BodyOf
 
 NODES = 60
 """Few, for all of them are inputs: 6 numbers each."""

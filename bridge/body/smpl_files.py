@@ -27,9 +27,7 @@ from bridge.body.model_data import (
 from bridge.body.safe_pickle import MOST_BYTES, as_array, load_restricted, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.paper import DMPL_DIRECTIONS, N_VERTICES
-from bridge.runs.untrusted import (DAMAGE, damage_refused)
-from bridge.runs.untrusted import (open_npz, open_regular, text_of)
-from bridge.runs.untrusted import (NpyHeader)
+from bridge.runs.untrusted import DAMAGE, NpyHeader, damage_refused, open_npz, open_regular, text_of
 
 # Column counts of `weights` tell SMPL's relatives, which AMASS's readers also download.
 _RELATIVES = {16: "MANO", 52: "SMPL-H", 55: "SMPL-X"}

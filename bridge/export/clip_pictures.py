@@ -21,13 +21,12 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-from bridge.body.posing import (Smpl)
+from bridge.body.posing import Smpl
 from bridge.motion import unpack_theta
 from bridge.report.panels import MAGNITUDE_COLOURS, footer, magnitude_colours, scale_top_m
 from bridge.report.render import Camera, frame_camera, render_bodies
 from bridge.runs.artifact import DataOrigin
-from bridge.runs.workers import (progress)
-from bridge.runs.workers import (worker_pool)
+from bridge.runs.workers import progress, worker_pool
 from bridge.runtime.moving_body import MovingBody
 
 _SMOOTH_S, _ASIDE_RAD, _GAP_M = 0.5, 0.35, 0.15

@@ -21,7 +21,7 @@ from trimesh.exchange.obj import export_obj
 from trimesh.exchange.ply import export_ply
 
 from bridge.export.output import about, about_in_a_line
-from bridge.runs.workers import (progress)
+from bridge.runs.workers import progress
 from bridge.runtime.moving_body import MovingBody
 
 _OBJ_DIGITS = 6

@@ -24,16 +24,15 @@ from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
-from bridge.exchange.dsnet import (TrainedDsnet, load_trained_dsnet)
+from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.export.output import new_path, refuse_taken
 from bridge.paper import N_BETAS, N_JOINTS, THETA_SIZE
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.untrusted import damage_refused
-from bridge.runtime.network_graphs import (dsnet_body_graph)
-from bridge.runtime.onnx_graph import (GraphSession)
-from bridge.runtime.onnx_graph import (PRECISIONS, Precision)
-from bridge.runtime.plus_graph import (plus_graph)
+from bridge.runtime.network_graphs import dsnet_body_graph
+from bridge.runtime.onnx_graph import PRECISIONS, GraphSession, Precision
+from bridge.runtime.plus_graph import plus_graph
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 

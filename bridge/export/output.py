@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bridge.errors import DsnetError
-from bridge.runs.files import (partial_folder, runs_root)
-from bridge.runs.files import (exclusive)
+from bridge.runs.files import exclusive, partial_folder, runs_root
 from bridge.runtime.moving_body import MovingBody
 
 

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from bridge.body import load_body_model
 from bridge.errors import DsnetError, notify
 from bridge.export.formats import FORMATS, chosen_format
 from bridge.export.output import new_path, refuse_taken
 from bridge.runs import Run
-from bridge.runtime.characters import choose, open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import find_model, load_for_motion
 from bridge.runtime.moving_body import MovingBody

@@ -26,7 +26,7 @@ from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.measure.metrics import ErrorSums, frame_blocks, rotation_error_deg
 from bridge.measure.pipelines import MotionArrays
 from bridge.motion import unpack_theta
-from bridge.runs.workers import (worker_pool)
+from bridge.runs.workers import worker_pool
 
 # Of a part that holds less of the body's energy, no share can be told: it hardly moves.
 _LEAST_SHARE = 5e-3

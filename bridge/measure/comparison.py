@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.posing import (ShapedBody, Smpl)
+from bridge.body.posing import ShapedBody, Smpl
 from bridge.measure.metrics import (
     Errors,
     ErrorSums,
@@ -52,7 +52,7 @@ from bridge.measure.stops import (
     swing_sums_m,
 )
 from bridge.motion import MotionSequence, unpack_theta
-from bridge.motion.splits import (cell_of, trained_people_and_kinds)
+from bridge.motion.splits import cell_of, trained_people_and_kinds
 
 TRUE = "true"
 """In place of a predictor's name: the true offsets."""

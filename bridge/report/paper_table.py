@@ -23,7 +23,7 @@ from bridge.paper import (
     Value,
 )
 from bridge.runs import Artifact
-from bridge.runs.untrusted import (open_npz)
+from bridge.runs.untrusted import open_npz
 
 Stages = Mapping[str, Artifact]
 

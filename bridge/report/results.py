@@ -13,7 +13,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 
-from bridge.motion.splits import (CELLS)
+from bridge.motion.splits import CELLS
 from bridge.report.paper_table import (
     Stages,
     compare,

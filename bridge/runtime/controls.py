@@ -16,14 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl, shaped_joints, shaped_vertices
-from bridge.errors import DsnetError, did_you_mean
+from bridge.errors import DsnetError, did_you_mean, notify
 from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import REMEDY, Lap, close_lap
 from bridge.motion.smoothing import described
 from bridge.options import Bounds, PositiveFloat, check_options
 from bridge.paper import N_BETAS
-from bridge.errors import (notify)
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.moving_body import MovingBody, place_motion
 

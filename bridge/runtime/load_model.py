@@ -19,8 +19,8 @@ from bridge.motion import Motion, load_motion_file
 from bridge.motion.smoothing import SmoothHz
 from bridge.runs import Artifact, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
-from bridge.runs.untrusted import (damage_refused)
 from bridge.runs.run import body_model_path
+from bridge.runs.untrusted import damage_refused
 from bridge.runtime.stepping import DsnetModel, Model, PlusModel, load_decoder
 from bridge.tissue.trained_plus import TrainedPlus
 
@@ -43,7 +43,7 @@ def _open_plus(artifacts: Mapping[str, Artifact], _: str, body: BodyModelData) -
 
 
 def _open_dsnet(artifacts: Mapping[str, Artifact], name: str, _: BodyModelData) -> Model:
-    from bridge.exchange.dsnet import (load_trained_dsnet)
+    from bridge.exchange.dsnet import load_trained_dsnet
 
     network = load_trained_dsnet(artifacts["train"], name)
     return DsnetModel(network, load_decoder(artifacts["train-ae"]))

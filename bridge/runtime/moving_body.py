@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.posing import Smpl
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, unpack_theta
-from bridge.motion.motion import (FARTHEST_M)
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
+from bridge.motion.motion import FARTHEST_M
 from bridge.motion.motion_checks import motion_warnings
-from bridge.errors import (notify)
-from bridge.runs.workers import (progress)
+from bridge.runs.workers import progress
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.stepping import Prediction, predict_loop, predict_whole
 

@@ -17,8 +17,14 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
-from bridge.exchange.weights import (BATCH_NORM_EPSILON, lstm_from_onnx, lstm_to_onnx, mesh_autoencoder_from_keras, mesh_autoencoder_to_keras)
-from bridge.exchange.dsnet import (TrainedDsnet)
+from bridge.exchange.dsnet import TrainedDsnet
+from bridge.exchange.weights import (
+    BATCH_NORM_EPSILON,
+    lstm_from_onnx,
+    lstm_to_onnx,
+    mesh_autoencoder_from_keras,
+    mesh_autoencoder_to_keras,
+)
 from bridge.paper import FEATURES, INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runtime.body_graph import Surface, posed_bones, translated, translation
 from bridge.runtime.onnx_graph import Graph, Precision, StateLayout, Value, product

@@ -18,8 +18,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from bridge.errors import DsnetError
-from bridge.runs.untrusted import (damage_refused)
-from bridge.runs.untrusted import (open_regular)
+from bridge.runs.untrusted import damage_refused, open_regular
 
 OPSET, IR_VERSION = 17, 8
 """Old enough for the runtimes of the last years; nothing newer is used."""

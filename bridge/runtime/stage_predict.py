@@ -16,8 +16,7 @@ import numpy as np
 from bridge.errors import DsnetError
 from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
-from bridge.runs.files import (MANIFEST, runs_root)
-from bridge.runs.files import (exclusive)
+from bridge.runs.files import MANIFEST, exclusive, runs_root
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import load_for_motion
 from bridge.runtime.moving_body import MovingBody
@@ -133,7 +132,7 @@ def _write(moving: MovingBody, writer: ArtifactWriter, *, strip: bool) -> None:
         vertices_m[posed.frames] = posed.vertices_m
     if strip:
         # Matplotlib takes longer to load than the first frames, which do not wait for it.
-        from bridge.report.panels import (draw_motion_strip)
+        from bridge.report.panels import draw_motion_strip
 
         path, origin = writer.file_path("strip.png"), moving.trained.origin
         draw_motion_strip(path, vertices_m, offsets_m, moving.body.faces, origin=origin)

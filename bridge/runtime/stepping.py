@@ -32,7 +32,7 @@ from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
 
 if TYPE_CHECKING:
-    from bridge.exchange.dsnet import (TrainedDsnet)
+    from bridge.exchange.dsnet import TrainedDsnet
 
 FRAMES_AT_ONCE = 64
 """Frames in a piece of offsets: what is held in memory at a time."""

@@ -23,9 +23,9 @@ from bridge.body import BodyModelData
 from bridge.body.posing import ShapedBody, Smpl
 from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
-from bridge.motion.motion import (FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_BETA)
 from bridge.motion.cuts import is_cut
-from bridge.motion.resampling import (between, going_on)
+from bridge.motion.motion import FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_BETA
+from bridge.motion.resampling import between, going_on
 from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runs import Run
 from bridge.runtime.load_model import find_model
@@ -35,7 +35,7 @@ from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
 
 if TYPE_CHECKING:
-    from bridge.exchange.dsnet import (TrainedDsnet)
+    from bridge.exchange.dsnet import TrainedDsnet
 
 RATES_HZ = (10.0, 1000.0)
 """Slower than the slowest, motion between frames is guessed; faster, nobody shows it."""
@@ -92,7 +92,7 @@ class StreamingPredictor:
         self, run: str | os.PathLike[str] | TrainedDsnet, predictor: str | None = None
     ) -> None:
         if isinstance(run, (str, os.PathLike)):
-            from bridge.exchange.dsnet import (load_trained_dsnet)
+            from bridge.exchange.dsnet import load_trained_dsnet
 
             run = load_trained_dsnet(Run(os.fspath(run)).artifact("train"), predictor)
         self._model = DsnetModel(run)

@@ -14,8 +14,13 @@ from numpy.typing import NDArray
 
 from bridge.body import load_body_model
 from bridge.exchange import load_weights
-from bridge.exchange.dsnet import (load_unpadded_clips, make_clips)
-from bridge.exchange.dsnet import (TrainedDsnet, dsnets_of, load_trained_dsnet)
+from bridge.exchange.dsnet import (
+    TrainedDsnet,
+    dsnets_of,
+    load_trained_dsnet,
+    load_unpadded_clips,
+    make_clips,
+)
 from bridge.paper import INFERRED_WIDTHS, INPUT_SIZE, N_VERTICES
 from bridge.runs import Artifact, Run
 from bridge.runs.run import body_model_path

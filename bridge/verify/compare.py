@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.runs.workers import (progress)
+from bridge.runs.workers import progress
 from bridge.verify.engine import (
     FORMATS,
     REFERENCE,

@@ -16,14 +16,14 @@ import onnx
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.exchange.dsnet import (TrainedDsnet)
+from bridge.exchange.dsnet import TrainedDsnet
 from bridge.paper import DSNET_WIDTHS, N_BETAS
-from bridge.runtime.graphs import (onnx_graphs)
-from bridge.runtime.network_graphs import (dsnet_body_graph)
-from bridge.runtime.plus_graph import (plus_graph as plus_graphs)
-from bridge.runtime.graphs.onnx_builder import (save_graph)
-from bridge.runtime.onnx_graph import (GraphSession, held_arrays)
-from bridge.runtime.streams import (StreamingPredictor)
+from bridge.runtime.graphs import onnx_graphs
+from bridge.runtime.graphs.onnx_builder import save_graph
+from bridge.runtime.network_graphs import dsnet_body_graph
+from bridge.runtime.onnx_graph import GraphSession, held_arrays
+from bridge.runtime.plus_graph import plus_graph as plus_graphs
+from bridge.runtime.streams import StreamingPredictor
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.engine import Tensors, batches, joined, prefixed, serve
 

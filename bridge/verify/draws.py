@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, pose_vertices
 from bridge.body.model_data import POSE_FEATURE_COUNT
-from bridge.exchange.weights import (autoencoder_shapes, dsnet_shapes)
+from bridge.exchange.weights import autoencoder_shapes, dsnet_shapes
 from bridge.paper import DSNET_WIDTHS, INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.tissue.oscillators import STEPS
 

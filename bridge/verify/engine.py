@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.installation import version_of
-from bridge.processes import (outcome_of_module)
+from bridge.processes import outcome_of_module
 
 DTypeName = Literal["float64", "float32"]
 Tensors = dict[str, NDArray[Any]]

@@ -14,7 +14,7 @@ from bridge.body.parts import PARTS
 from bridge.body.shapes import SHAPES
 from bridge.errors import DsnetError
 from bridge.paper import N_BETAS
-from bridge.runtime.controls import (Floor)
+from bridge.runtime.controls import Floor
 from bridge.view.performances import Gains, Performances
 from bridge.view.repertoire import AS_ASKED, LABELS, SMPL_ALONE, TRUTH
 from bridge.view.selection import COLOURINGS, LAYOUTS, Selection

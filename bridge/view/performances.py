@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body.parts import PARTS
+from bridge.body.posing import Smpl
 from bridge.body.shapes import find_shape
-from bridge.body.posing import (Smpl)
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
-from bridge.runtime.controls import stage_motion
-from bridge.runtime.controls import (Floor)
+from bridge.runtime.controls import Floor, blended_gain, stage_motion
 from bridge.runtime.looped import LoopedPredictor
-from bridge.runtime.controls import (blended_gain)
 from bridge.view.repertoire import SMPL_ALONE, TRUTH, Repertoire, TrueMotion
 
 _MOST_BYTES = 1_500_000_000

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
-from bridge.exchange.dsnet import (dsnets_of)
-from bridge.measure.references import (true_offsets_m)
-from bridge.measure.pipelines import (MotionArrays)
+from bridge.exchange.dsnet import dsnets_of
+from bridge.measure.pipelines import MotionArrays
+from bridge.measure.references import true_offsets_m
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import DEFAULT_FPS
@@ -28,9 +28,9 @@ from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
-from bridge.runtime.moving_body import (place_motion)
-from bridge.runtime.characters import ROADS, Character, open_character
+from bridge.runtime.characters import Character, open_character
 from bridge.runtime.controls import Controls, asked_betas
+from bridge.runtime.moving_body import place_motion
 
 AVERAGE, AS_ASKED = "average shape", "as asked"
 SMPL_ALONE, TRUTH = "smpl", "truth"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.runtime.controls import (Floor)
+from bridge.runtime.controls import Floor
 from bridge.view.performances import AS_PREDICTED, Asked, Gains, Performances, Way
 from bridge.view.repertoire import LABELS, TRUTH
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from viser import uplot
 
 from bridge.errors import DsnetError
-from bridge.runtime.controls import Controls
-from bridge.runtime.controls import (gains_of_parts)
+from bridge.runtime.controls import Controls, gains_of_parts
 from bridge.view.live_scene import LiveScene
 from bridge.view.panel import Panel, Timeline
 from bridge.view.performances import Gains, Performances

@@ -9,12 +9,9 @@ from numpy.typing import NDArray
 
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, kinematics
 from bridge.body import BodyModelData
-from bridge.exchange.dsnet import UnpaddedClip, join_inputs
-from bridge.body.shapes import (body_mass_index)
-from tf_dsnet.predictors import TrainingData
 from bridge.body.shapes import body_mass_index
-from bridge.exchange.dsnet import (UnpaddedClip, join_inputs)
-from tf_dsnet.predictors import (TrainingData)
+from bridge.exchange.dsnet import UnpaddedClip, join_inputs
+from tf_dsnet.predictors import TrainingData
 
 _MODES = 5
 _SIZE_M = 0.02

@@ -23,8 +23,6 @@ from bridge.tissue.trained_plus import (
     static_features,
 )
 from bridge.verify.reference.oscillators import moving
-from tf_dsnet.plus_clips import (KnownPeople, NodeClip)
-from bridge.verify.reference.oscillators import (moving)
 from tf_dsnet.plus_clips import KnownPeople, NodeClip
 
 HZ = 5.5

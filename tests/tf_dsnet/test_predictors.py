@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError, cli
-from bridge.exchange.dsnet import (join_inputs)
-from bridge.exchange.dsnet import (Scaling, TrainedDsnet)
+from bridge.exchange.dsnet import Scaling, TrainedDsnet, join_inputs
 from bridge.runs import ArtifactWriter, read_artifact
 from tests.forged.plugin import use_plugin
 from tf_dsnet import StreamingPredictor, stage_infer

@@ -21,7 +21,7 @@ from bridge.runs.artifact import content_digest
 from bridge.runs.files import MANIFEST
 from bridge.runtime import run_motions
 from bridge.tissue.trained_plus import TrainedPlus
-from bridge.verify.reference.oscillators import (moving)
+from bridge.verify.reference.oscillators import moving
 from tests.forged.amass import save, shape, smplh, smplx
 from tests.forged.oscillating import people_of
 from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run

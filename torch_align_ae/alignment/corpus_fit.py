@@ -21,13 +21,11 @@ from torch import Tensor
 from tqdm import tqdm
 
 from bridge.errors import DsnetError
-from bridge.exchange.weights import (load_checkpoint, save_checkpoint)
+from bridge.exchange.weights import load_checkpoint, save_checkpoint
 from bridge.motion import MotionSequence, to_manifest
 from bridge.paper import THETA_SIZE
 from bridge.runs import ArtifactWriter
-from bridge.runs.files import (ArrayFile)
-from bridge.runs.files import (arrays_sha256, json_sha256)
-from bridge.runs.files import (is_written, mark_written)
+from bridge.runs.files import ArrayFile, arrays_sha256, is_written, json_sha256, mark_written
 from torch_align_ae.body import SMPL, rest_pose_offsets
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.

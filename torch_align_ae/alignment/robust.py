@@ -21,8 +21,7 @@ from torch import Tensor
 from bridge.motion import MotionSequence, pack_theta
 from bridge.motion.sequences import subjects_of
 from bridge.options import NonNegativeInt, PositiveInt
-from bridge.runs.workers import (progress)
-from bridge.runs.workers import (on_any_node, worker_pool)
+from bridge.runs.workers import on_any_node, progress, worker_pool
 from torch_align_ae.alignment.corpus_fit import AlignedFiles, CorpusFit, Window, windows
 from torch_align_ae.alignment.gauss_newton import (
     fit_poses,

@@ -26,7 +26,7 @@ from tqdm import tqdm
 from bridge.motion import MotionSequence, pack_theta, subject_rows, unpack_theta
 from bridge.options import NonNegativeFloat, NonNegativeInt, PositiveFloat
 from bridge.runs import ArtifactWriter
-from bridge.runs.workers import (WorkerPool, on_any_node)
+from bridge.runs.workers import WorkerPool, on_any_node
 from torch_align_ae.alignment.corpus_fit import (
     AlignedFiles,
     CorpusFit,

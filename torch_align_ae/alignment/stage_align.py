@@ -20,8 +20,7 @@ from torch_align_ae.alignment.robust import RobustFit, RobustSettings
 from torch_align_ae.alignment.sgd import Descent, SgdFit
 from torch_align_ae.alignment.tissue import MeshRecording
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_files import FPS, DynaReader
-from torch_align_ae.corpus.dyna_files import (of_one_gender)
+from torch_align_ae.corpus.dyna_files import FPS, DynaReader, of_one_gender
 
 
 @dataclass(frozen=True)

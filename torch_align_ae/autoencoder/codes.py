@@ -14,7 +14,7 @@ from torch import Tensor
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
-from bridge.exchange.dsnet import (AUTOENCODER, LINEAR_FILES, CodeName)
+from bridge.exchange.dsnet import AUTOENCODER, LINEAR_FILES, CodeName
 from bridge.motion.splits import chunks
 from bridge.runs import Artifact
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder

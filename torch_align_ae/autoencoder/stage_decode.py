@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bridge.exchange.dsnet import (AUTOENCODER, LATENTS_OF)
+from bridge.exchange.dsnet import AUTOENCODER, LATENTS_OF
 from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.workers import (progress)
-from bridge.runs.workers import (on_any_node)
+from bridge.runs.workers import on_any_node, progress
 from torch_align_ae.autoencoder.codes import load_codecs
 from torch_align_ae.workers import torch_workers
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bridge.errors import DsnetError
-from bridge.exchange.dsnet import (AUTOENCODER, LATENTS_OF, UNITS)
+from bridge.exchange.dsnet import AUTOENCODER, LATENTS_OF, UNITS
 from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.workers import (progress)
-from bridge.runs.workers import (on_any_node)
+from bridge.runs.workers import on_any_node, progress
 from torch_align_ae.autoencoder.codes import load_codecs
 from torch_align_ae.workers import torch_workers
 

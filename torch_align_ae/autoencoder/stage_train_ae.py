@@ -16,7 +16,7 @@ from tyro.conf import Fixed
 from bridge.body.smpl_files import load_dmpl_directions
 from bridge.errors import DsnetError
 from bridge.exchange import save_weights
-from bridge.exchange.dsnet import (DMPL, LINEAR_FILES, PCA, CodeName)
+from bridge.exchange.dsnet import DMPL, LINEAR_FILES, PCA, CodeName
 from bridge.motion import sequences_of
 from bridge.motion.splits import (
     FrameSplit,
@@ -45,7 +45,7 @@ from torch_align_ae.autoencoder.mesh_autoencoder import (
     parameter_count,
 )
 from torch_align_ae.autoencoder.training import Training, TrainingPlan, keep_freed_memory
-from torch_align_ae.workers import (Processes, started_by_torchrun)
+from torch_align_ae.workers import Processes, started_by_torchrun
 
 PresetName = Literal["literal", "measured", "short"]
 TrialName = Literal["literal", "measured", "short", "sequence_split", "all_frames"]

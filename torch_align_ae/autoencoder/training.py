@@ -28,7 +28,7 @@ from bridge.exchange import load_weights
 from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
 from bridge.motion.splits import FrameSplit, chunks
 from torch_align_ae.autoencoder.codes import Normaliser
-from torch_align_ae.workers import (Processes)
+from torch_align_ae.workers import Processes
 
 _VALIDATION_BATCH = 64
 _MOMENTS = ("exp_avg", "exp_avg_sq")

@@ -19,11 +19,9 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.paper import N_VERTICES
-from bridge.runs.untrusted import (damage_refused)
-from bridge.runs.untrusted import (open_regular)
-from bridge.errors import (notify)
+from bridge.runs.untrusted import damage_refused, open_regular
 from torch_align_ae.corpus.dyna_checks import (
     FACES_KEY,
     LAYOUT,

@@ -12,17 +12,15 @@ from typing import Literal
 
 import numpy as np
 
-from bridge.errors import DsnetError, did_you_mean
-from bridge.motion.splits import (take_suffix)
+from bridge.errors import DsnetError, did_you_mean, notify
 from bridge.motion.cuts import find_cuts
 from bridge.motion.motion_checks import motion_warnings
-from bridge.motion.motion_file import (is_bvh)
-from bridge.motion.readers import (read_motion_file)
-from bridge.motion.readers import (subject_and_motion)
+from bridge.motion.motion_file import is_bvh
+from bridge.motion.readers import read_motion_file, subject_and_motion
 from bridge.motion.resampling import load_motion_file, resampled_frames
 from bridge.motion.sequences import REAL_MOTIONS
 from bridge.motion.smoothing import SmoothHz
-from bridge.errors import (notify)
+from bridge.motion.splits import take_suffix
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS, WHOLE_S
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
 

@@ -14,7 +14,7 @@ from tyro.conf import Fixed
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
-from bridge.motion.readers import (find_motion_files)
+from bridge.motion.readers import find_motion_files
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.files import ArrayFile, arrays_sha256, is_written, mark_written

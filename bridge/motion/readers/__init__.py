@@ -13,10 +13,9 @@ from typing import Protocol
 
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.motion.motion import StoredMotion
 from bridge.motion.readers import amass, bvh
-from bridge.errors import (notify)
 
 
 class MotionReader(Protocol):

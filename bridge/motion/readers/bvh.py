@@ -15,8 +15,7 @@ from bridge.errors import DsnetError
 from bridge.motion.cuts import frames_of_rest_pose
 from bridge.motion.motion import MOST_FRAMES, RATES_HZ, StoredMotion
 from bridge.motion.retargeting import SkeletonMotion, retargeted, unusable
-from bridge.runs.untrusted import (damage_refused)
-from bridge.runs.untrusted import (open_regular)
+from bridge.runs.untrusted import damage_refused, open_regular
 
 SUFFIXES = (".bvh",)
 _MOST_BYTES = 64 << 20

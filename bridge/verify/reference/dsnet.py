@@ -7,7 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bridge.exchange.weights import (BATCH_NORM_EPSILON, BATCH_NORM_MOMENTUM, KERAS_ADAM, MASKED_COUNT_EPSILON, AdamRule)
+from bridge.exchange.weights import (
+    BATCH_NORM_EPSILON,
+    BATCH_NORM_MOMENTUM,
+    KERAS_ADAM,
+    MASKED_COUNT_EPSILON,
+    AdamRule,
+)
 from bridge.verify.engine import Tensors, prefixed, trained
 from bridge.verify.reference import layers
 from bridge.verify.reference.layers import Arrays

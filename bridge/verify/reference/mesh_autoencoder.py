@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bridge.exchange.weights import (TORCH_ADAM)
+from bridge.exchange.weights import TORCH_ADAM
 from bridge.paper import FEATURES
 from bridge.verify.engine import Tensors, prefixed
 from bridge.verify.reference import layers

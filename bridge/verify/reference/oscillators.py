@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.exchange.weights import (KERAS_ADAM)
+from bridge.exchange.weights import KERAS_ADAM
 from bridge.motion import unpack_theta
 from bridge.tissue.oscillators import FPS, STEPS, SWEEPS
 from bridge.tissue.shape import shape_features, shaped_normals

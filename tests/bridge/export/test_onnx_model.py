@@ -13,7 +13,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model
-from bridge.exchange.dsnet import (Scaling, TrainedDsnet)
+from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from bridge.export.onnx_model import (
     DecodedDsnet,
     OnnxCharacters,

@@ -20,7 +20,7 @@ from bridge.runtime.stepping import (
     predict_loop,
     predict_whole,
 )
-from bridge.verify.reference.oscillators import (moving)
+from bridge.verify.reference.oscillators import moving
 from tests.forged.cyclic import circling
 
 BODY = load_body_model("embedded:female")

@@ -17,7 +17,7 @@ from bridge.runtime.controls import Controls
 from bridge.runtime.moving_body import place_motion
 from bridge.runtime.stage_predict import predict_motion
 from bridge.runtime.stepping import FRAMES_AT_ONCE, PlusModel, predict_whole
-from bridge.verify.reference.oscillators import (moving)
+from bridge.verify.reference.oscillators import moving
 from tests.forged.amass import save, smplh
 
 BODY = load_body_model("embedded:female")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.cli import main
-from bridge.exchange.dsnet import (join_inputs)
+from bridge.exchange.dsnet import join_inputs
 from bridge.motion import load_motion_file, unpack_theta
 from bridge.runs import read_artifact, write_artifact
 from bridge.runtime.controls import Controls

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.exchange.dsnet import (TrainedDsnet)
+from bridge.exchange.dsnet import TrainedDsnet
 from bridge.runtime.streams import StreamingPredictor
 
 RNG = np.random.default_rng(6)

@@ -13,7 +13,6 @@ from bridge.motion import load_amass_motion
 from bridge.runtime.controls import Controls, blended_gain, controlled_body, gains_of_parts
 from bridge.runtime.load_model import load_model
 from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.part_gains import vertex_gain
 from bridge.view.performances import Asked, Clip, Gains, LatestWork, Performances, Way
 from bridge.view.repertoire import SMPL_ALONE, TRUTH, open_repertoire
 from bridge.view.selection import ERRORS, Selection, Shown

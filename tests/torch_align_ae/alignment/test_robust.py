@@ -15,7 +15,7 @@ from benchmarks.laws.captured import CapturedForm
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of, unpack_theta
 from bridge.runs import Run
-from bridge.tissue.oscillators import (node_loads)
+from bridge.tissue.oscillators import node_loads
 from torch_align_ae.alignment import tissue
 from torch_align_ae.alignment.gauss_newton import fit_shape
 from torch_align_ae.alignment.robust import RobustFit, RobustSettings, spread_clips

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.body import load_body_model
-from bridge.tissue.oscillators import (node_loads)
+from bridge.tissue.oscillators import node_loads
 from torch_align_ae.corpus.simulation import (
     TissueSimulator,
     body_in_double,

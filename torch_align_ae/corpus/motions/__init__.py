@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bridge.errors import DsnetError
-from bridge.motion.splits import (take_suffix)
+from bridge.motion.splits import take_suffix
 from torch_align_ae.corpus.motions import airborne, in_place, locomotion
 from torch_align_ae.corpus.motions.plan import Array, BodyPlan, Planner, draw_style
 from torch_align_ae.corpus.motions.posing import Skeleton, pose_body

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bridge.exchange.weights import (KERAS_ADAM, TORCH_ADAM)
+from bridge.exchange.weights import KERAS_ADAM, TORCH_ADAM
 from bridge.verify.reference import dsnet
 from bridge.verify.reference.layers import Arrays
 
