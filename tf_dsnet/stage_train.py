@@ -19,7 +19,7 @@ from bridge.exchange.dsnet import DSNETS, CodeName, load_unpadded_clips
 from bridge.options import PositiveInt
 from bridge.plugins import entry_named
 from bridge.runs import ArtifactWriter, Run
-from bridge.runs.run import TRAIN, body_model_path
+from bridge.runs.run import TRAIN, best_alignment_of, body_model_path
 from bridge.runs.workers import worker_pool
 from bridge.tissue.trained_plus import NAME as PLUS
 from tf_dsnet import stage_train_plus

@@ -49,7 +49,7 @@ class KnownClips:
             found, apart = rest_pose_offsets(smpl, mesh, shapes, pose[row], trans[row])
             offsets = ErrorSums()
             offsets.add(found, self.offsets_m[row])
-            together.merge(offsets)
+            together += offsets
             r2_of_clip[self.names[row]] = offsets.r2
             distances.append(apart.mean(1))
         return {

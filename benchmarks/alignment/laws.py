@@ -54,7 +54,7 @@ def _scores(run: Run) -> dict[str, Any]:
         aligned_m = align.array("offsets")[sequence.frames]
         sums.add(aligned_m, truth.array("offsets")[places[sequence.name].frames])
         by_sequence[sequence.name] = round(sums.r2, 5)
-        whole.merge(sums)
+        whole += sums
     config = run.artifact("corpus").manifest["config"]
     return {
         **{key: config[key] for key in ("tissue", "form", "gender")},

@@ -51,19 +51,19 @@ class RenderedClip:
     def __init__(
         self, moving: Sequence[MovingBody], *, fps: float, body_px: int, recorded: str = ""
     ) -> None:
-        self._moving, self._body = moving, moving[0].character.body
+        self._moving, self._body = moving, moving[0].body
         self._motion = motion = moving[0].motion
         self._step = max(1, round(motion.fps / fps))
         self.fps = motion.fps / self._step
         self._stage = set_stage(moving, self._step, body_px * (1 + len(moving)))
         self._alone = Smpl(self._body).person(motion.betas)
-        camera, titles = self._stage.camera, [one.character.chosen.label for one in moving]
+        camera, titles = self._stage.camera, [one.trained.label for one in moving]
         self._page = ClipPage(
             camera.width_px,
             camera.height_px,
             titles=("SMPL alone", *titles),
             top_m=self._stage.top_m,
-            origin=moving[0].character.chosen.trained.origin,
+            origin=moving[0].trained.origin,
             recorded=recorded,
         )
         self.size_px = self._page.size_px

@@ -72,7 +72,7 @@ def write_pc2(folder: Path, moving: MovingBody) -> None:
     between samples as float32, the number of samples; then x, y, z of every point, frame by frame.
     The rate is the scene's: a sample a frame, at 60 frames a second.
     """
-    points = moving.character.body.vertex_count
+    points = moving.body.vertex_count
     header = struct.pack("<12siiffi", b"POINTCACHE2\0", 1, points, 0.0, 1.0, len(moving))
     _write_cache(folder, "body.pc2", header, moving, "<f4")
 
@@ -84,7 +84,7 @@ def write_mdd(folder: Path, moving: MovingBody) -> None:
     then x, y, z of every point, frame by frame.
     """
     times_s = np.arange(len(moving)) / moving.motion.fps
-    header = struct.pack(">ii", len(moving), moving.character.body.vertex_count)
+    header = struct.pack(">ii", len(moving), moving.body.vertex_count)
     _write_cache(folder, "body.mdd", header + times_s.astype(">f4").tobytes(), moving, ">f4")
 
 
@@ -105,7 +105,7 @@ def _save_obj(path: Path, mesh: trimesh.Trimesh, comment: str) -> None:
 
 def _meshes(moving: MovingBody) -> Iterator[tuple[int, trimesh.Trimesh]]:
     """Number and mesh of each frame; `offset_m` of a vertex is the length of its skin offset."""
-    body = moving.character.body
+    body = moving.body
     normals = VertexNormals(body.faces, body.vertex_count)
     for posed in moving:
         for row, vertices_m in enumerate(posed.vertices_m):

@@ -63,15 +63,15 @@ def about(moving: MovingBody) -> dict[str, Any]:
     Predictor, label, betas, fps and controls have the names and values that the manifest of
     `dsnet predict` gives them.
     """
-    chosen, motion = moving.character.chosen, moving.motion
+    chosen, motion = moving.trained, moving.motion
     return {
-        "data": chosen.trained.origin,
+        "data": chosen.origin,
         "made_by": "dsnet",
         "predictor": chosen.name,
         "label": chosen.label,
         "model": chosen.owner,
         "body_model": Path(chosen.body_model).name,
-        "gender": moving.character.body.gender,
+        "gender": moving.body.gender,
         "betas": [float(beta) for beta in motion.betas],
         "motion": motion.source.name,
         "frames": len(moving),
@@ -88,7 +88,7 @@ def about_in_a_line(moving: MovingBody, *beside: MovingBody) -> str:
     `beside` is what other predictors make of the same motion, if they are in the same file.
     """
     facts = about(moving)
-    predictors = ", ".join(one.character.chosen.name for one in (moving, *beside))
+    predictors = ", ".join(one.trained.name for one in (moving, *beside))
     text = (
         f"{facts['data']} data; dsnet: {predictors} of {facts['model']}, body model "
         f"{facts['body_model']}, motion {facts['motion']}, controls {json.dumps(moving.controls)}; "

@@ -80,7 +80,7 @@ def _write_frames(stage: Usd.Stage, moving: MovingBody) -> None:
     variants = stage.GetPrimAtPath(ROOT).GetVariantSets().AddVariantSet(VARIANTS)
     for name in (POINTS, SKELETON):
         variants.AddVariant(name)
-    skeleton, body = SkeletonVariant(moving), moving.character.body
+    skeleton, body = SkeletonVariant(moving), moving.body
     normals_of = VertexNormals(body.faces, body.vertex_count)
     variants.SetVariantSelection(POINTS)
     with variants.GetVariantEditContext():

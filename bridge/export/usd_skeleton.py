@@ -40,7 +40,7 @@ class SkeletonVariant:
     """
 
     def __init__(self, moving: MovingBody) -> None:
-        self._body, self._motion = moving.character.body, moving.motion
+        self._body, self._motion = moving.body, moving.motion
         self._shaped_m = shaped_vertices(self._body, moving.motion.betas[None])[0]
         posedirs = self._body.posedirs
         self._posedirs = posedirs.reshape(-1, posedirs.shape[-1]).T.astype(np.float32)

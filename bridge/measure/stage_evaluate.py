@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
+from bridge.errors import notify
 from bridge.measure.alignment import alignment_errors
 from bridge.measure.comparison import Evaluation, SequenceErrors
 from bridge.measure.metrics import STEP_HZ, GroupErrors, SpectrumSums

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 from bridge.body import load_body_model
 from bridge.exchange.dsnet import TrainedDsnet
 from bridge.paper import DSNET_WIDTHS, N_BETAS
-from bridge.runtime.graphs import onnx_graphs
-from bridge.runtime.graphs.onnx_builder import save_graph
-from bridge.runtime.network_graphs import dsnet_body_graph
+from bridge.runtime import network_graphs
 from bridge.runtime.onnx_graph import GraphSession, held_arrays
 from bridge.runtime.plus_graph import plus_graph as plus_graphs
 from bridge.runtime.streams import StreamingPredictor
@@ -30,7 +28,7 @@ from bridge.verify.engine import Tensors, batches, joined, prefixed, serve
 
 def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
     """Every layer: the whole batch, row by row, or frame by frame."""
-    session = GraphSession(onnx_graphs.dsnet_graph(weights, trace=True))
+    session = GraphSession(network_graphs.dsnet_graph(weights, trace=True))
 
     def at_rest(batch: NDArray) -> Tensors:
         state = np.zeros((1, len(batch), DSNET_WIDTHS["lstm"]), np.float32)
@@ -60,8 +58,8 @@ def ae_forward(
     weights: Tensors, values: NDArray, architecture: Mapping[str, Any], run: str
 ) -> Tensors:
     """Every layer, and the normaliser's where the weights hold one."""
-    encode = GraphSession(onnx_graphs.encoder_graph(weights, architecture, trace=True))
-    decode = GraphSession(onnx_graphs.decoder_graph(weights, architecture, trace=True))
+    encode = GraphSession(network_graphs.encoder_graph(weights, architecture, trace=True))
+    decode = GraphSession(network_graphs.decoder_graph(weights, architecture, trace=True))
     parts = []
     for rows in batches(values, run):
         encoded = encode(offsets=rows)
@@ -74,7 +72,7 @@ def dsnet_graph(
 ) -> Tensors:
     """The whole graph of DSNet and the decoder, frame by frame, from poses to the posed skin."""
     network, data = TrainedDsnet.from_arrays("dsnet", weights), load_body_model(body)
-    graph = dsnet_body_graph.dsnet_body_graph(network, weights, architecture, data)
+    graph = network_graphs.dsnet_body_graph(network, weights, architecture, data)
     return _stepped(graph, theta, betas)
 
 
@@ -97,12 +95,12 @@ def _stepped(graph: onnx.ModelProto, theta: NDArray, betas: NDArray) -> Tensors:
 def formats(weights: Tensors, architecture: Mapping[str, Any] | None = None) -> Tensors:
     """Weights as saved graphs hold them: DSNet's, or the autoencoder's of an architecture."""
     if architecture is None:
-        held = _through_file(onnx_graphs.dsnet_graph(weights))
-        return prefixed("weight/onnx", onnx_graphs.dsnet_weights(held))
+        held = _through_file(network_graphs.dsnet_graph(weights))
+        return prefixed("weight/onnx", network_graphs.dsnet_weights(held))
     held = {}
-    for build in (onnx_graphs.encoder_graph, onnx_graphs.decoder_graph):
+    for build in (network_graphs.encoder_graph, network_graphs.decoder_graph):
         held |= _through_file(build(weights, architecture))
-    return prefixed("weight/onnx", onnx_graphs.mesh_autoencoder_weights(held))
+    return prefixed("weight/onnx", network_graphs.mesh_autoencoder_weights(held))
 
 
 def _layers(outputs: Tensors) -> Tensors:
@@ -117,7 +115,7 @@ def _layers(outputs: Tensors) -> Tensors:
 
 def _through_file(model: onnx.ModelProto) -> Tensors:
     with tempfile.TemporaryDirectory() as folder:
-        save_graph(Path(folder) / "network.onnx", model)
+        onnx.save_model(model, Path(folder) / "network.onnx")
         return held_arrays(Path(folder) / "network.onnx")
 
 

@@ -17,7 +17,7 @@ from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
 from bridge.runtime.controls import Floor, blended_gain, stage_motion
-from bridge.runtime.looped import LoopedPredictor
+from bridge.runtime.stepping import Prediction, predict_loop, predict_whole
 from bridge.view.repertoire import SMPL_ALONE, TRUTH, Repertoire, TrueMotion
 
 _MOST_BYTES = 1_500_000_000
@@ -222,16 +222,22 @@ class Performances:
                 clip.add(truth.offsets_m)
             clip.ready = len(clip.offsets_m)
             return
-        predict, motion = self.repertoire.open(asked.predictor).predict, self.motion(asked.way)
-        whole, lap = self._staged(asked.way)
-        if lap is not None:  # predicted as a whole, however little of it is shown
-            motion, predict = whole, LoopedPredictor(predict, lap)
-        for piece in pieces_between_cuts(motion.theta):
-            for offsets_m in predict(motion.theta[piece], motion.betas).offsets_m:
+        for prediction in self._predictions(asked):
+            for offsets_m in prediction.offsets_m:
                 clip.add(offsets_m)
                 yield
                 if clip.complete:
                     return
+
+    def _predictions(self, asked: Asked) -> Iterator[Prediction]:
+        """Of each piece between cuts, or of the loop, whole however little of it is shown."""
+        predict = partial(predict_whole, self.repertoire.open(asked.predictor).model)
+        motion, (_, loop) = self.motion(asked.way), self._staged(asked.way)
+        if loop is not None:
+            yield predict_loop(predict, loop, motion.betas)
+            return
+        for piece in pieces_between_cuts(motion.theta):
+            yield predict(motion.theta[piece], motion.betas)
 
     def vertices_m(
         self, asked: Asked, frames: slice, gains: Gains = AS_PREDICTED

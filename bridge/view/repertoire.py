@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.exchange.dsnet import dsnets_of
 from bridge.measure.pipelines import MotionArrays
-from bridge.measure.references import true_offsets_m
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import DEFAULT_FPS
@@ -28,8 +27,8 @@ from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
-from bridge.runtime.characters import Character, open_character
-from bridge.runtime.controls import Controls, asked_betas
+from bridge.runtime.controls import Controls
+from bridge.runtime.load_model import PIPELINES, TrainedModel, load_model
 from bridge.runtime.moving_body import place_motion
 
 AVERAGE, AS_ASKED = "average shape", "as asked"
@@ -100,22 +99,22 @@ def open_repertoire(
         gender = given.gender
         for warning in motion_warnings(given, pieces_between_cuts(given.theta)):
             notify(warning)
-    best = open_character(run, None, gender)
-    body, origin = best.body, best.chosen.trained.origin
+    best = load_model(run, None, gender)
+    body, origin = best.body, best.origin
 
     @cache
-    def character(name: str) -> Character:
-        return best if name == best.chosen.name else open_character(run, name, gender)
+    def model(name: str) -> TrainedModel:
+        return best if name == best.name else load_model(run, name, gender)
 
     takes: dict[str, ViewedMotion] = {}
     if given is not None:
         place_motion(given, body)  # refuses what is no person's motion before anything is shown
         takes[given.source.stem] = ViewedMotion(lambda betas: place_motion(given, body, betas))
-    labels = {best.chosen.name: best.chosen.label}
-    betas = asked_betas(body, controls)
+    labels = {best.name: best.label}
+    betas = controls.asked_betas(body)
     people = {} if betas is None else {AS_ASKED: betas}
     people[AVERAGE] = np.zeros(N_BETAS)
-    found = partial(Repertoire, best.chosen.owner, origin, body, open=character)
+    found = partial(Repertoire, best.owner, origin, body, open=model)
     if run is None:
         samples = {name: _of_file(Path(SAMPLE_PREFIX + name), body) for name in SAMPLES}
         return found(predictors=labels, takes=takes | samples, people=people)
@@ -147,7 +146,7 @@ def open_truth(run: Run, origin: str) -> tuple[Mapping[str, int], Callable[[str]
         if truth is None:
             raise KeyError(name)
         frames = slice(0, known[name])
-        offsets_m = np.asarray(true_offsets_m(truth, name, frames), np.float32)
+        offsets_m = np.asarray(truth.offsets_m(name, frames), np.float32)
         return TrueMotion(truth.frames("theta", name, frames), truth.betas(name), offsets_m)
 
     return known, read

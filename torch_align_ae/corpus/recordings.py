@@ -15,10 +15,8 @@ import numpy as np
 from bridge.errors import DsnetError, did_you_mean, notify
 from bridge.motion.cuts import find_cuts
 from bridge.motion.motion_checks import motion_warnings
-from bridge.motion.motion_file import is_bvh
-from bridge.motion.readers import read_motion_file, subject_and_motion
+from bridge.motion.readers import format_of, read_motion_file, subject_and_motion
 from bridge.motion.resampling import load_motion_file, resampled_frames
-from bridge.motion.sequences import REAL_MOTIONS
 from bridge.motion.smoothing import SmoothHz
 from bridge.motion.splits import take_suffix
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS, WHOLE_S
@@ -212,7 +210,7 @@ def _kinds(files: Iterable[Path]) -> Iterator[tuple[Path, str]]:
     for path in files:
         subject, motion = subject_and_motion(path)
         whole = f"{subject}_{motion}" if motion.isdecimal() else motion
-        name = REAL_MOTIONS[is_bvh(path)] + re.sub(r"\W+", "_", whole)
+        name = f"{format_of(path)}_" + re.sub(r"\W+", "_", whole)
         names = (name if number == 1 else f"{name}_{number}" for number in count(1))
         kind = next(one for one in names if one not in taken)
         taken.add(kind)

@@ -99,7 +99,7 @@ def sample_path(name: str) -> Path:
 
 
 @contextmanager
-def _opened(path: Path, file: Path) -> Iterator[ForeignNpz]:
+def _opened(path: Path, file: Path) -> Iterator[UntrustedNpz]:
     """The archive; `path` is the name that the user knows it by."""
     with damage_refused(partial(_unreadable, path)), open_npz(file) as archive:
         yield archive

@@ -19,7 +19,7 @@ from safetensors import SafetensorError
 
 from bridge.errors import DsnetError
 from bridge.exchange.weights import load_checkpoint, save_checkpoint
-from bridge.motion.amass_file import read_amass_file
+from bridge.motion.readers import read_motion_file
 from bridge.runs import read_artifact, write_artifact
 from bridge.runs.files import map_array, save_array
 from bridge.runs.untrusted import NpyHeader, damage_refused, map_npy, read_npy
@@ -75,7 +75,7 @@ def test_a_machine_without_files_to_open_damages_none(tmp_path):
             lambda: read_artifact(tmp_path / "a"),
             lambda: load_checkpoint(tmp_path / "c"),
             lambda: map_array(tmp_path / "y.npy", (3,), np.float64),
-            lambda: read_amass_file(motion),
+            lambda: read_motion_file(motion),
         ):
             with pytest.raises(OSError, match="Too many open files"):
                 work()

@@ -85,12 +85,8 @@ def test_every_layer_of_the_autoencoder_is_the_references(activation):
     encoded = run(network_graphs.encoder_graph(weights, architecture, trace=True), offsets=values)
     decoder = network_graphs.decoder_graph(weights, architecture, trace=True)
     found = {**encoded, **run(decoder, latents=encoded["latents"])}
-    expected = mesh_autoencoder.run(
-        wide(weights),
-        values.astype(np.float64),
-        mesh_autoencoder.Architecture(4, activation, 0.1),
-    )
-    for layer, array in expected.items():
+    expected = mesh_autoencoder.forward(wide(weights), values.astype(np.float64), architecture)
+    for layer, array in expected.outputs.items():
         outputs = found[layer].swapaxes(1, 2) if layer.startswith(VERTICES_LAST) else found[layer]
         np.testing.assert_allclose(outputs, array, atol=5e-5, err_msg=layer)
     np.testing.assert_array_equal(found["offsets"], found["to_coordinates"].swapaxes(1, 2))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from bridge.verify.reference.smpl import rotations
 from torch_align_ae.alignment.skin_sample import linearise
 
 DOUBLE = torch.float64
