@@ -24,7 +24,9 @@ from bridge.verify.engine import (
     Ask,
     Check,
     DTypeName,
+    Tensors,
     ask,
+    load_tensors,
     write_requests,
 )
 
@@ -135,22 +137,17 @@ def _rows_of(
             nothing = (np.inf, np.inf, "", (), 0.0, False, "", problem)
             yield Row(check.name, "all", name, precision, *nothing)
             return
-    with np.load(answers[engine].path(check, dtype)) as found:
-        if check.op == FORMATS:
-            named = [(k, n, a) for k in FILE_FORMATS[engine] for n, a in check.weights.items()]
-            weights = {f"weight/{kind}/{name}": array for kind, name, array in named}
-            yield from compare(check, engine, dtype, weights, found)
-        else:
-            with np.load(answers[REFERENCE].path(check, "float64")) as expected:
-                yield from compare(check, engine, dtype, expected, found)
+    found = load_tensors(answers[engine].path(check, dtype))
+    if check.op == FORMATS:
+        named = [(k, n, a) for k in FILE_FORMATS[engine] for n, a in check.weights.items()]
+        expected = {f"weight/{kind}/{name}": array for kind, name, array in named}
+    else:
+        expected = load_tensors(answers[REFERENCE].path(check, "float64"))
+    yield from compare(check, engine, dtype, expected, found)
 
 
 def compare(
-    check: Check,
-    engine: str,
-    dtype: DTypeName,
-    expected: Mapping[str, NDArray[Any]],
-    found: Mapping[str, NDArray[Any]],
+    check: Check, engine: str, dtype: DTypeName, expected: Tensors, found: Tensors
 ) -> Iterator[Row]:
     """Rows for all tensors of one case; `expected` has those first that are computed first."""
     parts: dict[str, list[str]] = {}

@@ -1,6 +1,6 @@
 """How an engine is asked: one process for all its cases, a folder of arrays in, another out.
 
-A request is `<engine>.json`, the list of its cases, and an `.npz` for each set of arrays; all
+A request is `<engine>.json`, the list of its cases, and a file for each set of arrays; all
 numbers in it are float32, so every engine starts from the same ones whatever it computes in. An
 engine is functions `operation(weights, **inputs, **options)`, which give tensors by name, first
 computed first. A case is one check in one precision.
@@ -19,6 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.exchange import load_weights, save_weights
 from bridge.installation import version_of
 from bridge.processes import outcome_of_module
 
@@ -69,9 +70,11 @@ def write_requests(folder: Path, asked: Mapping[str, Iterable[Check]]) -> None:
     files: dict[int, str] = {}
 
     def file_of(arrays: Tensors) -> str:
+        if not arrays:
+            return ""
         if id(arrays) not in files:
-            files[id(arrays)] = f"{len(files)}.npz"
-            np.savez(folder / files[id(arrays)], allow_pickle=False, **arrays)
+            files[id(arrays)] = f"{len(files)}.safetensors"
+            save_tensors(folder / files[id(arrays)], arrays)
         return files[id(arrays)]
 
     for engine, checks in asked.items():
@@ -103,7 +106,7 @@ class Answer:
 
     def path(self, check: Check, dtype: DTypeName) -> Path:
         """Where a case's tensors are."""
-        return self.folder / f"{check.name}.{dtype}.npz"
+        return self.folder / f"{check.name}.{dtype}.safetensors"
 
     def why_missing(self, check: Check, dtype: DTypeName) -> str:
         """Why there is no such file; empty if there is."""
@@ -146,7 +149,8 @@ def answer(
     for case in json.loads((request / f"{engine}.json").read_text(encoding="utf-8")):
         name, started = case["case"], time.perf_counter()
         weights, inputs = (
-            _load(request / case[kind], case["dtype"]) for kind in ("weights", "inputs")
+            _in_precision(load_tensors(request / case[kind]), case["dtype"]) if case[kind] else {}
+            for kind in ("weights", "inputs")
         )
         given = [weights] if weights else []
         try:
@@ -155,18 +159,27 @@ def answer(
             # One engine's failure is a finding about that case, not the end of the others.
             errors[name] = " ".join(f"{type(error).__name__}: {error}".split())
             continue
-        arrays = {name: np.atleast_1d(array) for name, array in tensors.items()}
-        np.savez(out / f"{name}.npz", allow_pickle=False, **arrays)
+        save_tensors(out / f"{name}.safetensors", tensors)
         seconds[name] = round(time.perf_counter() - started, 3)
     versions = {package: version_of(package) for package in ("numpy", *packages)}
     said = json.dumps({"versions": versions, "seconds": seconds, "errors": errors}, indent=1)
     (out / "answer.json").write_text(said, encoding="utf-8")
 
 
-def _load(path: Path, dtype: DTypeName) -> Tensors:
-    """A set of arrays in a precision; integers and booleans stay what they are."""
-    with np.load(path) as arrays:
-        return {k: a if a.dtype.kind in "bi" else a.astype(dtype) for k, a in arrays.items()}
+def save_tensors(path: Path, tensors: Tensors) -> None:
+    """Write tensors with numbers before their names, which a file sorts."""
+    numbered = enumerate(tensors.items())
+    save_weights(path, {f"{k:04d} {name}": np.atleast_1d(array) for k, (name, array) in numbered})
+
+
+def load_tensors(path: Path) -> Tensors:
+    """Read them in the order in which they were given."""
+    return {name[5:]: array for name, array in sorted(load_weights(path).items())}
+
+
+def _in_precision(arrays: Tensors, dtype: DTypeName) -> Tensors:
+    """Integers and booleans stay what they are."""
+    return {n: a if a.dtype.kind in "bi" else a.astype(dtype) for n, a in arrays.items()}
 
 
 def prefixed(prefix: str, arrays: Mapping[str, Any]) -> Tensors:

@@ -27,10 +27,6 @@ from bridge.verify.faults import FAULTY, FaultName, shown_by_torch, spoilt
 
 STAGE = "verify"
 EMBEDDED_BODY = "embedded:female"
-_COLUMNS = (
-    "check", "part", "engine", "precision", "max abs", "max rel", "worst tensor", "index",
-    "tolerance", "verdict",
-)  # fmt: skip
 _NUMBERS = ("max abs", "max rel", "tolerance")
 
 
@@ -129,30 +125,31 @@ def parity(rows: Sequence[Row], answers: Mapping[str, Answer]) -> dict[str, Any]
 
 def text_table(rows: Sequence[Row]) -> str:
     """The table for a terminal, columns aligned."""
-    lines = [_COLUMNS, *map(_cells, rows)]
+    cells = [_cells(row) for row in rows]
+    lines = [list(cells[0]), *(list(line.values()) for line in cells)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
 
     def aligned(line: Sequence[str]) -> str:
-        columns = zip(_COLUMNS, line, widths, strict=True)
-        cells = (c.rjust(w) if name in _NUMBERS else c.ljust(w) for name, c, w in columns)
-        return "  ".join(cells).rstrip()
+        columns = zip(lines[0], line, widths, strict=True)
+        padded = (c.rjust(w) if name in _NUMBERS else c.ljust(w) for name, c, w in columns)
+        return "  ".join(padded).rstrip()
 
     return "\n".join(map(aligned, lines))
 
 
-def _cells(row: Row) -> tuple[str, ...]:
-    return (
-        row.check,
-        row.part,
-        row.engine,
-        row.dtype,
-        f"{row.max_abs:.1e}",
-        f"{row.max_rel:.1e}",
-        row.tensor,
-        ",".join(map(str, row.index)),
-        f"{row.tolerance:.0e}" if row.tolerance else "bits",
-        "ok" if row.passed else f"FAIL {row.problem or 'first: ' + row.first}",
-    )
+def _cells(row: Row) -> dict[str, str]:
+    return {
+        "check": row.check,
+        "part": row.part,
+        "engine": row.engine,
+        "precision": row.dtype,
+        "max abs": f"{row.max_abs:.1e}",
+        "max rel": f"{row.max_rel:.1e}",
+        "worst tensor": row.tensor,
+        "index": ",".join(map(str, row.index)),
+        "tolerance": f"{row.tolerance:.0e}" if row.tolerance else "bits",
+        "verdict": "ok" if row.passed else f"FAIL {row.problem or 'first: ' + row.first}",
+    }
 
 
 def summary(rows: Sequence[Row], diagnosis: Mapping[str, Sequence[str]]) -> str:

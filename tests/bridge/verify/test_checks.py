@@ -19,7 +19,7 @@ from bridge.verify import draws
 from bridge.verify.checks import full_size_checks, random_checks, trained_checks
 from bridge.verify.compare import verify
 from bridge.verify.draws import SMALL_WIDTHS
-from bridge.verify.engine import cases_of
+from bridge.verify.engine import cases_of, load_tensors
 from tests.forged.plus import write_plus
 
 
@@ -126,8 +126,7 @@ def test_a_runs_own_weights_are_checked(trained_run, tmp_path, ask_reference):
     rows, answers = verify(checks, tmp_path / "work", run_engine=ask_reference)
     assert all(row.passed for row in rows)
     assert {row.engine for row in rows} == {"torch", "keras", "onnx", "stream"}
-    with np.load(answers["numpy"].folder / "ae-trained.float64.npz") as found:
-        names = list(found)
+    names = list(load_tensors(answers["numpy"].folder / "ae-trained.float64.safetensors"))
     assert (names[0], names[-1]) == ("layer/normaliser.normalise", "layer/normaliser.denormalise")
     (clips,) = [check.inputs for check in checks if check.name == "dsnet-faithful-training"]
     np.testing.assert_array_equal(clips["real"].sum(axis=1), [10, 20])
@@ -158,5 +157,5 @@ def test_graphs_of_a_runs_own_predictors_are_checked(tmp_path, monkeypatch, ask_
     assert [check.op for check in checks] == ["plus_graph"]
     (row,), answers = verify(checks, tmp_path / "work", run_engine=ask_reference)
     assert row.passed
-    with np.load(answers["numpy"].folder / "plus-graph-trained.float64.npz") as found:
-        assert list(found) == ["layer/vertices"]
+    answer = answers["numpy"].folder / "plus-graph-trained.float64.safetensors"
+    assert list(load_tensors(answer)) == ["layer/vertices"]

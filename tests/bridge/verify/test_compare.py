@@ -9,7 +9,7 @@ import pytest
 
 from bridge.verify import draws
 from bridge.verify.compare import compare, part_of, tolerance_of, verify
-from bridge.verify.engine import Check, DTypeName
+from bridge.verify.engine import Check, DTypeName, load_tensors, save_tensors
 
 Arrays = dict[str, np.ndarray]
 CLIP = Check(
@@ -134,9 +134,9 @@ def test_what_is_left_out_is_not_compared(tmp_path, ask_reference, left_out):
     def ask(engine, request, out):
         answer = ask_reference(engine, request, out)
         if engine == "torch":
-            path = out / "clip.float64.npz"
-            arrays = dict(np.load(path))
-            np.savez(path, **{**arrays, "layer/lstm": arrays["layer/lstm"] + 1})
+            path = out / "clip.float64.safetensors"
+            arrays = load_tensors(path)
+            save_tensors(path, {**arrays, "layer/lstm": arrays["layer/lstm"] + 1})
         return answer
 
     check = replace(CLIP, leave_out=("layer/lstm",) if left_out else ())
@@ -150,7 +150,7 @@ def test_an_engine_without_a_result_is_a_row_that_fails(tmp_path, ask_reference,
         answer = ask_reference(engine, request, out)
         if engine != silent:
             return answer
-        (out / "clip.float64.npz").unlink()
+        (out / "clip.float64.safetensors").unlink()
         return replace(answer, errors={"clip.float64": "ValueError: too tired"})
 
     (row,), _ = verify([CLIP], tmp_path / "work", run_engine=ask)
@@ -162,8 +162,9 @@ def test_a_format_that_is_not_returned_fails(tmp_path, ask_reference):
     def ask(engine, request, out):
         answer = ask_reference(engine, request, out)
         if engine == "torch":
-            path = out / "files.float32.npz"
-            np.savez(path, **{n: a for n, a in np.load(path).items() if "/state_dict/" not in n})
+            path = out / "files.float32.safetensors"
+            arrays = load_tensors(path).items()
+            save_tensors(path, {n: a for n, a in arrays if "/state_dict/" not in n})
         return answer
 
     check = Check("files", "formats", {"torch": ("float32",)}, draws.dsnet_weights(0))

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from bridge.verify.engine import ENGINES, Check, answer, ask, cases_of, write_requests
+from bridge.verify.engine import ENGINES, Check, answer, ask, cases_of, load_tensors, write_requests
 
 DRAWN = np.random.default_rng(0).normal(size=5).astype(np.float32)
 STREAM = Check("bad", "dsnet_stream", {}, inputs={"offsets": np.zeros((1, 2), np.float32)})
@@ -46,9 +46,9 @@ def test_arrays_come_in_the_cases_precision_and_start_from_the_same_numbers(tmp_
     assert arrays["w"].dtype == dtype
     assert arrays["real"].dtype == bool
     np.testing.assert_array_equal(arrays["w"], DRAWN)
-    with np.load(tmp_path / f"a.{dtype}.npz") as found:
-        assert list(found) == ["layer/second", "layer/first"], "in the order of computation"
-        assert found["layer/second"].shape == (1,)
+    found = load_tensors(tmp_path / f"a.{dtype}.safetensors")
+    assert list(found) == ["layer/second", "layer/first"], "in the order of computation"
+    assert found["layer/second"].shape == (1,)
 
 
 def test_a_case_that_raises_is_an_answer_and_the_others_go_on(tmp_path):

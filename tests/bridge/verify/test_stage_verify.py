@@ -12,6 +12,7 @@ from bridge import DsnetError
 from bridge.runs import read_artifact, write_artifact
 from bridge.verify import compare, stage_verify
 from bridge.verify.checks import random_checks
+from bridge.verify.engine import load_tensors, save_tensors
 
 CONFIG = stage_verify.VerifyConfig(run="r", trained=False, full_size=False)
 
@@ -28,7 +29,7 @@ def verify(tmp_path, monkeypatch, ask_reference, capsys):
     def ask(engine, request, out):
         answer = ask_reference(engine, request, out)
         if engine == spoilt["engine"]:
-            _shift(out / "ae-batch.float32.npz", spoilt["value"])
+            _shift(out / "ae-batch.float32.safetensors", spoilt["value"])
         return answer
 
     monkeypatch.setattr(
@@ -47,9 +48,9 @@ def verify(tmp_path, monkeypatch, ask_reference, capsys):
 
 
 def _shift(path, value):
-    arrays = dict(np.load(path))
+    arrays = load_tensors(path)
     arrays["layer/encoder.conv_3"][1, 2, 3] += value
-    np.savez(path, **arrays)
+    save_tensors(path, arrays)
 
 
 def test_agreement_exits_with_0_and_leaves_a_complete_artifact(verify, tmp_path):
