@@ -21,8 +21,8 @@ __all__ = [
 _LOADED_LATE = {
     "KerasMeshAutoencoder": "tf_dsnet.mesh_autoencoder",
     "KerasSMPL": "tf_dsnet.smpl",
-    "StreamingBodies": "bridge.runtime.streams.streaming_bodies",
-    "StreamingPredictor": "bridge.runtime.streams.streaming",
+    "StreamingBodies": "bridge.runtime.streams",
+    "StreamingPredictor": "bridge.runtime.streams",
     "build_dsnet": "tf_dsnet.model",
     "load_codec": "tf_dsnet.mesh_autoencoder",
     "unpose": "tf_dsnet.smpl",

@@ -26,7 +26,7 @@ TESTS = (
     "tests/bridge/motion",
     "tests/bridge/tissue",
     "tests/bridge/runs/test_artifact.py",
-    "tests/bridge/runs/test_storage.py",
+    "tests/bridge/runs/test_files.py",
 )
 INSTALL_S, TRY_S = 300, 600
 """At most, for a Python's packages and for one thing that is tried there."""

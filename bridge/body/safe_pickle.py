@@ -5,7 +5,7 @@ The licensed files were pickled by Python 2 and hold NumPy arrays, SciPy sparse 
 plain containers and inert records, and every other global, so every malicious pickle, is refused.
 No constructor of NumPy's, SciPy's or Python's sees a file's values before `as_array` has checked
 them, and that is done where an array is wanted. A file that is never asked for more bytes than it
-has (`bridge.runs.foreign_files`) bounds what an opcode may ask for.
+has (`bridge.runs.untrusted`) bounds what an opcode may ask for.
 """
 
 from __future__ import annotations

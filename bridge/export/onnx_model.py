@@ -91,7 +91,7 @@ def export_onnx(
     ----------
     origin : of what it was trained on; a synthetic body makes it synthetic too.
     run : name of the run that it is from.
-    precision : of the large kernels (`bridge.runtime.graphs.onnx_kernels`). What fewer bits cost is
+    precision : of the large kernels (`bridge.runtime.onnx_graph`). What fewer bits cost is
         measured and written into the file: `error_mm`, see `precision_error_mm`.
 
     Raises

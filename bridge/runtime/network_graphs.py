@@ -2,7 +2,7 @@
 
 `dsnet_step_graph` and `dsnet_body_graph` are what is deployed: one step, and one step with decoder
 and body. `dsnet_graph`, `encoder_graph` and `decoder_graph` give every layer, and hold the arrays
-that `bridge.exchange.layouts` gives, so that `dsnet_weights` and `mesh_autoencoder_weights` read
+that `bridge.exchange.weights` gives, so that `dsnet_weights` and `mesh_autoencoder_weights` read
 them back.
 """
 

@@ -40,7 +40,7 @@ node, and never less than nothing, so no change of velocity is overdone, and wha
 feeds no vibration.
 
 The step is `bridge.runtime.tissue_graph`; what it is verified by, in float64,
-`bridge.verify.reference.oscillators`; what it is trained as, `tf_dsnet.oscillators.stepping`.
+`bridge.verify.reference.oscillators`; what it is trained as, `tf_dsnet.oscillators`.
 """
 
 from __future__ import annotations

@@ -121,7 +121,7 @@ def held_out_recordings(
     seconds: float,
     crossing: Crossing,
 ) -> list[Recording]:
-    """What no stage sees before prediction, in the four cells of `bridge.motion.cells`.
+    """What no stage sees before prediction, in the four cells of `bridge.motion.splits`.
 
     Kinds that nobody was trained on (`unseen`) and kinds of training (`known`), each by people of
     training and by new ones; who was trained on a kind does it in another style, as take 2.
