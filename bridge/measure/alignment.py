@@ -145,9 +145,7 @@ class AlignmentErrors:
         self._shifts_mm += other._shifts_mm
 
     def summary(self) -> dict[str, Any]:
-        """Of the `offsets`; `pose_deg` (over frames and joints) and `trans_mm`, mean and 95th
-        percentile; `absorption`.
-        """
+        """`pose_deg` is over frames and joints."""
         return {
             "offsets": self.offsets.summary(),
             "pose_deg": spread(np.concatenate(self._angles_deg)),

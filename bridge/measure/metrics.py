@@ -32,11 +32,7 @@ Own = TypeVar("Own", bound="Sums")
 
 @dataclass(frozen=True)
 class Offsets:
-    """Offsets of P vertices in all T frames of one sequence, predicted or true.
-
-    Errors over time need all frames of a vertex. What the true offsets give is computed once for
-    all predictors.
-    """
+    """Offsets of P vertices in all T frames of one sequence: errors over time need all of them."""
 
     total_m: NDArray[np.float32]
     """(T, P, 3) what a mesh has over SMPL in the rest pose, metres."""
@@ -251,10 +247,7 @@ def add_errors(total: Errors, part: Errors) -> None:
 
 
 class GroupErrors:
-    """One predictor's errors over the sequences of a group.
-
-    A sequence's own hold histograms of a megabyte or more, and there may be thousands.
-    """
+    """One predictor's errors over the sequences of a group."""
 
     def __init__(self, sequences: Iterable[Errors] = ()) -> None:
         self.sums: Errors = {}
@@ -279,10 +272,8 @@ class GroupErrors:
 
 
 def jackknife_r2_se(squares: Sequence[tuple[float, float]]) -> float | None:
-    """Standard error of the pooled R² over sequences, by leaving each out; None for one alone.
-
-    `squares` are each sequence's squared error and squared reference.
-    """
+    """Standard error of the pooled R², from each sequence's squared error and squared reference,
+    by leaving each out; None for one alone."""
     if len(squares) < 2:
         return None
     error, reference = np.array(squares).T.copy()

@@ -30,7 +30,7 @@ LEARN_NOTHING = {
 }
 """Labels of what stands beside the trained predictors, in the order of the tables."""
 NEW_PERSON = ""
-"""In place of a subject: somebody who was not trained on."""
+"""In place of a subject."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,11 +144,10 @@ class Candidate:
     """One predictor, trained or not, measured with the motions and alignment of a pipeline."""
 
     name: str
-    """Its name in tables: that of the predictor; in a second pipeline `<kind>_<pipeline>`."""
+    """In tables: the predictor's, in a second pipeline `<kind>_<pipeline>`."""
     kind: str
     """The trained predictor's name, or one of `LEARN_NOTHING`."""
     label: str
-    """For people."""
     pipeline: Pipeline
     means_m: Mapping[str, NDArray[np.float64]]
     """(V, 3) by person, of what learns nothing."""
@@ -204,10 +203,8 @@ def candidates(pipelines: Sequence[Pipeline]) -> dict[str, Candidate]:
 
 
 def mean_offsets_m(align: MotionArrays) -> dict[str, NDArray[np.float64]]:
-    """Mean aligned offset (V, 3) of each person over the training frames; of `NEW_PERSON` theirs'.
-
-    Nobody weighs more for having more frames.
-    """
+    """Mean aligned offset (V, 3) of each person over the training frames; `NEW_PERSON` has the mean
+    of those."""
     offsets_m = align.artifact.array("offsets")
     sums_m: dict[str, NDArray[np.float64]] = {}
     frames = Counter[str]()

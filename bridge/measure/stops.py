@@ -32,23 +32,12 @@ _LEAST_SWING_M = 5e-5
 
 @dataclass(frozen=True)
 class StillSpan:
-    """Frames through which a body stands still."""
+    """Frames through which a body stands still; the last are settled: one swing of soft flesh."""
 
-    start: int
-    stop: int
-    """First frame beyond."""
-    last: int
-    """How many frames count as settled: one swing of soft flesh."""
+    frames: slice
+    settled: slice
     after_motion: bool
     """Whether the body moved just before."""
-
-    @property
-    def frames(self) -> slice:
-        return slice(self.start, self.stop)
-
-    @property
-    def settled(self) -> slice:
-        return slice(self.stop - self.last, self.stop)
 
 
 def joint_speed_m_s(
@@ -72,12 +61,12 @@ def still_spans(speed_m_s: ArrayLike, fps: float) -> list[StillSpan]:
     speed = np.asarray(speed_m_s)
     still = np.concatenate([[False], speed < STILL_BELOW_M_S, [False]])
     edges = np.flatnonzero(np.diff(still))
-    spans = []
+    last, spans = max(1, round(_LAST_S * fps)), []
     for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         if stop - start >= _LEAST_S * fps:
             before = speed[max(0, start - round(_MOVED_WITHIN_S * fps)) : start]
             moved = bool((before > _MOVED_ABOVE_M_S).any())
-            spans.append(StillSpan(start, stop, max(1, round(_LAST_S * fps)), moved))
+            spans.append(StillSpan(slice(start, stop), slice(stop - last, stop), moved))
     return spans
 
 
@@ -104,11 +93,12 @@ def fall_time_s(swing_m: ArrayLike, fps: float) -> float:
 
 @dataclass
 class Decays(Sums):
-    """How fast the swing of flesh dies away after each stop, predicted and true."""
+    """How fast the swing of flesh dies away after each stop, predicted and true.
+
+    `true_s`, `predicted_s`: until it stays below a fifth of its largest, `true_mm`, `predicted_mm`.
+    """
 
     stops: list[dict[str, float]] = field(default_factory=list)
-    """`true_s`, `predicted_s`: until the swing stays below a fifth of what it was; `true_mm`,
-    `predicted_mm`: the largest swing."""
 
     @classmethod
     def of(
@@ -138,9 +128,7 @@ class RestSums(Sums):
     """Sizes over the settled frames of still spans: what a body that has stood still is given."""
 
     predicted: float = 0.0
-    """Sum of |predicted|, metres."""
     true: float = 0.0
-    """Sum of |true|, metres."""
     error: float = 0.0
     """Sum of |predicted - true|, metres."""
     count: int = 0

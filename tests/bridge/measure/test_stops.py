@@ -47,9 +47,9 @@ def test_a_turn_moves_what_is_away_from_its_axis():
 
 def test_stops_are_told_from_standing_and_from_pauses():
     spans = still_spans(speeds((1, 0.0), (1, 1.0), (0.3, 0.0), (0.5, 1.0), (2, 0.05)), FPS)
-    assert [(span.start, span.stop, span.after_motion) for span in spans] == [
-        (0, 60, False),
-        (168, 288, True),
+    assert [(span.frames, span.after_motion) for span in spans] == [
+        (slice(0, 60), False),
+        (slice(168, 288), True),
     ]
     assert spans[1].settled == slice(276, 288)
 
@@ -59,12 +59,12 @@ def test_sway_is_no_stop():
     assert still_spans(speeds((3, 0.2)), FPS) == []
 
 
-SPAN = StillSpan(30, 150, 12, after_motion=True)
+SPAN = StillSpan(slice(30, 150), slice(138, 150), after_motion=True)
 
 
 def damped(hz: float, rate: float, hanging_m: float = 0.0, size_m: float = 0.01) -> Offsets:
     """A vertex that is held until the stop and then swings freely about where it hangs."""
-    times = np.clip(np.arange(150) - SPAN.start, 0, None) / FPS
+    times = np.clip(np.arange(150) - SPAN.frames.start, 0, None) / FPS
     curve = hanging_m + size_m * np.exp(-rate * times) * np.cos(2 * np.pi * hz * times)
     offsets = np.zeros((150, 2, 3), np.float32)
     offsets[..., 1] = curve[:, None]
@@ -120,7 +120,7 @@ def test_flesh_that_hardly_swings_has_no_decay():
 
 
 def test_a_stop_needs_motion_before_it():
-    span = StillSpan(0, 60, 12, after_motion=False)
+    span = StillSpan(slice(0, 60), slice(48, 60), after_motion=False)
     swing_m = swings(damped(5, 3.0), span)
     assert not swing_m.any()
     assert Decays.of(swing_m + 1, swing_m + 1, [span], FPS).stops == []
