@@ -14,7 +14,7 @@ from typing import Protocol
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
-from bridge.motion.motion import StoredMotion
+from bridge.motion.motion import Motion
 from bridge.motion.readers import amass, bvh
 from bridge.runs.processes import notify
 
@@ -31,7 +31,7 @@ class MotionReader(Protocol):
         """Whether a file is for this reader: by its name, or by its first bytes."""
         ...
 
-    def read(self, path: Path) -> StoredMotion:
+    def read(self, path: Path) -> Motion:
         """Read and check it; `DsnetError` if it is missing or holds no usable motion."""
         ...
 
@@ -52,7 +52,7 @@ def format_of(path: Path) -> str:
     return next((name for name, one in READERS.items() if one.sniff(path)), next(iter(READERS)))
 
 
-def read_motion_file(path: Path) -> StoredMotion:
+def read_motion_file(path: Path) -> Motion:
     """A motion as its file holds it, whatever the format, at the file's rate, z up.
 
     Raises
