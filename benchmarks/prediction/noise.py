@@ -21,9 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, WHITE_DEG, WHITE_M, Noise
+<<<<<<< HEAD
 from bridge.errors import DsnetError, notify
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.motion import StoredMotion, pack_theta, unpack_theta
+=======
+from bridge.body import load_body_model
+from bridge.errors import DsnetError
+from bridge.motion import Motion, MotionSequence, sequences_of, subject_rows
+from bridge.motion.motion import pack_theta, unpack_theta
+>>>>>>> motions
 from bridge.motion.motion_checks import tremor_mm
 from bridge.motion.resampling import continuous_rotations
 from bridge.motion.sequences import is_real_motion
@@ -171,15 +178,16 @@ def _clips(run: Run, noises: Sequence[Noise]) -> Iterator[dict[str, Any]]:
         }  # fmt: skip
 
 
-def _stored(pose: NDArray, trans_m: NDArray, fps: float) -> StoredMotion:
-    return StoredMotion(pose, trans_m, np.zeros(10), "unknown", fps, None)
+def _stored(pose: NDArray, trans_m: NDArray, fps: float) -> Motion:
+    theta = pack_theta(pose, trans_m)
+    return Motion(theta, np.zeros(10), "unknown", fps, fps, Path(), up="z")
 
 
 def _named(cutoff: SmoothHz | None) -> str:
     return str(cutoff or "none") if cutoff in (None, "auto") else f"{cutoff:g}"
 
 
-def _smoothed(stored: StoredMotion, cutoff: SmoothHz | None) -> NDArray:
+def _smoothed(stored: Motion, cutoff: SmoothHz | None) -> NDArray:
     """Its theta (T, 69)."""
     calm = stored if cutoff is None else smoothed(stored, cutoff)
     return pack_theta(continuous_rotations(calm.pose), calm.trans_m)

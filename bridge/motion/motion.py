@@ -70,32 +70,14 @@ def unpack_theta(theta: ArrayLike) -> tuple[NDArray[np.floating], NDArray[np.flo
 
 
 @dataclass(frozen=True, eq=False)
-class StoredMotion:
-    """What a reader finds in a file: T frames at the file's own rate."""
-
-    pose: NDArray[np.float64]
-    """(T, 22, 3) joint rotations, axis-angle, radians."""
-    trans_m: NDArray[np.float64]
-    """(T, 3) translation of the root, metres, z up."""
-    betas: NDArray[np.float64]
-    """(10,) first shape coefficients; zero where the file has none."""
-    gender: str
-    """`female`, `male`, `neutral`, or `unknown` where the file does not say."""
-    fps: float
-    dmpls: NDArray[np.float64] | None = None
-    """(T, 8) DMPL soft tissue coefficients, where the file has them."""
-    rest_pose_frames: int = 0
-    """Frames of the file that come before these, a rest pose, and are left out."""
-
-
-@dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion that a 22-joint body can follow."""
+    """A motion that a 22-joint body can follow: as a file has it, z up at its rate, or prepared."""
 
     theta: NDArray[np.floating]
     """(T, 69) pose vector of the paper: 22 x 3 axis-angle, radians, and translation, metres."""
     betas: NDArray[np.float64]
-    """(10,) first shape coefficients. Those of an SMPL-X file live in SMPL-X's shape space."""
+    """(10,) first shape coefficients, zero where the file has none. Those of an SMPL-X file live in
+    SMPL-X's shape space."""
     gender: str
     """`female`, `male`, `neutral`, or `unknown` where the file does not say."""
     fps: float
@@ -107,9 +89,19 @@ class Motion:
     dmpls: NDArray[np.float64] | None = None
     """(T, 8) DMPL soft tissue coefficients, where the file has them."""
     rest_pose_frames: int = 0
-    """Frames of the file that come before the motion and are left out."""
+    """Frames of the file that come before the motion, a rest pose, and are left out."""
     smooth_hz: SmoothHz | None = None
     """What was faster in the file is left out; `auto`: than what suits each moment."""
+
+    @property
+    def pose(self) -> NDArray[np.floating]:
+        """(T, 22, 3) joint rotations, axis-angle, radians."""
+        return unpack_theta(self.theta)[0]
+
+    @property
+    def trans_m(self) -> NDArray[np.floating]:
+        """(T, 3) translation of the root."""
+        return unpack_theta(self.theta)[1]
 
     @property
     def duration_s(self) -> float:
@@ -126,6 +118,5 @@ class Motion:
         if self.up == "z":
             return self
         joint = np.asarray(root_joint_m, dtype=np.float64)
-        pose, trans = unpack_theta(self.theta)
         shift = Y_UP_FROM_Z_UP.apply(joint) - joint
-        return replace(self, theta=pack_theta(pose, trans + shift))
+        return replace(self, theta=pack_theta(self.pose, self.trans_m + shift))

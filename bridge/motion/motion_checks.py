@@ -64,7 +64,7 @@ def motion_warnings(
     smooth_option : the one that leaves noise out.
     """
     source, fps, found = motion.source, motion.fps, []
-    trans_m = unpack_theta(motion.theta)[1]
+    trans_m = motion.trans_m
     if motion.rest_pose_frames:
         found.append(
             f"{source}: the motion begins after frame {motion.rest_pose_frames} of the file; "

@@ -25,7 +25,6 @@ from bridge.motion.motion import (
     Y_UP_FROM_Z_UP,
     Motion,
     SmoothHz,
-    StoredMotion,
     UpAxis,
     pack_theta,
     unpack_theta,
@@ -53,7 +52,7 @@ def load_amass_motion(
         0 when None. It can be given later: `Motion.about_root_joint`.
     up : vertical axis of the result; AMASS has z.
     """
-    motion = _prepared(Path(path), amass.read(Path(path)), source_fps, fps, None, up)
+    motion = _prepared(amass.read(Path(path)), source_fps, fps, None, up)
     return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
 
 
@@ -77,12 +76,11 @@ def load_motion_file(
     DsnetError
         If the file is missing, is none of these, or holds no usable motion, or a rate is none.
     """
-    return _prepared(Path(path), read_motion_file(Path(path)), source_fps, fps, smooth_hz, "y")
+    return _prepared(read_motion_file(Path(path)), source_fps, fps, smooth_hz, "y")
 
 
 def _prepared(
-    path: Path,
-    stored: StoredMotion,
+    motion: Motion,
     source_fps: float | None,
     fps: float,
     smooth_hz: SmoothHz | None,
@@ -99,33 +97,23 @@ def _prepared(
                 f"{lowest:g} to {highest:g}",
                 "Pass the rate that it was recorded at.",
             )
-        stored = replace(stored, fps=source_fps)
+        motion = replace(motion, fps=source_fps, source_fps=source_fps)
     if smooth_hz is not None:
-        stored = smoothed(stored, smooth_hz)
-    if (frames := resampled_frames(len(stored.pose), stored.fps, fps)) > MOST_FRAMES:
+        motion = smoothed(motion, smooth_hz)
+    count = len(motion.theta)
+    if (frames := resampled_frames(count, motion.fps, fps)) > MOST_FRAMES:
         raise DsnetError(
-            f"{path}, {len(stored.pose)} frames at {stored.fps:g} Hz: {frames} at {fps:g}",
+            f"{motion.source}, {count} frames at {motion.fps:g} Hz: {frames} at {fps:g}",
             f"at most {MOST_FRAMES}",
             "Check its rate, or cut it into several files.",
         )
-    pose, trans_m, dmpls = _resample(stored, fps)
+    pose, trans_m, dmpls = _resample(motion, fps)
     if up == "y":
         pose[:, 0] = (Y_UP_FROM_Z_UP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
         trans_m = Y_UP_FROM_Z_UP.apply(trans_m)
     for piece in pieces_of(pose, trans_m):
         pose[piece] = continuous_rotations(pose[piece])
-    return Motion(
-        theta=pack_theta(pose, trans_m),
-        betas=stored.betas,
-        gender=stored.gender,
-        fps=float(fps),
-        source_fps=stored.fps,
-        source=path,
-        up=up,
-        dmpls=dmpls,
-        rest_pose_frames=stored.rest_pose_frames,
-        smooth_hz=smooth_hz,
-    )
+    return replace(motion, theta=pack_theta(pose, trans_m), fps=float(fps), up=up, dmpls=dmpls)
 
 
 def resampled_frames(frame_count: int, source_fps: float, fps: float = DEFAULT_FPS) -> int:
@@ -135,43 +123,44 @@ def resampled_frames(frame_count: int, source_fps: float, fps: float = DEFAULT_F
 
 
 def _resample(
-    stored: StoredMotion, fps: float
+    motion: Motion, fps: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
     """Joint rotations, translation and DMPL coefficients at `fps`, piece by piece between cuts.
 
     What is sampled between the last frame before a cut and the first after it goes on as the
     motion did before.
     """
-    count = len(stored.pose)
-    lines = [stored.trans_m, *([] if stored.dmpls is None else [stored.dmpls])]
+    whole, trans_m = unpack_theta(motion.theta)
+    count = len(whole)
+    lines = [trans_m, *([] if motion.dmpls is None else [motion.dmpls])]
     line = np.concatenate(lines, axis=1)  # (T, 3) or (T, 11)
-    times_s = np.arange(resampled_frames(count, stored.fps, fps)) / fps
-    times_s = np.minimum(times_s, (count - 1) / stored.fps)
-    pieces = pieces_of(stored.pose, stored.trans_m)
-    first_times_s = np.array([piece.start for piece in pieces]) / stored.fps
+    times_s = np.arange(resampled_frames(count, motion.fps, fps)) / fps
+    times_s = np.minimum(times_s, (count - 1) / motion.fps)
+    pieces = pieces_of(whole, trans_m)
+    first_times_s = np.array([piece.start for piece in pieces]) / motion.fps
     first_samples = np.searchsorted(times_s, first_times_s - _FRAME_TOLERANCE / fps)
     found = []
     samples = pairwise([*first_samples, len(times_s)])
     for piece, (one, last) in zip(pieces, samples, strict=True):
         if one == last:
             continue
-        pose, values = stored.pose[piece], line[piece]
+        pose, values = whole[piece], line[piece]
         if piece.stop < count:
             before, now = (Rotation.from_rotvec(pose[i]) for i in (max(len(pose) - 2, 0), -1))
             pose = np.concatenate([pose, (now * before.inv() * now).as_rotvec()[None]])
             values = np.concatenate([values, 2 * values[-1:] - values[-2:][:1]])
-        source_s = np.arange(len(pose)) / stored.fps
-        at_s = np.clip(times_s[one:last] - piece.start / stored.fps, 0, source_s[-1])
+        source_s = np.arange(len(pose)) / motion.fps
+        at_s = np.clip(times_s[one:last] - piece.start / motion.fps, 0, source_s[-1])
         moved = np.stack([np.interp(at_s, source_s, column) for column in values.T], axis=1)
         if len(pose) > 1:
             turns = [Slerp(source_s, Rotation.from_rotvec(joint)) for joint in pose.swapaxes(0, 1)]
             pose = np.stack([slerp(at_s).as_rotvec() for slerp in turns], axis=1)
         found.append((pose, moved))
     pose, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return pose, moved[:, :3], None if stored.dmpls is None else moved[:, 3:]
+    return pose, moved[:, :3], None if motion.dmpls is None else moved[:, 3:]
 
 
-def continuous_rotations(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def continuous_rotations(pose: NDArray[np.floating]) -> NDArray[np.floating]:
     """Of the axis-angle vectors (T, J, 3) of each rotation, the one nearest to the frame before."""
     angle = np.linalg.norm(pose, axis=-1, keepdims=True)
     axis = np.divide(pose, angle, out=np.zeros_like(pose), where=angle > 1e-9)

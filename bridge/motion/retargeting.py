@@ -28,7 +28,7 @@ from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
-from bridge.motion.motion import FARTHEST_M, StoredMotion
+from bridge.motion.motion import FARTHEST_M, Motion, pack_theta
 from bridge.paper import N_BETAS, N_JOINTS
 
 _SIDES = ("left", "right")
@@ -106,7 +106,7 @@ def unusable(path: Path, flaw: str, remedy: str = "") -> DsnetError:
     return DsnetError(f"{path}, {flaw}", "a BVH motion of a person", remedy or usual)
 
 
-def retargeted(skeleton: SkeletonMotion) -> StoredMotion:
+def retargeted(skeleton: SkeletonMotion) -> Motion:
     """The motion as SMPL's joints do it, for a body of the mean shape; z up, as AMASS has it.
 
     The root's path is scaled by the length of the legs, which also brings the file's unit to
@@ -146,7 +146,8 @@ def retargeted(skeleton: SkeletonMotion) -> StoredMotion:
         raise unusable(skeleton.path, f"that goes {far_m:.3g} m off", "Export it near the origin.")
     z_up = Rotation.from_euler("x", 90, degrees=True)
     pose[:, 0] = (z_up * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
-    return StoredMotion(pose, z_up.apply(trans_m), np.zeros(N_BETAS), "unknown", skeleton.fps)
+    theta, fps = pack_theta(pose, z_up.apply(trans_m)), skeleton.fps
+    return Motion(theta, np.zeros(N_BETAS), "unknown", fps, fps, skeleton.path, up="z")
 
 
 def _joints_by_name(skeleton: SkeletonMotion) -> dict[str, int]:

@@ -23,8 +23,8 @@ from scipy.signal.windows import hann
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.motion.cuts import pieces_of
-from bridge.motion.motion import SmoothHz, StoredMotion
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.motion import Motion, SmoothHz, pack_theta
 
 _PADDED_FRAMES = 9
 _BANK_HZ = (4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24)
@@ -42,28 +42,28 @@ Chosen on training motions of the own law (docs/prediction.md)."""
 _FEWEST_FRAMES = 16
 
 
-def smoothed(stored: StoredMotion, smooth_hz: SmoothHz) -> StoredMotion:
+def smoothed(motion: Motion, smooth_hz: SmoothHz) -> Motion:
     """The motion without what is faster than a cutoff, or `auto`, piece by piece between cuts.
 
     Rotations are filtered as quaternions, which are made unit quaternions again.
     """
-    if smooth_hz != "auto" and not 0 < smooth_hz < stored.fps / 2:
+    if smooth_hz != "auto" and not 0 < smooth_hz < motion.fps / 2:
         raise DsnetError(
-            f"a motion of {stored.fps:g} frames a second, smoothed at {smooth_hz:g} Hz",
-            f"more than 0 and less than {stored.fps / 2:g} Hz, half its rate",
+            f"a motion of {motion.fps:g} frames a second, smoothed at {smooth_hz:g} Hz",
+            f"more than 0 and less than {motion.fps / 2:g} Hz, half its rate",
             "Pass auto, or 6 to 12.",
         )
-    pose, trans_m = stored.pose.copy(), stored.trans_m.copy()
-    for piece in pieces_of(stored.pose, stored.trans_m):
+    pose, trans_m = motion.pose.copy(), motion.trans_m.copy()
+    for piece in pieces_between_cuts(motion.theta):
         if smooth_hz == "auto":
-            cutoff_hz = noise_cutoff_hz(stored.pose[piece], stored.trans_m[piece], stored.fps)
+            cutoff_hz = noise_cutoff_hz(pose[piece], trans_m[piece], motion.fps)
         else:
             cutoff_hz = smooth_hz
-        trans_m[piece] = _calmed(stored.trans_m[piece], cutoff_hz, stored.fps)
-        turns = _calmed(_continuous_quaternions(stored.pose[piece]), cutoff_hz, stored.fps)
+        turns = _calmed(_continuous_quaternions(pose[piece]), cutoff_hz, motion.fps)
         rotations = Rotation.from_quat(turns.reshape(-1, 4))
         pose[piece] = rotations.as_rotvec().reshape(pose[piece].shape)
-    return replace(stored, pose=pose, trans_m=trans_m)
+        trans_m[piece] = _calmed(trans_m[piece], cutoff_hz, motion.fps)
+    return replace(motion, theta=pack_theta(pose, trans_m), smooth_hz=smooth_hz)
 
 
 def described(smooth_hz: SmoothHz | None) -> str:
@@ -117,8 +117,8 @@ def _accelerations(pose: NDArray, trans_m: NDArray, fps: float) -> NDArray[np.fl
 
 
 def _calmed(
-    values: NDArray[np.float64], cutoff_hz: float | NDArray[np.float64], fps: float
-) -> NDArray[np.float64]:
+    values: NDArray[np.floating], cutoff_hz: float | NDArray[np.floating], fps: float
+) -> NDArray[np.floating]:
     """Values (T, ...) at one cutoff, or each at its own (T,): between those of the two next to it
     in a bank of filters, in proportion to the logarithm of frequency. The last lets all pass."""
     if np.ndim(cutoff_hz) == 0:
@@ -135,7 +135,7 @@ def _calmed(
     return found
 
 
-def _low_passed(values: NDArray[np.float64], hz: float, fps: float) -> NDArray[np.float64]:
+def _low_passed(values: NDArray[np.floating], hz: float, fps: float) -> NDArray[np.floating]:
     if len(values) < 2:
         return values
     sections = np.asarray(butter(2, hz, fs=fps, output="sos"))
@@ -143,7 +143,7 @@ def _low_passed(values: NDArray[np.float64], hz: float, fps: float) -> NDArray[n
     return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=padded))
 
 
-def _continuous_quaternions(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def _continuous_quaternions(pose: NDArray[np.floating]) -> NDArray[np.floating]:
     """(T, J, 4) of rotations (T, J, 3); of q and -q, the one nearer to the frame before."""
     turns = Rotation.from_rotvec(pose.reshape(-1, 3)).as_quat().reshape(*pose.shape[:2], 4)
     opposite = (turns[1:] * turns[:-1]).sum(axis=-1) < 0

@@ -20,10 +20,12 @@ from bridge.exchange.dsnet import TrainedDsnet
 from bridge.paper import DSNET_WIDTHS, N_BETAS
 from bridge.runtime import network_graphs
 from bridge.runtime.onnx_graph import GraphSession, held_arrays
-from bridge.runtime.plus_graph import plus_graph as plus_graphs
+from bridge.runtime.plus_graph import plus_graph as plus_body_graph
 from bridge.runtime.streams import StreamingPredictor
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.engine import Tensors, batches, joined, prefixed, serve
+
+_VERTICES_LAST = ("encoder.", "decoder.", "to_coordinates", "normaliser.")
 
 
 def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
@@ -78,7 +80,7 @@ def dsnet_graph(
 
 def plus_graph(weights: Tensors, theta: NDArray, betas: NDArray, body: str) -> Tensors:
     """The same of `dsnet_plus`."""
-    graph = plus_graphs.plus_graph(TrainedPlus.from_arrays(weights), load_body_model(body))
+    graph = plus_body_graph(TrainedPlus.from_arrays(weights), load_body_model(body))
     return _stepped(graph, theta, betas)
 
 
@@ -104,10 +106,10 @@ def formats(weights: Tensors, architecture: Mapping[str, Any] | None = None) -> 
 
 
 def _layers(outputs: Tensors) -> Tensors:
-    """Layers alone, features last as everywhere but inside the convolutions."""
+    """Layers alone, features last."""
     results = ("latents", "offsets", "next_hidden", "next_cell")
     return {
-        name: array.swapaxes(1, 2) if ".conv_" in name else array
+        name: array.swapaxes(1, 2) if name.startswith(_VERTICES_LAST) else array
         for name, array in outputs.items()
         if name not in results
     }

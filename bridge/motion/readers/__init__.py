@@ -13,8 +13,13 @@ from typing import Protocol
 
 from numpy.typing import NDArray
 
+<<<<<<< HEAD
 from bridge.errors import DsnetError, notify
 from bridge.motion.motion import StoredMotion
+=======
+from bridge.errors import DsnetError
+from bridge.motion.motion import Motion
+>>>>>>> motions
 from bridge.motion.readers import amass, bvh
 
 
@@ -30,7 +35,7 @@ class MotionReader(Protocol):
         """Whether a file is for this reader: by its name, or by its first bytes."""
         ...
 
-    def read(self, path: Path) -> StoredMotion:
+    def read(self, path: Path) -> Motion:
         """Read and check it; `DsnetError` if it is missing or holds no usable motion."""
         ...
 
@@ -51,7 +56,7 @@ def format_of(path: Path) -> str:
     return next((name for name, one in READERS.items() if one.sniff(path)), next(iter(READERS)))
 
 
-def read_motion_file(path: Path) -> StoredMotion:
+def read_motion_file(path: Path) -> Motion:
     """A motion as its file holds it, whatever the format, at the file's rate, z up.
 
     Raises

@@ -28,7 +28,8 @@ from bridge.motion.motion import (
     LARGEST_BETA,
     MOST_FRAMES,
     RATES_HZ,
-    StoredMotion,
+    Motion,
+    pack_theta,
 )
 from bridge.paper import N_BETAS, N_JOINTS
 from bridge.runs.untrusted import UntrustedNpz, damage_refused, open_npz, text_of
@@ -55,19 +56,22 @@ def sniff(path: Path) -> bool:
     return str(path).startswith(SAMPLE_PREFIX) or path.suffix in SUFFIXES
 
 
-def read(path: Path) -> StoredMotion:
+def read(path: Path) -> Motion:
     """Read and check one file, or a sample that comes with the package (`sample:walking`)."""
     # Other arrays (markers) may be large or pickled; they are not touched.
     wanted = ("poses", "trans", "betas", "gender", "dmpls", *_RATE_KEYS)
     with _opened(path, motion_path(path)) as archive:
         arrays = _arrays(archive, wanted)
     pose, trans_m = _pose(path, arrays)
-    return StoredMotion(
-        pose=pose,
-        trans_m=trans_m,
-        betas=_betas(path, arrays),
-        gender=_gender(arrays),
-        fps=_rate(path, arrays),
+    betas, gender, fps = _betas(path, arrays), _gender(arrays), _rate(path, arrays)
+    return Motion(
+        theta=pack_theta(pose, trans_m),
+        betas=betas,
+        gender=gender,
+        fps=fps,
+        source_fps=fps,
+        source=path,
+        up="z",
         dmpls=_numbers(path, arrays, "dmpls", len(pose)) if "dmpls" in arrays else None,
     )
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.motion.cuts import frames_of_rest_pose
-from bridge.motion.motion import MOST_FRAMES, RATES_HZ, StoredMotion
+from bridge.motion.motion import MOST_FRAMES, RATES_HZ, Motion
 from bridge.motion.retargeting import SkeletonMotion, retargeted, unusable
 from bridge.runs.untrusted import damage_refused, open_regular
 
@@ -33,12 +33,11 @@ def gender_of(path: Path) -> str | None:
     return "unknown"
 
 
-def read(path: Path) -> StoredMotion:
+def read(path: Path) -> Motion:
     """Read one file; a rest pose before the motion is left out (`bridge.motion.cuts`)."""
-    stored = retargeted(_skeleton(path))
-    first = frames_of_rest_pose(stored.pose, stored.fps)
-    pose, trans_m = stored.pose[first:], stored.trans_m[first:]
-    return replace(stored, pose=pose, trans_m=trans_m, rest_pose_frames=first)
+    motion = retargeted(_skeleton(path))
+    first = frames_of_rest_pose(motion.pose, motion.fps)
+    return replace(motion, theta=motion.theta[first:], rest_pose_frames=first)
 
 
 def _skeleton(path: Path) -> SkeletonMotion:

@@ -50,7 +50,7 @@ def test_gif(short, tmp_path):
 def test_several_predictors_side_by_side(short, tmp_path):
     """A column each, on one scale of colours, in the order in which they are named."""
     path, motion = tmp_path / "body.gif", short.motion
-    calm = MovingBody(short.character, motion, gain=0.0)
+    calm = MovingBody(short.trained, motion, gain=0.0)
     clips.write_gif(path, calm, short, body_px=120)
     with Image.open(path) as clip:
         assert clip.size[0] == 3 * 120 + 62

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from bridge.errors import DsnetError
 from bridge.motion import load_motion_file, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.motion import RATES_HZ, StoredMotion
+from bridge.motion.motion import RATES_HZ, Motion, pack_theta
 from bridge.motion.motion_checks import motion_warnings, tremor_mm
 from bridge.motion.readers.amass import SAMPLES, sample_path
 from bridge.motion.smoothing import SmoothHz, no_noise_hz, noise_cutoff_hz, smoothed
@@ -23,17 +23,22 @@ FPS = 120.0
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
 
 
-def slow(frames: int = 480) -> StoredMotion:
+def of(pose: np.ndarray, trans_m: np.ndarray, fps: float = FPS) -> Motion:
+    theta = pack_theta(pose, trans_m)
+    return Motion(theta, np.zeros(10), "unknown", fps, fps, Path("walk.npz"), up="z")
+
+
+def slow(frames: int = 480) -> Motion:
     """Turns of 1 Hz, in which the root goes round the whole way, and a sway of 10 cm."""
     time_s = np.arange(frames) / FPS
     pose, trans_m = np.zeros((frames, 22, 3)), np.zeros((frames, 3))
     pose[:, 0] = Rotation.from_rotvec(np.outer(2 * np.pi * time_s, [0, 0, 1])).as_rotvec()
     pose[:, 3, 0] = 0.4 * np.sin(2 * np.pi * time_s)
     trans_m[:, 1] = 0.1 * np.sin(2 * np.pi * time_s)
-    return StoredMotion(pose, trans_m, np.zeros(10), "unknown", FPS, None)
+    return of(pose, trans_m)
 
 
-def trembling(motion: StoredMotion, size: float = 0.002) -> StoredMotion:
+def trembling(motion: Motion, size: float = 0.002) -> Motion:
     """With white noise of so many metres, and twice as many radians."""
     rng = np.random.default_rng(0)
     noise = 2 * size * rng.standard_normal(motion.pose.shape)
@@ -41,10 +46,10 @@ def trembling(motion: StoredMotion, size: float = 0.002) -> StoredMotion:
         noise.reshape(-1, 3)
     )
     trans_m = motion.trans_m + size * rng.standard_normal(motion.trans_m.shape)
-    return replace(motion, pose=pose.as_rotvec().reshape(motion.pose.shape), trans_m=trans_m)
+    return of(pose.as_rotvec().reshape(motion.pose.shape), trans_m, motion.fps)
 
 
-def apart_rad(one: StoredMotion, other: StoredMotion) -> np.ndarray:
+def apart_rad(one: Motion, other: Motion) -> np.ndarray:
     turns = (Rotation.from_rotvec(m.pose.reshape(-1, 3)) for m in (one, other))
     first, second = turns
     return (first.inv() * second).magnitude().reshape(len(one.pose), -1)
@@ -74,20 +79,20 @@ def test_noise_is_left_out() -> None:
 def test_a_cut_stays_one(smooth_hz: SmoothHz) -> None:
     whole = slow(240)
     trans_m = whole.trans_m + np.where(np.arange(240) < 120, 0.0, 3.0)[:, None]
-    found = smoothed(replace(whole, trans_m=trans_m), smooth_hz)
+    found = smoothed(of(whole.pose, trans_m), smooth_hz)
     np.testing.assert_allclose(found.trans_m[118:122, 0], [0, 0, 3, 3], atol=1e-9)
-    one = StoredMotion(whole.pose[:1], whole.trans_m[:1], np.zeros(10), "unknown", FPS, None)
+    one = of(whole.pose[:1], whole.trans_m[:1])
     np.testing.assert_allclose(smoothed(one, smooth_hz).trans_m, one.trans_m)
 
 
-def landing(fps: float = FPS) -> StoredMotion:
+def landing(fps: float = FPS) -> Motion:
     """Two seconds of slow sway, two in which somebody lands every half second, two of sway."""
     time_s = np.arange(int(6 * fps)) / fps
     whole = slow(len(time_s))
     jumps = np.where((time_s > 2) & (time_s < 4), np.abs(np.sin(2 * np.pi * time_s)), 0.0)
     trans_m = np.zeros((len(time_s), 3))
     trans_m[:, 2] = 0.3 * jumps
-    return replace(whole, pose=np.zeros_like(whole.pose), trans_m=trans_m, fps=fps)
+    return of(np.zeros_like(whole.pose), trans_m, fps)
 
 
 @pytest.mark.parametrize("fps", [30.0, 60.0, 120.0])
