@@ -21,16 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, WHITE_DEG, WHITE_M, Noise
-<<<<<<< HEAD
-from bridge.errors import DsnetError, notify
-from bridge.motion import MotionSequence, sequences_of, subject_rows
-from bridge.motion.motion import StoredMotion, pack_theta, unpack_theta
-=======
 from bridge.body import load_body_model
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, MotionSequence, sequences_of, subject_rows
 from bridge.motion.motion import pack_theta, unpack_theta
->>>>>>> motions
 from bridge.motion.motion_checks import tremor_mm
 from bridge.motion.resampling import continuous_rotations
 from bridge.motion.sequences import is_real_motion

@@ -13,13 +13,8 @@ from typing import Protocol
 
 from numpy.typing import NDArray
 
-<<<<<<< HEAD
 from bridge.errors import DsnetError, notify
-from bridge.motion.motion import StoredMotion
-=======
-from bridge.errors import DsnetError
 from bridge.motion.motion import Motion
->>>>>>> motions
 from bridge.motion.readers import amass, bvh
 
 
