@@ -8,6 +8,7 @@ time is that of all threads and of the encoder; on a busy machine it says more t
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import statistics
@@ -56,7 +57,7 @@ class PicturesConfig:
     """Finished run whose report is made, again and again."""
     times: PositiveInt = 5
     """How often; medians are given."""
-    out: Path = Path("docs/results/pictures.md")
+    out: Path = Path("docs/results/pictures.json")
     """File to write."""
 
 
@@ -66,33 +67,33 @@ Taken = tuple[float, float]
 
 def main(config: PicturesConfig) -> None:
     """Time all in both trees, write a table."""
-    rows = []
+    found: dict[str, dict[str, list[float]]] = {}
     for name, arguments in _commands(config.run).items():
-        taken: dict[Path, list[Taken]] = {config.beside.resolve(): [], _HERE: []}
+        taken: dict[str, list[Taken]] = {"before": [], "now": []}
         for _ in range(config.times):
-            for tree, found in taken.items():
-                found.append(_take(tree, arguments, config.run))
-        medians = [
-            tuple(map(statistics.median, zip(*found, strict=True))) for found in taken.values()
-        ]
-        rows.append(f"| {name} | {' | '.join(f'{s:.2f} s' for pair in medians for s in pair)} |")
-        sys.stdout.write(rows[-1] + "\n")
-    text = (
-        f"Medians of {config.times} on {provenance(0.0)['machine']}, by the clock and of "
-        f"processors; `python -m benchmarks.pictures --beside EARLIER --run {config.run}`.\n\n"
-        "| | before, clock | before, processors | now, clock | now, processors |\n"
-        "|---|---:|---:|---:|---:|\n"
-    )
-    config.out.write_text(text + "\n".join(rows) + "\n", encoding="utf-8")
+            for which, tree in (("before", config.beside.resolve()), ("now", _HERE)):
+                taken[which].append(_take(tree, arguments, config.run))
+        found[name] = {
+            which: [round(statistics.median(s), 2) for s in zip(*times, strict=True)]
+            for which, times in taken.items()
+        }
+        sys.stdout.write(f"{name}: {found[name]}\n")
+    facts = {
+        "command": f"python -m benchmarks.pictures --beside EARLIER --run {config.run}",
+        "machine": provenance(0.0)["machine"],
+        "medians_of": config.times,
+        "seconds_by_clock_and_of_processors": found,
+    }
+    config.out.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
 
 
 def _commands(run: str) -> dict[str, Sequence[str]]:
     return {
         "one body, 500 x 700 pixels, on one core": ("-c", _PICTURE),
-        "`predict` of 4 s, with its strip": (*_DSNET, "predict", *_MOTION, "--out", "OUT"),
+        "predict of 4 s, with its strip": (*_DSNET, "predict", *_MOTION, "--out", "OUT"),
         "the same as a GIF": (*_DSNET, "export", *_MOTION, "--to", "gif", "--out", "OUT.gif"),
         "the same as an MP4": (*_DSNET, "export", *_MOTION, "--to", "mp4", "--out", "OUT.mp4"),
-        f"`report` of run `{run}`": (*_DSNET, "report", "--profile", "smoke", "--run", run),
+        f"report of run `{run}`": (*_DSNET, "report", "--profile", "smoke", "--run", run),
     }
 
 
