@@ -115,7 +115,7 @@ def tissue(seed: int, body: BodyModelData, nodes: int = 40) -> Arrays:
     }
 
 
-def oscillators(seed: int, nodes: int = 6, people: int = 2, taps: int = 3) -> Arrays:
+def oscillators(seed: int, nodes: int = 6, people: int = 2) -> Arrays:
     """Weights of the layer that `dsnet_plus` is trained as, named as by Keras."""
     rng = np.random.default_rng([seed, 10])
     return {
@@ -124,7 +124,7 @@ def oscillators(seed: int, nodes: int = 6, people: int = 2, taps: int = 3) -> Ar
         "slopes": _normal(rng, (3, 1), 0.2),
         "stiffening_power": np.array([1.5], np.float32),
         "residual": _normal(rng, (people, nodes, 1), 0.1),
-        "taps": np.array([0.5, 0.3, 0.4], np.float32)[:taps],
+        "taps": np.array([0.5, 0.3, 0.4], np.float32),
     }
 
 

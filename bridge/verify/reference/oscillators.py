@@ -8,7 +8,7 @@ Coefficients are the trained ones, which are float32; what is computed from them
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,13 +58,8 @@ class Coefficients:
         person["stiffening"] = logs["stiffening"] + power * own
         return cls(**{name: np.exp(log) for name, log in person.items()}, normals=normals)
 
-    def in_float64(self) -> Coefficients:
-        """The same numbers; complex ones stay so."""
-        arrays = [np.asarray(getattr(self, field.name)) for field in fields(self)]
-        return Coefficients(*(a.astype(np.result_type(a, np.float64)) for a in arrays))
-
     def load(self, inertia: Array, gravity: Array) -> Array:
-        """(..., K, 3) what the nodes feel."""
+        """(..., K, 3) load on the nodes."""
         return self.inertia_gain * inertia + self.gravity_gain * gravity
 
 
@@ -72,7 +67,8 @@ class Sheet:
     """The nodes of one person, of a dense Laplacian (K, K)."""
 
     def __init__(self, coefficients: Coefficients, laplacian: Array) -> None:
-        self._c = c = coefficients.in_float64()
+        exact = {name: np.float64(1) * array for name, array in vars(coefficients).items()}
+        self._c = c = Coefficients(**exact)  # float32 or complex before
         across = c.normals[:, :, None] * c.normals[:, None, :]
         self._P = np.eye(3) + (c.normal_ratio - 1)[..., None] * across  # (K, 3, 3)
         tension = c.wave_speed**2 * laplacian
@@ -135,7 +131,7 @@ class Sheet:
 def posed(model: TrainedPlus, body: BodyModelData, theta: Array, betas: Array) -> Array:
     """Vertices (T, V, 3), metres, as a stream of poses theta (T, 69) of one character gives them.
 
-    She begins settled in her first pose; what is shown is `look_ahead` frames old, her first pose
+    It begins settled in the first pose; what is shown is `look_ahead` frames old, the first pose
     until then.
     """
     rows = np.maximum(np.arange(len(theta)) - model.look_ahead, 0)
@@ -150,13 +146,13 @@ def posed(model: TrainedPlus, body: BodyModelData, theta: Array, betas: Array) -
 def moving(model: TrainedPlus, body: BodyModelData, theta: Array, betas: Array) -> Array:
     """(T, K, 3) offsets of the nodes over a motion theta (T, 69), which ends standing still."""
     person = coefficients(model, body, betas)
-    felt = _felt(model, person, body, theta, betas)
+    loads = _loads(model, person, body, theta, betas)
     sheet = Sheet(person, model.nodes.laplacian.toarray().astype(np.float64))
-    now = before = sheet.settled(felt[0])
+    now = before = sheet.settled(loads[0])
     offsets_m, taps = [now], model.weights.taps.astype(np.float64)
     for frame in range(1, len(theta)):
         newest = frame - 1 + model.look_ahead
-        known = felt[np.clip(newest - np.arange(len(taps)), 0, len(felt) - 1)]
+        known = loads[np.clip(newest - np.arange(len(taps)), 0, len(loads) - 1)]
         now, before = sheet.frame(now, before, np.tensordot(taps, known, 1))
         offsets_m.append(now)
     return np.stack(offsets_m)
@@ -173,7 +169,7 @@ def coefficients(model: TrainedPlus, body: BodyModelData, betas: Array) -> Coeff
     return Coefficients.of_logarithms(logs, own, weights.stiffening_power, normals)
 
 
-def _felt(
+def _loads(
     model: TrainedPlus, person: Coefficients, body: BodyModelData, theta: Array, betas: Array
 ) -> Array:
     """(T, K, 3) loads: the first and last frame, which have no acceleration, stand still.
@@ -222,11 +218,11 @@ def _window(w: Arrays, given: Arrays, clip: int) -> Array:
     normals = given["normals"][:, clip]
     normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
     person = Coefficients.of_logarithms(logs, own, w["stiffening_power"], normals)
-    felt = person.load(given["inertia"][:, :, clip], given["gravity"][:, :, clip])
+    loads = person.load(given["inertia"][:, :, clip], given["gravity"][:, :, clip])
     sheet, taps, found = Sheet(person, given["laplacian"]), w["taps"] / w["taps"].sum(), []
     now, before = given["now"][:, clip], given["before"][:, clip]
-    for newest in range(len(taps) - 1, len(felt)):
-        load = np.tensordot(taps, felt[newest - np.arange(len(taps))], 1)
+    for newest in range(len(taps) - 1, len(loads)):
+        load = np.tensordot(taps, loads[newest - np.arange(len(taps))], 1)
         now, before = sheet.frame(now, before, load)
         found.append(now)
     return np.stack(found)
