@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, WHITE_DEG, WHITE_M, Noise
-from bridge.body import load_body_model
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, MotionSequence, sequences_of, subject_rows
 from bridge.motion.motion import pack_theta, unpack_theta
