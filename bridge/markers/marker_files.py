@@ -153,7 +153,7 @@ def _resampled(points: NDArray, fps: float, to_fps: float, count: int) -> NDArra
         low = butter(4, 0.45 * to_fps, fs=fps, output="sos")
         points = np.asarray(sosfiltfilt(low, points, axis=0), np.float64)
     at_s = np.minimum(np.arange(count) / to_fps, (len(points) - 1) / fps)
-    return CubicSpline(np.arange(len(points)) / fps, points)(at_s)
+    return np.asarray(CubicSpline(np.arange(len(points)) / fps, points)(at_s), np.float64)
 
 
 def _unreadable(path: Path, error: Exception) -> DsnetError:

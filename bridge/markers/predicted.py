@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
 from bridge.body.parts import PARTS, part_weights
-from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
+from bridge.body.posing import shaped_joints
 from bridge.body.smpl import Smpl
 from bridge.body.surface_operators import vertex_normals
 from bridge.errors import DsnetError
+from bridge.markers.bony import bones
 from bridge.markers.marker_files import Markers
-from bridge.markers.segments import Cloud, Pose
+from bridge.markers.segments import SIDES, Cloud, Pose
 from bridge.markers.skin import PARTS_OF, Comparison, compare
 from bridge.motion import Motion, unpack_theta
 
@@ -40,71 +41,26 @@ class Registered:
     distance_mm: dict[str, float]
 
 
-def compare_markers(
-    body: BodyModelData, motion: Motion, offsets_m: NDArray, markers: Markers
-) -> tuple[Comparison, Registered]:
-    """Compare a prediction with the markers of the same motion.
+def register(body: BodyModelData, motion: Motion, markers: Markers) -> Registered:
+    """Bring markers to the body by a turn about the vertical and a shift, the same for all frames:
+    the body of the betas is not quite the person.
 
     Parameters
     ----------
     body : that moves.
     motion : of T frames, y up, about the body's root joint.
-    offsets_m : (T, V, 3) predicted, in the rest pose.
 
     Raises
     ------
     DsnetError
-        If the markers do not lie on the body, or no region can be compared.
+        If the markers do not lie on the body.
     """
     cloud = markers.at(motion.fps, len(motion.theta))
-    registered = _registered(body, motion, cloud)
-    pose = _bones(body, motion)
-    labels, vertices = zip(*registered.vertices.items(), strict=True)
-    person = Smpl(body, np.array(vertices), np.float64).person(motion.betas)
-    turns_and_places = unpack_theta(motion.theta)
-    bare = person.pose(*turns_and_places)
-    full = person.pose(*turns_and_places, offsets_m[:, list(vertices)])
-    comparison = compare(
-        registered.cloud,
-        pose,
-        {label: bare[:, i] for i, label in enumerate(labels)},
-        {label: full[:, i] for i, label in enumerate(labels)},
-        registered.vertices,
-        motion.fps,
-    )
-    if not comparison.rows:
-        raise DsnetError(
-            f"markers {', '.join(sorted(cloud.points_m)[:6])}, ... of {motion.source}",
-            "some on soft places (LBUST, MBLLY, LBUM, LTHI, ...) and three on the bone of their "
-            "segment (CLAV, C7, T8, LBAK, RBAK for the chest)",
-            "Name them as AMASS does, or pass another file.",
-        )
-    return comparison, registered
-
-
-def _bones(body: BodyModelData, motion: Motion) -> Pose:
-    pose, trans = unpack_theta(motion.theta)
-    joints = shaped_joints(body, motion.betas[None])
-    bones = joint_transforms(
-        joint_rotations(body, pose), joints.repeat(len(pose), axis=0), body.parents, trans
-    )
-    place = np.einsum("tjxy,jy->tjx", bones[..., :3, :3], joints[0]) + bones[..., :3, 3]
-    index = SMPL_JOINT_NAMES.index
-    return Pose(
-        {name: bones[:, i, :3, :3] for i, name in enumerate(SMPL_JOINT_NAMES)},
-        {"L": place[:, index("left_hip")], "R": place[:, index("right_hip")]},
-    )
-
-
-def _registered(body: BodyModelData, motion: Motion, cloud: Cloud) -> Registered:
-    """Bring the markers to the body by a turn about the vertical and a shift, the same for all
-    frames: the body of the betas is not quite the person."""
     some = np.linspace(0, len(motion.theta) - 1, min(len(motion.theta), _LOOKED_AT)).astype(int)
     pose, trans = unpack_theta(motion.theta[some])
     skin = np.asarray(Smpl(body, dtype=np.float64).person(motion.betas).pose(pose, trans))
-    trees = [KDTree(frame) for frame in skin]
     points = np.stack(list(cloud.points_m.values()), axis=1)[some]
-    turn, shift = _yaw_and_shift(points, skin, trees)
+    turn, shift = _yaw_and_shift(points, skin, [KDTree(frame) for frame in skin])
     moved = {label: points_m @ turn.T + shift for label, points_m in cloud.points_m.items()}
     vertices, distance = _vertices(body, skin, {k: v[some] for k, v in moved.items()})
     if (off := float(np.median(list(distance.values())))) > _MOST_OFF_MM:
@@ -114,6 +70,55 @@ def _registered(body: BodyModelData, motion: Motion, cloud: Cloud) -> Registered
             "Check that both files are of the same take, and --motion-fps.",
         )
     return Registered(Cloud(moved, cloud.seen), vertices, distance)
+
+
+def pose_of(body: BodyModelData, motion: Motion) -> Pose:
+    """What segments take from a motion's pose."""
+    transforms = bones(body, motion)
+    joints = shaped_joints(body, motion.betas[None])[0]
+    place = np.einsum("tjxy,jy->tjx", transforms[..., :3, :3], joints) + transforms[..., :3, 3]
+    hips = {side: SMPL_JOINT_NAMES.index(f"{word}_hip") for side, word in SIDES.items()}
+    return Pose(
+        {name: transforms[:, i, :3, :3] for i, name in enumerate(SMPL_JOINT_NAMES)},
+        {side: place[:, i] for side, i in hips.items()},
+    )
+
+
+def compare_offsets(
+    body: BodyModelData, motion: Motion, offsets_m: NDArray, registered: Registered
+) -> Comparison:
+    """Compare a prediction with the markers of the same motion.
+
+    Parameters
+    ----------
+    offsets_m : (T, V, 3) predicted, in the rest pose.
+
+    Raises
+    ------
+    DsnetError
+        If there is no region that can be compared.
+    """
+    labels, vertices = zip(*registered.vertices.items(), strict=True)
+    person = Smpl(body, np.array(vertices), np.float64).person(motion.betas)
+    pose, trans = unpack_theta(motion.theta)
+    bare = person.pose(pose, trans)
+    full = person.pose(pose, trans, np.asarray(offsets_m[:, list(vertices)], np.float64))
+    comparison = compare(
+        registered.cloud,
+        pose_of(body, motion),
+        {label: bare[:, i] for i, label in enumerate(labels)},
+        {label: full[:, i] for i, label in enumerate(labels)},
+        registered.vertices,
+        motion.fps,
+    )
+    if not comparison.rows:
+        raise DsnetError(
+            f"markers {', '.join(sorted(registered.vertices)[:6])}, ... of {motion.source}",
+            "some on soft places (LBUST, MBLLY, LBUM, LTHI, ...) and three on the bone of their "
+            "segment (CLAV, C7, T8, LBAK, RBAK for the chest)",
+            "Name them as AMASS does, or pass another file.",
+        )
+    return comparison
 
 
 def _yaw_and_shift(

@@ -23,6 +23,8 @@ _STILL_M = 0.003
 _ROUNDS = 12
 """Fits of the rigid shape: after four they change by less than a hundredth of a millimetre."""
 
+SIDES = {"L": "left", "R": "right"}
+
 _ON_FLESH = "indicative: the pelvis' own markers ride on flesh"
 _TWIST = "twist from the pose"
 _HIP_END = f"indicative: its upper end is carried by the pelvis' markers, {_TWIST}"
@@ -47,7 +49,7 @@ def _of_sides(name: str, bone: str, labels: str, doubt: str) -> dict[str, Segmen
         name.replace("*", side): Segment(
             f"{word}_{bone}", tuple(labels.replace("*", side).split()), doubt
         )
-        for side, word in (("L", "left"), ("R", "right"))
+        for side, word in SIDES.items()
     }
 
 
@@ -126,7 +128,7 @@ def segment_frames(
             if len(found) > 2:
                 weights = None if like is None else like[name].weights
                 frames[name] = _rigid_frame(cloud, found, pose.turns[segment.bone], weights)
-        elif segment.labels[0] == "hip":
+        elif "hip" in segment.labels:
             if found and "pelvis" in frames:
                 hip = _carried(frames["pelvis"], pose.hips_m[name[0]])
                 good = frames["pelvis"].good & cloud.seen[found[0]]

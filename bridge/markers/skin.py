@@ -22,6 +22,7 @@ from scipy.signal import butter, periodogram, sosfiltfilt
 
 from bridge.markers.segments import (
     SEGMENTS,
+    SIDES,
     Cloud,
     Frame,
     Pose,
@@ -52,7 +53,7 @@ def _sides(name: str, segment: str, labels: str, *parts: str) -> dict[str, Regio
         name.replace("*", word): Region(
             segment.replace("*", side), tuple(labels.replace("*", side).split()), parts
         )
-        for side, word in (("L", "left"), ("R", "right"))
+        for side, word in SIDES.items()
     }
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,12 @@ from numpy.typing import NDArray
 
 from bridge import DsnetError
 from bridge.body import BodyModelData
+from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.smpl import Smpl
+from bridge.markers.bony import bones, bony_motion
 from bridge.markers.marker_files import read_markers
-from bridge.markers.predicted import compare_markers
+from bridge.markers.page import write_comparisons
+from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.markers.skin import Comparison
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
@@ -71,7 +75,8 @@ def marker_file(
 
 def compared(known: Known, path: Path, part: float) -> Comparison:
     markers = read_markers(path, known.motion.fps)
-    return compare_markers(known.body, known.motion, part * known.offsets_m, markers)[0]
+    registered = register(known.body, known.motion, markers)
+    return compare_offsets(known.body, known.motion, part * known.offsets_m, registered)
 
 
 @pytest.mark.parametrize(("part", "r2"), [(1.0, 1.0), (0.5, 0.75), (0.0, 0.0)])
@@ -112,7 +117,7 @@ def test_millimetres_are_told_and_read(known: Known, tmp_path: Path) -> None:
 def test_another_rate_than_the_poses_is_refused(known: Known, tmp_path: Path) -> None:
     path = marker_file(tmp_path / "m.npz", known)
     with pytest.raises(DsnetError, match="mm off the body"):
-        compare_markers(known.body, known.motion, known.offsets_m, read_markers(path, 24))
+        register(known.body, known.motion, read_markers(path, 24))
 
 
 @pytest.mark.parametrize(
@@ -151,3 +156,46 @@ def test_markers_of_another_skeleton_are_refused(known: Known, tmp_path: Path) -
     np.savez(path, **stored)
     with pytest.raises(DsnetError, match="soft places"):
         compared(known, path, 1.0)
+
+
+def test_markers_on_bone_take_the_bounce_out_of_a_pose(known: Known, tmp_path: Path) -> None:
+    """The file's pose bobs by 30 mm with flesh; the chest of the markers does not."""
+    path = marker_file(tmp_path / "m.npz", known, noise_m=0.0005)
+    seconds = np.arange(len(known.motion.theta)) / known.motion.fps
+    theta = np.array(known.motion.theta)
+    theta[:, -2] += 0.03 * np.sin(2 * np.pi * 3 * seconds)  # up
+    bobbing = replace(known.motion, theta=theta)
+    registered = register(known.body, bobbing, read_markers(path, 60))
+    pose = pose_of(known.body, bobbing)
+    bony = bony_motion(known.body, bobbing, registered.cloud, pose)
+    chest = [known.motion, bobbing, bony]
+    true, swallowed, mended = (
+        bones(known.body, motion)[:, SMPL_JOINT_NAMES.index("spine3")] @ [0, 1.3, 0, 1]
+        for motion in chest
+    )
+    assert np.std((swallowed - true)[:, 1]) > 0.02
+    assert np.std((mended - true)[:, 1]) < 0.006
+
+
+def test_a_page_has_a_row_for_each_marker_and_a_figure(known: Known, tmp_path: Path) -> None:
+    comparison = compared(known, marker_file(tmp_path / "m.npz", known), 1.0)
+    write_comparisons(tmp_path, {"pose of the file": comparison}, known.motion.fps)
+    rows = json.loads((tmp_path / "markers.json").read_text())["pose of the file"]["rows"]
+    page = (tmp_path / "markers.md").read_text()
+    assert all(f"| {row['label']} |" in page for row in rows)
+    assert (tmp_path / "markers.png").stat().st_size > 10_000
+
+
+def test_c3d_is_read_in_its_unit_and_rate(known: Known, tmp_path: Path) -> None:
+    ezc3d = pytest.importorskip("ezc3d", reason="the extra c3d is not installed")
+    with np.load(marker_file(tmp_path / "m.npz", known)) as stored:
+        data, labels = stored["marker_data"], stored["marker_labels"].tolist()
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [60.0]
+    file["parameters"]["POINT"]["LABELS"]["value"] = labels
+    file["data"]["points"] = 1e3 * data.transpose(2, 1, 0)
+    file.write(str(tmp_path / "m.c3d"))
+    markers = read_markers(tmp_path / "m.c3d", 1.0)
+    assert markers.fps == 60
+    assert markers.labels == tuple(labels)
+    assert np.allclose(markers.points_m, read_markers(tmp_path / "m.npz", 60).points_m, atol=1e-5)
