@@ -1,0 +1,1 @@
+"""Predictions beside real optical markers on skin."""

@@ -1,0 +1,98 @@
+"""A pose that follows markers on bone where the file's pose follows flesh.
+
+A pose that was fitted to all markers, as MoSh's of AMASS, holds part of what flesh does: chest,
+head and pelvis bob with it, and flesh that is predicted on such a pose counts its bounce twice
+(Figure 10). Here the spine turns as markers on the bone of the chest turn, neck and arms keep their
+direction in the world, and the body is shifted so that the chest is where those markers are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
+
+from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
+from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
+from bridge.errors import DsnetError
+from bridge.markers.segments import SEGMENTS, Cloud, Pose, segment_frames
+from bridge.motion import Motion, pack_theta, unpack_theta
+
+_NOISE_HZ = 15.0
+"""What is faster in the frame of the chest is noise of its markers."""
+_SPINE = ("spine1", "spine2", "spine3")
+_ON_THE_CHEST = ("neck", "left_collar", "right_collar")
+
+
+def bones(body: BodyModelData, motion: Motion) -> NDArray[np.float64]:
+    """(T, 24, 4, 4) of each joint, from the rest pose to the world."""
+    pose, trans = unpack_theta(motion.theta)
+    joints = shaped_joints(body, motion.betas[None]).repeat(len(pose), axis=0)
+    return joint_transforms(joint_rotations(body, pose), joints, body.parents, trans)
+
+
+def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud, pose: Pose) -> Motion:
+    """The motion whose chest is where markers on its bone are.
+
+    Parameters
+    ----------
+    cloud : markers, in the body's world.
+    pose : of the motion.
+
+    Raises
+    ------
+    DsnetError
+        If fewer than three markers on the bone of the chest were seen.
+    """
+    frame = segment_frames(cloud, pose).get("thorax")
+    if frame is None:
+        raise DsnetError(
+            f"{motion.source}, without three markers on the bone of the chest",
+            f"some of {', '.join(SEGMENTS['thorax'].labels)}",
+            "Use the pose of the file.",
+        )
+    index = SMPL_JOINT_NAMES.index
+    rotvecs, trans = (np.array(part) for part in unpack_theta(motion.theta))
+    local = joint_rotations(body, rotvecs)
+    world = bones(body, motion)[..., :3, :3]
+    chest = Rotation.from_matrix(_slow(frame.turns, motion.fps)).as_matrix()
+
+    # What the chest turns beyond the mean spine is shared by its three joints.
+    spine = [index(name) for name in _SPINE]
+    means = [Rotation.from_matrix(local[:, joint]).mean().as_matrix() for joint in spine]
+    wanted = world[:, 0].transpose(0, 2, 1) @ chest
+    beyond = Rotation.from_matrix(wanted @ (means[0] @ means[1] @ means[2]).T)
+    third = Rotation.from_rotvec(beyond.as_rotvec() / 3).as_matrix()
+    below = world[:, 0]
+    for joint, mean in zip(spine[:2], means[:2], strict=True):
+        local[:, joint] = third @ mean
+        below = below @ local[:, joint]
+    local[:, spine[2]] = below.transpose(0, 2, 1) @ chest
+    for child in map(index, _ON_THE_CHEST):
+        local[:, child] = chest.transpose(0, 2, 1) @ world[:, child]
+
+    changed = [*spine, *map(index, _ON_THE_CHEST)]
+    turned = Rotation.from_matrix(local[:, changed].reshape(-1, 3, 3)).as_rotvec()
+    rotvecs[:, changed] = turned.reshape(len(local), -1, 3)
+    moved = replace(motion, theta=pack_theta(rotvecs, trans))
+    return replace(moved, theta=pack_theta(rotvecs, trans + _shift(body, moved, frame.places_m)))
+
+
+def _shift(body: BodyModelData, motion: Motion, places_m: NDArray) -> NDArray[np.float64]:
+    """(T, 3) by which the body lies beside the chest's markers, which keep their place in it."""
+    chest = bones(body, motion)[:, SMPL_JOINT_NAMES.index("spine3")]
+    turns, origin = chest[:, :3, :3], chest[:, :3, 3]
+    places = _slow(places_m, motion.fps)
+    inside = np.einsum("tyx,ty->tx", turns, places - origin).mean(axis=0)
+    return places - (turns @ inside + origin)
+
+
+def _slow(series: NDArray, fps: float) -> NDArray[np.float64]:
+    """What is slower than noise, of (T, ...)."""
+    if fps <= 2 * _NOISE_HZ:
+        return np.asarray(series, np.float64)
+    low = butter(2, _NOISE_HZ, fs=fps, output="sos")
+    return np.asarray(sosfiltfilt(low, series, axis=0), np.float64)

@@ -1,0 +1,161 @@
+"""A predicted body where the markers are: rigid registration, the vertex of each marker, and the
+places of those vertices over the motion, without and with offsets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
+from bridge.body.parts import PARTS, part_weights
+from bridge.body.posing import shaped_joints
+from bridge.body.smpl import Smpl
+from bridge.body.surface_operators import vertex_normals
+from bridge.errors import DsnetError
+from bridge.markers.bony import bones
+from bridge.markers.marker_files import Markers
+from bridge.markers.segments import SIDES, Cloud, Pose
+from bridge.markers.skin import PARTS_OF, Comparison, compare
+from bridge.motion import Motion, unpack_theta
+
+_LOOKED_AT = 24
+"""Frames, spread over the motion, in which markers and body are brought together."""
+_NEAREST = 0.8
+"""Part of the markers that the registration goes by: those on hair and props lie far off."""
+_MOST_OFF_MM = 80.0
+_OUTWARD = 0.1
+"""Of a marker's squared distance along the skin's normal: people are thicker than their betas say
+on another body model, and markers stand 9.5 mm off the skin."""
+
+
+@dataclass(frozen=True, eq=False)
+class Registered:
+    """Markers in the body's world, each with its vertex."""
+
+    cloud: Cloud
+    vertices: dict[str, int]
+    distance_mm: dict[str, float]
+
+
+def register(body: BodyModelData, motion: Motion, markers: Markers) -> Registered:
+    """Bring markers to the body by a turn about the vertical and a shift, the same for all frames:
+    the body of the betas is not quite the person.
+
+    Parameters
+    ----------
+    body : that moves.
+    motion : of T frames, y up, about the body's root joint.
+
+    Raises
+    ------
+    DsnetError
+        If the markers do not lie on the body.
+    """
+    cloud = markers.at(motion.fps, len(motion.theta))
+    some = np.linspace(0, len(motion.theta) - 1, min(len(motion.theta), _LOOKED_AT)).astype(int)
+    pose, trans = unpack_theta(motion.theta[some])
+    skin = np.asarray(Smpl(body, dtype=np.float64).person(motion.betas).pose(pose, trans))
+    points = np.stack(list(cloud.points_m.values()), axis=1)[some]
+    turn, shift = _yaw_and_shift(points, skin, [KDTree(frame) for frame in skin])
+    moved = {label: points_m @ turn.T + shift for label, points_m in cloud.points_m.items()}
+    vertices, distance = _vertices(body, skin, {k: v[some] for k, v in moved.items()})
+    if (off := float(np.median(list(distance.values())))) > _MOST_OFF_MM:
+        raise DsnetError(
+            f"{motion.source}, whose markers lie {off:.0f} mm off the body (median)",
+            f"at most {_MOST_OFF_MM:.0f}: markers and pose of one recording, at one rate",
+            "Check that both files are of the same take, and --motion-fps.",
+        )
+    return Registered(Cloud(moved, cloud.seen), vertices, distance)
+
+
+def pose_of(body: BodyModelData, motion: Motion) -> Pose:
+    """What segments take from a motion's pose."""
+    transforms = bones(body, motion)
+    joints = shaped_joints(body, motion.betas[None])[0]
+    place = np.einsum("tjxy,jy->tjx", transforms[..., :3, :3], joints) + transforms[..., :3, 3]
+    hips = {side: SMPL_JOINT_NAMES.index(f"{word}_hip") for side, word in SIDES.items()}
+    return Pose(
+        {name: transforms[:, i, :3, :3] for i, name in enumerate(SMPL_JOINT_NAMES)},
+        {side: place[:, i] for side, i in hips.items()},
+    )
+
+
+def compare_offsets(
+    body: BodyModelData, motion: Motion, offsets_m: NDArray, registered: Registered
+) -> Comparison:
+    """Compare a prediction with the markers of the same motion.
+
+    Parameters
+    ----------
+    offsets_m : (T, V, 3) predicted, in the rest pose.
+
+    Raises
+    ------
+    DsnetError
+        If there is no region that can be compared.
+    """
+    labels, vertices = zip(*registered.vertices.items(), strict=True)
+    person = Smpl(body, np.array(vertices), np.float64).person(motion.betas)
+    pose, trans = unpack_theta(motion.theta)
+    bare = person.pose(pose, trans)
+    full = person.pose(pose, trans, np.asarray(offsets_m[:, list(vertices)], np.float64))
+    comparison = compare(
+        registered.cloud,
+        pose_of(body, motion),
+        {label: bare[:, i] for i, label in enumerate(labels)},
+        {label: full[:, i] for i, label in enumerate(labels)},
+        registered.vertices,
+        motion.fps,
+    )
+    if not comparison.rows:
+        raise DsnetError(
+            f"markers {', '.join(sorted(registered.vertices)[:6])}, ... of {motion.source}",
+            "some on soft places (LBUST, MBLLY, LBUM, LTHI, ...) and three on the bone of their "
+            "segment (CLAV, C7, T8, LBAK, RBAK for the chest)",
+            "Name them as AMASS does, or pass another file.",
+        )
+    return comparison
+
+
+def _yaw_and_shift(
+    points: NDArray, skin: NDArray, trees: list[KDTree]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Iterated closest points, restricted to a turn about y and a shift."""
+    turn, shift = np.eye(3), np.zeros(3)
+    for _ in range(25):
+        moved = points @ turn.T + shift
+        near = np.stack([v[t.query(x)[1]] for v, t, x in zip(skin, trees, moved, strict=True)])
+        one, two = moved.reshape(-1, 3), near.reshape(-1, 3)
+        apart = np.linalg.norm(one - two, axis=1)
+        keep = apart <= np.quantile(apart, _NEAREST)
+        one_mid, two_mid = one[keep].mean(axis=0), two[keep].mean(axis=0)
+        a, b = one[keep] - one_mid, two[keep] - two_mid
+        sine = (b[:, 0] * a[:, 2] - b[:, 2] * a[:, 0]).sum()
+        cosine = (a[:, [0, 2]] * b[:, [0, 2]]).sum()
+        step = Rotation.from_euler("y", np.arctan2(sine, cosine)).as_matrix()
+        turn, shift = step @ turn, step @ (shift - one_mid) + two_mid
+    return turn, shift
+
+
+def _vertices(
+    body: BodyModelData, skin: NDArray, markers: dict[str, NDArray]
+) -> tuple[dict[str, int], dict[str, float]]:
+    """Of each marker (K, 3) the vertex that stays nearest, and how far off, millimetres."""
+    normals = np.stack([vertex_normals(frame, body.faces) for frame in skin])
+    parts, vertices, distance = part_weights(body), {}, {}
+    for label, points in markers.items():
+        there = np.arange(body.vertex_count)
+        if label in PARTS_OF:
+            columns = [PARTS.index(name) for name in PARTS_OF[label]]
+            there = np.flatnonzero(parts[:, columns].sum(axis=1) > 0.5)
+        away = points[:, None] - skin[:, there]
+        outward = np.maximum((away * normals[:, there]).sum(axis=2), 0)
+        squared = (away**2).sum(axis=2)
+        best = int((squared - (1 - _OUTWARD) * outward**2).mean(axis=0).argmin())
+        vertices[label] = int(there[best])
+        distance[label] = float(1e3 * np.sqrt(squared[:, best]).mean())
+    return vertices, distance

@@ -1,0 +1,288 @@
+"""What real skin markers say of predicted skin: motion of each in its segment's frame.
+
+The posed body answers at each marker's vertex, once without offsets and once with them; both give
+segment frames by the same markers, so that what a frame of markers on flesh gets wrong it gets
+wrong in both. Two comparisons, each by R2 = 1 - error / motion:
+
+    flesh   real motion less the pose's own part, against what offsets add: 1 for true offsets, 0
+            for none
+    total   posed skin with offsets against the marker, in the real markers' frame; beside it what
+            the pose alone gives there: where that is near 1 on a soft spot, the pose was fitted to
+            flesh, and right offsets count its bounce twice
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, periodogram, sosfiltfilt
+
+from bridge.markers.segments import (
+    SEGMENTS,
+    SIDES,
+    Cloud,
+    Frame,
+    Pose,
+    bridged,
+    rigid_motion,
+    segment_frames,
+)
+
+CUT_HZ = 1.2
+"""Slower motion is the pose's and the frame's drift, not flesh."""
+BANDS_HZ = ((0, 2), (2, 4), (4, 6), (6, 9), (9, 15))
+_LONG_GAP_S, _EDGE_S, _LAG_S = 0.12, 0.1, 0.2
+"""A longer gap's bridge bends what the filter gives beside it; so do the motion's ends."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """Markers of one soft (or bony) place."""
+
+    segment: str
+    labels: tuple[str, ...]
+    parts: tuple[str, ...]
+    """Parts of the body among whose vertices they lie."""
+
+
+def _sides(name: str, segment: str, labels: str, *parts: str) -> dict[str, Region]:
+    return {
+        name.replace("*", word): Region(
+            segment.replace("*", side), tuple(labels.replace("*", side).split()), parts
+        )
+        for side, word in SIDES.items()
+    }
+
+
+REGIONS: dict[str, Region] = {
+    **_sides("bust, *", "thorax", "*BUST *BUSTLO", "chest", "belly"),
+    "breastbone": Region("thorax", ("STRN",), ("chest", "belly")),
+    "belly": Region("pelvis", ("MBLLY",), ("belly",)),
+    "buttocks": Region("pelvis", ("LBUM", "RBUM"), ("buttocks", "thighs")),
+    **_sides("thigh front, *", "*thigh", "*FTHI *FTHIIN", "thighs"),
+    **_sides("thigh side, *", "*thigh", "*THI", "thighs", "buttocks"),
+    **_sides("calf, *", "*calf", "*TIB *TIBIN", "calves"),
+    **_sides("upper arm, *", "*arm", "*BCEP *UPA", "upper_arms"),
+    "cheeks": Region("head", ("LCHEECK", "RCHEECK"), ("head",)),
+}
+PARTS_OF = {label: region.parts for region in REGIONS.values() for label in region.labels}
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large a motion is; x to the left, y up, z to the front."""
+
+    rms_mm: list[float]
+    peak_to_peak_mm: list[float]
+    energy: list[float]
+    """Its part in each of `BANDS_HZ`."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One marker."""
+
+    label: str
+    region: str
+    segment: str
+    doubt: str
+    vertex: int
+    seen: float
+    """Part of the frames that are scored."""
+    real: Size
+    predicted: Size
+    flesh_r2: float
+    flesh_r2_up: float
+    """Of the vertical alone, as all that ends in `up`."""
+    total_r2_up: float
+    pose_r2_up: float
+    """Total of the pose alone."""
+    total_peak_to_peak_up_mm: float
+    pose_peak_to_peak_up_mm: float
+    lag_ms: float
+    """By how much the prediction comes too early."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """(T,) vertical motion of one marker, millimetres, for a figure."""
+
+    real: NDArray
+    predicted: NDArray
+    total: NDArray
+    pose: NDArray
+    good: NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """All rows of one motion."""
+
+    rows: list[Row]
+    floor_mm: dict[str, list[float]]
+    """rms in x, y, z of a marker on bone in the frame of the others: what the method cannot see."""
+    residual_mm: dict[str, float]
+    """Of each rigid segment's markers about their shape."""
+    curves: dict[str, Curves] = field(default_factory=dict)
+
+    def summary(self) -> dict:
+        """What goes into a JSON file: no curves."""
+        return {
+            "above_hz": CUT_HZ,
+            "bands_hz": BANDS_HZ,
+            "rows": [asdict(row) for row in self.rows],
+            "floor_rms_mm": self.floor_mm,
+            "residual_mm": self.residual_mm,
+        }
+
+
+def compare(
+    real: Cloud,
+    pose: Pose,
+    bare_m: Mapping[str, NDArray],
+    full_m: Mapping[str, NDArray],
+    vertices: Mapping[str, int],
+    fps: float,
+) -> Comparison:
+    """Compare markers with a posed body.
+
+    Parameters
+    ----------
+    real : markers, in the body's world.
+    pose : of the body.
+    bare_m, full_m : (T, 3) place of each marker's vertex, without and with offsets.
+    """
+    frame_count = len(next(iter(bare_m.values())))
+    always = {label: np.ones(frame_count, bool) for label in bare_m}
+    real_frames = segment_frames(real, pose)
+    bare_frames = segment_frames(Cloud(bare_m, always), pose, real_frames)
+    full_frames = segment_frames(Cloud(full_m, always), pose, real_frames)
+    inner = np.zeros(frame_count, bool)
+    edge = int(_EDGE_S * fps)
+    inner[edge : frame_count - edge] = True
+    rows, curves = [], {}
+    for name, region in REGIONS.items():
+        for label in region.labels:
+            if label not in real.points_m or region.segment not in real_frames:
+                continue
+            frame = real_frames[region.segment]
+            ok = real.seen[label] & frame.good
+            good = inner & _scored(ok, fps)
+            if good.sum() < fps:
+                continue
+            rest = bare_frames[region.segment].local_mm(bare_m[label])
+            series = (
+                bridged(frame.local_mm(real.points_m[label]), ok),
+                full_frames[region.segment].local_mm(full_m[label]) - rest,
+                rest,
+                frame.local_mm(bare_m[label]),
+                frame.local_mm(full_m[label]),
+            )
+            moved, added, posed, pose_there, total_there = (_fast(one, fps) for one in series)
+            flesh = (moved - posed)[good], added[good]
+            total, alone = total_there[good, 1], pose_there[good, 1]
+            rows.append(
+                Row(
+                    label=label,
+                    region=name,
+                    segment=region.segment,
+                    doubt=SEGMENTS[region.segment].doubt,
+                    vertex=vertices[label],
+                    seen=round(float(good.sum() / inner.sum()), 3),
+                    real=_size(moved, good, fps),
+                    predicted=_size(added, good, fps),
+                    flesh_r2=_r2(*flesh),
+                    flesh_r2_up=_r2(flesh[0][:, 1], flesh[1][:, 1]),
+                    total_r2_up=_r2(moved[good, 1], total),
+                    pose_r2_up=_r2(moved[good, 1], alone),
+                    total_peak_to_peak_up_mm=_round(np.ptp(total)),
+                    pose_peak_to_peak_up_mm=_round(np.ptp(alone)),
+                    lag_ms=_lag_ms(moved[:, 1], added[:, 1], good, fps),
+                )
+            )
+            curves[label] = Curves(
+                moved[:, 1], added[:, 1], total_there[:, 1], pose_there[:, 1], good
+            )
+    return Comparison(
+        rows,
+        _floor_mm(real, pose, real_frames, inner, fps),
+        {name: round(f.residual_mm, 2) for name, f in real_frames.items() if f.residual_mm},
+        curves,
+    )
+
+
+def _floor_mm(
+    real: Cloud, pose: Pose, frames: Mapping[str, Frame], inner: NDArray, fps: float
+) -> dict[str, list[float]]:
+    """Of each marker of a rigid segment in the frame of its other markers: rms, millimetres."""
+    floor = {}
+    for name in (name for name, frame in frames.items() if frame.weights is not None):
+        labels = [label for label in SEGMENTS[name].labels if label in real.points_m]
+        for label in labels if len(labels) > 3 else ():
+            others = [other for other in labels if other != label]
+            turns, places, *_ = rigid_motion(
+                np.stack([real.points_m[other] for other in others], axis=1),
+                np.stack([real.seen[other] for other in others], axis=1),
+            )
+            good = inner & real.seen[label]
+            inside = Frame(turns, places, good).local_mm(real.points_m[label])
+            # The frame of the others has its own axes: the rest pose's, on average.
+            bone = pose.turns[SEGMENTS[name].bone]
+            inside = inside @ np.einsum("tyx,tyz->xz", turns, bone) / len(turns)
+            moved = _fast(bridged(inside, real.seen[label]), fps)[good]
+            floor[f"{name}: {label}"] = [_round(value) for value in moved.std(axis=0)]
+    return floor
+
+
+def _scored(seen: NDArray[np.bool_], fps: float) -> NDArray[np.bool_]:
+    """Frames that count: seen, and not beside a long gap."""
+    out, margin = seen.copy(), int(_EDGE_S * fps)
+    for first, end in np.flatnonzero(np.diff(np.r_[1, seen, 1])).reshape(-1, 2):
+        if end - first > _LONG_GAP_S * fps:
+            out[max(0, first - margin) : end + margin] = False
+    return out
+
+
+def _fast(series: NDArray, fps: float) -> NDArray[np.float64]:
+    """(T, 3) what is faster than `CUT_HZ`, without delay."""
+    high = butter(2, CUT_HZ, "high", fs=fps, output="sos")
+    return sosfiltfilt(high, series - series.mean(axis=0), axis=0)
+
+
+def _r2(real: NDArray, predicted: NDArray) -> float:
+    motion = (real**2).sum()
+    return round(float(1 - ((real - predicted) ** 2).sum() / motion), 4) if motion > 1e-9 else 0.0
+
+
+def _size(series: NDArray, good: NDArray, fps: float) -> Size:
+    frequency, power = periodogram(np.where(good[:, None], series, 0), fps, axis=0)
+    total = max(power.sum(), 1e-12)
+    part = [
+        float(power[(frequency >= low) & (frequency < high)].sum() / total)
+        for low, high in BANDS_HZ
+    ]
+    return Size(
+        [_round(value) for value in series[good].std(axis=0)],
+        [_round(value) for value in np.ptp(series[good], axis=0)],
+        [round(value, 3) for value in part],
+    )
+
+
+def _lag_ms(real: NDArray, predicted: NDArray, good: NDArray, fps: float) -> float:
+    """The shift by which the prediction fits best, positive where it comes too early."""
+    most = int(_LAG_S * fps)
+    inner = slice(most, len(real) - most)
+    fits = []
+    for shift in range(-most, most + 1):
+        both = (good & np.roll(good, shift))[inner]
+        one, two = real[inner][both], np.roll(predicted, shift)[inner][both]
+        size = np.sqrt((one**2).sum() * (two**2).sum())
+        fits.append((one * two).sum() / size if size > 1e-9 else 0.0)
+    return round(1e3 * (int(np.argmax(fits)) - most) / fps, 1)
+
+
+def _round(value: float) -> float:
+    return round(float(value), 2)

@@ -1,0 +1,201 @@
+"""Markers with known truth: sampled from a body whose offsets are known, with noise and gaps."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bridge import DsnetError
+from bridge.body import BodyModelData
+from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.body.smpl import Smpl
+from bridge.markers.bony import bones, bony_motion
+from bridge.markers.marker_files import read_markers
+from bridge.markers.page import write_comparisons
+from bridge.markers.predicted import compare_offsets, pose_of, register
+from bridge.markers.skin import Comparison
+from bridge.motion import Motion, unpack_theta
+from bridge.motion.motion import Y_UP_FROM_Z_UP
+from bridge.runtime.characters import open_for_motion
+from bridge.runtime.controls import Controls, controlled_body
+
+# Of the embedded woman, where optical markers sit.
+VERTICES = {
+    "CLAV": 524, "C7": 192, "T8": 1770, "LBAK": 4005, "RBAK": 537, "STRN": 5332, "LBUST": 4222,
+    "RBUSTLO": 782, "LPSI": 5427, "RPSI": 2006, "LASI": 5554, "RASI": 2188, "MBLLY": 5360,
+    "LBUM": 5450, "LKNE": 5849, "RKNE": 2474, "LANK": 6679, "RANK": 3289, "LFTHI": 6888,
+    "RTHI": 2126, "LTIB": 5978, "LFHD": 6192, "RFHD": 39, "LBHD": 3731, "RBHD": 252,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    body: BodyModelData
+    motion: Motion
+    offsets_m: NDArray
+
+
+@pytest.fixture(scope="module")
+def known() -> Known:
+    """A woman whose flesh is what the packaged model predicts of jumping jacks."""
+    path = Path("sample:jumping_jacks")
+    character, motion = open_for_motion(None, None, path)
+    moving = controlled_body(character, motion, Controls())
+    offsets = np.concatenate([part.offsets_m for part in moving]).astype(np.float64)
+    return Known(character.body, moving.motion, offsets)
+
+
+def marker_file(
+    path: Path, known: Known, noise_m: float = 0.0, gaps: float = 0.0, scale: float = 1.0
+) -> Path:
+    """An AMASS file whose markers ride on the known skin."""
+    rng = np.random.default_rng(7)
+    ids = list(VERTICES.values())
+    pose, trans = unpack_theta(known.motion.theta)
+    person = Smpl(known.body, np.array(ids), np.float64).person(known.motion.betas)
+    skin = person.pose(pose, trans, known.offsets_m[:, ids])
+    z_up = Y_UP_FROM_Z_UP.inv().apply(skin.reshape(-1, 3)).reshape(skin.shape)
+    z_up += noise_m * rng.standard_normal(z_up.shape)
+    for marker in range(len(ids)):
+        starts = np.flatnonzero(rng.random(len(z_up)) < gaps / 5)
+        for start in starts:
+            z_up[start : start + 5, marker] = np.nan
+    np.savez(
+        path,
+        marker_data=scale * z_up,
+        marker_labels=np.array(list(VERTICES)),
+    )
+    return path
+
+
+def compared(known: Known, path: Path, part: float) -> Comparison:
+    markers = read_markers(path, known.motion.fps)
+    registered = register(known.body, known.motion, markers)
+    return compare_offsets(known.body, known.motion, part * known.offsets_m, registered)
+
+
+@pytest.mark.parametrize(("part", "r2"), [(1.0, 1.0), (0.5, 0.75), (0.0, 0.0)])
+def test_true_half_and_no_offsets_have_their_r2(
+    known: Known, tmp_path: Path, part: float, r2: float
+) -> None:
+    found = compared(known, marker_file(tmp_path / "m.npz", known), part)
+    soft = [row for row in found.rows if row.region not in ("cheeks", "upper arm, right")]
+    assert len(soft) == 8
+    for row in soft:
+        apart = known.body.v_template[[row.vertex, VERTICES[row.label]]]
+        assert np.linalg.norm(np.diff(apart, axis=0)) < 0.01
+        assert row.flesh_r2 == pytest.approx(r2, abs=0.02)
+        assert row.total_r2_up == pytest.approx(1.0, abs=1e-3) or part < 1
+
+
+def test_noise_and_gaps_cost_the_chest_little(known: Known, tmp_path: Path) -> None:
+    path = marker_file(tmp_path / "m.npz", known, noise_m=0.0005, gaps=0.05)
+    found = {row.label: row for row in compared(known, path, 1.0).rows}
+    assert min(found[label].flesh_r2_up for label in ("LBUST", "RBUSTLO")) > 0.95
+    assert found["LBUST"].seen < 1
+    assert found["LBUST"].lag_ms == 0
+
+
+def test_a_prediction_that_comes_late_is_told(known: Known, tmp_path: Path) -> None:
+    path = marker_file(tmp_path / "m.npz", known)
+    late = Known(known.body, known.motion, np.roll(known.offsets_m, 3, axis=0))
+    row = next(row for row in compared(late, path, 1.0).rows if row.label == "LBUST")
+    assert row.lag_ms == pytest.approx(-50.0)
+
+
+def test_millimetres_are_told_and_read(known: Known, tmp_path: Path) -> None:
+    path = marker_file(tmp_path / "m.npz", known, scale=1e3)
+    assert "millimetres" in read_markers(path, 60).note
+    assert compared(known, path, 1.0).rows[0].flesh_r2 > 0.99
+
+
+def test_another_rate_than_the_poses_is_refused(known: Known, tmp_path: Path) -> None:
+    path = marker_file(tmp_path / "m.npz", known)
+    with pytest.raises(DsnetError, match="mm off the body"):
+        register(known.body, known.motion, read_markers(path, 24))
+
+
+@pytest.mark.parametrize(
+    ("labels", "points", "words"),
+    [
+        ([f"*{i}" for i in range(25)], None, "without names"),
+        (None, np.full((50, 25, 3), np.nan), "hardly ever seen"),
+        (None, np.zeros((50, 25, 3)), "apart"),
+        (["a", "b"], None, "with 2 names"),
+    ],
+)
+def test_what_are_no_markers_of_a_person_is_refused(
+    known: Known, tmp_path: Path, labels: list[str] | None, points: NDArray | None, words: str
+) -> None:
+    path = marker_file(tmp_path / "m.npz", known)
+    stored = dict(np.load(path))
+    np.savez(
+        path,
+        marker_data=stored["marker_data"] if points is None else points,
+        marker_labels=stored["marker_labels"] if labels is None else np.array(labels),
+    )
+    with pytest.raises(DsnetError, match=words):
+        read_markers(path, 60)
+
+
+def test_a_motion_without_markers_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "m.npz", poses=np.zeros((4, 156)))
+    with pytest.raises(DsnetError, match="marker_data"):
+        read_markers(tmp_path / "m.npz", 60)
+
+
+def test_markers_of_another_skeleton_are_refused(known: Known, tmp_path: Path) -> None:
+    path = marker_file(tmp_path / "m.npz", known)
+    stored = dict(np.load(path))
+    stored["marker_labels"] = np.array([f"K{i}" for i in range(len(VERTICES))])
+    np.savez(path, **stored)
+    with pytest.raises(DsnetError, match="soft places"):
+        compared(known, path, 1.0)
+
+
+def test_markers_on_bone_take_the_bounce_out_of_a_pose(known: Known, tmp_path: Path) -> None:
+    """The file's pose bobs by 30 mm with flesh; the chest of the markers does not."""
+    path = marker_file(tmp_path / "m.npz", known, noise_m=0.0005)
+    seconds = np.arange(len(known.motion.theta)) / known.motion.fps
+    theta = np.array(known.motion.theta)
+    theta[:, -2] += 0.03 * np.sin(2 * np.pi * 3 * seconds)  # up
+    bobbing = replace(known.motion, theta=theta)
+    registered = register(known.body, bobbing, read_markers(path, 60))
+    pose = pose_of(known.body, bobbing)
+    bony = bony_motion(known.body, bobbing, registered.cloud, pose)
+    chest = [known.motion, bobbing, bony]
+    true, swallowed, mended = (
+        bones(known.body, motion)[:, SMPL_JOINT_NAMES.index("spine3")] @ [0, 1.3, 0, 1]
+        for motion in chest
+    )
+    assert np.std((swallowed - true)[:, 1]) > 0.02
+    assert np.std((mended - true)[:, 1]) < 0.006
+
+
+def test_a_page_has_a_row_for_each_marker_and_a_figure(known: Known, tmp_path: Path) -> None:
+    comparison = compared(known, marker_file(tmp_path / "m.npz", known), 1.0)
+    write_comparisons(tmp_path, {"pose of the file": comparison}, known.motion.fps)
+    rows = json.loads((tmp_path / "markers.json").read_text())["pose of the file"]["rows"]
+    page = (tmp_path / "markers.md").read_text()
+    assert all(f"| {row['label']} |" in page for row in rows)
+    assert (tmp_path / "markers.png").stat().st_size > 10_000
+
+
+def test_c3d_is_read_in_its_unit_and_rate(known: Known, tmp_path: Path) -> None:
+    ezc3d = pytest.importorskip("ezc3d", reason="the extra c3d is not installed")
+    with np.load(marker_file(tmp_path / "m.npz", known)) as stored:
+        data, labels = stored["marker_data"], stored["marker_labels"].tolist()
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [60.0]
+    file["parameters"]["POINT"]["LABELS"]["value"] = labels
+    file["data"]["points"] = 1e3 * data.transpose(2, 1, 0)
+    file.write(str(tmp_path / "m.c3d"))
+    markers = read_markers(tmp_path / "m.c3d", 1.0)
+    assert markers.fps == 60
+    assert markers.labels == tuple(labels)
+    assert np.allclose(markers.points_m, read_markers(tmp_path / "m.npz", 60).points_m, atol=1e-5)
