@@ -6,7 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 MAKES_IT = "torch_align_ae/corpus/stage_corpus.py"
-READS_IT = "bridge/measure/stage_evaluate.py"
+READS_IT = "bridge/measure/evaluation.py"
 # To be looked at beside predictions, and for their errors over time; no predictor is given any.
 SHOWS_IT = "bridge/view/repertoire.py"
 LISTS_ITS_WALL_TIME = "bridge/report/stage_report.py"

@@ -61,7 +61,7 @@ class PredictorSettings:
     """Adam's learning rate for `dsnet_faithful` (paper: 0.0001)."""
     lr_standardised: PositiveFloat = 1e-3
     """Adam's learning rate for `dsnet_standardised`; a departure where it is not 0.0001."""
-    masked: bool = False
+    masked: Fixed[bool] = False
     """Leave padded frames out of the loss and of the batch normalisation (the paper does not)."""
     min_input_std: Fixed[NonNegativeFloat] = 0.05
     """Least spread (rad, m or 1) by which `dsnet_standardised` divides an input."""

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.prediction.corpora import dsnet, score_files, scores_of
 from bridge.errors import DsnetError
 from bridge.measure.comparison import TRUE
-from bridge.measure.stage_evaluate import OFFSET_SIZE, frames_m
+from bridge.measure.evaluation import OFFSET_SIZE, frames_m
 from bridge.motion.sequences import is_real_motion
 from bridge.motion.splits import CELLS
 from bridge.runs import Artifact, Run

@@ -1,15 +1,11 @@
-"""Optical markers from the files that people have: AMASS `.npz` and C3D.
-
-An AMASS file of the SMPL-H release keeps `marker_data` (T, N, 3) and `marker_labels` (N,) beside
-the pose that was fitted to them; a C3D has markers alone and needs the pose of another file.
-"""
+"""Optical markers of an AMASS `.npz` of the SMPL-H release, which keeps `marker_data` (T, N, 3)
+and `marker_labels` (N,) beside the pose that was fitted to them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +14,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from bridge.errors import DsnetError
 from bridge.markers.segments import SEEN_ENOUGH, Cloud, bridged
-from bridge.motion.bounds import MOST_FRAMES
-from bridge.motion.motion import Y_UP_FROM_Z_UP
-from bridge.runs.damage import damage_refused
-from bridge.runs.foreign_files import open_npz
+from bridge.motion.motion import MOST_FRAMES, Y_UP_FROM_Z_UP
+from bridge.runs.untrusted import damage_refused, open_npz
 
 _MOST_MARKERS = 500
 _MOST_BYTES = MOST_FRAMES * _MOST_MARKERS * 3 * 8
@@ -71,16 +65,15 @@ def read_markers(path: Path, fps: float) -> Markers:
 
     Parameters
     ----------
-    fps : frames per second, where the file does not say (npz: that of its pose).
+    fps : frames per second: that of the pose.
 
     Raises
     ------
     DsnetError
         If the file is damaged, or holds no markers with names, of a person's size.
     """
-    read = _read_c3d if path.suffix.lower() == ".c3d" else _read_npz
     with damage_refused(partial(_unreadable, path)):
-        data, labels, rate = read(path)
+        data, labels = _read_npz(path)
     if data.ndim != 3 or data.shape[1:] != (len(labels), 3) or not len(labels):
         raise _refused(
             path,
@@ -99,7 +92,7 @@ def read_markers(path: Path, fps: float) -> Markers:
     data, note = _in_metres(path, data)
     upright = Y_UP_FROM_Z_UP.apply(data.reshape(-1, 3)).reshape(data.shape)
     names = [label.rpartition(":")[2].strip().upper() for label in labels]
-    return Markers(upright, tuple(_SAME_PLACE.get(n, n) for n in names), rate or fps, note)
+    return Markers(upright, tuple(_SAME_PLACE.get(n, n) for n in names), fps, note)
 
 
 def _in_metres(path: Path, data: NDArray) -> tuple[NDArray[np.float64], str]:
@@ -111,7 +104,7 @@ def _in_metres(path: Path, data: NDArray) -> tuple[NDArray[np.float64], str]:
     raise _refused(path, f"markers {extent:.3g} apart", "those of a person, in metres")
 
 
-def _read_npz(path: Path) -> tuple[NDArray, list[str], float | None]:
+def _read_npz(path: Path) -> tuple[NDArray, list[str]]:
     with open_npz(path) as archive:
         for key, most_bytes in (("marker_data", _MOST_BYTES), ("marker_labels", 1 << 20)):
             if key not in archive:
@@ -126,20 +119,7 @@ def _read_npz(path: Path) -> tuple[NDArray, list[str], float | None]:
         data = archive.array("marker_data")
     if data.dtype.kind not in "iuf" or labels.dtype.kind not in "US":
         raise _refused(path, f"markers of types {data.dtype} and {labels.dtype}", "numbers, names")
-    return data.astype(np.float64), [_text(label) for label in labels], None
-
-
-def _read_c3d(path: Path) -> tuple[NDArray, list[str], float | None]:
-    try:
-        import ezc3d
-    except ImportError as error:
-        from bridge.installation import how_to_install
-
-        raise _refused(path, "a C3D, without ezc3d", "ezc3d", how_to_install("c3d")) from error
-    stored: Any = ezc3d.c3d(str(path))
-    points = stored["data"]["points"][:3].transpose(2, 1, 0)
-    labels = list(stored["parameters"]["POINT"]["LABELS"]["value"])
-    return points, labels, float(stored["header"]["points"]["frame_rate"])
+    return data.astype(np.float64), [_text(label) for label in labels]
 
 
 def _text(value: object) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,18 +15,21 @@ FOOTER = "markers: measured on a person; body and its flesh: a model"
 _FAST_HZ = 6
 
 
-def write_comparisons(folder: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
+def write_comparisons(
+    path_of: Callable[[str], Path], comparisons: Mapping[str, Comparison], fps: float
+) -> None:
     """Write `markers.json`, `markers.md` and `markers.png`.
 
     Parameters
     ----------
+    path_of : where a file of a name is written.
     comparisons : of the same markers, by the pose that the body takes.
     """
     found = {name: comparison.summary() for name, comparison in comparisons.items()}
-    (folder / "markers.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    path_of("markers.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     text = "\n\n".join(table(name, comparison) for name, comparison in comparisons.items())
-    (folder / "markers.md").write_text(f"{_HEAD}\n\n{text}\n", encoding="utf-8")
-    draw(folder / "markers.png", comparisons, fps)
+    path_of("markers.md").write_text(f"{_HEAD}\n\n{text}\n", encoding="utf-8")
+    draw(path_of("markers.png"), comparisons, fps)
 
 
 _HEAD = f"""# Prediction beside skin markers

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
 from bridge.body.parts import PARTS, part_weights
-from bridge.body.posing import shaped_joints
-from bridge.body.smpl import Smpl
+from bridge.body.posing import Smpl, shaped_joints
 from bridge.body.surface_operators import vertex_normals
 from bridge.errors import DsnetError
 from bridge.markers.bony import bones

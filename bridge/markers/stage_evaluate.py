@@ -1,34 +1,34 @@
-"""`dsnet evaluate`: a run's predictions beside its meshes, or a prediction beside skin markers."""
+"""`dsnet evaluate`: a run's predictions beside its meshes, or a predictor beside skin markers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from tyro.conf import Fixed
 
-from bridge.body import BodyModelData
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.markers.bony import bony_motion
 from bridge.markers.marker_files import read_markers
 from bridge.markers.page import write_comparisons
-from bridge.markers.predicted import Registered, compare_offsets, pose_of, register
-from bridge.markers.skin import Comparison
-from bridge.measure.stage_evaluate import evaluate_run
+from bridge.markers.predicted import compare_offsets, pose_of, register
+from bridge.measure.evaluation import evaluate_run
 from bridge.options import PositiveFloat
 from bridge.runs import Run
-from bridge.runs.processes import notify
-from bridge.runtime.characters import open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
+from bridge.runtime.load_model import load_for_motion
 from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.out_folder import open_out_folder
+from bridge.runtime.stage_predict import open_out_folder
 
 _OF_FILE, _BONY = "pose of the file", "pose whose chest follows markers on bone"
+_FITTED_TO_FLESH = 0.5
+"""R2 of the pose alone on the bust, from which its bounce is the pose's already."""
 
 
 @dataclass(frozen=True)
 class EvaluateConfig:
-    """Measure every prediction of both pipelines of a run: about 5 ms a frame, 1 GB.
+    """Measure every prediction of both pipelines: about 5 ms a frame, 1 GB.
 
     Gives errors of the posed meshes against the registered ones, which a licensed user has too, and
     for synthetic data against the true meshes of unseen motions; R2, velocity, spectrum, decay and
@@ -38,28 +38,64 @@ class EvaluateConfig:
     """
 
     run: str | None = None
-    """Run to evaluate; with --markers the run whose predictor moves the skin, the packaged model
-    when left out."""
+    """Run to evaluate; with --markers whose predictor moves the skin: left out, the packaged."""
     markers: Path | None = None
-    """Skin markers: an AMASS `.npz` with `marker_data`, or a C3D beside --motion."""
-    motion: Path | None = None
-    """Pose of the markers' motion; that in the file of the markers when left out."""
+    """Motion with real skin markers: an AMASS `.npz` with `marker_data` and `marker_labels`."""
     motion_fps: PositiveFloat | None = None
-    """Frames per second of the motion file, where what it says of itself is wrong."""
-    predictor: str | None = None
-    """Which of the run's predictors moves the skin beside markers; its best when left out."""
+    """Frames per second of the motion, where what its file says is wrong."""
     out: Path | None = None
-    """Folder to write what markers say to: a table, a figure, numbers."""
+    """Folder to write to with --markers: a table, a figure, the numbers."""
+    profile: Fixed[str] = "demo"
+    """Name of the run that is evaluated when no other is named."""
 
 
-PROFILES = {name: EvaluateConfig(run=name) for name in ("smoke", "demo", "paper")}
+PROFILES = {name: EvaluateConfig(profile=name) for name in ("smoke", "demo", "paper")}
 
 
 def main(config: EvaluateConfig) -> None:
-    """Evaluate."""
+    """Evaluate a run, or a predictor beside markers."""
     if config.markers is None:
-        evaluate_run(Run(config.run or "demo"))
+        evaluate_run(Run(config.run or config.profile))
     elif config.out is None:
         raise DsnetError("--markers without --out", "a folder to write", "Pass --out DIR.")
     else:
         evaluate_markers(config, config.markers, config.out)
+
+
+def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
+    """Compare what a predictor makes of a motion with the markers of that motion."""
+    run = None if config.run is None else Run(config.run)
+    trained, motion = load_for_motion(run, None, markers, config.motion_fps)
+    moving = controlled_body(trained, motion, Controls(motion_fps=config.motion_fps))
+    motion = moving.motion
+    found = read_markers(markers, motion.source_fps)
+    if found.note:
+        notify(f"{markers}: {found.note}")
+    registered = register(moving.body, motion, found)
+    bodies = {_OF_FILE: moving}
+    try:
+        bony = bony_motion(moving.body, motion, registered.cloud, pose_of(moving.body, motion))
+        bodies[_BONY] = MovingBody(trained, bony)
+    except DsnetError as error:
+        notify(f"the pose of the file alone is measured: {error}")
+    with open_out_folder(out, "licensed", "evaluation of markers") as writer:
+        moving.announce()
+        comparisons = {}
+        for name, body in bodies.items():
+            offsets_m = np.concatenate([part.offsets_m for part in body.shown(name)])
+            comparisons[name] = compare_offsets(body.body, body.motion, offsets_m, registered)
+        write_comparisons(writer.file_path, comparisons, motion.fps)
+        writer.record(
+            predictor=trained.name,
+            source=markers.name,
+            source_fps=motion.source_fps,
+            fps=motion.fps,
+            distance_mm={name: round(d, 1) for name, d in registered.distance_mm.items()},
+        )
+        writer.finish(config={"run": run and run.name}, upstream=trained.upstream)
+    bust = [row.pose_r2_up for row in comparisons[_OF_FILE].rows if "bust" in row.region]
+    if bust and min(bust) > _FITTED_TO_FLESH:
+        notify(
+            f"the pose of {markers} was fitted to soft markers: without flesh it moves the bust as "
+            f"they do (R2 {min(bust):.2f}), and flesh that is predicted on it counts twice"
+        )

@@ -17,9 +17,9 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from bridge.measure.comparison import TRUE
+from bridge.measure.evaluation import MESH_ERROR, OFFSET_SIZE, frames_m
 from bridge.measure.metrics import STEP_HZ
 from bridge.measure.pipelines import PERSON_MEAN, SMPL
-from bridge.measure.stage_evaluate import MESH_ERROR, OFFSET_SIZE, frames_m
 from bridge.motion import sequences_of
 from bridge.paper import CLIP_FRAMES
 from bridge.report.panels import new_figure, save_figure

@@ -139,18 +139,18 @@ def _write(moving: MovingBody, writer: ArtifactWriter, *, strip: bool) -> None:
 
 
 @contextmanager
-def open_out_folder(out: Path, origin: DataOrigin) -> Iterator[ArtifactWriter]:
-    """A writer of the prediction that will be `out`; an exception discards it.
+def open_out_folder(out: Path, origin: DataOrigin, kind: str = KIND) -> Iterator[ArtifactWriter]:
+    """A writer of the artifact of a kind that will be `out`; an exception discards it.
 
     A finished artifact replaces the folder of its name with all that is in it, so one that is in a
-    run, or holds anything but an earlier prediction, is refused; one process at a time writes it.
+    run, or holds anything but an earlier one of its kind, is refused; one process at a time writes.
     """
     out = out.resolve()
-    _refuse_foreign(out)
+    _refuse_foreign(out, kind)
     try:
         with exclusive(out, f"--out {out}", "Wait until it has ended, or name another folder."):
-            _refuse_foreign(out)  # once more: it may have been filled before we were alone
-            writer = ArtifactWriter(out, KIND, data=origin)
+            _refuse_foreign(out, kind)  # once more: it may have been filled before we were alone
+            writer = ArtifactWriter(out, kind, data=origin)
             try:
                 yield writer
             except BaseException:  # an interrupt, too: there is nothing to go on from
@@ -164,7 +164,7 @@ def open_out_folder(out: Path, origin: DataOrigin) -> Iterator[ArtifactWriter]:
         ) from error
 
 
-def _refuse_foreign(out: Path) -> None:
+def _refuse_foreign(out: Path, kind: str) -> None:
     if out.exists() and not out.is_dir():
         raise DsnetError(f"--out {out}, a file", "a folder to write", "Name another path.")
     if out.parent.parent == runs_root().resolve():
@@ -173,16 +173,16 @@ def _refuse_foreign(out: Path) -> None:
             "a folder outside of the runs",
             "Name another folder.",
         )
-    if out.is_dir() and (held := _foreign(out)):
+    if out.is_dir() and (held := _foreign(out, kind)):
         raise DsnetError(
             f"--out {out}, which holds {held}",
-            f"a new or empty folder, or one of an earlier {KIND} and nothing else",
+            f"a new or empty folder, or one of an earlier {kind} and nothing else",
             "Name another folder.",
         )
 
 
-def _foreign(out: Path) -> str:
-    """What in a folder is not an earlier prediction's, empty if nothing is."""
+def _foreign(out: Path, kind: str) -> str:
+    """What in a folder is not of an earlier artifact of a kind, empty if nothing is."""
     there = min(out.iterdir(), default=None)
     if there is None:
         return ""
@@ -190,11 +190,11 @@ def _foreign(out: Path) -> str:
         artifact = read_artifact(out)
     except DsnetError:
         return f"other files such as {there.name}"
-    if artifact.manifest["kind"] != KIND:
+    if artifact.manifest["kind"] != kind:
         return f"an artifact of kind {artifact.manifest['kind']!r}"
     own = {MANIFEST, *artifact.digests}
     for path in sorted(out.rglob("*")):
         name = path.relative_to(out).as_posix()
         if name not in own and (path.is_symlink() or not path.is_dir()):
-            return f"{name} beside an earlier {KIND}"
+            return f"{name} beside an earlier {kind}"
     return ""

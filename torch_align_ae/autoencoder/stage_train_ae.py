@@ -119,7 +119,7 @@ class TrainAutoencoderConfig:
     """Folder under runs/ that holds the aligned offsets."""
     seed: Seed = 0
     """Decides the split, the weights' beginning and the order of frames."""
-    architecture: Literal["inferred", "alternative"] = "inferred"
+    architecture: Fixed[Literal["inferred", "alternative"]] = "inferred"
     """Widths 2000-1300-300-30, or 2000-1250-400-20: the same number of parameters."""
     batch_size: PositiveInt = 64
     """Frames a step; the paper's is 64."""

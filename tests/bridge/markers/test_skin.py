@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bridge import DsnetError
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.body.smpl import Smpl
+from bridge.body.posing import Smpl
 from bridge.markers.bony import bones, bony_motion
 from bridge.markers.marker_files import read_markers
 from bridge.markers.page import write_comparisons
@@ -21,8 +21,8 @@ from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.markers.skin import Comparison
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
-from bridge.runtime.characters import open_for_motion
 from bridge.runtime.controls import Controls, controlled_body
+from bridge.runtime.load_model import load_for_motion
 
 # Of the embedded woman, where optical markers sit.
 VERTICES = {
@@ -44,10 +44,10 @@ class Known:
 def known() -> Known:
     """A woman whose flesh is what the packaged model predicts of jumping jacks."""
     path = Path("sample:jumping_jacks")
-    character, motion = open_for_motion(None, None, path)
-    moving = controlled_body(character, motion, Controls())
+    trained, motion = load_for_motion(None, None, path)
+    moving = controlled_body(trained, motion, Controls())
     offsets = np.concatenate([part.offsets_m for part in moving]).astype(np.float64)
-    return Known(character.body, moving.motion, offsets)
+    return Known(trained.body, moving.motion, offsets)
 
 
 def marker_file(
@@ -179,23 +179,8 @@ def test_markers_on_bone_take_the_bounce_out_of_a_pose(known: Known, tmp_path: P
 
 def test_a_page_has_a_row_for_each_marker_and_a_figure(known: Known, tmp_path: Path) -> None:
     comparison = compared(known, marker_file(tmp_path / "m.npz", known), 1.0)
-    write_comparisons(tmp_path, {"pose of the file": comparison}, known.motion.fps)
+    write_comparisons(tmp_path.__truediv__, {"pose of the file": comparison}, known.motion.fps)
     rows = json.loads((tmp_path / "markers.json").read_text())["pose of the file"]["rows"]
     page = (tmp_path / "markers.md").read_text()
     assert all(f"| {row['label']} |" in page for row in rows)
     assert (tmp_path / "markers.png").stat().st_size > 10_000
-
-
-def test_c3d_is_read_in_its_unit_and_rate(known: Known, tmp_path: Path) -> None:
-    ezc3d = pytest.importorskip("ezc3d", reason="the extra c3d is not installed")
-    with np.load(marker_file(tmp_path / "m.npz", known)) as stored:
-        data, labels = stored["marker_data"], stored["marker_labels"].tolist()
-    file = ezc3d.c3d()
-    file["parameters"]["POINT"]["RATE"]["value"] = [60.0]
-    file["parameters"]["POINT"]["LABELS"]["value"] = labels
-    file["data"]["points"] = 1e3 * data.transpose(2, 1, 0)
-    file.write(str(tmp_path / "m.c3d"))
-    markers = read_markers(tmp_path / "m.c3d", 1.0)
-    assert markers.fps == 60
-    assert markers.labels == tuple(labels)
-    assert np.allclose(markers.points_m, read_markers(tmp_path / "m.npz", 60).points_m, atol=1e-5)

@@ -9,8 +9,8 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
+from bridge.measure.evaluation import OFFSET_SIZE, evaluate_run, frames_m
 from bridge.measure.pipelines import pipeline_of, pipelines_of, stages_of_pipelines
-from bridge.measure.stage_evaluate import OFFSET_SIZE, EvaluateConfig, frames_m, main
 from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
 from bridge.runs import Run, read_artifact, write_artifact
 from tests.forged.best_pipeline import PLUS, write_best_pipeline
@@ -30,7 +30,7 @@ FOUR = [
     for motion in ("known", "unseen")
 ]
 STOP = 43 + 20
-MODEL_PATH = "bridge.measure.stage_evaluate.body_model_path"
+MODEL_PATH = "bridge.measure.evaluation.body_model_path"
 
 
 def forge(run, *, captured=False, paper=True):
@@ -88,7 +88,7 @@ def both(tmp_path_factory):
 
 
 def evaluated(run="both"):
-    main(EvaluateConfig(run=run))
+    evaluate_run(Run(run))
     return Run(run).artifact("evaluate")
 
 
@@ -242,7 +242,7 @@ def test_an_older_best_pipeline_is_refused(tmp_path):
     write_best_pipeline(tmp_path / "both")
     put(tmp_path / "both", "align_robust", {}, ALIGNED)
     with pytest.raises(DsnetError, match="older than 'align_robust'"):
-        main(EvaluateConfig(run="both"))
+        evaluate_run(Run("both"))
 
 
 def test_an_unknown_predictor_is_one_line(tmp_path):

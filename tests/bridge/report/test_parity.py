@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from bridge.body import load_body_model
-from bridge.measure import stage_evaluate
+from bridge.measure.evaluation import evaluate_run
 from bridge.report import stage_report
 from bridge.report.bodies import Scene
 from bridge.report.curves import digits_to_spare, draw_parity
 from bridge.report.results import verification
 from bridge.report.stage_report import plan_figures
-from bridge.runs import Artifact, ArtifactWriter
+from bridge.runs import Artifact, ArtifactWriter, Run
 
 
 def row(check="dsnet-T1", part="layers", engine="torch", dtype="float64", **changes):
@@ -101,7 +101,7 @@ def test_the_page_shows_the_table_and_what_failed(forged, verify, tmp_path, monk
     shutil.copytree(verify.path, run / "verify", dirs_exist_ok=True)
     monkeypatch.setenv("DSNET_RUNS", str(run.parent))
     monkeypatch.setattr(stage_report, "plan_figures", lambda scene: [])
-    stage_evaluate.main(stage_evaluate.EvaluateConfig(run="verified"))
+    evaluate_run(Run("verified"))
     stage_report.main(stage_report.ReportConfig(run="verified"))
     page = (run / "report" / "report.md").read_text()
     assert "**3 of 5 rows hold**" in page

@@ -10,14 +10,14 @@ import pytest
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.body.posing import shaped_vertices
-from bridge.measure.stage_evaluate import MESH_ERROR, EvaluateConfig, frames_m, main
+from bridge.measure.evaluation import MESH_ERROR, evaluate_run, frames_m
 from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
 from bridge.runs import Run, write_artifact
 
 
 @pytest.fixture
 def evaluated(forged):
-    main(EvaluateConfig(run="forged"))
+    evaluate_run(Run("forged"))
     return forged
 
 
@@ -139,11 +139,9 @@ def forge_resting_person(root, prediction_share):
 @pytest.mark.parametrize(("share", "r2"), [(1.0, 1.0), (0.5, 0.75), (0.0, 0.0), (2.0, 0.0)])
 def test_a_known_person_is_judged_with_the_shape_that_was_given(tmp_path, monkeypatch, share, r2):
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
-    monkeypatch.setattr(
-        "bridge.measure.stage_evaluate.body_model_path", lambda run: "embedded:female"
-    )
+    monkeypatch.setattr("bridge.measure.evaluation.body_model_path", lambda run: "embedded:female")
     needed_mm = forge_resting_person(tmp_path / "rest", share)
-    main(EvaluateConfig(run="rest"))
+    evaluate_run(Run("rest"))
     unseen = Run("rest").artifact("evaluate").manifest["cells"]["known_person_unseen_motion"]
     unseen = {key: one["mesh"] for key, one in unseen.items() if "mesh" in one}
     np.testing.assert_allclose(unseen["any"]["r2"], r2, atol=1e-5)
@@ -218,7 +216,7 @@ def test_licensed_runs_have_no_truth(forged_runs, tmp_path, monkeypatch):
     shutil.copytree(forged_runs / "forged", runs / "bare", ignore=shutil.ignore_patterns("truth"))
     shutil.rmtree(runs / "bare" / "evaluate", ignore_errors=True)
     monkeypatch.setenv("DSNET_RUNS", str(runs))
-    main(EvaluateConfig(run="bare"))
+    evaluate_run(Run("bare"))
     manifest = Run("bare").artifact("evaluate").manifest
     assert set(manifest["alignment"]) == {"frame_error_mm"}
     assert set(manifest["cells"]) == {"validation", "train"}
@@ -230,5 +228,5 @@ def test_a_missing_stage_is_named(forged_runs, tmp_path, monkeypatch):
     shutil.copytree(forged_runs / "forged" / "align", runs / "half" / "align")
     monkeypatch.setenv("DSNET_RUNS", str(runs))
     with pytest.raises(DsnetError, match="dsnet infer --run half"):
-        main(EvaluateConfig(run="half"))
+        evaluate_run(Run("half"))
     assert not (runs / "half" / "evaluate").exists()

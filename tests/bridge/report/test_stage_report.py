@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from bridge import DsnetError
-from bridge.measure import stage_evaluate
+from bridge.measure.evaluation import evaluate_run
 from bridge.report import stage_report
 from bridge.report.panels import FOOTERS, new_figure
 from bridge.report.paper_table import compare, measure
 from bridge.report.results import render_html, render_markdown
-from bridge.runs import read_artifact
+from bridge.runs import Run, read_artifact
 from tests.forged.best_pipeline import write_best_pipeline
 
 FIGURES = (
@@ -42,7 +42,7 @@ def folder(forged_runs, tmp_path_factory):
     write_best_pipeline(runs / "both")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSNET_RUNS", str(runs))
-        stage_evaluate.main(stage_evaluate.EvaluateConfig(run="both"))
+        evaluate_run(Run("both"))
         stage_report.main(TINY)
     return runs / "both" / "report"
 
@@ -247,7 +247,7 @@ def test_a_licensed_run_has_a_report_without_truth(forged_runs, tmp_path, monkey
     shutil.copytree(forged_runs / "forged", runs / "bare", ignore=stages)
     monkeypatch.setenv("DSNET_RUNS", str(runs))
     monkeypatch.setattr(stage_report, "plan_figures", lambda scene: [])
-    stage_evaluate.main(stage_evaluate.EvaluateConfig(run="bare"))
+    evaluate_run(Run("bare"))
     stage_report.main(stage_report.ReportConfig(run="bare"))
     page = (runs / "bare" / "report" / "report.md").read_text()
     assert "distance of SMPL from the mesh" in page
@@ -266,7 +266,7 @@ def test_the_best_pipeline_alone_has_a_report(own_alignment, forged_runs, tmp_pa
     monkeypatch.setenv("DSNET_RUNS", str(runs))
     monkeypatch.setattr(stage_report, "draw_figure7", lambda path, *_: path.write_bytes(b"x"))
     monkeypatch.setattr(stage_report, "draw_test_strip", lambda path, *_: path.write_bytes(b"x"))
-    stage_evaluate.main(stage_evaluate.EvaluateConfig(run="best"))
+    evaluate_run(Run("best"))
     stage_report.main(stage_report.ReportConfig(run="best"))
     page = (runs / "best" / "report" / "report.md").read_text()
     drawn = {path.stem for path in (runs / "best" / "report" / "figures").iterdir()}
@@ -300,13 +300,13 @@ def test_a_report_of_less_than_there_is_or_was_is_refused(folder, tmp_path, monk
     later = shutil.ignore_patterns("decode", "truth", "evaluate", "report")
     shutil.copytree(folder.parent, runs / "both", ignore=later)
     monkeypatch.setenv("DSNET_RUNS", str(runs))
-    stage_evaluate.main(stage_evaluate.EvaluateConfig(run="both"))
+    evaluate_run(Run("both"))
     assert "is evaluated without decode, truth, which it" in capsys.readouterr().err
     for stage in ("decode", "truth"):
         shutil.copytree(folder.parent / stage, runs / "both" / stage)
     with pytest.raises(DsnetError, match=r"made without align, .*decode.*truth.*`dsnet evaluate"):
         stage_report.main(TINY)
-    stage_evaluate.main(stage_evaluate.EvaluateConfig(run="both"))
+    evaluate_run(Run("both"))
     assert not capsys.readouterr().err
     shutil.rmtree(runs / "both" / "decode")
     with pytest.raises(DsnetError, match=r"without 'decode'.*`dsnet decode --run both`"):

@@ -30,25 +30,14 @@ _TEST_BED = {"tissue": "own", "form": "clean", "gravity": True, "gender": None}
 
 
 @dataclass(frozen=True)
-class EvaluateConfig:
-    """Measure every prediction of both pipelines: about 5 ms a frame, 1 GB.
+class Evaluated:
+    """What decides whether an evaluation is current."""
 
-    Gives errors of the posed meshes against the registered ones, which a licensed user has too, and
-    for synthetic data against the true meshes of unseen motions; R2, velocity, spectrum, decay and
-    rest of the offsets; all of them by test group, and mesh error and size of the offsets in each
-    frame.
-    """
-
-    run: str = "demo"
-    """Run to evaluate."""
+    run: str
 
 
-PROFILES = {name: EvaluateConfig(run=name) for name in ("smoke", "demo", "paper")}
-
-
-def main(config: EvaluateConfig) -> None:
-    """Run the stage, saying what the run lacks; a result that is current is kept."""
-    run = Run(config.run)
+def evaluate_run(run: Run) -> None:
+    """Measure every prediction of a run, saying what it lacks; a current result is kept."""
     upstream = run.artifacts(*stages_of_pipelines(run))
     pipelines = pipelines_of(upstream)
     origin = pipelines[0].align.artifact.origin
@@ -61,7 +50,7 @@ def main(config: EvaluateConfig) -> None:
     body = load_body_model(str(body_model_path(run)))
     run.build(
         "evaluate",
-        config,
+        Evaluated(run.name),
         lambda writer: evaluate_pipelines(writer, pipelines, upstream.get("truth"), body),
         data=origin,
         upstream=upstream,
