@@ -12,6 +12,7 @@ import pytest
 from bridge import DsnetError
 from bridge.motion import load_amass_motion, load_motion_file
 from bridge.motion.readers import (
+    READERS,
     MotionReader,
     PeopleOfFolders,
     find_motion_files,
@@ -20,7 +21,6 @@ from bridge.motion.readers import (
 )
 from bridge.motion.sequences import is_real_motion
 from tests.forged.amass import save, shape, smplh, smplx
-from tests.fuzz.readers import READERS
 from tests.pages import python_blocks
 
 
