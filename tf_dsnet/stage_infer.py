@@ -59,6 +59,7 @@ def main(config: InferConfig) -> None:
     """Run the stage; a result that is current is kept."""
     config.check()
     run = Run(config.run)
+    run.refuse_interrupted(TRAIN, TRAIN_PLUS)
     has_plus = run.finished(TRAIN_PLUS)
     if run.finished(TRAIN) or not has_plus:
         infer_networks(config)

@@ -19,7 +19,7 @@ from bridge.exchange.dsnet import DSNETS, CodeName, load_unpadded_clips
 from bridge.options import PositiveInt
 from bridge.plugins import entry_named
 from bridge.runs import ArtifactWriter, Run
-from bridge.runs.run import TRAIN, best_alignment_of, body_model_path
+from bridge.runs.run import ALIGNMENT, TRAIN, best_alignment_of, body_model_path
 from bridge.runs.workers import worker_pool
 from bridge.tissue.trained_plus import NAME as PLUS
 from tf_dsnet import stage_train_plus
@@ -97,7 +97,9 @@ def plus_config(config: TrainConfig) -> TrainPlusConfig:
 
 
 def _trainable(run: Run) -> list[str]:
-    """The product's predictors that the run can train."""
+    """The product's predictors that the run can train; a pipeline that it began is not left out."""
+    if run.finished(ALIGNMENT):
+        run.artifact("encode")
     names, left_out = [], []
     for can, lacking, those in (
         (run.finished("encode"), "'encode'", DSNETS),

@@ -24,6 +24,7 @@ from bridge.runs.files import (
     is_unsettled,
     json_sha256,
     lock_of,
+    partial_folder,
     runs_root,
     settle,
     sha256_of,
@@ -70,6 +71,12 @@ class Run:
             with suppress(DsnetError, OSError), self.alone(stage):
                 settle(self.path / stage)
         return is_made(self.path / stage)
+
+    def refuse_interrupted(self, *stages: str) -> None:
+        """Refuse to go on without a stage whose making was begun and not ended."""
+        for stage in stages:
+            if not self.finished(stage) and partial_folder(self.path / stage).exists():
+                raise self._without(stage)
 
     def artifact(self, stage: str) -> Artifact:
         """The finished artifact of `stage`; refused if something before it was made again since."""

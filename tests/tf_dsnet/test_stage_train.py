@@ -13,7 +13,7 @@ from bridge import DsnetError
 from bridge.exchange import load_weights
 from bridge.exchange.dsnet import load_trained_dsnet
 from bridge.options import check_options
-from bridge.runs import read_artifact
+from bridge.runs import read_artifact, write_artifact
 from tests.tf_dsnet.plus import TINY as PLUS_TINY
 from tests.tf_dsnet.plus import forge_run
 from tf_dsnet import stage_infer, stage_train, trainer
@@ -155,6 +155,22 @@ def test_without_codes_the_oscillators_are_trained_alone(runs, monkeypatch, caps
     assert not (run / "train").exists()
     stage_infer.main(InferConfig("tiny"))
     assert {path.name for path in run.glob("infer*")} == {"infer_plus"}
+
+
+def test_what_the_papers_pipeline_has_begun_is_not_left_out(runs, monkeypatch):
+    run = forge_run(runs, monkeypatch)
+    write_artifact(run / "align", "align", {}, units={}, data="synthetic")
+    with pytest.raises(DsnetError, match="dsnet encode"):
+        stage_train.main(replace(TINY, rounds=1, plus=PLUS_TINY))
+
+
+def test_half_a_training_does_not_predict(encoded_run, monkeypatch):
+    forge_run(encoded_run.parent, monkeypatch)
+    stage_train.main(replace(TINY, epochs=1, predictors=("dsnet_standardised",)))
+    (encoded_run / ".train_plus.partial").mkdir()
+    with pytest.raises(DsnetError, match="dsnet train "):
+        stage_infer.main(InferConfig("tiny"))
+    assert not (encoded_run / "infer").exists()
 
 
 def test_without_a_robust_alignment_the_networks_are_trained_alone(encoded_run, capsys):
