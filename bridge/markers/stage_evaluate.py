@@ -14,6 +14,7 @@ from bridge.markers.marker_files import read_markers
 from bridge.markers.page import write_comparisons
 from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.measure.evaluation import evaluate_run
+from bridge.motion.readers.amass import motion_path
 from bridge.options import PositiveFloat
 from bridge.runs import Run
 from bridge.runtime.controls import Controls, controlled_body
@@ -68,7 +69,7 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     trained, motion = load_for_motion(run, None, markers, config.motion_fps)
     moving = controlled_body(trained, motion, Controls(motion_fps=config.motion_fps))
     motion = moving.motion
-    found = read_markers(markers, motion.source_fps)
+    found = read_markers(motion_path(markers), motion.source_fps)
     if found.note:
         notify(f"{markers}: {found.note}")
     registered = register(moving.body, motion, found)

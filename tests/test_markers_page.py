@@ -1,0 +1,25 @@
+"""What the page says of real markers is what the results file says."""
+
+from __future__ import annotations
+
+import json
+
+from tests.sources import ROOT
+
+
+def test_the_pages_numbers_are_the_results() -> None:
+    page = (ROOT / "docs" / "markers.md").read_text(encoding="utf-8")
+    _, _, said = page.partition("<!-- numbers")
+    said, _, _ = said.partition("<!-- end -->")
+    stored = (ROOT / "docs" / "results" / "skin_markers" / "markers.json").read_text()
+    of_file, bony = (
+        [row for row in found["rows"] if row["region"].startswith("bust")]
+        for found in json.loads(stored).values()
+    )
+    sizes = [row["real"]["peak_to_peak_mm"][1] for row in of_file]
+    pose = [row["pose_peak_to_peak_up_mm"] for row in of_file]
+    moved = [row["total_peak_to_peak_up_mm"] for row in bony]
+    for left, right in (sizes, pose, moved):
+        assert f"{left:.0f} and {right:.0f} mm" in said
+    left, right = (row["total_r2_up"] for row in bony)
+    assert f"{left:.2f} and {right:.2f}" in said
