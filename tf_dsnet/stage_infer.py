@@ -61,10 +61,10 @@ def main(config: InferConfig) -> None:
     run = Run(config.run)
     run.refuse_interrupted(TRAIN, TRAIN_PLUS)
     has_plus = run.finished(TRAIN_PLUS)
-    if run.finished(TRAIN) or not has_plus:
-        infer_networks(config)
-    if has_plus:
-        infer_plus(config)
+    works = [infer_networks(config)] if run.finished(TRAIN) or not has_plus else []
+    works += [infer_plus(config)] if has_plus else []
+    for work in works:  # what one of them is refused for is told before either begins
+        work()
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +92,8 @@ class TrainedNetworks:
         return predict_between_cuts(lambda piece: predict(piece, betas), theta)
 
 
-def infer_networks(config: InferConfig) -> None:
-    """`infer`: latents by every network."""
+def infer_networks(config: InferConfig) -> Callable[[], Artifact]:
+    """What makes `infer`, latents by every network; all that it reads is checked at once."""
     run = Run(config.run)
     trained, encoded = run.artifact(TRAIN), run.artifact("encode")
     names = trained.manifest["predictors"]
@@ -124,7 +124,7 @@ def infer_networks(config: InferConfig) -> None:
 
     upstream = {TRAIN: trained, "encode": encoded}
     upstream |= {f"motion_{index}": path for index, path in enumerate(files)}
-    run.build(INFER, config, make, data=trained.origin, upstream=upstream)
+    return partial(run.build, INFER, config, make, data=trained.origin, upstream=upstream)
 
 
 Piece = tuple[int, NDArray[np.float32], NDArray[np.float32]]
@@ -147,26 +147,27 @@ def _write_latents(tools: tuple[TrainedNetworks, Mapping[str, ArrayFile]], piece
         file.write(start, networks.latents(name, theta, betas))
 
 
-def infer_plus(config: InferConfig) -> None:
-    """`infer_plus`: offsets of the evaluated sequences by `dsnet_plus`.
+def infer_plus(config: InferConfig) -> Callable[[], Artifact]:
+    """What makes `infer_plus`, offsets of the evaluated sequences by `dsnet_plus`; as above.
 
     `offsets_dsnet_plus`, `static_dsnet_plus` where the model has a static part, `theta`, `betas`
     and the index of the sequences.
     """
     run = Run(config.run)
     trained, align = run.artifact(TRAIN_PLUS), best_alignment(run)
-    body = load_body_model(str(body_model_path(run)))
+    body, plus = load_body_model(str(body_model_path(run))), TrainedPlus.load(trained)
+    _ = align.array("theta"), align.array("betas")
     files = find_motions(run, config.amass, align)
 
     def make(writer: ArtifactWriter) -> None:
-        model = PlusModel(TrainedPlus.load(trained), body)
+        model = PlusModel(plus, body)
         _write_offsets(writer, model, body, gather(align, run, files, config.amass_fps))
         labels = {name: one["label"] for name, one in trained.manifest["predictors"].items()}
         writer.record(predictors=labels, default=trained.manifest["default"])
 
     upstream = {TRAIN_PLUS: trained, align.path.name: align}
     upstream |= {f"motion_{index}": path for index, path in enumerate(files)}
-    run.build(INFER_PLUS, config, make, data=align.origin, upstream=upstream)
+    return partial(run.build, INFER_PLUS, config, make, data=align.origin, upstream=upstream)
 
 
 def _write_offsets(

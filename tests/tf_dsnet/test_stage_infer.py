@@ -266,7 +266,7 @@ def trained_run(
 
 def test_evaluated_sequences_are_predicted_end_to_end(runs, monkeypatch):
     run = trained_run(runs, monkeypatch, static=False)
-    infer_plus(InferConfig("tiny"))
+    infer_plus(InferConfig("tiny"))()
     made, align = (read_artifact(run / name) for name in ("infer_plus", "align_robust"))
     made.verify()
     # The first training sequence of each person, and the one held out.
@@ -294,7 +294,7 @@ def test_evaluated_sequences_are_predicted_end_to_end(runs, monkeypatch):
 
 def test_the_static_part_is_in_the_whole_and_beside_it(runs, monkeypatch):
     run = trained_run(runs, monkeypatch, misfit_m=0.01)
-    infer_plus(InferConfig("tiny"))
+    infer_plus(InferConfig("tiny"))()
     made = read_artifact(run / "infer_plus")
     total, static = (made.array(f"{n}_dsnet_plus") for n in ("offsets", "static"))
     assert static.shape == total.shape == (145, 6890, 3)
@@ -310,7 +310,7 @@ def test_motions_of_known_and_new_people_follow(runs, monkeypatch, tmp_path):
     run = trained_run(runs, monkeypatch, misfit_m=0.01)
     save(tmp_path / "amass/50001/kicking_poses.npz", smplh(61, 120.0))
     save(tmp_path / "amass/50077/kicking_poses.npz", smplh(61, 120.0), betas=np.full(16, 0.5))
-    infer_plus(InferConfig("tiny", amass=tmp_path / "amass"))
+    infer_plus(InferConfig("tiny", amass=tmp_path / "amass"))()
     made = read_artifact(run / "infer_plus")
     known, new = sequences_of(made)[-2:]
     assert (known.name, new.name) == ("50001_kicking", "50077_kicking")
@@ -331,6 +331,6 @@ def test_motions_of_known_and_new_people_follow(runs, monkeypatch, tmp_path):
 def test_a_run_without_a_model_says_what_to_run(runs, monkeypatch):
     run = forge_run(runs, monkeypatch)
     with pytest.raises(DsnetError, match=r"without 'train_plus'") as caught:
-        infer_plus(InferConfig("tiny"))
+        infer_plus(InferConfig("tiny"))()
     assert "\n" not in str(caught.value)
     assert not (run / "infer_plus").exists()

@@ -173,6 +173,16 @@ def test_half_a_training_does_not_predict(encoded_run, monkeypatch):
     assert not (encoded_run / "infer").exists()
 
 
+def test_damage_of_one_pipeline_is_told_before_the_other_predicts(encoded_run, monkeypatch):
+    forge_run(encoded_run.parent, monkeypatch)
+    stage_train.main(replace(TINY, epochs=1, rounds=1, plus=PLUS_TINY))
+    weights = encoded_run / "train_plus" / "dsnet_plus.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-1] + b"x")
+    with pytest.raises(DsnetError, match="dsnet_plus"):
+        stage_infer.main(InferConfig("tiny"))
+    assert not (encoded_run / "infer").exists()
+
+
 def test_without_a_robust_alignment_the_networks_are_trained_alone(encoded_run, capsys):
     stage_train.main(replace(TINY, epochs=1))
     said = capsys.readouterr().err
