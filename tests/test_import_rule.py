@@ -48,7 +48,7 @@ THIRD_PARTIES = {
     },
     "view": {"numpy", "viser"},
     "measure": {"numpy", "scipy"},
-    "verify": {"numpy", "onnx", "tyro"},
+    "verify": {"numpy", "onnx"},
     "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy", "tyro"},
 }
 

@@ -16,8 +16,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tyro.conf import Fixed
-
 from bridge.errors import DsnetError
 from bridge.options import Seed
 from bridge.runs import ArtifactWriter, Run
@@ -47,7 +45,7 @@ class VerifyConfig:
     """Seed of the random weights and inputs."""
     trained: bool = True
     """Compare the run's trained weights; without them no run needs to be there."""
-    full_size: Fixed[bool] = True
+    full_size: bool = True
     """Compare the autoencoder of random weights at its 33,626,606 parameters."""
     inject: FaultName | None = None
     """Make this mistake in PyTorch's engine: shows that it is found. Nothing is written."""

@@ -141,7 +141,7 @@ class TrainAutoencoderConfig:
     to learn, or by what learns in a few hundred steps (`short`)."""
     split: SplitName = "frame"
     """70 % of the frames, as in the paper, or 70 % of the sequences, which does not leak."""
-    include_held_out: bool = False
+    include_held_out: Fixed[bool] = False
     """Draw from the validation sequences too, as the paper does: its code has seen the clip on
     which DSNet is judged."""
     comparisons: tuple[TrialName, ...] = ()
