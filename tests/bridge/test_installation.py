@@ -85,3 +85,13 @@ def test_a_build_without_cuda_has_the_version(
     monkeypatch.syspath_prepend(tmp_path)
     assert version_of("framework") == "1.2"
     assert version_of("no-such-framework") is None
+
+
+def test_the_bridge_offers_its_readers_and_loads_them_late() -> None:
+    code = (
+        "import sys, bridge; before = 'numpy' in sys.modules\n"
+        "from bridge import load_motion, read_artifact, write_artifact\n"
+        "print(before, load_motion('sample:walking').theta.shape[1])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "69"]
