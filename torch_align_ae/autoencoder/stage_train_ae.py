@@ -101,6 +101,7 @@ PRESETS: dict[PresetName, TrainingPreset] = {
         ),
     ),
 }
+"""The paper's words taken literally, and what learns on these data."""
 
 
 @dataclass(frozen=True)
