@@ -87,6 +87,7 @@ def read_markers(path: Path, fps: float) -> Markers:
             "names such as C7, CLAV, LBUST",
             "Label them, as MoSh++ and AMASS do",
         )
+    data[~data.any(axis=2)] = np.nan  # some files write a marker that was not seen as zeros
     if not (np.isfinite(data).all(axis=2).mean(axis=0) > SEEN_ENOUGH).any():
         raise _refused(path, "markers that are hardly ever seen", "most of them in most frames")
     data, note = _in_metres(path, data)
@@ -97,7 +98,9 @@ def read_markers(path: Path, fps: float) -> Markers:
 
 def _in_metres(path: Path, data: NDArray) -> tuple[NDArray[np.float64], str]:
     """Metres, by the room that the markers of one moment take up."""
-    extent = float(np.nanmedian(np.nanmax(data, axis=1) - np.nanmin(data, axis=1), axis=0).max())
+    seen = np.asarray(np.isfinite(data).all(axis=2))
+    some = data[seen.any(axis=1)]
+    extent = float(np.median(np.nanmax(some, axis=1) - np.nanmin(some, axis=1), axis=0).max())
     for unit, per_m in (("metres", 1.0), ("millimetres", 1e3), ("centimetres", 1e2)):
         if _PERSON_M[0] <= extent / per_m <= _PERSON_M[1]:
             return data / per_m, "" if per_m == 1 else f"its markers are in {unit}: converted"

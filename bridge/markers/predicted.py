@@ -26,6 +26,7 @@ _LOOKED_AT = 24
 _NEAREST = 0.8
 """Part of the markers that the registration goes by: those on hair and props lie far off."""
 _MOST_OFF_MM = 80.0
+_SHORTEST_S, _MOST_APART_S = 2.0, 0.1
 _OUTWARD = 0.1
 """Of a marker's squared distance along the skin's normal: people are thicker than their betas say
 on another body model, and markers stand 9.5 mm off the skin."""
@@ -52,8 +53,22 @@ def register(body: BodyModelData, motion: Motion, markers: Markers) -> Registere
     Raises
     ------
     DsnetError
-        If the markers do not lie on the body.
+        If the markers do not lie on the body or do not last as long, or the motion is too short.
     """
+    if motion.duration_s < _SHORTEST_S:
+        raise DsnetError(
+            f"{motion.source}, a motion of {motion.duration_s:.2f} s",
+            f"at least {_SHORTEST_S:g} s",
+            "Pass a longer one.",
+        )
+    markers_s = (len(markers.points_m) - 1) / markers.fps
+    if abs(markers_s - motion.duration_s) > _MOST_APART_S:
+        raise DsnetError(
+            f"{motion.source}, markers of {markers_s:.2f} s beside a pose of "
+            f"{motion.duration_s:.2f} s",
+            "a row of markers for each frame of the pose",
+            "Store both at one rate.",
+        )
     cloud = markers.at(motion.fps, len(motion.theta))
     some = np.linspace(0, len(motion.theta) - 1, min(len(motion.theta), _LOOKED_AT)).astype(int)
     pose, trans = unpack_theta(motion.theta[some])
@@ -66,7 +81,7 @@ def register(body: BodyModelData, motion: Motion, markers: Markers) -> Registere
         raise DsnetError(
             f"{motion.source}, whose markers lie {off:.0f} mm off the body (median)",
             f"at most {_MOST_OFF_MM:.0f}: markers and pose of one recording, at one rate",
-            "Check that both files are of the same take, and --motion-fps.",
+            "Check that markers and pose are of the same take.",
         )
     return Registered(Cloud(moved, cloud.seen), vertices, distance)
 

@@ -133,11 +133,13 @@ def segment_frames(
                 hip = _carried(frames["pelvis"], pose.hips_m[name[0]])
                 good = frames["pelvis"].good & cloud.seen[found[0]]
                 end = cloud.points_m[found[0]]
-                frames[name] = _limb_frame(hip, end, pose.turns[segment.bone], good)
+                if good.any():
+                    frames[name] = _limb_frame(hip, end, pose.turns[segment.bone], good)
         elif len(found) == 2:
             start, end = (cloud.points_m[label] for label in found)
             good = cloud.seen[found[0]] & cloud.seen[found[1]]
-            frames[name] = _limb_frame(start, end, pose.turns[segment.bone], good)
+            if good.any():
+                frames[name] = _limb_frame(start, end, pose.turns[segment.bone], good)
     return frames
 
 
@@ -198,6 +200,8 @@ def rigid_motion(
     -------
     Turns (T, 3, 3), places (T, 3), rms of each point about the shape (N,), weights (N,).
     """
+    # Where fewer than three are seen their bridges stand in; such frames are not scored.
+    seen = seen | (seen.sum(axis=1, keepdims=True) < 3)
     first = int(np.argmax(seen.all(axis=1)))
     shape = points_m[first] - points_m[first].mean(axis=0)
     fixed, trust = weights is not None, np.ones(len(shape)) if weights is None else weights

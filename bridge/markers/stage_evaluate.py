@@ -55,6 +55,12 @@ PROFILES = {name: EvaluateConfig(profile=name) for name in ("smoke", "demo", "pa
 
 def main(config: EvaluateConfig) -> None:
     """Evaluate a run, or a predictor beside markers."""
+    if config.markers is None and (config.out or config.motion_fps):
+        raise DsnetError(
+            "--out or --motion-fps without --markers",
+            "them beside markers alone: a run is evaluated in its folder",
+            "Leave them out, or pass --markers FILE.",
+        )
     if config.markers is None:
         evaluate_run(Run(config.run or config.profile))
     elif config.out is None:

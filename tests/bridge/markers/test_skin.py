@@ -14,13 +14,14 @@ from bridge import DsnetError
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl
+from bridge.markers import stage_evaluate
 from bridge.markers.bony import bones, bony_motion
 from bridge.markers.marker_files import read_markers
 from bridge.markers.page import write_comparisons
 from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.markers.skin import Comparison
 from bridge.motion import Motion, unpack_theta
-from bridge.motion.motion import Y_UP_FROM_Z_UP
+from bridge.motion.motion import Y_UP_FROM_Z_UP, pack_theta
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import load_for_motion
 
@@ -116,8 +117,41 @@ def test_millimetres_are_told_and_read(known: Known, tmp_path: Path) -> None:
 
 def test_another_rate_than_the_poses_is_refused(known: Known, tmp_path: Path) -> None:
     path = marker_file(tmp_path / "m.npz", known)
-    with pytest.raises(DsnetError, match="mm off the body"):
+    with pytest.raises(DsnetError, match="one rate"):
         register(known.body, known.motion, read_markers(path, 24))
+
+
+def test_markers_of_another_moment_are_refused(known: Known, tmp_path: Path) -> None:
+    path = marker_file(tmp_path / "m.npz", known)
+    stored = dict(np.load(path))
+    stored["marker_data"] = stored["marker_data"][:, ::-1]  # head to foot
+    np.savez(path, **stored)
+    pose, trans = unpack_theta(known.motion.theta)
+    lying = np.array(pose)
+    lying[:, 0] = (np.pi / 2, 0, 0)
+    theta = pack_theta(lying, trans)
+    with pytest.raises(DsnetError, match="mm off the body"):
+        register(known.body, replace(known.motion, theta=theta), read_markers(path, 60))
+
+
+def test_a_motion_of_a_moment_is_refused(known: Known, tmp_path: Path) -> None:
+    path = marker_file(tmp_path / "m.npz", known)
+    short = replace(known.motion, theta=known.motion.theta[:20])
+    with pytest.raises(DsnetError, match="at least 2 s"):
+        register(known.body, short, read_markers(path, 60))
+
+
+@pytest.mark.parametrize("unseen", [np.nan, 0.0])
+def test_moments_in_which_nothing_was_seen_are_bridged(
+    known: Known, tmp_path: Path, unseen: float
+) -> None:
+    path = marker_file(tmp_path / "m.npz", known)
+    stored = dict(np.load(path))
+    stored["marker_data"][60:64] = unseen
+    np.savez(path, **stored)
+    row = next(row for row in compared(known, path, 1.0).rows if row.label == "LBUST")
+    assert row.seen < 1
+    assert row.flesh_r2_up > 0.95
 
 
 @pytest.mark.parametrize(
@@ -125,7 +159,8 @@ def test_another_rate_than_the_poses_is_refused(known: Known, tmp_path: Path) ->
     [
         ([f"*{i}" for i in range(25)], None, "without names"),
         (None, np.full((50, 25, 3), np.nan), "hardly ever seen"),
-        (None, np.zeros((50, 25, 3)), "apart"),
+        (None, np.ones((50, 25, 3)), "apart"),
+        (None, np.zeros((50, 25, 3)), "hardly ever seen"),
         (["a", "b"], None, "with 2 names"),
     ],
 )
@@ -184,3 +219,8 @@ def test_a_page_has_a_row_for_each_marker_and_a_figure(known: Known, tmp_path: P
     page = (tmp_path / "markers.md").read_text()
     assert all(f"| {row['label']} |" in page for row in rows)
     assert (tmp_path / "markers.png").stat().st_size > 10_000
+
+
+def test_options_of_markers_without_markers_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DsnetError, match="without --markers"):
+        stage_evaluate.main(stage_evaluate.EvaluateConfig(run="r", out=tmp_path))
