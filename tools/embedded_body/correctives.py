@@ -26,7 +26,7 @@ from tools.embedded_body.symmetry import mirrored_posedirs, mirrored_poses
 FIT_POSE_COUNT = 400
 UNSEEN_POSE_COUNT = 100
 SMOOTHING_STEPS = 3
-DUAL_QUATERNION_SHARE = 0.5
+DUAL_QUATERNION_SHARE = 0.55
 # Joints with a smaller share of a vertex's smoothed weight do not correct it.
 _MIN_WEIGHT = 0.02
 _RIDGE = 1e-3

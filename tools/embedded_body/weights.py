@@ -15,8 +15,8 @@ from tools.embedded_body.symmetry import MIRRORED_JOINT, symmetric_weights
 
 # How far heat spreads, metres, where a joint alone moves the skin.
 _SPREAD_M = {
-    "pelvis": 0.04, "hip": 0.04, "spine1": 0.04, "spine2": 0.04, "spine3": 0.035, "collar": 0.035,
-    "shoulder": 0.035, "neck": 0.025, "knee": 0.028, "elbow": 0.02, "ankle": 0.02, "wrist": 0.015,
+    "pelvis": 0.034, "hip": 0.034, "spine1": 0.034, "spine2": 0.034, "spine3": 0.03, "collar": 0.03,
+    "shoulder": 0.024, "neck": 0.025, "knee": 0.024, "elbow": 0.014, "ankle": 0.018, "wrist": 0.013,
 }  # fmt: skip
 _ELSEWHERE_M = 0.006
 _STEPS = 4
