@@ -27,10 +27,10 @@ from bridge.runtime.load_model import load_for_motion
 
 # Of the embedded woman, where optical markers sit.
 VERTICES = {
-    "CLAV": 524, "C7": 192, "T8": 1770, "LBAK": 4005, "RBAK": 537, "STRN": 5332, "LBUST": 4222,
-    "RBUSTLO": 782, "LPSI": 5427, "RPSI": 2006, "LASI": 5554, "RASI": 2188, "MBLLY": 5360,
-    "LBUM": 5450, "LKNE": 5849, "RKNE": 2474, "LANK": 6679, "RANK": 3289, "LFTHI": 6888,
-    "RTHI": 2126, "LTIB": 5978, "LFHD": 6192, "RFHD": 39, "LBHD": 3731, "RBHD": 252,
+    "CLAV": 576, "C7": 245, "T8": 1810, "LBAK": 4033, "RBAK": 589, "STRN": 5347, "LBUST": 4250,
+    "RBUSTLO": 834, "LPSI": 5442, "RPSI": 2046, "LASI": 5569, "RASI": 2228, "MBLLY": 5375,
+    "LBUM": 5465, "LKNE": 5864, "RKNE": 2514, "LANK": 6682, "RANK": 3327, "LFTHI": 6888,
+    "RTHI": 2166, "LTIB": 5993, "LFHD": 6206, "RFHD": 47, "LBHD": 3760, "RBHD": 305,
 }  # fmt: skip
 
 
