@@ -43,7 +43,7 @@ def both_sides(turns: Turns) -> NDArray:
 
 
 def reached() -> dict[str, NDArray]:
-    """Poses on the way from arms beside the body to the ends of a jumping jack, a squat and a high kick."""
+    """Poses on the way to the ends of a jumping jack, a squat and a high kick, from the sides."""
     poses = {"arms down": both_sides({"left_shoulder": (0, 0, -1.2)})}
     for part in (0.25, 0.5, 0.75, 1.0):
         poses[f"jumping jack {part}"] = part * both_sides(

@@ -91,7 +91,7 @@ def test_true_half_and_no_offsets_have_their_r2(
         apart = known.body.v_template[[row.vertex, VERTICES[row.label]]]
         assert np.linalg.norm(np.diff(apart, axis=0)) < 0.01
         assert row.flesh_r2 == pytest.approx(r2, abs=0.02)
-        assert row.total_r2_up == pytest.approx(1.0, abs=1e-3) or part < 1
+        assert row.total_r2_up == pytest.approx(1.0, abs=2e-3) or part < 1
 
 
 def test_noise_and_gaps_cost_the_chest_little(known: Known, tmp_path: Path) -> None:
