@@ -51,8 +51,7 @@ class TissueParameters:
 
     frequency_hz: Array  # (V,) of a small vertical vibration, standing, of each vertex on its own
     damping_ratio: Array  # (V,) of that vibration
-    preload: float
-    """t, from 1 to below 3: by how much farther flesh hangs than linear springs of its frequency."""
+    preload: Array  # (V,) t, from 1 to below 3: sag over that of linear springs of its frequency
     wave_speed_m_s: float  # c: speed at which the skin would carry a wave, which couples neighbours
     free: NDArray[np.bool_]  # (V,) False where skin lies on bone and does not move
 
@@ -84,17 +83,19 @@ class SoftTissue:
         self.free = np.flatnonzero(parameters.free)
         self._mass = vertex_areas_m2(vertices, faces)[self.free, None]
         omega = 2 * np.pi * parameters.frequency_hz[self.free, None]
-        sag_m = parameters.preload * GRAVITY_M_S2 / omega**2
+        preload = parameters.preload[self.free, None]
+        sag_m = preload * GRAVITY_M_S2 / omega**2
         self._hanging_m = np.hstack([0 * sag_m, -sag_m, 0 * sag_m])  # s
-        spring = self._mass * omega**2 / parameters.preload
+        spring = self._mass * omega**2 / preload
         damping = self._mass * 2 * parameters.damping_ratio[self.free, None] * omega
         laplacian = cotangent_laplacian(vertices, faces)[self.free][:, self.free]
         coupling = parameters.wave_speed_m_s**2 * laplacian
         self._stiffness = sp.csr_matrix(sp.diags(spring[:, 0]) + coupling)
-        self._hardening = spring * (parameters.preload - 1) / (2 * sag_m**2)
+        self._hardening = spring * (preload - 1) / (2 * sag_m**2)
         diagonal = (2 / dt_s * self._mass + damping)[:, 0]
         self._system = sp.csc_matrix(sp.diags(diagonal) + dt_s / 2 * self._stiffness)
         self._solver = splu(self._system, **_SYMMETRIC)
+        self._softening = dt_s / 2 * self._hardening / self._system.diagonal()[:, None]
 
     def at_rest(self) -> TissueState:
         """No offsets, no velocities."""
@@ -142,18 +143,23 @@ class SoftTissue:
         )
 
     def _contract(self, known: Array, start_m: Array, middle_speed: Array) -> Array | None:
-        """Fixed-point iteration with the factored system; None when it does not contract.
+        """Quasi-Newton iteration with the factored system; None when it does not contract.
 
         N(u0, u1) is taken at the latest v and put on the right, so the matrix stays the one that
-        was factored; N changes by dt per change of v, and a step that short makes that little.
+        was factored. What N changes with v, H (e dt / 2 + dt m m^T) with m the middle of the step,
+        then damps each vertex's change as if it had no neighbours: springs outweigh the coupling.
         """
         before_step, last_change = self._strain(start_m), np.inf
         while True:
-            middle_m = start_m + self.dt_s / 2 * middle_speed
+            middle_m = self._hanging_m + start_m + self.dt_s / 2 * middle_speed
             strain = (before_step + self._strain(start_m + self.dt_s * middle_speed)) / 2
-            force = self._hardening * strain * (self._hanging_m + middle_m)
-            before, middle_speed = middle_speed, self._solver.solve(known - force)
-            change = np.abs(middle_speed - before).max()
+            step = self._solver.solve(known - self._hardening * strain * middle_m) - middle_speed
+            even = 1 + self._softening * strain
+            along = 2 * self._softening * _dot(middle_m, step)
+            along /= even + 2 * self._softening * _dot(middle_m, middle_m)
+            step = (step - along * middle_m) / even
+            middle_speed = middle_speed + step
+            change = np.abs(step).max()
             if change <= _TOLERANCE * np.abs(middle_speed).max():
                 return middle_speed
             if change > last_change / 2:
@@ -191,4 +197,8 @@ class SoftTissue:
 
     def _strain(self, offsets_m: Array) -> Array:
         """(N, 1) e = |u|^2 + 2 s.u, square metres: exactly 0 at rest."""
-        return np.einsum("vx,vx->v", offsets_m, offsets_m + 2 * self._hanging_m)[:, None]
+        return _dot(offsets_m, offsets_m + 2 * self._hanging_m)
+
+
+def _dot(one: Array, other: Array) -> Array:
+    return np.einsum("vx,vx->v", one, other)[:, None]

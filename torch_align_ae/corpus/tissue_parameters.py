@@ -21,7 +21,6 @@ from torch_align_ae.corpus.tissue_constants import (
     FIRMEST_HZ,
     FLESH,
     MENS_FLESH,
-    PRELOAD,
     WAVE_SPEED_M_S,
 )
 
@@ -51,13 +50,13 @@ def tissue_parameters(data: BodyModelData, betas: Array) -> TissueParameters:
     parts = part_weights(data)[:, [PARTS.index(name) for name in FLESH]]
     parts = parts / np.maximum(parts.sum(axis=1, keepdims=True), 1e-3)
     flesh = FLESH | (MENS_FLESH if data.gender == "male" else {})
-    frequency_hz, depth_m, damping_ratio = np.array([row[:3] for row in flesh.values()]).T
+    frequency_hz, depth_m, damping_ratio, preload = np.array([row[:4] for row in flesh.values()]).T
     softness = np.exp(parts @ np.log(frequency_hz**2 * depth_m))
     there_m = flesh_depth_m(data, vertices) * np.clip(1 - 2 * bone, 0.0, 1.0)
     return TissueParameters(
         frequency_hz=np.sqrt(softness / np.maximum(there_m, softness / FIRMEST_HZ**2)),
         damping_ratio=parts @ damping_ratio,
-        preload=PRELOAD,
+        preload=parts @ preload,
         wave_speed_m_s=WAVE_SPEED_M_S,
         free=bone < 0.5,
     )
