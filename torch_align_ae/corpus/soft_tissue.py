@@ -51,7 +51,7 @@ class TissueParameters:
 
     frequency_hz: Array  # (V,) of a small vertical vibration, standing, of each vertex on its own
     damping_ratio: Array  # (V,) of that vibration
-    preload: Array  # (V,) t, from 1 to below 3: sag over that of linear springs of its frequency
+    preload: float  # t, from 1 to below 3: sag over that of linear springs of these frequencies
     wave_speed_m_s: float  # c: speed at which the skin would carry a wave, which couples neighbours
     free: NDArray[np.bool_]  # (V,) False where skin lies on bone and does not move
 
@@ -83,7 +83,7 @@ class SoftTissue:
         self.free = np.flatnonzero(parameters.free)
         self._mass = vertex_areas_m2(vertices, faces)[self.free, None]
         omega = 2 * np.pi * parameters.frequency_hz[self.free, None]
-        preload = parameters.preload[self.free, None]
+        preload = parameters.preload
         sag_m = preload * GRAVITY_M_S2 / omega**2
         self._hanging_m = np.hstack([0 * sag_m, -sag_m, 0 * sag_m])  # s
         spring = self._mass * omega**2 / preload

@@ -17,29 +17,27 @@ class Flesh(NamedTuple):
     """Depth of flesh over the bone at which it has that frequency."""
     damping_ratio: float
     """Of that vibration."""
-    preload: float
-    """Sag over that of a linear spring of that frequency: 2 swings half as fast without weight."""
     source: str
 
 
-WAKELING = "leg tissue 10 to 65 Hz (Wakeling and Nigg 2001)"
-NONE = "none known; as flesh elsewhere"
+NONE = "not measured; damping as elsewhere"
 FLESH = {
-    "chest": Flesh(3.15, 0.050, 0.215, 2.0, "damping 0.215, strongest at 4 Hz (Chen, Ng, Yu 2013)"),
-    "belly": Flesh(4.5, 0.060, 0.22, 2.0, NONE),
-    "back": Flesh(6.0, 0.040, 0.22, 2.0, NONE),
-    "buttocks": Flesh(4.5, 0.050, 0.22, 2.0, NONE),
-    "upper_arms": Flesh(7.0, 0.025, 0.22, 2.0, NONE),
-    "forearms": Flesh(10.0, 0.015, 0.22, 2.0, NONE),
-    "thighs": Flesh(8.0, 0.070, 0.30, 2.0, "rings at 10 to 11 Hz after a landing (Cereatti 2017)"),
-    "calves": Flesh(10.0, 0.045, 0.30, 2.0, WAKELING),
+    "chest": Flesh(3.3, 0.050, 0.215, "breast: damping 0.215, most at 4 Hz (Chen, Ng, Yu 2013)"),
+    "belly": Flesh(5.5, 0.060, 0.22, "viscera 50 to 80 mm in hops (Minetti, Belli 1994)"),
+    "back": Flesh(6.0, 0.040, 0.22, NONE),
+    "buttocks": Flesh(5.5, 0.050, 0.22, NONE),
+    "upper_arms": Flesh(7.0, 0.025, 0.22, NONE),
+    "forearms": Flesh(10.0, 0.015, 0.22, NONE),
+    "thighs": Flesh(8.0, 0.070, 0.30, "rings at 10 to 11 Hz after a hop (Cereatti's bone pins)"),
+    "calves": Flesh(10.0, 0.045, 0.30, "10 to 65 Hz (Wakeling 2001)"),
 }
 """By part of the body (`bridge.body.parts`); of what is not named the skin lies on bone."""
-MENS_FLESH = {
-    "chest": Flesh(
-        4.0, 0.050, 0.22, 2.0, "markers on a man's kick: half as far as at 4 Hz in place"
-    )
-}
-"""Where men's differs: muscle."""
+MENS_FLESH = {"chest": Flesh(4.0, 0.050, 0.22, "muscle; markers on a man's kick")}
+"""Where men's differs."""
+PRELOAD = 2.0
+"""Sag of standing flesh over that of linear springs; 2: without weight it swings half as fast. From
+markers on a jumping woman; her law's stiffening about the standing shape has the wrong sign."""
 WAVE_SPEED_M_S = 0.4
+"""That couples skin with its neighbours; markers say 0.3 to 0.6, and trade it with frequency."""
 FIRMEST_HZ = 20.0
+"""Of thin flesh, beside bone."""

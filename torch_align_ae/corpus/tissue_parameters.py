@@ -21,6 +21,7 @@ from torch_align_ae.corpus.tissue_constants import (
     FIRMEST_HZ,
     FLESH,
     MENS_FLESH,
+    PRELOAD,
     WAVE_SPEED_M_S,
 )
 
@@ -50,13 +51,13 @@ def tissue_parameters(data: BodyModelData, betas: Array) -> TissueParameters:
     parts = part_weights(data)[:, [PARTS.index(name) for name in FLESH]]
     parts = parts / np.maximum(parts.sum(axis=1, keepdims=True), 1e-3)
     flesh = FLESH | (MENS_FLESH if data.gender == "male" else {})
-    frequency_hz, depth_m, damping_ratio, preload = np.array([row[:4] for row in flesh.values()]).T
+    frequency_hz, depth_m, damping_ratio = np.array([row[:3] for row in flesh.values()]).T
     softness = np.exp(parts @ np.log(frequency_hz**2 * depth_m))
     there_m = flesh_depth_m(data, vertices) * np.clip(1 - 2 * bone, 0.0, 1.0)
     return TissueParameters(
         frequency_hz=np.sqrt(softness / np.maximum(there_m, softness / FIRMEST_HZ**2)),
         damping_ratio=parts @ damping_ratio,
-        preload=parts @ preload,
+        preload=PRELOAD,
         wave_speed_m_s=WAVE_SPEED_M_S,
         free=bone < 0.5,
     )
@@ -71,7 +72,8 @@ def on_bone(data: BodyModelData, vertices: Array) -> Array:
     half, border = _BREASTBONE_M
     stature = np.ptp(vertices[:, 1]) / 1.7
     aside = np.abs(vertices[:, 0]) / stature
-    bone = bone + parts["chest"] * _fall((aside - half) / border)
+    # Down to the tip of the breastbone, where the chest fades into the belly.
+    bone = bone + np.minimum(4 * parts["chest"], 1) * _fall((aside - half) / border)
     joints = data.J_regressor @ vertices
     for side in ("left", "right"):
         knee, ankle = (SMPL_JOINT_NAMES.index(f"{side}_{name}") for name in ("knee", "ankle"))

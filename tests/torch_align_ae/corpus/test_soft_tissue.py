@@ -27,7 +27,7 @@ def tissue(frequency_hz=4.0, damping=0.1, preload=1.0, wave_speed=0.7, rate_hz=2
     parameters = TissueParameters(
         frequency_hz=np.full(count, frequency_hz),
         damping_ratio=np.full(count, damping),
-        preload=np.full(count, preload),
+        preload=preload,
         wave_speed_m_s=wave_speed,
         free=np.ones(count, bool),
     )
@@ -170,7 +170,7 @@ def test_vertices_that_are_held_do_not_move_and_hold_their_neighbours():
     vertices, faces = patch()
     count = len(vertices)
     free = vertices[:, 0] > 0.03
-    parameters = TissueParameters(np.full(count, 4.0), np.full(count, 0.1), np.ones(count), 0.7, free)
+    parameters = TissueParameters(np.full(count, 4.0), np.full(count, 0.1), 1.0, 0.7, free)
     body = SoftTissue(vertices, faces, parameters)
     state, drive = body.at_rest(), np.tile([10.0, 0.0, 0.0], (free.sum(), 1))
     for _ in range(30):
