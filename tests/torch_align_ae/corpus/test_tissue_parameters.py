@@ -63,7 +63,7 @@ def test_womens_busts_swing_as_measured_and_big_ones_slower():
         depth_m = flesh_depth_m(body, vertices)[of_part(body, "chest") > 0.5].max()
         found[name] = depth_m, softest_chest_hz("female", betas)
     depth_m, hz = np.array(list(found.values())).T
-    full = depth_m > 0.04
+    full = depth_m > 0.045
     assert full.sum() >= 5
     assert hz[full].min() > 3.15
     assert hz[full].max() < 4.05
@@ -93,7 +93,7 @@ def test_skull_breastbone_shins_hands_and_feet_are_bone(gender, kind):
         assert held[of_part(body, name) > 0.9].all(), name
     x, y, z = vertices.T
     trunk = of_part(body, "chest") + of_part(body, "belly") > 0.9
-    xiphoid = 0.8 * joint["spine2"][1] + 0.2 * joint["spine3"][1]
+    xiphoid = 0.7 * joint["spine2"][1] + 0.3 * joint["spine3"][1]
     breastbone = trunk & (np.abs(x) < 0.01) & (y > xiphoid) & (z > 0)
     assert breastbone.sum() > 3
     assert held[breastbone].all()
@@ -124,7 +124,7 @@ def test_flesh_of_one_part_hangs_by_the_same_share_of_its_depth():
 
 
 def test_left_and_right_are_alike_where_the_body_is():
-    body, vertices, parameters = person("female", np.zeros(10))
+    _, vertices, parameters = person("female", np.zeros(10))
     mirrored = vertices * [-1, 1, 1]
     apart = np.linalg.norm(vertices[:, None, ::2] - mirrored[None, ::40, ::2], axis=2)
     apart = np.hypot(apart, vertices[:, None, 1] - mirrored[None, ::40, 1])
