@@ -134,6 +134,17 @@ def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
     assert slope > 0
 
 
+def test_what_all_people_share_is_nobodys_own(nodes):
+    """So a stranger, who takes after nobody, is not stiffer or softer than those who are known."""
+    layer = drawn_layer(nodes, 3)
+    before = layer.weights_as_arrays()
+    np.testing.assert_allclose(before.residual.mean(0), 0.0, atol=1e-7)
+    assert np.abs(before.residual).max() > 0.1
+    named(layer)["residual"].assign_add(np.full((PEOPLE, NODES, 1), 0.5, np.float32))
+    after = layer.weights_as_arrays()
+    np.testing.assert_allclose(after.residual, before.residual, atol=1e-6)
+
+
 def test_penalty_grows_with_unevenness(nodes):
     even, uneven = OscillatorLayer(nodes.laplacian.toarray(), PEOPLE, 3), drawn_layer(nodes, 3)
     assert 0.0 <= float(even.penalty()) < float(uneven.penalty())
