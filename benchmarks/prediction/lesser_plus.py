@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.processes import run_as_process
-from bridge.tissue.trained_plus import NODE_FIELDS
+from bridge.tissue.trained_plus import NODE_FIELDS, Weights
 from tf_dsnet import stage_train, stage_train_plus
 from tf_dsnet.oscillators import OscillatorLayer
 from tf_dsnet.stage_train_plus import PlusTraining, TrainPlusConfig
@@ -93,6 +93,10 @@ class LesserTraining(PlusTraining):
         for name in held:
             weights[name].trainable = False
         return layer
+
+    def told_by_shape(self, weights: Weights) -> Weights:
+        """As learned, if shape tells nothing."""
+        return super().told_by_shape(weights) if self.settings.by_shape else weights
 
     def starts(self, number: int, moving: list[NDArray]) -> list[NDArray]:
         """From the data's own past in every round, if they do not learn through time."""
