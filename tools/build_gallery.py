@@ -140,7 +140,7 @@ def recorded_motion(
     """
     person = load_motion_file(motion_of_kind(Run(config.run), person_of))
     betas = ",".join(f"{beta:g}" for beta in person.betas)
-    asked = Controls(betas=betas, floor="shift", smooth_hz=_SMOOTH_HZ)
+    asked = Controls(shape=(f"betas={betas}",), floor="shift", smooth_hz=_SMOOTH_HZ)
     moving = _moved(config, file, itemgetter(shown), asked)
     # Even, and smaller than of a lap: three seconds have twice as many pictures.
     body_px = config.look.body_px * 4 // 9 * 2

@@ -190,6 +190,6 @@ def betas_that_measure(
             f"a shape of {asked}",
             f"one that {SHAPE_COUNT} betas within {FARTHEST_BETA:g} give (the nearest has "
             f"{measured(betas)})",
-            "Ask for less, or for fewer measurements; --betas gives any shape.",
+            "Ask for less, or for fewer measurements; betas=... gives any shape.",
         )
     return betas

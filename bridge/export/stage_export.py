@@ -77,7 +77,7 @@ def _export_predictor(config: ExportConfig, out: Path) -> None:
         raise DsnetError(
             "--to onnx with a motion or what moves it",
             "a predictor alone: the graph takes any motion and shape",
-            "Leave out --motion, --gain, --betas and the like.",
+            "Leave out --motion, --gain, --shape and the like.",
         )
     run = None if config.run is None else Run(config.run)
     chosen = find_model(run, next(iter(config.predictor), None), config.gender)

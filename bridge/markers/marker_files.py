@@ -157,6 +157,8 @@ def pose_file(path: Path) -> Path:
 def marker_file(path: Path) -> Path | None:
     """The file of the markers that a motion file's pose was fitted to, if there is one."""
     path = motion_path(path)
+    if not path.is_file():
+        return None
     with damage_refused(partial(_unreadable, path), RecursionError):
         own = any(one.sniff(path) and one.has_markers(path) for one in READERS.values())
     return path if own else c3d.markers_beside(path)

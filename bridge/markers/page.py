@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bridge.markers.skin import BANDS_HZ, CUT_HZ, Comparison, Row
+from bridge.markers.segments import CUT_HZ
+from bridge.markers.skin import BANDS_HZ, Comparison, Row
 from bridge.report.panels import save_figure
 
 FOOTER = "markers: measured on a person; body and its flesh: a model"

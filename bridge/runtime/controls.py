@@ -17,6 +17,7 @@ from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl, shaped_joints, shaped_vertices
 from bridge.errors import DsnetError, did_you_mean, notify
+from bridge.markers.poses import bony_pose
 from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import REMEDY, Lap, close_lap
@@ -33,6 +34,7 @@ _SOLE_PERCENTILE = 1.0
 """Of the lowest points of all frames: a single bad frame does not lift the motion."""
 _LEGS = ("left_hip", "right_hip")
 _FEET = ("left_ankle", "right_ankle", "left_foot", "right_foot")
+_BETAS = "betas="
 _EVERY = 8
 """Vertices of the rest of the body, of which fewer are looked at than of the feet."""
 
@@ -53,9 +55,11 @@ class Controls:
     """The motion repeats: the skin's last frame leads into its first."""
     shape: tuple[str, ...] = ()
     """Body shape in place of the motion file's, by name: tall, short, heavy, slim, pear, apple;
-    by measurement, in cm and kg: height=182 weight=80 chest=100 waist=90 hips=105; or both."""
-    betas: str | None = None
-    """Body shape in place of the motion file's: ten comma-separated coefficients."""
+    by measurement, in cm and kg: height=182 weight=80 chest=100 waist=90 hips=105; or both. Or
+    ten coefficients: betas=1,0,0,0,0,0,0,0,0,0."""
+    pose: Literal["file", "bony"] = "file"
+    """`bony`: the chest follows the file's markers on bone; a pose that was fitted to all of them,
+    as AMASS's, holds part of the bounce, which predicted flesh would then count twice."""
     motion_fps: PositiveFloat | None = None
     """Frames per second of the motion file, where what it says of itself is wrong."""
     smooth_hz: PositiveFloat | Literal["auto"] | None = None
@@ -67,13 +71,7 @@ class Controls:
         check_options(self)
         if self.part_gain:
             gains_of_parts(self.part_gain)
-        if self.betas is not None and self.shape:
-            raise DsnetError(
-                "--betas with --shape", "one way to say a shape", "Leave one of them out."
-            )
-        if self.betas is not None:
-            _parsed_betas(self.betas)
-        if self.shape:
+        if self.shape and self._stated_betas() is None:
             from bridge.body.shapes import parse_shape
 
             if not self._words():
@@ -84,6 +82,17 @@ class Controls:
         """The shape's, one by one."""
         return [word for text in self.shape for word in text.replace(",", " ").split()]
 
+    def _stated_betas(self) -> NDArray[np.float64] | None:
+        """(10,) where the shape is coefficients."""
+        texts = [text for text in self.shape if text.startswith(_BETAS)]
+        if not texts:
+            return None
+        if len(self.shape) > 1:
+            raise DsnetError(
+                f"--shape {' '.join(self.shape)}", "coefficients, or words", "Leave one out."
+            )
+        return _parsed_betas(texts[0].removeprefix(_BETAS))
+
     def given(self) -> dict[str, Any]:
         """Those that are not left at their default, by name."""
         own = {field.name: field.default for field in fields(Controls)}
@@ -91,10 +100,8 @@ class Controls:
 
     def asked_betas(self, body: BodyModelData) -> NDArray[np.float64] | None:
         """(10,) betas of the shape that is asked for; None where the motion's own is meant."""
-        if self.betas is not None:
-            return _parsed_betas(self.betas)
-        if not self.shape:
-            return None
+        if (betas := self._stated_betas()) is not None or not self.shape:
+            return betas
         from bridge.body.shapes import find_shape
 
         return find_shape(body, self._words())
@@ -127,6 +134,8 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
             f"Read it by load_motion_file(path, smooth_hz={controls.smooth_hz!r}).",
         )
     body, gain = trained.body, controls.gain
+    if controls.pose == "bony":
+        motion = bony_pose(body, motion)
     if controls.part_gain:
         gain = blended_gain(body, gain, gains_of_parts(controls.part_gain))
     placed = place_motion(motion, body, controls.asked_betas(body))
@@ -167,7 +176,9 @@ def _parsed_betas(text: str) -> NDArray[np.float64]:
         betas = np.empty(0)
     if betas.shape != (N_BETAS,) or not np.isfinite(betas).all():
         raise DsnetError(
-            f"--betas {text}", f"{N_BETAS} finite numbers", "Separate them by commas, no spaces."
+            f"--shape betas={text}",
+            f"{N_BETAS} finite numbers",
+            "Separate them by commas, no spaces.",
         )
     return betas
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.body.posing import Smpl
 from bridge.errors import DsnetError, notify
+from bridge.markers.poses import flesh_in_pose
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
@@ -125,7 +126,8 @@ class MovingBody:
         """Say on stderr which predictor moves the body, and what is odd about the motion."""
         by = self.trained
         notify(f"{by.name} ({by.label}) of {by.owner} predicts: {by.why}")
-        for warning in motion_warnings(self.motion, self.pieces):
+        flesh = [] if "pose" in self.controls else flesh_in_pose(self.motion)
+        for warning in (*motion_warnings(self.motion, self.pieces), *flesh):
             notify(warning)
 
 
@@ -144,7 +146,7 @@ def place_motion(
         motion = replace(motion, betas=betas)
     elif {motion.gender, body.gender} == {"female", "male"}:
         file_gender = f"a {motion.gender}'s, the body {body.gender}"
-        notify(f"the betas of {motion.source} are {file_gender}: see --betas")
+        notify(f"the betas of {motion.source} are {file_gender}: see --shape")
     with np.errstate(over="ignore", invalid="ignore"):
         rest = body.v_template + body.shapedirs @ motion.betas
         size_m, far_m = np.ptp(rest, axis=0).max(), np.abs(unpack_theta(motion.theta)[1]).max()
@@ -152,6 +154,6 @@ def place_motion(
         raise DsnetError(
             f"{motion.source}, a body of {size_m:.3g} m that moves {far_m:.3g} m off",
             f"a person within {FARTHEST_M:g} m of the origin",
-            "Check the file's betas and trans; --betas gives another shape.",
+            "Check the file's betas and trans; --shape gives another.",
         )
     return motion.about_root_joint((body.J_regressor @ rest)[0])

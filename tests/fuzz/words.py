@@ -43,7 +43,7 @@ def read(folder: Path) -> None:
     tries: list[Callable[[], object]] = [
         lambda: motion_path(text if text.startswith("sample:") else "sample:" + text),
         lambda: parse_shape(text.split()),
-        Controls(betas=text).check,
+        Controls(shape=(f"betas={text}",)).check,
         Controls(part_gain=(text,)).check,
         Controls(shape=(text,)).check,
     ]

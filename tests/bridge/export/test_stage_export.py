@@ -57,12 +57,12 @@ def test_betas_and_predictor_are_those_asked_for(motion, tmp_path, refused):
     out = tmp_path / "body.npz"
     betas = ",".join("1" * 10)
     options = ["--to", "npz", "--motion", str(motion), "--out", str(out)]
-    main(["export", *options, "--betas", betas, "--predictor", "dsnet_plus"])
+    main(["export", *options, "--shape", f"betas={betas}", "--predictor", "dsnet_plus"])
     with np.load(out) as stored:
         assert stored["betas"].tolist() == [1.0] * 10
     out.unlink()
     assert "dsnet_faithful" in refused(*options, "--predictor", "dsnet_faithful")
-    assert "10 finite numbers" in refused(*options, "--betas", "1,2")
+    assert "10 finite numbers" in refused(*options, "--shape", "betas=1,2")
 
 
 def test_several_predictors_are_for_clips(refused, motion, tmp_path):

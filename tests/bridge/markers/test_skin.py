@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from bridge import DsnetError
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.markers import stage_evaluate
 from bridge.markers.bony import bones, bony_motion
 from bridge.markers.marker_files import read_markers
 from bridge.markers.page import write_comparisons
@@ -20,6 +19,7 @@ from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.markers.skin import Comparison
 from bridge.motion import unpack_theta
 from bridge.motion.motion import pack_theta
+from bridge.runtime import stage_evaluate
 from tests.forged.markers import VERTICES, Known, marker_file
 
 

@@ -141,7 +141,9 @@ def test_shape_floor_and_betas_reach_the_body(character, bouncing):
     assert MeasuredBody(character.body)(moving.motion.betas).height == pytest.approx(175, abs=0.5)
     low = min(posed.vertices_m[..., 1].min() for posed in moving)
     assert abs(low) < 0.01
-    betas = controlled_body(character, bouncing, Controls(betas="1" + ",0" * 9)).motion.betas
+    betas = controlled_body(
+        character, bouncing, Controls(shape=("betas=1" + ",0" * 9,))
+    ).motion.betas
     np.testing.assert_array_equal(betas, [1.0] + [0.0] * 9)
 
 
@@ -150,9 +152,20 @@ def test_the_command_takes_and_records_them(plus_run, tmp_path):
     path = save_on_the_spot(tmp_path / "given" / "bounce.npz", LAP, LAP)
     out = tmp_path / "out"
     options = "--gain 2 --part-gain belly=2 arms=0.5 --floor scale --loop"
-    shape = "--betas=1,0,0,0,0,0,0,0,0,0"
+    shape = "betas=1,0,0,0,0,0,0,0,0,0"
     main(
-        ["predict", "--run", "r", "--motion", str(path), "--out", str(out), *options.split(), shape]
+        [
+            "predict",
+            "--run",
+            "r",
+            "--motion",
+            str(path),
+            "--out",
+            str(out),
+            *options.split(),
+            "--shape",
+            shape,
+        ]
     )
     made = json.loads((out / "manifest.json").read_text())
     assert made["controls"] == {
@@ -160,10 +173,10 @@ def test_the_command_takes_and_records_them(plus_run, tmp_path):
         "part_gain": ["belly=2", "arms=0.5"],
         "floor": "scale",
         "loop": True,
-        "betas": "1,0,0,0,0,0,0,0,0,0",
+        "shape": ["betas=1,0,0,0,0,0,0,0,0,0"],
     }
     asked = Controls(
-        gain=2.0, part_gain=("belly=2", "arms=0.5"), floor="scale", loop=True, betas=shape[8:]
+        gain=2.0, part_gain=("belly=2", "arms=0.5"), floor="scale", loop=True, shape=(shape,)
     )
     again = predict_motion(plus_run, path, tmp_path / "again", controls=asked)
     np.testing.assert_array_equal(again.array("offsets"), np.load(out / "offsets.npy"))
@@ -180,8 +193,8 @@ REFUSED = [
     ("--shape huge", "tall, short, heavy"),
     ("--shape ,", "an empty --shape"),
     ("--shape height=300", "nearest has height=19"),
-    ("--shape tall --betas 0,0,0,0,0,0,0,0,0,0", "--betas with --shape"),
-    ("--betas 1,2", "10 finite numbers"),
+    ("--shape tall betas=0,0,0,0,0,0,0,0,0,0", "coefficients, or words"),
+    ("--shape betas=1,2", "10 finite numbers"),
 ]
 
 

@@ -150,7 +150,7 @@ def test_a_loop_is_the_one_that_prediction_makes(tmp_path):
 def test_a_motions_rate_is_the_one_that_was_said(tmp_path, capsys):
     trans = np.zeros((61, 3))
     trans[:, 2] = 0.1 * np.abs(np.sin(7 * np.arange(61) / 60))
-    path = save(tmp_path / "fast.npz", smplh(61, 180.0), trans=trans)
+    path = save(tmp_path / "fast.npz", smplh(61, 180.0), trans=trans, marker_data=None)
     assert len(open_repertoire(None, path).takes["fast"].read(None).theta) == 21
     assert "fast.npz falls with" in capsys.readouterr().err
     mended = open_repertoire(None, path, Controls(motion_fps=60.0))

@@ -75,7 +75,7 @@ def test_what_is_no_motion(capsys, tmp_path):
         (["--gain", "21"], "--gain 21.0; expected 0 to 20"),
         (["--shape", "wide"], "shape 'wide'; expected tall"),
         (["--shape", "height=300"], "a shape of height=300"),
-        (["--betas", "1,2"], "--betas 1,2; expected 10"),
+        (["--shape", "betas=1,2"], "--shape betas=1,2; expected 10"),
         (["--loop", "--motion", "sample:dancing"], "--loop with a motion"),
     ],
 )

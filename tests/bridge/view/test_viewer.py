@@ -157,7 +157,7 @@ def test_what_cannot_be_looped_stays_as_it_was(viewer, monkeypatch):
 def test_it_starts_as_it_is_asked(performances):
     betas = (1.0, *np.zeros(9))
     controls = Controls(
-        gain=7.5, part_gain=("arms=2", "hands=3"), floor="shift", betas="1" + ",0" * 9
+        gain=7.5, part_gain=("arms=2", "hands=3"), floor="shift", shape=("betas=1" + ",0" * 9,)
     )
     repertoire = performances.repertoire
     asked = replace(repertoire, people={AS_ASKED: np.array(betas), **repertoire.people})

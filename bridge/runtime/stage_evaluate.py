@@ -16,14 +16,11 @@ from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.measure.evaluation import evaluate_run
 from bridge.options import PositiveFloat
 from bridge.runs import Run
-from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import load_for_motion
-from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.runtime.stage_predict import open_out_folder
 
 _OF_FILE, _BONY = "pose of the file", "pose whose chest follows markers on bone"
-_FITTED_TO_FLESH = 0.5
-"""R2 of the pose alone on the bust, from which its bounce is the pose's already."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +70,8 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     """Compare what a predictor makes of a motion with the markers of that motion."""
     run = None if config.run is None else Run(config.run)
     trained, motion = load_for_motion(run, None, pose_file(markers), config.motion_fps)
-    moving = controlled_body(trained, motion, Controls(motion_fps=config.motion_fps))
-    motion = moving.motion
+    motion = place_motion(motion, trained.body)
+    moving = MovingBody(trained, motion)
     found = read_markers(markers, motion.source_fps, motion.duration_s)
     if found.note:
         notify(f"{markers}: {found.note}")
@@ -100,9 +97,3 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
             distance_mm={name: round(d, 1) for name, d in registered.distance_mm.items()},
         )
         writer.finish(config={"run": run and run.name}, upstream=trained.upstream)
-    bust = [row.pose_r2_up for row in comparisons[_OF_FILE].rows if "bust" in row.region]
-    if bust and min(bust) > _FITTED_TO_FLESH:
-        notify(
-            f"the pose of {markers} was fitted to soft markers: without flesh it moves the bust as "
-            f"they do (R2 {min(bust):.2f}), and flesh that is predicted on it counts twice"
-        )
