@@ -10,19 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.prediction.marker_pose import EMBEDDED_MARKERS as VERTICES
 from bridge.body import BodyModelData
 from bridge.body.posing import Smpl
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.motion.readers.amass import motion_path
-
-# Of the embedded woman, where optical markers sit.
-VERTICES = {
-    "CLAV": 524, "C7": 192, "T8": 1770, "LBAK": 4005, "RBAK": 537, "STRN": 5332, "LBUST": 4222,
-    "RBUSTLO": 782, "LPSI": 5427, "RPSI": 2006, "LASI": 5554, "RASI": 2188, "MBLLY": 5360,
-    "LBUM": 5450, "LKNE": 5849, "RKNE": 2474, "LANK": 6679, "RANK": 3289, "LFTHI": 6888,
-    "RTHI": 2126, "LTIB": 5978, "LFHD": 6192, "RFHD": 39, "LBHD": 3731, "RBHD": 252,
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
