@@ -88,7 +88,7 @@ def draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
     figure.supxlabel(f"time [s]\n{FOOTER}", fontsize=8)
     axes = figure.subplots(len(first), len(comparisons), squeeze=False, sharex=True, sharey="row")
     for column, (name, comparison) in enumerate(comparisons.items()):
-        axes[0, column].set_title(name, fontsize=10)
+        axes[0, column].set_title(name, fontsize=10, pad=18)  # the legend lies between
         for line, row in enumerate(first.values()):
             if (curves := comparison.curves.get(row.label)) is None:
                 continue
@@ -102,6 +102,6 @@ def draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
             if not column:
                 star = "*" if row.doubt else ""
                 axis.set_ylabel(f"{row.region}{star}\n{row.label} [mm]", fontsize=7)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, fontsize=8, ncols=3, loc="outside lower center")
+    place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
+    axes[0, 0].legend(fontsize=7, ncols=3, frameon=False, **place)
     save_figure(figure, path)
