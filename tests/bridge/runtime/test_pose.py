@@ -96,7 +96,7 @@ def test_the_command_does_it_and_records_it(
 def test_dmpls_without_markers_are_told_and_cannot_be_taken_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arrays = bobbing() | {"dmpls": np.ones((240, 8))}
+    arrays: dict[str, Any] = bobbing() | {"dmpls": np.ones((240, 8))}
     np.savez(tmp_path / "take.npz", **arrays)
     moved(tmp_path / "take.npz", Controls()).announce()
     assert "fitted to skin with dmpls" in capsys.readouterr().err
