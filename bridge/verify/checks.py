@@ -32,9 +32,8 @@ from bridge.verify.engine import FORMATS, Check, DTypeName, Tensors
 BOTH: tuple[DTypeName, ...] = ("float64", "float32")
 DOUBLE, SINGLE = BOTH[:1], BOTH[1:]
 FRAMEWORKS = {"torch": BOTH, "keras": BOTH}
-WITH_ONNX = {**FRAMEWORKS, "onnx": SINGLE}
 IN_FLOAT64 = {"torch": DOUBLE, "keras": DOUBLE}
-FILES = {"torch": SINGLE, "keras": SINGLE, "onnx": SINGLE}
+FILES = {"torch": SINGLE, "keras": SINGLE}
 ONNX, STREAM = {"onnx": SINGLE}, {"stream": SINGLE}
 
 CLIPS, FRAMES, MESHES, GRAPH_FRAMES = 2, 120, 2, 8
@@ -88,17 +87,21 @@ def _dsnet(seed: int) -> list[Check]:
     def forward(name: str, inputs: Tensors, run: str = "whole") -> Check:
         return _dsnet_forward(f"dsnet-{name}", weights, inputs, run)
 
+    extremes = {
+        "T1": draws.motion(seed, 3, 1),
+        "T1000": draws.motion(seed, 1, 1000),
+        "zeros": {"motion": np.zeros((2, 20, INPUT_SIZE), np.float32)},
+        "large": draws.motion(seed, 2, 20, size=5.0),
+    }
+    streams = {"stream": motion} | {f"stream-{name}": one for name, one in extremes.items()}
     return [
         forward("whole-clip", motion),
         forward("frame-by-frame", motion, "steps"),
         forward("singles", motion, "singles"),
-        forward("T1", draws.motion(seed, 3, 1)),
-        forward("T1000", draws.motion(seed, 1, 1000)),
-        forward("zeros", {"motion": np.zeros((2, 20, INPUT_SIZE), np.float32)}),
-        forward("large", draws.motion(seed, 2, 20, size=5.0)),
+        *(forward(name, inputs) for name, inputs in extremes.items()),
         # tanh of +-500: what float32 loses there is in the argument, before any engine's tanh.
         replace(forward("saturating", draws.motion(seed, 2, 20, size=50.0)), engines=IN_FLOAT64),
-        Check("dsnet-stream", "dsnet_stream", STREAM, weights, motion),
+        *(Check(f"dsnet-{n}", "dsnet_stream", STREAM, weights, m) for n, m in streams.items()),
         _dsnet_train("dsnet-training", weights, clips, (1, 10)),
         _dsnet_train("dsnet-training-masked", weights, clips, (1, 10), masked=True),
     ]
@@ -239,7 +242,7 @@ def _architecture(widths: tuple[int, ...], activation: str = "leaky_relu") -> di
 
 
 def _dsnet_forward(name: str, weights: Tensors, inputs: Tensors, run: str = "whole") -> Check:
-    return Check(name, "dsnet_forward", WITH_ONNX, weights, inputs, {"run": run})
+    return Check(name, "dsnet_forward", FRAMEWORKS, weights, inputs, {"run": run})
 
 
 def _dsnet_train(
@@ -250,7 +253,7 @@ def _dsnet_train(
 
 
 def _ae_forward(name: str, weights: Tensors, values: Tensors, options: Options) -> Check:
-    return Check(name, "ae_forward", WITH_ONNX, weights, values, {"run": "whole", **options})
+    return Check(name, "ae_forward", FRAMEWORKS, weights, values, {"run": "whole", **options})
 
 
 def _ae_train(

@@ -57,7 +57,6 @@ TOLERANCES = {
 FILE_FORMATS = {
     "torch": ("memory", "safetensors", "state_dict"),
     "keras": ("memory", "safetensors", "keras"),
-    "onnx": ("onnx",),
 }
 """What each engine writes and reads back."""
 CAUSES = {

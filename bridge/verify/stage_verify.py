@@ -1,8 +1,8 @@
 """`dsnet verify`: the engines compute the same, or the command fails.
 
 PyTorch and Keras are compared with the NumPy reference in layers, losses, gradients, training
-steps, SMPL and files; ONNX in float32 forward passes of both networks, in files, and in the graphs
-that are exported, from poses to the posed skin; the streaming predictor in its latents.
+steps, SMPL and files; ONNX in the graphs that are exported, from poses to the posed skin; the
+streaming predictor in its latents.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _NUMBERS = ("max abs", "max rel", "tolerance")
 @dataclass(frozen=True)
 class VerifyConfig:
     """Compare PyTorch and Keras with a float64 reference: layers, gradients, steps, SMPL, files;
-    and ONNX with it in float32 forward passes.
+    and the ONNX graphs that are exported with it.
 
     Every engine is a process of its own, one after the other. Prints a table, writes `parity.json`;
     exits with 1 when anything differs by more than its tolerance.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,7 +26,7 @@ from bridge.motion.splits import (
     split_autoencoder_frames,
 )
 from bridge.options import NonNegativeInt, PositiveInt, Seed
-from bridge.paper import ALTERNATIVE_WIDTHS, INFERRED_WIDTHS, LATENT_SIZE
+from bridge.paper import ALTERNATIVE_WIDTHS, CASAS_OTADUY_WIDTHS, INFERRED_WIDTHS, LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.codes import (
     WEIGHTS_FILE,
@@ -39,7 +40,6 @@ from torch_align_ae.autoencoder.codes import (
 from torch_align_ae.autoencoder.mesh_autoencoder import (
     SAMPLE_FRAMES,
     ActivationName,
-    CasasOtaduyAutoencoder,
     MeshAutoencoder,
     initialise_with_modes,
     parameter_count,
@@ -357,10 +357,13 @@ def _r2_held_out(codec: OffsetCodec, align: Artifact) -> float | None:
 
 
 def parameter_counts() -> dict[str, int]:
-    """Trainable parameters of the built models (Section 5), without allocating them."""
+    """Trainable parameters (Section 5): of the built models, without allocating them, and of the
+    dense layers of Casas and Otaduy's.
+    """
+    chain = CASAS_OTADUY_WIDTHS + CASAS_OTADUY_WIDTHS[-2::-1]
     with torch.device("meta"):
         return {
             "mesh_autoencoder": parameter_count(MeshAutoencoder()),
             "mesh_autoencoder_alternative": parameter_count(MeshAutoencoder(ALTERNATIVE_WIDTHS)),
-            "casas_otaduy": parameter_count(CasasOtaduyAutoencoder()),
+            "casas_otaduy": sum((inner + 1) * outer for inner, outer in pairwise(chain)),
         }

@@ -62,7 +62,7 @@ def test_agreement_exits_with_0_and_leaves_a_complete_artifact(verify, tmp_path)
     parity = json.loads(artifact.file("parity.json").read_text())
     assert parity["passed"]
     assert parity["diagnosis"] == {}
-    assert {row["engine"] for row in parity["rows"]} == {"torch", "keras", "onnx"}
+    assert {row["engine"] for row in parity["rows"]} == {"torch", "keras"}
     assert printed.count(" ok\n") == len(parity["rows"])
     assert {entry["limit"] for entry in parity["tolerances"].values()} == {0.0, 1e-10, 1e-5, 1e-4}
     assert [path.name for path in (tmp_path / "r").iterdir()] == ["verify"]
@@ -81,7 +81,7 @@ def test_a_difference_exits_with_1_and_names_the_layer(verify, tmp_path, value):
 
 def test_it_is_never_skipped(verify):
     assert verify()[0] == 0
-    assert verify(engine="onnx", value=1.0)[0] == 1
+    assert verify(engine="torch", value=1.0)[0] == 1
 
 
 def test_an_injected_fault_exits_with_1_and_writes_nothing(verify, tmp_path):
