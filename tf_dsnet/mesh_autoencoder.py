@@ -191,13 +191,7 @@ def _in_batches(function: Callable[[Tensor], Tensor], values: NDArray) -> NDArra
 
 
 def load_codec(artifact: Artifact, name: str = WEIGHTS_FILE) -> KerasCodec:
-    """Load the codec of a finished `train-ae` stage.
-
-    Raises
-    ------
-    DsnetError
-        If the weights are missing, damaged, or of another network.
-    """
+    """Load the codec of a finished `train-ae` stage; DsnetError if the weights are damaged."""
     return read_codec(artifact.file(name), artifact.manifest["architecture"])
 
 

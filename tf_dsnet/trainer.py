@@ -102,7 +102,6 @@ class Trainer:
         return {**named_weights(self.model), **optimizer}
 
     def set_rate(self, lr: float) -> None:
-        """Go on with another learning rate."""
         self.optimizer.learning_rate = self.lr = lr
 
     def restore(self, state: Mapping[str, NDArray]) -> None:

@@ -202,7 +202,6 @@ def formats(weights: Tensors, architecture: Options | None = None) -> Tensors:
 
 
 def _dsnet(weights: Tensors) -> keras.Model:
-    """The product's network in the weights' precision."""
     _compute_in(weights["lstm/bias"])
     network = model.build_dsnet()
     model.assign_weights(network, weights)
@@ -210,7 +209,6 @@ def _dsnet(weights: Tensors) -> keras.Model:
 
 
 def _autoencoder(weights: Tensors, architecture: Options) -> KerasMeshAutoencoder:
-    """The twin in the weights' precision."""
     _compute_in(weights["to_latent.bias"])
     network = KerasMeshAutoencoder(**architecture)
     mesh_autoencoder.assign_weights(network.model, weights)

@@ -174,7 +174,6 @@ def _dsnet(weights: Tensors, faults: Faults) -> DSNet:
 
 
 def _autoencoder(weights: Tensors, architecture: Options) -> MeshAutoencoder:
-    """The product's network in the weights' precision."""
     with torch.device("meta"):
         model = MeshAutoencoder(**{**architecture, "widths": tuple(architecture["widths"])})
     state = {name: torch.from_numpy(array) for name, array in weights.items()}

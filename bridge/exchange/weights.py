@@ -202,7 +202,6 @@ def mesh_autoencoder_to_keras(weights: Mapping[str, NDArray]) -> dict[str, NDArr
 
 
 def mesh_autoencoder_from_keras(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """The inverse of `mesh_autoencoder_to_keras`."""
     variables = {keras: torch for torch, keras in _KERAS_VARIABLES.items()}
     converted = {}
     for name, array in weights.items():

@@ -46,7 +46,6 @@ def _drawn_axes(
 
 
 def finish_axes(axes: Axes, x: str, y: str, *, legend: bool = True) -> None:
-    """Labels, grid and legend as all curves have them."""
     axes.set_xlabel(x, fontsize=9)
     axes.set_ylabel(y, fontsize=9)
     axes.tick_params(labelsize=8)
@@ -181,7 +180,6 @@ def draw_dsnet_loss(path: Path, train: Artifact) -> None:
 
 
 def draw_plus_loss(path: Path, train_plus: Artifact) -> None:
-    """Losses over the steps that were recorded."""
     losses = plus_losses(train_plus)
     curves = {label: (1 + np.arange(len(loss)), loss) for label, loss in losses.items()}
     title = "Loss of this repository's predictors"

@@ -83,7 +83,6 @@ def _format_one(value: int | float) -> str:
 
 
 def parameter_counts(stages: Stages) -> dict[str, int]:
-    """Parameters that the training stages counted on the built models."""
     autoencoders = stages["train-ae"].manifest["parameters"]
     return {
         "autoencoder": autoencoders["mesh_autoencoder"],

@@ -95,7 +95,6 @@ def departures(stages: Stages) -> list[str]:
 
 
 def read_parity(verify: Artifact) -> dict[str, Any]:
-    """The contents of `parity.json`."""
     return json.loads(verify.file("parity.json").read_text(encoding="utf-8"))
 
 
@@ -173,7 +172,6 @@ _ENVIRONMENT.filters |= {"decimals": _decimals, "exponent": _exponent}
 
 
 def render_markdown(context: Mapping[str, Any]) -> str:
-    """`report.md` from the results."""
     return _ENVIRONMENT.get_template("report.md.j2").render(context)
 
 

@@ -68,7 +68,6 @@ PROFILES = {
 
 
 def main(config: ReportConfig) -> None:
-    """Run the stage; a report that is current is kept."""
     run = Run(config.run)
     last = stages_of_pipelines(run)
     named = {"evaluate", *last, *(stage for stage in _OPTIONAL if run.finished(stage))}

@@ -202,7 +202,6 @@ class _MeshLayers:
         return self.graph.apply("Add", mixed, bias.reshape(1, -1, 1), layer=layer)
 
     def activated(self, layer: str, features: Value) -> Value:
-        """The nonlinearity after a layer."""
         activation = self._architecture["activation"]
         slope = {"alpha": self._architecture["negative_slope"]}
         given = slope if activation == "leaky_relu" else {}

@@ -59,7 +59,6 @@ class Value:
         return self.graph.apply("ReduceMin", self, axes=axes, keepdims=1)
 
     def clip(self, least: float, most: float) -> Value:
-        """Numbers within bounds."""
         return self.graph.apply("Clip", self, least, most)
 
     def reshape(self, *shape: int) -> Value:
@@ -67,17 +66,14 @@ class Value:
         return self.graph.apply("Reshape", self, self.graph.integers(shape))
 
     def transpose(self, *axes: int) -> Value:
-        """With the axes in another order."""
         return self.graph.apply("Transpose", self, perm=axes)
 
     def gather(self, indices: NDArray[np.integer] | Value, axis: int) -> Value:
-        """What lies at `indices` of one axis."""
         if not isinstance(indices, Value):
             indices = self.graph.integers(indices)
         return self.graph.apply("Gather", self, indices, axis=axis)
 
     def part(self, axis: int, start: int, stop: int) -> Value:
-        """From `start` to before `stop` on one axis."""
         bounds = (self.graph.integers([number]) for number in (start, stop, axis))
         return self.graph.apply("Slice", self, *bounds)
 
@@ -134,14 +130,12 @@ class Graph:
         return Value(self, output)
 
     def apply_many(self, op: str, count: int, *inputs: Operand, **attributes: Any) -> list[Value]:
-        """One operation with several outputs."""
         given = [self._value(operand).name for operand in inputs]
         outputs = [self._name(op) for _ in range(count)]
         self._nodes.append(helper.make_node(op, given, outputs, **attributes))
         return [Value(self, output) for output in outputs]
 
     def concat(self, values: Sequence[Value], axis: int) -> Value:
-        """Values side by side."""
         return self.apply("Concat", *values, axis=axis) if len(values) > 1 else values[0]
 
     def choose(
@@ -276,7 +270,6 @@ class StateLayout:
 
     @property
     def size(self) -> int:
-        """Length of a row."""
         return sum(map(math.prod, self.shapes.values()))
 
     def columns(self, name: str) -> slice:

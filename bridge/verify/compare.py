@@ -174,7 +174,6 @@ class _Difference(NamedTuple):
 def _difference(
     expected: NDArray[Any], found: NDArray[Any] | None, dtype: DTypeName, to_the_bit: bool
 ) -> _Difference:
-    """Of two tensors; to the bit, a zero's sign counts too."""
     if found is None:
         return _Difference(np.inf, np.inf, (), "no such tensor")
     if (expected.shape, dtype) != (found.shape, found.dtype):
@@ -193,7 +192,6 @@ def _difference(
 
 
 def part_of(tensor: str) -> str:
-    """The row to which a tensor belongs."""
     if step := re.fullmatch(r"step_(\d+)/(weight|adam_m|adam_v)/(.*)", tensor):
         count, state, name = step.groups()
         if state == "weight":
@@ -204,7 +202,6 @@ def part_of(tensor: str) -> str:
 
 
 def tolerance_of(part: str, dtype: DTypeName) -> Tolerance:
-    """The limit for one part of a check's results."""
     if part == "files":
         return TOLERANCES["EXACT"]
     if dtype == "float64":

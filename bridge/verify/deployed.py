@@ -43,7 +43,6 @@ def dsnet_graph(
 
 
 def plus_graph(weights: Tensors, theta: NDArray, betas: NDArray, body: str) -> Tensors:
-    """The same of `dsnet_plus`."""
     graph = plus_body_graph(TrainedPlus.from_arrays(weights), load_body_model(body))
     return _stepped(graph, theta, betas)
 

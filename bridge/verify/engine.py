@@ -105,7 +105,6 @@ class Answer:
     """Why the process as a whole gave nothing, in one line."""
 
     def path(self, check: Check, dtype: DTypeName) -> Path:
-        """Where a case's tensors are."""
         return self.folder / f"{check.name}.{dtype}.safetensors"
 
     def why_missing(self, check: Check, dtype: DTypeName) -> str:
@@ -173,12 +172,10 @@ def save_tensors(path: Path, tensors: Tensors) -> None:
 
 
 def load_tensors(path: Path) -> Tensors:
-    """Read them in the order in which they were given."""
     return {name[5:]: array for name, array in sorted(load_weights(path).items())}
 
 
 def _in_precision(arrays: Tensors, dtype: DTypeName) -> Tensors:
-    """Integers and booleans stay what they are."""
     return {n: a if a.dtype.kind in "bi" else a.astype(dtype) for n, a in arrays.items()}
 
 

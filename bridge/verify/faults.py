@@ -29,8 +29,6 @@ FaultName = Literal[
 
 
 class Fault(NamedTuple):
-    """One mistake."""
-
     named: str
     """Words of the diagnosis that name the place."""
     check: str

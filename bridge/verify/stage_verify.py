@@ -124,7 +124,6 @@ def parity(rows: Sequence[Row], answers: Mapping[str, Answer]) -> dict[str, Any]
 
 
 def text_table(rows: Sequence[Row]) -> str:
-    """The table for a terminal, columns aligned."""
     cells = [_cells(row) for row in rows]
     lines = [list(cells[0]), *(list(line.values()) for line in cells)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
@@ -153,7 +152,6 @@ def _cells(row: Row) -> dict[str, str]:
 
 
 def summary(rows: Sequence[Row], diagnosis: Mapping[str, Sequence[str]]) -> str:
-    """How many rows hold; and of those that do not, what is wrong."""
     failed = sum(not row.passed for row in rows)
     if not failed:
         return f"all {len(rows)} rows hold"

@@ -25,8 +25,6 @@ _NEGLIGIBLE_M = 1e-4
 
 
 class Pose(NamedTuple):
-    """Poses of B bodies."""
-
     rotations: Tensor  # (B, 22, 3, 3) of each joint relative to its parent
     trans: Tensor  # (B, 3) metres
 

@@ -111,7 +111,6 @@ def _convolutions(widths: tuple[int, ...]) -> list[tuple[str, nn.Module]]:
 
 
 def parameter_count(model: nn.Module) -> int:
-    """Number of trainable parameters of a built model."""
     return sum(parameter.numel() for parameter in model.parameters() if parameter.requires_grad)
 
 

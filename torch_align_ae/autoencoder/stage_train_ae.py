@@ -173,7 +173,6 @@ PROFILES: dict[str, TrainAutoencoderConfig] = {
 
 
 def main(config: TrainAutoencoderConfig) -> None:
-    """Run the stage: a result that is current is kept, one that was interrupted is continued."""
     align = Run(config.run).artifact("align")
     if config.dmpl:
         if align.origin == "synthetic":
