@@ -1,15 +1,14 @@
 """`python -m torch_align_ae.verify`: what PyTorch answers to `dsnet verify`.
 
 Operations and names are those of `bridge.verify.engine`; the product's own networks, optimizers,
-SMPL and files compute. A case may ask for faults, so that one can see that they are found.
+SMPL and files compute.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import torch
@@ -27,17 +26,13 @@ from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, named_weights
 
 NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
-Faults = Mapping[str, Any]
 Options = dict[str, Any]
-NO_FAULTS: Faults = MappingProxyType({})
 
 
 @torch.inference_mode()
-def dsnet_forward(
-    weights: Tensors, motion: NDArray, run: str, faults: Faults = NO_FAULTS
-) -> Tensors:
+def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
     """Every layer at rest: the whole batch, row by row, or frame by frame."""
-    model = _dsnet(weights, faults).eval()
+    model = _dsnet(weights).eval()
     if run != "steps":
         parts = batches(motion, run)
         return joined(_layers(model, model, torch.from_numpy(rows))[0] for rows in parts)
@@ -48,28 +43,23 @@ def dsnet_forward(
     return joined(frames, axis=1)
 
 
-def dsnet_train(
-    weights: Tensors, masked: bool, steps: list[int], faults: Faults = NO_FAULTS, **clips: NDArray
-) -> Tensors:
+def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **clips: NDArray) -> Tensors:
     """Layers, loss and gradients of the first pass in training, and the steps after it."""
     given = {name: torch.from_numpy(array) for name, array in clips.items()}
-    real = given["real"] if masked and not faults.get("forget_mask") else None
-    model = _dsnet(weights, faults).train()
+    real = given["real"] if masked else None
+    model = _dsnet(weights).train()
 
     def loss() -> Tensor:
         return sum_of_distances(given["latents"], model(given["motion"], real), real)
 
     adam = KerasAdam(model.parameters())
-    adam.epsilon = faults.get("adam_epsilon", adam.epsilon)
     seen = prefixed("layer", _layers(model, loss)[0])
     assign_weights(model, weights)  # the pass has moved the running statistics on
     return seen | _trained(model, adam, loss, dsnet_from_torch, steps)
 
 
 @torch.inference_mode()
-def ae_forward(
-    weights: Tensors, values: NDArray, architecture: Options, run: str, **_faults: Faults
-) -> Tensors:
+def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: str) -> Tensors:
     """Every layer, and the normaliser's where the weights hold one."""
     scaling = [weights.pop(name) for name in NORMALISER if name in weights]
     model = _autoencoder(weights, architecture).eval()
@@ -102,7 +92,6 @@ def ae_train(
     architecture: Options,
     steps: list[int],
     target: NDArray | None = None,
-    faults: Faults = NO_FAULTS,
 ) -> Tensors:
     """Loss and gradients of the reconstruction of one batch, and steps on it."""
     model = _autoencoder(weights, architecture).train()
@@ -113,8 +102,6 @@ def ae_train(
         return nn.functional.mse_loss(model(given), wanted)
 
     adam = torch.optim.Adam(model.parameters(), TORCH_ADAM.learning_rate, fused=True)
-    for group in adam.param_groups:
-        group["eps"] = faults.get("adam_epsilon", group["eps"])
     return _trained(model, adam, loss, dict, steps)
 
 
@@ -145,7 +132,7 @@ def formats(weights: Tensors, architecture: Options | None = None) -> Tensors:
     with tempfile.TemporaryDirectory() as folder:
         path, state_path = Path(folder) / "w.safetensors", Path(folder) / "network.pt"
         if architecture is None:
-            first, second, third = _dsnet(weights, NO_FAULTS), DSNet(), DSNet()
+            first, second, third = _dsnet(weights), DSNet(), DSNet()
             save_weights(path, named_weights(first))
             assign_weights(second, load_weights(path))
         else:
@@ -163,13 +150,10 @@ def formats(weights: Tensors, architecture: Options | None = None) -> Tensors:
     return kept
 
 
-def _dsnet(weights: Tensors, faults: Faults) -> DSNet:
-    """The twin in the weights' precision, with its faults."""
+def _dsnet(weights: Tensors) -> DSNet:
+    """The twin in the weights' precision."""
     model = DSNet().to(torch.from_numpy(weights["lstm/bias"]).dtype)
     assign_weights(model, weights)
-    norm = model.batch_norm
-    norm.epsilon = faults.get("batch_norm_epsilon", norm.epsilon)
-    norm.momentum = faults.get("batch_norm_momentum", norm.momentum)
     return model
 
 
@@ -242,6 +226,7 @@ def _trained(
     return trained(steps, (first, canonical(gradients)), step, state)
 
 
+OPERATIONS = (dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, formats)
+
 if __name__ == "__main__":
-    operations = (dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, formats)
-    serve(*operations, packages=("torch",))
+    serve(*OPERATIONS, packages=("torch",))

@@ -101,16 +101,14 @@ class Row:
 def verify(
     checks: Sequence[Check],
     folder: Path,
-    faulty: Mapping[str, Sequence[Check]] | None = None,
     run_engine: Ask = ask,
 ) -> tuple[list[Row], dict[str, Answer]]:
     """All rows of some checks, and what the engines said.
 
-    `folder` is empty and takes requests and answers; `faulty` is what an engine is asked in place
-    of the checks, when a fault is to be found.
+    `folder` is empty and takes requests and answers.
     """
     engines = dict.fromkeys([REFERENCE, *(name for check in checks for name in check.engines)])
-    write_requests(folder / "request", {**dict.fromkeys(engines, checks), **(faulty or {})})
+    write_requests(folder / "request", dict.fromkeys(engines, checks))
     answers = {
         engine: run_engine(engine, folder / "request", folder / engine)
         for engine in progress(list(engines), what="engines", unit="engine")

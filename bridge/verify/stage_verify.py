@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import json
 import sys
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 from bridge.errors import DsnetError
@@ -23,7 +21,6 @@ from bridge.runs.run import body_model_path
 from bridge.verify.checks import full_size_checks, random_checks, trained_checks
 from bridge.verify.compare import TOLERANCES, Row, diagnose, verify
 from bridge.verify.engine import Answer
-from bridge.verify.faults import FAULTY, FaultName, shown_by_torch, spoilt
 
 STAGE = "verify"
 EMBEDDED_BODY = "embedded:female"
@@ -47,8 +44,6 @@ class VerifyConfig:
     """Compare the run's trained weights; without them no run needs to be there."""
     full_size: bool = True
     """Compare the autoencoder of random weights at its 33,626,606 parameters."""
-    inject: FaultName | None = None
-    """Make this mistake in PyTorch's engine: shows that it is found. Nothing is written."""
 
 
 PROFILES = {
@@ -61,20 +56,14 @@ PROFILES = {
 def main(config: VerifyConfig) -> None:
     """Compare, print, write; nothing is ever skipped because it was done before."""
     run = Run(config.run)
-    if config.inject:
-        checks = shown_by_torch(random_checks(config.seed, EMBEDDED_BODY))
-        faulty = {FAULTY: spoilt(checks, config.inject)}
-        with tempfile.TemporaryDirectory(prefix="dsnet-") as scratch:
-            rows, _answers = verify(checks, Path(scratch), faulty)
-    elif config.trained and not run.path.is_dir():
+    if config.trained and not run.path.is_dir():
         raise DsnetError(
             f"unknown run {config.run!r}",
             f"a run in {run.path.parent}",
             "Run ./reproduce.sh first, or pass --no-trained to compare random weights.",
         )
-    else:
-        with run.alone(STAGE):
-            rows = _make(config, run)
+    with run.alone(STAGE):
+        rows = _make(config, run)
     sys.stdout.write(f"{text_table(rows)}\n\n{summary(rows, diagnose(rows))}\n")
     sys.exit(0 if all(row.passed for row in rows) else 1)
 

@@ -198,7 +198,7 @@ def main(config: TrainAutoencoderConfig) -> None:
         nothing: _Trial | None = None
         while trial := processes.told(nothing):
             codec, split = _beginning(trial, align)
-            _training(trial, codec, split, align, processes).run()
+            _training(trial, codec, split, align.array("offsets"), processes).run()
 
 
 def _make(
@@ -221,7 +221,7 @@ def _make(
         kept = {
             "components": len(fitted.components),
             "r2_validation": reconstruction_r2(fitted, offsets_m, split.validation),
-            "r2_held_out": _r2_held_out(fitted, align),
+            "r2_held_out": _r2_held_out(fitted, align, offsets_m),
         }
         writer.record(**{code: kept})
     compared = []
@@ -267,7 +267,11 @@ def _beginning(trial: _Trial, align: Artifact) -> tuple[Codec, FrameSplit]:
 
 
 def _training(
-    trial: _Trial, codec: Codec, split: FrameSplit, align: Artifact, processes: Processes
+    trial: _Trial,
+    codec: Codec,
+    split: FrameSplit,
+    offsets_m: NDArray[np.float32],
+    processes: Processes,
 ) -> Training[MeshAutoencoder]:
     config, preset = trial.config, PRESETS[trial.config.preset]
     per_epoch = math.ceil(len(split.train) / config.batch_size)
@@ -285,7 +289,7 @@ def _training(
         seed=config.seed,
     )
     model = codec.model.to("cuda" if torch.cuda.is_available() else "cpu")
-    offsets_m, label = align.array("offsets"), f"train-ae {trial.name}"
+    label = f"train-ae {trial.name}"
     return Training(
         model, codec.normaliser, offsets_m, split, plan, trial.checkpoint, label, processes
     )
@@ -302,9 +306,9 @@ def _trained(
     checkpoint = writer.checkpoints.resolve() / f"{name}.safetensors"
     trial = processes.told(_Trial(name, config, checkpoint))
     codec, split = _beginning(trial, align)
-    # Mapped anew each time: pages of two maps of one file count twice.
-    initial_r2 = reconstruction_r2(codec, align.array("offsets"), split.validation)
-    training = _training(trial, codec, split, align, processes)
+    offsets_m = align.array("offsets")  # mapped once: pages of two maps would count twice
+    initial_r2 = reconstruction_r2(codec, offsets_m, split.validation)
+    training = _training(trial, codec, split, offsets_m, processes)
     started = time.perf_counter()
     result = training.run()
     writer.record_measured(**{f"{name}_training_s": round(time.perf_counter() - started, 2)})
@@ -328,9 +332,9 @@ def _trained(
         "loss_initial": float(result.validation_losses[0]),
         "loss_best": float(result.validation_losses[result.best]),
         "r2_initial": initial_r2,
-        "r2_validation": reconstruction_r2(codec, align.array("offsets"), split.validation),
+        "r2_validation": reconstruction_r2(codec, offsets_m, split.validation),
         "include_held_out": config.include_held_out,
-        "r2_held_out": _r2_held_out(codec, align),
+        "r2_held_out": _r2_held_out(codec, align, offsets_m),
     }
 
 
@@ -349,10 +353,12 @@ def mode_sample(
     return np.asarray(offsets_m[np.sort(frames)], dtype=np.float32)
 
 
-def _r2_held_out(codec: OffsetCodec, align: Artifact) -> float | None:
+def _r2_held_out(
+    codec: OffsetCodec, align: Artifact, offsets_m: NDArray[np.float32]
+) -> float | None:
     """R2 on the sequences that are held out; None if there are none."""
     frames = held_out_frames(sequences_of(align))
-    return reconstruction_r2(codec, align.array("offsets"), frames) if len(frames) else None
+    return reconstruction_r2(codec, offsets_m, frames) if len(frames) else None
 
 
 def parameter_counts() -> dict[str, int]:

@@ -35,7 +35,7 @@ def verify(tmp_path, monkeypatch, ask_reference, capsys):
     monkeypatch.setattr(
         stage_verify,
         "verify",
-        lambda checks, folder, faulty=None: compare.verify(checks, folder, faulty, ask),
+        lambda checks, folder: compare.verify(checks, folder, ask),
     )
 
     def run(config=CONFIG, engine="", value=0.0):
@@ -82,13 +82,6 @@ def test_a_difference_exits_with_1_and_names_the_layer(verify, tmp_path, value):
 def test_it_is_never_skipped(verify):
     assert verify()[0] == 0
     assert verify(engine="torch", value=1.0)[0] == 1
-
-
-def test_an_injected_fault_exits_with_1_and_writes_nothing(verify, tmp_path):
-    status, printed = verify(replace(CONFIG, inject="transposed_kernel"))
-    assert status == 1
-    assert "torch: layer encoder.conv_2" in printed
-    assert not list(tmp_path.iterdir())
 
 
 def test_equal_results_have_equal_digests(verify, tmp_path):
