@@ -156,61 +156,35 @@ def decoded(
     Vertices stay the last axis throughout: nine rows a character of each convolution's product,
     and of the largest, 55 MB, every number is read once however many characters there are.
     """
-    layers = _MeshLayers(graph, weights, _DECODER, architecture, precision)
-    row = layers.activated("from_latent", layers.linear("from_latent", latents))
-    features = row.reshape(0, architecture["widths"][-1], FEATURES[-1]).transpose(0, 2, 1)
-    features = layers.convolutions("decoder", features)
-    name = "decoder.linear_1"
-    features = layers.activated(name, layers.per_vertex(name, features))
-    values = layers.per_vertex("to_coordinates", features)
+    own = {name: array for name, array in weights.items() if name.startswith(_DECODER)}
+    held, widths = mesh_autoencoder_to_keras(own), architecture["widths"]
+    activation = _ACTIVATIONS[architecture["activation"]]
+    slope = {"alpha": architecture["negative_slope"]} if activation == "LeakyRelu" else {}
+
+    def linear(layer: str, features: Value) -> Value:
+        """On the last axis."""
+        multiply = product(graph, f"{layer}/kernel", held[f"{layer}/kernel"], precision)
+        bias = graph.array(f"{layer}/bias", held[f"{layer}/bias"])
+        return graph.apply("Add", multiply(features), bias, layer=layer)
+
+    def per_vertex(layer: str, features: Value) -> Value:
+        """On each vertex's features (B, in, V)."""
+        kernel, bias = (graph.array(f"{layer}/{n}", held[f"{layer}/{n}"])
+                        for n in ("kernel", "bias"))  # fmt: skip
+        mixed = kernel.transpose(1, 0) @ features
+        return graph.apply("Add", mixed, bias.reshape(1, -1, 1), layer=layer)
+
+    def activated(layer: str, values: Value) -> Value:
+        return graph.apply(activation, values, layer=f"{layer}_activation", **slope)
+
+    row = activated("from_latent", linear("from_latent", latents))
+    features = row.reshape(0, widths[-1], FEATURES[-1]).transpose(0, 2, 1)
+    for number in range(1, len(widths)):
+        features = activated(f"decoder.conv_{number}", linear(f"decoder.conv_{number}", features))
+    features = activated("decoder.linear_1", per_vertex("decoder.linear_1", features))
+    values = per_vertex("to_coordinates", features)
     if "normaliser.mean_m" not in weights:
         return values
     scale_m, mean_m = (graph.array(name, weights[name].T)
                        for name in ("normaliser.scale_m", "normaliser.mean_m"))  # fmt: skip
     return graph.apply("Add", values * scale_m, mean_m, layer="normaliser.denormalise")
-
-
-class _MeshLayers:
-    """Layers of one side of the autoencoder, with Keras's kernels; vertices are the last axis."""
-
-    def __init__(
-        self,
-        graph: Graph,
-        weights: Weights,
-        side: tuple[str, ...],
-        architecture: Mapping[str, Any],
-        precision: Precision = "float32",
-    ) -> None:
-        own = {name: array for name, array in weights.items() if name.startswith(side)}
-        self.graph, self._weights = graph, mesh_autoencoder_to_keras(own)
-        self._architecture = architecture
-        self._precision: Precision = precision
-
-    def linear(self, layer: str, features: Value) -> Value:
-        """On the last axis."""
-        multiply = product(
-            self.graph, f"{layer}/kernel", self._weights[f"{layer}/kernel"], self._precision
-        )
-        bias = self.graph.array(f"{layer}/bias", self._weights[f"{layer}/bias"])
-        return self.graph.apply("Add", multiply(features), bias, layer=layer)
-
-    def per_vertex(self, layer: str, features: Value) -> Value:
-        """On each vertex's features (B, in, V)."""
-        kernel, bias = (self.graph.array(f"{layer}/{n}", self._weights[f"{layer}/{n}"])
-                        for n in ("kernel", "bias"))  # fmt: skip
-        mixed = kernel.transpose(1, 0) @ features
-        return self.graph.apply("Add", mixed, bias.reshape(1, -1, 1), layer=layer)
-
-    def activated(self, layer: str, features: Value) -> Value:
-        activation = self._architecture["activation"]
-        slope = {"alpha": self._architecture["negative_slope"]}
-        given = slope if activation == "leaky_relu" else {}
-        op = _ACTIVATIONS[activation]
-        return self.graph.apply(op, features, layer=f"{layer}_activation", **given)
-
-    def convolutions(self, side: str, features: Value) -> Value:
-        """Mix vertices, (B, 9, in) to (B, 9, out)."""
-        for number in range(1, len(self._architecture["widths"])):
-            layer = f"{side}.conv_{number}"
-            features = self.activated(layer, self.linear(layer, features))
-        return features
