@@ -213,8 +213,8 @@ def reconstruction_r2(
     return 1 - error / energy if energy else float("nan")
 
 
-def load_codec(artifact: Artifact, name: str = WEIGHTS_FILE) -> Codec:
-    return read_codec(artifact.file(name), artifact.manifest["architecture"])
+def load_codec(artifact: Artifact) -> Codec:
+    return read_codec(artifact.file(WEIGHTS_FILE), artifact.manifest["architecture"])
 
 
 def load_codecs(artifact: Artifact) -> dict[CodeName, OffsetCodec]:
