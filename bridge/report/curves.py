@@ -148,7 +148,7 @@ def draw_spectrum(path: Path, evaluate: Artifact) -> None:
 
 def trained_styles(evaluate: Artifact) -> dict[str, tuple[str, str]]:
     """Colour and line of each trained predictor, in the order of the tables."""
-    pipelines = evaluate.manifest["roads"].values()
+    pipelines = evaluate.manifest["pipelines"].values()
     trained = {name for pipeline in pipelines for name in pipeline["predictors"]}
     names = [name for name in evaluate.manifest["predictors"] if name in trained]
     return dict(zip(names, zip(cycle(_TRAINED), cycle(_LINES), strict=False), strict=False))

@@ -26,7 +26,7 @@ from bridge.runs.run import TRAIN_PLUS
 
 _FORWARD = ("layers", "loss", "losses")
 _PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}
-_OF_EVERY_STAGE = ("command", "finished_utc", "sha256")
+_OF_EVERY_STAGE = ("command", "finished_utc", "sha256", "stamps", "input_stamps")
 _SHOWN_OF_STAGES = ("wall_time_s", "peak_memory_mb", "machine", "versions")
 
 
@@ -41,7 +41,15 @@ def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
     held_out = "" if validation is None else f", `{validation['name']}`"
     titles = {"validation": f"held out{held_out}"} | CELLS
     titles |= {"test": "all of the four test groups", "train": "trained on (first of each person)"}
-    measured = ("predictors", "default", "roads", "test_bed", "cells", "alignment", "alignments")
+    measured = (
+        "predictors",
+        "default",
+        "pipelines",
+        "test_bed",
+        "cells",
+        "alignment",
+        "alignments",
+    )
     summary = {
         "run": run_name,
         "data": stages["evaluate"].origin,
