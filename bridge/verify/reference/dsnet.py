@@ -18,8 +18,6 @@ from bridge.verify.engine import Tensors, prefixed, trained
 from bridge.verify.reference import layers
 from bridge.verify.reference.layers import Arrays
 
-LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
-
 
 class Pass(NamedTuple):
     loss: float
