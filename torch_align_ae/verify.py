@@ -1,14 +1,12 @@
 """`python -m torch_align_ae.verify`: what PyTorch answers to `dsnet verify`.
 
 Operations and names are those of `bridge.verify.engine`; the product's own networks, optimizers,
-SMPL and files compute.
+SMPL compute.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -16,13 +14,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bridge.body import load_body_model
-from bridge.exchange import load_weights, save_weights
 from bridge.exchange.weights import TORCH_ADAM, dsnet_from_torch
 from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
 from torch_align_ae.autoencoder import MeshAutoencoder
-from torch_align_ae.autoencoder.codes import Codec, Normaliser, read_codec
+from torch_align_ae.autoencoder.codes import Normaliser
 from torch_align_ae.body import SMPL, unpose
-from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, named_weights, sum_of_distances
+from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, sum_of_distances
 
 NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
@@ -124,32 +121,6 @@ def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tens
     return prefixed("layer", outputs) | prefixed("grad", dict(zip(variables, found, strict=True)))
 
 
-def formats(weights: Tensors, architecture: Options | None = None) -> Tensors:
-    """Weights read back from memory, and from fresh networks that were given each file.
-
-    DSNet's, or the autoencoder's of an architecture.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        path, state_path = Path(folder) / "w.safetensors", Path(folder) / "network.pt"
-        if architecture is None:
-            first, second, third = _dsnet(weights), DSNet(), DSNet()
-            save_weights(path, named_weights(first))
-            assign_weights(second, load_weights(path))
-        else:
-            first = _autoencoder(weights, architecture)
-            third = _autoencoder({name: 0 * array for name, array in weights.items()}, architecture)
-            codec = Codec(first, Normaliser(*torch.rand(2, first.widths[0], 3)))
-            codec.save(path)
-            second = read_codec(path, codec.architecture()).model
-        torch.save(first.state_dict(), state_path)
-        third.load_state_dict(torch.load(state_path, weights_only=True))
-    kept: Tensors = {}
-    for name, network in (("memory", first), ("safetensors", second), ("state_dict", third)):
-        named = named_weights(network) if isinstance(network, DSNet) else network.state_dict()
-        kept |= prefixed(f"weight/{name}", named)
-    return kept
-
-
 def _dsnet(weights: Tensors) -> DSNet:
     """The twin in the weights' precision."""
     model = DSNet().to(torch.from_numpy(weights["lstm/bias"]).dtype)
@@ -226,7 +197,7 @@ def _trained(
     return trained(steps, (first, canonical(gradients)), step, state)
 
 
-OPERATIONS = (dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, formats)
+OPERATIONS = (dsnet_forward, dsnet_train, ae_forward, ae_train, smpl)
 
 if __name__ == "__main__":
     serve(*OPERATIONS, packages=("torch",))

@@ -118,7 +118,7 @@ def verification(stages: Stages) -> dict[str, Any] | None:
         found = largest.setdefault(
             (row["engine"], row["dtype"]), {"forward": None, "backward": None}
         )
-        if row["max_rel"] is not None and row["part"] != "files":
+        if row["max_rel"] is not None:
             way = "forward" if row["part"] in _FORWARD else "backward"
             found[way] = max(found[way] or 0.0, row["max_rel"])
     return {

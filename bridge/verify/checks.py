@@ -21,19 +21,18 @@ from bridge.exchange.dsnet import (
     load_unpadded_clips,
     make_clips,
 )
-from bridge.paper import INFERRED_WIDTHS, INPUT_SIZE, N_VERTICES
+from bridge.paper import INFERRED_WIDTHS, INPUT_SIZE, LATENT_SIZE, N_VERTICES
 from bridge.runs import Artifact, Run
 from bridge.runs.run import body_model_path
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 from bridge.verify.draws import SMALL_WIDTHS
-from bridge.verify.engine import FORMATS, Check, DTypeName, Tensors
+from bridge.verify.engine import Check, DTypeName, Tensors
 
 BOTH: tuple[DTypeName, ...] = ("float64", "float32")
 DOUBLE, SINGLE = BOTH[:1], BOTH[1:]
 FRAMEWORKS = {"torch": BOTH, "keras": BOTH}
 IN_FLOAT64 = {"torch": DOUBLE, "keras": DOUBLE}
-FILES = {"torch": SINGLE, "keras": SINGLE}
 ONNX, STREAM = {"onnx": SINGLE}, {"stream": SINGLE}
 
 CLIPS, FRAMES, MESHES, GRAPH_FRAMES = 2, 120, 2, 8
@@ -49,8 +48,7 @@ def random_checks(seed: int, body: str) -> list[Check]:
     dsnet = {
         **draws.dsnet_weights(seed),
         **draws.autoencoder_weights(seed, options["architecture"]["widths"]),
-        "normaliser.mean_m": np.full((data.vertex_count, 3), 1e-3, np.float32),
-        "normaliser.scale_m": np.full((data.vertex_count, 3), 2e-3, np.float32),
+        **_normaliser(data.vertex_count),
     }
     plus, stream = draws.tissue(seed, data), draws.stream(seed, 8, 2)
     stream["betas"][1] = plus["people_betas"][0]  # the second of the two is known
@@ -58,14 +56,6 @@ def random_checks(seed: int, body: str) -> list[Check]:
         *small,
         Check("dsnet-graph", "dsnet_graph", ONNX, dsnet, stream, {"body": body, **options}),
         Check("plus-graph", "plus_graph", ONNX, plus, stream, {"body": body}),
-        Check("dsnet-files", FORMATS, FILES, draws.dsnet_weights(seed)),
-        Check(
-            "ae-files",
-            FORMATS,
-            FILES,
-            draws.autoencoder_weights(seed, SMALL_WIDTHS),
-            options=_architecture(SMALL_WIDTHS),
-        ),
     ]
 
 
@@ -77,6 +67,7 @@ def full_size_checks(seed: int) -> list[Check]:
     return [
         _ae_forward("ae-full", weights, values, options),
         _ae_train("ae-full-gradients", weights, values, options, ()),
+        _ae_decode("ae-full-decoder", weights, options),
     ]
 
 
@@ -121,6 +112,11 @@ def _autoencoder(seed: int) -> list[Check]:
         forward("large", draws.values(seed, 3, vertices, size=1e3)),
         *(forward(n, options=_architecture(SMALL_WIDTHS, n)) for n in ("elu", "tanh", "relu")),
         _ae_train("ae-training", weights, values, options, (1, 10)),
+        _ae_decode("ae-decoder", weights, options),
+        *(
+            _ae_decode(f"ae-decoder-{name}", weights, _architecture(SMALL_WIDTHS, name))
+            for name in ("elu", "tanh", "relu")
+        ),
     ]
 
 
@@ -254,6 +250,16 @@ def _dsnet_train(
 
 def _ae_forward(name: str, weights: Tensors, values: Tensors, options: Options) -> Check:
     return Check(name, "ae_forward", FRAMEWORKS, weights, values, {"run": "whole", **options})
+
+
+def _ae_decode(name: str, weights: Tensors, options: dict[str, Any]) -> Check:
+    latents = np.random.default_rng(0).normal(size=(3, LATENT_SIZE)).astype(np.float32)
+    metric = {**weights, **_normaliser(options["architecture"]["widths"][0])}
+    return Check(name, "ae_decode", ONNX, metric, {"latents": latents}, options)
+
+
+def _normaliser(vertices: int) -> Tensors:
+    return {n: np.full((vertices, 3), k * 1e-3, np.float32) for k, n in enumerate(NORMALISER, 1)}
 
 
 def _ae_train(

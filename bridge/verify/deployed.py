@@ -1,7 +1,7 @@
 """The engines `onnx` and `stream` of `dsnet verify`: what the product deploys.
 
-Both compute in float32, one frame at a time: the graphs that are exported, from poses to the posed
-skin, and the streaming predictor, whose graph gives latents.
+Both compute in float32: the graphs that are exported, from poses to the posed skin frame by frame,
+the decoder, and the streaming predictor, whose graph gives latents.
 """
 
 from __future__ import annotations
@@ -33,6 +33,12 @@ def dsnet_stream(weights: Tensors, motion: NDArray) -> Tensors:
     return {"layer/latents": np.stack(frames, axis=1)}
 
 
+def ae_decode(weights: Tensors, latents: NDArray, architecture: Mapping[str, Any]) -> Tensors:
+    """Offsets in metres."""
+    session = GraphSession(network_graphs.decoder_graph(weights, architecture))
+    return {"layer/offsets": session(latents=latents)["offsets"]}
+
+
 def dsnet_graph(
     weights: Tensors, theta: NDArray, betas: NDArray, body: str, architecture: Mapping[str, Any]
 ) -> Tensors:
@@ -58,4 +64,4 @@ def _stepped(graph: onnx.ModelProto, theta: NDArray, betas: NDArray) -> Tensors:
 
 
 if __name__ == "__main__":
-    serve(dsnet_stream, dsnet_graph, plus_graph, packages=("onnx", "onnxruntime"))
+    serve(dsnet_stream, ae_decode, dsnet_graph, plus_graph, packages=("onnx", "onnxruntime"))

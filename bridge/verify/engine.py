@@ -27,7 +27,7 @@ DTypeName = Literal["float64", "float32"]
 Tensors = dict[str, NDArray[Any]]
 Operation = Callable[..., Tensors]
 
-REFERENCE, FORMATS = "numpy", "formats"
+REFERENCE = "numpy"
 ENGINES = {
     REFERENCE: "bridge.verify.reference.engine",
     "torch": "torch_align_ae.verify",
@@ -60,7 +60,7 @@ def cases_of(checks: Iterable[Check], engine: str) -> Iterator[tuple[Check, DTyp
         if engine != REFERENCE:
             for dtype in check.engines.get(engine, ()):
                 yield check, dtype
-        elif check.op != FORMATS:
+        else:
             yield check, "float64"
 
 

@@ -1,8 +1,8 @@
 """`dsnet verify`: the engines compute the same, or the command fails.
 
 PyTorch and Keras are compared with the NumPy reference in layers, losses, gradients, training
-steps, SMPL and files; ONNX in the graphs that are exported, from poses to the posed skin; the
-streaming predictor in its latents.
+steps and SMPL; ONNX in the graphs that are deployed, from latents to offsets and from poses to the
+posed skin; the streaming predictor in its latents.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ _NUMBERS = ("max abs", "max rel", "tolerance")
 
 @dataclass(frozen=True)
 class VerifyConfig:
-    """Compare PyTorch and Keras with a float64 reference: layers, gradients, steps, SMPL, files;
-    and the ONNX graphs that are exported with it.
+    """Compare PyTorch and Keras with a float64 reference: layers, gradients, steps, SMPL;
+    and the ONNX graphs that are deployed with it.
 
     Every engine is a process of its own, one after the other. Prints a table, writes `parity.json`;
     exits with 1 when anything differs by more than its tolerance.
@@ -135,7 +135,7 @@ def _cells(row: Row) -> dict[str, str]:
         "max rel": f"{row.max_rel:.1e}",
         "worst tensor": row.tensor,
         "index": ",".join(map(str, row.index)),
-        "tolerance": f"{row.tolerance:.0e}" if row.tolerance else "bits",
+        "tolerance": f"{row.tolerance:.0e}",
         "verdict": "ok" if row.passed else f"FAIL {row.problem or 'first: ' + row.first}",
     }
 

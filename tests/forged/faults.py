@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.verify.engine import FORMATS, Check, Tensors
+from bridge.verify.engine import Check, Tensors
 
 FAULTY = "torch"
 
@@ -74,7 +74,7 @@ def shown_by_torch(checks: Iterable[Check]) -> list[Check]:
     return [
         replace(check, engines={FAULTY: check.engines[FAULTY]})
         for check in checks
-        if FAULTY in check.engines and check.weights and check.op != FORMATS
+        if FAULTY in check.engines and check.weights
     ]
 
 

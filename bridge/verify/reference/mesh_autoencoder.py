@@ -111,6 +111,11 @@ def ae_forward(w: Arrays, values: np.ndarray, architecture: Architecture, run: s
     )
 
 
+def ae_decode(w: Arrays, latents: np.ndarray, architecture: Architecture) -> Tensors:
+    """Offsets in metres."""
+    return {"layer/offsets": decode(w, latents, architecture)}
+
+
 def ae_train(
     w: Arrays,
     values: np.ndarray,
