@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -55,7 +56,7 @@ class Trainer:
         # An LSTM that is quick on a CPU.
         build = build or partial(build_dsnet, masked=masked, lstm_layer=BlockLSTM)
         # On the device once; a step takes its rows there.
-        self._clips, self._count = _tensors(clips), len(clips)
+        self._clips, self._count = _PackedClips.of(clips), len(clips)
         self._batch_size, self._seed, self._masked, self.lr = batch_size, seed, masked, lr
         input_size = clips.inputs.shape[-1]
         self.model, self._loss_function = build(input_size=input_size), loss_of
@@ -84,14 +85,17 @@ class Trainer:
 
     def loss(self, clips: Clips) -> float:
         """Mean loss of a clip with the batch normalisation's running statistics."""
-        return float(self._evaluate(_tensors(clips)).numpy())
+        arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
+        batch = {name: tf.constant(array) for name, array in arrays.items()}
+        return float(self._evaluate(batch).numpy())
 
     def gradients(self) -> tuple[float, dict[str, NDArray]]:
         """Loss of all clips in one batch, and its gradient by every weight that is trained.
 
         The running statistics move on, as in a step of training.
         """
-        loss, gradients = self._loss_and_gradients(self._clips)
+        everything = tf.range(self._count)
+        loss, gradients = self._loss_and_gradients(self._clips.batch(everything))
         trainable = {id(variable) for variable in self.model.trainable_variables}
         names = [n for n, v in named_variables(self.model).items() if id(v) in trainable]
         return float(loss), {n: g.numpy() for n, g in zip(names, gradients, strict=True)}
@@ -114,8 +118,7 @@ class Trainer:
         assign_weights(self.model, {k: array for k, array in state.items() if k not in paths})
 
     def _train_on(self, rows: tf.Tensor) -> tf.Tensor:
-        batch = {name: tf.gather(array, rows) for name, array in self._clips.items()}
-        loss, gradients = self._loss_and_gradients(batch)
+        loss, gradients = self._loss_and_gradients(self._clips.batch(rows))
         self.optimizer.apply(gradients, self.model.trainable_variables)
         return loss
 
@@ -194,6 +197,28 @@ class DsnetTraining:
         return loss
 
 
-def _tensors(clips: Clips) -> dict[str, Tensor]:
-    arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
-    return {name: tf.constant(array) for name, array in arrays.items()}
+@dataclass(frozen=True, eq=False)
+class _PackedClips:
+    """Clips without their padding, which is most of short sequences; a batch has it again."""
+
+    frames: dict[str, tf.Tensor]
+    """`motion` (P + 1, 79) and `latents` (P + 1, 100): P frames that are not zero, and zeros."""
+    place: tf.Tensor  # (N, T) row in `frames` of each frame of each clip
+    real: tf.Tensor  # (N, T)
+
+    @classmethod
+    def of(cls, clips: Clips) -> _PackedClips:
+        kept = clips.real | clips.inputs.any(-1) | clips.latents.any(-1)
+        place = np.where(kept, np.cumsum(kept).reshape(kept.shape) - 1, kept.sum())
+        arrays = {"motion": clips.inputs, "latents": clips.latents}
+        frames = {
+            name: tf.constant(np.concatenate([array[kept], np.zeros_like(array[0, :1])]))
+            for name, array in arrays.items()
+        }
+        return cls(frames, tf.constant(place, tf.int32), tf.constant(clips.real))
+
+    def batch(self, rows: Tensor) -> dict[str, tf.Tensor]:
+        """Motions, latents and which frames are real of the clips in these rows."""
+        place = tf.gather(self.place, rows)
+        batch = {name: tf.gather(frames, place) for name, frames in self.frames.items()}
+        return {**batch, "real": tf.gather(self.real, rows)}
