@@ -26,7 +26,6 @@ def require_package(package: str, extra: str, whose: str) -> None:
 
 
 def require_packages_of(module: str) -> None:
-    """`require_package` of the framework of a module's package."""
     for framework in _FRAMEWORKS.get(module.partition(".")[0], ()):
         require_package(framework, "train", module)
 

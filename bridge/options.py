@@ -24,7 +24,6 @@ class Bounds:
     """Whether `least` itself is refused."""
 
     def hold(self, value: float) -> bool:
-        """Whether `value` is one of them."""
         above = value > self.least if self.open_below else value >= self.least
         return math.isfinite(value) and above and value <= self.most
 

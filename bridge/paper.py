@@ -116,5 +116,4 @@ NUMBERS: tuple[PaperNumber, ...] = (
 
 
 def number(key: str) -> PaperNumber:
-    """The record of one key."""
     return next(record for record in NUMBERS if record.key == key)

@@ -213,7 +213,6 @@ def run_module(module: str, *arguments: str) -> None:
 
 
 def run_dsnet(command: str, *arguments: str) -> None:
-    """Run `dsnet command arguments` in a process of its own; as `run_module`."""
     run_module("bridge.cli", command, *arguments)
 
 

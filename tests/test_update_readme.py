@@ -6,7 +6,7 @@ import pytest
 
 from tools.update_readme import results_block
 
-ROADS = {
+PIPELINES = {
     "paper": {"predictors": ["dsnet"], "aligner": "sgd"},
     "best": {"predictors": ["dsnet_plus"], "aligner": "robust"},
 }
@@ -15,7 +15,7 @@ LABELS = {
     "dsnet": "DSNet",
     "person_mean": "mean",
     "smpl": "SMPL alone",
-    "smpl_best": "SMPL alone, on the best road",
+    "smpl_best": "SMPL alone, on the best pipeline",
 }
 
 
@@ -33,7 +33,7 @@ def results(**changes) -> dict:
         "run": "demo",
         "data": "synthetic",
         "predictors": LABELS,
-        "roads": ROADS,
+        "pipelines": PIPELINES,
         "cells": {"validation": cell, "new_person_unseen_motion": cell | {"dsnet": {}}},
         "cell_titles": {
             "validation": "held out, `50004_one_leg_jump`",
@@ -47,7 +47,7 @@ def results(**changes) -> dict:
     }
 
 
-def test_both_roads_stand_in_one_table():
+def test_both_pipelines_stand_in_one_table():
     block = results_block(results())
     assert block.splitlines()[:4] == [
         "| R² of the offsets, mean error of the posed mesh "
@@ -66,10 +66,12 @@ def test_both_roads_stand_in_one_table():
     assert "R² of its offsets is -0.50." in block
 
 
-@pytest.mark.parametrize(("road", "column"), [("paper", "DSNet"), ("best", "DSNet plus")])
-def test_one_road_has_its_own_column_only(road, column):
-    stage = {"paper": "train", "best": "train_plus"}[road]
-    block = results_block(results(roads={road: ROADS[road]}, stages={stage: {"seed": 1}}))
+@pytest.mark.parametrize(("pipeline", "column"), [("paper", "DSNet"), ("best", "DSNet plus")])
+def test_one_pipeline_has_its_own_column_only(pipeline, column):
+    stage = {"paper": "train", "best": "train_plus"}[pipeline]
+    block = results_block(
+        results(pipelines={pipeline: PIPELINES[pipeline]}, stages={stage: {"seed": 1}})
+    )
     head = block.splitlines()[0]
     assert head.endswith(f"posed mesh | {column} | mean | SMPL alone |")
     assert "seed 1, " in block

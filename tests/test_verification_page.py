@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bridge.verify.faults import FAULTS
+from tests.forged.faults import FAULTS
 from tools.update_verification import PAGE, load_parity, with_outcome
 
 

@@ -18,7 +18,6 @@ from bridge.errors import DsnetError
 from bridge.exchange import load_weights
 from bridge.exchange.weights import (
     TORCH_ADAM,
-    AdamRule,
     mesh_autoencoder_from_keras,
     mesh_autoencoder_to_keras,
 )
@@ -27,7 +26,6 @@ from bridge.runs import Artifact
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.model import assign_variables
 
-WEIGHTS_FILE = "autoencoder.safetensors"
 _BATCH = 64
 
 
@@ -146,15 +144,15 @@ class TorchAdam(keras.optimizers.Adam):
     The autoencoder is trained so. For eager steps only, as each of them has another epsilon.
     """
 
-    def __init__(self, rule: AdamRule = TORCH_ADAM) -> None:
+    def __init__(self) -> None:
+        rule = TORCH_ADAM
         super().__init__(rule.learning_rate, rule.beta_1, rule.beta_2, name="adam")
-        self._corrected_epsilon = rule.epsilon
 
     def update_step(
         self, gradient: Tensor, variable: keras.Variable, learning_rate: Tensor
     ) -> None:
         step = int(self.iterations) + 1
-        self.epsilon = self._corrected_epsilon * (1.0 - self.beta_2**step) ** 0.5
+        self.epsilon = TORCH_ADAM.epsilon * (1.0 - self.beta_2**step) ** 0.5
         super().update_step(gradient, variable, learning_rate)
 
 
@@ -190,15 +188,9 @@ def _in_batches(function: Callable[[Tensor], Tensor], values: NDArray) -> NDArra
     return tf.concat(parts, 0).numpy()
 
 
-def load_codec(artifact: Artifact, name: str = WEIGHTS_FILE) -> KerasCodec:
-    """Load the codec of a finished `train-ae` stage.
-
-    Raises
-    ------
-    DsnetError
-        If the weights are missing, damaged, or of another network.
-    """
-    return read_codec(artifact.file(name), artifact.manifest["architecture"])
+def load_codec(artifact: Artifact) -> KerasCodec:
+    """Load the codec of a finished `train-ae` stage; DsnetError if the weights are damaged."""
+    return read_codec(artifact.file("autoencoder.safetensors"), artifact.manifest["architecture"])
 
 
 def read_codec(path: Path, architecture: Mapping[str, Any]) -> KerasCodec:

@@ -43,7 +43,6 @@ class KnownPeople:
 
     @classmethod
     def of(cls, align: Artifact) -> KnownPeople:
-        """The people of the training sequences."""
         sequences = sequences_of(align)
         names = subjects_of(s for s in sequences if s.split == "train")
         rows = subject_rows(sequences)

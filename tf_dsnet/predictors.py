@@ -152,7 +152,6 @@ class DsnetPredictor:
     code: CodeName = AUTOENCODER
 
     def lr(self, settings: PredictorSettings) -> float:
-        """Adam's learning rate."""
         return settings.lr_standardised if self.standardised else settings.lr_faithful
 
     def departures(self, settings: PredictorSettings) -> tuple[str, ...]:
@@ -226,12 +225,8 @@ def predictors_named(names: Iterable[str]) -> list[Predictor]:
 
 
 def load_predictor(train: Artifact, name: str, body: BodyOf) -> PredictMotion:
-    """One predictor that the run has trained, for motions of `body`.
-
-    Raises
-    ------
-    DsnetError
-        If the run has not trained it, nobody registers it, or its weights are damaged.
+    """One predictor that the run has trained, for motions of `body`; DsnetError if it has not,
+    nobody registers it, or its weights are damaged.
     """
     check_trained(train, name)
     (entry,) = predictors_named([name])

@@ -56,7 +56,6 @@ PROFILES = {name: InferConfig(run=name) for name in ("smoke", "demo", "paper")}
 
 
 def main(config: InferConfig) -> None:
-    """Run the stage; a result that is current is kept."""
     config.check()
     run = Run(config.run)
     run.refuse_interrupted(TRAIN, TRAIN_PLUS)

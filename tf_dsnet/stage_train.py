@@ -76,7 +76,6 @@ PROFILES: dict[str, TrainConfig] = {
 
 
 def main(config: TrainConfig) -> None:
-    """Run the stage: a result that is current is kept, one that was interrupted is continued."""
     run = Run(config.run)
     names = config.predictors or _trainable(run)
     networks = [name for name in names if name != PLUS]
@@ -91,7 +90,6 @@ def main(config: TrainConfig) -> None:
 
 
 def plus_config(config: TrainConfig) -> TrainPlusConfig:
-    """How `dsnet_plus` is trained."""
     own = {"run": config.run, "seed": config.seed, "rounds": config.rounds}
     return TrainPlusConfig(**asdict(config.plus) | own)
 

@@ -73,7 +73,6 @@ class NodeStatic:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> NodeStatic:
-        """The inverse of `arrays`."""
         constant_m, by_pose_m, tried, chosen = (arrays[f"static/{name}"] for name in _ARRAYS)
         names = [_name(ridge) for ridge in RIDGES]
         errors = dict(zip(names[: len(tried)], tried.tolist(), strict=True))
@@ -88,7 +87,6 @@ class NodeStatic:
 
     @classmethod
     def nothing(cls, people: int, features: int, nodes: int) -> NodeStatic:
-        """No static part."""
         zeros = [np.zeros((count, nodes, 3), np.float32) for count in (people, features)]
         return cls(zeros[0], zeros[1], {}, "none")
 

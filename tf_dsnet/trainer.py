@@ -106,7 +106,6 @@ class Trainer:
         return {**named_weights(self.model), **optimizer}
 
     def set_rate(self, lr: float) -> None:
-        """Go on with another learning rate."""
         self.optimizer.learning_rate = self.lr = lr
 
     def restore(self, state: Mapping[str, NDArray]) -> None:
@@ -209,7 +208,6 @@ class _PackedClips:
 
     @classmethod
     def of(cls, clips: Clips) -> _PackedClips:
-        """Pack them."""
         kept = clips.real | clips.inputs.any(-1) | clips.latents.any(-1)
         place = np.where(kept, np.cumsum(kept).reshape(kept.shape) - 1, kept.sum())
         arrays = {"motion": clips.inputs, "latents": clips.latents}

@@ -1,21 +1,18 @@
 """`python -m tf_dsnet.verify`: what Keras and TensorFlow answer to `dsnet verify`.
 
 Operations and names are those of `bridge.verify.engine`; the product's own networks, trainer,
-learner, KerasSMPL and files compute.
+learner and KerasSMPL compute.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.exchange import load_weights, save_weights
 from bridge.exchange.dsnet import Clips
 from bridge.exchange.weights import mesh_autoencoder_from_keras
 from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
@@ -179,30 +176,7 @@ def oscillators_train(
     return {"layer/offsets": offsets, **learned}
 
 
-def formats(weights: Tensors, architecture: Options | None = None) -> Tensors:
-    """Weights read back from memory, and from fresh networks that were given each file.
-
-    DSNet's, or the autoencoder's of an architecture.
-    """
-    if architecture is None:
-        module, first, second = model, _dsnet(weights), model.build_dsnet()
-    else:
-        module, first = mesh_autoencoder, _autoencoder(weights, architecture).model
-        second = KerasMeshAutoencoder(**architecture).model
-    with tempfile.TemporaryDirectory() as folder:
-        path, network_path = Path(folder) / "w.safetensors", Path(folder) / "network.keras"
-        save_weights(path, module.named_weights(first))
-        module.assign_weights(second, load_weights(path))
-        first.save(network_path)
-        third = keras.saving.load_model(network_path, compile=False, safe_mode=True)
-    kept: Tensors = {}
-    for name, network in (("memory", first), ("safetensors", second), ("keras", third)):
-        kept |= prefixed(f"weight/{name}", module.named_weights(network))
-    return kept
-
-
 def _dsnet(weights: Tensors) -> keras.Model:
-    """The product's network in the weights' precision."""
     _compute_in(weights["lstm/bias"])
     network = model.build_dsnet()
     model.assign_weights(network, weights)
@@ -210,7 +184,6 @@ def _dsnet(weights: Tensors) -> keras.Model:
 
 
 def _autoencoder(weights: Tensors, architecture: Options) -> KerasMeshAutoencoder:
-    """The twin in the weights' precision."""
     _compute_in(weights["to_latent.bias"])
     network = KerasMeshAutoencoder(**architecture)
     mesh_autoencoder.assign_weights(network.model, weights)
@@ -259,6 +232,6 @@ def _exact(adam: keras.optimizers.Adam) -> None:
 
 if __name__ == "__main__":
     operations = (
-        dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, oscillators_train, formats
+        dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, oscillators_train
     )  # fmt: skip
     serve(*operations, packages=("tensorflow", "keras"))

@@ -100,7 +100,7 @@ def _times(run: str, results: dict[str, Any]) -> str:
 
 def results_block(results: dict[str, Any]) -> str:
     """Both pipelines' predictors side by side, on the held-out sequence and in the four cells."""
-    trained = [name for road in results["roads"].values() for name in road["predictors"]]
+    trained = [name for one in results["pipelines"].values() for name in one["predictors"]]
     names = [*(name for name in results["predictors"] if name in trained), *BESIDE]
     labels = [results["predictors"][name] for name in names]
     cells = {cell: results["cell_titles"][cell] for cell in SHOWN if cell in results["cells"]}
@@ -114,7 +114,7 @@ def results_block(results: dict[str, Any]) -> str:
             "|---" + "|---:" * len(names) + "|",
             *rows,
             "",
-            *_roads_lines(results),
+            *_pipeline_lines(results),
             f"Profile `{results['run']}`, seed {_seed(results)}, "
             f"{results['data']} data{_test_bed(results['test_bed'])}; every number: "
             f"[docs/results/{results['run']}](docs/results/{results['run']}/report.md).",
@@ -124,13 +124,13 @@ def results_block(results: dict[str, Any]) -> str:
     )
 
 
-def _roads_lines(results: dict[str, Any]) -> list[str]:
+def _pipeline_lines(results: dict[str, Any]) -> list[str]:
     """Which column belongs to which pipeline."""
     lines = []
-    for name, road in results["roads"].items():
-        labels = ", ".join(results["predictors"][one] for one in road["predictors"])
+    for name, pipeline in results["pipelines"].items():
+        labels = ", ".join(results["predictors"][one] for one in pipeline["predictors"])
         title = {"paper": "The paper's pipeline", "best": "This repository's pipeline"}[name]
-        lines.append(f"{title} (aligned by `{road['aligner']}`): {labels}.")
+        lines.append(f"{title} (aligned by `{pipeline['aligner']}`): {labels}.")
     return lines
 
 

@@ -1,15 +1,12 @@
 """`python -m torch_align_ae.verify`: what PyTorch answers to `dsnet verify`.
 
 Operations and names are those of `bridge.verify.engine`; the product's own networks, optimizers,
-SMPL and files compute. A case may ask for faults, so that one can see that they are found.
+SMPL compute.
 """
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from types import MappingProxyType
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -17,27 +14,22 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bridge.body import load_body_model
-from bridge.exchange import load_weights, save_weights
 from bridge.exchange.weights import TORCH_ADAM, dsnet_from_torch
 from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
 from torch_align_ae.autoencoder import MeshAutoencoder
-from torch_align_ae.autoencoder.codes import Codec, Normaliser, read_codec
+from torch_align_ae.autoencoder.codes import Normaliser
 from torch_align_ae.body import SMPL, unpose
-from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, named_weights, sum_of_distances
+from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, sum_of_distances
 
 NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
-Faults = Mapping[str, Any]
 Options = dict[str, Any]
-NO_FAULTS: Faults = MappingProxyType({})
 
 
 @torch.inference_mode()
-def dsnet_forward(
-    weights: Tensors, motion: NDArray, run: str, faults: Faults = NO_FAULTS
-) -> Tensors:
+def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
     """Every layer at rest: the whole batch, row by row, or frame by frame."""
-    model = _dsnet(weights, faults).eval()
+    model = _dsnet(weights).eval()
     if run != "steps":
         parts = batches(motion, run)
         return joined(_layers(model, model, torch.from_numpy(rows))[0] for rows in parts)
@@ -48,28 +40,23 @@ def dsnet_forward(
     return joined(frames, axis=1)
 
 
-def dsnet_train(
-    weights: Tensors, masked: bool, steps: list[int], faults: Faults = NO_FAULTS, **clips: NDArray
-) -> Tensors:
+def dsnet_train(weights: Tensors, masked: bool, steps: list[int], **clips: NDArray) -> Tensors:
     """Layers, loss and gradients of the first pass in training, and the steps after it."""
     given = {name: torch.from_numpy(array) for name, array in clips.items()}
-    real = given["real"] if masked and not faults.get("forget_mask") else None
-    model = _dsnet(weights, faults).train()
+    real = given["real"] if masked else None
+    model = _dsnet(weights).train()
 
     def loss() -> Tensor:
         return sum_of_distances(given["latents"], model(given["motion"], real), real)
 
     adam = KerasAdam(model.parameters())
-    adam.epsilon = faults.get("adam_epsilon", adam.epsilon)
     seen = prefixed("layer", _layers(model, loss)[0])
     assign_weights(model, weights)  # the pass has moved the running statistics on
     return seen | _trained(model, adam, loss, dsnet_from_torch, steps)
 
 
 @torch.inference_mode()
-def ae_forward(
-    weights: Tensors, values: NDArray, architecture: Options, run: str, **_faults: Faults
-) -> Tensors:
+def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: str) -> Tensors:
     """Every layer, and the normaliser's where the weights hold one."""
     scaling = [weights.pop(name) for name in NORMALISER if name in weights]
     model = _autoencoder(weights, architecture).eval()
@@ -102,7 +89,6 @@ def ae_train(
     architecture: Options,
     steps: list[int],
     target: NDArray | None = None,
-    faults: Faults = NO_FAULTS,
 ) -> Tensors:
     """Loss and gradients of the reconstruction of one batch, and steps on it."""
     model = _autoencoder(weights, architecture).train()
@@ -113,8 +99,6 @@ def ae_train(
         return nn.functional.mse_loss(model(given), wanted)
 
     adam = torch.optim.Adam(model.parameters(), TORCH_ADAM.learning_rate, fused=True)
-    for group in adam.param_groups:
-        group["eps"] = faults.get("adam_epsilon", group["eps"])
     return _trained(model, adam, loss, dict, steps)
 
 
@@ -137,44 +121,14 @@ def smpl(mesh: NDArray, probe: NDArray, body: str, **arguments: NDArray) -> Tens
     return prefixed("layer", outputs) | prefixed("grad", dict(zip(variables, found, strict=True)))
 
 
-def formats(weights: Tensors, architecture: Options | None = None) -> Tensors:
-    """Weights read back from memory, and from fresh networks that were given each file.
-
-    DSNet's, or the autoencoder's of an architecture.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        path, state_path = Path(folder) / "w.safetensors", Path(folder) / "network.pt"
-        if architecture is None:
-            first, second, third = _dsnet(weights, NO_FAULTS), DSNet(), DSNet()
-            save_weights(path, named_weights(first))
-            assign_weights(second, load_weights(path))
-        else:
-            first = _autoencoder(weights, architecture)
-            third = _autoencoder({name: 0 * array for name, array in weights.items()}, architecture)
-            codec = Codec(first, Normaliser(*torch.rand(2, first.widths[0], 3)))
-            codec.save(path)
-            second = read_codec(path, codec.architecture()).model
-        torch.save(first.state_dict(), state_path)
-        third.load_state_dict(torch.load(state_path, weights_only=True))
-    kept: Tensors = {}
-    for name, network in (("memory", first), ("safetensors", second), ("state_dict", third)):
-        named = named_weights(network) if isinstance(network, DSNet) else network.state_dict()
-        kept |= prefixed(f"weight/{name}", named)
-    return kept
-
-
-def _dsnet(weights: Tensors, faults: Faults) -> DSNet:
-    """The twin in the weights' precision, with its faults."""
+def _dsnet(weights: Tensors) -> DSNet:
+    """The twin in the weights' precision."""
     model = DSNet().to(torch.from_numpy(weights["lstm/bias"]).dtype)
     assign_weights(model, weights)
-    norm = model.batch_norm
-    norm.epsilon = faults.get("batch_norm_epsilon", norm.epsilon)
-    norm.momentum = faults.get("batch_norm_momentum", norm.momentum)
     return model
 
 
 def _autoencoder(weights: Tensors, architecture: Options) -> MeshAutoencoder:
-    """The product's network in the weights' precision."""
     with torch.device("meta"):
         model = MeshAutoencoder(**{**architecture, "widths": tuple(architecture["widths"])})
     state = {name: torch.from_numpy(array) for name, array in weights.items()}
@@ -243,6 +197,7 @@ def _trained(
     return trained(steps, (first, canonical(gradients)), step, state)
 
 
+OPERATIONS = (dsnet_forward, dsnet_train, ae_forward, ae_train, smpl)
+
 if __name__ == "__main__":
-    operations = (dsnet_forward, dsnet_train, ae_forward, ae_train, smpl, formats)
-    serve(*operations, packages=("torch",))
+    serve(*OPERATIONS, packages=("torch",))

@@ -119,5 +119,5 @@ def _posed_samples(data: BodyModelData) -> tuple[NDArray[np.float64], NDArray[np
     betas = torch.from_numpy(rng.normal(size=(_POSES, 10)))
     pose = torch.from_numpy(rng.normal(scale=_ANGLE_RAD, size=(_POSES, 24, 3)))
     trans = torch.zeros(_POSES, 3, dtype=torch.float64)
-    _, places = world_frames(smpl.rotations(pose), smpl.joints(betas), smpl.levels, trans)
+    _, places = world_frames(smpl.rotations(pose), smpl.joints(betas), smpl.parents, trans)
     return smpl(betas, pose, trans).numpy(), places.numpy()

@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 
 import torch
 
+from benchmarks.subspaces.casas_otaduy import CasasOtaduyAutoencoder
 from benchmarks.subspaces.data import SubspaceData
 from benchmarks.subspaces.residual import (
     RESIDUAL_WIDTH,
@@ -15,11 +16,7 @@ from benchmarks.subspaces.residual import (
 )
 from bridge.paper import ALTERNATIVE_WIDTHS, CASAS_OTADUY_WIDTHS, INFERRED_WIDTHS
 from torch_align_ae.autoencoder.codes import Normaliser, fit_normaliser
-from torch_align_ae.autoencoder.mesh_autoencoder import (
-    CasasOtaduyAutoencoder,
-    MeshAutoencoder,
-    initialise_with_modes,
-)
+from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder, initialise_with_modes
 from torch_align_ae.autoencoder.stage_train_ae import PRESETS, PresetName, mode_sample
 
 OffsetAutoencoder: TypeAlias = MeshAutoencoder | CasasOtaduyAutoencoder | ResidualAutoencoder

@@ -2,6 +2,6 @@
 
 from bridge.body.embedded import load_body_model
 from bridge.body.model_data import BodyModelData
-from bridge.body.posing import pose_vertices, unpose_vertices
+from bridge.body.posing import pose_vertices
 
-__all__ = ["BodyModelData", "load_body_model", "pose_vertices", "unpose_vertices"]
+__all__ = ["BodyModelData", "load_body_model", "pose_vertices"]

@@ -1,7 +1,7 @@
-"""Pose and unpose a body in NumPy (Eq. 1-2, 5).
+"""Pose a body in NumPy (Eq. 1-2).
 
-`pose_vertices` and `unpose_vertices` are in float64, slow, obvious, and the oracle of the fast
-paths. `Smpl` poses by matrix products, in float32 or float64, all vertices or some: a body's shape
+`pose_vertices` is in float64, slow, obvious, and the oracle of the fast paths. `Smpl` poses by
+matrix products, in float32 or float64, all vertices or some: a body's shape
 does not change within a motion, so it is blended once, and within a frame each component's numbers
 lie side by side, as NumPy's loops then run along vertices and not along three coordinates.
 """
@@ -73,29 +73,17 @@ def pose_vertices(
     trans : (B, 3) translation, metres.
     offsets : (B, V, 3) displacement in the rest pose, or None.
     """
-    rest, blended = _rest_and_skinning(data, betas, pose, trans)
+    trans = np.asarray(trans, dtype=np.float64)
+    _check_shape("trans", trans, (len(np.asarray(betas)), 3))
+    rest = rest_vertices(data, betas, pose)
     if offsets is not None:
         _check_shape("offsets", offsets, rest.shape)
         rest = rest + offsets
+    bones = joint_transforms(
+        joint_rotations(data, pose), shaped_joints(data, betas), data.parents, trans
+    )
+    blended = np.einsum("vj,bjxy->bvxy", data.weights, bones)
     return np.einsum("bvxy,bvy->bvx", blended[..., :3, :3], rest) + blended[..., :3, 3]
-
-
-def unpose_vertices(
-    data: BodyModelData,
-    vertices: np.ndarray,
-    betas: np.ndarray,
-    pose: np.ndarray,
-    trans: np.ndarray,
-) -> np.ndarray:
-    """(B, V, 3) rest-pose vertices of a posed mesh, metres: the inverse skinning W^-1 of Eq. 5.
-
-    The pose blend shapes stay in the result, so Eq. 5's offsets are
-    `unpose_vertices(...) - rest_vertices(...)`. Parameters are as in `pose_vertices`.
-    """
-    rest, blended = _rest_and_skinning(data, betas, pose, trans)
-    _check_shape("vertices", vertices, rest.shape)
-    centred = np.asarray(vertices, dtype=np.float64) - blended[..., :3, 3]
-    return np.linalg.solve(blended[..., :3, :3], centred[..., None])[..., 0]
 
 
 def rest_vertices(data: BodyModelData, betas: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -114,19 +102,6 @@ def shaped_vertices(data: BodyModelData, betas: np.ndarray) -> np.ndarray:
 def shaped_joints(data: BodyModelData, betas: np.ndarray) -> np.ndarray:
     """(B, 24, 3) joints of the shaped body in the rest pose, metres."""
     return np.array([data.J_regressor @ vertices for vertices in shaped_vertices(data, betas)])
-
-
-def _rest_and_skinning(
-    data: BodyModelData, betas: np.ndarray, pose: np.ndarray, trans: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rest vertices (B, V, 3) and each vertex's blended transform (B, V, 4, 4)."""
-    trans = np.asarray(trans, dtype=np.float64)
-    _check_shape("trans", trans, (len(np.asarray(betas)), 3))
-    rest = rest_vertices(data, betas, pose)
-    bones = joint_transforms(
-        joint_rotations(data, pose), shaped_joints(data, betas), data.parents, trans
-    )
-    return rest, np.einsum("vj,bjxy->bvxy", data.weights, bones)
 
 
 def joint_rotations(data: BodyModelData, pose: np.ndarray) -> np.ndarray:

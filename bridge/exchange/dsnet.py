@@ -55,7 +55,6 @@ class Scaling:
 
     @classmethod
     def identity(cls) -> Scaling:
-        """Nothing is changed."""
         sizes = (INPUT_SIZE, LATENT_SIZE)
         return cls(*(np.full(size, fill, np.float32) for size in sizes for fill in (0, 1)))
 

@@ -17,8 +17,7 @@ batch normalisation  `gamma`, `beta`, `moving_mean`,   `weight`, `bias`, `runnin
                      `moving_variance`                 `running_var`
 ==================== ================================= =======================================
 
-ONNX graphs hold linear layers and convolutions as Keras does, and the LSTM with its gates in the
-order i, o, f, c. Nothing is computed but moved, so a round trip gives every bit back.
+Nothing is computed but moved, so a round trip gives every bit back.
 
 The frameworks' defaults differ too: a twin in the other framework takes the constants below, of the
 one that trains the network, in place of its own.
@@ -95,8 +94,6 @@ DSNET_TORCH_NAMES = {
 TORCH_SECOND_BIAS = "lstm.bias_hh_l0"
 """PyTorch's LSTM adds a second bias, which Keras has no counterpart of: the twin keeps it at 0."""
 _KERAS_VARIABLES = {"weight": "kernel", "bias": "bias"}
-_ONNX_GATES = (0, 3, 1, 2)
-"""ONNX stores the gates in the order i, o, f, c."""
 
 
 def save_weights(path: Path | str, weights: Mapping[str, NDArray], **metadata: str) -> None:
@@ -205,7 +202,6 @@ def mesh_autoencoder_to_keras(weights: Mapping[str, NDArray]) -> dict[str, NDArr
 
 
 def mesh_autoencoder_from_keras(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """The inverse of `mesh_autoencoder_to_keras`."""
     variables = {keras: torch for torch, keras in _KERAS_VARIABLES.items()}
     converted = {}
     for name, array in weights.items():
@@ -215,30 +211,6 @@ def mesh_autoencoder_from_keras(weights: Mapping[str, NDArray]) -> dict[str, NDA
             array = array[..., np.newaxis]
         converted[f"{layer}.{_named(variable, variables)}"] = array
     return converted
-
-
-def lstm_to_onnx(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """Keras's `lstm/...` arrays as the inputs W, R (1, 4 units, in) and B (1, 8 units) of ONNX."""
-    bias = _onnx_gates(weights["lstm/bias"])
-    return {
-        "W": _onnx_gates(weights["lstm/kernel"])[np.newaxis],
-        "R": _onnx_gates(weights["lstm/recurrent_kernel"])[np.newaxis],
-        "B": np.concatenate([bias, np.zeros_like(bias)])[np.newaxis],
-    }
-
-
-def lstm_from_onnx(inputs: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """The inverse of `lstm_to_onnx`; the second half of B, which is 0, is left out."""
-    arrays = {
-        "lstm/kernel": inputs["W"][0],
-        "lstm/recurrent_kernel": inputs["R"][0],
-        "lstm/bias": inputs["B"][0, : inputs["W"].shape[1]],
-    }
-    order = np.argsort(_ONNX_GATES)
-    return {
-        name: _reversed(np.concatenate([np.split(array, 4)[gate] for gate in order]))
-        for name, array in arrays.items()
-    }
 
 
 def dsnet_shapes() -> Shapes:
@@ -278,12 +250,6 @@ def autoencoder_shapes(widths: tuple[int, ...] = INFERRED_WIDTHS) -> Shapes:
     for layer, shape in layers.items():
         shapes |= {f"{layer}.weight": shape, f"{layer}.bias": shape[:1]}
     return shapes
-
-
-def _onnx_gates(array: NDArray) -> NDArray:
-    """(in, 4 units) or (4 units,), gates i, f, c, o, to (4 units, in), gates i, o, f, c."""
-    gates = np.split(array.T, 4)
-    return np.concatenate([gates[gate] for gate in _ONNX_GATES])
 
 
 def _reversed(array: NDArray) -> NDArray:

@@ -41,7 +41,6 @@ PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ExportConfig())
 
 
 def main(config: ExportConfig) -> None:
-    """Write the export."""
     to, out = config.to, config.out
     if to is None:
         raise DsnetError("export without --to", f"one of {', '.join(FORMATS)}", "Pass --to FORMAT.")
@@ -70,7 +69,6 @@ def main(config: ExportConfig) -> None:
 
 
 def _export_predictor(config: ExportConfig, out: Path) -> None:
-    """The predictor that was asked for, for any motion."""
     from bridge.export.onnx_model import export_onnx, load_exportable
 
     if config.motion is not None or config.given():

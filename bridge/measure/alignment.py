@@ -63,7 +63,6 @@ class Absorption:
             sums += np.einsum("tvx,tvx->v", one, other)
 
     def merge(self, other: Absorption) -> None:
-        """Take in all frames of `other`."""
         self._frames += other._frames
         self._sums += other._sums
 
@@ -126,7 +125,6 @@ class AlignmentErrors:
         self._shifts_mm: list[NDArray[np.float64]] = []
 
     def add(self, found: Alignment, true: Alignment) -> None:
-        """Take in one sequence, of as many frames in both."""
         for block in frame_blocks(slice(0, len(found.theta))):
             pair = found.offsets_m[block], true.offsets_m[block]
             self.offsets.add(*pair)
@@ -138,7 +136,6 @@ class AlignmentErrors:
         self._shifts_mm.append(1e3 * np.linalg.norm(trans - true_trans, axis=-1))
 
     def merge(self, other: AlignmentErrors) -> None:
-        """Take in all sequences of `other`."""
         self.offsets += other.offsets
         self.absorption.merge(other.absorption)
         self._angles_deg += other._angles_deg
@@ -195,5 +192,4 @@ def alignment_errors(
 
 
 def spread(values: NDArray[np.floating]) -> dict[str, float]:
-    """Mean and 95th percentile."""
     return {"mean": float(values.mean()), "p95": float(np.quantile(values, 0.95))}

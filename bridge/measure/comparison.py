@@ -97,7 +97,6 @@ class Evaluation:
         return list(found.values())
 
     def knows(self, sequence: MotionSequence) -> bool:
-        """Whether the person was trained on."""
         return sequence.subject in self._people
 
     def groups(self, sequence: MotionSequence) -> list[str]:
@@ -107,7 +106,6 @@ class Evaluation:
         return ["test", cell_of(sequence, self._people, self._kinds)]
 
     def compare(self, sequence: MotionSequence) -> SequenceErrors:
-        """Errors of one sequence."""
         found = SequenceErrors(sequence)
         chosen = [one for one in self.candidates.values() if one.predicts(sequence.name)]
         found.errors = {one.name: {} for one in chosen}

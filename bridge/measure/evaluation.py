@@ -91,7 +91,7 @@ def evaluate_pipelines(
         sequences=to_manifest(sequences),
         predictors={name: one.label for name, one in evaluation.candidates.items()},
         default=pipelines[-1].default,
-        roads={one.name: _described_pipeline(one) for one in pipelines},
+        pipelines={one.name: _described_pipeline(one) for one in pipelines},
         test_bed=None if truth is None else _test_bed(truth, body),
         per_sequence=described,
         cells={

@@ -137,7 +137,6 @@ class VelocitySums(SquaredSums):
     """Errors of d/dt of the offsets: whether flesh jiggles as it should, not only where it is."""
 
     def add(self, predicted: Offsets, true: Offsets) -> None:
-        """Take in some vertices of one sequence."""
         squared_error = _squared(predicted.velocity_m_s - true.velocity_m_s)
         self.squared_error += float(squared_error.sum(dtype=np.float64))
         self.squared_reference += float(_squared(true.velocity_m_s).sum(dtype=np.float64))
@@ -176,7 +175,6 @@ class SpectrumSums(Sums):
     """Vertices, over all frames."""
 
     def add(self, predicted: Offsets, true: Offsets) -> None:
-        """Take in some vertices of one sequence."""
         frames, vertices = true.moving_m.shape[:2]
         steps = frequency_steps(frames, true.fps)
         # The transform is linear: the difference need not be transformed too.
@@ -241,7 +239,6 @@ Errors = dict[str, Sums]
 
 
 def add_errors(total: Errors, part: Errors) -> None:
-    """Take in another part's."""
     for measure, sums in part.items():
         total[measure] = operator.iadd(total.get(measure, type(sums)()), sums)
 
@@ -256,7 +253,6 @@ class GroupErrors:
             self.add(errors)
 
     def add(self, errors: Errors) -> None:
-        """Take in one sequence."""
         add_errors(self.sums, errors)
         for measure, sums in errors.items():
             if isinstance(sums, SquaredSums):

@@ -83,7 +83,6 @@ class Pipeline:
 
     @property
     def alignment(self) -> str:
-        """Name of the artifact that holds the alignment."""
         return self.align.artifact.path.name
 
     @property
@@ -129,7 +128,6 @@ def _alignment_of(plus: Artifact) -> str:
 
 
 def pipeline_of(pipelines: Iterable[Pipeline], predictor: str) -> Pipeline:
-    """The pipeline that a predictor belongs to."""
     known: list[str] = []
     for pipeline in pipelines:
         if predictor in pipeline.predictors:

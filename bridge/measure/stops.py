@@ -135,7 +135,6 @@ class RestSums(Sums):
     """Vertices, over all settled frames."""
 
     def add(self, predicted: Offsets, true: Offsets, spans: Sequence[StillSpan]) -> None:
-        """Take in some vertices of one sequence."""
         for span in spans:
             found_m, real_m = predicted.moving_m[span.settled], true.moving_m[span.settled]
             self.predicted += _total_m(found_m)

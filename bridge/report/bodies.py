@@ -76,7 +76,6 @@ class Scene:
 
 
 def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
-    """Figure 4: original mesh, the autoencoder's reconstruction, distance between the two."""
     frames, first, name = _lively_frames(scene, sequence, 2), scene.pipelines[0], sequence.name
     aligned_m = first.align.frames("offsets", name, frames)
     rebuilt_m = scene.offsets_m(AUTOENCODER, name, frames)

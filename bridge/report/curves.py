@@ -1,18 +1,15 @@
-"""Figures 6 and 8 of the paper, losses, how offsets move, and what `dsnet verify` found."""
+"""Figures 6 and 8 of the paper, losses, and how offsets move."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -49,7 +46,6 @@ def _drawn_axes(
 
 
 def finish_axes(axes: Axes, x: str, y: str, *, legend: bool = True) -> None:
-    """Labels, grid and legend as all curves have them."""
     axes.set_xlabel(x, fontsize=9)
     axes.set_ylabel(y, fontsize=9)
     axes.tick_params(labelsize=8)
@@ -152,7 +148,7 @@ def draw_spectrum(path: Path, evaluate: Artifact) -> None:
 
 def trained_styles(evaluate: Artifact) -> dict[str, tuple[str, str]]:
     """Colour and line of each trained predictor, in the order of the tables."""
-    pipelines = evaluate.manifest["roads"].values()
+    pipelines = evaluate.manifest["pipelines"].values()
     trained = {name for pipeline in pipelines for name in pipeline["predictors"]}
     names = [name for name in evaluate.manifest["predictors"] if name in trained]
     return dict(zip(names, zip(cycle(_TRAINED), cycle(_LINES), strict=False), strict=False))
@@ -184,7 +180,6 @@ def draw_dsnet_loss(path: Path, train: Artifact) -> None:
 
 
 def draw_plus_loss(path: Path, train_plus: Artifact) -> None:
-    """Losses over the steps that were recorded."""
     losses = plus_losses(train_plus)
     curves = {label: (1 + np.arange(len(loss)), loss) for label, loss in losses.items()}
     title = "Loss of this repository's predictors"
@@ -220,63 +215,3 @@ def _draw_losses(
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         finish_axes(axes, x, y)
     save_figure(figure, path)
-
-
-_DIGITS_SHOWN = 7
-_PARITY_COLOURS = ListedColormap(colormaps["YlGnBu"](np.linspace(0.08, 0.75, 2 * _DIGITS_SHOWN)))
-_PARITY_COLOURS.set_under("#D55E00")
-_PARITY_COLOURS.set_bad("#f2f2f2")
-_SHORT = {"float64": "f64", "float32": "f32"}
-Row = Mapping[str, Any]
-
-
-def draw_parity(path: Path, parity: Mapping[str, Any], origin: DataOrigin) -> None:
-    """What `dsnet verify` found: a field for each check, part, engine and precision.
-
-    The colour is the number of digits between difference and tolerance, orange where there is
-    none; the number is the exponent of the difference relative to the tensor's scale.
-    """
-    rows = parity["rows"]
-    dsnet = [row for row in rows if row["check"].startswith("dsnet")]
-    sides = [dsnet, [row for row in rows if row not in dsnet]]
-    tallest = max(len({(row["check"], row["part"]) for row in side}) for side in sides)
-    verdict = "all within tolerance" if parity["passed"] else "NOT all within tolerance"
-    title = f"Difference from the float64 reference: {verdict}"
-    figure = new_figure(10.0, 1.9 + 0.155 * tallest, title=title, origin=origin)
-    panels = figure.subplots(1, 2)
-    for axes, side in zip(panels, sides, strict=True):
-        _draw_checks(axes, side)
-    place = {"location": "top", "fraction": 0.02, "pad": 0.01, "aspect": 50}
-    bar = figure.colorbar(panels[0].collections[0], ax=list(panels), **place)
-    bar.set_label("digits between difference and tolerance (orange: over it)", fontsize=8)
-    bar.ax.tick_params(labelsize=7)
-    save_figure(figure, path)
-
-
-def _draw_checks(axes: Axes, rows: Sequence[Row]) -> None:
-    checks = list(dict.fromkeys((row["check"], row["part"]) for row in rows))
-    engines = list(dict.fromkeys((row["engine"], row["dtype"]) for row in rows))
-    spare = np.full((len(checks), len(engines)), np.nan)
-    for row in rows:
-        y = checks.index((row["check"], row["part"]))
-        x = engines.index((row["engine"], row["dtype"]))
-        spare[y, x] = digits_to_spare(row)
-        found = row["max_rel"]
-        text = "x" if found is None else str(math.floor(math.log10(found))) if found else "0"
-        axes.text(x + 0.5, y + 0.5, text, fontsize=5.5, ha="center", va="center")
-    style = {"edgecolors": "white", "linewidth": 0.5}
-    axes.pcolormesh(spare, cmap=_PARITY_COLOURS, vmin=0, vmax=_DIGITS_SHOWN, **style)
-    axes.set_yticks(np.arange(len(checks)) + 0.5, [" · ".join(pair) for pair in checks], fontsize=6)
-    names = [f"{engine} {_SHORT[dtype]}" for engine, dtype in engines]
-    axes.set_xticks(np.arange(len(engines)) + 0.5, names, fontsize=6, rotation=90)
-    axes.tick_params(length=0)
-    axes.invert_yaxis()
-
-
-def digits_to_spare(row: Row) -> float:
-    """log10(tolerance / difference), below 0 for a row that failed."""
-    if not row["passed"]:
-        return -1.0
-    if not row["max_rel"]:
-        return float(_DIGITS_SHOWN)
-    return math.log10(row["tolerance"] / row["max_rel"])

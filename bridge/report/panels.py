@@ -25,6 +25,7 @@ FOOTERS = {
 }
 _DPI = 150
 _GAP_M = 0.12
+_STRIP_BODIES = 8
 
 
 def footer(origin: DataOrigin, recorded: str = "") -> str:
@@ -37,9 +38,9 @@ def magnitude_colours(magnitude_m: ArrayLike, top_m: float) -> NDArray[np.float6
     return MAGNITUDE_COLOURS(np.clip(np.asarray(magnitude_m) / top_m, 0.0, 1.0))[..., :3]
 
 
-def scale_top_m(magnitude_m: ArrayLike, quantile: float = 0.998) -> float:
+def scale_top_m(magnitude_m: ArrayLike) -> float:
     """A round number of millimetres that all but the largest magnitudes stay below."""
-    value = max(float(np.quantile(np.asarray(magnitude_m), quantile)), 1e-4)
+    value = max(float(np.quantile(np.asarray(magnitude_m), 0.998)), 1e-4)
     decade = float(10.0 ** np.floor(np.log10(value)))
     return decade * next(s for s in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if s * decade >= value)
 
@@ -97,26 +98,24 @@ def draw_motion_strip(
     faces: ArrayLike,
     *,
     origin: DataOrigin,
-    fps: float = 60.0,
-    title: str = "Predicted skin offsets along the motion",
-    bodies: int = 8,
     width_px: int = 1300,
 ) -> None:
-    """Write a PNG of evenly spaced frames side by side; colour is the offset's magnitude.
+    """Write a PNG of evenly spaced frames, of 60 a second, side by side; colour is the offset's
+    magnitude.
 
     Vertices, posed and y up, and offsets in the rest pose are (T, V, 3), metres, and may be
     memory-mapped; faces are (F, 3).
     """
     total = np.shape(vertices_m)[0]
-    frames = np.unique(np.linspace(0, total - 1, min(bodies, total)).round().astype(int))
+    frames = np.unique(np.linspace(0, total - 1, min(_STRIP_BODIES, total)).round().astype(int))
     draw_row_of_bodies(
         path,
         np.asarray(vertices_m)[frames],
         np.linalg.norm(np.asarray(offsets_m)[frames], axis=-1),
         faces,
-        labels=[f"{time_s:.2f} s" for time_s in frames / fps],
+        labels=[f"{time_s:.2f} s" for time_s in frames / 60.0],
         origin=origin,
-        title=title,
+        title="Predicted skin offsets along the motion",
         width_px=width_px,
     )
 

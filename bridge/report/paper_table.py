@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +83,6 @@ def _format_one(value: int | float) -> str:
 
 
 def parameter_counts(stages: Stages) -> dict[str, int]:
-    """Parameters that the training stages counted on the built models."""
     autoencoders = stages["train-ae"].manifest["parameters"]
     return {
         "autoencoder": autoencoders["mesh_autoencoder"],
@@ -205,19 +203,13 @@ def _autoencoder(stages: Stages) -> dict[str, Measured]:
         sum(name.startswith(kind) for name in names)
         for kind in ("model.encoder.linear", "model.encoder.conv", "model.to_latent")
     )
-    # The paper's widths, if dense layers of those widths have the parameters that were built.
-    chain = CASAS_OTADUY_WIDTHS + CASAS_OTADUY_WIDTHS[-2::-1]
-    total = sum((inner + 1) * outer for inner, outer in pairwise(chain))
-    as_papers = total == counts["casas_otaduy"]
     return {
         "ae_layers": Measured(layers),
         "ae_widths": Measured("-".join(map(str, manifest["architecture"]["widths"]))),
         "ae_activation": Measured(trained["activation"]),
         "ae_parameters": Measured(counts["autoencoder"]),
         "casas_otaduy_parameters": Measured(counts["casas_otaduy"]),
-        "casas_otaduy_widths": Measured(
-            CASAS_OTADUY_WIDTHS[1:] if as_papers else None, "the built network has other widths"
-        ),
+        "casas_otaduy_widths": Measured(CASAS_OTADUY_WIDTHS[1:]),
         "parameter_share": Measured(round(share, 1)),
         "ae_train_frames": Measured(train, frames),
         "ae_validation_frames": Measured(validation, frames),

@@ -19,6 +19,7 @@ _OUTLINE_PX = 8.0
 """Where depth changes by more than so many pixels from one to the next, there is an outline."""
 _BLOCK_PX = 8
 _OUTLINE_RAYS = 8
+_MARGIN = 0.04
 _SCATTERED = (np.array([0, 4, 2, 6, 1, 5, 3, 7]) + 0.5) / 8
 """Heights of those rays in a pixel, from left to right: each eighth has one, both ways."""
 
@@ -45,12 +46,11 @@ def frame_camera(
     width_px: int | None = None,
     azimuth_deg: float = 20.0,
     elevation_deg: float = 8.0,
-    margin: float = 0.04,
 ) -> Camera:
     """A camera that sees all of `bodies` (each (V, 3), metres, y up), on a floor below.
 
     The width fits the bodies when None; azimuth 0 looks along -z at the front of a body in its rest
-    pose; `margin` is the empty border, as a part of the picture.
+    pose.
     """
     points = np.concatenate([np.asarray(body, dtype=np.float64) for body in bodies])
     azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
@@ -60,7 +60,7 @@ def frame_camera(
     up = np.cross(back, right)
     seen = points @ np.stack([right, up, back], axis=1)
     low, high = seen.min(axis=0), seen.max(axis=0)
-    centre, half = (low + high) / 2, (high - low) / 2 * (1 + 2 * margin)
+    centre, half = (low + high) / 2, (high - low) / 2 * (1 + 2 * _MARGIN)
     if width_px is None:
         width_px = max(64, int(np.ceil(height_px * half[0] / half[1])))
     # A long lens: bodies at the ends of a row keep their shape.

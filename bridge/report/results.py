@@ -26,7 +26,7 @@ from bridge.runs.run import TRAIN_PLUS
 
 _FORWARD = ("layers", "loss", "losses")
 _PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}
-_OF_EVERY_STAGE = ("command", "finished_utc", "sha256")
+_OF_EVERY_STAGE = ("command", "finished_utc", "sha256", "stamps", "input_stamps")
 _SHOWN_OF_STAGES = ("wall_time_s", "peak_memory_mb", "machine", "versions")
 
 
@@ -41,7 +41,15 @@ def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
     held_out = "" if validation is None else f", `{validation['name']}`"
     titles = {"validation": f"held out{held_out}"} | CELLS
     titles |= {"test": "all of the four test groups", "train": "trained on (first of each person)"}
-    measured = ("predictors", "default", "roads", "test_bed", "cells", "alignment", "alignments")
+    measured = (
+        "predictors",
+        "default",
+        "pipelines",
+        "test_bed",
+        "cells",
+        "alignment",
+        "alignments",
+    )
     summary = {
         "run": run_name,
         "data": stages["evaluate"].origin,
@@ -95,7 +103,6 @@ def departures(stages: Stages) -> list[str]:
 
 
 def read_parity(verify: Artifact) -> dict[str, Any]:
-    """The contents of `parity.json`."""
     return json.loads(verify.file("parity.json").read_text(encoding="utf-8"))
 
 
@@ -111,7 +118,7 @@ def verification(stages: Stages) -> dict[str, Any] | None:
         found = largest.setdefault(
             (row["engine"], row["dtype"]), {"forward": None, "backward": None}
         )
-        if row["max_rel"] is not None and row["part"] != "files":
+        if row["max_rel"] is not None:
             way = "forward" if row["part"] in _FORWARD else "backward"
             found[way] = max(found[way] or 0.0, row["max_rel"])
     return {
@@ -173,7 +180,6 @@ _ENVIRONMENT.filters |= {"decimals": _decimals, "exponent": _exponent}
 
 
 def render_markdown(context: Mapping[str, Any]) -> str:
-    """`report.md` from the results."""
     return _ENVIRONMENT.get_template("report.md.j2").render(context)
 
 

@@ -23,7 +23,6 @@ from bridge.report.curves import (
     draw_figure6,
     draw_figure8,
     draw_offset_size,
-    draw_parity,
     draw_plus_loss,
     draw_spectrum,
     plus_losses,
@@ -33,7 +32,6 @@ from bridge.report.panels import FOOTERS
 from bridge.report.paper_table import validation_result
 from bridge.report.results import (
     departures,
-    read_parity,
     render_html,
     render_markdown,
     summarise,
@@ -70,7 +68,6 @@ PROFILES = {
 
 
 def main(config: ReportConfig) -> None:
-    """Run the stage; a report that is current is kept."""
     run = Run(config.run)
     last = stages_of_pipelines(run)
     named = {"evaluate", *last, *(stage for stage in _OPTIONAL if run.finished(stage))}
@@ -182,13 +179,6 @@ def plan_figures(scene: Scene) -> list[FigurePlan]:
         plans["loss_plus"] = (
             "Loss of this repository's predictors.",
             lambda path: draw_plus_loss(path, stages[TRAIN_PLUS]),
-        )
-    if "verify" in stages:
-        parity = read_parity(stages["verify"])
-        plans["parity"] = (
-            "What `dsnet verify` found: each engine's largest difference from a float64 NumPy "
-            "reference, as the exponent of its size relative to the tensor's scale.",
-            lambda path: draw_parity(path, parity, scene.origin),
         )
     return [FigurePlan(name, *plan) for name, plan in plans.items()]
 

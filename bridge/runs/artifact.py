@@ -76,7 +76,6 @@ class Artifact:
 
     @property
     def content_sha256(self) -> str:
-        """Digest of all arrays, files and values: equal content, equal digest."""
         return self.manifest["sha256"]
 
     @property
@@ -163,12 +162,8 @@ def _compare(path: Path, found: str, expected: str) -> None:
 
 
 def read_artifact(path: Path | str, kind: str | None = None) -> Artifact:
-    """Open the artifact in folder `path`.
-
-    Raises
-    ------
-    DsnetError
-        If there is no manifest, it is not as it was written, or not of `kind`.
+    """Open the artifact in folder `path`; DsnetError where its manifest is missing, not as it was
+    written, or not of `kind`.
     """
     path = Path(path)
     manifest = _read_manifest(path / MANIFEST)
@@ -379,7 +374,6 @@ class ArtifactWriter:
         return Artifact(self.path, manifest)
 
     def discard(self) -> None:
-        """Forget everything written so far."""
         # Without its mark, half of what is left after a kill is not taken for checkpoints.
         self._mark.unlink(missing_ok=True)
         shutil.rmtree(self._partial, ignore_errors=True)

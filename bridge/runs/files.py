@@ -43,7 +43,6 @@ def runs_root() -> Path:
 
 
 def is_finished(folder: Path) -> bool:
-    """Whether `folder` holds a finished artifact."""
     return (folder / MANIFEST).is_file()
 
 
@@ -227,7 +226,6 @@ class ArrayFile:
     header_bytes: int
 
     def read(self, rows: slice) -> NDArray[Any]:
-        """Rows as they are now."""
         return np.array(np.memmap(self.path, self.dtype, "r", self.header_bytes, self.shape)[rows])
 
     def write(self, start: int, rows: ArrayLike) -> None:

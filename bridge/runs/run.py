@@ -48,7 +48,6 @@ STAGES = {
 
 
 def command_of(stage: str) -> str:
-    """The command that makes a stage."""
     return _MADE_BY.get(stage, stage)
 
 
@@ -167,7 +166,6 @@ class Run:
         return finished if made_from == (settings, digests) else None
 
     def alone(self, stage: str) -> AbstractContextManager[None]:
-        """Keep other processes out of `stage`."""
         return exclusive(
             self.path / stage,
             f"stage {stage!r} of run {self.name!r}",

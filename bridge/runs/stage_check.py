@@ -26,7 +26,6 @@ PROFILES = {name: CheckConfig() for name in ("smoke", "demo", "paper")}
 
 
 def main(config: CheckConfig) -> None:
-    """Check all stages, print what was found, and refuse the run for its first fault."""
     run = Run(config.run)
     folders = sorted(path for path in run.path.glob("[!.]*") if path.is_dir())
     stages = [path.name for path in folders if path.name in STAGES or is_finished(path)]
@@ -43,7 +42,6 @@ def main(config: CheckConfig) -> None:
 
 
 def _fault(run: Run, stage: str) -> DsnetError | None:
-    """Check one stage's files and print the line on it."""
     try:
         is_made(run.path / stage)
         artifact = read_artifact(run.path / stage)

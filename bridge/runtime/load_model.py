@@ -82,12 +82,10 @@ class TrainedModel:
 
     @cached_property
     def body(self) -> BodyModelData:
-        """The body model."""
         return load_body_model(self.body_model)
 
     @cached_property
     def model(self) -> Model:
-        """What is stepped."""
         return self.open(self.body)
 
     def open(self, body: BodyModelData) -> Model:
@@ -108,17 +106,9 @@ class TrainedModel:
 def load_model(
     run: Run | None, predictor: str | None = None, gender: str = "unknown"
 ) -> TrainedModel:
-    """A predictor of a run, with its body; without a run, that of the package.
-
-    Parameters
-    ----------
-    predictor : its name; the best there is when None.
-    gender : of the packaged body; `female` where it is neither.
-
-    Raises
-    ------
-    DsnetError
-        If there is no such predictor, what it is made of is no chain, or a file is damaged.
+    """A predictor of a run, the best there is if none is named; without a run, the package's for a
+    body of `gender`, `female` where it is neither. DsnetError if there is no such predictor, what
+    it is made of is no chain, or a file is damaged.
     """
     found = find_model(run, predictor, gender)
     _ = found.model

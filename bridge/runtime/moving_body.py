@@ -81,7 +81,6 @@ class MovingBody:
 
     @property
     def body(self) -> BodyModelData:
-        """The body model."""
         return self.trained.body
 
     @property
@@ -135,12 +134,8 @@ def place_motion(
     motion: Motion, body: BodyModelData, betas: NDArray[np.float64] | None = None
 ) -> Motion:
     """A motion as its file has it, turned to y up about the root joint of the body that will be
-    posed, with the shape betas (10,) in place of the file's.
-
-    Raises
-    ------
-    DsnetError
-        If it is not one of a body of a person's size.
+    posed, with the shape betas (10,) in place of the file's; DsnetError if it is not one of a body
+    of a person's size.
     """
     if betas is not None:
         motion = replace(motion, betas=betas)

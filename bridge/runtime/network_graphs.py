@@ -1,9 +1,6 @@
 """The paper's networks as ONNX graphs, straight from named arrays.
 
-`dsnet_step_graph` and `dsnet_body_graph` are what is deployed: one step, and one step with decoder
-and body. `dsnet_graph`, `encoder_graph` and `decoder_graph` give every layer, and hold the arrays
-that `bridge.exchange.weights` gives, so that `dsnet_weights` and `mesh_autoencoder_weights` read
-them back.
+One step of DSNet, the autoencoder's decoder, and one step with decoder and body.
 """
 
 from __future__ import annotations
@@ -18,19 +15,13 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import TrainedDsnet
-from bridge.exchange.weights import (
-    BATCH_NORM_EPSILON,
-    lstm_from_onnx,
-    lstm_to_onnx,
-    mesh_autoencoder_from_keras,
-    mesh_autoencoder_to_keras,
-)
+from bridge.exchange.weights import BATCH_NORM_EPSILON, mesh_autoencoder_to_keras
 from bridge.paper import FEATURES, INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runtime.body_graph import Surface, posed_bones, translated, translation
 from bridge.runtime.onnx_graph import Graph, Precision, StateLayout, Value, product
 
 _ACTIVATIONS = {"leaky_relu": "LeakyRelu", "elu": "Elu", "tanh": "Tanh", "relu": "Relu"}
-_ENCODER, _DECODER = ("encoder.", "to_latent."), ("from_latent.", "decoder.", "to_coordinates.")
+_DECODER = ("from_latent.", "decoder.", "to_coordinates.")
 Weights = Mapping[str, NDArray]
 
 
@@ -138,84 +129,19 @@ def _stepped(
         return latents, {"hidden": hidden, "cell": cell}
 
 
-def dsnet_graph(weights: Weights, *, trace: bool = False) -> onnx.ModelProto:
-    """DSNet at rest, for whole motions or for one frame after another.
-
-    Inputs `motion` (B, T, 79), and `hidden` and `cell` (1, B, 60), which are zero where a motion
-    begins; outputs `latents` (B, T, 100), `next_hidden` and `next_cell`, and with `trace` every
-    layer's. Weights are named as by `tf_dsnet.model.named_weights`.
-    """
-    graph, units = Graph(), len(weights["batch_norm/gamma"])
-    motion = graph.input("motion", ("B", "T", len(weights["fc_enc_1/kernel"])))
-    past = [graph.input(name, (1, "B", units)) for name in ("hidden", "cell")]
-
-    def dense(layer: str, features: Value, name: str = "") -> Value:
-        kernel, bias = (graph.array(f"{layer}/{n}", weights[f"{layer}/{n}"])
-                        for n in ("kernel", "bias"))  # fmt: skip
-        return graph.apply("Add", features @ kernel, bias, layer=name or layer)
-
-    encoded = dense("fc_enc_2", dense("fc_enc_1", motion), "fc_enc_2/sum")
-    by_time = graph.apply("Tanh", encoded, layer="fc_enc_2").transpose(1, 0, 2)
-    held = {n: graph.array(f"lstm/{n}", array) for n, array in lstm_to_onnx(weights).items()}
-    lengths = Value(graph, "")  # all are whole
-    directions, *states = graph.apply_many(
-        "LSTM", 3, by_time, held["W"], held["R"], held["B"], lengths, *past, hidden_size=units
-    )  # (T, 1, B, 60), (1, B, 60) twice
-    whole = graph.apply("Squeeze", directions, graph.integers([1]))
-    memory = graph.apply("Transpose", whole, layer="lstm", perm=[1, 0, 2])
-
-    with graph.section("batch_norm"):
-        names = ("gamma", "beta", "moving_mean", "moving_variance")
-        gamma, beta, mean, variance = (graph.array(n, weights[f"batch_norm/{n}"]) for n in names)
-        spread = graph.apply("Sqrt", variance + BATCH_NORM_EPSILON)
-        scaled = (memory - mean) / spread * gamma
-        normalised = graph.apply("Add", scaled, beta, layer="batch_norm")
-    outputs = {"latents": dense("fc_enc_3", normalised)}
-    outputs |= dict(zip(("next_hidden", "next_cell"), states, strict=True))
-    return graph.model("dsnet", outputs, trace=trace)
-
-
-def dsnet_weights(held: Weights) -> dict[str, NDArray]:
-    """DSNet's weights from the arrays that its graph holds."""
-    lstm = {name: held[f"lstm/{name}"] for name in ("W", "R", "B")}
-    others = {n: w for n, w in held.items() if n.startswith(("fc_enc_", "batch_norm/"))}
-    return {**others, **lstm_from_onnx(lstm)}
-
-
-def encoder_graph(
-    weights: Weights, architecture: Mapping[str, Any], *, trace: bool = False
-) -> onnx.ModelProto:
-    """Input `offsets` (B, V, 3), output `latents` (B, 100), and with `trace` every layer's.
+def decoder_graph(weights: Weights, architecture: Mapping[str, Any]) -> onnx.ModelProto:
+    """Input `latents` (B, 100), output `offsets` (B, V, 3), metres.
 
     Parameters
     ----------
-    weights : named as by PyTorch. With `normaliser.mean_m` and `normaliser.scale_m` the graph
-        takes metres, without them normalised offsets.
+    weights : named as by PyTorch. Without `normaliser.mean_m` and `normaliser.scale_m` the graph
+        gives normalised offsets.
     architecture : `widths`, `activation`, `negative_slope`, as in the manifest of `train-ae`.
-    trace : layers have vertices last, (B, features, V), but for the row and the latents.
     """
-    layers = _MeshLayers(Graph(), weights, _ENCODER, architecture)
-    graph, mean_m = layers.graph, weights.get("normaliser.mean_m")
-    features = graph.input("offsets", ("B", architecture["widths"][0], 3)).transpose(0, 2, 1)
-    if mean_m is not None:
-        centred = features - graph.array("normaliser.mean_m", mean_m.T)
-        scale_m = graph.array("normaliser.scale_m", weights["normaliser.scale_m"].T)
-        features = graph.apply("Div", centred, scale_m, layer="normaliser.normalise")
-    for name in ("encoder.linear_1", "encoder.linear_2"):
-        features = layers.activated(name, layers.per_vertex(name, features))
-    features = layers.convolutions("encoder", features)
-    row = graph.apply("Flatten", features.transpose(0, 2, 1))
-    return graph.model("encoder", {"latents": layers.linear("to_latent", row)}, trace=trace)
-
-
-def decoder_graph(
-    weights: Weights, architecture: Mapping[str, Any], *, trace: bool = False
-) -> onnx.ModelProto:
-    """Input `latents` (B, 100), output `offsets` (B, V, 3); parameters as in `encoder_graph`."""
     graph = Graph()
     latents = graph.input("latents", ("B", weights["from_latent.weight"].shape[1]))
     offsets = decoded(graph, weights, architecture, latents).transpose(0, 2, 1)
-    return graph.model("decoder", {"offsets": offsets}, trace=trace)
+    return graph.model("decoder", {"offsets": offsets})
 
 
 def decoded(
@@ -230,69 +156,35 @@ def decoded(
     Vertices stay the last axis throughout: nine rows a character of each convolution's product,
     and of the largest, 55 MB, every number is read once however many characters there are.
     """
-    layers = _MeshLayers(graph, weights, _DECODER, architecture, precision)
-    row = layers.activated("from_latent", layers.linear("from_latent", latents))
-    features = row.reshape(0, architecture["widths"][-1], FEATURES[-1]).transpose(0, 2, 1)
-    features = layers.convolutions("decoder", features)
-    name = "decoder.linear_1"
-    features = layers.activated(name, layers.per_vertex(name, features))
-    values = layers.per_vertex("to_coordinates", features)
+    own = {name: array for name, array in weights.items() if name.startswith(_DECODER)}
+    held, widths = mesh_autoencoder_to_keras(own), architecture["widths"]
+    activation = _ACTIVATIONS[architecture["activation"]]
+    slope = {"alpha": architecture["negative_slope"]} if activation == "LeakyRelu" else {}
+
+    def linear(layer: str, features: Value) -> Value:
+        """On the last axis."""
+        multiply = product(graph, f"{layer}/kernel", held[f"{layer}/kernel"], precision)
+        bias = graph.array(f"{layer}/bias", held[f"{layer}/bias"])
+        return graph.apply("Add", multiply(features), bias, layer=layer)
+
+    def per_vertex(layer: str, features: Value) -> Value:
+        """On each vertex's features (B, in, V)."""
+        kernel, bias = (graph.array(f"{layer}/{n}", held[f"{layer}/{n}"])
+                        for n in ("kernel", "bias"))  # fmt: skip
+        mixed = kernel.transpose(1, 0) @ features
+        return graph.apply("Add", mixed, bias.reshape(1, -1, 1), layer=layer)
+
+    def activated(layer: str, values: Value) -> Value:
+        return graph.apply(activation, values, layer=f"{layer}_activation", **slope)
+
+    row = activated("from_latent", linear("from_latent", latents))
+    features = row.reshape(0, widths[-1], FEATURES[-1]).transpose(0, 2, 1)
+    for number in range(1, len(widths)):
+        features = activated(f"decoder.conv_{number}", linear(f"decoder.conv_{number}", features))
+    features = activated("decoder.linear_1", per_vertex("decoder.linear_1", features))
+    values = per_vertex("to_coordinates", features)
     if "normaliser.mean_m" not in weights:
         return values
     scale_m, mean_m = (graph.array(name, weights[name].T)
                        for name in ("normaliser.scale_m", "normaliser.mean_m"))  # fmt: skip
     return graph.apply("Add", values * scale_m, mean_m, layer="normaliser.denormalise")
-
-
-class _MeshLayers:
-    """Layers of one side of the autoencoder, with Keras's kernels; vertices are the last axis."""
-
-    def __init__(
-        self,
-        graph: Graph,
-        weights: Weights,
-        side: tuple[str, ...],
-        architecture: Mapping[str, Any],
-        precision: Precision = "float32",
-    ) -> None:
-        own = {name: array for name, array in weights.items() if name.startswith(side)}
-        self.graph, self._weights = graph, mesh_autoencoder_to_keras(own)
-        self._architecture = architecture
-        self._precision: Precision = precision
-
-    def linear(self, layer: str, features: Value) -> Value:
-        """On the last axis."""
-        multiply = product(
-            self.graph, f"{layer}/kernel", self._weights[f"{layer}/kernel"], self._precision
-        )
-        bias = self.graph.array(f"{layer}/bias", self._weights[f"{layer}/bias"])
-        return self.graph.apply("Add", multiply(features), bias, layer=layer)
-
-    def per_vertex(self, layer: str, features: Value) -> Value:
-        """On each vertex's features (B, in, V)."""
-        kernel, bias = (self.graph.array(f"{layer}/{n}", self._weights[f"{layer}/{n}"])
-                        for n in ("kernel", "bias"))  # fmt: skip
-        mixed = kernel.transpose(1, 0) @ features
-        return self.graph.apply("Add", mixed, bias.reshape(1, -1, 1), layer=layer)
-
-    def activated(self, layer: str, features: Value) -> Value:
-        """The nonlinearity after a layer."""
-        activation = self._architecture["activation"]
-        slope = {"alpha": self._architecture["negative_slope"]}
-        given = slope if activation == "leaky_relu" else {}
-        op = _ACTIVATIONS[activation]
-        return self.graph.apply(op, features, layer=f"{layer}_activation", **given)
-
-    def convolutions(self, side: str, features: Value) -> Value:
-        """Mix vertices, (B, 9, in) to (B, 9, out)."""
-        for number in range(1, len(self._architecture["widths"])):
-            layer = f"{side}.conv_{number}"
-            features = self.activated(layer, self.linear(layer, features))
-        return features
-
-
-def mesh_autoencoder_weights(held: Weights) -> dict[str, NDArray]:
-    """The autoencoder's weights from the arrays that its two graphs hold together."""
-    return mesh_autoencoder_from_keras(
-        {name: array for name, array in held.items() if name.endswith(("/kernel", "/bias"))}
-    )

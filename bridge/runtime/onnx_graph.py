@@ -1,5 +1,5 @@
 """Formulas as ONNX graphs: values with NumPy's operators, blocks that are run if needed or
-repeated, matrix products in fewer bits, and how a graph is run and read back."""
+repeated, matrix products in fewer bits, and how a graph is run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -16,9 +15,6 @@ import onnx
 import onnxruntime
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from onnx import TensorProto, helper, numpy_helper
-
-from bridge.errors import DsnetError
-from bridge.runs.untrusted import damage_refused, open_regular
 
 OPSET, IR_VERSION = 17, 8
 """Old enough for the runtimes of the last years; nothing newer is used."""
@@ -63,7 +59,6 @@ class Value:
         return self.graph.apply("ReduceMin", self, axes=axes, keepdims=1)
 
     def clip(self, least: float, most: float) -> Value:
-        """Numbers within bounds."""
         return self.graph.apply("Clip", self, least, most)
 
     def reshape(self, *shape: int) -> Value:
@@ -71,17 +66,14 @@ class Value:
         return self.graph.apply("Reshape", self, self.graph.integers(shape))
 
     def transpose(self, *axes: int) -> Value:
-        """With the axes in another order."""
         return self.graph.apply("Transpose", self, perm=axes)
 
     def gather(self, indices: NDArray[np.integer] | Value, axis: int) -> Value:
-        """What lies at `indices` of one axis."""
         if not isinstance(indices, Value):
             indices = self.graph.integers(indices)
         return self.graph.apply("Gather", self, indices, axis=axis)
 
     def part(self, axis: int, start: int, stop: int) -> Value:
-        """From `start` to before `stop` on one axis."""
         bounds = (self.graph.integers([number]) for number in (start, stop, axis))
         return self.graph.apply("Slice", self, *bounds)
 
@@ -138,14 +130,12 @@ class Graph:
         return Value(self, output)
 
     def apply_many(self, op: str, count: int, *inputs: Operand, **attributes: Any) -> list[Value]:
-        """One operation with several outputs."""
         given = [self._value(operand).name for operand in inputs]
         outputs = [self._name(op) for _ in range(count)]
         self._nodes.append(helper.make_node(op, given, outputs, **attributes))
         return [Value(self, output) for output in outputs]
 
     def concat(self, values: Sequence[Value], axis: int) -> Value:
-        """Values side by side."""
         return self.apply("Concat", *values, axis=axis) if len(values) > 1 else values[0]
 
     def choose(
@@ -214,7 +204,6 @@ class Graph:
         shapes: Mapping[str, Shape] | None = None,
         metadata: Mapping[str, str] | None = None,
         *,
-        trace: bool = False,
         checked: bool = True,
     ) -> onnx.ModelProto:
         """The model.
@@ -223,16 +212,11 @@ class Graph:
         ----------
         shapes : of outputs, where they are to be declared.
         metadata : what else a reader should know, texts by name.
-        trace : give every layer's output too, by the layer's name.
         checked : infer shapes within and check it; what is run at once the runtime checks.
         """
-        layers = [layer for node in self._nodes for layer in node.output if "/" not in layer]
         for output, value in outputs.items():
             self.apply("Identity", value, layer=output)
-        infos = [
-            _info(output, TensorProto.FLOAT, (shapes or {}).get(output))
-            for output in (*outputs, *(layers if trace else ()))
-        ]
+        infos = [_info(name, TensorProto.FLOAT, (shapes or {}).get(name)) for name in outputs]
         graph = helper.make_graph(self._nodes, name, self._inputs, infos, self._arrays)
         model = helper.make_model(
             graph,
@@ -286,7 +270,6 @@ class StateLayout:
 
     @property
     def size(self) -> int:
-        """Length of a row."""
         return sum(map(math.prod, self.shapes.values()))
 
     def columns(self, name: str) -> slice:
@@ -390,23 +373,3 @@ class GraphSession:
         """The graph's outputs by name, of its inputs."""
         outputs = map(np.asarray, self._session.run(self._names, inputs))
         return dict(zip(self._names, outputs, strict=True))
-
-
-def held_arrays(path: Path) -> dict[str, NDArray]:
-    """The arrays that a graph in a file holds, by name; DsnetError if it is no ONNX model."""
-
-    def refusal(error: Exception) -> DsnetError:
-        return DsnetError(
-            f"{path}, which does not load ({type(error).__name__})",
-            "an ONNX model written by dsnet",
-            "Export it again.",
-        )
-
-    # protobuf is a dependency of onnx, not ours.
-    undecodable = onnx.serialization.google.protobuf.message.DecodeError  # pyright: ignore[reportPrivateImportUsage]
-    with damage_refused(refusal, undecodable, onnx.checker.ValidationError):
-        with open_regular(path) as stream:
-            # From bytes: a model in a file may name other files that hold its arrays.
-            model = onnx.load_model_from_string(stream.read())
-        onnx.checker.check_model(model)
-        return {tensor.name: numpy_helper.to_array(tensor) for tensor in model.graph.initializer}

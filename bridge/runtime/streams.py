@@ -106,13 +106,9 @@ class StreamingPredictor:
         """(B, 100) latents, as the autoencoder decodes them, one frame (1/60 s) later.
 
         `theta` (B, 69) are poses of B characters, in the same order at every step, `betas` (B, 10)
-        their shapes.
-
-        Raises
-        ------
-        DsnetError
-            If the shapes are others, B has changed since the last `reset`, a number is not finite,
-            or a pose or shape is no person's. Then nothing has moved: go on with the next frame.
+        their shapes. DsnetError if their shapes are others, B has changed since the last `reset`, a
+        number is not finite, or a pose or shape is no person's. Then nothing has moved: go on with
+        the next frame.
         """
         theta, betas = _numbers("theta", theta), _numbers("betas", betas)
         if theta.ndim != 2 or theta.shape[1] != THETA_SIZE or betas.shape != (len(theta), N_BETAS):
@@ -223,13 +219,8 @@ class StreamingBodies:
 
         `poses` are theta (69,) by the number that `join` gave; the answer has, by the same
         numbers, each as she was `latency_frames` ago, or at her first frame if she has not been
-        there for so long.
-
-        Raises
-        ------
-        DsnetError
-            If a number is nobody's, or a pose has another shape, numbers that are not finite or
-            beyond all bounds. Then nobody has moved: go on with the next frame.
+        there for so long. DsnetError if a number is nobody's, or a pose has another shape, numbers
+        that are not finite or beyond all bounds. Then nobody has moved: go on with the next frame.
         """
         here = [self._character(who) for who in poses]
         if not here:

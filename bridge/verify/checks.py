@@ -21,20 +21,18 @@ from bridge.exchange.dsnet import (
     load_unpadded_clips,
     make_clips,
 )
-from bridge.paper import INFERRED_WIDTHS, INPUT_SIZE, N_VERTICES
+from bridge.paper import INFERRED_WIDTHS, INPUT_SIZE, LATENT_SIZE, N_VERTICES
 from bridge.runs import Artifact, Run
 from bridge.runs.run import body_model_path
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 from bridge.verify.draws import SMALL_WIDTHS
-from bridge.verify.engine import FORMATS, Check, DTypeName, Tensors
+from bridge.verify.engine import Check, DTypeName, Tensors
 
 BOTH: tuple[DTypeName, ...] = ("float64", "float32")
 DOUBLE, SINGLE = BOTH[:1], BOTH[1:]
 FRAMEWORKS = {"torch": BOTH, "keras": BOTH}
-WITH_ONNX = {**FRAMEWORKS, "onnx": SINGLE}
 IN_FLOAT64 = {"torch": DOUBLE, "keras": DOUBLE}
-FILES = {"torch": SINGLE, "keras": SINGLE, "onnx": SINGLE}
 ONNX, STREAM = {"onnx": SINGLE}, {"stream": SINGLE}
 
 CLIPS, FRAMES, MESHES, GRAPH_FRAMES = 2, 120, 2, 8
@@ -50,8 +48,7 @@ def random_checks(seed: int, body: str) -> list[Check]:
     dsnet = {
         **draws.dsnet_weights(seed),
         **draws.autoencoder_weights(seed, options["architecture"]["widths"]),
-        "normaliser.mean_m": np.full((data.vertex_count, 3), 1e-3, np.float32),
-        "normaliser.scale_m": np.full((data.vertex_count, 3), 2e-3, np.float32),
+        **_normaliser(data.vertex_count),
     }
     plus, stream = draws.tissue(seed, data), draws.stream(seed, 8, 2)
     stream["betas"][1] = plus["people_betas"][0]  # the second of the two is known
@@ -59,14 +56,6 @@ def random_checks(seed: int, body: str) -> list[Check]:
         *small,
         Check("dsnet-graph", "dsnet_graph", ONNX, dsnet, stream, {"body": body, **options}),
         Check("plus-graph", "plus_graph", ONNX, plus, stream, {"body": body}),
-        Check("dsnet-files", FORMATS, FILES, draws.dsnet_weights(seed)),
-        Check(
-            "ae-files",
-            FORMATS,
-            FILES,
-            draws.autoencoder_weights(seed, SMALL_WIDTHS),
-            options=_architecture(SMALL_WIDTHS),
-        ),
     ]
 
 
@@ -78,6 +67,7 @@ def full_size_checks(seed: int) -> list[Check]:
     return [
         _ae_forward("ae-full", weights, values, options),
         _ae_train("ae-full-gradients", weights, values, options, ()),
+        _ae_decode("ae-full-decoder", weights, options),
     ]
 
 
@@ -88,17 +78,21 @@ def _dsnet(seed: int) -> list[Check]:
     def forward(name: str, inputs: Tensors, run: str = "whole") -> Check:
         return _dsnet_forward(f"dsnet-{name}", weights, inputs, run)
 
+    extremes = {
+        "T1": draws.motion(seed, 3, 1),
+        "T1000": draws.motion(seed, 1, 1000),
+        "zeros": {"motion": np.zeros((2, 20, INPUT_SIZE), np.float32)},
+        "large": draws.motion(seed, 2, 20, size=5.0),
+    }
+    streams = {"stream": motion} | {f"stream-{name}": one for name, one in extremes.items()}
     return [
         forward("whole-clip", motion),
         forward("frame-by-frame", motion, "steps"),
         forward("singles", motion, "singles"),
-        forward("T1", draws.motion(seed, 3, 1)),
-        forward("T1000", draws.motion(seed, 1, 1000)),
-        forward("zeros", {"motion": np.zeros((2, 20, INPUT_SIZE), np.float32)}),
-        forward("large", draws.motion(seed, 2, 20, size=5.0)),
+        *(forward(name, inputs) for name, inputs in extremes.items()),
         # tanh of +-500: what float32 loses there is in the argument, before any engine's tanh.
         replace(forward("saturating", draws.motion(seed, 2, 20, size=50.0)), engines=IN_FLOAT64),
-        Check("dsnet-stream", "dsnet_stream", STREAM, weights, motion),
+        *(Check(f"dsnet-{n}", "dsnet_stream", STREAM, weights, m) for n, m in streams.items()),
         _dsnet_train("dsnet-training", weights, clips, (1, 10)),
         _dsnet_train("dsnet-training-masked", weights, clips, (1, 10), masked=True),
     ]
@@ -118,6 +112,11 @@ def _autoencoder(seed: int) -> list[Check]:
         forward("large", draws.values(seed, 3, vertices, size=1e3)),
         *(forward(n, options=_architecture(SMALL_WIDTHS, n)) for n in ("elu", "tanh", "relu")),
         _ae_train("ae-training", weights, values, options, (1, 10)),
+        _ae_decode("ae-decoder", weights, options),
+        *(
+            _ae_decode(f"ae-decoder-{name}", weights, _architecture(SMALL_WIDTHS, name))
+            for name in ("elu", "tanh", "relu")
+        ),
     ]
 
 
@@ -239,7 +238,7 @@ def _architecture(widths: tuple[int, ...], activation: str = "leaky_relu") -> di
 
 
 def _dsnet_forward(name: str, weights: Tensors, inputs: Tensors, run: str = "whole") -> Check:
-    return Check(name, "dsnet_forward", WITH_ONNX, weights, inputs, {"run": run})
+    return Check(name, "dsnet_forward", FRAMEWORKS, weights, inputs, {"run": run})
 
 
 def _dsnet_train(
@@ -250,7 +249,17 @@ def _dsnet_train(
 
 
 def _ae_forward(name: str, weights: Tensors, values: Tensors, options: Options) -> Check:
-    return Check(name, "ae_forward", WITH_ONNX, weights, values, {"run": "whole", **options})
+    return Check(name, "ae_forward", FRAMEWORKS, weights, values, {"run": "whole", **options})
+
+
+def _ae_decode(name: str, weights: Tensors, options: dict[str, Any]) -> Check:
+    latents = np.random.default_rng(0).normal(size=(3, LATENT_SIZE)).astype(np.float32)
+    metric = {**weights, **_normaliser(options["architecture"]["widths"][0])}
+    return Check(name, "ae_decode", ONNX, metric, {"latents": latents}, options)
+
+
+def _normaliser(vertices: int) -> Tensors:
+    return {n: np.full((vertices, 3), k * 1e-3, np.float32) for k, n in enumerate(NORMALISER, 1)}
 
 
 def _ae_train(

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from bridge.runs.workers import progress
 from bridge.verify.engine import (
-    FORMATS,
     REFERENCE,
     Answer,
     Ask,
@@ -39,7 +38,6 @@ class Tolerance(NamedTuple):
 
 
 TOLERANCES = {
-    "EXACT": Tolerance(0.0, "weights are moved and not computed, so every bit comes back"),
     "FLOAT64": Tolerance(
         1e-10,
         "2^-53 is 1.1e-16; sums of 6890 terms, 1000 steps of a recurrence or ten of Adam leave "
@@ -54,12 +52,6 @@ TOLERANCES = {
         "its terms cancel: one digit more than forwards",
     ),
 }
-FILE_FORMATS = {
-    "torch": ("memory", "safetensors", "state_dict"),
-    "keras": ("memory", "safetensors", "keras"),
-    "onnx": ("onnx",),
-}
-"""What each engine writes and reads back."""
 CAUSES = {
     "layers": "layer {layer}",
     "loss": "the loss",
@@ -68,7 +60,6 @@ CAUSES = {
     "statistics": "running statistics {parameter}",
     "weights": "Adam's update (its moments agree), first of {parameter}",
     "losses": "the losses of later steps",
-    "files": "file format {format}: {parameter}",
 }
 """By kind of part, in the order in which a mistake shows."""
 
@@ -80,7 +71,7 @@ class Row:
     check: str
     part: str
     """`layers`, `loss`, `gradients`, `moments after n`, `weights after n`, `statistics after n`,
-    `losses` (before each step), `files`."""
+    `losses` (before each step)."""
     engine: str
     dtype: DTypeName
     max_abs: float
@@ -102,16 +93,14 @@ class Row:
 def verify(
     checks: Sequence[Check],
     folder: Path,
-    faulty: Mapping[str, Sequence[Check]] | None = None,
     run_engine: Ask = ask,
 ) -> tuple[list[Row], dict[str, Answer]]:
     """All rows of some checks, and what the engines said.
 
-    `folder` is empty and takes requests and answers; `faulty` is what an engine is asked in place
-    of the checks, when a fault is to be found.
+    `folder` is empty and takes requests and answers.
     """
     engines = dict.fromkeys([REFERENCE, *(name for check in checks for name in check.engines)])
-    write_requests(folder / "request", {**dict.fromkeys(engines, checks), **(faulty or {})})
+    write_requests(folder / "request", dict.fromkeys(engines, checks))
     answers = {
         engine: run_engine(engine, folder / "request", folder / engine)
         for engine in progress(list(engines), what="engines", unit="engine")
@@ -129,20 +118,14 @@ def verify(
 def _rows_of(
     check: Check, engine: str, dtype: DTypeName, answers: Mapping[str, Answer]
 ) -> Iterator[Row]:
-    asked: list[tuple[str, DTypeName]] = [(engine, dtype)]
-    if check.op != FORMATS:
-        asked.append((REFERENCE, "float64"))
+    asked: list[tuple[str, DTypeName]] = [(engine, dtype), (REFERENCE, "float64")]
     for name, precision in asked:
         if problem := answers[name].why_missing(check, precision):
             nothing = (np.inf, np.inf, "", (), 0.0, False, "", problem)
             yield Row(check.name, "all", name, precision, *nothing)
             return
     found = load_tensors(answers[engine].path(check, dtype))
-    if check.op == FORMATS:
-        named = [(k, n, a) for k in FILE_FORMATS[engine] for n, a in check.weights.items()]
-        expected = {f"weight/{kind}/{name}": array for kind, name, array in named}
-    else:
-        expected = load_tensors(answers[REFERENCE].path(check, "float64"))
+    expected = load_tensors(answers[REFERENCE].path(check, "float64"))
     yield from compare(check, engine, dtype, expected, found)
 
 
@@ -156,7 +139,7 @@ def compare(
             parts.setdefault(part_of(name), []).append(name)
     for part, names in parts.items():
         limit = tolerance_of(part, dtype).limit
-        differences = {n: _difference(expected[n], found.get(n), dtype, not limit) for n in names}
+        differences = {n: _difference(expected[n], found.get(n), dtype) for n in names}
         worst = max(differences, key=lambda name: differences[name].max_rel)
         max_abs = max(difference.max_abs for difference in differences.values())
         _, max_rel, index, _ = differences[worst]
@@ -173,9 +156,8 @@ class _Difference(NamedTuple):
 
 
 def _difference(
-    expected: NDArray[Any], found: NDArray[Any] | None, dtype: DTypeName, to_the_bit: bool
+    expected: NDArray[Any], found: NDArray[Any] | None, dtype: DTypeName
 ) -> _Difference:
-    """Of two tensors; to the bit, a zero's sign counts too."""
     if found is None:
         return _Difference(np.inf, np.inf, (), "no such tensor")
     if (expected.shape, dtype) != (found.shape, found.dtype):
@@ -187,27 +169,21 @@ def _difference(
     place = np.unravel_index(np.argmax(apart), apart.shape)
     largest, scale = float(apart[place]), float(np.abs(expected).max())
     index = tuple(int(k) for k in place)
-    if to_the_bit and expected.tobytes() != found.tobytes():
-        return _Difference(largest, np.inf, index, "not the same bits")
     relative = largest / scale if scale and np.isfinite(largest) else np.inf if largest else 0.0
     return _Difference(largest, relative, index)
 
 
 def part_of(tensor: str) -> str:
-    """The row to which a tensor belongs."""
     if step := re.fullmatch(r"step_(\d+)/(weight|adam_m|adam_v)/(.*)", tensor):
         count, state, name = step.groups()
         if state == "weight":
             return f"{'statistics' if '/moving_' in name else 'weights'} after {count}"
         return f"moments after {count}"
     kind = tensor.partition("/")[0]
-    return {"layer": "layers", "grad": "gradients", "weight": "files"}.get(kind, kind)
+    return {"layer": "layers", "grad": "gradients"}.get(kind, kind)
 
 
 def tolerance_of(part: str, dtype: DTypeName) -> Tolerance:
-    """The limit for one part of a check's results."""
-    if part == "files":
-        return TOLERANCES["EXACT"]
     if dtype == "float64":
         return TOLERANCES["FLOAT64"]
     forward = part in ("layers", "loss", "losses")
@@ -242,10 +218,10 @@ def _place(row: Row) -> tuple[int, int]:
 def _cause(row: Row) -> str:
     if row.part == "all":
         return f"no result, {row.problem}"
-    # `layer/lstm`, `grad/lstm/kernel`, `step_1/adam_m/lstm/kernel`, `weight/keras/lstm/kernel`
+    # `layer/lstm`, `grad/lstm/kernel`, `step_1/adam_m/lstm/kernel`
     kind, _, name = row.first.partition("/")
-    within, _, parameter = name.partition("/")
+    parameter = name.partition("/")[2]
     layer = re.split(r"/|\.(?=weight$|bias$)", name)[0] if kind == "grad" else name
     cause = CAUSES[row.part.partition(" after ")[0]]
-    cause = cause.format(layer=layer, parameter=parameter, format=within)
+    cause = cause.format(layer=layer, parameter=parameter)
     return f"{cause} ({row.problem})" if row.problem else cause

@@ -1,14 +1,12 @@
 """The engines `onnx` and `stream` of `dsnet verify`: what the product deploys.
 
-ONNX Runtime has forward passes in float32 only: it has no float64 LSTM or ELU, and ONNX keeps the
-slope of LeakyReLU in float32. The streaming predictor takes one frame at a time.
+Both compute in float32: the graphs that are exported, from poses to the posed skin frame by frame,
+the decoder, and the streaming predictor, whose graph gives latents.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,34 +15,13 @@ from numpy.typing import NDArray
 
 from bridge.body import load_body_model
 from bridge.exchange.dsnet import TrainedDsnet
-from bridge.paper import DSNET_WIDTHS, N_BETAS
+from bridge.paper import N_BETAS
 from bridge.runtime import network_graphs
-from bridge.runtime.onnx_graph import GraphSession, held_arrays
+from bridge.runtime.onnx_graph import GraphSession
 from bridge.runtime.plus_graph import plus_graph as plus_body_graph
 from bridge.runtime.streams import StreamingPredictor
 from bridge.tissue.trained_plus import TrainedPlus
-from bridge.verify.engine import Tensors, batches, joined, prefixed, serve
-
-_VERTICES_LAST = ("encoder.", "decoder.", "to_coordinates", "normaliser.")
-
-
-def dsnet_forward(weights: Tensors, motion: NDArray, run: str) -> Tensors:
-    """Every layer: the whole batch, row by row, or frame by frame."""
-    session = GraphSession(network_graphs.dsnet_graph(weights, trace=True))
-
-    def at_rest(batch: NDArray) -> Tensors:
-        state = np.zeros((1, len(batch), DSNET_WIDTHS["lstm"]), np.float32)
-        return {"hidden": state, "cell": state}
-
-    if run != "steps":
-        parts = [session(motion=rows, **at_rest(rows)) for rows in batches(motion, run)]
-        return joined(map(_layers, parts))
-    frames, state = [], at_rest(motion)
-    for frame in np.split(motion, motion.shape[1], axis=1):
-        outputs = session(motion=frame, **state)
-        state = {name: outputs[f"next_{name}"] for name in state}
-        frames.append(_layers(outputs))
-    return joined(frames, axis=1)
+from bridge.verify.engine import Tensors, serve
 
 
 def dsnet_stream(weights: Tensors, motion: NDArray) -> Tensors:
@@ -56,17 +33,10 @@ def dsnet_stream(weights: Tensors, motion: NDArray) -> Tensors:
     return {"layer/latents": np.stack(frames, axis=1)}
 
 
-def ae_forward(
-    weights: Tensors, values: NDArray, architecture: Mapping[str, Any], run: str
-) -> Tensors:
-    """Every layer, and the normaliser's where the weights hold one."""
-    encode = GraphSession(network_graphs.encoder_graph(weights, architecture, trace=True))
-    decode = GraphSession(network_graphs.decoder_graph(weights, architecture, trace=True))
-    parts = []
-    for rows in batches(values, run):
-        encoded = encode(offsets=rows)
-        parts.append(_layers(encoded) | _layers(decode(latents=encoded["latents"])))
-    return joined(parts)
+def ae_decode(weights: Tensors, latents: NDArray, architecture: Mapping[str, Any]) -> Tensors:
+    """Offsets in metres."""
+    session = GraphSession(network_graphs.decoder_graph(weights, architecture))
+    return {"layer/offsets": session(latents=latents)["offsets"]}
 
 
 def dsnet_graph(
@@ -79,7 +49,6 @@ def dsnet_graph(
 
 
 def plus_graph(weights: Tensors, theta: NDArray, betas: NDArray, body: str) -> Tensors:
-    """The same of `dsnet_plus`."""
     graph = plus_body_graph(TrainedPlus.from_arrays(weights), load_body_model(body))
     return _stepped(graph, theta, betas)
 
@@ -94,33 +63,5 @@ def _stepped(graph: onnx.ModelProto, theta: NDArray, betas: NDArray) -> Tensors:
     return {"layer/vertices": np.stack(frames)}
 
 
-def formats(weights: Tensors, architecture: Mapping[str, Any] | None = None) -> Tensors:
-    """Weights as saved graphs hold them: DSNet's, or the autoencoder's of an architecture."""
-    if architecture is None:
-        held = _through_file(network_graphs.dsnet_graph(weights))
-        return prefixed("weight/onnx", network_graphs.dsnet_weights(held))
-    held = {}
-    for build in (network_graphs.encoder_graph, network_graphs.decoder_graph):
-        held |= _through_file(build(weights, architecture))
-    return prefixed("weight/onnx", network_graphs.mesh_autoencoder_weights(held))
-
-
-def _layers(outputs: Tensors) -> Tensors:
-    """Layers alone, features last."""
-    results = ("latents", "offsets", "next_hidden", "next_cell")
-    return {
-        name: array.swapaxes(1, 2) if name.startswith(_VERTICES_LAST) else array
-        for name, array in outputs.items()
-        if name not in results
-    }
-
-
-def _through_file(model: onnx.ModelProto) -> Tensors:
-    with tempfile.TemporaryDirectory() as folder:
-        onnx.save_model(model, Path(folder) / "network.onnx")
-        return held_arrays(Path(folder) / "network.onnx")
-
-
 if __name__ == "__main__":
-    operations = (dsnet_forward, dsnet_stream, ae_forward, dsnet_graph, plus_graph, formats)
-    serve(*operations, packages=("onnx", "onnxruntime"))
+    serve(dsnet_stream, ae_decode, dsnet_graph, plus_graph, packages=("onnx", "onnxruntime"))

@@ -27,7 +27,7 @@ DTypeName = Literal["float64", "float32"]
 Tensors = dict[str, NDArray[Any]]
 Operation = Callable[..., Tensors]
 
-REFERENCE, FORMATS = "numpy", "formats"
+REFERENCE = "numpy"
 ENGINES = {
     REFERENCE: "bridge.verify.reference.engine",
     "torch": "torch_align_ae.verify",
@@ -60,7 +60,7 @@ def cases_of(checks: Iterable[Check], engine: str) -> Iterator[tuple[Check, DTyp
         if engine != REFERENCE:
             for dtype in check.engines.get(engine, ()):
                 yield check, dtype
-        elif check.op != FORMATS:
+        else:
             yield check, "float64"
 
 
@@ -105,7 +105,6 @@ class Answer:
     """Why the process as a whole gave nothing, in one line."""
 
     def path(self, check: Check, dtype: DTypeName) -> Path:
-        """Where a case's tensors are."""
         return self.folder / f"{check.name}.{dtype}.safetensors"
 
     def why_missing(self, check: Check, dtype: DTypeName) -> str:
@@ -173,12 +172,10 @@ def save_tensors(path: Path, tensors: Tensors) -> None:
 
 
 def load_tensors(path: Path) -> Tensors:
-    """Read them in the order in which they were given."""
     return {name[5:]: array for name, array in sorted(load_weights(path).items())}
 
 
 def _in_precision(arrays: Tensors, dtype: DTypeName) -> Tensors:
-    """Integers and booleans stay what they are."""
     return {n: a if a.dtype.kind in "bi" else a.astype(dtype) for n, a in arrays.items()}
 
 

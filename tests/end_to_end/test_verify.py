@@ -18,4 +18,3 @@ def test_a_trained_run_verifies_and_its_report_says_so(smoke_runs, tmp_path, exe
     assert reported.returncode == 0, reported.stderr
     page = (tmp_path / "smoke" / "report" / "report.md").read_text()
     assert "rows hold**" in page
-    assert "(figures/parity.png)" in page

@@ -1,8 +1,7 @@
-"""Damaged weights, in safetensors and ONNX."""
+"""Damaged weights."""
 
 from __future__ import annotations
 
-import functools
 import io
 import json
 from pathlib import Path
@@ -10,10 +9,8 @@ from pathlib import Path
 import numpy as np
 import safetensors.numpy
 from hypothesis import strategies as st
-from onnx import helper, numpy_helper
 
 from bridge.exchange import load_weights
-from bridge.runtime.onnx_graph import held_arrays
 from bridge.tissue.trained_plus import TrainedPlus
 from tests.fuzz.mutations import Draw, Files, damaged, damaged_json, damaged_npy
 
@@ -58,30 +55,6 @@ def read_weights(folder: Path) -> None:
     TrainedPlus.from_arrays(load_weights(folder / "weights.safetensors"))
 
 
-@st.composite
-def _graph(draw: Draw, base: bytes) -> Files:
-    return {"graph.onnx": damaged(draw, base)}
-
-
-def _graph_base() -> bytes:
-    weights = numpy_helper.from_array(np.ones((2, 3), np.float32), "w")
-    value = functools.partial(helper.make_tensor_value_info, elem_type=1)
-    node = helper.make_node("MatMul", ["x", "w"], ["y"])
-    inputs, outputs = [value("x", shape=[1, 2])], [value("y", shape=[1, 3])]
-    graph = helper.make_graph([node], "g", inputs, outputs, [weights])
-    return helper.make_model(graph).SerializeToString()
-
-
 def weights_files() -> st.SearchStrategy[Files]:
     """Of the packaged model."""
     return _weights(load_weights(PACKAGED))
-
-
-def graph_files() -> st.SearchStrategy[Files]:
-    """Of one layer."""
-    return _graph(_graph_base())
-
-
-def read_graph(folder: Path) -> None:
-    """The arrays in it."""
-    held_arrays(folder / "graph.onnx")

@@ -39,6 +39,5 @@ READERS = {
     "dyna": Reader("meshes"),
     "artifact": Reader("artifacts"),
     "weights": Reader("networks", "read_weights", "weights_files"),
-    "onnx": Reader("networks", "read_graph", "graph_files"),
     "names": Reader("words"),
 }

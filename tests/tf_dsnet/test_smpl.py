@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.body import pose_vertices, unpose_vertices
+from bridge.body import pose_vertices
 from bridge.body.posing import rest_vertices, shaped_joints
+from bridge.verify.reference.smpl import unposed_vertices
 from tf_dsnet.framework import tf
 from tf_dsnet.smpl import KerasSMPL, unpose
 
@@ -97,7 +98,7 @@ def test_unposing_is_the_references_and_inverts_posing(smpl, body, angle):
     betas, pose, trans, offsets = bodies(8, angle)
     posed = smpl(betas, pose, trans, offsets)
     found = unpose(smpl, posed, betas, pose, trans)
-    expected = unpose_vertices(body, posed.numpy(), betas, pose, trans)
+    expected = unposed_vertices(body, posed.numpy(), betas, pose, trans)
     np.testing.assert_allclose(found, expected, atol=1e-10)
     np.testing.assert_allclose(found, rest_vertices(body, betas, pose) + offsets, atol=1e-9)
 

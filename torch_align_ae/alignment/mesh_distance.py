@@ -232,7 +232,6 @@ class Shapes(NamedTuple):
     joints: Tensor  # (B, 22, 3) metres
 
     def rows(self, rows: slice | list[int]) -> Shapes:
-        """Some bodies of the batch."""
         return Shapes(self.vertices[rows], self.joints[rows])
 
 

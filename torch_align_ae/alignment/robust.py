@@ -74,7 +74,6 @@ class RobustSettings:
 
     @classmethod
     def fast(cls) -> RobustSettings:
-        """Half the work or less."""
         return cls(vertices=400, calibration_frames=96)
 
 
@@ -111,7 +110,6 @@ class RobustFit(CorpusFit):
         self._loads = law.of(self._sample)
 
     def learn(self) -> dict[str, NDArray]:
-        """`LEARNED` of all subjects."""
         names = subjects_of(self.sequences)
         # Here all cores work on one person; on a cluster each node has people of its own.
         with worker_pool(on_any_node("serial"), self) as pool:
@@ -123,7 +121,6 @@ class RobustFit(CorpusFit):
         return {**learned, "sample_vertices": self._sample.vertices.numpy()}
 
     def groups(self) -> list[list[Window]]:
-        """Sequence by sequence."""
         return [windows(sequence, _FRAMES_PER_WINDOW) for sequence in self.sequences]
 
     def fit(
@@ -246,8 +243,6 @@ class RobustFit(CorpusFit):
 
 @dataclass
 class _Calibrated:
-    """Some calibration frames and their poses so far."""
-
     seen: Observed
     pose: Pose
 

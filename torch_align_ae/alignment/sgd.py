@@ -275,8 +275,6 @@ def _fit_first_frames(
 
 
 class _Tracked(NamedTuple):
-    """A sequence that is followed through a window."""
-
     window: Window
     meshes: MeshClip
     betas: Tensor  # (10,) shape of its subject

@@ -17,7 +17,7 @@ from torch import Tensor
 from bridge.paper import N_JOINTS
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import cross_matrix
-from torch_align_ae.body.smpl import subtree_matrix, tree_levels, world_frames
+from torch_align_ae.body.smpl import subtree_matrix, world_frames
 
 # A radian at a joint that corrects a vertex by less than this does not enter the Jacobian; it
 # always enters the residual.
@@ -25,8 +25,6 @@ _NEGLIGIBLE_M = 1e-4
 
 
 class Pose(NamedTuple):
-    """Poses of B bodies."""
-
     rotations: Tensor  # (B, 22, 3, 3) of each joint relative to its parent
     trans: Tensor  # (B, 3) metres
 
@@ -75,7 +73,6 @@ class SkinSample:
     def __init__(self, smpl: SMPL, size: int) -> None:
         self.smpl = smpl
         self.parents = smpl.parents[:N_JOINTS]
-        self._levels = tree_levels(self.parents)
         weights = smpl.moving_weights()
         self.subtree = subtree_matrix(self.parents).to(weights.dtype)
         groups = _limb_by_limb(weights, self.parents, size)
@@ -103,7 +100,7 @@ class SkinSample:
     def frames(self, shaped: Shaped, pose: Pose) -> Frames:
         """Where the joints of a body are in B poses."""
         joints = shaped.joints.expand(len(pose.trans), -1, -1)
-        turn, place = world_frames(pose.rotations, joints, self._levels, pose.trans)
+        turn, place = world_frames(pose.rotations, joints, self.parents, pose.trans)
         shift = place - (turn @ joints[..., None])[..., 0]
         return Frames(pose.rotations, turn, place, shift)
 
@@ -111,7 +108,7 @@ class SkinSample:
         """(B, 22, 3) where the joints of a rest pose (22, 3) go without translation; linear."""
         count = len(rotations)
         nowhere = joints.new_zeros(count, 3)
-        return world_frames(rotations, joints.expand(count, -1, -1), self._levels, nowhere)[1]
+        return world_frames(rotations, joints.expand(count, -1, -1), self.parents, nowhere)[1]
 
     def positions(self, shaped: Shaped, pose: Pose) -> Tensor:
         """(B, 3, N) posed vertices of the sample, metres."""

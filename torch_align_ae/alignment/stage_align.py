@@ -81,7 +81,6 @@ class _RobustRecord(_Record):
 
 
 def main(config: AlignConfig) -> None:
-    """Run the stage: a result that is current is kept, one that was interrupted is continued."""
     run = Run(config.run)
     smpl_path, dyna_paths, upstream = _inputs(config, run)
     data = load_body_model(smpl_path)

@@ -35,15 +35,12 @@ class Normaliser:
     scale_m: Tensor  # (V, 3), metres, positive
 
     def normalise(self, offsets_m: Tensor) -> Tensor:
-        """Metres (B, V, 3) to the network's numbers."""
         return (offsets_m - self.mean_m) / self.scale_m
 
     def denormalise(self, values: Tensor) -> Tensor:
-        """The network's numbers (B, V, 3) to metres."""
         return values * self.scale_m + self.mean_m
 
     def to(self, device: torch.device) -> Normaliser:
-        """The same map on another device."""
         return Normaliser(self.mean_m.to(device), self.scale_m.to(device))
 
 
@@ -110,7 +107,6 @@ class Codec:
         }
 
     def save(self, path: Path) -> None:
-        """Write weights and normaliser as named arrays."""
         weights = {f"model.{name}": value for name, value in self.model.state_dict().items()}
         weights["normaliser.mean_m"] = self.normaliser.mean_m
         weights["normaliser.scale_m"] = self.normaliser.scale_m
@@ -217,13 +213,11 @@ def reconstruction_r2(
     return 1 - error / energy if energy else float("nan")
 
 
-def load_codec(artifact: Artifact, name: str = WEIGHTS_FILE) -> Codec:
-    """Load the codec of a finished `train-ae` stage."""
-    return read_codec(artifact.file(name), artifact.manifest["architecture"])
+def load_codec(artifact: Artifact) -> Codec:
+    return read_codec(artifact.file(WEIGHTS_FILE), artifact.manifest["architecture"])
 
 
 def load_codecs(artifact: Artifact) -> dict[CodeName, OffsetCodec]:
-    """Every code of a finished `train-ae` stage."""
     codecs: dict[CodeName, OffsetCodec] = {AUTOENCODER: load_codec(artifact)}
     for code, name in LINEAR_FILES.items():
         if name in artifact.manifest["files"]:

@@ -1,4 +1,4 @@
-"""Figure 3's autoencoder, how its weights begin, and the one that the paper compares it with.
+"""Figure 3's autoencoder, and how its weights begin.
 
 Two linear layers act on each vertex alone (3 -> 4 -> 9 features), four convolutions of kernel 1
 treat the *vertices* as channels and thin them out, and one linear layer maps what is left to the
@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from bridge.errors import DsnetError
-from bridge.paper import CASAS_OTADUY_WIDTHS, FEATURES, INFERRED_WIDTHS, LATENT_SIZE
+from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE
 
 ActivationName = Literal["leaky_relu", "elu", "tanh", "relu"]
 SAMPLE_FRAMES = 512
@@ -110,44 +110,7 @@ def _convolutions(widths: tuple[int, ...]) -> list[tuple[str, nn.Module]]:
     return [(f"conv_{k}", VertexConv(*pair)) for k, pair in enumerate(pairwise(widths), start=1)]
 
 
-class CasasOtaduyAutoencoder(nn.Module):
-    """Fully connected autoencoder of flattened offsets (Casas and Otaduy 2018; Section 5):
-    284,678,770 parameters. `widths` are the input size, then the outputs of the encoder's layers
-    but the last.
-    """
-
-    def __init__(
-        self,
-        widths: tuple[int, ...] = CASAS_OTADUY_WIDTHS[:-1],
-        latent_size: int = LATENT_SIZE,
-    ) -> None:
-        super().__init__()
-        self.latent_size = latent_size
-        widths = (*widths, latent_size)
-        self.encoder = _fully_connected(widths)
-        self.decoder = _fully_connected(widths[::-1])
-
-    def encode(self, offsets: Tensor) -> Tensor:
-        """Normalised offsets (B, V, 3) to latents (B, n)."""
-        return self.encoder(offsets.flatten(1))
-
-    def decode(self, latents: Tensor) -> Tensor:
-        """Latents (B, n) to normalised offsets (B, V, 3)."""
-        return self.decoder(latents).unflatten(1, (-1, 3))
-
-    def forward(self, offsets: Tensor) -> Tensor:
-        return self.decode(self.encode(offsets))
-
-
-def _fully_connected(widths: tuple[int, ...]) -> nn.Sequential:
-    layers: list[nn.Module] = []
-    for width_in, width_out in pairwise(widths):
-        layers += [nn.Linear(width_in, width_out), nn.LeakyReLU(0.1, inplace=True)]
-    return nn.Sequential(*layers[:-1])
-
-
 def parameter_count(model: nn.Module) -> int:
-    """Number of trainable parameters of a built model."""
     return sum(parameter.numel() for parameter in model.parameters() if parameter.requires_grad)
 
 

@@ -32,7 +32,6 @@ PROFILES = {name: DecodeConfig(run=name) for name in ("smoke", "demo", "paper")}
 
 
 def main(config: DecodeConfig) -> None:
-    """Run the stage; a result that is current is kept."""
     run = Run(config.run)
     upstream = run.artifacts("infer", "encode", "train-ae")
     run.build(

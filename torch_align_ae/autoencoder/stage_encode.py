@@ -31,7 +31,6 @@ PROFILES = {name: EncodeConfig(run=name) for name in ("smoke", "demo", "paper")}
 
 
 def main(config: EncodeConfig) -> None:
-    """Run the stage; a result that is current is kept."""
     run = Run(config.run)
     upstream = {stage: run.artifact(stage) for stage in ("align", "train-ae")}
     align, trained = upstream.values()

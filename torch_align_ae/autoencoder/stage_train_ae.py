@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,7 +26,7 @@ from bridge.motion.splits import (
     split_autoencoder_frames,
 )
 from bridge.options import NonNegativeInt, PositiveInt, Seed
-from bridge.paper import ALTERNATIVE_WIDTHS, INFERRED_WIDTHS, LATENT_SIZE
+from bridge.paper import ALTERNATIVE_WIDTHS, CASAS_OTADUY_WIDTHS, INFERRED_WIDTHS, LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.codes import (
     WEIGHTS_FILE,
@@ -39,7 +40,6 @@ from torch_align_ae.autoencoder.codes import (
 from torch_align_ae.autoencoder.mesh_autoencoder import (
     SAMPLE_FRAMES,
     ActivationName,
-    CasasOtaduyAutoencoder,
     MeshAutoencoder,
     initialise_with_modes,
     parameter_count,
@@ -173,7 +173,6 @@ PROFILES: dict[str, TrainAutoencoderConfig] = {
 
 
 def main(config: TrainAutoencoderConfig) -> None:
-    """Run the stage: a result that is current is kept, one that was interrupted is continued."""
     align = Run(config.run).artifact("align")
     if config.dmpl:
         if align.origin == "synthetic":
@@ -199,7 +198,7 @@ def main(config: TrainAutoencoderConfig) -> None:
         nothing: _Trial | None = None
         while trial := processes.told(nothing):
             codec, split = _beginning(trial, align)
-            _training(trial, codec, split, align, processes).run()
+            _training(trial, codec, split, align.array("offsets"), processes).run()
 
 
 def _make(
@@ -222,7 +221,7 @@ def _make(
         kept = {
             "components": len(fitted.components),
             "r2_validation": reconstruction_r2(fitted, offsets_m, split.validation),
-            "r2_held_out": _r2_held_out(fitted, align),
+            "r2_held_out": _r2_held_out(fitted, align, offsets_m),
         }
         writer.record(**{code: kept})
     compared = []
@@ -268,7 +267,11 @@ def _beginning(trial: _Trial, align: Artifact) -> tuple[Codec, FrameSplit]:
 
 
 def _training(
-    trial: _Trial, codec: Codec, split: FrameSplit, align: Artifact, processes: Processes
+    trial: _Trial,
+    codec: Codec,
+    split: FrameSplit,
+    offsets_m: NDArray[np.float32],
+    processes: Processes,
 ) -> Training[MeshAutoencoder]:
     config, preset = trial.config, PRESETS[trial.config.preset]
     per_epoch = math.ceil(len(split.train) / config.batch_size)
@@ -286,7 +289,7 @@ def _training(
         seed=config.seed,
     )
     model = codec.model.to("cuda" if torch.cuda.is_available() else "cpu")
-    offsets_m, label = align.array("offsets"), f"train-ae {trial.name}"
+    label = f"train-ae {trial.name}"
     return Training(
         model, codec.normaliser, offsets_m, split, plan, trial.checkpoint, label, processes
     )
@@ -303,9 +306,9 @@ def _trained(
     checkpoint = writer.checkpoints.resolve() / f"{name}.safetensors"
     trial = processes.told(_Trial(name, config, checkpoint))
     codec, split = _beginning(trial, align)
-    # Mapped anew each time: pages of two maps of one file count twice.
-    initial_r2 = reconstruction_r2(codec, align.array("offsets"), split.validation)
-    training = _training(trial, codec, split, align, processes)
+    offsets_m = align.array("offsets")  # mapped once: pages of two maps would count twice
+    initial_r2 = reconstruction_r2(codec, offsets_m, split.validation)
+    training = _training(trial, codec, split, offsets_m, processes)
     started = time.perf_counter()
     result = training.run()
     writer.record_measured(**{f"{name}_training_s": round(time.perf_counter() - started, 2)})
@@ -329,9 +332,9 @@ def _trained(
         "loss_initial": float(result.validation_losses[0]),
         "loss_best": float(result.validation_losses[result.best]),
         "r2_initial": initial_r2,
-        "r2_validation": reconstruction_r2(codec, align.array("offsets"), split.validation),
+        "r2_validation": reconstruction_r2(codec, offsets_m, split.validation),
         "include_held_out": config.include_held_out,
-        "r2_held_out": _r2_held_out(codec, align),
+        "r2_held_out": _r2_held_out(codec, align, offsets_m),
     }
 
 
@@ -350,17 +353,22 @@ def mode_sample(
     return np.asarray(offsets_m[np.sort(frames)], dtype=np.float32)
 
 
-def _r2_held_out(codec: OffsetCodec, align: Artifact) -> float | None:
+def _r2_held_out(
+    codec: OffsetCodec, align: Artifact, offsets_m: NDArray[np.float32]
+) -> float | None:
     """R2 on the sequences that are held out; None if there are none."""
     frames = held_out_frames(sequences_of(align))
-    return reconstruction_r2(codec, align.array("offsets"), frames) if len(frames) else None
+    return reconstruction_r2(codec, offsets_m, frames) if len(frames) else None
 
 
 def parameter_counts() -> dict[str, int]:
-    """Trainable parameters of the built models (Section 5), without allocating them."""
+    """Trainable parameters (Section 5): of the built models, without allocating them, and of the
+    dense layers of Casas and Otaduy's.
+    """
+    chain = CASAS_OTADUY_WIDTHS + CASAS_OTADUY_WIDTHS[-2::-1]
     with torch.device("meta"):
         return {
             "mesh_autoencoder": parameter_count(MeshAutoencoder()),
             "mesh_autoencoder_alternative": parameter_count(MeshAutoencoder(ALTERNATIVE_WIDTHS)),
-            "casas_otaduy": parameter_count(CasasOtaduyAutoencoder()),
+            "casas_otaduy": sum((inner + 1) * outer for inner, outer in pairwise(chain)),
         }

@@ -41,8 +41,6 @@ Network = TypeVar("Network", bound=nn.Module)
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """How long and how fast to train."""
-
     steps: int
     """Optimiser steps in all; the last epoch may be a part of one."""
     batch_size: int = 64
@@ -158,7 +156,6 @@ class Training(Generic[Network]):
 
     @property
     def best_file(self) -> Path:
-        """Weights of the least validation loss so far."""
         return self.checkpoint.with_suffix(f".best{self.checkpoint.suffix}")
 
     @property
@@ -181,7 +178,6 @@ class Training(Generic[Network]):
         return loss
 
     def _train(self, steps: range, bar: tqdm) -> float:
-        """Take these steps; return their mean loss."""
         self.model.train()
         total = torch.zeros((), dtype=torch.float64, device=self._device)
         for step, batch in zip(steps, self._batches(steps.start), strict=False):

@@ -7,7 +7,6 @@ over contiguous vertices, which a processor does three times faster than many 3 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -23,30 +22,6 @@ from torch_align_ae.body.rotations import axis_angle_to_matrix
 _SINGULAR_BELOW = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class TreeLevels:
-    """A joint tree cut into levels: all joints of a level are posed by one batched product."""
-
-    parents: Tensor  # (J,) parent of each joint; the root is its own
-    sorted_joints: Tensor  # (J,) joints by level, the root first
-    sizes: tuple[int, ...]  # number of joints of each level
-    parent_slots: tuple[Tensor, ...]  # below the root, the parents' places in the level above
-
-
-def tree_levels(parents: Sequence[int]) -> TreeLevels:
-    """Cut a tree with `parents[0] == -1` and parents before children into levels."""
-    levels, slots = [[0]], []
-    while level := [joint for joint, parent in enumerate(parents) if parent in levels[-1]]:
-        slots.append(torch.tensor([levels[-1].index(parents[joint]) for joint in level]))
-        levels.append(level)
-    return TreeLevels(
-        torch.tensor(parents).clamp_min(0),
-        torch.tensor([joint for level in levels for joint in level]),
-        tuple(len(level) for level in levels),
-        tuple(slots),
-    )
-
-
 def subtree_matrix(parents: Sequence[int]) -> Tensor:
     """(J, J) ones where the column's joint is the row's joint or hangs below it."""
     below = torch.eye(len(parents))
@@ -56,30 +31,32 @@ def subtree_matrix(parents: Sequence[int]) -> Tensor:
 
 
 def world_frames(
-    rotations: Tensor, joints: Tensor, levels: TreeLevels, trans: Tensor
+    rotations: Tensor, joints: Tensor, parents: Sequence[int], trans: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Orientation (B, J, 3, 3) and position (B, J, 3), metres, of each joint in the world.
 
-    `rotations` (B, J, 3, 3) are relative to the parents, `joints` (B, J, 3) in the rest pose, in
-    metres as `trans` (B, 3), the translation of the root.
+    `rotations` (B, J, 3, 3) are relative to the parents, which come before children; `joints`
+    (B, J, 3) are in the rest pose, in metres as `trans` (B, 3), the translation of the root.
     """
-    bones = joints - joints[:, levels.parents]
-    local = torch.cat([rotations, bones[..., None]], -1)[:, levels.sorted_joints]
-    root, *below = local.split(levels.sizes, 1)
-    start = (joints[:, 0] + trans)[:, None, :, None]
-    T_world_joint = [torch.cat([root[..., :3], start], -1)]
-    for T_parent_joint, slots in zip(below, levels.parent_slots, strict=True):
-        above = T_world_joint[-1][:, slots]
-        turned = above[..., :3] @ T_parent_joint
+    bones = joints.clone()
+    bones[:, 1:] -= joints[:, list(parents[1:])]
+    bones[:, 0] += trans
+    T_parent_joint = torch.cat([rotations, bones[..., None]], -1)
+    T_world_joint = [T_parent_joint[:, 0]]
+    for joint, parent in enumerate(parents[1:], start=1):
+        above = T_world_joint[parent]
+        turned = above[..., :3] @ T_parent_joint[:, joint]
         turned[..., 3].add_(above[..., 3])
         T_world_joint.append(turned)
-    frames = torch.cat(T_world_joint, 1)[:, torch.argsort(levels.sorted_joints)]
+    frames = torch.stack(T_world_joint, 1)
     return frames[..., :3], frames[..., 3]
 
 
-def bone_transforms(rotations: Tensor, joints: Tensor, levels: TreeLevels, trans: Tensor) -> Tensor:
+def bone_transforms(
+    rotations: Tensor, joints: Tensor, parents: Sequence[int], trans: Tensor
+) -> Tensor:
     """(B, J, 3, 4) `T_world_rest` of each bone; arguments as in `world_frames`."""
-    turn, place = world_frames(rotations, joints, levels, trans)
+    turn, place = world_frames(rotations, joints, parents, trans)
     shift = place - (turn @ joints[..., None])[..., 0]
     return torch.cat([turn, shift[..., None]], -1)
 
@@ -101,7 +78,6 @@ class SMPL(nn.Module):
         super().__init__()
         self.data = data
         self.parents: tuple[int, ...] = tuple(data.parents.tolist())
-        self.levels = tree_levels(self.parents)
         joint_shapedirs = [data.J_regressor @ data.shapedirs[:, axis] for axis in range(3)]
         buffers = {
             "template": data.v_template.T,  # (3, V)
@@ -179,7 +155,7 @@ class SMPL(nn.Module):
     def blended_transforms(self, betas: Tensor, rotations: Tensor, trans: Tensor) -> Tensor:
         """Each vertex's weighted mean of the bones' transforms, (B, 3, 4, V), rest to world."""
         _check_shape("trans", trans, (len(betas), 3))
-        bones = bone_transforms(rotations, self.joints(betas), self.levels, trans)
+        bones = bone_transforms(rotations, self.joints(betas), self.parents, trans)
         planar = bones.permute(0, 2, 3, 1).reshape(-1, len(self.parents))
         return (planar @ self.weights).unflatten(0, (-1, 3, 4))
 

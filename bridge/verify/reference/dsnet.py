@@ -18,12 +18,8 @@ from bridge.verify.engine import Tensors, prefixed, trained
 from bridge.verify.reference import layers
 from bridge.verify.reference.layers import Arrays
 
-LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
-
 
 class Pass(NamedTuple):
-    """One forward and backward pass in training."""
-
     loss: float
     gradients: Arrays
     """By trainable parameter."""
@@ -119,7 +115,6 @@ def adam_step(
 def train(
     weights: Arrays, run_pass: Callable[[Arrays], Pass], rule: AdamRule, steps: Sequence[int]
 ) -> Tensors:
-    """Take steps on one batch; what `engine.trained` gives."""
     first = now = run_pass(weights)
     m = v = {name: np.zeros_like(gradient) for name, gradient in first.gradients.items()}
     t, w = 0, weights
@@ -145,7 +140,6 @@ def dsnet_forward(w: Arrays, motion: np.ndarray, run: str) -> Tensors:
 
 
 def dsnet_stream(w: Arrays, motion: np.ndarray) -> Tensors:
-    """Latents of motions in their own units."""
     return {"layer/latents": predict_latents(w, motion)}
 
 

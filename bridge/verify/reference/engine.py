@@ -32,6 +32,7 @@ OPERATIONS = (
     dsnet.dsnet_stream,
     dsnet.dsnet_train,
     mesh_autoencoder.ae_forward,
+    mesh_autoencoder.ae_decode,
     mesh_autoencoder.ae_train,
     smpl.smpl,
     oscillators.oscillators_train,

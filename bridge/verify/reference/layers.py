@@ -20,7 +20,6 @@ def dense(x: Array, kernel: Array, bias: Array) -> Array:
 
 
 def dense_backward(dy: Array, x: Array, kernel: Array) -> tuple[Array, Array, Array]:
-    """Gradients by x, kernel and bias."""
     rows, slopes = x.reshape(-1, x.shape[-1]), dy.reshape(-1, dy.shape[-1])
     return dy @ kernel.T, rows.T @ slopes, slopes.sum(axis=0)
 

@@ -25,8 +25,6 @@ Architecture = Mapping[str, Any]
 
 
 class Chain(NamedTuple):
-    """What running the chain leaves."""
-
     outputs: Arrays
     """By layer, before its nonlinearity; after it as `<layer>_activation`."""
     inputs: Arrays
@@ -36,7 +34,6 @@ class Chain(NamedTuple):
 
 
 def layers_of(w: Arrays) -> list[str]:
-    """Names of all layers, first to last."""
     numbers = range(1, 1 + sum(name.startswith("encoder.conv_") for name in w) // 2)
     encoder, decoder = ([f"{side}.conv_{k}" for k in numbers] for side in ("encoder", "decoder"))
     return [
@@ -112,6 +109,11 @@ def ae_forward(w: Arrays, values: np.ndarray, architecture: Architecture, run: s
     return prefixed(
         "layer", {"normaliser.normalise": normalised, **outputs, "normaliser.denormalise": last}
     )
+
+
+def ae_decode(w: Arrays, latents: np.ndarray, architecture: Architecture) -> Tensors:
+    """Offsets in metres."""
+    return {"layer/offsets": decode(w, latents, architecture)}
 
 
 def ae_train(

@@ -72,6 +72,14 @@ def posed_vertices(
     return _applied(turn, rest_vertices(body, betas, turns) + offsets) + shift
 
 
+def unposed_vertices(
+    body: BodyModelData, mesh: Array, betas: Array, pose: Array, trans: Array
+) -> Array:
+    """(B, V, 3) rest-pose vertices of a posed mesh, metres: the inverse skinning W^-1 of Eq. 5."""
+    turn, shift = skinning(body, betas, rotations(pose), trans)
+    return np.linalg.solve(turn, (mesh - shift)[..., None])[..., 0]
+
+
 def gradient(body: BodyModelData, given: Arrays, probe: Array) -> Arrays:
     """Gradient of sum(probe * vertices) by betas, pose, trans and offsets; probe (B, V, 3)."""
 
@@ -92,13 +100,13 @@ def gradient(body: BodyModelData, given: Arrays, probe: Array) -> Arrays:
 def smpl(body: str, mesh: Array, probe: Array, **given: Array) -> Tensors:
     """Parts of the forward pass, the rest pose of `mesh` (B, V, 3), and the gradient."""
     data, betas, turns = load_body_model(body), given["betas"], rotations(given["pose"])
-    turn, shift = skinning(data, betas, turns, given["trans"])
+    motion = {name: given[name] for name in ("betas", "pose", "trans")}
     outputs = {
         "rotations": turns,
         "joints": joints(data, betas),
         "rest_vertices": rest_vertices(data, betas, turns),
         "vertices": posed_vertices(data, **given),
-        "unposed": np.linalg.solve(turn, (mesh - shift)[..., None])[..., 0],
+        "unposed": unposed_vertices(data, mesh, **motion),
     }
     return prefixed("layer", outputs) | prefixed("grad", gradient(data, given, probe))
 

@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.alignment.joint_absorption import CARRIERS, JointLoads, pose_error
 from bridge.body import load_body_model, pose_vertices
-from bridge.body.posing import rest_vertices, unpose_vertices
+from bridge.body.posing import rest_vertices
 from bridge.motion import pack_theta, unpack_theta
+from bridge.verify.reference.smpl import unposed_vertices
 
 FRAMES = 3
 
@@ -33,7 +34,7 @@ def taken(known, theta) -> float:
     body, betas, _, offsets, meshes = known
     shapes = np.repeat(betas[None], FRAMES, axis=0)
     pose, trans = unpack_theta(theta)
-    unposed = unpose_vertices(body, meshes, shapes, pose, trans)
+    unposed = unposed_vertices(body, meshes, shapes, pose, trans)
     return float(np.vdot(offsets - (unposed - rest_vertices(body, shapes, pose)), offsets))
 
 

@@ -183,23 +183,6 @@ def test_a_second_bias_is_added():
     np.testing.assert_array_equal(weights["lstm/bias"], np.ones(12))
 
 
-def test_onnx_has_the_output_gate_second():
-    weights = {"lstm/bias": np.repeat([1.0, 2.0, 3.0, 4.0], 3)}  # i, f, c, o
-    for name in ("lstm/kernel", "lstm/recurrent_kernel"):
-        weights[name] = np.tile(weights["lstm/bias"], (DSNET_SHAPES[name][0], 1))
-    onnx = layouts.lstm_to_onnx(weights)
-    expected = np.repeat([1.0, 4.0, 2.0, 3.0], 3)
-    np.testing.assert_array_equal(onnx["B"], [[*expected, *np.zeros(12)]])
-    np.testing.assert_array_equal(onnx["W"][0, :, 0], expected)
-    np.testing.assert_array_equal(onnx["R"][0, :, 0], expected)
-
-
-@given(st.integers(0, 2**32))
-def test_onnxs_lstm_comes_back_bit_for_bit(seed):
-    weights = any_bits({n: s for n, s in DSNET_SHAPES.items() if n.startswith("lstm")}, seed, "<f4")
-    assert_same_bits(weights, layouts.lstm_from_onnx(layouts.lstm_to_onnx(weights)))
-
-
 def test_a_part_is_converted_alone():
     gradients = {"fc_enc_1/kernel": np.ones((5, 4)), "lstm/kernel": np.ones((4, 12))}
     state = layouts.dsnet_to_torch(gradients)

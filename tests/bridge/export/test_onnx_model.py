@@ -22,6 +22,7 @@ from bridge.export.onnx_model import (
     precision_error_mm,
 )
 from bridge.runs import Run, write_artifact
+from bridge.runtime.network_graphs import dsnet_step_graph
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 from tests.forged.plus import write_plus
@@ -148,9 +149,8 @@ def test_a_foreign_file_is_one_line(tmp_path, content):
 
 
 def test_another_model_is_one_line(tmp_path):
-    from bridge.runtime.network_graphs import dsnet_graph
-
-    onnx.save_model(dsnet_graph(draws.dsnet_weights(0)), tmp_path / "a.onnx")
+    network = TrainedDsnet("dsnet", draws.dsnet_weights(0), Scaling.identity())
+    onnx.save_model(dsnet_step_graph(network), tmp_path / "a.onnx")
     with pytest.raises(DsnetError, match="state_layout"):
         OnnxCharacters(tmp_path / "a.onnx")
 

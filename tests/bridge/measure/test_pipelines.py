@@ -104,8 +104,8 @@ def test_every_group_holds_both_pipelines(both):
         assert manifest["cells"][cell]["dsnet"]["offsets"]["r2"] == pytest.approx(0.84, abs=1e-5)
         assert manifest["cells"][cell][PLUS]["velocity"]["r2"] == pytest.approx(0.75, abs=1e-4)
     assert manifest["default"] == PLUS
-    assert manifest["roads"]["paper"]["default"] == "dsnet"
-    assert manifest["roads"]["best"]["alignment"] == "align_robust"
+    assert manifest["pipelines"]["paper"]["default"] == "dsnet"
+    assert manifest["pipelines"]["best"]["alignment"] == "align_robust"
     assert set(manifest["alignments"]) == {"align", "align_robust"}
     best, paper = (manifest["alignments"][name]["betas_rms"] for name in ("align_robust", "align"))
     assert best == 0
@@ -200,7 +200,7 @@ def test_one_pipeline_is_enough(tmp_path, pipeline):
         write_best_pipeline(tmp_path / "both", own_alignment=False)
     evaluate = evaluated()
     own = {"paper": "dsnet", "best": PLUS}[pipeline]
-    assert list(evaluate.manifest["roads"]) == [pipeline]
+    assert list(evaluate.manifest["pipelines"]) == [pipeline]
     assert evaluate.manifest["default"] == own
     assert set(evaluate.manifest["alignments"]) == {"align"}
     beside = ["person_mean", "sequence_mean", "smpl"]

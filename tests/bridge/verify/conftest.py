@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bridge.verify.compare import FILE_FORMATS
-from bridge.verify.engine import FORMATS, Answer, Ask, Tensors, answer, prefixed
+from bridge.verify.engine import Answer, Ask, Tensors, answer
 from bridge.verify.reference import dsnet
 from bridge.verify.reference.engine import OPERATIONS
 
@@ -28,13 +27,8 @@ def _ask(engine: str, request: Path, out: Path) -> Answer:
     """Answer for any engine in place of its process; float32 is the float64 result, rounded."""
     out.mkdir(parents=True)
     operations = {op.__name__: partial(_rounded, op) for op in OPERATIONS}
-    answer(engine, request, out, {**operations, FORMATS: partial(_read_back, engine)}, ["numpy"])
+    answer(engine, request, out, operations, ["numpy"])
     return Answer(out, **json.loads((out / "answer.json").read_text()))
-
-
-def _read_back(engine: str, weights: Tensors, **_architecture: Any) -> Tensors:
-    read = (prefixed(f"weight/{name}", weights) for name in FILE_FORMATS[engine])
-    return {name: array for arrays in read for name, array in arrays.items()}
 
 
 def _rounded(

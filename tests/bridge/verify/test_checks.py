@@ -47,7 +47,7 @@ def test_names_are_unique_and_all_numbers_are_float32():
 def test_the_reference_answers_each_check_once_and_in_float64():
     checks = random_checks(0, "embedded:female")
     asked = Counter((check.name, dtype) for check, dtype in cases_of(checks, "numpy"))
-    computed = {(check.name, "float64") for check in checks if check.op != "formats"}
+    computed = {(check.name, "float64") for check in checks}
     assert asked == dict.fromkeys(computed, 1)
 
 
@@ -64,8 +64,9 @@ def test_clips_are_padded_and_have_a_mask_that_knows():
 def test_the_full_size_is_the_whole_network():
     checks = full_size_checks(0)
     for check in checks:
-        assert sum(array.size for array in check.weights.values()) == 33_626_606
-    assert [check.op for check in checks] == ["ae_forward", "ae_train"]
+        network = {n: w for n, w in check.weights.items() if not n.startswith("normaliser.")}
+        assert sum(array.size for array in network.values()) == 33_626_606
+    assert [check.op for check in checks] == ["ae_forward", "ae_train", "ae_decode"]
 
 
 @pytest.fixture
@@ -125,7 +126,7 @@ def test_a_runs_own_weights_are_checked(trained_run, tmp_path, ask_reference):
     }
     rows, answers = verify(checks, tmp_path / "work", run_engine=ask_reference)
     assert all(row.passed for row in rows)
-    assert {row.engine for row in rows} == {"torch", "keras", "onnx", "stream"}
+    assert {row.engine for row in rows} == {"torch", "keras", "stream"}
     names = list(load_tensors(answers["numpy"].folder / "ae-trained.float64.safetensors"))
     assert (names[0], names[-1]) == ("layer/normaliser.normalise", "layer/normaliser.denormalise")
     (clips,) = [check.inputs for check in checks if check.name == "dsnet-faithful-training"]

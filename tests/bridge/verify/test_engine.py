@@ -17,13 +17,13 @@ STREAM = Check("bad", "dsnet_stream", {}, inputs={"offsets": np.zeros((1, 2), np
 
 def test_who_is_asked_what():
     both = Check("a", "smpl", {"torch": ("float64", "float32"), "onnx": ("float32",)})
-    files = Check("f", "formats", {"torch": ("float32",)})
-    asked = {e: [(c.name, d) for c, d in cases_of([both, files], e)] for e in ENGINES}
+    graph = Check("g", "ae_decode", {"onnx": ("float32",)})
+    asked = {e: [(c.name, d) for c, d in cases_of([both, graph], e)] for e in ENGINES}
     assert asked == {
-        "numpy": [("a", "float64")],
-        "torch": [("a", "float64"), ("a", "float32"), ("f", "float32")],
+        "numpy": [("a", "float64"), ("g", "float64")],
+        "torch": [("a", "float64"), ("a", "float32")],
         "keras": [],
-        "onnx": [("a", "float32")],
+        "onnx": [("a", "float32"), ("g", "float32")],
         "stream": [],
     }
 

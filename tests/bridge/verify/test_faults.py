@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import get_args
+from pathlib import Path
 
 import pytest
 
 from bridge.verify.checks import random_checks
 from bridge.verify.compare import Row, diagnose, verify
-from bridge.verify.engine import Ask, Check, ask
-from bridge.verify.faults import FAULTS, FaultName, shown_by_torch, spoilt
-
-
-def test_every_fault_has_a_name():
-    assert set(FAULTS) == set(get_args(FaultName))
+from bridge.verify.engine import ENGINES, Answer, Ask, Check, ask, write_requests
+from tests.forged.faults import FAULTS, FAULTY, shown_by_torch, spoilt
 
 
 @pytest.fixture(scope="module", params=["stand-in", "torch"])
@@ -32,7 +28,16 @@ def rows(
         own = _named(whole, name, {fault.check})
         checks, faulty = checks + own, faulty + spoilt(own, name)
     run_engine = ask if request.param == "torch" else ask_reference
-    return verify(checks, folder, {"torch": faulty}, run_engine)[0]
+
+    def ask_mistaken(engine: str, request: Path, out: Path) -> Answer:
+        if engine == FAULTY:
+            request = folder / "spoilt"
+            write_requests(request, {engine: faulty})
+        return run_engine(engine, request, out)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(ENGINES, FAULTY, "tests.forged.faulty_torch")
+        return verify(checks, folder, ask_mistaken)[0]
 
 
 def _named(checks: list[Check], prefix: str, names: set[str]) -> list[Check]:

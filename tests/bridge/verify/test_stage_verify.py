@@ -21,7 +21,7 @@ CONFIG = stage_verify.VerifyConfig(run="r", trained=False, full_size=False)
 def verify(tmp_path, monkeypatch, ask_reference, capsys):
     """Run the stage on three quick checks without a framework: exit status and printed text."""
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
-    quick = ("dsnet-T1", "ae-batch", "dsnet-files", "dsnet-training")
+    quick = ("dsnet-T1", "ae-batch", "ae-decoder-relu", "dsnet-training")
     checks = [check for check in random_checks(0, "embedded:female") if check.name in quick]
     monkeypatch.setattr(stage_verify, "random_checks", lambda seed, body: [*checks])
     spoilt = {"engine": "", "value": 0.0}
@@ -35,7 +35,7 @@ def verify(tmp_path, monkeypatch, ask_reference, capsys):
     monkeypatch.setattr(
         stage_verify,
         "verify",
-        lambda checks, folder, faulty=None: compare.verify(checks, folder, faulty, ask),
+        lambda checks, folder: compare.verify(checks, folder, ask),
     )
 
     def run(config=CONFIG, engine="", value=0.0):
@@ -64,7 +64,7 @@ def test_agreement_exits_with_0_and_leaves_a_complete_artifact(verify, tmp_path)
     assert parity["diagnosis"] == {}
     assert {row["engine"] for row in parity["rows"]} == {"torch", "keras", "onnx"}
     assert printed.count(" ok\n") == len(parity["rows"])
-    assert {entry["limit"] for entry in parity["tolerances"].values()} == {0.0, 1e-10, 1e-5, 1e-4}
+    assert {entry["limit"] for entry in parity["tolerances"].values()} == {1e-10, 1e-5, 1e-4}
     assert [path.name for path in (tmp_path / "r").iterdir()] == ["verify"]
 
 
@@ -81,14 +81,7 @@ def test_a_difference_exits_with_1_and_names_the_layer(verify, tmp_path, value):
 
 def test_it_is_never_skipped(verify):
     assert verify()[0] == 0
-    assert verify(engine="onnx", value=1.0)[0] == 1
-
-
-def test_an_injected_fault_exits_with_1_and_writes_nothing(verify, tmp_path):
-    status, printed = verify(replace(CONFIG, inject="transposed_kernel"))
-    assert status == 1
-    assert "torch: layer encoder.conv_2" in printed
-    assert not list(tmp_path.iterdir())
+    assert verify(engine="torch", value=1.0)[0] == 1
 
 
 def test_equal_results_have_equal_digests(verify, tmp_path):

@@ -8,7 +8,7 @@ import torch
 
 from benchmarks.speed.autoencoder import conv1d_forward
 from bridge import DsnetError
-from torch_align_ae import CasasOtaduyAutoencoder, MeshAutoencoder
+from torch_align_ae import MeshAutoencoder
 from torch_align_ae.autoencoder.mesh_autoencoder import (
     initialise_with_modes,
     parameter_count,
@@ -56,31 +56,16 @@ def test_the_paper_sized_network_encodes_and_decodes_each_frame_alone():
 def test_a_smaller_code_costs_its_own_weights_only(size):
     with torch.device("meta"):
         mesh, mesh_less = MeshAutoencoder(), MeshAutoencoder(latent_size=size)
-        casas, casas_less = CasasOtaduyAutoencoder(), CasasOtaduyAutoencoder(latent_size=size)
     less = 100 - size
     assert parameter_count(mesh) - parameter_count(mesh_less) == less * (2 * 30 * 9 + 1)
-    assert parameter_count(casas) - parameter_count(casas_less) == less * (2 * 3000 + 1)
 
 
 @pytest.mark.parametrize("size", [5, 40])
 def test_codes_have_the_size_asked_for(size):
     offsets = torch.ones(2, 60, 3)
-    for model in (
-        MeshAutoencoder(SMALL, latent_size=size),
-        CasasOtaduyAutoencoder((180, 40), latent_size=size),
-    ):
-        assert model.encode(offsets).shape == (2, size)
-        assert model(offsets).shape == offsets.shape
-
-
-def test_casas_otaduy_keeps_shapes():
-    model = CasasOtaduyAutoencoder((180, 40, 20), latent_size=10)
-    latents = model.encode(torch.ones(2, 60, 3))
-    assert latents.shape == (2, 10)
-    assert model.decode(latents).shape == (2, 60, 3)
-    assert (
-        parameter_count(model) == 180 * 40 * 2 + 40 * 20 * 2 + 20 * 10 * 2 + 40 * 2 + 20 * 2 + 190
-    )
+    model = MeshAutoencoder(SMALL, latent_size=size)
+    assert model.encode(offsets).shape == (2, size)
+    assert model(offsets).shape == offsets.shape
 
 
 def test_a_foreign_topology_is_one_line():

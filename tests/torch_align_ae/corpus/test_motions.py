@@ -74,7 +74,7 @@ def performance(motion, row, gender: Gender = "female"):
     with torch.no_grad():
         lowest = smpl(*(part[::4] for part in (betas, *tensors)))[..., 1].amin(1).numpy()
         rotations, joints = smpl.rotations(tensors[0]), smpl.joints(betas)
-        places = world_frames(rotations, joints, smpl.levels, tensors[1])[1].numpy()
+        places = world_frames(rotations, joints, smpl.parents, tensors[1])[1].numpy()
     return Performance(theta, pose, trans, lowest, places, contact)
 
 

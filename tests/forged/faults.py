@@ -1,31 +1,21 @@
 """The classical mistakes of a conversion, made on purpose: `verify` must find and name each.
 
-A fault is given to one engine, PyTorch's: either wrong weights, as a wrong conversion would make
-them, or an option that sets one constant of what the engine built.
+A fault is given to one engine, PyTorch's (`faulty_torch.py`): either wrong weights, as a wrong
+conversion would make them, or an option that sets one constant of what the engine builds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.verify.engine import FORMATS, Check, Tensors
+from bridge.verify.engine import Check, Tensors
 
 FAULTY = "torch"
-FaultName = Literal[
-    "gate_order",
-    "batch_norm_epsilon",
-    "dropped_bias",
-    "transposed_recurrent_kernel",
-    "transposed_kernel",
-    "forgotten_mask",
-    "inverted_momentum",
-    "adam_epsilon",
-]
 
 
 class Fault(NamedTuple):
@@ -59,7 +49,7 @@ def _gates_transposed(array: NDArray) -> NDArray:
 
 _CLIP, _TRAINING = "dsnet-whole-clip", "dsnet-training"
 _RECURRENT, _SQUARE = "lstm/recurrent_kernel", "encoder.conv_2.weight"
-FAULTS: dict[FaultName, Fault] = {
+FAULTS: dict[str, Fault] = {
     "gate_order": Fault("layer lstm", _CLIP, _changed("lstm/", _gates_swapped)),
     "batch_norm_epsilon": Fault("layer batch_norm", _CLIP, options={"batch_norm_epsilon": 1e-5}),
     "dropped_bias": Fault("layer fc_enc_2", _CLIP, _changed("fc_enc_2/bias", np.zeros_like)),
@@ -84,11 +74,11 @@ def shown_by_torch(checks: Iterable[Check]) -> list[Check]:
     return [
         replace(check, engines={FAULTY: check.engines[FAULTY]})
         for check in checks
-        if FAULTY in check.engines and check.weights and check.op != FORMATS
+        if FAULTY in check.engines and check.weights
     ]
 
 
-def spoilt(checks: Iterable[Check], name: FaultName) -> list[Check]:
+def spoilt(checks: Iterable[Check], name: str) -> list[Check]:
     """The checks with a fault: what the faulty engine is asked in their place."""
     fault = FAULTS[name]
     return [
