@@ -126,10 +126,10 @@ async function perform(next, goesOn) {
   forget();
   const { tracks, ...rest } = motion;
   await worked.call("perform", { motion: rest, tracks, betas, epoch });
-  say(goesOn ? $("looped").title : [...motion.says, ...otherGender()].join(" "));
+  say("");
+  $("odd").textContent = [goesOn ? $("looped").title : "", ...motion.says, ...otherGender()].filter(Boolean).join("; ");
   sliders();
   people();
-  floor();
 }
 
 const otherGender = () => (["female", "male"].includes(motion.gender) && motion.gender !== scene.gender ? [`The file's betas are a ${motion.gender}'s, the body is ${scene.gender}.`] : []);
@@ -147,12 +147,6 @@ function person(next) { // another shape, from where she is
   betas = next;
   forget();
   worked.call("person", { betas, epoch });
-  floor();
-}
-
-async function floor() {
-  const mine = epoch, found = $("floor").checked ? (await worked.call("lowest", { epoch })).low : 0;
-  if (mine === epoch) { low = found ?? 0; drawn = ""; }
 }
 
 async function take(file) {
@@ -180,10 +174,11 @@ function ask(index) {
   });
 }
 
-function surveyed({ epoch: theirs, from, rows, full: scale, done }) {
+function surveyed({ epoch: theirs, from, rows, full: scale, low: height, done }) {
   if (theirs !== epoch) return;
   rows.forEach((row, i) => { curves.rows[from + i] = row; });
   full = scale;
+  low = height;
   for (const [index, frame] of frames) if (!frame.exact && (done || index < from)) { frames.delete(index); drawn = ""; }
 }
 
@@ -247,7 +242,7 @@ function show(a, b, next, one) {
   const scaleMm = SCALES_MM.find((mm) => mm >= 1000 * (full[colouring] ?? 0.02)) ?? 200;
   stage.colour(names, colouring === "apart" && !motion.tracks.truth ? "none" : colouring, scaleMm / 1000);
   const drawing = performance.now();
-  stage.draw(layout, wipeAt, names, [root[0], low, root[2]]);
+  stage.draw(layout, wipeAt, names, [root[0], $("floor").checked ? low : 0, root[2]]);
   keep(stats.draw, performance.now() - drawing);
   tags(layout, names);
   legend(colouring, scaleMm);
@@ -273,7 +268,7 @@ function tags(layout, names) {
     if (tag.hidden) continue;
     let [x, y] = stage.above(name);
     const { clientWidth: wide, clientHeight: high } = $("view"), half = tag.offsetWidth / 2;
-    if (layout === "wipe") [x, y] = [wipeAt * wide + (i ? half + 18 : -half - 18), 16 + 24];
+    if (layout === "wipe") [x, y] = [wipeAt * wide + (i ? half + 26 : -half - 26), 0.8 * high + 12];
     if (layout === "overlay") y -= 26 * (names.length - 1 - i);
     tag.style.transform = `translate(${Math.min(Math.max(x - half, 4), wide - 2 * half - 4)}px, ${Math.min(Math.max(y - 24, 6), high - 60)}px)`;
   }
@@ -326,7 +321,7 @@ function people() {
 function controls() {
   const { start } = scene, range = { min: 0, max: 5, step: 0.05 };
   $("scale").style.background = `linear-gradient(to top, ${COLOURS.map((c) => `rgb(${c})`)})`;
-  $("notice").textContent = [scene.origin === "synthetic" ? "Synthetic: body and flesh are simulated, of no measured person." : "", scene.baked].filter(Boolean).join(" ");
+  $("notice").textContent = [scene.origin === "synthetic" ? "Synthetic: body and flesh are simulated, not measured." : "", scene.baked].filter(Boolean).join(" ");
   scene.motions.forEach(({ name }, i) => $("motion").add(new Option(name, i)));
   const known = scene.motions.some(({ tracks }) => tracks.includes("truth"));
   const [best] = scene.predictors;
@@ -358,8 +353,7 @@ function controls() {
   $("motion").onchange = () => choose(+$("motion").value);
   $("loop").onchange = () => choose(motion.number);
   $("loop").parentElement.hidden = Boolean(scene.baked);
-  $("floor").onchange = floor;
-  $("stay").onchange = $("layout").onchange = $("colouring").onchange = () => { drawn = ""; };
+  $("floor").onchange = $("stay").onchange = $("layout").onchange = $("colouring").onchange = () => { drawn = ""; };
   const play = ($("play").onclick = () => { playing = !playing; $("play").textContent = playing ? "Pause" : "Play"; });
   const moves = { ArrowLeft: -1, ArrowRight: 1, Home: -1e9, End: 1e9 };
   $("curves").onkeydown = ({ key }) => { if (moves[key]) seek(Math.min(Math.max(Math.round(time) + moves[key], 0), motion.count - 1)); };

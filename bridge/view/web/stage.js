@@ -13,7 +13,7 @@ export const COLOURS = [[252, 240, 178], [254, 196, 136], [253, 154, 106], [246,
 const srgb = ([r, g, b]) => new Color().setRGB(r / 255, g / 255, b / 255, SRGBColorSpace);
 const CLAY = srgb([219, 196, 178]);
 const BACKGROUND = 0xf3f1ee;
-const APART_M = 1.25;
+const APART_M = 1.35;
 
 function surface(own) {
   const made = new MeshStandardMaterial({ roughness: 0.62, metalness: 0, transparent: false });
@@ -156,12 +156,12 @@ export class Stage {
   // Where a label belongs above a body, pixels.
   above(name) {
     const { array } = this.bodies[name].geometry.attributes.position, place = this.bodies[name].position;
-    let top = 0, left = Infinity, right = -Infinity;
+    let top = -Infinity, at = 0, left = Infinity, right = -Infinity;
     for (let i = 0; i < array.length; i += 3) {
-      top = Math.max(top, array[i + 1]);
+      if (array[i + 1] > top) { top = array[i + 1]; at = array[i + 2]; }
       left = Math.min(left, array[i]); right = Math.max(right, array[i]);
     }
-    const p = new Vector3(place.x + (left + right) / 2, place.y + top + 0.06, place.z).project(this.camera);
+    const p = new Vector3((left + right) / 2, top + 0.06, at).add(place).project(this.camera);
     return [(p.x * 0.5 + 0.5) * this.canvas.clientWidth, (0.5 - p.y * 0.5) * this.canvas.clientHeight];
   }
 }

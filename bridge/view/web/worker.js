@@ -35,26 +35,11 @@ const jobs = {
     const found = await roll.frame(performer.motion.first + index);
     return { index, epoch, ...found, exact: roll.exact, ms: roll.ms };
   },
-  // The heights of the lowest points of some frames: where a floor would be.
-  async lowest({ epoch: asked }) {
-    const { first, count } = performer.motion, lowest = [], placed = new Float32Array(3 * body.count), step = Math.ceil(count / 240);
-    const own = new Roll(performer);
-    own.patient = step === 1;
-    for (let index = 0; index < count && asked === epoch; index += step) {
-      const { rest, bones } = await own.frame(first + index);
-      body.skin(rest, null, null, bones, placed, null);
-      let low = Infinity;
-      for (let i = 1; i < placed.length; i += 3) low = Math.min(low, placed[i]);
-      lowest.push(low);
-    }
-    lowest.sort((a, b) => a - b);
-    return { low: lowest[Math.floor(0.01 * (lowest.length - 1))] };
-  },
 };
 
 class Survey {
   constructor() {
-    Object.assign(this, { at: 0, roll: new Roll(performer), bins: {}, found: [], epoch });
+    Object.assign(this, { at: 0, roll: new Roll(performer), bins: {}, found: [], lows: [], epoch });
     this.roll.patient = true;
     this.count = Math.min(performer.motion.count, MOST_SURVEYED);
   }
@@ -66,7 +51,8 @@ class Survey {
       placed[name] = new Float32Array(3 * body.count);
       const sizes = new Float32Array(body.count);
       body.skin(rest, offsets[name], name === TRUTH ? null : gains, bones, placed[name], sizes);
-      if (name !== "smpl") row[name] = { size: this.counted("size", sizes) };
+      if (name === "smpl") this.lows.push(placed.smpl.reduce((low, y, i) => (i % 3 === 1 && y < low ? y : low), Infinity));
+      else row[name] = { size: this.counted("size", sizes) };
     }
     if (placed[TRUTH])
       for (const name of names.filter((one) => one !== TRUTH)) {
@@ -77,7 +63,8 @@ class Survey {
     this.found.push(row);
     this.at++;
     if (this.found.length < 30 && this.at < this.count) return;
-    self.postMessage({ job: "survey", epoch: this.epoch, from: this.at - this.found.length, rows: this.found, full: this.full(), done: this.at === this.count });
+    const low = this.lows.toSorted((a, b) => a - b)[Math.floor(0.01 * (this.lows.length - 1))]; // where a floor would be
+    self.postMessage({ job: "survey", epoch: this.epoch, from: this.at - this.found.length, rows: this.found, full: this.full(), low, done: this.at === this.count });
     this.found = [];
   }
 

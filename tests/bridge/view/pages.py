@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from bridge.view.page import document
 from bridge.view.scene import Scene
 from bridge.view.server import serving
-from tools.headless_chromium import OpenPage, open_page
+from tools.headless_chromium import PATIENCE_MS, OpenPage, open_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -62,15 +63,22 @@ class Shown:
 
     def surveyed(self) -> None:
         """Wait until all curves are there."""
-        self.page.wait_for_function(
-            "page.curves.filter(Boolean).length === Math.min(page.motion.count, 7200)"
-        )
+        self.until("page.curves.filter(Boolean).length === page.motion.count")
+
+    def until(self, true: str) -> None:
+        """Wait for an expression; a page that allows no `eval` is asked again and again."""
+        end_s = time.monotonic() + PATIENCE_MS / 1000
+        while not self.page.evaluate(true):
+            assert time.monotonic() < end_s, f"waited in vain for {true}"
+            time.sleep(0.1)
 
 
 @contextmanager
-def served(browser: Browser, scene: Scene, **size_px: int) -> Iterator[Shown]:
+def served(
+    browser: Browser, scene: Scene, width_px: int = 400, height_px: int = 300
+) -> Iterator[Shown]:
     """Its page from a server."""
-    with serving(scene, 0) as address, open_page(browser, address, **size_px) as opened:
+    with serving(scene, 0) as address, open_page(browser, address, width_px, height_px) as opened:
         yield Shown(opened)
 
 
