@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import gzip
+import html
 from importlib import resources
 from pathlib import Path
 
@@ -16,8 +17,11 @@ BUNDLE = Path(str(resources.files("bridge.view"))) / "bundle"
 _LEVEL = 6
 
 
-def document(scene: Scene | None = None) -> str:
-    """HTML that shows a scene from a disk, without a network; without one it asks for `assets/`."""
+def document(scene: Scene | None = None, about: str = "") -> str:
+    """HTML that shows a scene from a disk, without a network; without one it asks for `assets/`.
+
+    `about` is a line on what is shown.
+    """
     page = (BUNDLE / "page.html").read_text(encoding="utf-8")
     names = [] if scene is None else ["runtime", *scene.assets]
     embedded = "\n".join(
@@ -27,7 +31,8 @@ def document(scene: Scene | None = None) -> str:
         if scene is not None
     )
     before, after = page.split("<!--assets-->")
-    return before.replace("@CONNECT@", "'self'" if scene is None else "'none'") + embedded + after
+    before = before.replace("@CONNECT@", "'self'" if scene is None else "'none'")
+    return before.replace("@ABOUT@", html.escape(about)) + embedded + after
 
 
 def raw(scene: Scene, name: str) -> bytes:

@@ -29,7 +29,7 @@ from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
 from bridge.runtime.load_model import PIPELINES, TrainedModel, load_model
-from bridge.runtime.moving_body import place_motion
+from bridge.runtime.moving_body import MovingBody, place_motion
 
 AVERAGE = "average shape"
 TRUTH = "truth"
@@ -150,6 +150,19 @@ def open_truth(run: Run, origin: str) -> tuple[Mapping[str, int], Callable[[str]
         return TrueMotion(truth.frames("theta", name, frames), truth.betas(name), offsets_m)
 
     return known, read
+
+
+def take_of(moving: MovingBody) -> tuple[ViewedMotion, Callable[[str], TrueMotion] | None]:
+    """A motion as it is moved, with its truth if it is one of its run's corpus, as recorded."""
+    motion, trained = moving.motion, moving.trained
+    first, *_ = trained.artifacts.values()
+    folder, take = first.path.parent.resolve(), ViewedMotion(lambda: motion)
+    recorded = not set(moving.controls) - {"gain", "part_gain"}
+    if recorded and folder / "corpus" in motion.source.resolve().parents:
+        known, read = open_truth(Run(folder.name), trained.origin)
+        if (name := "_".join(subject_and_motion(motion.source))) in known:
+            return replace(take, truth=name, frames=known[name]), read
+    return take, None
 
 
 def _labels_of(run: Run) -> dict[str, str]:

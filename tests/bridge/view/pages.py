@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -89,3 +90,20 @@ def on_disk(browser: Browser, page: Path, scene: Scene | None = None) -> Iterato
         page.write_text(document(scene), encoding="utf-8")
     with open_page(browser, page.as_uri()) as opened:
         yield Shown(opened)
+
+
+def numbers(text: str, dtype: str) -> np.ndarray:
+    """An array of a scene's JSON."""
+    return np.frombuffer(base64.b64decode(text), dtype)
+
+
+def facts_of(scene: Scene) -> dict[str, Any]:
+    """A scene's facts."""
+    return json.loads(scene.assets["scene"]())
+
+
+def track_m(track: bytes) -> np.ndarray:
+    """(T, V, 3) of a track, metres."""
+    step_m = np.frombuffer(track, "<f4", 1)[0]
+    steps = np.frombuffer(track, "<i2", offset=4).reshape(-1, 3, 6890)
+    return (step_m * np.cumsum(steps, axis=0, dtype=np.int16)).transpose(0, 2, 1)
