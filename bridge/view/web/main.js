@@ -58,7 +58,7 @@ class Worked {
 let scene, body, stage, worked, curves, motion, betas, shapes = {}, gains = null, partWeights;
 let epoch = 0, frames = new Map(), pending = new Set(), time = 0, playing = true, before = 0, drawn = "", low = 0;
 let full = {}, wanted = 0, own = null;
-const stats = { step: [], draw: [], skin: [], between: [], stalls: 0 };
+const stats = { step: [], draw: [], skin: [], between: [], stalls: 0 }; // milliseconds
 const keep = (list, ms) => { list.push(ms); if (list.length > 600) list.shift(); };
 
 const everybody = () => ["smpl", ...scene.predictors.map(({ name }) => name), "truth"];
@@ -79,10 +79,12 @@ async function main() {
   const [model, wasm] = scene.baked ? [null, null] : await Promise.all([asset("model"), opened[1]]);
   curves = new Curves($("curves"), (share) => seek(share * (motion.count - 1)));
   controls();
+  stats.fetched = performance.now();
   const ready = worked.call("open", { scene, model: model && new Uint8Array(model), wasm }, model ? [model, wasm] : []);
   await choose(0);
   if (!scene.baked) once("shapes", json).then((found) => { shapes = found; people(); }).catch((error) => say(error.message));
   await ready;
+  stats.opened = performance.now();
   requestAnimationFrame(turn);
 }
 

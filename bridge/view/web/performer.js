@@ -3,8 +3,8 @@ import * as ort from "onnxruntime-web/wasm";
 
 const EVERY = 30; // frames between remembered states, 66 kB each, in a motion of usual length
 const MOST_STATES = 400;
-const FAR = 75; // frames that may be rolled before something is shown
-const PREROLL = 60; // by then tissue has forgotten all but a tenth of a millimetre of how it began
+const FAR = 45; // frames that may be rolled before something is shown
+const PREROLL = 30; // by then tissue has forgotten most of how it began; the survey brings the rest
 const IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1];
 
 // Numbers (T, 3, V) in whole steps, stored as differences in time behind the size of a step.
@@ -32,7 +32,7 @@ export class Performer {
     ort.env.wasm.numThreads = 1;
     ort.env.logLevel = "error";
     ort.env.wasm.wasmBinary = wasmBinary;
-    const session = (made.session = await ort.InferenceSession.create(model, { executionProviders: ["wasm"], logSeverityLevel: 3 }));
+    const session = (made.session = await ort.InferenceSession.create(model, { executionProviders: ["wasm"], logSeverityLevel: 3, graphOptimizationLevel: "disabled" }));
     const { state, latency } = scene.graph, size = (shape) => shape.reduce((a, b) => a * b, 1);
     made.latency = latency;
     made.moves = state.moves && [state.moves[0], state.moves[0] + size(state.moves[1])];
