@@ -2,9 +2,10 @@
 
     python tools/build_site.py [--out build/site]
 
-Needs the extra `docs`. `demo.html` is the viewer with the packaged model. Strict: a dead link, a page that is in no menu or a docstring that names
-what is not there ends it with status 1, and what `--out` held stays. The pages can be opened as
-files; their search needs a server: `python -m http.server --directory build/site`.
+Needs the extra `docs`. `demo.html` is the viewer with the packaged model, alive. Strict: a dead
+link, a page that is in no menu or a docstring that names what is not there ends it with status 1,
+and what `--out` held stays. The pages can be opened as files; their search needs a server:
+`python -m http.server --directory build/site`.
 """
 
 from __future__ import annotations
