@@ -22,6 +22,7 @@ async function asset(name) {
 async function fetched(name) {
   const answer = await fetch(`assets/${name}`).catch(() => null);
   if (!answer?.ok) throw new Error("the server does not answer: start `dsnet view` again");
+  if (answer.headers.get("content-type") === "application/json") throw new Error((await answer.json()).failed);
   return new Uint8Array(await answer.arrayBuffer());
 }
 
@@ -99,15 +100,17 @@ async function choose(number, looped = $("loop").checked) {
     $("looped").textContent = failed || (looped && next === own) ? "cannot be closed here" : "";
     $("looped").title = failed || (looped ? "a loop is closed by Python" : "");
     next ??= ready(await once(`motion${number}`, json));
-    const tracks = {};
+    const tracks = {}, missing = [];
     if (next !== own && !next.back)
       for (const name of scene.motions[number].tracks)
         if (scene.baked || $(`show-${name}`).checked) {
           if (!kept.has(`track${number}_${name}`)) $("who").textContent = `computing ${labelOf(name)} …`;
-          tracks[name] = await once(`track${number}_${name}`, asset);
+          await once(`track${number}_${name}`, asset).then((found) => { tracks[name] = found; }, (error) => missing.push(error.message));
         }
     if (mine !== wanted) return;
+    if (missing.length && scene.baked) throw new Error(missing[0]);
     await perform({ ...next, tracks, number }, looped && Boolean(failed));
+    say(missing.join(" "));
   } catch (error) { say(error.message); }
   headline();
 }
@@ -128,7 +131,6 @@ async function perform(next, goesOn) {
   forget();
   const { tracks, ...rest } = motion;
   await worked.call("perform", { motion: rest, tracks, betas, epoch });
-  say("");
   $("odd").textContent = [goesOn ? $("looped").title : "", ...motion.says, ...otherGender()].filter(Boolean).join("; ");
   sliders();
   people();
@@ -205,6 +207,7 @@ function seek(frame) {
 
 function turn(now) {
   requestAnimationFrame(turn);
+  if (!motion) return;
   const passed = before ? now - before : 0, last = motion.count - 1;
   before = now;
   if (passed) keep(stats.between, passed);

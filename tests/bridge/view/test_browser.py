@@ -13,6 +13,7 @@ import pytest
 
 from bridge.body.parts import PARTS
 from bridge.cli import main
+from bridge.errors import DsnetError
 from bridge.motion import load_motion_file
 from bridge.motion.readers.amass import sample_path
 from bridge.runtime.controls import Controls, controlled_body, root_joint_m
@@ -20,6 +21,7 @@ from bridge.runtime.load_model import load_for_motion
 from bridge.view.page import BUNDLE
 from bridge.view.repertoire import open_repertoire
 from bridge.view.scene import STEP_M, Scene
+from bridge.view.server import serving
 from tests.bridge.view.conftest import JUMP
 from tests.bridge.view.pages import Shown, on_disk, served
 from tests.forged.amass import smplh
@@ -142,6 +144,36 @@ def _same_size(shown: Shown, name: str, mean_m: float) -> None:
     np.testing.assert_allclose(np.mean(sizes), mean_m, rtol=0.02)
 
 
+def test_who_is_too_large_for_a_page_comes_as_a_track(browser, run):
+    repertoire = open_repertoire(run, None)
+    plus = repertoire.open("dsnet_plus")
+    twin = replace(
+        repertoire,
+        predictors={"dsnet_plus": "DSNet+", "twin": "DSNet"},
+        open={"dsnet_plus": plus, "twin": plus}.__getitem__,
+    )
+    with served(browser, Scene(twin)) as shown:
+        assert shown.page.evaluate("Object.keys(page.motion.tracks)") == ["truth"]
+        shown.set(**{"show-twin": True})
+        shown.until("'twin' in page.motion.tracks")
+        live_m, track_m = (shown.vertices_m(name, 30) for name in ("dsnet_plus", "twin"))
+        np.testing.assert_allclose(track_m, live_m, atol=STEP_M)
+        assert shown.errors == []
+
+
+def test_what_python_cannot_make_is_one_line(browser, run, monkeypatch):
+    scene = Scene(open_repertoire(run, None))
+
+    def broken() -> bytes:
+        raise DsnetError("a damaged truth", "another", "Make it again.")
+
+    monkeypatch.setitem(scene.assets, "track0_truth", broken)
+    with serving(scene, 0) as address, open_page(browser, address) as opened:
+        opened.page.get_by_text("a damaged truth; expected another. Make it again.").wait_for()
+        assert np.isfinite(Shown(opened).vertices_m("dsnet_plus", 3)).all()
+        assert opened.errors == []
+
+
 def test_another_shape_has_no_truth(with_truth):
     with_truth.page.evaluate("(betas) => page.person(betas)", BETAS)
     with_truth.until("document.getElementById('tag-truth').hidden")
@@ -256,8 +288,6 @@ def test_what_is_no_npz_is_one_line(dancing, tmp_path, bytes_, words):
     ],
 )
 def test_a_browser_that_cannot_is_told_so(browser, run, missing, words):
-    from bridge.view.server import serving
-
     with (
         serving(Scene(open_repertoire(run, None)), 0) as address,
         open_page(browser, address, before=missing) as opened,
