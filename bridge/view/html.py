@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bridge.export.output import about_in_a_line
+from bridge.motion.readers.amass import SAMPLE_PREFIX
 from bridge.runtime.controls import gains_of_parts
 from bridge.runtime.moving_body import MovingBody
 from bridge.view.page import document
@@ -25,7 +26,7 @@ def write(path: Path, moving: MovingBody, *beside: MovingBody) -> None:
         first.body_model,
         predictors={name: one.label for name, one in trained.items()},
         open=trained.__getitem__,
-        takes={motion.source.stem: take},
+        takes={motion.source.stem.removeprefix(SAMPLE_PREFIX): take},
         read_truth=read_truth,
     )
     start = Start(
