@@ -27,7 +27,7 @@ COMMANDS = {
     "train": ("tf_dsnet.stage_train", "Train predictors: DSNet and dsnet_plus."),
     "infer": ("tf_dsnet.stage_infer", "Let a run's predictors predict its sequences."),
     "decode": ("torch_align_ae.autoencoder.stage_decode", "Decode latents to offsets."),
-    "evaluate": ("bridge.markers.stage_evaluate", "Measure errors against meshes and references."),
+    "evaluate": ("bridge.runtime.stage_evaluate", "Measure errors against meshes and references."),
     "report": ("bridge.report.stage_report", "Draw the figures and write the report."),
     "predict": ("bridge.runtime.stage_predict", "Write the moving body of one motion to files."),
     "export": ("bridge.export.stage_export", "Write a body for Blender, Maya, Houdini, Unreal."),

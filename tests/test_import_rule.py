@@ -21,7 +21,7 @@ FORBIDDEN = {
 # A folder imports those before it. Files in none, as paper and errors, stand before all of them;
 # what the package offers and cli, the command, after all.
 ORDER = [
-    "", "runs", "body", "motion", "exchange", "tissue", "measure", "report", "runtime", "markers",
+    "", "runs", "body", "motion", "exchange", "tissue", "measure", "report", "markers", "runtime",
     "export", "view", "verify", "__init__.py", "cli.py",
 ]  # fmt: skip
 THIRD_PARTIES = {
@@ -33,8 +33,8 @@ THIRD_PARTIES = {
     "motion": {"numpy", "pybvh", "scipy"},
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},
-    "runtime": {"numpy", "onnx", "onnxruntime"},
-    "markers": {"matplotlib", "numpy", "scipy", "tyro"},
+    "runtime": {"numpy", "onnx", "onnxruntime", "tyro"},
+    "markers": {"matplotlib", "numpy", "scipy"},
     "export": {
         "PIL",
         "imageio_ffmpeg",

@@ -4,7 +4,7 @@ time."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,14 @@ from bridge.runtime.stepping import PlusModel, codes_of_several
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import STEPS
 from bridge.tissue.shape import shape_features, shaped_normals
-from bridge.tissue.trained_plus import NAME, StaticPart, TrainedPlus, shares_of_people
+from bridge.tissue.trained_plus import (
+    NAME,
+    SAG_POWER,
+    StaticPart,
+    TrainedPlus,
+    Weights,
+    shares_of_people,
+)
 from tf_dsnet.framework import Tensor, be_reproducible, tf
 from tf_dsnet.oscillators import OscillatorLayer, OscillatorLearner
 from tf_dsnet.plus_clips import KnownPeople, NodeClip, node_clips
@@ -137,9 +144,13 @@ class PlusTraining:
 
     def trained(self, static: StaticPart) -> TrainedPlus:
         """The model as it is now."""
-        weights = self.layer.weights_as_arrays()
+        weights = self.told_by_shape(self.layer.weights_as_arrays())
         ahead = self.settings.look_ahead
         return TrainedPlus(self._nodes, weights, static, self._people.betas, ahead)
+
+    def told_by_shape(self, weights: Weights) -> Weights:
+        """The same people, of whose differences as much as can be is told by their shapes."""
+        return told_by_shape(weights, self._features)
 
     def state(self) -> dict[str, NDArray]:
         """Copies of the layer's weights and the optimizer's moments."""
@@ -191,6 +202,30 @@ class PlusTraining:
         """Loads of a window from the oldest tap of its first step on."""
         taps, ahead = self.settings.taps, self.settings.look_ahead
         return _cut(load, frame + ahead - taps + 1, self.settings.window + taps - 1)
+
+
+def told_by_shape(weights: Weights, features: NDArray) -> Weights:
+    """Least squares of what people have of log W on their `features` (P, K, 3), soft nodes first.
+
+    Training gives every node of every person a number of her own sooner than it finds what all of
+    them follow, and new people have none. Known ones stay as they are.
+    """
+    own = (features @ weights.slopes + weights.residual).astype(np.float64)
+    apart, differences = features - features.mean(0), own - own.mean(0)
+    softness = np.exp(-weights.base["omega"].astype(np.float64))
+    rows = (softness * apart).reshape(-1, features.shape[-1])
+    ridge = 1e-2 * np.square(rows).sum() / rows.shape[1] * np.eye(rows.shape[1])
+    right = rows.T @ (softness * differences).reshape(-1, 1)
+    slopes = np.linalg.solve(rows.T @ rows + ridge, right)
+    shared = own.mean(0) - features.mean(0) @ slopes
+    powers = {"omega": 1.0, "stiffening": float(weights.stiffening_power[0]), "sag": SAG_POWER}
+    base = {n: log + np.float32(powers.get(n, 0.0)) * shared for n, log in weights.base.items()}
+    return replace(
+        weights,
+        base={name: log.astype(np.float32) for name, log in base.items()},
+        slopes=slopes.astype(np.float32),
+        residual=(differences - apart @ slopes).astype(np.float32),
+    )
 
 
 def _cut(array: NDArray, start: int, count: int) -> NDArray:

@@ -30,7 +30,9 @@ from tools.embedded_body.makehuman import (
     Population,
     SampledBodies,
 )
+from tools.embedded_body.symmetry import symmetric_points
 from tools.embedded_body.tpose import to_tpose
+from tools.embedded_body.weights import smooth_weights
 
 ASSETS = Path(__file__).resolve().parents[1] / "bridge" / "body" / "assets"
 # Joints whose skin is stiff and finely meshed; vertices are taken from these only.
@@ -60,29 +62,37 @@ def build(
     base: BaseMesh, sampled: dict[str, SampledBodies], unseen: dict[str, SampledBodies], out: Path
 ) -> None:
     """From samples to assets and their checksums."""
+    priority, base = _priority(base), _smoothed(base, sampled)
     tposed = {
-        gender: to_tpose(bodies.vertices, bodies.joints, base.weights)
+        gender: to_tpose(bodies.vertices, bodies.joints, base.weights, base.mirror)
         for gender, bodies in sampled.items()
     }
     unisex = np.mean([vertices.mean(axis=0) for vertices, _ in tposed.values()], axis=0)
-    index, faces = decimate(unisex, base.faces, _priority(base), base.cavity, N_VERTICES)
+    unisex = symmetric_points(unisex, base.mirror)
+    index, faces = decimate(unisex, base.faces, base.mirror, priority, base.cavity, N_VERTICES)
+    mirror = np.searchsorted(index, base.mirror[index])
     weights = packing.limit_weights(base.weights[index])
     report.mesh(unisex[index], faces)
     for gender, (vertices, joints) in tposed.items():
-        shapes = shape_space.fit_shape_space(vertices[:, index])
-        regressor = shape_space.fit_joint_regressor(shapes, joints, weights)
+        shapes = shape_space.fit_shape_space(vertices[:, index], mirror)
+        regressor = shape_space.fit_joint_regressor(shapes, joints, weights, mirror)
         mean_joints = regressor(shapes.template)
-        fit = correctives.fit_pose_correctives(shapes.template, faces, mean_joints, weights)
+        fit = correctives.fit_pose_correctives(shapes.template, faces, mean_joints, weights, mirror)
         arrays = packing.pack(shapes, regressor, fit.posedirs, weights, faces, index)
         packing.write_asset(out / f"embedded_{gender}.npz", arrays)
 
         body = unpack(gender, arrays)
-        others = to_tpose(unseen[gender].vertices, unseen[gender].joints, base.weights)
+        others = to_tpose(unseen[gender].vertices, unseen[gender].joints, base.weights, base.mirror)
         report.population(gender, vertices[:, index], faces)
         report.shapes(body, shapes)
         report.unseen(body, others[0][:, index], others[1])
         report.pose_blend_shapes(body, fit)
     _write_checksums(out)
+
+
+def _smoothed(base: BaseMesh, sampled: dict[str, SampledBodies]) -> BaseMesh:
+    unisex = np.mean([bodies.vertices.mean(axis=0) for bodies in sampled.values()], axis=0)
+    return replace(base, weights=smooth_weights(base.weights, unisex, base.faces, base.mirror))
 
 
 def _priority(base: BaseMesh) -> np.ndarray:

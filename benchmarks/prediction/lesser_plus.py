@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.processes import run_as_process
-from bridge.tissue.trained_plus import NODE_FIELDS
+from bridge.tissue.trained_plus import NODE_FIELDS, Weights
 from tf_dsnet import stage_train, stage_train_plus
 from tf_dsnet.oscillators import OscillatorLayer
 from tf_dsnet.stage_train_plus import PlusTraining, TrainPlusConfig
@@ -29,6 +29,8 @@ class PartsOfPlus:
     """The skin resists bending, besides being under tension."""
     stiffening: bool = True
     """Springs stiffen as they are stretched."""
+    sag: bool = True
+    """They stiffen about the shape without weight, not about the standing one."""
     anisotropy: bool = True
     """Springs are stiffer along the skin's normal, or softer, than along the skin."""
     by_shape: bool = True
@@ -46,6 +48,7 @@ class PartsOfPlus:
             "wave_speed": self.coupling,
             "bending": self.coupling and self.bending,
             "stiffening": self.stiffening,
+            "sag": self.sag,
             "normal_ratio": self.anisotropy,
         }
         return tuple(name for name, wanted in parts.items() if not wanted)
@@ -90,6 +93,10 @@ class LesserTraining(PlusTraining):
         for name in held:
             weights[name].trainable = False
         return layer
+
+    def told_by_shape(self, weights: Weights) -> Weights:
+        """As learned, if shape tells nothing."""
+        return super().told_by_shape(weights) if self.settings.by_shape else weights
 
     def starts(self, number: int, moving: list[NDArray]) -> list[NDArray]:
         """From the data's own past in every round, if they do not learn through time."""

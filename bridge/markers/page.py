@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bridge.markers.skin import BANDS_HZ, CUT_HZ, Comparison, Row
+from bridge.markers.segments import CUT_HZ
+from bridge.markers.skin import BANDS_HZ, Comparison, Row
 from bridge.report.panels import save_figure
 
 FOOTER = "markers: measured on a person; body and its flesh: a model"
-_FAST_HZ = 6
 
 
 def write_comparisons(
@@ -37,38 +37,41 @@ _HEAD = f"""# Prediction beside skin markers
 Motion of each marker in its segment's frame above {CUT_HZ} Hz, vertical: peak to peak of the
 marker, of the body without offsets (pose alone) and with them; R² of the offsets with the pose's
 part taken off (`flesh`), of the whole, and of the pose alone. Where that last is near 1 on a soft
-spot, the pose was fitted to flesh, and right offsets count twice. Rows with * are indicative."""
+spot, the pose was fitted to flesh, and right offsets count twice. Energy: percent from
+{", ".join(f"{low} to {high}" for low, high in BANDS_HZ)} Hz. Rows with * are indicative."""
 
 
 def table(name: str, comparison: Comparison) -> str:
     """Rows of Markdown, and what the method cannot see."""
     rows = "\n".join(_line(row) for row in comparison.rows)
     floor = max((size[1] for size in comparison.floor_mm.values()), default=0.0)
-    doubts = sorted({f"\\* {row.segment}: {row.doubt}" for row in comparison.rows if row.doubt})
+    doubts = {row.doubt: [] for row in comparison.rows if row.doubt}
+    for row in comparison.rows:
+        if row.doubt and row.segment not in doubts[row.doubt]:
+            doubts[row.doubt].append(row.segment)
+    said = "\n".join(f"\n\\* {', '.join(names)}: {doubt}" for doubt, names in doubts.items())
     return (
         f"## {name}\n\n"
-        "| region | marker | seen | marker [mm] | pose alone [mm] | with offsets [mm] "
-        f"| marker > {_FAST_HZ} Hz | offsets > {_FAST_HZ} Hz | R² flesh | R² flesh, 3D | R² whole "
-        "| R² pose alone | early [ms] |\n|---|---|" + "---:|" * 11 + f"\n{rows}\n\n"
+        "| region | marker | seen | rms [mm] | peak to peak [mm] | pose alone | with offsets "
+        "| marker's energy | offsets' energy | R² flesh | R² flesh, 3D | R² whole | R² pose alone "
+        "| early [ms] |\n|---|---|" + "---:|" * 12 + f"\n{rows}\n\n"
         f"Markers on bone in the frame of the others move by up to {floor:.1f} mm rms vertically: "
-        "what the method cannot see.\n" + "\n".join(f"\n{doubt}" for doubt in doubts)
+        f"what the method cannot see.\n{said}"
     )
 
 
 def _line(row: Row) -> str:
-    fast = [size_above(size.energy) for size in (row.real, row.predicted)]
+    real, added = (
+        " ".join(f"{100 * part:.0f}" for part in size.energy) for size in (row.real, row.predicted)
+    )
     return (
         f"| {row.region}{'*' if row.doubt else ''} | {row.label} | {row.seen:.2f} "
-        f"| {row.real.peak_to_peak_mm[1]:.0f} | {row.pose_peak_to_peak_up_mm:.0f} "
-        f"| {row.total_peak_to_peak_up_mm:.0f} | {fast[0]:.2f} | {fast[1]:.2f} "
+        f"| {row.real.rms_mm[1]:.0f} | {row.real.peak_to_peak_mm[1]:.0f} "
+        f"| {row.pose_peak_to_peak_up_mm:.0f} | {row.total_peak_to_peak_up_mm:.0f} "
+        f"| {real} | {added} "
         f"| {row.flesh_r2_up:.2f} | {row.flesh_r2:.2f} | {row.total_r2_up:.2f} "
         f"| {row.pose_r2_up:.2f} | {row.lag_ms:.0f} |"
     )
-
-
-def size_above(energy: list[float]) -> float:
-    """Part of the energy above 6 Hz."""
-    return sum(part for part, (low, _) in zip(energy, BANDS_HZ, strict=True) if low >= _FAST_HZ)
 
 
 def draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
@@ -85,7 +88,7 @@ def draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
     figure.supxlabel(f"time [s]\n{FOOTER}", fontsize=8)
     axes = figure.subplots(len(first), len(comparisons), squeeze=False, sharex=True, sharey="row")
     for column, (name, comparison) in enumerate(comparisons.items()):
-        axes[0, column].set_title(name, fontsize=10)
+        axes[0, column].set_title(name, fontsize=10, pad=18)  # the legend lies between
         for line, row in enumerate(first.values()):
             if (curves := comparison.curves.get(row.label)) is None:
                 continue
@@ -99,5 +102,6 @@ def draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
             if not column:
                 star = "*" if row.doubt else ""
                 axis.set_ylabel(f"{row.region}{star}\n{row.label} [mm]", fontsize=7)
-    axes[0, 0].legend(fontsize=7, ncols=3, loc="upper right")
+    place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
+    axes[0, 0].legend(fontsize=7, ncols=3, frameon=False, **place)
     save_figure(figure, path)

@@ -14,8 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
+from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
+CUT_HZ = 1.2
+"""Slower motion is the pose's and the frame's drift, not flesh."""
 SEEN_ENOUGH = 0.6
 """Part of the frames in which a marker must be seen to be used."""
 _STILL_M = 0.003
@@ -152,6 +155,12 @@ def bridged(points: NDArray, seen: NDArray[np.bool_]) -> NDArray[np.float64]:
     curve = PchipInterpolator(frames[seen], out[seen])
     out[~seen] = curve(np.clip(frames[~seen], frames[seen][0], frames[seen][-1]))
     return out
+
+
+def faster(series: NDArray, fps: float) -> NDArray[np.float64]:
+    """(T, 3) what is faster than `CUT_HZ`, without delay."""
+    high = butter(2, CUT_HZ, "high", fs=fps, output="sos")
+    return np.asarray(sosfiltfilt(high, series - series.mean(axis=0), axis=0), np.float64)
 
 
 def _carried(pelvis: Frame, hip_m: NDArray) -> NDArray[np.float64]:

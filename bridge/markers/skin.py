@@ -18,21 +18,21 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, periodogram, sosfiltfilt
+from scipy.signal import periodogram
 
 from bridge.markers.segments import (
+    CUT_HZ,
     SEGMENTS,
     SIDES,
     Cloud,
     Frame,
     Pose,
     bridged,
+    faster,
     rigid_motion,
     segment_frames,
 )
 
-CUT_HZ = 1.2
-"""Slower motion is the pose's and the frame's drift, not flesh."""
 BANDS_HZ = ((0, 2), (2, 4), (4, 6), (6, 9), (9, 15))
 _LONG_GAP_S, _EDGE_S, _LAG_S = 0.12, 0.1, 0.2
 """A longer gap's bridge bends what the filter gives beside it; so do the motion's ends."""
@@ -181,7 +181,7 @@ def compare(
                 frame.local_mm(bare_m[label]),
                 frame.local_mm(full_m[label]),
             )
-            moved, added, posed, pose_there, total_there = (_fast(one, fps) for one in series)
+            moved, added, posed, pose_there, total_there = (faster(one, fps) for one in series)
             flesh = (moved - posed)[good], added[good]
             total, alone = total_there[good, 1], pose_there[good, 1]
             rows.append(
@@ -232,7 +232,7 @@ def _floor_mm(
             # The frame of the others has its own axes: the rest pose's, on average.
             bone = pose.turns[SEGMENTS[name].bone]
             inside = inside @ np.einsum("tyx,tyz->xz", turns, bone) / len(turns)
-            moved = _fast(bridged(inside, real.seen[label]), fps)[good]
+            moved = faster(bridged(inside, real.seen[label]), fps)[good]
             floor[f"{name}: {label}"] = [_round(value) for value in moved.std(axis=0)]
     return floor
 
@@ -244,12 +244,6 @@ def _scored(seen: NDArray[np.bool_], fps: float) -> NDArray[np.bool_]:
         if end - first > _LONG_GAP_S * fps:
             out[max(0, first - margin) : end + margin] = False
     return out
-
-
-def _fast(series: NDArray, fps: float) -> NDArray[np.float64]:
-    """(T, 3) what is faster than `CUT_HZ`, without delay."""
-    high = butter(2, CUT_HZ, "high", fs=fps, output="sos")
-    return sosfiltfilt(high, series - series.mean(axis=0), axis=0)
 
 
 def _r2(real: NDArray, predicted: NDArray) -> float:

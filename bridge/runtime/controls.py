@@ -17,6 +17,7 @@ from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl, shaped_joints, shaped_vertices
 from bridge.errors import DsnetError, did_you_mean, notify
+from bridge.markers.poses import bony_pose
 from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import REMEDY, Lap, close_lap
@@ -56,6 +57,9 @@ class Controls:
     by measurement, in cm and kg: height=182 weight=80 chest=100 waist=90 hips=105; or both."""
     betas: str | None = None
     """Body shape in place of the motion file's: ten comma-separated coefficients."""
+    pose: Literal["file", "bony"] = "file"
+    """`bony`: the chest follows the file's markers on bone; a pose that was fitted to all of them,
+    as AMASS's, holds part of the bounce, which predicted flesh would then count twice."""
     motion_fps: PositiveFloat | None = None
     """Frames per second of the motion file, where what it says of itself is wrong."""
     smooth_hz: PositiveFloat | Literal["auto"] | None = None
@@ -127,6 +131,8 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
             f"Read it by load_motion_file(path, smooth_hz={controls.smooth_hz!r}).",
         )
     body, gain = trained.body, controls.gain
+    if controls.pose == "bony":
+        motion = bony_pose(body, motion)
     if controls.part_gain:
         gain = blended_gain(body, gain, gains_of_parts(controls.part_gain))
     placed = place_motion(motion, body, controls.asked_betas(body))
@@ -167,7 +173,9 @@ def _parsed_betas(text: str) -> NDArray[np.float64]:
         betas = np.empty(0)
     if betas.shape != (N_BETAS,) or not np.isfinite(betas).all():
         raise DsnetError(
-            f"--betas {text}", f"{N_BETAS} finite numbers", "Separate them by commas, no spaces."
+            f"--betas {text}",
+            f"{N_BETAS} finite numbers",
+            "Separate them by commas, no spaces.",
         )
     return betas
 

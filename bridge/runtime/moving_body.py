@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.body.posing import Smpl
 from bridge.errors import DsnetError, notify
+from bridge.markers.poses import flesh_in_pose
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
@@ -125,7 +126,8 @@ class MovingBody:
         """Say on stderr which predictor moves the body, and what is odd about the motion."""
         by = self.trained
         notify(f"{by.name} ({by.label}) of {by.owner} predicts: {by.why}")
-        for warning in motion_warnings(self.motion, self.pieces):
+        flesh = [] if "pose" in self.controls else flesh_in_pose(self.motion)
+        for warning in (*motion_warnings(self.motion, self.pieces), *flesh):
             notify(warning)
 
 

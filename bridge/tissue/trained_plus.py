@@ -20,13 +20,33 @@ from bridge.tissue.oscillators import STEPS
 
 NAME = "dsnet_plus"
 NODE_FIELDS = (
-    "omega", "damping_ratio", "stiffening", "normal_ratio", "wave_speed", "bending",
+    "omega", "damping_ratio", "stiffening", "sag", "normal_ratio", "wave_speed", "bending",
     "inertia_gain", "gravity_gain",
 )  # fmt: skip
 _LEARNED = ("slopes", "stiffening_power", "residual", "taps")
+SAG_POWER = -2.0
+"""How log sag follows what log W of a person has besides: weight over stiffness."""
 KERNEL_WIDTH, _KERNEL_NOISE = 2.5, 1e-2
 """Of the Gaussian between two shapes' betas."""
 _MOST_FRAMES_AHEAD = 60
+_AXES: dict[str, tuple[int | str, ...]] = {
+    "nodes/vertices": ("K",),
+    "nodes/owners": ("V", "near"),
+    "nodes/shares": ("V", "near"),
+    "nodes/areas_m2": ("V",),
+    "nodes/edges": ("E", 2),
+    "nodes/pulls_m2": ("E",),
+    **{f"log_{name}": ("K", 1) for name in NODE_FIELDS},
+    "people_betas": ("P", N_BETAS),
+    "slopes": (3, 1),
+    "stiffening_power": (1,),
+    "residual": ("P", "K", 1),
+    "taps": ("N",),
+    "constant_m": ("C", "CV", 3),
+    "by_pose_m": ("F", "FK", 3),
+    "look_ahead": (1,),
+}
+"""Shapes of a file's arrays: what has one name is one size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +56,13 @@ class Weights:
     base: Mapping[str, NDArray]
     """By name of `NODE_FIELDS`, (K, 1): the logarithm for the template's body."""
     slopes: NDArray[np.float32]
-    """(3, 1) how log w follows `shape_features`."""
+    """(3, 1) how log W follows `shape_features`."""
     stiffening_power: NDArray[np.float32]
-    """(1,) how log a follows what log w of a person has besides the template's: 2 where tissue
+    """(1,) how log a follows what log W of a person has besides the template's: 2 where tissue
     stiffens by its strain, offsets over the thickness of the flesh, and thick flesh is slow."""
     residual: NDArray[np.float32]
-    """(P, K, 1) what log w of the P known people has besides."""
+    """(P, K, 1) what log W of the P known people has besides, each beside the others: they sum to
+    0, for what they share is everybody's."""
     taps: NDArray[np.float32]
     """(N,) shares of f in a step's load, from the newest frame to the oldest; they sum to 1."""
 
@@ -160,44 +181,21 @@ def _kernel(first: NDArray, second: NDArray) -> NDArray[np.floating]:
 
 def _check_arrays(arrays: Mapping[str, NDArray]) -> None:
     """Refuse arrays that are missing, do not fit one another or point outside."""
-    nodes, vertices = (_length(arrays, f"nodes/{name}") for name in ("vertices", "owners"))
-    people, edges = _length(arrays, "people_betas"), _length(arrays, "nodes/edges")
-    expected: dict[str, tuple[int | None, ...]] = {
-        "nodes/vertices": (nodes,),
-        "nodes/owners": (vertices, None),
-        "nodes/shares": arrays["nodes/owners"].shape,
-        "nodes/areas_m2": (vertices,),
-        "nodes/edges": (edges, 2),
-        "nodes/pulls_m2": (edges,),
-        **{f"log_{name}": (nodes, 1) for name in NODE_FIELDS},
-        "slopes": (3, 1),
-        "stiffening_power": (1,),
-        "residual": (people, nodes, 1),
-        "taps": (None,),
-        "people_betas": (people, N_BETAS),
-        "constant_m": (None, None, 3),
-        "by_pose_m": (None, None, 3),
-        "look_ahead": (1,),
-    }
-    for name, shape in expected.items():
-        _length(arrays, name)
+    sizes: dict[str, int] = {}
+    for name, axes in _AXES.items():
+        if name not in arrays:
+            raise _refused(f"no {name!r}", "all of its arrays")
         found = arrays[name].shape
-        fits = len(found) == len(shape) and all(
-            wanted in (None, size) for size, wanted in zip(found, shape, strict=True)
-        )
-        if not fits or not np.isfinite(arrays[name]).all():
+        named = zip(axes, found, strict=False)
+        shape = tuple(n if isinstance(n, int) else sizes.setdefault(n, size) for n, size in named)
+        if len(found) != len(axes) or found != shape or not np.isfinite(arrays[name]).all():
             raise _refused(f"{name!r} of shape {found}", f"finite numbers of shape {shape}")
-    bounds = {"nodes/vertices": vertices, "nodes/owners": nodes, "nodes/edges": nodes}
-    for name, most in {**bounds, "look_ahead": _MOST_FRAMES_AHEAD}.items():
+    bounds = {f"nodes/{name}": sizes["K"] for name in ("owners", "edges")}
+    bounds |= {"nodes/vertices": sizes["V"], "look_ahead": _MOST_FRAMES_AHEAD}
+    for name, most in bounds.items():
         array = arrays[name]
-        if array.dtype.kind not in "iu" or array.min() < 0 or array.max() >= most:
+        if array.dtype.kind not in "iu" or not array.size or array.min() < 0 or array.max() >= most:
             raise _refused(f"{name!r} that point outside", f"whole numbers of 0 to {most - 1}")
-
-
-def _length(arrays: Mapping[str, NDArray], name: str) -> int:
-    if name not in arrays or not arrays[name].ndim:
-        raise _refused(f"no {name!r}", "all of its arrays")
-    return len(arrays[name])
 
 
 def _refused(received: str, expected: str) -> DsnetError:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError, notify
 from bridge.exchange.dsnet import dsnets_of
+from bridge.markers.poses import bony_pose, flesh_in_pose
 from bridge.measure.pipelines import MotionArrays
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
@@ -89,20 +90,25 @@ def open_repertoire(
     path: Path | None,
     motion_fps: float | None = None,
     smooth_hz: SmoothHz | None = None,
+    bony: bool = False,
 ) -> Repertoire:
     """Everything that can be shown with a run's predictors, or with the packaged one.
 
     Parameters
     ----------
     path : a motion to be shown first, of any format that is read, or a sample.
+    bony : its chest follows the file's markers on bone.
     """
-    gender, given = "unknown", None
+    given = None
     if path is not None:
         given = load_motion_file(path, motion_fps, smooth_hz=smooth_hz)
-        gender = given.gender
-        for warning in motion_warnings(given, pieces_between_cuts(given.theta)):
-            notify(warning)
+    gender = "unknown" if given is None else given.gender
     best = load_model(run, None, gender)
+    if given is not None:
+        given = bony_pose(best.body, given) if bony else given
+        flesh = [] if bony else flesh_in_pose(given)
+        for warning in (*motion_warnings(given, pieces_between_cuts(given.theta)), *flesh):
+            notify(warning)
     body, origin = best.body, best.origin
 
     @cache

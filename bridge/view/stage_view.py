@@ -28,6 +28,8 @@ class ViewConfig:
     """Frames per second of the motion file, where what it says of itself is wrong."""
     smooth_hz: PositiveFloat | Literal["auto"] | None = None
     """Leave out what is faster in the motion file."""
+    pose: Literal["file", "bony"] = "file"
+    """`bony`: the chest follows the motion file's markers on bone."""
     port: Annotated[int, Bounds(0, 65535)] = 8080
     """Port to serve on, for this machine alone; 0 takes any that is free."""
 
@@ -44,7 +46,8 @@ def main(config: ViewConfig) -> None:
     from bridge.view.server import serving
 
     run = None if config.run is None else Run(config.run)
-    repertoire = open_repertoire(run, config.motion, config.motion_fps, config.smooth_hz)
+    bony = config.pose == "bony"
+    repertoire = open_repertoire(run, config.motion, config.motion_fps, config.smooth_hz, bony)
     with serving(Scene(repertoire), config.port) as address:
         notify(f"{repertoire.owner}: open {address} in a browser; Ctrl-C ends it")
         threading.Event().wait()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -26,11 +28,16 @@ def nodes(body: BodyModelData) -> TissueNodes:
 def drawn_layer(nodes: TissueNodes, taps: int) -> OscillatorLayer:
     """Weights of which none is at its start."""
     layer = OscillatorLayer(nodes.laplacian.toarray(), PEOPLE, taps)
+    named(layer)["log_sag"].assign([np.log(0.04)])
     rng = np.random.default_rng(0)
     for weight in layer.trainable_variables:
         scale = 0.1 if weight.name != "taps" else 0.1 / taps
         weight.assign_add(rng.normal(scale=scale, size=weight.shape).astype(np.float32))
     return layer
+
+
+def named(layer: OscillatorLayer) -> dict[str, Any]:
+    return {variable.name: variable for variable in layer.trainable_variables}
 
 
 def window(array: np.ndarray, start: int, count: int) -> np.ndarray:
@@ -78,7 +85,7 @@ def test_weights_as_arrays_hold_each_nodes_base_and_deviation(nodes):
     weights = layer.weights_as_arrays()
     assert weights.taps.sum() == pytest.approx(1.0, abs=1e-6)
     assert weights.residual.shape == (PEOPLE, NODES, 1)
-    by_path = {v.name: v.numpy() for v in layer.trainable_variables}
+    by_path = {name: v.numpy() for name, v in named(layer).items()}
     for name, array in weights.base.items():
         assert array.shape == (NODES, 1)
         expected = by_path[f"log_{name}"] + by_path[f"by_node_{name}"]
@@ -87,10 +94,10 @@ def test_weights_as_arrays_hold_each_nodes_base_and_deviation(nodes):
 
 @pytest.mark.parametrize(
     "name",
-    ["log_omega", "log_damping_ratio", "log_stiffening", "log_normal_ratio", "log_wave_speed",
-     "log_bending", "stiffening_power", "log_inertia_gain", "log_gravity_gain",
-     "by_node_normal_ratio", "by_node_omega", "by_node_wave_speed", "by_node_bending",
-     "slopes", "residual", "taps"],
+    ["log_omega", "log_damping_ratio", "log_stiffening", "log_sag", "log_normal_ratio",
+     "log_wave_speed", "log_bending", "stiffening_power", "log_inertia_gain", "log_gravity_gain",
+     "by_node_normal_ratio", "by_node_omega", "by_node_sag", "by_node_wave_speed",
+     "by_node_bending", "slopes", "residual", "taps"],
 )  # fmt: skip
 def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
     """All the way uphill, by a central difference whose step is large enough for float32.
@@ -98,7 +105,7 @@ def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
     Nodes pull at each other hard, else a slope could lack what goes through them unnoticed.
     """
     layer = drawn_layer(nodes, 3)
-    weights = {v.name: v for v in layer.trainable_variables}
+    weights = named(layer)
     weights["log_wave_speed"].assign([np.log(9.0)])
     weights["log_bending"].assign([np.log(1.0)])
     _, clips = clips_of(body, true_model(nodes, people_of(PEOPLE)), frames=30)
@@ -125,6 +132,17 @@ def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
     slope = (values[0] - values[1]) / (2 * step)
     assert slope == pytest.approx(float((gradient * direction).sum()), rel=0.005)
     assert slope > 0
+
+
+def test_what_all_people_share_is_nobodys_own(nodes):
+    """So a stranger, who takes after nobody, is not stiffer or softer than those who are known."""
+    layer = drawn_layer(nodes, 3)
+    before = layer.weights_as_arrays()
+    np.testing.assert_allclose(before.residual.mean(0), 0.0, atol=1e-7)
+    assert np.abs(before.residual).max() > 0.1
+    named(layer)["residual"].assign_add(np.full((PEOPLE, NODES, 1), 0.5, np.float32))
+    after = layer.weights_as_arrays()
+    np.testing.assert_allclose(after.residual, before.residual, atol=1e-6)
 
 
 def test_penalty_grows_with_unevenness(nodes):

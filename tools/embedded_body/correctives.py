@@ -21,11 +21,12 @@ from tools.embedded_body.skinning import (
     apply_transforms,
     dual_quaternion_transforms,
 )
+from tools.embedded_body.symmetry import mirrored_posedirs, mirrored_poses
 
 FIT_POSE_COUNT = 400
 UNSEEN_POSE_COUNT = 100
 SMOOTHING_STEPS = 3
-DUAL_QUATERNION_SHARE = 0.4
+DUAL_QUATERNION_SHARE = 0.55
 # Joints with a smaller share of a vertex's smoothed weight do not correct it.
 _MIN_WEIGHT = 0.02
 _RIDGE = 1e-3
@@ -62,7 +63,11 @@ class _PosedSet:
 
 
 def fit_pose_correctives(
-    template: np.ndarray, faces: np.ndarray, joints: np.ndarray, weights: np.ndarray
+    template: np.ndarray,
+    faces: np.ndarray,
+    joints: np.ndarray,
+    weights: np.ndarray,
+    mirror: np.ndarray,
 ) -> CorrectiveFit:
     """Ridge regression of each vertex's correction on the rotations of the joints near it.
 
@@ -71,10 +76,13 @@ def fit_pose_correctives(
     skinning adds there. At rest R = I, so the T-pose is untouched.
     """
     mush = DirectDeltaMush(template, faces, weights, SMOOTHING_STEPS)
-    fitted = _pose_set(sample_poses(FIT_POSE_COUNT, 0), template, joints, weights, mush)
+    poses = sample_poses(FIT_POSE_COUNT // 2, 0)
+    poses = np.concatenate([poses, mirrored_poses(poses)])
+    fitted = _pose_set(poses, template, joints, weights, mush)
     posedirs = np.zeros((*template.shape, POSE_FEATURE_COUNT))
     for columns, vertices in _neighbourhoods(mush.weights):
         posedirs[np.ix_(vertices, np.arange(3), columns)] = _ridge(fitted, vertices, columns)
+    posedirs = (posedirs + mirrored_posedirs(posedirs, mirror)) / 2
     unseen = _pose_set(sample_poses(UNSEEN_POSE_COUNT, 1), template, joints, weights, mush)
     added = np.einsum("vxp,np->nvx", posedirs, unseen.features, optimize=True)
     return CorrectiveFit(

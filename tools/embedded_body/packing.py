@@ -14,10 +14,12 @@ WEIGHTS_PER_VERTEX = 4
 
 
 def limit_weights(weights: np.ndarray) -> np.ndarray:
-    """Keep each vertex's strongest joints and renormalise, so that rows sum to one."""
-    dropped = np.argsort(weights, axis=1, kind="stable")[:, :-WEIGHTS_PER_VERTEX]
-    limited = weights.copy()
-    np.put_along_axis(limited, dropped, 0.0, axis=1)
+    """Keep each vertex's strongest joints and renormalise, so that rows sum to one.
+
+    What equals the strongest that goes, goes as well: left and right are one or the other alike.
+    """
+    dropped = np.sort(weights, axis=1)[:, [-WEIGHTS_PER_VERTEX - 1]]
+    limited = np.where(weights > dropped, weights, 0.0)
     limited = np.round(limited / limited.sum(axis=1, keepdims=True) * 65535)
     return limited / limited.sum(axis=1, keepdims=True)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bridge.body.model_data import JOINT_COUNT, SHAPE_COUNT, SMPL_PARENTS
+from tools.embedded_body.symmetry import MIRRORED_JOINT, symmetric_points
 
 REGRESSOR_VERTEX_COUNT = 96
 _REGRESSOR_RIDGE = 1e-7
@@ -29,18 +30,19 @@ class ShapeSpace:
     """(N, V) distance of each sample's vertices from their reconstruction."""
 
 
-def fit_shape_space(bodies: np.ndarray) -> ShapeSpace:
-    """PCA of (N, V, 3) bodies; signs such that each beta grows with volume or stature.
+def fit_shape_space(bodies: np.ndarray, mirror: np.ndarray) -> ShapeSpace:
+    """PCA of symmetric bodies (N, V, 3); signs such that each beta grows with volume or stature.
 
     A component's sign is arbitrary; here +beta means a taller body, or, for components that
     hardly change stature, a wider one.
     """
     count = len(bodies)
-    template = bodies.mean(axis=0)
+    template = symmetric_points(bodies.mean(axis=0), mirror)
     deviations = (bodies - template).reshape(count, -1)
     left, singular, right = np.linalg.svd(deviations, full_matrices=False)
     scale = singular[:SHAPE_COUNT] / np.sqrt(count)
     directions = (right[:SHAPE_COUNT] * scale[:, None]).reshape(SHAPE_COUNT, -1, 3)
+    directions = symmetric_points(directions, mirror)
     signs = np.array([_sign(template, direction) for direction in directions])
     directions = directions * signs[:, None, None]
     betas = left[:, :SHAPE_COUNT] * np.sqrt(count) * signs
@@ -76,7 +78,7 @@ class JointRegressor:
 
 
 def fit_joint_regressor(
-    shapes: ShapeSpace, joints: np.ndarray, weights: np.ndarray
+    shapes: ShapeSpace, joints: np.ndarray, weights: np.ndarray, mirror: np.ndarray
 ) -> JointRegressor:
     """Fit each joint's ring to what the joints do over the shape space.
 
@@ -89,12 +91,22 @@ def fit_joint_regressor(
     affine = np.linalg.lstsq(design, joints.reshape(len(joints), -1), rcond=None)[0]
     affine = affine.reshape(-1, JOINT_COUNT, 3)
     basis = np.concatenate([shapes.template[..., None], shapes.shapedirs], axis=-1)
-    rings, values = [], []
-    for joint in range(JOINT_COUNT):
+    rings = np.zeros((JOINT_COUNT, REGRESSOR_VERTEX_COUNT), dtype=int)
+    values = np.zeros(rings.shape)
+    for joint, twin in enumerate(MIRRORED_JOINT):
+        if twin < joint:
+            rings[joint], values[joint] = mirror[rings[twin]], values[twin]
+            continue
         ring = _ring(shapes.template, affine[0], weights, joint)
-        rings.append(ring)
-        values.append(_nearest_to_mean(basis[ring], affine[:, joint].T))
-    return JointRegressor(np.array(rings), np.array(values))
+        if twin == joint:
+            ring = ring[np.isin(mirror[ring], ring)]
+        value = _nearest_to_mean(basis[ring], affine[:, joint].T)
+        if twin == joint:
+            value = (value + value[np.searchsorted(ring, mirror[ring])]) / 2
+        # Where one vertex lost its twin, the first one comes again with nothing.
+        rings[joint], values[joint, : len(ring)] = ring[0], value
+        rings[joint, : len(ring)] = ring
+    return JointRegressor(rings, values)
 
 
 def _ring(template: np.ndarray, joints: np.ndarray, weights: np.ndarray, joint: int) -> np.ndarray:

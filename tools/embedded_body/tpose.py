@@ -9,13 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_PARENTS
 from tools.embedded_body.skinning import apply_transforms, dual_quaternion_transforms
+from tools.embedded_body.symmetry import MIRRORED_JOINT, symmetric_points
 
 # Shoulder, elbow, wrist, hand; each joint is aimed at the next.
 _ARMS = {+1.0: (16, 18, 20, 22), -1.0: (17, 19, 21, 23)}
 
 
 def to_tpose(
-    vertices: np.ndarray, joints: np.ndarray, weights: np.ndarray
+    vertices: np.ndarray, joints: np.ndarray, weights: np.ndarray, mirror: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bodies (N, V, 3) and joints (N, 24, 3) in the T-pose, pelvis at the origin.
 
@@ -23,6 +24,8 @@ def to_tpose(
     """
     straightened = [_straighten_arms(*body, weights) for body in zip(vertices, joints, strict=True)]
     posed, posed_joints = map(np.array, zip(*straightened, strict=True))
+    posed = symmetric_points(posed, mirror)
+    posed_joints = symmetric_points(posed_joints, MIRRORED_JOINT)
     pelvis = posed_joints[:, :1].copy()
     return posed - pelvis, posed_joints - pelvis
 

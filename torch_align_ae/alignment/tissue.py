@@ -25,7 +25,8 @@ first order the displacement is u = -c L. Four terms of a law, each with a coeff
 that is not negative, u = -sum_k c_k L_k, take in what a spring alone leaves out:
 
     spring      L_1 = L
-    stiffening  L_2 = L / (1 + |L|^2 / L0^2)    small loads move more than their share
+    stiffening  L_2 = 4 (x(R g) - x(g - S''))    flesh hangs: its springs stiffen about the shape
+                                                without weight, x (1 + |2 x / g|^2) = force
     coupling    L_3 = mean of L over the skin around    neighbours pull along
     damping     L_4 = -L'                       the displacement follows its load late
 
@@ -48,8 +49,8 @@ from torch import Tensor
 from torch_align_ae.alignment.skin_sample import SkinSample
 
 GRAVITY_M_S2 = 9.81
-# About a load of twice gravity the stiffening term bends; the other terms are linear throughout.
-_BEND_M_S2 = 20.0
+# Of flesh that hangs: at this pull its springs are twice as stiff as without weight.
+_WEIGHT_M_S2 = 9.81
 # Skin pulls its neighbours along within some centimetres.
 _REACH_M = 0.06
 # Relative weight at which a neighbour is none; far ones would be denormal and slow.
@@ -176,7 +177,8 @@ class Loads:
     def terms(self, seen: Observed, turn: Tensor) -> Tensor:
         """(4, B, 3, N) terms of the law; `turn` (B, 22, 3, 3) is the joints' orientation."""
         load = self._with_gravity(seen.acceleration, turn, self.sample.weights)
-        bent = load / (1 + load.square().sum(1, keepdim=True) / _BEND_M_S2**2)
+        pull = GRAVITY_M_S2 * turn[:, :, :, 1].transpose(1, 2) @ self.sample.weights  # -R g
+        bent = 4 * (_weightless(load + pull) - _weightless(pull))
         around = self._with_gravity(seen.around, turn, self.weights_around)
         return torch.stack([load, bent, around, -seen.jerk])
 
@@ -193,8 +195,19 @@ class Loads:
         """
         frames = terms.shape[1]
         own = terms.new_full((terms.shape[-1],), float(frames))
-        bent = (1 / (1 + terms[0].square().sum(1) / _BEND_M_S2**2)).sum(0)
+        load, bent = terms[:2]
+        squared = load.square().sum((0, 1)).clamp_min(_NO_LOAD)
+        bent = frames * (load * bent).sum((0, 1)) / squared
         return torch.stack([own, bent, frames * self.around.diagonal(), torch.zeros_like(own)])
+
+
+def _weightless(force: Tensor) -> Tensor:
+    """x (B, 3, N) of x (1 + |2 x / g|^2) = force: how far springs give that stiffen by their own
+    strain, if they were linear a force (B, 3, N) per unit of mass.
+    """
+    share = 2 / _WEIGHT_M_S2 * force.norm(dim=1, keepdim=True).clamp_min(1e-6)
+    third = torch.asinh(share * (1.5 * math.sqrt(3))) / 3
+    return force * (torch.sinh(third) * (2 / math.sqrt(3)) / share)
 
 
 class Tissue(NamedTuple):

@@ -47,14 +47,12 @@ def test_parts_are_the_same_left_and_right(body):
     np.testing.assert_allclose(share[left].sum(axis=0), share[right].sum(axis=0), rtol=0.02)
 
 
-def test_parts_fade_as_softly_as_the_skin_does(body):
+def test_parts_fade_into_each_other(body):
     edges = np.concatenate([body.faces[:, [0, 1]], body.faces[:, [1, 2]]])
-
-    def steepest(weights: np.ndarray) -> float:
-        steps = np.abs(weights[edges[:, 0]] - weights[edges[:, 1]]).sum(axis=1)
-        return float(np.percentile(steps, 99.9))
-
-    assert steepest(part_weights(body)) < steepest(body.weights)
+    share = part_weights(body)
+    steps = np.abs(share[edges[:, 0]] - share[edges[:, 1]]).sum(axis=1)
+    # From one part to another is a step of 2.
+    assert np.percentile(steps, 99.9) < 1.0
 
 
 @pytest.mark.parametrize("group", GROUPS)

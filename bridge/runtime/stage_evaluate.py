@@ -10,21 +10,17 @@ from tyro.conf import Fixed
 
 from bridge.errors import DsnetError, notify
 from bridge.markers.bony import bony_motion
-from bridge.markers.marker_files import read_markers
+from bridge.markers.marker_files import pose_file, read_markers
 from bridge.markers.page import write_comparisons
 from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.measure.evaluation import evaluate_run
-from bridge.motion.readers.amass import motion_path
 from bridge.options import PositiveFloat
 from bridge.runs import Run
-from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import load_for_motion
-from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.runtime.stage_predict import open_out_folder
 
 _OF_FILE, _BONY = "pose of the file", "pose whose chest follows markers on bone"
-_FITTED_TO_FLESH = 0.5
-"""R2 of the pose alone on the bust, from which its bounce is the pose's already."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +37,8 @@ class EvaluateConfig:
     run: str | None = None
     """Run to evaluate; with --markers whose predictor moves the skin: left out, the packaged."""
     markers: Path | None = None
-    """Motion with real skin markers: an AMASS `.npz` with `marker_data` and `marker_labels`."""
+    """Motion with real skin markers: an AMASS `.npz` that has them, a MoSh++ `*_stageii.pkl`, or a
+    `.c3d` beside a pose of the same name."""
     motion_fps: PositiveFloat | None = None
     """Frames per second of the motion, where what its file says is wrong."""
     out: Path | None = None
@@ -72,10 +69,10 @@ def main(config: EvaluateConfig) -> None:
 def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     """Compare what a predictor makes of a motion with the markers of that motion."""
     run = None if config.run is None else Run(config.run)
-    trained, motion = load_for_motion(run, None, markers, config.motion_fps)
-    moving = controlled_body(trained, motion, Controls(motion_fps=config.motion_fps))
-    motion = moving.motion
-    found = read_markers(motion_path(markers), motion.source_fps)
+    trained, motion = load_for_motion(run, None, pose_file(markers), config.motion_fps)
+    motion = place_motion(motion, trained.body)
+    moving = MovingBody(trained, motion)
+    found = read_markers(markers, motion.source_fps, motion.duration_s)
     if found.note:
         notify(f"{markers}: {found.note}")
     registered = register(moving.body, motion, found)
@@ -100,9 +97,3 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
             distance_mm={name: round(d, 1) for name, d in registered.distance_mm.items()},
         )
         writer.finish(config={"run": run and run.name}, upstream=trained.upstream)
-    bust = [row.pose_r2_up for row in comparisons[_OF_FILE].rows if "bust" in row.region]
-    if bust and min(bust) > _FITTED_TO_FLESH:
-        notify(
-            f"the pose of {markers} was fitted to soft markers: without flesh it moves the bust as "
-            f"they do (R2 {min(bust):.2f}), and flesh that is predicted on it counts twice"
-        )
