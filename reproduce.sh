@@ -27,7 +27,7 @@ find_python() {
 # Where there is no NVIDIA GPU, builds without CUDA.
 nvidia-smi -L >/dev/null 2>&1 && train=train || train=train-cpu
 # What a run on this machine needs; a cluster, tests and pages need half a minute and 0.8 GB more.
-for_runs=$train,viewer,usd,clip
+for_runs=$train,usd,clip
 for_everything=$for_runs,ray,dev,docs
 
 setup() {
@@ -48,7 +48,7 @@ setup() {
     rm -rf .venv/lib/python*/site-packages/{tensorflow/include,torch/include,torch/test}
     # Most modules are never imported; those that are, are compiled here or by whoever is first.
     for module in torch_align_ae.alignment.stage_align tf_dsnet.stage_train \
-        bridge.report.stage_report bridge.view.viewer; do
+        bridge.report.stage_report; do
         PYTHONDONTWRITEBYTECODE="" .venv/bin/python -c "import $module"
     done
     # Written last, so that an interrupted installation is done again.

@@ -49,11 +49,10 @@ def check_options(config: Any) -> None:
     """Refuse a configuration (a dataclass; nested ones too) with a number that makes no sense, or
     nothing to call what is to be written.
     """
-    for flag in ("out", "record"):
-        if (path := getattr(config, flag, None)) is not None and not path.name:
-            raise DsnetError(
-                f"--{flag} {str(path)!r}", "a path with a name of its own", f"Pass --{flag} PATH."
-            )
+    if (path := getattr(config, "out", None)) is not None and not path.name:
+        raise DsnetError(
+            f"--out {str(path)!r}", "a path with a name of its own", "Pass --out PATH."
+        )
     for flag, bounds, value in _numbers(config, "--"):
         if not bounds.hold(value):
             raise DsnetError(f"{flag} {value}", str(bounds), f"Pass {flag} N.")

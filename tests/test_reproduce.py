@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 STAGES = [
     "corpus", "align", "train-ae", "encode", "train", "infer", "decode", "evaluate", "report",
 ]
-FOR_RUNS = "train-cpu,viewer,usd,clip"
+FOR_RUNS = "train-cpu,usd,clip"
 EVERYTHING = f"{FOR_RUNS},ray,dev,docs"
 # fmt: on
 
@@ -202,7 +202,7 @@ def test_a_gpu_decides_between_builds(reproduce: Reproduce, tmp_path: Path) -> N
     assert f"--editable .[{FOR_RUNS}]" in first
     write_command(project, "nvidia-smi", "echo GPU 0")
     on_gpu = reproduce().stdout
-    assert on_gpu.index(removed) < on_gpu.index("--editable .[train,viewer,usd,clip]")
+    assert on_gpu.index(removed) < on_gpu.index("--editable .[train,usd,clip]")
     assert removed not in reproduce("setup").stdout
     write_command(project, "nvidia-smi", "exit 6")
     assert removed in reproduce("setup").stdout
@@ -221,7 +221,7 @@ def test_pytorch_without_cuda_is_asked_for_where_there_is_no_gpu(
     assert "--constraint constraints.txt torch --no-deps" in asked.read_text()
     asked.unlink()
     write_command(project, "nvidia-smi", "echo GPU 0")
-    assert "--editable .[train,viewer,usd,clip]" in reproduce().stdout
+    assert "--editable .[train,usd,clip]" in reproduce().stdout
     assert not asked.exists()
 
 

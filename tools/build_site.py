@@ -2,9 +2,10 @@
 
     python tools/build_site.py [--out build/site]
 
-Needs the extra `docs`. Strict: a dead link, a page that is in no menu or a docstring that names
-what is not there ends it with status 1, and what `--out` held stays. The pages can be opened as
-files; their search needs a server: `python -m http.server --directory build/site`.
+Needs the extra `docs`. `demo.html` is the viewer with the packaged model, alive. Strict: a dead
+link, a page that is in no menu or a docstring that names what is not there ends it with status 1,
+and what `--out` held stays. The pages can be opened as files; their search needs a server:
+`python -m http.server --directory build/site`.
 """
 
 from __future__ import annotations
@@ -14,12 +15,24 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
+
+from bridge.view.page import document
+from bridge.view.repertoire import open_repertoire
+from bridge.view.scene import Scene
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGURATION = ROOT / "tools" / "site" / "mkdocs.yml"
+SAMPLES = ("jumping_jacks", "dancing", "walk_cycle")
 # Every built site has one: what mkdocstrings tells other sites of its names.
 _MARK = "objects.inv"
+
+
+def demo() -> str:
+    """The packaged model, alive in a page, on three samples."""
+    repertoire = open_repertoire(None, None)
+    return document(Scene(replace(repertoire, takes={n: repertoire.takes[n] for n in SAMPLES})))
 
 
 def main() -> None:
@@ -36,6 +49,7 @@ def main() -> None:
         status = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, check=False).returncode
         if status:
             sys.exit(status)
+        (built / "demo.html").write_text(demo(), encoding="utf-8", newline="\n")
         if out.exists():
             shutil.rmtree(out)
         built.rename(out)

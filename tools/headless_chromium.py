@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, ConsoleMessage, Locator, Page
+    from playwright.sync_api import Browser, ConsoleMessage, Page
 
 _OPTIONS = (
     "--no-sandbox",
@@ -48,31 +48,6 @@ class OpenPage:
         """Keep an error of the console."""
         if message.type == "error":
             self.errors.append(message.text)
-
-    def number(self, label: str) -> Locator:
-        """The box beside a slider."""
-        row = "ancestor::*[contains(@class, 'mantine-Flex-root')][1]"
-        box = "input[contains(@class, 'NumberInput')]"
-        return self.page.locator(f"//label[.='{label}']/{row}//{box}")
-
-    def slider(self, label: str) -> Locator:
-        """The thumb of a slider, which takes keys."""
-        row = "ancestor::*[contains(@class, 'mantine-Flex-root')][1]"
-        return self.page.locator(f"//label[.='{label}']/{row}//*[@role='slider']")
-
-    def choose(self, label: str, option: str) -> None:
-        """Choose one of a drop-down list."""
-        row = "ancestor::*[contains(@class, 'mantine-Flex-root')][1]"
-        self.page.locator(f"//label[.='{label}']/{row}//input").first.dispatch_event("click")
-        self.page.get_by_role("option", name=option, exact=True).dispatch_event("click")
-
-    def open_folder(self, label: str) -> None:
-        """Open a folder that is closed."""
-        self.page.get_by_text(label, exact=True).dispatch_event("click")
-
-    def press(self, label: str) -> None:
-        """Press a button; not with the mouse, which waits until nothing moves."""
-        self.page.get_by_role("button", name=label).dispatch_event("click")
 
 
 @contextmanager

@@ -1,8 +1,6 @@
 """Take the picture of the viewer in docs/viewer.md, in a headless Chromium.
 
-    python tools/picture_viewer.py --run RUN
-
-Without --run it shows the packaged model, whose samples have no truth beside them.
+python tools/picture_viewer.py [--run RUN]
 """
 
 from __future__ import annotations
@@ -10,19 +8,21 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bridge.errors import DsnetError
 from bridge.processes import run_as_process
-from tools.headless_chromium import PATIENCE_MS, chromium, open_page
-from tools.served_viewer import served_viewer
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Page
+from bridge.runs import Run
+from bridge.view.repertoire import open_repertoire
+from bridge.view.scene import Scene
+from bridge.view.server import serving
+from tools.headless_chromium import PATIENCE_MS, chromium, open_page, why_missing
 
 PICTURE = Path(__file__).parents[1] / "docs" / "images" / "viewer.jpg"
-_SIZE_PX = 1400, 900
-_APART_S, _ALIKE = 5.0, 3
-"""So many pictures in a row are the same when what fades in and moves by itself is at rest."""
+_SHOW = """([frame, colouring]) => { page.play(false); page.seek(frame);
+  const knob = document.getElementById("colouring"); knob.value = colouring; knob.onchange(); }"""
+_SHOWN = (
+    """(frame) => page.time === frame && page.curves.filter(Boolean).length === page.motion.count"""
+)
 
 
 @dataclass(frozen=True)
@@ -31,47 +31,32 @@ class Picture:
 
     run: str | None = None
     """Run whose first motion is shown; the packaged model when left out."""
-    motion: Path | None = None
-    """Motion to show instead."""
-    frame: int = 44
+    frame: int = 66
     """Which of its frames."""
     out: Path = PICTURE
     """Where to write it."""
 
 
 def main(config: Picture) -> None:
-    """Show the viewer at one frame, and write what the browser shows.
-
-    Raises
-    ------
-    DsnetError
-        If the browser, or what is to be seen, is missing.
-    """
-    with served_viewer(config.run, config.motion) as served:
-        served.viewer.timeline.playing = False
-        served.viewer.timeline.go_to(config.frame)
-        with served.drawing():
-            _take(served.address, config.out)
-
-
-def _take(address: str, path: Path) -> None:
-    with chromium() as browser, open_page(browser, address, *_SIZE_PX) as opened:
-        opened.page.get_by_role("button", name="Play").wait_for()
-        opened.page.get_by_text("computing").wait_for(state="hidden")
-        # The browser's remark that no graphics card is there is no part of the viewer.
-        close = opened.page.locator(".mantine-Notification-closeButton")
-        close.first.dispatch_event("click")
-        path.parent.mkdir(exist_ok=True)
-        path.write_bytes(_at_rest(opened.page))
-
-
-def _at_rest(page: Page) -> bytes:
-    """A JPEG of the page when nothing in it moves any more."""
-    pictures: list[bytes] = []
-    while len(pictures) < _ALIKE or len(set(pictures[-_ALIKE:])) > 1:
-        time.sleep(_APART_S)
-        pictures.append(page.screenshot(type="jpeg", quality=85, timeout=PATIENCE_MS))
-    return pictures[-1]
+    """Show the viewer at one frame, and write what the browser shows."""
+    if why := why_missing():
+        raise DsnetError(why, "a browser", "Install it.")
+    run = None if config.run is None else Run(config.run)
+    motion = None if run else Path("sample:jumping_jacks")
+    scene = Scene(open_repertoire(run, motion))
+    with (
+        serving(scene, 0) as address,
+        chromium() as browser,
+        open_page(browser, address, 1280, 760) as opened,
+    ):
+        page = opened.page
+        page.wait_for_selector("body[data-ready]", state="attached")
+        page.evaluate(_SHOW, [config.frame, "size"])
+        while not page.evaluate(_SHOWN, config.frame):
+            time.sleep(0.2)
+        time.sleep(2)  # until it is drawn
+        picture = page.screenshot(type="jpeg", quality=85, timeout=PATIENCE_MS)
+    config.out.write_bytes(picture)
 
 
 if __name__ == "__main__":

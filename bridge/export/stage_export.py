@@ -20,15 +20,15 @@ class ExportConfig(Controls):
     """Write a body that performs a motion as a file for another tool: 60 fps, metres, y up."""
 
     to: str | None = None
-    """Format: usd, pc2, mdd, obj, ply, npz, gif or mp4 of a motion; or onnx, the predictor with
-    its body as one graph. docs/export.md says how to open each."""
+    """Format: usd, pc2, mdd, obj, ply, npz, gif, mp4 or html of a motion; or onnx, the predictor
+    with its body as one graph. docs/export.md says how to open each."""
     motion: Path | None = None
     """One AMASS `.npz`, a BVH, or `sample:walking`; for all but onnx."""
     run: str | None = None
     """Run whose predictor moves the skin; the small model that comes with the package when left
     out, of the motion's gender."""
     predictor: tuple[str, ...] = ()
-    """Which of the run's; its best when left out. A gif or mp4 shows several side by side."""
+    """Which of the run's; its best when left out. A gif, mp4 or html shows several."""
     precision: Literal["float32", "float16", "int8"] = "float32"
     """Of the large kernels of an onnx graph; what fewer bits cost is written into the file."""
     gender: Literal["female", "male"] = "female"

@@ -8,6 +8,8 @@ their bones move with the wrists', so their weights are the wrists'.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -128,8 +130,12 @@ class Surface:
             self._posing = product(graph, "posedirs", by_pose, precision)
             self._shapes = graph.array("shapedirs", shapes)
         self._template = graph.array("template", body.v_template[vertices].T.ravel())
-        self.weights = graph.array("weights", bone_weights(body)[vertices].T)
+        self._bone_weights = bone_weights(body)[vertices].T
+
+    @cached_property
+    def weights(self) -> Value:
         """(23, V) of the bones."""
+        return self._graph.array("weights", self._bone_weights)
 
     def rest(self, turning: Value, shape: Value) -> Value:
         """(B, 3, V) the rest pose, metres, of R - I (B, 189) and betas (B, 10 + E)."""

@@ -73,7 +73,7 @@ class MovingBody:
         self.trained, self.motion = trained, motion
         self.controls = dict(controls or {})
         self.pieces = pieces_between_cuts(motion.theta)
-        self._gain, self._loop = np.asarray(gain, np.float32), loop
+        self._gain, self.loop = np.asarray(gain, np.float32), loop
         self._gain = self._gain[:, None] if self._gain.ndim else self._gain
 
     def __len__(self) -> int:
@@ -94,8 +94,8 @@ class MovingBody:
         """Of each piece between cuts; their offsets are computed when they are asked for."""
         theta, betas = self.motion.theta, self.motion.betas
         predict = partial(predict_whole, self.trained.model)
-        if self._loop is not None:
-            return [predict_loop(predict, self._loop, betas)]
+        if self.loop is not None:
+            return [predict_loop(predict, self.loop, betas)]
         return [predict(theta[piece], betas) for piece in self.pieces]
 
     def __iter__(self) -> Iterator[MovedFrames]:

@@ -80,17 +80,27 @@ def plus_graph(
     body: BodyModelData,
     metadata: Mapping[str, str] | None = None,
     precision: Precision = "float32",
+    in_parts: bool = False,
 ) -> onnx.ModelProto:
     """The same step and the skin, on the body model that a `dsnet_plus` was trained with.
 
-    Of its kernels only the pose blend shapes are large; `precision` is theirs.
+    Of its kernels only the pose blend shapes are large; `precision` is theirs. `in_parts`: the
+    skin is not posed, for who wants SMPL alone beside it: instead of `vertices` outputs are `rest`
+    (B, 3, V) of SMPL alone and `offsets` (B, 3, V) in the rest pose, and `bones` (B, 12, 23).
     """
     step = _PlusStep(model, body, plus_layout(model))
-    vertices, late = _skin(step, precision)
+    shown, late = _shown(step)
+    count = body.vertex_count
+    if in_parts:
+        outputs = _parts(step, shown, precision)
+        shapes = {"rest": ("B", 3, count), "offsets": ("B", 3, count), "bones": ("B", 12, BONES)}
+    else:
+        outputs = {"vertices": _skin(step, shown, precision)}
+        shapes = {"vertices": ("B", count, 3)}
     return step.graph.model(
         "dsnet_plus",
-        {"vertices": vertices, "next_state": step.layout.written(step.graph, step.after | late)},
-        {"vertices": ("B", body.vertex_count, 3), "next_state": ("B", step.layout.size)},
+        outputs | {"next_state": step.layout.written(step.graph, step.after | late)},
+        shapes | {"next_state": ("B", step.layout.size)},
         {
             **(metadata or {}),
             "latency_frames": str(model.look_ahead),
@@ -214,16 +224,22 @@ class _PlusStep:
         return after, loads
 
 
-def _skin(step: _PlusStep, precision: Precision) -> tuple[Value, Arrays]:
-    """(B, V, 3) the posed surface of the step's characters, as late as their offsets are, and what
-    the next frame must know of later ones."""
-    graph, model, frames = step.graph, step.model, step.model.look_ahead
+def _shown(step: _PlusStep) -> tuple[Arrays, Arrays]:
+    """Bones, features and place as late as the step's offsets are, and what the next frame must
+    know of later ones."""
+    graph, frames = step.graph, step.model.look_ahead
     shown = {name: step.present[name] for name in ("bones", "features", "trans")}
     late: Arrays = {}
     for name in shown if frames else ():
         oldest, *others = step.past[f"late_{name}"].split(1, [1] * frames)
         late[f"late_{name}"] = graph.concat([*others, _long(shown[name])], 1)
         shown[name] = oldest.reshape(0, *step.layout.shapes[f"late_{name}"][1:])
+    return shown, late
+
+
+def _skin(step: _PlusStep, shown: Arrays, precision: Precision) -> Value:
+    """(B, V, 3) the posed surface of the step's characters."""
+    graph, model = step.graph, step.model
     body, shape, constant_m = step.body, step.betas, None
     if model.static.by_pose_m.any():  # features are the same as of the pose blend shapes
         by_pose_m = model.nodes.spread(model.static.by_pose_m)  # (207, V, 3)
@@ -237,7 +253,29 @@ def _skin(step: _PlusStep, precision: Precision) -> tuple[Value, Arrays]:
     with graph.section("spread"):
         rest = rest + spread(graph, model.nodes, step.codes)
     with graph.section("skin"):
-        return skin.skinned(translated(graph, shown["bones"], shown["trans"]), rest), late
+        return skin.skinned(translated(graph, shown["bones"], shown["trans"]), rest)
+
+
+def _parts(step: _PlusStep, shown: Arrays, precision: Precision) -> Arrays:
+    """What `_skin` poses: SMPL alone, the offsets of the step and of the static part, bones."""
+    graph, model, codes = step.graph, step.model, step.codes
+    with graph.section("skin"):
+        skin = Surface(graph, step.body, slice(None), None, precision)
+        rest = skin.rest(shown["features"], step.betas)
+        bones = translated(graph, shown["bones"], shown["trans"])
+    with graph.section("spread"):
+        if model.static.by_pose_m.any():
+            by_pose_m = model.static.by_pose_m[:TURNING].transpose(0, 2, 1).reshape(TURNING, -1)
+            moved = shown["features"] @ graph.array("static_by_pose", by_pose_m)
+            codes = codes + moved.reshape(0, 3, len(model.nodes))
+        offsets = spread(graph, model.nodes, codes)
+        if model.static.constant_m.any():
+            constant_m = model.static.constant_m.transpose(0, 2, 1)
+            known = step.past["known"] @ graph.array(
+                "static_constant", constant_m.reshape(len(constant_m), -1)
+            )
+            offsets = offsets + known.reshape(0, 3, -1)
+    return {"rest": rest, "offsets": offsets, "bones": bones}
 
 
 def spread(graph: Graph, nodes: TissueNodes, at_nodes: Value) -> Value:

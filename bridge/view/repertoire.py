@@ -25,17 +25,15 @@ from bridge.motion.motion import DEFAULT_FPS
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import subject_and_motion
 from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
+from bridge.motion.smoothing import SmoothHz
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
-from bridge.runtime.controls import Controls
 from bridge.runtime.load_model import PIPELINES, TrainedModel, load_model
-from bridge.runtime.moving_body import place_motion
+from bridge.runtime.moving_body import MovingBody, place_motion
 
-AVERAGE, AS_ASKED = "average shape", "as asked"
-SMPL_ALONE, TRUTH = "smpl", "truth"
-"""Who is shown beside predictors."""
-LABELS = {SMPL_ALONE: "SMPL alone", TRUTH: TRUTH}
+AVERAGE = "average shape"
+TRUTH = "truth"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +52,10 @@ class TrueMotion:
 class ViewedMotion:
     """One motion that can be chosen."""
 
-    read: Callable[[NDArray | None], Motion]
-    """The motion for a shape (10,), or for that of its own person."""
+    read: Callable[[], Motion]
+    """The motion of its own person, y up."""
+    of_file: bool = True
+    """Whether the root of its file turns about the root joint, wherever a shape has that."""
     truth: str | None = None
     """Name of its sequence in the truth, where that is known."""
     frames: int | None = None
@@ -71,6 +71,8 @@ class Repertoire:
     origin: str
     """`synthetic` or `licensed`."""
     body: BodyModelData
+    body_model: str
+    """`embedded:female`, or the path of its file."""
     predictors: Mapping[str, str]
     """Labels by name, the best first."""
     open: Callable[[str], TrainedModel]
@@ -84,23 +86,25 @@ class Repertoire:
 
 
 def open_repertoire(
-    run: Run | None, path: Path | None, controls: Controls | None = None
+    run: Run | None,
+    path: Path | None,
+    motion_fps: float | None = None,
+    smooth_hz: SmoothHz | None = None,
+    bony: bool = False,
 ) -> Repertoire:
     """Everything that can be shown with a run's predictors, or with the packaged one.
 
     Parameters
     ----------
     path : a motion to be shown first, of any format that is read, or a sample.
-    controls : a shape that they ask for is one of the people, `AS_ASKED`.
+    bony : its chest follows the file's markers on bone.
     """
-    controls = controls or Controls()
     given = None
     if path is not None:
-        given = load_motion_file(path, controls.motion_fps, smooth_hz=controls.smooth_hz)
+        given = load_motion_file(path, motion_fps, smooth_hz=smooth_hz)
     gender = "unknown" if given is None else given.gender
     best = load_model(run, None, gender)
     if given is not None:
-        bony = controls.pose == "bony"
         given = bony_pose(best.body, given) if bony else given
         flesh = [] if bony else flesh_in_pose(given)
         for warning in (*motion_warnings(given, pieces_between_cuts(given.theta)), *flesh):
@@ -113,16 +117,13 @@ def open_repertoire(
 
     takes: dict[str, ViewedMotion] = {}
     if given is not None:
-        place_motion(given, body)  # refuses what is no person's motion before anything is shown
-        takes[given.source.stem] = ViewedMotion(lambda betas: place_motion(given, body, betas))
-    labels = {best.name: best.label}
-    betas = controls.asked_betas(body)
-    people = {} if betas is None else {AS_ASKED: betas}
-    people[AVERAGE] = np.zeros(N_BETAS)
-    found = partial(Repertoire, best.owner, origin, body, open=model)
+        placed = place_motion(given, body)  # refuses what is no person's motion before it is shown
+        takes[given.source.stem.removeprefix(SAMPLE_PREFIX)] = ViewedMotion(lambda: placed)
+    labels, people = {best.name: best.label}, {AVERAGE: np.zeros(N_BETAS)}
+    found = partial(Repertoire, best.owner, origin, body, best.body_model, open=model)
     if run is None:
         samples = {name: _of_file(Path(SAMPLE_PREFIX + name), body) for name in SAMPLES}
-        return found(predictors=labels, takes=takes | samples, people=people)
+        return found(predictors=labels, takes=takes | samples | takes, people=people)
     known, read = open_truth(run, origin)
     align = run.artifact(ROBUST_ALIGNMENT if run.finished(ROBUST_ALIGNMENT) else ALIGNMENT)
     takes |= _aligned(align, body, known) | _unseen(run, align, body, known)
@@ -157,6 +158,19 @@ def open_truth(run: Run, origin: str) -> tuple[Mapping[str, int], Callable[[str]
     return known, read
 
 
+def take_of(moving: MovingBody) -> tuple[ViewedMotion, Callable[[str], TrueMotion] | None]:
+    """A motion as it is moved, with its truth if it is one of its run's corpus, as recorded."""
+    motion, trained = moving.motion, moving.trained
+    first, *_ = trained.artifacts.values()
+    folder, take = first.path.parent.resolve(), ViewedMotion(lambda: motion)
+    recorded = not set(moving.controls) - {"gain", "part_gain"}
+    if recorded and folder / "corpus" in motion.source.resolve().parents:
+        known, read = open_truth(Run(folder.name), trained.origin)
+        if (name := "_".join(subject_and_motion(motion.source))) in known:
+            return replace(take, truth=name, frames=known[name]), read
+    return take, None
+
+
 def _labels_of(run: Run) -> dict[str, str]:
     """Labels of all predictors that move single motions, of every pipeline that the run has."""
     found: dict[str, str] = {}
@@ -169,8 +183,7 @@ def _labels_of(run: Run) -> dict[str, str]:
 
 
 def _of_file(path: Path, body: BodyModelData) -> ViewedMotion:
-    load = cache(partial(load_amass_motion, path))
-    return ViewedMotion(lambda betas: place_motion(load(), body, betas))
+    return ViewedMotion(lambda: place_motion(load_amass_motion(path), body))
 
 
 def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:
@@ -193,13 +206,9 @@ def _aligned(
             source_fps=one.fps,
             source=Path(one.name),
         )
-        take = ViewedMotion(partial(_shaped, motion))
+        take = ViewedMotion(lambda motion=motion: motion, of_file=False)
         takes |= _titled(take, one.name, one.split, known)
     return takes
-
-
-def _shaped(motion: Motion, betas: NDArray | None) -> Motion:
-    return motion if betas is None else replace(motion, betas=betas)
 
 
 def _unseen(

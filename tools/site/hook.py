@@ -61,6 +61,8 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Links as a forge reads them become links of the site."""
     source = {"index.md": "README.md", "contents.md": "docs/README.md"}
     uri = page.file.src_uri
+    if uri == "viewer.md":  # what only the site has
+        markdown += '\n<p><a href="demo.html">The packaged model, alive in this browser</a></p>\n'
     return with_site_links(markdown, source.get(uri, f"docs/{uri}"), uri)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 import subprocess
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,7 @@ LINES = {
     "mdd": ("out", lambda path: of_frame_0(path / "body.obj")),
     "gif": ("out.gif", of_gif),
     "mp4": ("out.mp4", of_mp4),
+    "html": ("out.html", lambda path: unescape(path.read_text().partition("<style>")[0])),
 }
 
 

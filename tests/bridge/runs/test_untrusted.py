@@ -29,7 +29,6 @@ from tests.sources import PACKAGES, ROOT, parsed, source_files
 ANSWERS_FOR_WORK = {
     "bridge/plugins.py",
     "bridge/verify/engine.py",
-    "bridge/view/performances.py",
     "tf_dsnet/framework.py",
 }
 

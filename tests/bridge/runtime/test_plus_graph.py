@@ -11,7 +11,8 @@ import pytest
 
 from bridge.body import load_body_model, pose_vertices
 from bridge.motion import unpack_theta
-from bridge.runtime.onnx_graph import Precision
+from bridge.runtime.body_graph import bone_weights
+from bridge.runtime.onnx_graph import GraphSession, Precision
 from bridge.runtime.plus_graph import plus_graph, plus_layout
 from bridge.runtime.stepping import PlusModel, predict_whole
 from bridge.tissue.trained_plus import TrainedPlus
@@ -180,3 +181,19 @@ def test_fewer_bits_cost_little(flesh, stepped, precision: Precision):
     assert 0 < error_mm.mean() < 0.05
     assert error_mm.max() < 0.5
     assert small.ByteSize() < 0.75 * plus_graph(flesh, BODY).ByteSize()
+
+
+@pytest.mark.parametrize("static", [False, True])
+def test_parts_posed_are_the_vertices(flesh, static):
+    model = with_static(flesh) if static else flesh
+    theta, whole = two(), Stepped(plus_graph(model, BODY))
+    run = GraphSession(plus_graph(model, BODY, in_parts=True))
+    expected, state = whole.clip(theta, BETAS), whole.none(len(BETAS))
+    for frame, vertices in zip(theta, expected, strict=True):
+        found = run(theta=frame, betas=BETAS, state=state)
+        state = found["next_state"]
+        bones = (found["bones"] @ bone_weights(BODY).T).reshape(2, 4, 3, -1)
+        moved = found["rest"] + found["offsets"]
+        posed = (bones[:, :3] * moved[:, :, None]).sum(axis=1) + bones[:, 3]
+        np.testing.assert_allclose(posed.transpose(0, 2, 1), vertices, atol=2e-6)
+    assert np.abs(found["offsets"]).max() > 1e-3

@@ -10,8 +10,6 @@ import pytest
 from bridge.body import load_body_model
 from bridge.runs import ArtifactWriter, Run
 from bridge.tissue.trained_plus import TrainedPlus
-from bridge.view.performances import Performances
-from bridge.view.repertoire import open_repertoire
 from tests.forged.plus import soft_flesh, write_plus
 
 BODY, FRAMES = "embedded:female", 80
@@ -63,10 +61,3 @@ def forged_run(flesh: TrainedPlus) -> Run:
     truth.finish()
     write_plus(run, flesh)
     return run
-
-
-@pytest.fixture(scope="module")
-def performances(run) -> Iterator[Performances]:
-    found = Performances(open_repertoire(run, None))
-    yield found
-    found.worker.stop()

@@ -1,41 +1,41 @@
-"""The viewer and its recording in a real browser: they load, play, and do what controls say."""
+"""The page in a real browser: the bodies that Python poses, untorn, served and from a disk."""
 
 from __future__ import annotations
 
-import itertools
-import threading
-import time
-from collections.abc import Callable, Iterator
+import base64
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from bridge.view.performances import Performances
-from bridge.view.repertoire import SMPL_ALONE, open_repertoire
-from tools.headless_chromium import PATIENCE_MS, OpenPage, chromium, open_page, why_missing
+from bridge.body.parts import PARTS
+from bridge.cli import main
+from bridge.errors import DsnetError
+from bridge.motion import load_motion_file
+from bridge.motion.readers.amass import sample_path
+from bridge.runtime.controls import Controls, controlled_body, root_joint_m
+from bridge.runtime.load_model import load_for_motion
+from bridge.view.page import BUNDLE
+from bridge.view.repertoire import open_repertoire
+from bridge.view.scene import STEP_M, Scene
+from bridge.view.server import serving
+from tests.bridge.view.conftest import JUMP
+from tests.bridge.view.pages import Shown, on_disk, served
+from tests.forged.amass import smplh
+from tools.headless_chromium import chromium, open_page, why_missing
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
-
-from tests.bridge.view.conftest import FRAMES
-
-pytest.importorskip("viser", reason="viser is not installed")
-from bridge.view.stage_view import write_recording
-from bridge.view.viewer import Viewer, serving
 
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(why_missing() is not None, reason=why_missing() or ""),
 ]
-
-
-def until(true: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + PATIENCE_MS / 1000
-    while not true():
-        assert time.monotonic() < end_s, "waited in vain"
-        time.sleep(0.2)
+BETAS = [1.0, -1.0, 0.5, 0.3, 0.0, 0.0, 0.0, 0.0, 0.2, -2.0]
+CLOSE_M = 1e-5
 
 
 @pytest.fixture(scope="module")
@@ -44,142 +44,258 @@ def browser() -> Iterator[Browser]:
         yield found
 
 
+def packaged(motion: str | Path = "sample:dancing") -> Scene:
+    return Scene(open_repertoire(None, Path(motion)))
+
+
 @pytest.fixture(scope="module")
-def viewer(run, browser) -> Iterator[tuple[Viewer, OpenPage]]:
-    performances = Performances(open_repertoire(run, None))
-    with serving("127.0.0.1", 0) as server:
-        found = Viewer(server, performances)
-        drawing = threading.Thread(target=found.run)
-        drawing.start()
-        try:
-            with open_page(browser, f"http://127.0.0.1:{server.get_port()}") as opened:
-                opened.page.get_by_role("button", name="Pause").wait_for()
-                yield found, opened
-                assert opened.errors == []
-        finally:
-            found.stop()
-            drawing.join()
-            performances.worker.stop()
+def dancing(browser) -> Iterator[Shown]:
+    with served(browser, packaged()) as shown:
+        yield shown
+        assert shown.errors == []
 
 
-def picture(opened: OpenPage) -> bytes:
-    return opened.page.screenshot(timeout=PATIENCE_MS)
+@pytest.fixture(scope="module")
+def with_truth(browser, run) -> Iterator[Shown]:
+    with served(browser, Scene(open_repertoire(run, None))) as shown:
+        yield shown
+        assert shown.errors == []
 
 
-def vertices_m(viewer: Viewer, name: str = SMPL_ALONE) -> np.ndarray:
-    return viewer.scene.figures[name].vertices_m.copy()
+def predicted_m(motion: str | Path, **controls: Any) -> np.ndarray:
+    trained, read = load_for_motion(None, None, Path(motion))
+    moving = controlled_body(trained, read, Controls(**controls))
+    return np.concatenate([piece.vertices_m for piece in moving])
 
 
-def set_number(opened: OpenPage, label: str, text: str) -> None:
-    opened.number(label).fill(text)
+@pytest.mark.parametrize("gender", ["female", "male"])
+def test_bodies_are_those_of_predict_after_any_jump_in_any_shape(browser, tmp_path, gender):
+    with np.load(sample_path("dancing")) as sample:
+        np.savez(tmp_path / "a.npz", **{**sample, "gender": np.array(gender)})
+    with served(browser, packaged(tmp_path / "a.npz")) as shown:
+        expected_m = predicted_m(tmp_path / "a.npz")
+        for frame in (len(expected_m) - 1, 0, 131, 7):
+            found_m = shown.vertices_m("dsnet_plus", frame)
+            np.testing.assert_allclose(found_m, expected_m[frame], atol=CLOSE_M)
+        shown.page.evaluate("(betas) => page.person(betas)", BETAS)
+        shown.set(**{"gain": 2, f"part{PARTS.index('belly')}": 3})
+        asked = {"betas": ",".join(map(str, BETAS)), "gain": 2.0, "part_gain": ("belly=3",)}
+        expected_m = predicted_m(tmp_path / "a.npz", **asked)
+        for frame in (60, len(expected_m) - 1, 0):
+            found_m = shown.vertices_m("dsnet_plus", frame)
+            np.testing.assert_allclose(found_m, expected_m[frame], atol=CLOSE_M)
+        assert shown.errors == []
 
 
-def test_it_loads_says_synthetic_and_has_drawn_something(viewer):
-    _, opened = viewer
-    assert opened.page.get_by_text("synthetic").count() >= 1
-    assert opened.page.locator("canvas").first.is_visible()
-    opened.page.get_by_text("Error over time").first.wait_for()
+_TORN = """async (wanted) => {
+  const canvas = document.getElementById("view"), turn = () => new Promise(requestAnimationFrame);
+  const copy = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height });
+  const flat = copy.getContext("2d", { willReadFrequently: true }), seen = [];
+  const pixels = () => { flat.drawImage(canvas, 0, 0); return flat.getImageData(0, 0, copy.width, copy.height).data; };
+  page.play(true);
+  while (seen.length < wanted) { await turn(); if (page.time !== seen.at(-1)?.time) seen.push({ time: page.time, was: pixels() }); }
+  let apart = 0;
+  for (const { time, was } of seen) {
+    page.seek(time);
+    for (let i = 0; i < 400 && !(page.time === time && page.frames.get(Math.floor(time)) && page.frames.get(Math.ceil(time))); i++) await turn();
+    await turn(); await turn();
+    pixels().forEach((value, i) => { apart += value !== was[i]; });
+  }
+  return apart;
+}"""  # fmt: skip  # noqa: E501
 
 
-def test_it_plays_pauses_and_is_scrubbed(viewer):
-    found, opened = viewer
-    frame = opened.number("Frame")
-    first = frame.input_value()
-    until(lambda: frame.input_value() != first)
-    opened.press("Pause")
-    until(lambda: not found.timeline.playing)
-    # A page that lags shows frames from before, over what is typed.
-    until(lambda: frame.input_value() == f"{found.timeline.frame}")
-    set_number(opened, "Frame", "17")
-    until(lambda: found.timeline.frame == 17)
-    opened.page.get_by_role("button", name="Play").wait_for()
+def test_what_plays_is_what_rests_pixel_by_pixel(dancing):
+    dancing.surveyed()
+    dancing.set(colouring="size")
+    assert dancing.page.evaluate(_TORN, 12) == 0
+    dancing.set(colouring="none")
 
 
-def test_a_hand_on_the_slider_pauses_where_it_is(viewer):
-    found, opened = viewer
-    frame = opened.number("Frame")
-    opened.press("Play")
-    until(lambda: found.timeline.playing)
-    # A key that moves to the frame which page or clock just has changes nothing and is not told.
-    keys = itertools.cycle(("Home", "End"))
-
-    def paused_by_a_key() -> bool:
-        opened.slider("Frame").dispatch_event("keydown", {"key": next(keys)})
-        opened.page.wait_for_timeout(1000)
-        return not found.timeline.playing
-
-    until(paused_by_a_key)
-    until(lambda: frame.input_value() == f"{found.timeline.frame}")
+def test_a_loop_is_that_of_predict(browser):
+    with served(browser, packaged("sample:walk_cycle")) as shown:
+        shown.set(loop=True)
+        shown.until("page.motion.first > 0")
+        expected_m = predicted_m("sample:walk_cycle", loop=True)
+        for frame in (0, len(expected_m) - 1):
+            found_m = shown.vertices_m("dsnet_plus", frame)
+            np.testing.assert_allclose(found_m, expected_m[frame], atol=3e-4)
 
 
-def test_a_slider_changes_the_mesh_and_the_picture(viewer):
-    found, opened = viewer
-    before, seen = vertices_m(found), picture(opened)
-    opened.open_folder("Betas")
-    set_number(opened, "Beta 1", "4")
-    until(lambda: found.panel.selection.betas[0] == 4.0)
-    until(lambda: bool(np.abs(vertices_m(found) - before).max() > 0.02))
-    until(lambda: picture(opened) != seen)
-    opened.press("Shape of the person")
-    until(lambda: found.panel.selection.betas[0] == 0.5)
+def test_the_truth_is_in_step_and_curves_are_its_distances(with_truth, run):
+    with_truth.surveyed()
+    truth = open_repertoire(run, None).read_truth
+    assert truth is not None
+    alone_m, true_m = (with_truth.vertices_m(name, 40) for name in ("smpl", "truth"))
+    apart_m = np.linalg.norm(true_m - alone_m, axis=1)
+    # The forged truth is an offset of a centimetre along each axis.
+    np.testing.assert_allclose(apart_m, np.sqrt(3) * 0.01, atol=4 * STEP_M)
+    curve = with_truth.page.evaluate("page.curves[40]")
+    np.testing.assert_allclose(curve["smpl"]["apart"], apart_m.mean(), rtol=1e-4)
+    with_truth.set(colouring="apart")
+    with_truth.vertices_m("truth", 41)
+    _same_size(with_truth, "smpl", apart_m.mean())
 
 
-def test_gain_changes_the_predicted_body(viewer):
-    found, opened = viewer
-    set_number(opened, "Gain", "3")
-    until(lambda: found.panel.selection.gains.of_all == 3.0)
-    set_number(opened, "Gain", "1")
-    until(lambda: found.panel.selection.gains.of_all == 1.0)
+def _same_size(shown: Shown, name: str, mean_m: float) -> None:
+    sizes = shown.page.evaluate(
+        "(name) => [...page.stage.bodies[name].geometry.attributes.size.array]", name
+    )
+    np.testing.assert_allclose(np.mean(sizes), mean_m, rtol=0.02)
 
 
-def test_a_part_gain_changes_the_mesh(viewer):
-    found, opened = viewer
-    found.timeline.stop_at(20)  # in the air
-    until(lambda: found.panel._told == 20)
-    assert found.performances.worker.wait(PATIENCE_MS / 1000)
-    before = vertices_m(found, "dsnet_plus")
-    opened.open_folder("Gain by part")
-    set_number(opened, "belly", "5")
-    until(lambda: bool(np.abs(vertices_m(found, "dsnet_plus") - before).max() > 1e-3))
-    set_number(opened, "belly", "1")
-    until(lambda: bool(np.abs(vertices_m(found, "dsnet_plus") - before).max() == 0))
+def test_who_is_too_large_for_a_page_comes_as_a_track(browser, run):
+    repertoire = open_repertoire(run, None)
+    plus = repertoire.open("dsnet_plus")
+    twin = replace(
+        repertoire,
+        predictors={"dsnet_plus": "DSNet+", "twin": "DSNet"},
+        open={"dsnet_plus": plus, "twin": plus}.__getitem__,
+    )
+    with served(browser, Scene(twin)) as shown:
+        assert shown.page.evaluate("Object.keys(page.motion.tracks)") == ["truth"]
+        shown.set(**{"show-twin": True})
+        shown.until("'twin' in page.motion.tracks")
+        live_m, track_m = (shown.vertices_m(name, 30) for name in ("dsnet_plus", "twin"))
+        np.testing.assert_allclose(track_m, live_m, atol=STEP_M)
+        assert shown.errors == []
 
 
-def test_the_pickers_change_motion_and_person(viewer):
-    found, opened = viewer
-    before = np.ptp(vertices_m(found)[:, 1])
-    opened.choose("Person", "tall")
-    until(lambda: bool(np.ptp(vertices_m(found)[:, 1]) > before + 0.05))
-    opened.choose("Person", "who moved")
-    until(lambda: bool(abs(np.ptp(vertices_m(found)[:, 1]) - before) < 0.01))
-    opened.choose("Motion", "50004_stand (trained on)")
-    until(lambda: found.timeline.frames == FRAMES)
-    until(lambda: not found.scene.figures["truth"].root.visible)
-    opened.page.get_by_text("Error over time").first.wait_for(state="hidden")
+def test_what_python_cannot_make_is_one_line(browser, run, monkeypatch):
+    scene = Scene(open_repertoire(run, None))
 
+    def broken() -> bytes:
+        raise DsnetError("a damaged truth", "another", "Make it again.")
 
-def test_the_recording_button_gives_a_file_that_plays(viewer, browser, tmp_path: Path):
-    _, opened = viewer
-    with opened.page.expect_download() as download:
-        opened.press("Recording (HTML)")
-        # The page offers the file when it is there.
-        opened.page.get_by_text("dsnet.html").last.dispatch_event("click")
-    path = tmp_path / download.value.suggested_filename
-    download.value.save_as(path)
-    check_that_it_plays(browser, path)
-
-
-def test_a_recording_plays_from_a_file_without_any_server(tmp_path: Path, browser):
-    path = tmp_path / "recording.html"
-    write_recording(path, Performances(open_repertoire(None, None), most_s=0.5))
-    check_that_it_plays(browser, path)
-
-
-def check_that_it_plays(browser: Browser, path: Path) -> None:
-    with open_page(browser, path.as_uri()) as opened:
-        played = opened.page.locator("input").first
-        played.wait_for()
-        until(lambda: float(played.input_value()) > 0.0)
-        opened.page.keyboard.press("Space")
-        assert len(picture(opened)) > 10_000
+    monkeypatch.setitem(scene.assets, "track0_truth", broken)
+    with serving(scene, 0) as address, open_page(browser, address) as opened:
+        opened.page.get_by_text("a damaged truth; expected another. Make it again.").wait_for()
+        assert np.isfinite(Shown(opened).vertices_m("dsnet_plus", 3)).all()
         assert opened.errors == []
+
+
+def test_another_shape_has_no_truth(with_truth):
+    with_truth.page.evaluate("(betas) => page.person(betas)", BETAS)
+    with_truth.until("document.getElementById('tag-truth').hidden")
+    with_truth.set(person="who moved")
+    with_truth.until("!document.getElementById('tag-truth').hidden")
+
+
+def test_a_file_opens_from_a_disk_without_a_network(browser, tmp_path):
+    out = tmp_path / "a.html"
+    main(["export", "--to", "html", "--motion", "sample:jumping_jacks", "--gain", "2",
+          "--out", str(out)])  # fmt: skip
+    assert out.stat().st_size < 9e6
+    expected_m = predicted_m("sample:jumping_jacks", gain=2.0)
+    with on_disk(browser, out) as shown:
+        found_m = shown.vertices_m("dsnet_plus", 100)
+        np.testing.assert_allclose(found_m, expected_m[100], atol=CLOSE_M)
+        asked = "() => fetch('https://example.org/').then(() => 'sent', () => 'kept')"
+        assert shown.page.evaluate(asked) == "kept"
+        assert [one for one in shown.errors if "example.org" not in one] == []
+
+
+def test_a_baked_body_plays(browser, run, tmp_path):
+    repertoire = open_repertoire(run, None)
+    takes = {JUMP: repertoire.takes[JUMP]}
+    baked = replace(repertoire, body_model="SMPL_FEMALE.npz", takes=takes)
+    with on_disk(browser, tmp_path / "a.html", Scene(baked)) as shown:
+        assert "licence" in shown.page.inner_text("#notice")
+        alone_m, true_m = (shown.vertices_m(name, 40) for name in ("smpl", "truth"))
+        apart_m = np.linalg.norm(true_m - alone_m, axis=1)
+        np.testing.assert_allclose(apart_m, np.sqrt(3) * 0.01, atol=4 * STEP_M)
+        assert shown.errors == []
+
+
+def dropped(shown: Shown, path: Path) -> str:
+    """What the page says of a file."""
+    shown.page.evaluate("document.getElementById('says').textContent = ''")
+    shown.page.set_input_files("#file", str(path))
+    shown.until("document.getElementById('says').textContent !== ''")
+    return shown.says()
+
+
+@pytest.mark.parametrize("rate", [60, 50, 59.94, 100, 120.00004577636719])
+def test_a_file_is_read_as_python_reads_it(dancing, tmp_path, rate):
+    with np.load(sample_path("dancing")) as sample:
+        arrays = {**sample, "mocap_framerate": np.array(rate), "betas": np.linspace(-1, 1, 16)}
+    np.savez_compressed(tmp_path / "a.npz", **arrays)
+    text = base64.b64encode((tmp_path / "a.npz").read_bytes()).decode()
+    read = """(text) => { const found = page.readAmass(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)));
+              return { ...found, theta: [...found.theta] }; }"""  # noqa: E501
+    found, expected = dancing.page.evaluate(read, text), load_motion_file(tmp_path / "a.npz")
+    np.testing.assert_allclose(np.reshape(found["theta"], (-1, 69)), expected.theta, atol=1e-12)
+    np.testing.assert_array_equal(found["betas"], expected.betas)
+    assert found["gender"] == expected.gender
+
+
+def test_a_dropped_motion_plays_as_predicted(browser, tmp_path):
+    with np.load(sample_path("walking")) as sample:
+        np.savez(tmp_path / "mine.npz", **{**sample, "mocap_framerate": np.array(100)})
+    with served(browser, packaged()) as shown:
+        shown.page.set_input_files("#file", str(tmp_path / "mine.npz"))
+        shown.until("page.motion?.name === 'mine.npz'")
+        expected_m = predicted_m(tmp_path / "mine.npz")
+        for frame in (len(expected_m) - 1, 0):
+            found_m = shown.vertices_m("dsnet_plus", frame)
+            np.testing.assert_allclose(found_m, expected_m[frame], atol=CLOSE_M)
+        joint_m = root_joint_m(open_repertoire(None, None).body, np.zeros(10))
+        assert np.abs(joint_m).max() > 0  # else nothing would be turned about it
+        assert shown.errors == []
+
+
+HOSTILE = {
+    "NaN": {"poses": np.full((5, 156), np.nan)},
+    "radians": {"poses": np.full((5, 156), 400.0)},
+    "shape": {"poses": np.zeros((5, 100))},
+    "beside": {"trans": np.zeros((4, 3))},
+    "no person's": {"trans": np.full((5, 3), 1e5)},
+    "metres": {"trans": np.full((5, 3), 90.0)},
+    "frame rate": {"mocap_framerate": 0.0},
+    "finite numbers": {"betas": np.array([{}] * 10, dtype=object)},
+    "10 or more": {"betas": np.zeros(3)},
+    "jumps at its frame 3": {"trans": np.repeat([[0.0], [9.0]], [3, 2], axis=0) * [1, 0, 0]},
+    "a motion of": {"poses": np.zeros((40_000, 72)), "trans": np.zeros((40_000, 3)),
+                    "mocap_framerate": 60.0},
+    "larger than": {"betas": np.zeros(100_000)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", HOSTILE)
+def test_a_hostile_file_is_one_line_and_what_played_plays_on(dancing, tmp_path, words):
+    np.savez_compressed(tmp_path / "a.npz", **{**smplh(), **HOSTILE[words]})
+    before = dancing.page.evaluate("page.motion.name")
+    said = dropped(dancing, tmp_path / "a.npz")
+    assert words in said
+    assert "\n" not in said
+    assert dancing.page.evaluate("page.motion.name") == before
+
+
+@pytest.mark.parametrize(
+    ("bytes_", "words"),
+    [(b"HIERARCHY\n", "need Python"), (b"PK\x03\x04broken", "damaged"), (b"", "no .npz")],
+)
+def test_what_is_no_npz_is_one_line(dancing, tmp_path, bytes_, words):
+    (tmp_path / "a.bvh").write_bytes(bytes_)
+    assert words in dropped(dancing, tmp_path / "a.bvh")
+
+
+@pytest.mark.parametrize(
+    ("missing", "words"),
+    [
+        ("HTMLCanvasElement.prototype.getContext = () => null", "WebGL"),
+        ("delete window.WebAssembly", "WebAssembly"),
+    ],
+)
+def test_a_browser_that_cannot_is_told_so(browser, run, missing, words):
+    with (
+        serving(Scene(open_repertoire(run, None)), 0) as address,
+        open_page(browser, address, before=missing) as opened,
+    ):
+        opened.page.get_by_text(words).wait_for()
+
+
+def test_the_licences_go_with_it():
+    page = (BUNDLE / "page.html").read_text()
+    for owner in ("three.js authors", "Microsoft", "Arjun Barrett"):
+        assert owner in page

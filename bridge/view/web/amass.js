@@ -1,0 +1,110 @@
+// A motion file dropped onto the page: AMASS .npz, read and resampled as Python reads it
+// (bridge/motion/readers/amass.py, resampling.py, cuts.py), within the same bounds.
+import { unzipSync } from "fflate";
+
+const WIDTHS = [72, 156, 165], JOINTS = 22, FPS = 60, MOST_FRAMES = 108000;
+const MOST_BYTES = { poses: MOST_FRAMES * 165 * 8, trans: MOST_FRAMES * 24, betas: 1 << 16 };
+const CUT_M = 0.5, CUT_RAD = (150 / 180) * Math.PI, UPRIGHT = [-Math.SQRT1_2, 0, 0, Math.SQRT1_2];
+const TYPES = { f4: Float32Array, f8: Float64Array, i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array,
+                i4: Int32Array, u4: Uint32Array, i8: BigInt64Array, u8: BigUint64Array };
+
+function refuse(flaw) { throw new Error(flaw); }
+
+function readNpy(bytes, name) {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  if (bytes.length < 12 || view.getUint32(0) !== 0x934e554d) refuse(`'${name}' is no array`);
+  const start = bytes[6] === 1 ? 10 : 12, size = bytes[6] === 1 ? view.getUint16(8, true) : view.getUint32(8, true);
+  const header = new TextDecoder("latin1").decode(bytes.subarray(start, start + size));
+  const [, descr] = /'descr':\s*'([^']+)'/.exec(header) ?? refuse(`'${name}' is no array of numbers`);
+  if (/'fortran_order':\s*True/.test(header)) refuse(`'${name}' is in Fortran's order: Python reads it`);
+  const [, sizes] = /'shape':\s*\(([\d,\s]*)\)/.exec(header) ?? refuse(`'${name}' has no shape`);
+  const shape = sizes.split(",").filter((s) => s.trim()).map(Number), count = shape.reduce((a, b) => a * b, 1);
+  const [order, kind, width] = [descr[0], descr[1], Number(descr.slice(2))], body = bytes.slice(start + size);
+  if (kind === "U" || kind === "S") {
+    const text = kind === "S" ? [...body] : [...new Uint32Array(body.buffer, 0, Math.floor(body.length / 4))];
+    return { shape, text: String.fromCodePoint(...text.slice(0, 64).filter((c) => c > 0 && c < 0x110000)) };
+  }
+  const Type = TYPES[kind + width];
+  if (!Type || order === ">") refuse(`'${name}' are not all finite numbers (${descr})`); // objects are pickles
+  if (count * width !== body.length) refuse(`'${name}' is cut off`);
+  return { shape, data: Float64Array.from(new Type(body.buffer), Number) };
+}
+
+export function readAmass(bytes, mostFrames = MOST_FRAMES) {
+  if (bytes[0] !== 0x50 || bytes[1] !== 0x4b) refuse("this is no .npz; BVH and other formats need Python: dsnet view --motion FILE");
+  const rates = ["mocap_framerate", "mocap_frame_rate"], wanted = ["poses", "trans", "betas", "gender", ...rates];
+  let files;
+  try {
+    files = unzipSync(bytes, { filter: ({ name, originalSize }) => {
+      const own = name.replace(/\.npy$/, "");
+      if (wanted.includes(own) && originalSize > (MOST_BYTES[own] ?? 4096) + 256) refuse(`'${own}' is larger than any motion's`);
+      return wanted.includes(own);
+    } });
+  } catch (error) { refuse(error.code === undefined ? error.message : `the file is damaged (${error.message})`); }
+  const array = (name) => files[`${name}.npy`] && readNpy(files[`${name}.npy`], name);
+  const numbers = (name, most) => {
+    const found = array(name)?.data ? array(name) : refuse(`no numbers '${name}': this is no AMASS motion`);
+    if (most) for (const x of found.data) if (!(Math.abs(x) <= most)) refuse(`'${name}' hold ${x}: no person's`);
+    return found;
+  };
+  const poses = numbers("poses"), trans = numbers("trans", 1000), betas = numbers("betas");
+  const [frames, width] = poses.shape, rate = numbers(rates.find((name) => files[`${name}.npy`]) ?? rates[0], 1e4).data[0];
+  if (poses.shape.length !== 2 || !WIDTHS.includes(width) || !frames) refuse(`'poses' have shape ${poses.shape}; expected (frames, ${WIDTHS.join(" or ")})`);
+  if (trans.shape[0] !== frames || trans.shape[1] !== 3) refuse(`'trans' have shape ${trans.shape} beside ${frames} frames of poses`);
+  if (!(rate >= 1)) refuse(`its frame rate is ${rate}`);
+  if (betas.data.length < 10) refuse(`'betas' have shape ${betas.shape}; expected 10 or more`);
+  const heights = Float64Array.from({ length: frames }, (_, i) => trans.data[3 * i + 2]).sort();
+  const middle = (heights[(frames - 1) >> 1] + heights[frames >> 1]) / 2; // sorted as numbers
+  if (Math.abs(middle) > 50) refuse(`'trans' are ${middle.toPrecision(3)} m high over half of the time: metres are expected`);
+  for (let i = 0; i < frames; i++)
+    for (let k = 0; k < 3 * JOINTS; k++) if (!(Math.abs(poses.data[i * width + k]) <= 100)) refuse(`'poses' hold ${poses.data[i * width + k]}: radians are expected`);
+  const first = [...betas.data.slice(0, 10)];
+  if (first.some((beta) => !(Math.abs(beta) <= 100))) refuse("'betas' are no person's");
+  const count = Math.floor(((frames - 1) / rate) * FPS + 1e-3) + 1;
+  if (count > Math.min(MOST_FRAMES, mostFrames)) refuse(`a motion of ${count} frames; a page shows ${mostFrames}: cut it into several files`);
+  const theta = atSixty(poses.data, trans.data, frames, width, rate, count), gender = array("gender")?.text?.trim().toLowerCase();
+  return { theta, frames: count, first: 0, count, starts: [0], of_file: true, unplaced: true, betas: first, fps: FPS,
+           gender: ["female", "male", "neutral"].includes(gender) ? gender : "unknown", says: [] };
+}
+
+const quaternion = (v) => {
+  const angle = Math.hypot(v[0], v[1], v[2]), s = angle > 1e-12 ? Math.sin(angle / 2) / angle : 0.5;
+  return [v[0] * s, v[1] * s, v[2] * s, Math.cos(angle / 2)];
+};
+const rotvec = ([x, y, z, w]) => {
+  if (w < 0) [x, y, z, w] = [-x, -y, -z, -w];
+  const s = Math.hypot(x, y, z), k = s > 1e-12 ? (2 * Math.atan2(s, w)) / s : 2;
+  return [x * k, y * k, z * k];
+};
+const times = ([a, b, c, d], [e, f, g, h]) =>
+  [d * e + a * h + b * g - c * f, d * f - a * g + b * h + c * e, d * g + a * f - b * e + c * h, d * h - a * e - b * f - c * g];
+const inverse = ([x, y, z, w]) => [-x, -y, -z, w];
+
+// Slerp joint by joint, translation linearly, y up, axis-angles continuous in time.
+function atSixty(poses, trans, frames, width, rate, count) {
+  const theta = new Float64Array(count * 69), turned = (row, j) => quaternion(poses.subarray(row * width + 3 * j, row * width + 3 * j + 3));
+  for (let row = 1; row < frames; row++) {
+    const far = Math.hypot(...[0, 1, 2].map((k) => trans[3 * row + k] - trans[3 * row - 3 + k]));
+    for (let j = 0; j < JOINTS; j++)
+      if (far >= CUT_M || Math.hypot(...rotvec(times(inverse(turned(row - 1, j)), turned(row, j)))) >= CUT_RAD)
+        refuse(`the motion jumps at its frame ${row}; Python divides it there: dsnet view --motion FILE`);
+  }
+  for (let f = 0; f < count; f++) {
+    const at = Math.min((f / FPS) * rate, frames - 1), one = Math.floor(at), two = Math.min(one + 1, frames - 1), share = at - one;
+    for (let j = 0; j < JOINTS; j++) {
+      let q = turned(one, j);
+      if (share > 0) q = times(q, quaternion(rotvec(times(inverse(q), turned(two, j))).map((x) => x * share)));
+      if (j === 0) q = times(UPRIGHT, q);
+      const v = rotvec(q), angle = Math.hypot(...v);
+      if (f && angle > 1e-9) {
+        const before = theta.subarray((f - 1) * 69 + 3 * j, (f - 1) * 69 + 3 * j + 3), axis = v.map((x) => x / angle);
+        const turns = Math.round((axis[0] * before[0] + axis[1] * before[1] + axis[2] * before[2] - angle) / (2 * Math.PI));
+        for (let k = 0; k < 3; k++) v[k] += 2 * Math.PI * turns * axis[k];
+      }
+      theta.set(v, f * 69 + 3 * j);
+    }
+    const [x, y, z] = [0, 1, 2].map((k) => trans[3 * one + k] * (1 - share) + trans[3 * two + k] * share);
+    theta.set([x, z, -y], f * 69 + 66);
+  }
+  return theta;
+}

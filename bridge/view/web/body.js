@@ -1,0 +1,75 @@
+// A body's surface: skinning and normals, and bytes in and out of text.
+
+export function bytesOf(base64) {
+  const binary = atob(base64), bytes = new Uint8Array(binary.length);
+  for (let i = 0; i < bytes.length; i++) bytes[i] = binary.charCodeAt(i);
+  return bytes;
+}
+
+export const numbersOf = (base64, Type) => new Type(bytesOf(base64).buffer);
+
+export class Body {
+  constructor(scene) {
+    this.count = scene.vertices;
+    this.faces = numbersOf(scene.faces, scene.vertices < 65536 ? Uint16Array : Uint32Array);
+    if (scene.baked) { // one bone carries everything
+      this.boneOf = new Uint8Array(this.count);
+      this.weight = new Float32Array(this.count).fill(1);
+    } else {
+      this.boneOf = bytesOf(scene.bone_of);
+      this.weight = numbersOf(scene.bone_weight, Float32Array);
+    }
+    this.each = this.weight.length / this.count;
+  }
+
+  // rest and offsets (3, V), gains (V) or null, bones (12, N) to positions (V, 3), metres; where
+  // sizes (V) are wanted, those of the offsets.
+  skin(rest, offsets, gains, bones, positions, sizes) {
+    const { count, each, boneOf, weight } = this, bonesThere = bones.length / 12;
+    const own = (this.own ??= new Float32Array(bones.length)); // a bone's numbers side by side
+    for (let r = 0; r < 12; r++) for (let j = 0; j < bonesThere; j++) own[j * 12 + r] = bones[r * bonesThere + j];
+    for (let v = 0; v < count; v++) {
+      let x = rest[v], y = rest[count + v], z = rest[2 * count + v];
+      if (offsets) {
+        const gain = gains ? gains[v] : 1;
+        const a = gain * offsets[v], b = gain * offsets[count + v], c = gain * offsets[2 * count + v];
+        x += a; y += b; z += c;
+        if (sizes) sizes[v] = Math.sqrt(a * a + b * b + c * c);
+      } else if (sizes) sizes[v] = 0;
+      let px = 0, py = 0, pz = 0;
+      for (let k = each * v, end = k + each; k < end; k++) {
+        const w = weight[k];
+        if (w === 0) break; // weights are sorted
+        const m = boneOf[k] * 12;
+        px += w * (own[m] * x + own[m + 3] * y + own[m + 6] * z + own[m + 9]);
+        py += w * (own[m + 1] * x + own[m + 4] * y + own[m + 7] * z + own[m + 10]);
+        pz += w * (own[m + 2] * x + own[m + 5] * y + own[m + 8] * z + own[m + 11]);
+      }
+      positions[3 * v] = px; positions[3 * v + 1] = py; positions[3 * v + 2] = pz;
+    }
+  }
+
+  // Sums over the faces around a vertex; the vertex shader makes them unit vectors.
+  normals(p, n) {
+    const { faces } = this;
+    n.fill(0);
+    for (let f = 0; f < faces.length; f += 3) {
+      const a = 3 * faces[f], b = 3 * faces[f + 1], c = 3 * faces[f + 2];
+      const ax = p[a], ay = p[a + 1], az = p[a + 2];
+      const ux = p[b] - ax, uy = p[b + 1] - ay, uz = p[b + 2] - az;
+      const vx = p[c] - ax, vy = p[c + 1] - ay, vz = p[c + 2] - az;
+      const x = uy * vz - uz * vy, y = uz * vx - ux * vz, z = ux * vy - uy * vx;
+      n[a] += x; n[a + 1] += y; n[a + 2] += z;
+      n[b] += x; n[b + 1] += y; n[b + 2] += z;
+      n[c] += x; n[c + 1] += y; n[c + 2] += z;
+    }
+  }
+}
+
+// Distances (V) of two surfaces (V, 3).
+export function distances(one, other, found) {
+  for (let v = 0, i = 0; v < found.length; v++, i += 3) {
+    const x = one[i] - other[i], y = one[i + 1] - other[i + 1], z = one[i + 2] - other[i + 2];
+    found[v] = Math.sqrt(x * x + y * y + z * z);
+  }
+}

@@ -1,0 +1,109 @@
+"""A page in a browser, and what is drawn in it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bridge.view.page import document
+from bridge.view.scene import Scene
+from bridge.view.server import serving
+from tools.headless_chromium import PATIENCE_MS, OpenPage, open_page
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+_VERTICES = """async ([name, frame]) => {
+  page.play(false);
+  page.seek(frame);
+  const turn = () => new Promise(requestAnimationFrame);
+  do { await turn(); await turn(); } while (page.time !== frame || !page.frames.get(frame)?.exact);
+  await turn(); await turn();
+  const { array } = page.stage.bodies[name].geometry.attributes.position;
+  let text = "";
+  const bytes = new Uint8Array(array.buffer);
+  for (let i = 0; i < bytes.length; i += 32768)
+    text += String.fromCharCode(...bytes.subarray(i, i + 32768));
+  return btoa(text);
+}"""
+
+
+class Shown:
+    """A page that is ready."""
+
+    def __init__(self, opened: OpenPage) -> None:
+        self.page, self.errors = opened.page, opened.errors
+        self.page.wait_for_selector("body[data-ready]", state="attached")
+
+    def vertices_m(self, name: str, frame: int) -> np.ndarray:
+        """(V, 3) of a body, when its exact frame is drawn."""
+        text = self.page.evaluate(_VERTICES, [name, frame])
+        return np.frombuffer(base64.b64decode(text), "<f4").reshape(-1, 3)
+
+    def says(self) -> str:
+        """Its one line."""
+        return self.page.inner_text("#says")
+
+    def set(self, **values: Any) -> None:
+        """Move knobs, by their ids."""
+        self.page.evaluate(
+            """(values) => { for (const [id, value] of Object.entries(values)) {
+                const knob = document.getElementById(id);
+                if (typeof value === "boolean") knob.checked = value; else knob.value = value;
+                knob.oninput?.(); knob.onchange?.();
+            } }""",
+            values,
+        )
+
+    def surveyed(self) -> None:
+        """Wait until all curves are there."""
+        self.until("page.curves.filter(Boolean).length === page.motion.count")
+
+    def until(self, true: str) -> None:
+        """Wait for an expression; a page that allows no `eval` is asked again and again."""
+        end_s = time.monotonic() + PATIENCE_MS / 1000
+        while not self.page.evaluate(true):
+            assert time.monotonic() < end_s, f"waited in vain for {true}"
+            time.sleep(0.1)
+
+
+@contextmanager
+def served(
+    browser: Browser, scene: Scene, width_px: int = 400, height_px: int = 300
+) -> Iterator[Shown]:
+    """Its page from a server."""
+    with serving(scene, 0) as address, open_page(browser, address, width_px, height_px) as opened:
+        yield Shown(opened)
+
+
+@contextmanager
+def on_disk(browser: Browser, page: Path, scene: Scene | None = None) -> Iterator[Shown]:
+    """Its page as a file; without a scene the file is there."""
+    if scene is not None:
+        page.write_text(document(scene), encoding="utf-8")
+    with open_page(browser, page.as_uri()) as opened:
+        yield Shown(opened)
+
+
+def numbers(text: str, dtype: str) -> np.ndarray:
+    """An array of a scene's JSON."""
+    return np.frombuffer(base64.b64decode(text), dtype)
+
+
+def facts_of(scene: Scene) -> dict[str, Any]:
+    """A scene's facts."""
+    return json.loads(scene.assets["scene"]())
+
+
+def track_m(track: bytes) -> np.ndarray:
+    """(T, V, 3) of a track, metres."""
+    step_m = np.frombuffer(track, "<f4", 1)[0]
+    steps = np.frombuffer(track, "<i2", offset=4).reshape(-1, 3, 6890)
+    return (step_m * np.cumsum(steps, axis=0, dtype=np.int16)).transpose(0, 2, 1)
