@@ -63,7 +63,7 @@ def motion_warnings(
     rate_option : the option by which the user says the right frame rate.
     smooth_option : the one that leaves noise out.
     """
-    source, fps, found = motion.source, motion.fps, []
+    source, fps, found = motion.source, motion.fps, [*motion.notes]
     trans_m = motion.trans_m
     if motion.rest_pose_frames:
         found.append(

@@ -108,9 +108,10 @@ def _prepared(
             "Check its rate, or cut it into several files.",
         )
     pose, trans_m, dmpls = _resample(motion, fps)
-    if up == "y":
-        pose[:, 0] = (Y_UP_FROM_Z_UP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
-        trans_m = Y_UP_FROM_Z_UP.apply(trans_m)
+    if up != motion.up:
+        turn = Y_UP_FROM_Z_UP if up == "y" else Y_UP_FROM_Z_UP.inv()
+        pose[:, 0] = (turn * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
+        trans_m = turn.apply(trans_m)
     for piece in pieces_of(pose, trans_m):
         pose[piece] = continuous_rotations(pose[piece])
     return replace(motion, theta=pack_theta(pose, trans_m), fps=float(fps), up=up, dmpls=dmpls)
