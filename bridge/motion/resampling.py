@@ -22,6 +22,7 @@ from bridge.motion.motion import (
     DEFAULT_FPS,
     MOST_FRAMES,
     RATES_HZ,
+    HowRead,
     Y_UP_FROM_Z_UP,
     Motion,
     SmoothHz,
@@ -61,6 +62,7 @@ def load_motion_file(
     source_fps: float | None = None,
     fps: float = DEFAULT_FPS,
     smooth_hz: SmoothHz | None = None,
+    how: HowRead = HowRead(),
 ) -> Motion:
     """Read any motion that can be followed, y up: a file of `bridge.motion.readers`, or a sample.
 
@@ -70,13 +72,14 @@ def load_motion_file(
     fps : frames per second of the result (Table 1: from 100 to 60).
     smooth_hz : leave out what is faster (`bridge.motion.smoothing`), at a cutoff or `auto`, at the
         one that suits each moment; None: nothing.
+    how : what else the user says of the file.
 
     Raises
     ------
     DsnetError
         If the file is missing, is none of these, or holds no usable motion, or a rate is none.
     """
-    return _prepared(read_motion_file(Path(path)), source_fps, fps, smooth_hz, "y")
+    return _prepared(read_motion_file(Path(path), how), source_fps, fps, smooth_hz, "y")
 
 
 def _prepared(
@@ -98,6 +101,12 @@ def _prepared(
                 "Pass the rate that it was recorded at.",
             )
         motion = replace(motion, fps=source_fps, source_fps=source_fps)
+    if np.isnan(motion.fps):
+        raise DsnetError(
+            f"{motion.source}, which does not say its rate",
+            "how many frames a second it has",
+            "Pass --motion-fps N (source_fps=N in Python).",
+        )
     if smooth_hz is not None:
         motion = smoothed(motion, smooth_hz)
     count = len(motion.theta)

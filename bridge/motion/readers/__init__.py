@@ -14,7 +14,7 @@ from typing import Protocol
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError, notify
-from bridge.motion.motion import Motion
+from bridge.motion.motion import HowRead, Motion
 from bridge.motion.readers import amass, bvh
 
 
@@ -30,8 +30,10 @@ class MotionReader(Protocol):
         """Whether a file is for this reader: by its name, or by its first bytes."""
         ...
 
-    def read(self, path: Path) -> Motion:
-        """Read and check it; `DsnetError` if it is missing or holds no usable motion."""
+    def read(self, path: Path, how: HowRead) -> Motion:
+        """Read and check it; `DsnetError` if it is missing or holds no usable motion.
+
+        `how` is what the user says of it: its vertical axis, its joints."""
         ...
 
     def gender_of(self, path: Path) -> str | None:
@@ -51,15 +53,15 @@ def format_of(path: Path) -> str:
     return next((name for name, one in READERS.items() if one.sniff(path)), next(iter(READERS)))
 
 
-def read_motion_file(path: Path) -> Motion:
-    """A motion as its file holds it, whatever the format, at the file's rate, z up.
+def read_motion_file(path: Path, how: HowRead = HowRead()) -> Motion:
+    """A motion as its file holds it, whatever the format, at the file's rate and with its vertical.
 
     Raises
     ------
     DsnetError
         If the file is missing, is of no format that is read, or holds no usable motion.
     """
-    return READERS[format_of(path)].read(path)
+    return READERS[format_of(path)].read(path, how)
 
 
 def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> list[Path]:
