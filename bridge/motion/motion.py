@@ -52,6 +52,9 @@ class HowRead:
     """The file's joints by SMPL's names, where names do not tell."""
 
 
+AS_IT_SAYS = HowRead()
+
+
 def pack_theta(pose: ArrayLike, trans_m: ArrayLike) -> NDArray[np.floating]:
     """Joint rotations (..., >= 22, 3) axis-angle and translation (..., 3) m to theta (..., 69).
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_PARENTS
-from bridge.motion.skeletons import OWN_NAMES, SIDES, SkeletonMotion
+from bridge.motion.skeletons import OWN_NAMES, SIDES, SkeletonMotion, unusable
 
 Rest: TypeAlias = Mapping[str, NDArray[np.float64]]
 """(3,) places of joints at rest, by SMPL's names."""
@@ -50,6 +51,8 @@ _SNAPPED_UP_DEG, _SNAPPED_SIDE_DEG = 25.0, 10.0
 _OTHER_CHEST_DEG = 30.0
 _FOOT_SHAPE_DEG = 12.0, 50.0
 """Between the lines from ankle to toes and along them, in a flat foot."""
+_STANCE = 0.25
+"""Of a motion's frames, so many in which a foot surely stands."""
 _CLEARLY_DEG = 15.0
 """By so much less a joint must turn in another quarter."""
 
@@ -60,16 +63,25 @@ class RestTurns:
 
     turns: dict[str, NDArray[np.float64]]
     """(3, 3) R_j by SMPL's names."""
-    up: NDArray[np.float64] | None
-    """(3,) where the head is in the file's axes if it rests as somebody stands; else None."""
     notes: list[str] = field(default_factory=list)
+
+
+def standing_up(skeleton: SkeletonMotion, joints: Mapping[str, int]) -> NDArray[np.float64] | None:
+    """(3,) where the head is in the file's axes if it rests as somebody stands; else None."""
+    rest = {name: skeleton.rest[joint] for name, joint in joints.items()}
+    up = _pelvis(skeleton.path, rest) @ _Y
+    trunk = _mean(rest, "shoulder") - _mean(rest, "hip")
+    legs = [rest[f"{side}_ankle"] - rest[f"{side}_hip"] for side in SIDES]
+    stands = _angle_deg(trunk, up) < 45 and all(_angle_deg(leg, -up) < 60 for leg in legs)
+    return up if stands else None
 
 
 def rest_turns(
     skeleton: SkeletonMotion,
     joints: Mapping[str, int],
     smpl_rest_m: Rest,
-    turns: NDArray,
+    sample: tuple[NDArray, NDArray],
+    up: NDArray,
     *,
     is_smpls: bool,
 ) -> RestTurns:
@@ -78,15 +90,19 @@ def rest_turns(
     Parameters
     ----------
     joints : numbers of the file's joints by SMPL's names.
-    turns : (S, J, 3, 3) world rotations of the file's joints in some of its frames.
+    sample : (S, J, 3, 3) rotations and (S, J, 3) places of the file's joints in some frames.
+    up : (3,) vertical of the file's world.
     is_smpls : whether the skeleton is SMPL's own, by its names: bones are taken as they are.
     """
     rest = {name: skeleton.rest[joint] for name, joint in joints.items()}
-    frames = {"pelvis": _frame(rest, "hip", _mean(rest, "hip"), _above(rest))}
+    turns, places = sample
+    frames = {"pelvis": _pelvis(skeleton.path, rest)}
     found, odd = dict(frames), []
     chest = _chest_frame(skeleton, joints, rest)
-    parents = {name: OWN_NAMES[parent] for name, parent in zip(OWN_NAMES, SMPL_PARENTS, strict=False)}
-    is_stance = _is_stance(rest, frames["pelvis"])
+    parents = {
+        name: OWN_NAMES[parent] for name, parent in zip(OWN_NAMES, SMPL_PARENTS, strict=False)
+    }
+    is_stance = standing_up(skeleton, joints) is not None
     for name in OWN_NAMES[1:]:
         if name not in joints:
             continue
@@ -94,7 +110,10 @@ def rest_turns(
         while above not in found:
             above = parents[above]
         end, along, most_deg = _BONES[name]
-        frame, bone = frames[above], _bone(skeleton, joints, name, end)
+        frame, bone = (
+            frames[above],
+            _bone(skeleton, joints, name, end, tips=not is_stance or above in odd),
+        )
         if name == "spine3" and chest is not None and _turn_deg(frame, chest) > _OTHER_CHEST_DEG:
             frame = chest
         smpl_bone = along
@@ -102,31 +121,36 @@ def rest_turns(
             smpl_bone = smpl_rest_m[end] - smpl_rest_m[name]
         if bone is not None and not is_stance and name.endswith(("shoulder", "elbow")):
             most_deg = 50.0
-        if bone is not None and _angle_deg(frame @ smpl_bone, bone) > most_deg:
-            from_tip = _foot_frame(skeleton, joints, name, frame, bone)
-            if from_tip is not None:
+        if bone is not None and not is_smpls and _angle_deg(frame @ smpl_bone, bone) > most_deg:
+            if (from_tip := _foot_frame(skeleton, joints, name, frame, bone)) is not None:
                 frame = from_tip
+            elif name.endswith("ankle"):
+                frame = _on_the_floor(
+                    turns[:, joints[name]],
+                    places[:, joints.get(end or name, joints[name])] @ up,
+                    up,
+                    bone,
+                )
+                odd.append(name)
             else:
                 choose = (turns[:, joints[above]] @ found[above], turns[:, joints[name]])
                 frame = _swung(frame, along, bone, choose)
                 odd.append(name)
         frames[name] = found[name] = frame
-        if bone is None:
-            if name.endswith("wrist"):
-                found[name] = found[above]
-        elif name.endswith(_LIMBS) and not is_smpls:
-            found[name] = shortest_turn(frame @ smpl_bone, bone) @ frame
-        elif name.endswith("wrist") and name not in odd:
+        if name.endswith("wrist") and name not in odd:
             found[name] = found[above]
-        elif name.endswith("ankle") and name in odd:
+        elif bone is not None and name.endswith(_LIMBS) and not is_smpls:
             found[name] = shortest_turn(frame @ smpl_bone, bone) @ frame
+        elif bone is not None and above in odd and name.endswith("foot"):
+            toes = joints[name]
+            found[name] = _on_the_floor(turns[:, toes], places[:, toes] @ up, up, bone)
     notes = []
     if feet := [name for name in odd if name.endswith("ankle")]:
         notes.append(
             f"{skeleton.path} rests with feet that point elsewhere than a standing body's: "
-            f"{' and '.join(feet)} follow the line to the toes, and may be some degrees off"
+            f"{' and '.join(feet)} are taken to stand flat where they are lowest"
         )
-    return RestTurns(found, frames["pelvis"] @ _Y if is_stance else None, notes)
+    return RestTurns(found, notes)
 
 
 def leg_length(rest: NDArray, joints: Mapping[str, int]) -> float:
@@ -144,24 +168,38 @@ def shortest_turn(start: NDArray, end: NDArray) -> NDArray[np.float64]:
 
 
 def _mean(rest: Rest, name: str) -> NDArray[np.float64]:
-    return (rest[f"left_{name}"] + rest[f"right_{name}"]) / 2
+    return 0.5 * (rest[f"left_{name}"] + rest[f"right_{name}"])
+
+
+def _pelvis(path: Path, rest: Rest) -> NDArray[np.float64]:
+    found = _frame(rest, "hip", _mean(rest, "hip"), _above(rest))
+    if found is None:
+        raise unusable(path, "whose hips and trunk lie in one line at rest")
+    return found
 
 
 def _above(rest: Rest) -> NDArray[np.float64]:
     """The lowest joint of the trunk that is not in the pelvis itself."""
     shoulders, hips = _mean(rest, "shoulder"), _mean(rest, "hip")
     for name in ("spine1", "spine2", "spine3", "neck"):
-        if name in rest and np.linalg.norm(rest[name] - rest["pelvis"]) > 1e-6 + 0.02 * np.linalg.norm(shoulders - hips):
+        if name in rest and np.linalg.norm(
+            rest[name] - rest["pelvis"]
+        ) > 1e-6 + 0.02 * np.linalg.norm(shoulders - hips):
             return rest[name]
     return shoulders
 
 
-def _frame(rest: Rest, pair: str, low: NDArray, high: NDArray) -> NDArray[np.float64]:
-    """(3, 3) left, up and forward as columns: the file's own axes where they are near."""
+def _frame(rest: Rest, pair: str, low: NDArray, high: NDArray) -> NDArray[np.float64] | None:
+    """(3, 3) left, up and forward as columns: the file's own axes where they are near.
+
+    None where left is up.
+    """
     up = _snapped(_unit(high - low), _SNAPPED_UP_DEG)
     left = rest[f"left_{pair}"] - rest[f"right_{pair}"]
-    left = _unit(left - (left @ up) * up)
-    left = _snapped(left, _SNAPPED_SIDE_DEG)
+    left = left - (left @ up) * up
+    if not np.linalg.norm(left) > 1e-6 * np.linalg.norm(high - low):
+        return None
+    left = _snapped(_unit(left), _SNAPPED_SIDE_DEG)
     left = _unit(left - (left @ up) * up)
     return np.stack([left, up, np.cross(left, up)], axis=1)
 
@@ -174,7 +212,7 @@ def _snapped(direction: NDArray, most_deg: float) -> NDArray[np.float64]:
 
 
 def _unit(direction: NDArray) -> NDArray[np.float64]:
-    return direction / max(float(np.linalg.norm(direction)), 1e-30)
+    return direction.astype(np.float64) / max(float(np.linalg.norm(direction)), 1e-30)
 
 
 def _angle_deg(one: NDArray, other: NDArray) -> float:
@@ -200,22 +238,17 @@ def _chest_frame(
     return _frame(rest, pair, rest["spine3"], rest["neck"])
 
 
-def _is_stance(rest: Rest, pelvis: NDArray) -> bool:
-    """Whether trunk and legs rest as they do in somebody who stands."""
-    trunk = _mean(rest, "shoulder") - _mean(rest, "hip")
-    legs = [rest[f"{side}_ankle"] - rest[f"{side}_hip"] for side in SIDES]
-    up = pelvis @ _Y
-    return _angle_deg(trunk, up) < 45 and all(_angle_deg(leg, -up) < 60 for leg in legs)
-
-
 def _bone(
-    skeleton: SkeletonMotion, joints: Mapping[str, int], name: str, end: str | None
+    skeleton: SkeletonMotion, joints: Mapping[str, int], name: str, end: str | None, *, tips: bool
 ) -> NDArray[np.float64] | None:
-    """(3,) from a joint to where its bone ends; None where that is not known."""
+    """(3,) from a joint to where its bone ends; None where that is not known.
+
+    What writes a T or an A writes tips that mean nothing.
+    """
     place = skeleton.rest[joints[name]]
-    if end in joints:
+    if end is not None and end in joints:
         bone = skeleton.rest[joints[end]] - place
-    elif joints[name] in skeleton.tips:
+    elif tips and joints[name] in skeleton.tips:
         bone = skeleton.tips[joints[name]] - place
     else:
         return None
@@ -228,10 +261,15 @@ def _swung(
     """The frame turned so that its axis `along` points as the bone, in the quietest quarter."""
     start, end = frame @ along, _snapped(_unit(bone), 40.0)
     if _angle_deg(start, end) > 179.0:
-        swing = Rotation.from_rotvec(np.pi * _unit(frame @ (_Z if abs(along @ _Z) < 0.5 else _X))).as_matrix()
+        swing = Rotation.from_rotvec(
+            np.pi * _unit(frame @ (_Z if abs(along @ _Z) < 0.5 else _X))
+        ).as_matrix()
     else:
         swing = shortest_turn(start, end)
-    quarters = [Rotation.from_rotvec(n * np.pi / 2 * _unit(end)).as_matrix() @ swing @ frame for n in range(4)]
+    quarters = [
+        Rotation.from_rotvec(n * np.pi / 2 * _unit(end)).as_matrix() @ swing @ frame
+        for n in range(4)
+    ]
     above, own = choose
     turned_deg = []
     for quarter in quarters:
@@ -253,3 +291,14 @@ def _foot_frame(
     if np.linalg.norm(flat) < 1e-9 or not least_deg < _angle_deg(flat, bone) < most_deg:
         return None
     return shortest_turn(frame @ _Z, flat) @ frame
+
+
+def _on_the_floor(
+    turns: NDArray, heights: NDArray, up: NDArray, bone: NDArray
+) -> NDArray[np.float64]:
+    """Of an ankle or toes (S, 3, 3) that stand flat where toes are lowest, at heights (S,)."""
+    lowest = turns[heights <= np.quantile(heights, _STANCE)]
+    sole = _unit(np.median(np.swapaxes(lowest, -1, -2) @ up, axis=0))
+    forward = bone - (bone @ sole) * sole
+    forward = _unit(forward if np.linalg.norm(forward) > 1e-9 else np.cross(sole, _X))
+    return np.stack([np.cross(sole, forward), sole, forward], axis=1).astype(np.float64)

@@ -16,7 +16,6 @@ or refused where it is no matter of build.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +24,8 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
-from bridge.errors import DsnetError
-from bridge.motion.motion import FARTHEST_M, HowRead, Motion, pack_theta
-from bridge.motion.rest_poses import Rest, leg_length, rest_turns
+from bridge.motion.motion import AS_IT_SAYS, FARTHEST_M, HowRead, Motion, pack_theta
+from bridge.motion.rest_poses import Rest, leg_length, rest_turns, standing_up
 from bridge.motion.skeletons import (
     OWN_NAMES,
     SIDES,
@@ -45,6 +43,8 @@ _SAMPLED = 240
 """Frames by which a whole motion is judged."""
 _STANDING = 0.5
 """Least mean share of the vertical in the directions of trunk and legs."""
+_SURELY_STANDING, _SURELY_LYING = 0.8, 0.3
+"""The same of what is believed against a rest pose that stands."""
 _SAME_FRAME_DEG = 5.0
 _UPRIGHT = {
     ("x", 1): ("z", 90), ("x", -1): ("z", -90), ("y", 1): ("x", 0),
@@ -67,7 +67,7 @@ _LIMB_TOLD_DEG, _REFUSED_DEG = 10.0, 60.0
 """Median angles between a body's limb and the file's; people differ in trunk and feet."""
 
 
-def retargeted(skeleton: SkeletonMotion, how: HowRead = HowRead()) -> Motion:
+def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
     """The motion as SMPL's joints do it, for a body of the mean shape; y up.
 
     The root's path is scaled by the length of the legs, which also brings the file's unit to
@@ -84,7 +84,9 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = HowRead()) -> Motion:
     if not np.isfinite(places).all() or not leg_length(skeleton.rest, joints) > 0:
         raise unusable(skeleton.path, "whose legs have no length")
     if _is_mirrored(joints, places):
-        axis = int(np.abs(skeleton.rest[joints["left_hip"]] - skeleton.rest[joints["right_hip"]]).argmax())
+        axis = int(
+            np.abs(skeleton.rest[joints["left_hip"]] - skeleton.rest[joints["right_hip"]]).argmax()
+        )
         notes.append(
             f"{skeleton.path} is left-handed, its feet point backwards: "
             f"its {'xyz'[axis]} axis is taken the other way round"
@@ -92,11 +94,11 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = HowRead()) -> Motion:
         skeleton = skeleton.mirrored(axis)
         turns, places = skeleton.posed(sampled)
     carriers = joints | {"pelvis": _pelvis_frame(skeleton, joints, turns)}
-    own = set(map(str, plain_names(OWN_NAMES))) <= set(plain_names(skeleton.names))
-    rest = rest_turns(skeleton, carriers, smpl_rest_m, turns, is_smpls=own)
-    notes += rest.notes
-    upright, said = _upright(skeleton, joints, places, rest.up, how)
-    notes += said
+    upright, said = _upright(skeleton, joints, places, how)
+    own = set(plain_names(OWN_NAMES)) <= set(plain_names(skeleton.names))
+    vertical = upright.T @ [0.0, 1.0, 0.0]
+    rest = rest_turns(skeleton, carriers, smpl_rest_m, (turns, places), vertical, is_smpls=own)
+    notes += [*said, *rest.notes]
     _check(skeleton, smpl_rest_m, joints, _smpl_turns(upright @ turns, carriers, rest.turns),
            places @ upright.T, notes)  # fmt: skip
     scale = leg_length(model_rest_m, {n: SMPL_JOINT_NAMES.index(n) for n in joints})
@@ -107,7 +109,9 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = HowRead()) -> Motion:
         trans_m[frames] = scale * places[:, joints["pelvis"]] @ upright.T
         world = _smpl_turns(upright @ turns, carriers, rest.turns)
         for number, parent in enumerate(SMPL_PARENTS[:N_JOINTS]):
-            local = np.swapaxes(world[:, parent], -1, -2) @ world[:, number] if number else world[:, 0]
+            local = (
+                np.swapaxes(world[:, parent], -1, -2) @ world[:, number] if number else world[:, 0]
+            )
             pose[frames, number] = Rotation.from_matrix(local).as_rotvec()
     if (far_m := np.abs(trans_m).max()) > FARTHEST_M:
         raise unusable(skeleton.path, f"that goes {far_m:.3g} m off", "Export it near the origin.")
@@ -153,7 +157,9 @@ def _is_mirrored(joints: Mapping[str, int], places: NDArray) -> bool:
 
     hips = (at("left_hip") + at("right_hip")) / 2
     shoulders = (at("left_shoulder") + at("right_shoulder")) / 2
-    across = _unit(at("left_hip") - at("right_hip")) + _unit(at("left_shoulder") - at("right_shoulder"))
+    across = _unit(at("left_hip") - at("right_hip")) + _unit(
+        at("left_shoulder") - at("right_shoulder")
+    )
     forward = _unit(np.cross(across, shoulders - hips))
     toes, knees = [], []
     for side in SIDES:
@@ -188,7 +194,6 @@ def _upright(
     skeleton: SkeletonMotion,
     joints: Mapping[str, int],
     places: NDArray,
-    rest_up: NDArray | None,
     how: HowRead,
 ) -> tuple[NDArray[np.float64], list[str]]:
     """(3, 3) from the file's world to y up, and what is to be said of it."""
@@ -196,6 +201,7 @@ def _upright(
     def middle(name: str) -> NDArray[np.float64]:
         return (places[:, joints[f"left_{name}"]] + places[:, joints[f"right_{name}"]]) / 2
 
+    rest_up = standing_up(skeleton, joints)
     hips = middle("hip")
     body = _unit(middle("shoulder") - hips) + _unit(hips - middle("ankle"))
     mean = body.mean(axis=0) / 2
@@ -210,6 +216,10 @@ def _upright(
             f"taken as {_called(found)} up, --up says otherwise"
         )
     elif rest_up is not None and _axis(rest_up) != found:
+        own, sign = _axis(rest_up)
+        if abs(mean[axis]) < _SURELY_STANDING or sign * mean["xyz".index(own)] > _SURELY_LYING:
+            found = (own, sign)
+    if rest_up is not None and how.up == "auto" and _axis(rest_up) != found:
         notes.append(
             f"{skeleton.path} rests with {_called(_axis(rest_up))} up and moves with "
             f"{_called(found)} up, which is believed: --up says otherwise"

@@ -134,7 +134,9 @@ def joints_by_name(skeleton: SkeletonMotion, asked: Mapping[str, str]) -> dict[s
         if name not in found and call is not None:
             found[name] = free.pop(call)
     _by_place(skeleton, found)
-    needed = [n for n in OWN_NAMES if n.removeprefix("left_").removeprefix("right_") not in _MAY_LACK]
+    needed = [
+        n for n in OWN_NAMES if n.removeprefix("left_").removeprefix("right_") not in _MAY_LACK
+    ]
     if missing := [name for name in needed if name not in found]:
         has = ", ".join(skeleton.names)[:200]
         raise unusable(
@@ -184,12 +186,12 @@ def _by_place(skeleton: SkeletonMotion, found: dict[str, int]) -> None:
         return [one for one, other in zip(*lines, strict=False) if one == other]
 
     if "pelvis" not in found and {"left_hip", "right_hip"} <= found.keys():
-        if above := [joint for joint in parting("hip") if joint not in found.values()]:
-            found["pelvis"] = above[-1]
+        above = [joint for joint in parting("hip") if joint not in found.values()]
+        found |= {"pelvis": above[-1]} if above else {}
     if "neck" not in found and {"head", "left_shoulder", "right_shoulder"} <= found.keys():
         below = set(parting("shoulder"))
-        if neck := [joint for joint in line(found["head"])[:-1] if joint not in below]:
-            found["neck"] = neck[0]
+        neck = [joint for joint in line(found["head"])[:-1] if joint not in below]
+        found |= {"neck": neck[0]} if neck else {}
 
 
 def _spine(skeleton: SkeletonMotion, found: Mapping[str, int]) -> dict[str, int]:

@@ -14,7 +14,7 @@ from typing import Protocol
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError, notify
-from bridge.motion.motion import HowRead, Motion
+from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers import amass, bvh
 
 
@@ -53,7 +53,7 @@ def format_of(path: Path) -> str:
     return next((name for name, one in READERS.items() if one.sniff(path)), next(iter(READERS)))
 
 
-def read_motion_file(path: Path, how: HowRead = HowRead()) -> Motion:
+def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """A motion as its file holds it, whatever the format, at the file's rate and with its vertical.
 
     Raises

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from bridge.body.safe_pickle import load_restricted_item
 from bridge.errors import DsnetError, did_you_mean
-from bridge.motion.motion import MOST_FRAMES, HowRead, Motion
+from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
 from bridge.motion.readers.smpl_arrays import (
     BETAS_KEYS,
     BODY_KEYS,
@@ -52,7 +52,7 @@ def sniff(path: Path) -> bool:
     return str(path).startswith(SAMPLE_PREFIX) or path.suffix.lower() in SUFFIXES
 
 
-def read(path: Path, how: HowRead = HowRead()) -> Motion:
+def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file, or a sample that comes with the package (`sample:walking`)."""
     # Other arrays (markers) may be large or pickled; they are not touched.
     with _opened(path, motion_path(path)) as archive:

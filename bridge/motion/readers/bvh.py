@@ -7,7 +7,7 @@ number; the count of frames is that of the lines. Of several people the first is
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError
 from bridge.motion.cuts import frames_of_rest_pose
-from bridge.motion.motion import MOST_FRAMES, RATES_HZ, HowRead, Motion
+from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, RATES_HZ, HowRead, Motion
 from bridge.motion.retargeting import retargeted
 from bridge.motion.skeletons import SkeletonMotion, unusable
 from bridge.runs.untrusted import damage_refused, open_regular
@@ -26,6 +26,7 @@ SUFFIXES = (".bvh",)
 _MOST_BYTES = 64 << 20
 """A minute of fifty joints at 120 Hz takes a fifth of it."""
 _MOST_JOINTS = 512
+_ROUNDED, _FASTEST = 5e-5, 1e6
 _HEAD = re.compile(r"(frames|frame\s*time)\s*:\s*(\S+)\s*", re.IGNORECASE)
 
 
@@ -39,7 +40,7 @@ def gender_of(path: Path) -> str | None:
     return "unknown"
 
 
-def read(path: Path, how: HowRead = HowRead()) -> Motion:
+def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read one file; a rest pose before the motion is left out (`bridge.motion.cuts`)."""
     with damage_refused(partial(_unreadable, path)):
         with open_regular(path, _MOST_BYTES) as file:
@@ -84,11 +85,18 @@ def _skeleton(path: Path, lines: list[str]) -> SkeletonMotion:
         others = ", ".join(joints[n].name for n in roots[1:])[:100]
         notes.append(f"{path} holds {len(roots)} people: the first is read, not that of {others}")
         joints = joints[: roots[1]]
-    found = replace(_moving(path, joints, np.array(rows)), fps=1 / frame_s, notes=tuple(notes))
+    found = replace(_moving(path, joints, np.array(rows)), fps=_rate(frame_s), notes=tuple(notes))
     if not RATES_HZ[0] <= found.fps <= RATES_HZ[1] and not np.isnan(found.fps):
         remedy = "'Frame Time' is the seconds from one frame to the next."
         raise unusable(path, f"at {found.fps:.3g} frames a second", remedy)
     return found
+
+
+def _rate(frame_s: float) -> float:
+    """Frames a second of seconds with few digits: 120 of 0.0083333."""
+    fps = 1 / frame_s
+    near = round(fps) if 0.5 < fps < _FASTEST else fps
+    return float(near) if abs(fps - near) < _ROUNDED * near else fps
 
 
 def _hierarchy(lines: Iterable[str]) -> tuple[list[_Joint], int]:
@@ -97,8 +105,8 @@ def _hierarchy(lines: Iterable[str]) -> tuple[list[_Joint], int]:
     opened: list[int] = []  # joints whose brace is open; -1 of a tip
     is_tip, width = False, 0
     for row in (row for line in lines for row in re.split(r"([{}])", line)):
-        head, _, rest = row.strip().partition(" ")
-        match head.split("\t")[0].upper():
+        words = row.split()
+        match words[0].upper() if words else "":
             case "ROOT" | "JOINT" as kind:
                 name = row.strip()[len(kind) :].strip()
                 joints.append(_Joint(name, -1 if kind == "ROOT" else opened[-1]))
@@ -109,7 +117,7 @@ def _hierarchy(lines: Iterable[str]) -> tuple[list[_Joint], int]:
             case "}":
                 is_tip = False if opened.pop() == -1 else is_tip
             case "OFFSET":
-                place = [float(word) for word in row.split()[1:4]]
+                place = [float(word) for word in words[1:4]]
                 if len(place) != 3:
                     raise ValueError(f"joint {joints[-1].name} with an OFFSET of {len(place)}")
                 if is_tip:
@@ -117,8 +125,10 @@ def _hierarchy(lines: Iterable[str]) -> tuple[list[_Joint], int]:
                 else:
                     joints[-1].offset = place
             case "CHANNELS":
-                names = row.split()[2:]
-                channels = {word[0].upper() + word[1:].lower(): width + n for n, word in enumerate(names)}
+                names = words[2:]
+                channels = {
+                    word[0].upper() + word[1:].lower(): width + n for n, word in enumerate(names)
+                }
                 joints[-1].columns = channels
                 width += len(names)
         if len(joints) > _MOST_JOINTS:
@@ -137,6 +147,8 @@ def _rows(lines: Iterable[str], width: int) -> tuple[float, float, list[NDArray[
             said["".join(found[1].lower().split())] = float(found[2])
         elif words := line.split():
             if len(words) != width:
+                if any(word.lower() in ("nan", "inf", "-inf") for word in words):
+                    raise ValueError("numbers that are not all finite")
                 raise ValueError(f"{len(words)} numbers in a line of {width} channels")
             if len(rows) == MOST_FRAMES:
                 raise ValueError(f"more than {MOST_FRAMES} frames: cut it into several files")
@@ -162,7 +174,9 @@ def _moving(path: Path, joints: list[_Joint], rows: NDArray[np.float64]) -> Skel
             places[number] = np.tile(np.array(joint.offset), (len(rows), 1))
             places[number][:, [n for n, _ in given]] = rows[:, [column for _, column in given]]
             if not any(joint.offset):  # some write places alone
-                joint.offset = np.median(places[number], axis=0).tolist() if number else joint.offset
+                joint.offset = (
+                    np.median(places[number], axis=0).tolist() if number else joint.offset
+                )
     if not np.isfinite(rows).all() or not np.isfinite([joint.offset for joint in joints]).all():
         raise unusable(path, "whose numbers are not all finite", "Export it again.")
     rest = np.array([joint.offset for joint in joints])

@@ -86,7 +86,9 @@ def holds_poses(names: Mapping | set[str]) -> bool:
 
 def unusable(path: Path, flaw: str, remedy: str = "Download the file again.") -> DsnetError:
     """The line that says why a file is refused."""
-    return DsnetError(f"{path}, {flaw}", "poses of SMPL, SMPL-H or SMPL-X as AMASS has them", remedy)
+    return DsnetError(
+        f"{path}, {flaw}", "poses of SMPL, SMPL-H or SMPL-X as AMASS has them", remedy
+    )
 
 
 def _first(arrays: Arrays, keys: tuple[str, ...]) -> str | None:
@@ -131,6 +133,8 @@ def _pose(path: Path, arrays: Arrays) -> NDArray[np.float64]:
 def _turns(path: Path, arrays: Arrays, key: str) -> NDArray[np.float64]:
     """(T, J, 3) axis-angle of an array of any layout; hands and face go first, for memory."""
     array = arrays[key]
+    if array.dtype.kind not in "iuf":
+        raise unusable(path, f"whose {key!r} are not all finite numbers")
     part = key in (*ROOT_KEYS, *BODY_KEYS)
     if array.ndim and array.shape[0] > MOST_FRAMES:
         raise DsnetError(
@@ -140,13 +144,13 @@ def _turns(path: Path, arrays: Arrays, key: str) -> NDArray[np.float64]:
         )
     match array.shape:
         case (count, width) if width in (3, 63, 69) if part else width in _WIDTHS:
-            chosen = array[:, : 3 * N_JOINTS].reshape(count, -1, 3)
+            chosen = array.reshape(count, width // 3, 3)[:, :N_JOINTS]
         case (_, joints, 3) if joints >= (1 if part else N_JOINTS):
             chosen = array[:, :N_JOINTS]
         case (_, _, 3, 3) | (_, _, 6):
             chosen = array[:, :N_JOINTS]
         case (count, width) if width in _SIX and not part:
-            chosen = array.reshape(count, -1, 6)[:, :N_JOINTS]
+            chosen = array.reshape(count, width // 6, 6)[:, :N_JOINTS]
         case shape:
             known = ", ".join(f"{width} ({model})" for width, model in _WIDTHS.items())
             raise DsnetError(
@@ -164,16 +168,17 @@ def _of_matrices(path: Path, given: NDArray[np.float64]) -> NDArray[np.float64]:
     Which of the two, no file says: knees bend one way.
     """
     frames, joints = given.shape[:2]
-    given = given.reshape(frames * joints, -1)
-    if given.shape[1] == 6:
-        first, second = given[:, :3], given[:, 3:]
-        given = np.stack([first, second, np.cross(first, second)], axis=2)
-    matrices = given.reshape(-1, 3, 3)
+    lines = given.reshape(frames * joints, -1)
+    is_six = lines.shape[1] == 6
+    if is_six:
+        first, second = lines[:, :3], lines[:, 3:]
+        lines = np.stack([first, second, np.cross(first, second)], axis=2)
+    matrices = lines.reshape(-1, 3, 3)
     far = np.abs(matrices @ np.swapaxes(matrices, 1, 2) - np.eye(3)).max(initial=0)
     if not far < 1e-2 or (np.linalg.det(matrices) < 0).any():
         raise unusable(path, "whose poses are no rotations", "Store axis-angle rotations.")
     pose = Rotation.from_matrix(matrices).as_rotvec().reshape(frames, joints, 3)
-    if joints < N_JOINTS or given.ndim == 2:
+    if joints < N_JOINTS or not is_six:
         return pose
     knees_rad = float(pose[:, (4, 5), 0].mean()) if frames else 0.0
     if abs(knees_rad) < _LEAST_KNEE_RAD:
@@ -205,7 +210,9 @@ def _trans(
 ) -> NDArray[np.float64]:
     key = _first(arrays, TRANS_KEYS)
     if key is None:
-        notes.append(f"{path} says nowhere where the body is: it moves on the spot, --floor lifts it")
+        notes.append(
+            f"{path} says nowhere where the body is: it moves on the spot, --floor lifts it"
+        )
         return np.zeros((frames, 3))
     trans_m = _numbers(path, arrays, key, frames)
     if trans_m.shape[1] != 3:
