@@ -31,6 +31,7 @@ _PLAIN = ("INT", "BININT", "LONG", "FLOAT", "BINFLOAT", "STRING", "BINSTRING", "
           "UNICODE", "BINUNICODE", "BINBYTES")  # fmt: skip
 """How opcodes of numbers and text begin."""
 _NUMBERS = re.compile(r"[biuf][1248]|[SU]\d{1,4}")
+_STORAGES = {"Half": "f2", "Float": "f4", "Double": "f8", "Int": "i4", "Long": "i8"}
 _GLOBALS = {
     ("numpy", "ndarray"): "array",
     ("numpy", "dtype"): "dtype",
@@ -40,6 +41,10 @@ _GLOBALS = {
     **{(module, "_reconstructor"): "new object" for module in ("copy_reg", "copyreg")},
     **{(module, "object"): "object" for module in ("__builtin__", "builtins")},
     **{(module, "set"): "set" for module in ("__builtin__", "builtins")},
+    ("collections", "OrderedDict"): "ordered",
+    ("joblib.numpy_pickle", "NumpyArrayWrapper"): "joblib",
+    ("torch._utils", "_rebuild_tensor_v2"): "tensor",
+    **{("torch", f"{name}Storage"): code for name, code in _STORAGES.items()},
 }
 
 
@@ -122,6 +127,10 @@ def load_restricted(file: IO[bytes]) -> Any:
                 if not isinstance(stack[-1], Record):
                     raise UnpicklingError(f"it asks to change a {type(stack[-1]).__name__}")
                 stack[-1].state = state
+                if stack[-1].kind == "joblib":
+                    stack[-1] = _joblib_array(file, state)
+            case "BINPERSID":  # of a torch file: where the numbers of a tensor stand
+                stack.append(Record("storage", (stack.pop(),)))
             case _ if name.startswith(_PLAIN):
                 stack.append(argument)
             case _:
@@ -182,9 +191,39 @@ def _made(function: Any, arguments: Any) -> Any:
             return text  # protocol 2's way to write bytes; text holds one byte a character
         case "set", _:
             return None
-        case ("array" | "dtype" | "scalar" | "chumpy" | "csc") as kind, _:
+        case "ordered", ():
+            return {}
+        case ("tensor" | "joblib" | "array" | "dtype" | "scalar" | "chumpy" | "csc") as kind, _:
             return Record(kind, arguments)
     raise UnpicklingError("it asks to construct something else")
+
+
+def _joblib_array(file: IO[bytes], state: Any) -> np.ndarray:
+    """An array whose numbers follow in the file, as joblib writes them."""
+    sizes, numbers = _whole_numbers(state["shape"]), _dtype(state["dtype"])
+    if state.get("numpy_array_alignment_bytes") is not None:
+        file.read(file.read(1)[0])
+    count = math.prod(sizes)
+    flat = np.frombuffer(file.read(count * numbers.itemsize), numbers, count)
+    return flat.reshape(sizes, order="F" if state["order"] == "F" else "C")
+
+
+def tensor_parts(value: Any) -> tuple[str, np.dtype, int, tuple[int, ...], tuple[int, ...]] | None:
+    """Of a tensor in a torch file: the name of its numbers, their type, where it begins, its shape
+    and strides; None of anything else."""
+    match value:
+        case Record(
+            "tensor",
+            (
+                Record("storage", ((_, _Global(code), str(name), _, _),)),
+                int(at),
+                shape,
+                strides,
+                *_,
+            ),
+        ) if code in _STORAGES.values():
+            return name, np.dtype(f"<{code}"), at, _whole_numbers(shape), _whole_numbers(strides)
+    return None
 
 
 def load_restricted_item(file: IO[bytes]) -> Any:

@@ -14,6 +14,7 @@ from bridge.markers.marker_files import read_markers
 from bridge.markers.page import write_comparisons
 from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.measure.evaluation import evaluate_run
+from bridge.motion.motion import HowRead
 from bridge.motion.readers.amass import motion_path
 from bridge.options import PositiveFloat
 from bridge.runs import Run
@@ -72,7 +73,7 @@ def main(config: EvaluateConfig) -> None:
 def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     """Compare what a predictor makes of a motion with the markers of that motion."""
     run = None if config.run is None else Run(config.run)
-    trained, motion = load_for_motion(run, None, markers, config.motion_fps)
+    trained, motion = load_for_motion(run, None, markers, config.motion_fps, how=HowRead(up="z"))
     moving = controlled_body(trained, motion, Controls(motion_fps=config.motion_fps))
     motion = moving.motion
     found = read_markers(motion_path(markers), motion.source_fps)

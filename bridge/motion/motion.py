@@ -20,6 +20,7 @@ from bridge.errors import DsnetError
 from bridge.paper import N_JOINTS, THETA_SIZE
 
 UpAxis = Literal["y", "z"]
+Up: TypeAlias = Literal["auto", "y", "z"]
 SmoothHz: TypeAlias = float | Literal["auto"]
 """A cutoff in Hz, or what suits each moment."""
 Y_UP_FROM_Z_UP = Rotation.from_euler("x", -90, degrees=True)
@@ -46,7 +47,7 @@ MOST_FRAMES = 108_000
 class HowRead:
     """What a user says of a file that it does not say itself, or says wrong."""
 
-    up: Literal["auto", "y", "z"] = "auto"
+    up: Up = "auto"
     """Its vertical axis."""
     joint_map: Mapping[str, str] = field(default_factory=dict)
     """The file's joints by SMPL's names, where names do not tell."""

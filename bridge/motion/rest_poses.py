@@ -201,7 +201,7 @@ def _frame(rest: Rest, pair: str, low: NDArray, high: NDArray) -> NDArray[np.flo
         return None
     left = _snapped(_unit(left), _SNAPPED_SIDE_DEG)
     left = _unit(left - (left @ up) * up)
-    return np.stack([left, up, np.cross(left, up)], axis=1)
+    return np.stack([left, up, np.cross(left, up)], axis=1).astype(np.float64)
 
 
 def _snapped(direction: NDArray, most_deg: float) -> NDArray[np.float64]:

@@ -191,25 +191,16 @@ def _unit(vectors: NDArray) -> NDArray[np.float64]:
 
 
 def _upright(
-    skeleton: SkeletonMotion,
-    joints: Mapping[str, int],
-    places: NDArray,
-    how: HowRead,
+    skeleton: SkeletonMotion, joints: Mapping[str, int], places: NDArray, how: HowRead
 ) -> tuple[NDArray[np.float64], list[str]]:
     """(3, 3) from the file's world to y up, and what is to be said of it."""
-
-    def middle(name: str) -> NDArray[np.float64]:
-        return (places[:, joints[f"left_{name}"]] + places[:, joints[f"right_{name}"]]) / 2
-
     rest_up = standing_up(skeleton, joints)
-    hips = middle("hip")
-    body = _unit(middle("shoulder") - hips) + _unit(hips - middle("ankle"))
-    mean = body.mean(axis=0) / 2
-    axis = int(np.abs(mean).argmax())
-    found, notes = ("xyz"[axis], int(np.sign(mean[axis])) or 1), []
+    mean = standing_direction({name: places[:, joint] for name, joint in joints.items()})
+    found, notes = _axis(mean), []
+    share = float(np.abs(mean).max())
     if how.up != "auto":
         found = (how.up, 1)
-    elif abs(mean[axis]) < _STANDING:
+    elif share < _STANDING:
         found = ("y", 1) if rest_up is None else _axis(rest_up)
         notes.append(
             f"{skeleton.path} stands neither along y nor z for most of the motion: "
@@ -217,15 +208,32 @@ def _upright(
         )
     elif rest_up is not None and _axis(rest_up) != found:
         own, sign = _axis(rest_up)
-        if abs(mean[axis]) < _SURELY_STANDING or sign * mean["xyz".index(own)] > _SURELY_LYING:
+        if share < _SURELY_STANDING or sign * mean["xyz".index(own)] > _SURELY_LYING:
             found = (own, sign)
-    if rest_up is not None and how.up == "auto" and _axis(rest_up) != found:
-        notes.append(
-            f"{skeleton.path} rests with {_called(_axis(rest_up))} up and moves with "
-            f"{_called(found)} up, which is believed: --up says otherwise"
-        )
-    about, degrees = _UPRIGHT[found]
-    return Rotation.from_euler(about, degrees, degrees=True).as_matrix().round(12), notes
+        else:
+            notes.append(
+                f"{skeleton.path} rests with {_called((own, sign))} up and moves with "
+                f"{_called(found)} up, which is believed: --up says otherwise"
+            )
+    return upright_turn(*found), notes
+
+
+def standing_direction(places: Mapping[str, NDArray]) -> NDArray[np.float64]:
+    """(3,) mean direction of trunk and legs, of places (S, 3) by SMPL's names; shorter than 1
+    where it changes."""
+
+    def middle(name: str) -> NDArray[np.float64]:
+        return 0.5 * (places[f"left_{name}"] + places[f"right_{name}"])
+
+    hips = middle("hip")
+    body = _unit(middle("shoulder") - hips) + _unit(hips - middle("ankle"))
+    return 0.5 * body.mean(axis=0)
+
+
+def upright_turn(axis: str, sign: int) -> NDArray[np.float64]:
+    """(3, 3) that brings a vertical to y and leaves the heading as it is."""
+    about, degrees = _UPRIGHT[axis, sign]
+    return Rotation.from_euler(about, degrees, degrees=True).as_matrix().round(12)
 
 
 def _axis(direction: NDArray) -> tuple[str, int]:

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError, did_you_mean
 from bridge.paper import N_JOINTS
+from bridge.runs.untrusted import damage_refused, open_regular
 
 SIDES = ("left", "right")
 OWN_NAMES = SMPL_JOINT_NAMES[:N_JOINTS]
@@ -46,6 +47,7 @@ _MAY_LACK = {"collar", "foot", "head", "neck", *_SPINE}
 _SHARED = 0.8
 """Of a file's joints, those that begin alike."""
 _FRAMES_AT_ONCE = 2048
+_MOST_MAP_BYTES = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +155,28 @@ def _asked(skeleton: SkeletonMotion, name: str, theirs: str) -> int:
             remedy = did_you_mean(received, known, "Correct the joint map.")
             raise DsnetError(f"a joint map with {received!r}", ", ".join(known)[:300], remedy)
     return skeleton.names.index(theirs)
+
+
+def read_joint_map(path: Path) -> dict[str, str]:
+    """The file's joints by SMPL's names: `left_hip = Bip01 L Thigh` a line, `#` before remarks."""
+
+    def refused(error: Exception) -> DsnetError:
+        return DsnetError(
+            f"--joint-map {path}, {str(error)[:200]}",
+            "lines such as left_hip = LeftUpLeg",
+            "Correct it, or leave --joint-map out.",
+        )
+
+    with damage_refused(refused), open_regular(path, _MOST_MAP_BYTES) as file:
+        lines = file.read().decode().splitlines()
+        found: dict[str, str] = {}
+        for line in lines:
+            name, equals, theirs = (part.strip() for part in line.partition("="))
+            if name and not name.startswith("#"):
+                if not equals or not theirs or name in found:
+                    raise ValueError(f"with the line {line[:80]!r}")
+                found[name] = theirs
+        return found
 
 
 def plain_names(names: tuple[str, ...]) -> list[str]:

@@ -20,6 +20,8 @@ from bridge.errors import DsnetError, did_you_mean, notify
 from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import REMEDY, Lap, close_lap
+from bridge.motion.motion import HowRead, Up
+from bridge.motion.skeletons import read_joint_map
 from bridge.motion.smoothing import described
 from bridge.options import Bounds, PositiveFloat, check_options
 from bridge.paper import N_BETAS
@@ -31,6 +33,7 @@ GAINS = Bounds(0, 20)
 """What a gain may be."""
 _SOLE_PERCENTILE = 1.0
 """Of the lowest points of all frames: a single bad frame does not lift the motion."""
+_TOLD_FLOOR_M, _FLOOR_FRAMES = 0.03, 120
 _LEGS = ("left_hip", "right_hip")
 _FEET = ("left_ankle", "right_ankle", "left_foot", "right_foot")
 _EVERY = 8
@@ -57,7 +60,11 @@ class Controls:
     betas: str | None = None
     """Body shape in place of the motion file's: ten comma-separated coefficients."""
     motion_fps: PositiveFloat | None = None
-    """Frames per second of the motion file, where what it says of itself is wrong."""
+    """Frames per second of the motion file, where it says none or a wrong one."""
+    up: Up = "auto"
+    """Vertical axis of the motion file; `auto`: the one along which its bodies stand."""
+    joint_map: Path | None = None
+    """Text file that says which joint of a BVH is which, `left_hip = Bip01 L Thigh` a line."""
     smooth_hz: PositiveFloat | Literal["auto"] | None = None
     """Leave out what is faster in the motion: the noise of a recording shakes the skin. `auto`
     finds the cutoff that suits each moment."""
@@ -87,7 +94,13 @@ class Controls:
     def given(self) -> dict[str, Any]:
         """Those that are not left at their default, by name."""
         own = {field.name: field.default for field in fields(Controls)}
-        return {n: getattr(self, n) for n, default in own.items() if getattr(self, n) != default}
+        given = {n: getattr(self, n) for n, default in own.items() if getattr(self, n) != default}
+        return {n: str(said) if isinstance(said, Path) else said for n, said in given.items()}
+
+    def how_read(self) -> HowRead:
+        """What they say of the motion file."""
+        names = {} if self.joint_map is None else read_joint_map(self.joint_map)
+        return HowRead(self.up, names)
 
     def asked_betas(self, body: BodyModelData) -> NDArray[np.float64] | None:
         """(10,) betas of the shape that is asked for; None where the motion's own is meant."""
@@ -134,6 +147,8 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
     placed, loop = stage_motion(placed, body, own, controls.floor, controls.loop)
     if loop is not None and loop.dropped:
         notify(f"the last frame of {motion.source} is its first again: left out of the loop")
+    if controls.floor == "keep":
+        _tell_of_floor(placed, body)
     return MovingBody(trained, placed, gain, controls.given(), loop)
 
 
@@ -226,6 +241,18 @@ def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own: Motion)
     low_m = np.percentile(lowest_points_m(motion, body), _SOLE_PERCENTILE)
     pose, trans_m = unpack_theta(motion.theta)
     return replace(motion, theta=pack_theta(pose, trans_m - [0.0, low_m, 0.0]))
+
+
+def _tell_of_floor(placed: Motion, body: BodyModelData) -> None:
+    """Say by how much a body floats or sinks, y up, whose floor is at height 0."""
+    sampled = placed.theta[:: max(1, len(placed.theta) // _FLOOR_FRAMES)]
+    low_m = np.percentile(lowest_points_m(replace(placed, theta=sampled), body), _SOLE_PERCENTILE)
+    if abs(low_m) > _TOLD_FLOOR_M:
+        how = "floats above" if low_m > 0 else "sinks into"
+        notify(
+            f"{placed.source} {how} the floor by {100 * abs(low_m):.0f} cm at its lowest: "
+            "--floor shift puts it there"
+        )
 
 
 def lowest_points_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:

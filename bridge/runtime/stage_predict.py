@@ -99,7 +99,9 @@ def predict_motion(
     """
     path, out, controls = Path(path), Path(out), controls or Controls()
     controls.check()
-    trained, motion = load_for_motion(run, predictor, path, controls.motion_fps, controls.smooth_hz)
+    trained, motion = load_for_motion(
+        run, predictor, path, controls.motion_fps, controls.smooth_hz, controls.how_read()
+    )
     moving = controlled_body(trained, motion, controls)
     motion = moving.motion
     with open_out_folder(out, trained.origin) as writer:

@@ -95,7 +95,9 @@ def open_repertoire(
     controls = controls or Controls()
     gender, given = "unknown", None
     if path is not None:
-        given = load_motion_file(path, controls.motion_fps, smooth_hz=controls.smooth_hz)
+        given = load_motion_file(
+            path, controls.motion_fps, smooth_hz=controls.smooth_hz, how=controls.how_read()
+        )
         gender = given.gender
         for warning in motion_warnings(given, pieces_between_cuts(given.theta)):
             notify(warning)

@@ -22,6 +22,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
+from tyro.conf import Fixed
 
 from bridge.motion import MotionSequence, pack_theta, subject_rows, unpack_theta
 from bridge.options import NonNegativeFloat, NonNegativeInt, PositiveFloat
@@ -55,13 +56,13 @@ class Descent:
     steps: NonNegativeInt = 140
     """Steps for each frame after a sequence's first (the paper does not say how many). With
     50, jumps and fast limbs are left behind, beyond 400 nothing is gained (docs/alignment.md)."""
-    first_frame_steps: NonNegativeInt = 2000
+    first_frame_steps: Fixed[NonNegativeInt] = 2000
     """Steps for the pose of a sequence's first frame, its subject's shape being known."""
-    shape_steps: NonNegativeInt = 8000
+    shape_steps: Fixed[NonNegativeInt] = 8000
     """Steps for a subject's shape, together with the pose of its very first frame."""
-    lr: PositiveFloat = 1e-4
+    lr: Fixed[PositiveFloat] = 1e-4
     """Learning rate (paper: 0.0001)."""
-    momentum: NonNegativeFloat = 0.9
+    momentum: Fixed[NonNegativeFloat] = 0.9
     """Momentum (paper: 0.9)."""
 
 

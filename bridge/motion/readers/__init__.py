@@ -1,7 +1,7 @@
 """Files of motions: one module a format, and which files of a folder are motions.
 
 A new format is a module here and its line in `READERS`. The order is that in which they are asked;
-what none of them knows is refused in the words of the first.
+what none of them knows is refused by its name.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError, notify
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
-from bridge.motion.readers import amass, bvh
+from bridge.motion.readers import amass, bvh, joints, pickles
 
 
 class MotionReader(Protocol):
@@ -44,13 +44,31 @@ class MotionReader(Protocol):
 READERS: dict[str, MotionReader] = {
     "amass": amass,
     "bvh": bvh,
+    "video": pickles,
+    "joints": joints,
 }
 """By the names that a synthetic corpus's motions begin with if real people made them."""
 
 
-def format_of(path: Path) -> str:
-    """Whose file it is, of `READERS`."""
-    return next((name for name, one in READERS.items() if one.sniff(path)), next(iter(READERS)))
+_NOT_READ = {
+    "an FBX scene": (".fbx",),
+    "a glTF scene": (".glb", ".gltf", ".vrm"),
+    "a scene of USD, Alembic, Collada, Maya or Blender": (
+        ".usd", ".usda", ".usdc", ".usdz", ".abc", ".dae", ".ma", ".mb", ".blend",
+    ),
+    "markers, not joints": (".c3d", ".trc"),
+    "Acclaim's skeleton or motion": (".asf", ".amc"),
+    "a motion of MikuMikuDance": (".vmd", ".pmx"),
+    "a recording of Xsens, Motive or OpenSim": (".mvnx", ".tak", ".mot", ".sto", ".osim"),
+    "keypoints or a table": (".json", ".csv", ".mat", ".h5", ".hdf5"),
+    "an archive": (".zip", ".tar", ".gz", ".bz2", ".7z", ".rar"),
+}  # fmt: skip
+"""What people have and is no motion file that is read: by the ends of names."""
+
+
+def format_of(path: Path) -> str | None:
+    """Whose file it is, of `READERS`; None of no reader's."""
+    return next((name for name, one in READERS.items() if one.sniff(path)), None)
 
 
 def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
@@ -61,7 +79,21 @@ def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     DsnetError
         If the file is missing, is of no format that is read, or holds no usable motion.
     """
-    return READERS[format_of(path)].read(path, how)
+    name = format_of(path)
+    if how.joint_map and name != "bvh":
+        raise DsnetError(
+            f"--joint-map with {path}", "it with a BVH, whose joints have names", "Leave it out."
+        )
+    if name is not None:
+        return READERS[name].read(path, how)
+    if not path.is_file():
+        return amass.read(path, how)  # which says that there is none, or that it is a folder
+    kind = (what for what, ends in _NOT_READ.items() if path.suffix.lower() in ends)
+    raise DsnetError(
+        f"{path}, {next(kind, 'a file of type ' + (path.suffix or 'unknown'))}, which is not read",
+        "a motion of AMASS's kind (.npz, .smpl, .pkl, .pt), BVH, or places of joints (.npy)",
+        "Unpack it." if path.suffix in _NOT_READ["an archive"] else "Export BVH, or poses as .npz.",
+    )
 
 
 def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> list[Path]:
@@ -75,9 +107,9 @@ def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> l
     suffixes = [suffix for reader in READERS.values() for suffix in reader.SUFFIXES]
     other = {"female": "male", "male": "female"}.get(gender)
     taken, motions, left_out = set(known), [], Counter[str]()
-    for path in sorted(path for path in folder.rglob("*") if path.suffix in suffixes):
+    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes):
         name = "_".join(subject_and_motion(path))
-        stated = READERS[format_of(path)].gender_of(path)
+        stated = next(one.gender_of(path) for one in READERS.values() if one.sniff(path))
         if stated is None:
             left_out["without poses"] += 1
         elif stated == other:

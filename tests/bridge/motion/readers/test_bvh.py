@@ -11,8 +11,6 @@ from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
 from bridge.motion import load_motion_file, unpack_theta
-from bridge.motion.motion import HowRead
-from bridge.motion.skeletons import plain_names
 from tests.forged.bvh import Skeleton, text, world_of
 from tests.forged.lively import lively
 
