@@ -119,9 +119,7 @@ def _posture(motion: Motion) -> str | None:
         said = f"is {above_m:.1f} m above its lowest place"
     if said is None:
         return None
-    return (
-        f"{motion.source} {said} for most of the motion: if it should not, --up says its vertical"
-    )
+    return f"{motion.source} {said} for most of it: if it should not, --up says its vertical"
 
 
 def tremor_mm(trans_m: NDArray[np.floating], fps: float) -> float:

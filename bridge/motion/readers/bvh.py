@@ -129,6 +129,8 @@ def _hierarchy(lines: Iterable[str]) -> tuple[list[_Joint], int]:
                 channels = {
                     word[0].upper() + word[1:].lower(): width + n for n, word in enumerate(names)
                 }
+                if len(channels) < len(names):
+                    raise ValueError(f"joint {joints[-1].name} with a channel twice")
                 joints[-1].columns = channels
                 width += len(names)
         if len(joints) > _MOST_JOINTS:
