@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.body.posing import Smpl, shaped_joints, shaped_vertices
+from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.errors import DsnetError, did_you_mean, notify
 from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
@@ -27,18 +27,12 @@ from bridge.motion.smoothing import described
 from bridge.options import Bounds, PositiveFloat, check_options
 from bridge.paper import N_BETAS
 from bridge.runtime.load_model import TrainedModel
-from bridge.runtime.moving_body import MovingBody, place_motion
+from bridge.runtime.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
 
 Floor = Literal["keep", "shift", "scale"]
 GAINS = Bounds(0, 20)
 """What a gain may be."""
-_SOLE_PERCENTILE = 1.0
-"""Of the lowest points of all frames: a single bad frame does not lift the motion."""
-_TOLD_FLOOR_M, _FLOOR_FRAMES = 0.03, 120
 _LEGS = ("left_hip", "right_hip")
-_FEET = ("left_ankle", "right_ankle", "left_foot", "right_foot")
-_EVERY = 8
-"""Vertices of the rest of the body, of which fewer are looked at than of the feet."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,8 +142,6 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
     placed, loop = stage_motion(placed, body, own, controls.floor, controls.loop)
     if loop is not None and loop.dropped:
         notify(f"the last frame of {motion.source} is its first again: left out of the loop")
-    if controls.floor == "keep":
-        _tell_of_floor(placed, body)
     return MovingBody(trained, placed, gain, controls.given(), loop)
 
 
@@ -239,30 +231,9 @@ def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own: Motion)
         return motion
     if floor == "scale":
         motion = _strides_fitted(motion, body, own)
-    low_m = np.percentile(lowest_points_m(motion, body), _SOLE_PERCENTILE)
+    low_m = np.percentile(lowest_points_m(motion, body), SOLE_PERCENTILE)
     pose, trans_m = unpack_theta(motion.theta)
     return replace(motion, theta=pack_theta(pose, trans_m - [0.0, low_m, 0.0]))
-
-
-def _tell_of_floor(placed: Motion, body: BodyModelData) -> None:
-    """Say by how much a body floats or sinks, y up, whose floor is at height 0."""
-    sampled = placed.theta[:: max(1, len(placed.theta) // _FLOOR_FRAMES)]
-    low_m = np.percentile(lowest_points_m(replace(placed, theta=sampled), body), _SOLE_PERCENTILE)
-    if abs(low_m) > _TOLD_FLOOR_M:
-        how = "floats above" if low_m > 0 else "sinks into"
-        notify(
-            f"{placed.source} {how} the floor by {100 * abs(low_m):.0f} cm at its lowest: "
-            "--floor shift puts it there"
-        )
-
-
-def lowest_points_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:
-    """(T,) height of the body's lowest point in each frame, without skin offsets."""
-    feet = body.weights[:, [SMPL_JOINT_NAMES.index(name) for name in _FEET]].sum(axis=1) > 0.5
-    looked_at = feet | (np.arange(len(feet)) % _EVERY == 0)
-    person = Smpl(body, np.flatnonzero(looked_at), np.float64).person(motion.betas)
-    places_m = person.pose(*unpack_theta(np.asarray(motion.theta, np.float64)))
-    return places_m[..., 1].min(axis=1)
 
 
 def leg_length_m(body: BodyModelData, betas: NDArray) -> float:

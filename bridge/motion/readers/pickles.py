@@ -96,9 +96,8 @@ def _people(found: Any) -> Iterator[Mapping[Any, Any]]:
     elif isinstance(found, dict) and ("pose_world" in found or holds_poses(_named(found))):
         yield found
     else:
-        inner = found.values() if isinstance(found, dict) else found
-        inner = [*inner][:_MOST_PEOPLE] if isinstance(found, (dict, list)) else []
-        for person in inner:
+        inner = [v for n, v in found.items() if n != _CAMERA] if isinstance(found, dict) else found
+        for person in inner[:_MOST_PEOPLE] if isinstance(inner, list) else ():
             if isinstance(person, dict) and holds_poses(_named(person)):
                 yield person
 

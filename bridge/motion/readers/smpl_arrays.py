@@ -87,7 +87,7 @@ def holds_poses(names: Mapping | set[str]) -> bool:
 def unusable(path: Path, flaw: str, remedy: str = "Download the file again.") -> DsnetError:
     """The line that says why a file is refused."""
     return DsnetError(
-        f"{path}, {flaw}", "poses of SMPL, SMPL-H or SMPL-X as AMASS has them", remedy
+        f"{path}, {flaw}", "poses of SMPL's family, as an AMASS motion file has them", remedy
     )
 
 
