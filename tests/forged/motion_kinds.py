@@ -13,7 +13,9 @@ import sys
 import tempfile
 import types
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+import zipfile
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -225,12 +227,7 @@ def person(**changes: Any) -> dict[str, Any]:
 
 def by_joblib(found: Any) -> bytes:
     """As joblib pickles: each array a small object, after which its numbers stand in the file."""
-
-    class NumpyArrayWrapper:
-        pass
-
-    NumpyArrayWrapper.__module__ = "joblib.numpy_pickle"
-    NumpyArrayWrapper.__qualname__ = "NumpyArrayWrapper"
+    wrapped = _stand_in("joblib.numpy_pickle", "NumpyArrayWrapper")
 
     class Pickler(pickle._Pickler):  # type: ignore[attr-defined]
         def save(self, obj: Any, save_persistent_id: bool = True) -> None:
@@ -238,7 +235,7 @@ def by_joblib(found: Any) -> bytes:
             if not isinstance(obj, np.ndarray):
                 save(obj, save_persistent_id)
                 return
-            wrapper = NumpyArrayWrapper()
+            wrapper = wrapped()
             wrapper.__dict__ |= {
                 "subclass": np.ndarray, "shape": obj.shape, "order": "C", "dtype": obj.dtype,
                 "allow_mmap": True, "numpy_array_alignment_bytes": 16,
@@ -248,19 +245,62 @@ def by_joblib(found: Any) -> bytes:
             self.framer.file_write(b"\3" + b"\xff" * 3 + obj.tobytes())  # type: ignore[attr-defined]
 
     stream = io.BytesIO()
-    module = types.ModuleType("joblib.numpy_pickle")
-    module.NumpyArrayWrapper = NumpyArrayWrapper  # type: ignore[attr-defined]
-    names = ("joblib", "joblib.numpy_pickle")
-    known = {name: sys.modules.get(name) for name in names}
-    sys.modules |= dict.fromkeys(names, module)
-    try:
+    with _modules(wrapped):
         Pickler(stream, protocol=4).dump(found)
+    return stream.getvalue()
+
+
+def by_torch(found: Any) -> bytes:
+    """As `torch.save` writes arrays: a pickle of tensors, their numbers in files beside it."""
+    rebuild = _stand_in("torch._utils", "_rebuild_tensor_v2")
+    storage = _stand_in("torch", "DoubleStorage")
+    numbers: list[bytes] = []
+
+    class Pickler(pickle._Pickler):  # type: ignore[attr-defined]
+        def reducer_override(self, obj: Any) -> Any:
+            if not isinstance(obj, np.ndarray):
+                return NotImplemented
+            numbers.append(obj.astype("<f8").tobytes())
+            steps = np.cumprod([1, *obj.shape[:0:-1]])[::-1].tolist()
+            kept = types.SimpleNamespace(key=str(len(numbers) - 1), size=obj.size)
+            return rebuild, (kept, 0, obj.shape, tuple(steps), False, OrderedDict())
+
+        def persistent_id(self, obj: Any) -> Any:
+            if isinstance(obj, types.SimpleNamespace):
+                return "storage", storage, obj.key, "cpu", obj.size
+            return None
+
+    stream, whole = io.BytesIO(), io.BytesIO()
+    with _modules(rebuild, storage):
+        Pickler(stream, protocol=2).dump(found)
+    with zipfile.ZipFile(whole, "w") as archive:
+        archive.writestr("results/data.pkl", stream.getvalue())
+        for key, data in enumerate(numbers):
+            archive.writestr(f"results/data/{key}", data)
+    return whole.getvalue()
+
+
+def _stand_in(module: str, name: str) -> type:
+    """A class that is pickled by another's name."""
+    return type(name, (), {"__module__": module, "__qualname__": name})
+
+
+@contextlib.contextmanager
+def _modules(*stand_ins: type) -> Iterator[None]:
+    """Modules in which stand-ins are found."""
+    names = {name for one in stand_ins for name in (one.__module__, one.__module__.split(".")[0])}
+    known = {name: sys.modules.get(name) for name in names}
+    for name in names:
+        sys.modules[name] = types.ModuleType(name)
+    for one in stand_ins:
+        setattr(sys.modules[one.__module__], one.__name__, one)
+    try:
+        yield
     finally:
         for name, before in known.items():
             sys.modules.pop(name)
             if before is not None:
                 sys.modules[name] = before
-    return stream.getvalue()
 
 
 @dataclass(frozen=True)
@@ -389,6 +429,10 @@ KINDS = (
     Kind("wham_joblib.pkl", "WHAM by joblib, two people",
          lambda: by_joblib({0: person(pose=y_up()[:9]), 7: person(pose_world=y_up(),
                             trans_world=walk()[1], pose=y_up() * 0)}), 60.0),
+    Kind("gvhmr.pt", "GVHMR, a torch file",
+         lambda: by_torch({"smpl_params_global": {
+             "global_orient": y_up()[:, :3], "body_pose": y_up()[:, 3:66], "transl": walk()[1],
+             "betas": np.zeros((FRAMES, 10))}}), 60.0),
     Kind("camera.pkl", "a camera's space alone",
          lambda: pickle.dumps({"smpl_params_incam": {"body_pose": y_up()[:, 3:66]}})),
     Kind("new_joints.npy", "joints of HumanML3D, MDM", joints_m, 60.0, differs="twists"),

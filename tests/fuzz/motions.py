@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tempfile
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.smpl_files import load_dmpl_directions
 from bridge.motion import load_amass_motion, load_motion_file
 from tests.forged import amass, bvh
+from tests.forged.motion_kinds import KINDS, Kind
 from tests.fuzz.mutations import Draw, Files, damaged, damaged_npz
 
 _BODY = load_body_model("embedded:female")
@@ -59,6 +62,35 @@ def bvh_files(draw: Draw) -> Files:
     places = draw(st.sampled_from((None, np.tile(rest, (frames, 1, 1)))))
     whole = bvh.text(skeleton, turns, np.zeros((frames, 3)), places=places)
     return {"motion.bvh": damaged(draw, whole.encode())}
+
+
+def bvh_kind_files() -> st.SearchStrategy[Files]:
+    """BVH of every kind of skeleton and syntax."""
+    return _damaged_kinds({".bvh"})
+
+
+def array_kind_files() -> st.SearchStrategy[Files]:
+    """Arrays, pickles, torch files and places of joints of every kind."""
+    return _damaged_kinds({".npz", ".smpl", ".pkl", ".pt", ".npy"})
+
+
+@st.composite
+def _damaged_kinds(draw: Draw, suffixes: set[str]) -> Files:
+    kinds = [kind for kind in KINDS if Path(kind.file).suffix in suffixes]
+    kind = draw(st.sampled_from(kinds))
+    return {kind.file: damaged(draw, _whole(kind))}
+
+
+@cache
+def _whole(kind: Kind) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        return kind.write(Path(folder)).read_bytes()
+
+
+def read_any(folder: Path) -> None:
+    """As a motion, at a rate that the user says."""
+    (path,) = folder.iterdir()
+    load_motion_file(path, 60.0)
 
 
 def read_bvh(folder: Path) -> None:

@@ -35,6 +35,8 @@ READERS = {
     "smpl_pickle": Reader("bodies", files_name="pickle_files"),
     "amass": Reader("motions"),
     "bvh": Reader("motions", "read_bvh", "bvh_files"),
+    "bvh_kinds": Reader("motions", "read_any", "bvh_kind_files"),
+    "motion_kinds": Reader("motions", "read_any", "array_kind_files"),
     "dmpl": Reader("motions", "read_dmpl", "dmpl_files"),
     "dyna": Reader("meshes"),
     "artifact": Reader("artifacts"),
