@@ -34,7 +34,7 @@ class PredictConfig(Controls):
     predictor: str | None = None
     """Which of the run's; its best when left out: `dsnet_plus` if the run has it."""
     motion: Path | None = None
-    """One AMASS `.npz`, a BVH, or `sample:walking`."""
+    """One motion: AMASS `.npz`, BVH and others (docs/motion_files.md), or `sample:walking`."""
     out: Path | None = None
     """Folder to write: a new or empty one, or that of an earlier prediction."""
     strip: bool = True
