@@ -110,7 +110,7 @@ def _prepared(
         raise DsnetError(
             f"{motion.source}, which does not say its rate",
             "how many frames a second it has",
-            "Pass --motion-fps N (source_fps=N in Python).",
+            "Pass --motion-fps N (--amass-fps N of a folder, source_fps=N in Python).",
         )
     if smooth_hz is not None:
         motion = smoothed(motion, smooth_hz)

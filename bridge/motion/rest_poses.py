@@ -4,14 +4,16 @@ The pelvis has two hips and a spine, which tell its frame; the chest has collars
 there each joint's frame is that of the one above it, if its bone then points where SMPL's does. If
 not, it is turned by the shortest turn of a cube that brings the bone there. How it is turned about
 the bone, no place tells: of four quarters that is taken in which the joint turns least throughout
-the motion. Thighs, shins, upper arms and forearms are brought exactly onto the file's bones, hands
-go with forearms. Of trunk, head and feet the two builds are taken to be alike.
+the motion; so it is with leaves where nobody stands as the file rests. Feet that rest elsewhere
+than a standing body's are taken to stand flat where their toes are lowest.
+
+Thighs, shins, upper arms and forearms are brought exactly onto the file's bones, hands go with
+forearms. Of trunk, head and feet the two builds are taken to be alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -20,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_PARENTS
-from bridge.motion.skeletons import OWN_NAMES, SIDES, SkeletonMotion, unusable
+from bridge.motion.skeletons import OWN_NAMES, SIDES, SkeletonMotion, plain_names, unusable
 
 Rest: TypeAlias = Mapping[str, NDArray[np.float64]]
 """(3,) places of joints at rest, by SMPL's names."""
@@ -39,7 +41,7 @@ for _side, _out in zip(SIDES, (_X, -_X), strict=True):
     _BONES |= {
         f"{_side}_hip": (f"{_side}_knee", -_Y, 75.0),
         f"{_side}_knee": (f"{_side}_ankle", -_Y, 75.0),
-        f"{_side}_ankle": (f"{_side}_foot", _Z, 55.0),
+        f"{_side}_ankle": (f"{_side}_foot", _Z, 0.0),
         f"{_side}_foot": (None, _Z, 60.0),
         f"{_side}_collar": (f"{_side}_shoulder", _out, 60.0),
         f"{_side}_shoulder": (f"{_side}_elbow", _out, 110.0),
@@ -47,23 +49,16 @@ for _side, _out in zip(SIDES, (_X, -_X), strict=True):
         f"{_side}_wrist": (None, _out, 60.0),
     }
 _LIMBS = ("hip", "knee", "shoulder", "elbow")
-_SNAPPED_UP_DEG, _SNAPPED_SIDE_DEG = 25.0, 10.0
+_SNAPPED_UP_DEG, _SNAPPED_SIDE_DEG, _SNAPPED_BONE_DEG = 25.0, 10.0, 40.0
+_CUBE = [*Rotation.create_group("O").as_matrix()]
 _OTHER_CHEST_DEG = 30.0
+_FOOT_DEG = 55.0
 _FOOT_SHAPE_DEG = 12.0, 50.0
 """Between the lines from ankle to toes and along them, in a flat foot."""
 _STANCE = 0.25
 """Of a motion's frames, so many in which a foot surely stands."""
 _CLEARLY_DEG = 15.0
 """By so much less a joint must turn in another quarter."""
-
-
-@dataclass
-class RestTurns:
-    """What `rest_turns` finds."""
-
-    turns: dict[str, NDArray[np.float64]]
-    """(3, 3) R_j by SMPL's names."""
-    notes: list[str] = field(default_factory=list)
 
 
 def standing_up(skeleton: SkeletonMotion, joints: Mapping[str, int]) -> NDArray[np.float64] | None:
@@ -82,75 +77,116 @@ def rest_turns(
     smpl_rest_m: Rest,
     sample: tuple[NDArray, NDArray],
     up: NDArray,
-    *,
-    is_smpls: bool,
-) -> RestTurns:
-    """R_j of every joint of SMPL's that the file has.
+) -> tuple[dict[str, NDArray[np.float64]], list[str]]:
+    """(3, 3) R_j by the name of every joint of SMPL's that the file has, and what is to be said.
 
     Parameters
     ----------
     joints : numbers of the file's joints by SMPL's names.
     sample : (S, J, 3, 3) rotations and (S, J, 3) places of the file's joints in some frames.
     up : (3,) vertical of the file's world.
-    is_smpls : whether the skeleton is SMPL's own, by its names: bones are taken as they are.
     """
-    rest = {name: skeleton.rest[joint] for name, joint in joints.items()}
-    turns, places = sample
-    frames = {"pelvis": _pelvis(skeleton.path, rest)}
-    found, odd = dict(frames), []
-    chest = _chest_frame(skeleton, joints, rest)
-    parents = {
-        name: OWN_NAMES[parent] for name, parent in zip(OWN_NAMES, SMPL_PARENTS, strict=False)
-    }
-    is_stance = standing_up(skeleton, joints) is not None
+    search = _Search(skeleton, joints, smpl_rest_m, sample, up)
     for name in OWN_NAMES[1:]:
-        if name not in joints:
-            continue
-        above = parents[name]
-        while above not in found:
-            above = parents[above]
-        end, along, most_deg = _BONES[name]
-        frame, bone = (
-            frames[above],
-            _bone(skeleton, joints, name, end, tips=not is_stance or above in odd),
-        )
-        if name == "spine3" and chest is not None and _turn_deg(frame, chest) > _OTHER_CHEST_DEG:
-            frame = chest
-        smpl_bone = along
-        if name.endswith((*_LIMBS, "ankle")) and end is not None:
-            smpl_bone = smpl_rest_m[end] - smpl_rest_m[name]
-        if bone is not None and not is_stance and name.endswith(("shoulder", "elbow")):
-            most_deg = 50.0
-        if bone is not None and not is_smpls and _angle_deg(frame @ smpl_bone, bone) > most_deg:
-            if (from_tip := _foot_frame(skeleton, joints, name, frame, bone)) is not None:
-                frame = from_tip
-            elif name.endswith("ankle"):
-                frame = _on_the_floor(
-                    turns[:, joints[name]],
-                    places[:, joints.get(end or name, joints[name])] @ up,
-                    up,
-                    bone,
-                )
-                odd.append(name)
-            else:
-                choose = (turns[:, joints[above]] @ found[above], turns[:, joints[name]])
-                frame = _swung(frame, along, bone, choose)
-                odd.append(name)
-        frames[name] = found[name] = frame
-        if name.endswith("wrist") and name not in odd:
-            found[name] = found[above]
-        elif bone is not None and name.endswith(_LIMBS) and not is_smpls:
-            found[name] = shortest_turn(frame @ smpl_bone, bone) @ frame
-        elif bone is not None and above in odd and name.endswith("foot"):
-            toes = joints[name]
-            found[name] = _on_the_floor(turns[:, toes], places[:, toes] @ up, up, bone)
+        if name in joints:
+            search.find(name)
     notes = []
-    if feet := [name for name in odd if name.endswith("ankle")]:
+    if search.feet:
         notes.append(
             f"{skeleton.path} rests with feet that point elsewhere than a standing body's: "
-            f"{' and '.join(feet)} are taken to stand flat where they are lowest"
+            f"{' and '.join(search.feet)} are taken to stand flat where they are lowest"
         )
-    return RestTurns(found, notes)
+    return search.found, notes
+
+
+class _Search:
+    """R_j of joint after joint, parents first.
+
+    `frames` are how the file's frames lie in SMPL's, `found` the same with bones brought onto the
+    file's.
+    """
+
+    def __init__(
+        self,
+        skeleton: SkeletonMotion,
+        joints: Mapping[str, int],
+        smpl_rest_m: Rest,
+        sample: tuple[NDArray, NDArray],
+        up: NDArray,
+    ) -> None:
+        self.skeleton, self.joints, self.smpl_rest_m = skeleton, joints, smpl_rest_m
+        self.turns, self.places = sample
+        self.up = up
+        rest = {name: skeleton.rest[joint] for name, joint in joints.items()}
+        self.frames = {"pelvis": _pelvis(skeleton.path, rest)}
+        self.found, self.feet = dict(self.frames), list[str]()
+        self.chest = _chest_frame(skeleton, joints, rest)
+        self.stands = standing_up(skeleton, joints) is not None
+        # A skeleton that is SMPL's own, by its names, is taken as it is.
+        self.is_smpls = set(plain_names(OWN_NAMES)) <= set(plain_names(skeleton.names))
+
+    def find(self, name: str) -> None:
+        """One joint more."""
+        above = OWN_NAMES[SMPL_PARENTS[OWN_NAMES.index(name)]]
+        while above not in self.found:
+            above = OWN_NAMES[SMPL_PARENTS[OWN_NAMES.index(above)]]
+        end, along, most_deg = _BONES[name]
+        frame, bone = self.frames[above], self._bone(name, end)
+        is_limb = name.endswith(_LIMBS) and end is not None
+        smpl_bone = self.smpl_rest_m[end] - self.smpl_rest_m[name] if is_limb and end else along
+        if name == "spine3" and self.chest is not None:
+            frame = self.chest if _turn_deg(frame, self.chest) > _OTHER_CHEST_DEG else frame
+        if self.is_smpls:
+            pass
+        elif name.endswith("ankle") and bone is not None:
+            frame = self._ankle(name, frame, bone)
+        elif bone is None:
+            kept = self.stands and above not in self.feet
+            inherited = self.found[above] if name.endswith("wrist") else frame
+            frame = inherited if kept else self._quietest(name, above, [inherited, *_CUBE])
+        elif not self.stands or _angle_deg(frame @ smpl_bone, bone) > most_deg:
+            frame = self._quietest(name, above, _swung(frame, along, bone))
+        self.frames[name] = self.found[name] = frame
+        if is_limb and bone is not None and not self.is_smpls:
+            self.found[name] = shortest_turn(frame @ smpl_bone, bone) @ frame
+
+    def _bone(self, name: str, end: str | None) -> NDArray[np.float64] | None:
+        """(3,) from a joint to where its bone ends; None where that is not known."""
+        if end is None or end not in self.joints:
+            return None
+        bone = self.skeleton.rest[self.joints[end]] - self.skeleton.rest[self.joints[name]]
+        return bone if np.linalg.norm(bone) > 1e-9 else None
+
+    def _quietest(self, name: str, above: str, turns: Sequence[NDArray]) -> NDArray[np.float64]:
+        """The one with which the joint turns least throughout, or the first if none is clearly."""
+        world = self.turns[:, self.joints[above]] @ self.found[above]
+        local = np.swapaxes(world, -1, -2) @ self.turns[:, self.joints[name]]
+        turned_deg = [
+            float(np.degrees(np.median(Rotation.from_matrix(local @ turn).magnitude())))
+            for turn in turns
+        ]
+        best = int(np.argmin(turned_deg))
+        return turns[best if turned_deg[best] < turned_deg[0] - _CLEARLY_DEG else 0]
+
+    def _ankle(self, name: str, frame: NDArray, bone: NDArray) -> NDArray[np.float64]:
+        """As it stands on the floor, if it does not rest so."""
+        toes = self.joints[f"{name.partition('_')[0]}_foot"]
+        smpl_bone = self.smpl_rest_m[OWN_NAMES[OWN_NAMES.index(name) + 3]] - self.smpl_rest_m[name]
+        if self.stands and _angle_deg(frame @ smpl_bone, bone) < _FOOT_DEG:
+            return frame
+        flat = self.skeleton.tips.get(toes, self.skeleton.rest[toes]) - self.skeleton.rest[toes]
+        least_deg, most_deg = _FOOT_SHAPE_DEG
+        if self.stands and least_deg < _angle_deg(flat, bone) < most_deg:
+            return shortest_turn(frame @ _Z, flat) @ frame  # foot and toes as one piece
+        self.feet.append(name)
+        heights = self.places[:, toes] @ self.up
+        lowest = self.turns[heights <= np.quantile(heights, _STANCE), self.joints[name]]
+        sole = _unit(np.median(np.swapaxes(lowest, -1, -2) @ self.up, axis=0))
+        forward = bone - (bone @ sole) * sole
+        forward = _unit(
+            forward if np.linalg.norm(forward) > 1e-9 else np.cross(sole, _X + sole[::-1])
+        )
+        return np.stack([np.cross(sole, forward), sole, forward], axis=1).astype(np.float64)
 
 
 def leg_length(rest: NDArray, joints: Mapping[str, int]) -> float:
@@ -238,67 +274,13 @@ def _chest_frame(
     return _frame(rest, pair, rest["spine3"], rest["neck"])
 
 
-def _bone(
-    skeleton: SkeletonMotion, joints: Mapping[str, int], name: str, end: str | None, *, tips: bool
-) -> NDArray[np.float64] | None:
-    """(3,) from a joint to where its bone ends; None where that is not known.
-
-    What writes a T or an A writes tips that mean nothing.
-    """
-    place = skeleton.rest[joints[name]]
-    if end is not None and end in joints:
-        bone = skeleton.rest[joints[end]] - place
-    elif tips and joints[name] in skeleton.tips:
-        bone = skeleton.tips[joints[name]] - place
-    else:
-        return None
-    return bone if np.linalg.norm(bone) > 1e-9 else None
-
-
-def _swung(
-    frame: NDArray, along: NDArray, bone: NDArray, choose: tuple[NDArray, NDArray]
-) -> NDArray[np.float64]:
-    """The frame turned so that its axis `along` points as the bone, in the quietest quarter."""
-    start, end = frame @ along, _snapped(_unit(bone), 40.0)
+def _swung(frame: NDArray, along: NDArray, bone: NDArray) -> list[NDArray[np.float64]]:
+    """The frame turned so that its axis `along` points as the bone, in each of four quarters."""
+    start, end = frame @ along, _snapped(_unit(bone), _SNAPPED_BONE_DEG)
     if _angle_deg(start, end) > 179.0:
-        swing = Rotation.from_rotvec(
-            np.pi * _unit(frame @ (_Z if abs(along @ _Z) < 0.5 else _X))
-        ).as_matrix()
+        axis = frame @ (_Z if abs(along @ _Z) < 0.5 else _X)
+        swing = Rotation.from_rotvec(np.pi * _unit(axis)).as_matrix()
     else:
         swing = shortest_turn(start, end)
-    quarters = [
-        Rotation.from_rotvec(n * np.pi / 2 * _unit(end)).as_matrix() @ swing @ frame
-        for n in range(4)
-    ]
-    above, own = choose
-    turned_deg = []
-    for quarter in quarters:
-        local = np.swapaxes(above, -1, -2) @ own @ quarter
-        turned_deg.append(np.degrees(np.median(Rotation.from_matrix(local).magnitude())))
-    best = int(np.argmin(turned_deg))
-    return quarters[best if turned_deg[best] < turned_deg[0] - _CLEARLY_DEG else 0]
-
-
-def _foot_frame(
-    skeleton: SkeletonMotion, joints: Mapping[str, int], name: str, frame: NDArray, bone: NDArray
-) -> NDArray[np.float64] | None:
-    """Of an ankle whose toes rest bent down or up, as one piece: by the line along the toes."""
-    toes = joints.get(f"{name.partition('_')[0]}_foot", -1)
-    if not name.endswith("ankle") or toes not in skeleton.tips:
-        return None
-    flat = skeleton.tips[toes] - skeleton.rest[toes]
-    least_deg, most_deg = _FOOT_SHAPE_DEG
-    if np.linalg.norm(flat) < 1e-9 or not least_deg < _angle_deg(flat, bone) < most_deg:
-        return None
-    return shortest_turn(frame @ _Z, flat) @ frame
-
-
-def _on_the_floor(
-    turns: NDArray, heights: NDArray, up: NDArray, bone: NDArray
-) -> NDArray[np.float64]:
-    """Of an ankle or toes (S, 3, 3) that stand flat where toes are lowest, at heights (S,)."""
-    lowest = turns[heights <= np.quantile(heights, _STANCE)]
-    sole = _unit(np.median(np.swapaxes(lowest, -1, -2) @ up, axis=0))
-    forward = bone - (bone @ sole) * sole
-    forward = _unit(forward if np.linalg.norm(forward) > 1e-9 else np.cross(sole, _X))
-    return np.stack([np.cross(sole, forward), sole, forward], axis=1).astype(np.float64)
+    quarters = Rotation.from_rotvec(np.outer(np.arange(4) * np.pi / 2, end)).as_matrix()
+    return [quarter @ swing @ frame for quarter in quarters]

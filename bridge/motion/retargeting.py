@@ -31,7 +31,6 @@ from bridge.motion.skeletons import (
     SIDES,
     SkeletonMotion,
     joints_by_name,
-    plain_names,
     unusable,
 )
 from bridge.paper import N_BETAS, N_JOINTS
@@ -46,6 +45,8 @@ _STANDING = 0.5
 _SURELY_STANDING, _SURELY_LYING = 0.8, 0.3
 """The same of what is believed against a rest pose that stands."""
 _SAME_FRAME_DEG = 5.0
+_STRAIGHT = 0.05
+"""Of knees, the mean sine of the bend times how much forwards they point."""
 _UPRIGHT = {
     ("x", 1): ("z", 90), ("x", -1): ("z", -90), ("y", 1): ("x", 0),
     ("y", -1): ("z", 180), ("z", 1): ("x", -90), ("z", -1): ("x", 90),
@@ -95,11 +96,10 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
         turns, places = skeleton.posed(sampled)
     carriers = joints | {"pelvis": _pelvis_frame(skeleton, joints, turns)}
     upright, said = _upright(skeleton, joints, places, how)
-    own = set(plain_names(OWN_NAMES)) <= set(plain_names(skeleton.names))
     vertical = upright.T @ [0.0, 1.0, 0.0]
-    rest = rest_turns(skeleton, carriers, smpl_rest_m, (turns, places), vertical, is_smpls=own)
-    notes += [*said, *rest.notes]
-    _check(skeleton, smpl_rest_m, joints, _smpl_turns(upright @ turns, carriers, rest.turns),
+    rest, told = rest_turns(skeleton, carriers, smpl_rest_m, (turns, places), vertical)
+    notes += [*said, *told]
+    _check(skeleton, smpl_rest_m, joints, _smpl_turns(upright @ turns, carriers, rest),
            places @ upright.T, notes)  # fmt: skip
     scale = leg_length(model_rest_m, {n: SMPL_JOINT_NAMES.index(n) for n in joints})
     scale /= leg_length(skeleton.rest, joints)
@@ -107,7 +107,7 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
     pose, trans_m = np.zeros((count, N_JOINTS, 3)), np.empty((count, 3))
     for frames, turns, places in skeleton.blocks():
         trans_m[frames] = scale * places[:, joints["pelvis"]] @ upright.T
-        world = _smpl_turns(upright @ turns, carriers, rest.turns)
+        world = _smpl_turns(upright @ turns, carriers, rest)
         for number, parent in enumerate(SMPL_PARENTS[:N_JOINTS]):
             local = (
                 np.swapaxes(world[:, parent], -1, -2) @ world[:, number] if number else world[:, 0]
@@ -127,7 +127,7 @@ def _smpl_turns(
     """(B, 22, 3, 3) world rotations G_j of SMPL's joints."""
     found = np.empty((len(world), N_JOINTS, 3, 3))
     for number, name in enumerate(OWN_NAMES):
-        if name in joints:
+        if name in rest:
             found[:, number] = world[:, joints[name]] @ rest[name]
         else:
             found[:, number] = found[:, SMPL_PARENTS[number]]
@@ -170,7 +170,9 @@ def _is_mirrored(joints: Mapping[str, int], places: NDArray) -> bool:
             toe = at(f"{side}_foot") - ankle
             toes.append(_along(toe - _dots(toe, shin)[:, None] * shin, forward))
     bent = float(np.mean(knees))
-    return bool(bent < 0 and np.median(toes) < -0.5 if toes else bent < -0.2)
+    if toes:
+        return bool(np.median(toes) < -0.5 and bent < _STRAIGHT)
+    return bent < -_STRAIGHT
 
 
 def _bent(hip: NDArray, knee: NDArray, ankle: NDArray) -> NDArray[np.float64]:

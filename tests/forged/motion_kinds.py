@@ -136,6 +136,15 @@ _ALONG_X: Turns = dict.fromkeys((0, 3, 6, 9, 12, 15), _X) | {
     **dict.fromkeys((7, 8, 10, 11), about("y", 90)),
     **dict.fromkeys((14, 17, 19, 21), about("z", 180)),
 }
+
+
+def along_x(*, legs: float = 0, arms: float = 0, forearms: float = 0) -> Turns:
+    """All bones along x, as LAFAN1's, and frames of limbs turned about them by so many degrees."""
+    parts = {(1, 2, 4, 5): legs, (16, 17): arms, (18, 19, 20, 21): forearms}
+    by = {joint: degrees for joints, degrees in parts.items() for joint in joints}
+    return {n: about("x", by.get(n, 0)) @ _ALONG_X.get(n, np.eye(3)) for n in range(24)}
+
+
 _RAISED: Turns = {
     **dict.fromkeys((13, 16, 18, 20, 22), about("z", 90)),
     **dict.fromkeys((14, 17, 19, 21, 23), about("z", -90)),
@@ -361,7 +370,8 @@ _NUMBERED = [f"bone{number}" for number in range(24)]
 KINDS = (
     Kind("walk.bvh", "Mixamo's names, a T at rest", bvh),
     Kind("collars.bvh", "collars and arms raised at rest", lambda: bvh(frames=_RAISED)),
-    Kind("along_x.bvh", "all bones along x, as LAFAN1's", lambda: bvh(frames=_ALONG_X),
+    Kind("along_x.bvh", "all bones along x, as LAFAN1's",
+         lambda: bvh(frames=along_x(legs=180, arms=90)),
          differs="feet"),
     Kind("toes_down.bvh", "toes down at rest", lambda: bvh(frames=_TOES_DOWN), differs="feet"),
     Kind("turned.bvh", "rest pose turned by 45 degrees", lambda: bvh(frames=_turned(45))),

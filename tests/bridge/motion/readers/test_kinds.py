@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from bridge import DsnetError
 from bridge.motion import load_motion_file
 from bridge.motion.from_joints import motion_from_joints
-from bridge.motion.motion import AS_IT_SAYS, HowRead
+from bridge.motion.motion import AS_IT_SAYS, HowRead, Up
 from bridge.motion.skeletons import read_joint_map
 from tests.forged.motion_kinds import (
     BEGIN,
@@ -21,6 +21,9 @@ from tests.forged.motion_kinds import (
     KINDS,
     PAGE,
     Kind,
+    along_x,
+    apart,
+    bvh,
     joints_m,
     outcome,
     smpl,
@@ -52,7 +55,7 @@ def test_the_walk_is_no_easy_one() -> None:
 
 
 @pytest.mark.parametrize("up", ["y", "z"])
-def test_what_the_user_says_of_the_vertical_is_believed(up: str, tmp_path: Path) -> None:
+def test_what_the_user_says_of_the_vertical_is_believed(up: Up, tmp_path: Path) -> None:
     arrays = {"y_up": smpl(poses=y_up(), trans=walk()[1]), "z_up": smpl()}
     found = [
         Kind(f"{name}.npz", "", lambda given=given: given, how=HowRead(up)).read(tmp_path)[0]
@@ -65,6 +68,19 @@ def test_what_the_user_says_of_the_vertical_is_believed(up: str, tmp_path: Path)
 def test_a_body_that_lies_is_told(tmp_path: Path) -> None:
     lying = Kind("lies.npz", "", smpl, how=HowRead("y"))
     assert any("lies or bends down" in line for line in lying.read(tmp_path)[1])
+
+
+@pytest.mark.parametrize(
+    ("legs", "arms", "forearms"), [(180, 90, 90), (90, -90, 180), (-90, 180, -90), (0, 0, 90)]
+)
+def test_frames_turned_about_their_bones_are_told_by_the_motion(
+    tmp_path: Path, legs: float, arms: float, forearms: float
+) -> None:
+    """No place of a joint tells; feet stand flat, to a degree or two."""
+    frames = along_x(legs=legs, arms=arms, forearms=forearms)
+    motion, said = Kind("x.bvh", "", lambda: bvh(frames=frames)).read(tmp_path)
+    assert ["feet that point elsewhere" in line for line in said] == [True]
+    assert apart(motion, KINDS[0].read(tmp_path)[0])[0] < 2
 
 
 def test_places_alone_give_limbs_their_directions(tmp_path: Path) -> None:
