@@ -61,12 +61,12 @@ def motion_from_joints(path: Path, joints: NDArray[np.float64], fps: float, how:
                 rest_m[joint] - rest_m[parent]
             )
         pose[:, joint] = Rotation.from_matrix(local).as_rotvec()
-    apart_cm = 100 * np.linalg.norm(moved_m - joints, axis=-1)
-    worst = int(apart_cm.mean(axis=0).argmax())
+    apart_cm = 100 * np.linalg.norm(moved_m - joints, axis=-1).mean(axis=0)
+    worst = int(apart_cm.argmax())
+    most = f", {OWN_NAMES[worst]} {apart_cm[worst]:.1f} cm" if apart_cm[worst] >= 0.05 else ""
     notes.append(
         f"{path} has places of joints alone: rotations are found by inverse kinematics, and the "
-        f"body's joints are {apart_cm.mean():.1f} cm from the file's in the mean, "
-        f"{OWN_NAMES[worst]} {apart_cm[:, worst].mean():.1f} cm"
+        f"body's joints are {apart_cm.mean():.1f} cm from the file's in the mean{most}"
     )
     theta = pack_theta(pose, joints[:, 0])
     return Motion(theta, np.zeros(N_BETAS), "unknown", fps, fps, path, up="y", trans_of="joint",
