@@ -64,8 +64,11 @@ class Record:
     state: Any = None
 
 
-def load_restricted(file: IO[bytes]) -> Any:
-    """Unpickle arrays, sparse matrices, chumpy objects and plain containers."""
+def load_restricted(file: IO[bytes], *, of_torch: bool = False) -> Any:
+    """Unpickle arrays, sparse matrices, chumpy objects and plain containers.
+
+    `of_torch`: the pickle in a torch file, whose tensors stay records: `tensor_parts`.
+    """
     stack: list[Any] = []
     marked: list[list[Any]] = []  # stacks below each mark
     memo: dict[int, Any] = {}
@@ -129,7 +132,7 @@ def load_restricted(file: IO[bytes]) -> Any:
                 stack[-1].state = state
                 if stack[-1].kind == "joblib":
                     stack[-1] = _joblib_array(file, state)
-            case "BINPERSID":  # of a torch file: where the numbers of a tensor stand
+            case "BINPERSID" if of_torch:  # where the numbers of a tensor stand
                 stack.append(Record("storage", (stack.pop(),)))
             case _ if name.startswith(_PLAIN):
                 stack.append(argument)

@@ -132,7 +132,7 @@ def _of_torch(file: Any) -> Any:
         if archive.getinfo(inside).file_size > MOST_BYTES:
             raise ValueError("a pickle beyond all measure")
         with archive.open(inside) as stream:
-            found = load_restricted(stream)
+            found = load_restricted(stream, of_torch=True)
         return _filled(found, archive, inside.removesuffix("data.pkl"), depth=4)
 
 
