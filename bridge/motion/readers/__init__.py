@@ -111,7 +111,8 @@ def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> l
         name = "_".join(subject_and_motion(path))
         stated = next(one.gender_of(path) for one in READERS.values() if one.sniff(path))
         if stated is None:
-            left_out["without poses"] += 1
+            # Other pickles and arrays than motions are everywhere.
+            left_out.update(["without poses"] * (path.suffix in amass.SUFFIXES))
         elif stated == other:
             left_out[f"of {other} bodies"] += 1
         elif name in taken:
