@@ -28,7 +28,7 @@ from bridge.motion.readers.smpl_arrays import (
     POSE_KEYS,
     ROOT_KEYS,
     WANTED,
-    gender_in,
+    gender_stored,
     holds_poses,
     motion_of,
     unusable,
@@ -63,7 +63,7 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
 def gender_of(path: Path) -> str | None:
     """The gender that a file states, or None if it has no poses and so is no motion."""
     with _opened(path, path) as archive:
-        return gender_in(_arrays(archive, ("gender",))) if holds_poses(archive) else None
+        return gender_stored(_arrays(archive, ("gender",))) if holds_poses(archive) else None
 
 
 def motion_path(name_or_path: Path | str) -> Path:

@@ -68,7 +68,7 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
     return Motion(
         theta=pack_theta(pose, trans_m),
         betas=betas,
-        gender=gender_in(arrays),
+        gender=gender_stored(arrays),
         fps=fps,
         source_fps=fps,
         source=path,
@@ -272,10 +272,15 @@ def _betas(path: Path, arrays: Arrays, notes: list[str]) -> NDArray[np.float64]:
     return np.pad(found, (0, N_BETAS - len(found)))
 
 
-def gender_in(arrays: Arrays) -> str:
+def gender_stored(arrays: Arrays) -> str:
     """As it is stored: text, bytes, their first letter, or a number as `.smpl` files have it."""
     stored = arrays.get("gender", np.array("unknown"))
-    said = text_of(stored).strip().lower() if stored.size == 1 else "unknown"
-    said = said.removeprefix("b'").removesuffix("'")
-    said = _GENDERS.get(said, said)
-    return said if said in _GENDERS.values() else "unknown"
+    return gender_in(text_of(stored)) if stored.size == 1 else "unknown"
+
+
+def gender_in(stated: object) -> str:
+    """What a file's word for a gender means."""
+    word = stated.strip().lower() if isinstance(stated, str) else ""
+    word = word.removeprefix("b'").removesuffix("'")
+    word = _GENDERS.get(word, word)
+    return word if word in _GENDERS.values() else "unknown"
