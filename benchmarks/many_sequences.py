@@ -44,7 +44,7 @@ class Little:
 
 
 LITTLE = {
-    "align": Little("--aligner both --steps 1 --first-frame-steps 60 --shape-steps 100"),
+    "align": Little("--aligner both --steps 1", {"first_frame_steps": 60, "shape_steps": 100}),
     "train-ae": Little("--steps 2", {"validate_every": 1, "validation_frames": 64}),
     "encode": Little(),
     "train": Little("--epochs 1 --rounds 3", {"plus": {"steps": 1, "nodes": 100}}),

@@ -30,7 +30,7 @@ THIRD_PARTIES = {
     "cli.py": {"tyro"},
     "runs": {"filelock", "numpy", "ray", "threadpoolctl", "tqdm"},
     "body": {"numpy", "scipy", "trimesh"},
-    "motion": {"numpy", "pybvh", "scipy"},
+    "motion": {"numpy", "scipy"},
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},
     "runtime": {"numpy", "onnx", "onnxruntime", "tyro"},

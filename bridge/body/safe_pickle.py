@@ -31,6 +31,7 @@ _PLAIN = ("INT", "BININT", "LONG", "FLOAT", "BINFLOAT", "STRING", "BINSTRING", "
           "UNICODE", "BINUNICODE", "BINBYTES", "BYTEARRAY")  # fmt: skip
 """How opcodes of numbers and text begin."""
 _NUMBERS = re.compile(r"[biuf][1248]|[SU]\d{1,4}")
+_STORAGES = {"Half": "f2", "Float": "f4", "Double": "f8", "Int": "i4", "Long": "i8"}
 _GLOBALS = {
     ("numpy", "ndarray"): "array",
     ("numpy", "dtype"): "dtype",
@@ -42,6 +43,9 @@ _GLOBALS = {
     **{(module, "_reconstructor"): "new object" for module in ("copy_reg", "copyreg")},
     **{(module, "object"): "object" for module in ("__builtin__", "builtins")},
     **{(module, "set"): "set" for module in ("__builtin__", "builtins")},
+    ("joblib.numpy_pickle", "NumpyArrayWrapper"): "joblib",
+    ("torch._utils", "_rebuild_tensor_v2"): "tensor",
+    **{("torch", f"{name}Storage"): code for name, code in _STORAGES.items()},
 }
 
 
@@ -61,8 +65,13 @@ class Record:
     state: Any = None
 
 
-def load_restricted(file: IO[bytes], most_opcodes: int = MOST_OPCODES) -> Any:
-    """Unpickle arrays, sparse matrices, chumpy objects and plain containers."""
+def load_restricted(
+    file: IO[bytes], most_opcodes: int = MOST_OPCODES, *, of_torch: bool = False
+) -> Any:
+    """Unpickle arrays, sparse matrices, chumpy objects and plain containers.
+
+    `of_torch`: the pickle in a torch file, whose tensors stay records: `tensor_parts`.
+    """
     stack: list[Any] = []
     marked: list[list[Any]] = []  # stacks below each mark
     memo: dict[int, Any] = {}
@@ -124,6 +133,10 @@ def load_restricted(file: IO[bytes], most_opcodes: int = MOST_OPCODES) -> Any:
                 if not isinstance(stack[-1], Record):
                     raise UnpicklingError(f"it asks to change a {type(stack[-1]).__name__}")
                 stack[-1].state = state
+                if stack[-1].kind == "joblib":
+                    stack[-1] = _joblib_array(file, state)
+            case "BINPERSID" if of_torch:  # where the numbers of a tensor stand
+                stack.append(Record("storage", (stack.pop(),)))
             case _ if name.startswith(_PLAIN):
                 stack.append(argument)
             case _:
@@ -186,9 +199,39 @@ def _made(function: Any, arguments: Any) -> Any:
             return None
         case "ordered", ():
             return {}
-        case ("array" | "dtype" | "scalar" | "buffer" | "chumpy" | "csc") as kind, _:
+        case (
+            "tensor" | "joblib" | "array" | "dtype" | "scalar" | "buffer" | "chumpy" | "csc"
+        ) as kind, _:
             return Record(kind, arguments)
     raise UnpicklingError("it asks to construct something else")
+
+
+def _joblib_array(file: IO[bytes], state: Any) -> np.ndarray:
+    """An array whose numbers follow in the file, as joblib writes them."""
+    sizes, numbers = _whole_numbers(state["shape"]), _dtype(state["dtype"])
+    if state.get("numpy_array_alignment_bytes") is not None:
+        file.read(file.read(1)[0])
+    count = math.prod(sizes)
+    flat = np.frombuffer(file.read(count * numbers.itemsize), numbers, count)
+    return flat.reshape(sizes, order="F" if state["order"] == "F" else "C")
+
+
+def tensor_parts(value: Any) -> tuple[str, np.dtype, int, tuple[int, ...], tuple[int, ...]] | None:
+    """Of a tensor in a torch file: the name of its numbers, their type, where it begins, its shape
+    and strides; None of anything else."""
+    match value:
+        case Record(
+            "tensor",
+            (
+                Record("storage", ((_, _Global(code), str(name), _, _),)),
+                int(at),
+                shape,
+                strides,
+                *_,
+            ),
+        ) if code in _STORAGES.values():
+            return name, np.dtype(f"<{code}"), at, _whole_numbers(shape), _whole_numbers(strides)
+    return None
 
 
 def load_restricted_item(file: IO[bytes]) -> Any:

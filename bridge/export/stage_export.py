@@ -95,8 +95,9 @@ def _moving_bodies(config: ExportConfig) -> list[MovingBody]:
     if config.motion is None:
         raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
     run = None if config.run is None else Run(config.run)
+    how = config.how_read()
     opened = [
-        load_for_motion(run, name, config.motion, config.motion_fps, config.smooth_hz)
+        load_for_motion(run, name, config.motion, config.motion_fps, config.smooth_hz, how)
         for name in config.predictor or (None,)
     ]
     return [controlled_body(trained, motion, config) for trained, motion in opened]

@@ -18,12 +18,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.motion.motion import unpack_theta
+from bridge.paper import N_JOINTS
 
 CUT_M = 0.5
 """Least step of the root between two frames that is a cut: 15 m/s at 30 frames a second."""
 CUT_RAD = np.radians(150.0)
 """Least turn of a joint between two frames that is one: a skater's spin of six turns a second makes
 36 degrees in 1/60 s, a pitcher's arm 120."""
+_NO_LEAVES = [joint for joint in range(N_JOINTS) if joint not in (10, 11, 20, 21)]
+"""All but toes and wrists, which carry no flesh to speak of: where one flips, the body goes on."""
 _FRAMES_AT_ONCE = 4096
 _LEAP_RAD_S = np.radians(1500.0)
 """Least speed of a joint's first turn that is a leap out of a rest pose: only the fastest kick is
@@ -88,6 +91,6 @@ def turns_rad(pose: NDArray, next_pose: NDArray) -> NDArray[np.float64]:
 def _jumps(
     pose: NDArray, trans_m: NDArray, next_pose: NDArray, next_trans_m: NDArray
 ) -> NDArray[np.bool_]:
-    turn_rad = turns_rad(pose, next_pose).max(axis=1)
+    turn_rad = turns_rad(pose[:, _NO_LEAVES], next_pose[:, _NO_LEAVES]).max(axis=1)
     far_m = np.linalg.norm(next_trans_m - trans_m, axis=1)
     return (far_m >= CUT_M) | (turn_rad >= CUT_RAD)

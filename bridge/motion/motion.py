@@ -7,7 +7,8 @@ joints, no root, no translation). No other module packs or unpacks the 69 number
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -19,6 +20,7 @@ from bridge.errors import DsnetError
 from bridge.paper import N_JOINTS, THETA_SIZE
 
 UpAxis = Literal["y", "z"]
+Up: TypeAlias = Literal["auto", "y", "z"]
 SmoothHz: TypeAlias = float | Literal["auto"]
 """A cutoff in Hz, or what suits each moment."""
 Y_UP_FROM_Z_UP = Rotation.from_euler("x", -90, degrees=True)
@@ -39,6 +41,19 @@ LARGEST_BETA = 100.0
 """In standard deviations of people's shapes."""
 MOST_FRAMES = 108_000
 """Of a file, and of what is made of it: a quarter of an hour at 120 Hz, half an hour at 60."""
+
+
+@dataclass(frozen=True)
+class HowRead:
+    """What a user says of a file that it does not say itself, or says wrong."""
+
+    up: Up = "auto"
+    """Its vertical axis."""
+    joint_map: Mapping[str, str] = field(default_factory=dict)
+    """The file's joints by SMPL's names, where names do not tell."""
+
+
+AS_IT_SAYS = HowRead()
 
 
 def pack_theta(pose: ArrayLike, trans_m: ArrayLike) -> NDArray[np.floating]:
@@ -82,7 +97,7 @@ class Motion:
     """`female`, `male`, `neutral`, or `unknown` where the file does not say."""
     fps: float
     source_fps: float
-    """Frames per second of the file."""
+    """Frames per second of the file; nan of one that does not say, before it is prepared."""
     source: Path
     up: UpAxis = "y"
     """Vertical axis of `theta`'s root."""
@@ -92,6 +107,11 @@ class Motion:
     """Frames of the file that come before the motion, a rest pose, and are left out."""
     smooth_hz: SmoothHz | None = None
     """What was faster in the file is left out; `auto`: than what suits each moment."""
+    trans_of: Literal["z", "y", "joint"] = "z"
+    """What the file's translation is: SMPL's, where the world has z or y up, or the place of the
+    root joint itself."""
+    notes: tuple[str, ...] = ()
+    """What was odd about the file, a line each."""
 
     @property
     def pose(self) -> NDArray[np.floating]:
@@ -113,10 +133,12 @@ class Motion:
 
         SMPL turns the root about its rest position J0, so the file's root joint is at
         J0 + trans, and turning the world turns that sum: trans' = R (J0 + trans) - J0. A motion
-        that was read without J0 lacks the constant R J0 - J0.
+        that was read without J0 lacks the constant R J0 - J0; one that says where the root joint
+        is, the constant -J0.
         """
-        if self.up == "z":
+        if self.up == self.trans_of:
             return self
         joint = np.asarray(root_joint_m, dtype=np.float64)
-        shift = Y_UP_FROM_Z_UP.apply(joint) - joint
+        turned = {"z": Y_UP_FROM_Z_UP, "y": Y_UP_FROM_Z_UP.inv()}.get(self.trans_of)
+        shift = (0 if turned is None else turned.apply(joint)) - joint
         return replace(self, theta=pack_theta(self.pose, self.trans_m + shift))

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.motion.cuts import turns_rad
@@ -40,6 +41,9 @@ _GRAVITY_M_S2 = 9.81
 _FALL_HALF_S = 0.05
 _POPS_APART_S = 0.25
 _TOLD = 5
+_LYING, _STANDING = 0.3, 0.7
+"""Shares of the vertical in the direction of a trunk."""
+_FLYING_M = 2.0
 _ARMS = ("neck", "head", "collar", "shoulder", "elbow", "wrist")
 _MOST_TURNS_DEG_S = np.array(
     [
@@ -63,13 +67,15 @@ def motion_warnings(
     rate_option : the option by which the user says the right frame rate.
     smooth_option : the one that leaves noise out.
     """
-    source, fps, found = motion.source, motion.fps, []
+    source, fps, found = motion.source, motion.fps, [*motion.notes]
     trans_m = motion.trans_m
     if motion.rest_pose_frames:
         found.append(
             f"{source}: the motion begins after frame {motion.rest_pose_frames} of the file; "
             "before it stands a pose from which nobody gets there so fast"
         )
+    if said := _posture(motion):
+        found.append(said)
     if cuts := [f"{piece.start} ({piece.start / fps:.2f} s)" for piece in pieces[1:]]:
         found.append(
             f"{source} jumps at frame {_first_of(cuts)} of its {fps:g} frames a second: "
@@ -97,6 +103,23 @@ def motion_warnings(
                 f"recordings do, and shakes the tissue: {smooth_option} leaves that out"
             )
     return found
+
+
+def _posture(motion: Motion) -> str | None:
+    """Of a body that lies, hangs or flies for most of a motion, y up: where its vertical may be
+    another one."""
+    trunk = Rotation.from_rotvec(motion.pose[:, 0]).apply([0.0, 1.0, 0.0])[:, 1]
+    height_m = motion.trans_m[:, 1]
+    above_m = float(np.median(height_m - height_m.min()))
+    said = None
+    if np.median(trunk) < _LYING:
+        hangs = np.median(trunk) < -_STANDING
+        said = "hangs head down" if hangs else "lies or bends down"
+    elif above_m > _FLYING_M:
+        said = f"is {above_m:.1f} m above its lowest place"
+    if said is None:
+        return None
+    return f"{motion.source} {said} for most of it: if it should not, --up says its vertical"
 
 
 def tremor_mm(trans_m: NDArray[np.floating], fps: float) -> float:

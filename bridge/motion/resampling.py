@@ -1,9 +1,11 @@
 """Motions in time: from a file's frames to the paper's 60 fps, y up (Section 3.2), and between two.
 
-Rotations are interpolated on the sphere (SLERP, the short way) joint by joint, all else linearly;
-nothing is extrapolated beyond the last frame, and nothing is interpolated across a cut
-(`bridge.motion.cuts`). Axis-angle vectors are kept continuous in time, as those of an alignment
-that starts each frame from the one before.
+Rotations are interpolated on the sphere (SLERP, the short way) joint by joint, all else linearly.
+At a lower rate than is asked for, straight lines would be corners at which the tissue is hit sixty
+times a second: cubic splines go through those frames, of quaternions for rotations. Nothing is
+extrapolated beyond the last frame, and nothing is interpolated across a cut (`bridge.motion.cuts`).
+Axis-angle vectors are kept continuous in time, as those of an alignment that starts each frame from
+the one before.
 """
 
 from __future__ import annotations
@@ -14,15 +16,18 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from bridge.errors import DsnetError
 from bridge.motion.cuts import pieces_of
 from bridge.motion.motion import (
+    AS_IT_SAYS,
     DEFAULT_FPS,
     MOST_FRAMES,
     RATES_HZ,
     Y_UP_FROM_Z_UP,
+    HowRead,
     Motion,
     SmoothHz,
     UpAxis,
@@ -30,10 +35,11 @@ from bridge.motion.motion import (
     unpack_theta,
 )
 from bridge.motion.readers import amass, read_motion_file
-from bridge.motion.smoothing import smoothed
+from bridge.motion.smoothing import continuous_quaternions, smoothed
 
 # Files store rates such as 120.00004577636719; a last frame must not be lost to that.
 _FRAME_TOLERANCE = 1e-3
+_FEWEST_OF_SPLINE = 4
 
 
 def load_amass_motion(
@@ -50,9 +56,9 @@ def load_amass_motion(
     ----------
     root_joint_m : (3,) rest position of the root joint of the body that will be posed, metres;
         0 when None. It can be given later: `Motion.about_root_joint`.
-    up : vertical axis of the result; AMASS has z.
+    up : vertical axis of the result; AMASS's files have z, whatever the bodies do.
     """
-    motion = _prepared(amass.read(Path(path)), source_fps, fps, None, up)
+    motion = _prepared(amass.read(Path(path), HowRead(up="z")), source_fps, fps, None, up)
     return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
 
 
@@ -61,6 +67,7 @@ def load_motion_file(
     source_fps: float | None = None,
     fps: float = DEFAULT_FPS,
     smooth_hz: SmoothHz | None = None,
+    how: HowRead = AS_IT_SAYS,
 ) -> Motion:
     """Read any motion that can be followed, y up: a file of `bridge.motion.readers`, or a sample.
 
@@ -70,13 +77,14 @@ def load_motion_file(
     fps : frames per second of the result (Table 1: from 100 to 60).
     smooth_hz : leave out what is faster (`bridge.motion.smoothing`), at a cutoff or `auto`, at the
         one that suits each moment; None: nothing.
+    how : what else the user says of the file.
 
     Raises
     ------
     DsnetError
         If the file is missing, is none of these, or holds no usable motion, or a rate is none.
     """
-    return _prepared(read_motion_file(Path(path)), source_fps, fps, smooth_hz, "y")
+    return _prepared(read_motion_file(Path(path), how), source_fps, fps, smooth_hz, "y")
 
 
 def _prepared(
@@ -98,6 +106,12 @@ def _prepared(
                 "Pass the rate that it was recorded at.",
             )
         motion = replace(motion, fps=source_fps, source_fps=source_fps)
+    if np.isnan(motion.fps):
+        raise DsnetError(
+            f"{motion.source}, which does not say its rate",
+            "how many frames a second it has",
+            "Pass --motion-fps N (--amass-fps N of a folder, source_fps=N in Python).",
+        )
     if smooth_hz is not None:
         motion = smoothed(motion, smooth_hz)
     count = len(motion.theta)
@@ -108,9 +122,10 @@ def _prepared(
             "Check its rate, or cut it into several files.",
         )
     pose, trans_m, dmpls = _resample(motion, fps)
-    if up == "y":
-        pose[:, 0] = (Y_UP_FROM_Z_UP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
-        trans_m = Y_UP_FROM_Z_UP.apply(trans_m)
+    if up != motion.up:
+        turn = Y_UP_FROM_Z_UP if up == "y" else Y_UP_FROM_Z_UP.inv()
+        pose[:, 0] = (turn * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
+        trans_m = turn.apply(trans_m)
     for piece in pieces_of(pose, trans_m):
         pose[piece] = continuous_rotations(pose[piece])
     return replace(motion, theta=pack_theta(pose, trans_m), fps=float(fps), up=up, dmpls=dmpls)
@@ -151,13 +166,31 @@ def _resample(
             values = np.concatenate([values, 2 * values[-1:] - values[-2:][:1]])
         source_s = np.arange(len(pose)) / motion.fps
         at_s = np.clip(times_s[one:last] - piece.start / motion.fps, 0, source_s[-1])
-        moved = np.stack([np.interp(at_s, source_s, column) for column in values.T], axis=1)
-        if len(pose) > 1:
-            turns = [Slerp(source_s, Rotation.from_rotvec(joint)) for joint in pose.swapaxes(0, 1)]
-            pose = np.stack([slerp(at_s).as_rotvec() for slerp in turns], axis=1)
-        found.append((pose, moved))
+        is_slow = motion.fps < fps - _FRAME_TOLERANCE and len(pose) >= _FEWEST_OF_SPLINE
+        found.append((_curved if is_slow else _straight)(pose, values, source_s, at_s))
     pose, moved = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return pose, moved[:, :3], None if motion.dmpls is None else moved[:, 3:]
+
+
+def _straight(
+    pose: NDArray, values: NDArray, source_s: NDArray, at_s: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Pose (T, J, 3) and values (T, n) at other times, on straight lines and great circles."""
+    moved = np.stack([np.interp(at_s, source_s, column) for column in values.T], axis=1)
+    if len(pose) > 1:
+        turns = [Slerp(source_s, Rotation.from_rotvec(joint)) for joint in pose.swapaxes(0, 1)]
+        pose = np.stack([slerp(at_s).as_rotvec() for slerp in turns], axis=1)
+    return pose, moved
+
+
+def _curved(
+    pose: NDArray, values: NDArray, source_s: NDArray, at_s: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The same on cubic splines."""
+    turns = CubicSpline(source_s, continuous_quaternions(pose))(at_s)
+    turned = Rotation.from_quat(turns.reshape(-1, 4)).as_rotvec()
+    moved = np.asarray(CubicSpline(source_s, values)(at_s), np.float64)
+    return turned.reshape(len(at_s), -1, 3), moved
 
 
 def continuous_rotations(pose: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -2,23 +2,20 @@
 
 A joint of SMPL turns in the world as the joint of the file does that has its place:
 
-    G_j(t) = B_j(t) A_j,    local rotation = G_parent(t)^T G_j(t)
+    G_j(t) = U B_j(t) R_j,    local rotation = G_parent(t)^T G_j(t)
 
-B_j is the world rotation of the file's joint from the file's rest pose, seen along SMPL's axes, and
-A_j turns SMPL's rest pose (a T) into the file's, which may be an A or have hanging arms: the
-shortest turn from SMPL's bone to the file's, of thighs, shins, upper arms and forearms; hands go
-with forearms. Of the trunk, the head and the feet the two rest poses are taken to be alike. Joints
-that the file lacks do not turn. A skeleton that is SMPL's own, by its names, is taken as it is:
-A_j = I.
+B_j is the world rotation of the file's joint from its frame, and R_j turns SMPL's rest pose (a T)
+into that frame (`bridge.motion.rest_poses`): found by where the joints lie, so the file may rest in
+any pose. U brings the file's vertical upright; which one that is, the bodies tell that stand on it.
+Joints that the file lacks do not turn.
+
+At last the limbs of the moved body are held against the file's own joints. What disagrees is told,
+or refused where it is no matter of build.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TypeAlias
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,212 +24,255 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
-from bridge.errors import DsnetError
-from bridge.motion.motion import FARTHEST_M, Motion, pack_theta
+from bridge.motion.motion import AS_IT_SAYS, FARTHEST_M, HowRead, Motion, pack_theta
+from bridge.motion.rest_poses import Rest, leg_length, rest_turns, standing_up
+from bridge.motion.skeletons import (
+    OWN_NAMES,
+    SIDES,
+    SkeletonMotion,
+    joints_by_name,
+    unusable,
+)
 from bridge.paper import N_BETAS, N_JOINTS
 
-_SIDES = ("left", "right")
-_OF_A_SIDE = {
-    "hip": ("hip", "upleg", "thigh", "upperleg"),
-    "knee": ("knee", "leg", "shin", "lowleg", "lowerleg", "calf"),
-    "ankle": ("ankle", "foot"),
-    "foot": ("toebase", "toe", "toes", "ball", "foot"),
-    "shoulder": ("arm", "upperarm", "uparm", "shoulder", "shldr"),
-    "elbow": ("elbow", "forearm", "lowarm", "lowerarm"),
-    "wrist": ("wrist", "hand"),
-    "collar": ("collar", "clavicle", "shoulder"),
+Places = Mapping[str, NDArray[np.float64]]
+"""(S, 3) places of joints in some frames, by SMPL's names."""
+
+_SAMPLED = 240
+"""Frames by which a whole motion is judged."""
+_STANDING = 0.5
+"""Least mean share of the vertical in the directions of trunk and legs."""
+_SURELY_STANDING, _SURELY_LYING = 0.8, 0.3
+"""The same of what is believed against a rest pose that stands."""
+_SAME_FRAME_DEG = 5.0
+_STRAIGHT = 0.05
+"""Of knees, the mean sine of the bend times how much forwards they point."""
+_UPRIGHT = {
+    ("x", 1): ("z", 90), ("x", -1): ("z", -90), ("y", 1): ("x", 0),
+    ("y", -1): ("z", 180), ("z", 1): ("x", -90), ("z", -1): ("x", 90),
+}  # fmt: skip
+"""Axis and degrees that bring a vertical to y and leave the heading as it is."""
+_LINES = {
+    "hips": ("right_hip", "left_hip"),
+    "shoulders": ("right_shoulder", "left_shoulder"),
+    "trunk": ("pelvis", "neck"),
 }
-"""How files call a joint, best first; each of theirs is taken once, in this order. What is a foot
-or a shoulder depends on whether there is an ankle or an arm beside it."""
-_OF_THE_MIDDLE = {"pelvis": ("pelvis", "hips", "hip"), "neck": ("neck", "neck1"), "head": ("head",)}
-_SPINE = ("spine1", "spine2", "spine3")
-_MAY_LACK = {"collar", "foot", "head", "neck", *_SPINE}
-_ALIGNED = {"hip": "knee", "knee": "ankle", "shoulder": "elbow", "elbow": "wrist"}
-"""Joints whose bone, to the second one, is brought from one rest pose to the other."""
-_BONES = [(f"{side}_{one}", f"{side}_{end}") for one, end in _ALIGNED.items() for side in _SIDES]
-_ARMS = {f"{side}_{name}" for name in ("shoulder", "elbow") for side in _SIDES}
-_FARTHEST_FROM_T_DEG = 75.0
-_FARTHEST_ARM_DEG = 110.0
-"""Of arms and forearms, which may hang at the sides; the shortest turn then has the palms there."""
-_FRAMES_AT_ONCE = 2048
-
-Rest: TypeAlias = Mapping[str, NDArray[np.float64]]
-"""(3,) places of joints at rest, by SMPL's names."""
+_LIMBS = {
+    f"{side}_{one}": (f"{side}_{one}", f"{side}_{end}")
+    for one, end in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"),
+                     ("ankle", "foot"))
+    for side in SIDES
+}  # fmt: skip
+_TOLD_DEG = {"hips": 20.0, "shoulders": 25.0, "trunk": 25.0, "ankle": 40.0}
+_LIMB_TOLD_DEG, _REFUSED_DEG = 10.0, 60.0
+"""Median angles between a body's limb and the file's; people differ in trunk and feet."""
 
 
-@dataclass(frozen=True, eq=False)
-class SkeletonMotion:
-    """A skeleton of J joints and its motion of T frames, in a file's own unit and axes."""
-
-    path: Path
-    names: tuple[str, ...]
-    """Of the joints, parents first."""
-    parents: tuple[int, ...]
-    """Of each joint; -1 of the root."""
-    rest: NDArray[np.float64]
-    """(J, 3) places where every rotation is none; the root's is its offset."""
-    axes: tuple[str, ...]
-    """Of each joint the order of its turns, such as `ZXY`: each about the axes that it then has."""
-    angles_rad: NDArray[np.float64]
-    """(T, J, 3) in that order."""
-    root: NDArray[np.float64]
-    """(T, 3) place of the root."""
-    places: Mapping[int, NDArray[np.float64]]
-    """(T, 3) by joint below the root that has them: its place in its parent's frame."""
-    fps: float
-
-    def blocks(self) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[np.float64]]]:
-        """Frames, rotations (B, J, 3, 3) and places (B, J, 3) of the joints in the file's world."""
-        for start in range(0, len(self.root), _FRAMES_AT_ONCE):
-            frames = slice(start, min(start + _FRAMES_AT_ONCE, len(self.root)))
-            angles = self.angles_rad[frames]
-            turns, places = np.empty((*angles.shape[:2], 3, 3)), np.empty(angles.shape)
-            for joint, (parent, axes) in enumerate(zip(self.parents, self.axes, strict=True)):
-                own = Rotation.from_euler(axes, angles[:, joint]).as_matrix()
-                if parent < 0:
-                    turns[:, joint], places[:, joint] = own, self.root[frames]
-                    continue
-                turns[:, joint] = turns[:, parent] @ own
-                bone = np.broadcast_to(self.rest[joint] - self.rest[parent], (len(angles), 3))
-                bone = self.places[joint][frames] if joint in self.places else bone
-                moved = np.einsum("txy,ty->tx", turns[:, parent], bone)
-                places[:, joint] = places[:, parent] + moved
-            yield frames, turns, places
-
-
-def unusable(path: Path, flaw: str, remedy: str = "") -> DsnetError:
-    """The line that says why a file is refused."""
-    usual = "Export it with three rotations on every joint, and three positions on the root."
-    return DsnetError(f"{path}, {flaw}", "a BVH motion of a person", remedy or usual)
-
-
-def retargeted(skeleton: SkeletonMotion) -> Motion:
-    """The motion as SMPL's joints do it, for a body of the mean shape; z up, as AMASS has it.
+def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
+    """The motion as SMPL's joints do it, for a body of the mean shape; y up.
 
     The root's path is scaled by the length of the legs, which also brings the file's unit to
     metres. The file tells neither shape nor gender. A skeleton is refused that lacks a joint which
-    a body needs, or that rests neither in a T or an A nor with hanging arms.
+    a body needs, or whose joints the moved body cannot follow.
     """
-    joints = _joints_by_name(skeleton)
+    joints = joints_by_name(skeleton, how.joint_map)
     model_rest_m = shaped_joints(load_body_model("embedded:female"), np.zeros((1, N_BETAS)))[0]
     smpl_rest_m: Rest = dict(zip(SMPL_JOINT_NAMES, model_rest_m, strict=True))
-    file_rest: Rest = {name: skeleton.rest[joint] for name, joint in joints.items()}
-    upright = _axes(skeleton.path, file_rest, smpl_rest_m)
-    upright_rest = skeleton.rest @ upright.T
-    file_rest = {name: upright_rest[joint] for name, joint in joints.items()}
-    scale = _leg(smpl_rest_m) / _leg(file_rest)
-    aligned: dict[str, NDArray[np.float64]] = {}
-    own = {plain_name(name) for name in SMPL_JOINT_NAMES[:N_JOINTS]}
-    if not own <= set(map(plain_name, skeleton.names)):
-        for name, end in _BONES:
-            smpl_bone, file_bone = (rest[end] - rest[name] for rest in (smpl_rest_m, file_rest))
-            aligned[name] = _shortest_turn(smpl_bone, file_bone)
-        aligned |= {f"{side}_wrist": aligned[f"{side}_elbow"] for side in _SIDES}
+    sampled = np.linspace(0, len(skeleton.root) - 1, min(_SAMPLED, len(skeleton.root)))
+    sampled = sampled.astype(np.intp)
+    notes = list(skeleton.notes)
+    turns, places = skeleton.posed(sampled)
+    if not np.isfinite(places).all() or not leg_length(skeleton.rest, joints) > 0:
+        raise unusable(skeleton.path, "whose legs have no length")
+    if _is_mirrored(joints, places):
+        axis = int(
+            np.abs(skeleton.rest[joints["left_hip"]] - skeleton.rest[joints["right_hip"]]).argmax()
+        )
+        notes.append(
+            f"{skeleton.path} is left-handed, its feet point backwards: "
+            f"its {'xyz'[axis]} axis is taken the other way round"
+        )
+        skeleton = skeleton.mirrored(axis)
+        turns, places = skeleton.posed(sampled)
+    carriers = joints | {"pelvis": _pelvis_frame(skeleton, joints, turns)}
+    upright, said = _upright(skeleton, joints, places, how)
+    vertical = upright.T @ [0.0, 1.0, 0.0]
+    rest, told = rest_turns(skeleton, carriers, smpl_rest_m, (turns, places), vertical)
+    notes += [*said, *told]
+    _check(skeleton, smpl_rest_m, joints, _smpl_turns(upright @ turns, carriers, rest),
+           places @ upright.T, notes)  # fmt: skip
+    scale = leg_length(model_rest_m, {n: SMPL_JOINT_NAMES.index(n) for n in joints})
+    scale /= leg_length(skeleton.rest, joints)
     count = len(skeleton.root)
     pose, trans_m = np.zeros((count, N_JOINTS, 3)), np.empty((count, 3))
     for frames, turns, places in skeleton.blocks():
-        world = upright @ turns @ upright.T
         trans_m[frames] = scale * places[:, joints["pelvis"]] @ upright.T
-        found: list[NDArray[np.float64]] = []  # G_j
-        for number, name in enumerate(SMPL_JOINT_NAMES[:N_JOINTS]):
-            parent = found[SMPL_PARENTS[number]] if number else np.eye(3)
-            turn = np.broadcast_to(parent, world[:, 0].shape)
-            if name in joints:
-                turn = world[:, joints[name]] @ aligned.get(name, np.eye(3))
-            local = Rotation.from_matrix(np.swapaxes(parent, -1, -2) @ turn)
-            pose[frames, number] = local.as_rotvec()
-            found.append(turn)
+        world = _smpl_turns(upright @ turns, carriers, rest)
+        for number, parent in enumerate(SMPL_PARENTS[:N_JOINTS]):
+            local = (
+                np.swapaxes(world[:, parent], -1, -2) @ world[:, number] if number else world[:, 0]
+            )
+            pose[frames, number] = Rotation.from_matrix(local).as_rotvec()
     if (far_m := np.abs(trans_m).max()) > FARTHEST_M:
         raise unusable(skeleton.path, f"that goes {far_m:.3g} m off", "Export it near the origin.")
-    z_up = Rotation.from_euler("x", 90, degrees=True)
-    pose[:, 0] = (z_up * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
-    theta, fps = pack_theta(pose, z_up.apply(trans_m)), skeleton.fps
-    return Motion(theta, np.zeros(N_BETAS), "unknown", fps, fps, skeleton.path, up="z")
+    return Motion(
+        pack_theta(pose, trans_m), np.zeros(N_BETAS), "unknown", skeleton.fps, skeleton.fps,
+        skeleton.path, up="y", trans_of="joint", notes=tuple(notes),
+    )  # fmt: skip
 
 
-def _joints_by_name(skeleton: SkeletonMotion) -> dict[str, int]:
-    """Number of the file's joint for each of SMPL's 22 that it has."""
-    names = reversed([*enumerate(skeleton.names)])
-    free = {plain_name(name): number for number, name in names}
-    calls_of = dict(_OF_THE_MIDDLE)
-    for name, calls in _OF_A_SIDE.items():
-        for side in _SIDES:
-            calls_of[f"{side}_{name}"] = tuple(side[0] + call for call in calls)
-    found: dict[str, int] = {}
-    for name, calls in calls_of.items():
-        if call := next((call for call in calls if call in free), None):
-            found[name] = free.pop(call)
-    needed = [
-        name
-        for name in SMPL_JOINT_NAMES[:N_JOINTS]
-        if name.removeprefix("left_").removeprefix("right_") not in _MAY_LACK
-    ]
-    if missing := [name for name in needed if name not in found]:
-        has = ", ".join(skeleton.names)[:200]
-        raise unusable(
-            skeleton.path,
-            f"whose skeleton has no {', '.join(missing)} (it has {has})",
-            "Rename its joints as SMPL or Mixamo do.",
+def _smpl_turns(
+    world: NDArray, joints: Mapping[str, int], rest: Mapping[str, NDArray]
+) -> NDArray[np.float64]:
+    """(B, 22, 3, 3) world rotations G_j of SMPL's joints."""
+    found = np.empty((len(world), N_JOINTS, 3, 3))
+    for number, name in enumerate(OWN_NAMES):
+        if name in rest:
+            found[:, number] = world[:, joints[name]] @ rest[name]
+        else:
+            found[:, number] = found[:, SMPL_PARENTS[number]]
+    return found
+
+
+def _pelvis_frame(skeleton: SkeletonMotion, joints: Mapping[str, int], turns: NDArray) -> int:
+    """The joint in whose frame both hips lie still: one of no length may undo the root's turn."""
+    pelvis, (left, right) = joints["pelvis"], (
+        skeleton.parents[joints[f"{side}_hip"]] for side in SIDES
+    )  # fmt: skip
+    if left == right or _apart_deg(turns[:, left], turns[:, right]) > _SAME_FRAME_DEG:
+        return pelvis
+    return left if _apart_deg(turns[:, pelvis], turns[:, left]) > _SAME_FRAME_DEG else pelvis
+
+
+def _apart_deg(one: NDArray, other: NDArray) -> float:
+    turn = Rotation.from_matrix(np.swapaxes(one, -1, -2) @ other)
+    return float(np.degrees(np.median(turn.magnitude())))
+
+
+def _is_mirrored(joints: Mapping[str, int], places: NDArray) -> bool:
+    """Whether feet and knees point backwards, seen from where left and right are."""
+
+    def at(name: str) -> NDArray[np.float64]:
+        return places[:, joints[name]]
+
+    hips = (at("left_hip") + at("right_hip")) / 2
+    shoulders = (at("left_shoulder") + at("right_shoulder")) / 2
+    across = _unit(at("left_hip") - at("right_hip")) + _unit(
+        at("left_shoulder") - at("right_shoulder")
+    )
+    forward = _unit(np.cross(across, shoulders - hips))
+    toes, knees = [], []
+    for side in SIDES:
+        hip, knee, ankle = (at(f"{side}_{name}") for name in ("hip", "knee", "ankle"))
+        knees.append(_along(2 * knee - hip - ankle, forward) * _bent(hip, knee, ankle))
+        if f"{side}_foot" in joints:
+            shin = _unit(knee - ankle)
+            toe = at(f"{side}_foot") - ankle
+            toes.append(_along(toe - _dots(toe, shin)[:, None] * shin, forward))
+    bent = float(np.mean(knees))
+    if toes:
+        return bool(np.median(toes) < -0.5 and bent < _STRAIGHT)
+    return bent < -_STRAIGHT
+
+
+def _bent(hip: NDArray, knee: NDArray, ankle: NDArray) -> NDArray[np.float64]:
+    """Sine of how far each knee is bent."""
+    return np.linalg.norm(np.cross(_unit(knee - hip), _unit(ankle - knee)), axis=-1)
+
+
+def _along(one: NDArray, other: NDArray) -> NDArray[np.float64]:
+    return _dots(_unit(one), other)
+
+
+def _dots(one: NDArray, other: NDArray) -> NDArray[np.float64]:
+    return (one * other).sum(axis=-1)
+
+
+def _unit(vectors: NDArray) -> NDArray[np.float64]:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+
+
+def _upright(
+    skeleton: SkeletonMotion, joints: Mapping[str, int], places: NDArray, how: HowRead
+) -> tuple[NDArray[np.float64], list[str]]:
+    """(3, 3) from the file's world to y up, and what is to be said of it."""
+    rest_up = standing_up(skeleton, joints)
+    mean = standing_direction({name: places[:, joint] for name, joint in joints.items()})
+    found, notes = _axis(mean), []
+    share = float(np.abs(mean).max())
+    if how.up != "auto":
+        found = (how.up, 1)
+    elif share < _STANDING:
+        found = ("y", 1) if rest_up is None else _axis(rest_up)
+        notes.append(
+            f"{skeleton.path} stands neither along y nor z for most of the motion: "
+            f"taken as {_called(found)} up, --up says otherwise"
         )
-    return found | _spine(skeleton, found)
-
-
-def plain_name(name: str) -> str:
-    """`mixamorig:LeftUpLeg`, `upleg.L` and `L_UpLeg` as `lupleg`."""
-    name = name.rpartition(":")[2]
-    name = re.sub(r"^([mf]_avg_|mixamorig\d*_?|bip\d*[ _]?)", "", name, flags=re.IGNORECASE)
-    if of_side := re.fullmatch(r"(.+)[._ ](l|r|left|right)", name, flags=re.IGNORECASE):
-        name = of_side[2] + of_side[1]
-    return re.sub(r"^(l|r)(eft|ight)", r"\1", re.sub(r"[^a-z0-9]", "", name.lower()))
-
-
-def _spine(skeleton: SkeletonMotion, found: Mapping[str, int]) -> dict[str, int]:
-    """Of the joints between pelvis and neck the lowest, the middle and the highest."""
-    joint = skeleton.parents[found.get("neck", found.get("head", found["left_shoulder"]))]
-    between: list[int] = []
-    while joint >= 0 and joint != found["pelvis"]:
-        between.insert(0, joint)
-        joint = skeleton.parents[joint]
-    between = [joint for joint in between if joint not in found.values()]
-    if not between:
-        return {}
-    if len(between) == 1:
-        return {_SPINE[1]: between[0]}
-    if len(between) == 2:
-        return {_SPINE[0]: between[0], _SPINE[2]: between[1]}
-    return dict(zip(_SPINE, (between[0], between[len(between) // 2], between[-1]), strict=True))
-
-
-def _axes(path: Path, file_rest: Rest, smpl_rest_m: Rest) -> NDArray[np.float64]:
-    """(3, 3) from the file's axes to SMPL's: of the 24 turns of a cube the one that fits best."""
-    own = np.array([place - file_rest["pelvis"] for place in file_rest.values()])
-    smpl = np.array([smpl_rest_m[name] - smpl_rest_m["pelvis"] for name in file_rest])
-    turns = Rotation.create_group("O").as_matrix()
-    fits = np.einsum("nxy,ix,iy->n", turns, smpl, own / max(np.abs(own).max(), 1e-30))
-    upright = turns[fits.argmax()]
-    for name, end in [("pelvis", "left_shoulder"), *_BONES]:
-        file_bone = upright @ (file_rest[end] - file_rest[name])
-        bone = smpl_rest_m[end] - smpl_rest_m[name]
-        lengths = np.linalg.norm(file_bone) * np.linalg.norm(bone)
-        cosine = np.clip(file_bone @ bone / lengths, -1, 1) if lengths else -1.0
-        farthest_deg = _FARTHEST_ARM_DEG if name in _ARMS else _FARTHEST_FROM_T_DEG
-        if (angle := np.degrees(np.arccos(cosine))) > farthest_deg:
-            raise unusable(
-                path,
-                f"at rest with {name} to {end} {angle:.0f} degrees from a T-pose",
-                "Export it with a T-pose or an A-pose as rest pose, or with hanging arms.",
+    elif rest_up is not None and _axis(rest_up) != found:
+        own, sign = _axis(rest_up)
+        if share < _SURELY_STANDING or sign * mean["xyz".index(own)] > _SURELY_LYING:
+            found = (own, sign)
+        else:
+            notes.append(
+                f"{skeleton.path} rests with {_called((own, sign))} up and moves with "
+                f"{_called(found)} up, which is believed: --up says otherwise"
             )
-    return upright
+    return upright_turn(*found), notes
 
 
-def _leg(rest: Rest) -> float:
-    hip, knee, ankle = (rest[f"left_{name}"] for name in ("hip", "knee", "ankle"))
-    return float(np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee))
+def standing_direction(places: Mapping[str, NDArray]) -> NDArray[np.float64]:
+    """(3,) mean direction of trunk and legs, of places (S, 3) by SMPL's names; shorter than 1
+    where it changes."""
+
+    def middle(name: str) -> NDArray[np.float64]:
+        return 0.5 * (places[f"left_{name}"] + places[f"right_{name}"])
+
+    hips = middle("hip")
+    body = _unit(middle("shoulder") - hips) + _unit(hips - middle("ankle"))
+    return 0.5 * body.mean(axis=0)
 
 
-def _shortest_turn(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) rotation of one direction into another, less than half a turn away."""
-    start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
-    axis, cosine = np.cross(start, end), float(start @ end)
-    cross = np.cross(np.eye(3), axis)
-    return np.eye(3) + cross + cross @ cross / (1 + cosine)
+def upright_turn(axis: str, sign: int) -> NDArray[np.float64]:
+    """(3, 3) that brings a vertical to y and leaves the heading as it is."""
+    about, degrees = _UPRIGHT[axis, sign]
+    return Rotation.from_euler(about, degrees, degrees=True).as_matrix().round(12)
+
+
+def _axis(direction: NDArray) -> tuple[str, int]:
+    axis = int(np.abs(direction).argmax())
+    return "xyz"[axis], int(np.sign(direction[axis])) or 1
+
+
+def _called(axis: tuple[str, int]) -> str:
+    return axis[0] if axis[1] > 0 else f"-{axis[0]}"
+
+
+def _check(
+    skeleton: SkeletonMotion,
+    smpl_rest_m: Rest,
+    joints: Mapping[str, int],
+    world: NDArray,
+    places: NDArray,
+    notes: list[str],
+) -> None:
+    """Hold limbs and lines of the moved body (S, 22, 3, 3) against the file's (S, J, 3)."""
+    moved = np.zeros((len(world), N_JOINTS, 3))
+    for number, parent in enumerate(SMPL_PARENTS[:N_JOINTS]):
+        if number:
+            bone = smpl_rest_m[OWN_NAMES[number]] - smpl_rest_m[OWN_NAMES[parent]]
+            moved[:, number] = moved[:, parent] + world[:, parent] @ bone
+    found: dict[str, float] = {}
+    for name, (one, end) in (_LINES | _LIMBS).items():
+        if one in joints and end in joints:
+            theirs = places[:, joints[end]] - places[:, joints[one]]
+            ours = moved[:, OWN_NAMES.index(end)] - moved[:, OWN_NAMES.index(one)]
+            cosine = np.clip(_along(theirs, _unit(ours)), -1, 1)
+            found[name] = float(np.degrees(np.median(np.arccos(cosine))))
+    most = {name: _TOLD_DEG.get(name.rpartition("_")[2], _LIMB_TOLD_DEG) for name in found}
+    odd = [name for name, angle in found.items() if angle > most[name]]
+    said = ", ".join(f"{name} by {found[name]:.0f} degrees" for name in odd)
+    if any(found[name] > _REFUSED_DEG for name in odd):
+        remedy = "Export it with a T-pose as rest pose, or say by --joint-map which joint is which."
+        raise unusable(skeleton.path, f"whose joints a body cannot follow: off are {said}", remedy)
+    if odd:
+        notes.append(f"{skeleton.path} is followed with limbs that differ from its own: {said}")

@@ -59,7 +59,7 @@ def smoothed(motion: Motion, smooth_hz: SmoothHz) -> Motion:
             cutoff_hz = noise_cutoff_hz(pose[piece], trans_m[piece], motion.fps)
         else:
             cutoff_hz = smooth_hz
-        turns = _calmed(_continuous_quaternions(pose[piece]), cutoff_hz, motion.fps)
+        turns = _calmed(continuous_quaternions(pose[piece]), cutoff_hz, motion.fps)
         rotations = Rotation.from_quat(turns.reshape(-1, 4))
         pose[piece] = rotations.as_rotvec().reshape(pose[piece].shape)
         trans_m[piece] = _calmed(trans_m[piece], cutoff_hz, motion.fps)
@@ -143,7 +143,7 @@ def _low_passed(values: NDArray[np.floating], hz: float, fps: float) -> NDArray[
     return np.asarray(sosfiltfilt(sections, values, axis=0, padlen=padded))
 
 
-def _continuous_quaternions(pose: NDArray[np.floating]) -> NDArray[np.floating]:
+def continuous_quaternions(pose: NDArray[np.floating]) -> NDArray[np.floating]:
     """(T, J, 4) of rotations (T, J, 3); of q and -q, the one nearer to the frame before."""
     turns = Rotation.from_rotvec(pose.reshape(-1, 3)).as_quat().reshape(*pose.shape[:2], 4)
     opposite = (turns[1:] * turns[:-1]).sum(axis=-1) < 0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -15,27 +16,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.body.posing import Smpl, shaped_joints, shaped_vertices
+from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.errors import DsnetError, did_you_mean, notify
 from bridge.markers.poses import bony_pose
 from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import REMEDY, Lap, close_lap
+from bridge.motion.motion import HowRead, Up
+from bridge.motion.skeletons import read_joint_map
 from bridge.motion.smoothing import described
 from bridge.options import Bounds, PositiveFloat, check_options
 from bridge.paper import N_BETAS
 from bridge.runtime.load_model import TrainedModel
-from bridge.runtime.moving_body import MovingBody, place_motion
+from bridge.runtime.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
 
 Floor = Literal["keep", "shift", "scale"]
 GAINS = Bounds(0, 20)
 """What a gain may be."""
-_SOLE_PERCENTILE = 1.0
-"""Of the lowest points of all frames: a single bad frame does not lift the motion."""
 _LEGS = ("left_hip", "right_hip")
-_FEET = ("left_ankle", "right_ankle", "left_foot", "right_foot")
-_EVERY = 8
-"""Vertices of the rest of the body, of which fewer are looked at than of the feet."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +59,11 @@ class Controls:
     """`bony`: the chest follows the file's markers on bone; a pose that was fitted to all of them,
     as AMASS's, holds part of the bounce, which predicted flesh would then count twice."""
     motion_fps: PositiveFloat | None = None
-    """Frames per second of the motion file, where what it says of itself is wrong."""
+    """Frames per second of the motion file, where it says none or a wrong one."""
+    up: Up = "auto"
+    """Vertical axis of the motion file; `auto`: the one along which its bodies stand."""
+    joint_map: Path | None = None
+    """Text file that says which joint of a BVH is which, `left_hip = Bip01 L Thigh` a line."""
     smooth_hz: PositiveFloat | Literal["auto"] | None = None
     """Leave out what is faster in the motion: the noise of a recording shakes the skin. `auto`
     finds the cutoff that suits each moment."""
@@ -91,7 +93,13 @@ class Controls:
     def given(self) -> dict[str, Any]:
         """Those that are not left at their default, by name."""
         own = {field.name: field.default for field in fields(Controls)}
-        return {n: getattr(self, n) for n, default in own.items() if getattr(self, n) != default}
+        given = {n: getattr(self, n) for n, default in own.items() if getattr(self, n) != default}
+        return {n: str(said) if isinstance(said, Path) else said for n, said in given.items()}
+
+    def how_read(self) -> HowRead:
+        """What they say of the motion file."""
+        names = {} if self.joint_map is None else read_joint_map(self.joint_map)
+        return HowRead(self.up, names)
 
     def asked_betas(self, body: BodyModelData) -> NDArray[np.float64] | None:
         """(10,) betas of the shape that is asked for; None where the motion's own is meant."""
@@ -231,18 +239,9 @@ def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own: Motion)
         return motion
     if floor == "scale":
         motion = _strides_fitted(motion, body, own)
-    low_m = np.percentile(lowest_points_m(motion, body), _SOLE_PERCENTILE)
+    low_m = np.percentile(lowest_points_m(motion, body), SOLE_PERCENTILE)
     pose, trans_m = unpack_theta(motion.theta)
     return replace(motion, theta=pack_theta(pose, trans_m - [0.0, low_m, 0.0]))
-
-
-def lowest_points_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:
-    """(T,) height of the body's lowest point in each frame, without skin offsets."""
-    feet = body.weights[:, [SMPL_JOINT_NAMES.index(name) for name in _FEET]].sum(axis=1) > 0.5
-    looked_at = feet | (np.arange(len(feet)) % _EVERY == 0)
-    person = Smpl(body, np.flatnonzero(looked_at), np.float64).person(motion.betas)
-    places_m = person.pose(*unpack_theta(np.asarray(motion.theta, np.float64)))
-    return places_m[..., 1].min(axis=1)
 
 
 def leg_length_m(body: BodyModelData, betas: NDArray) -> float:

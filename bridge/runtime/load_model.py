@@ -16,6 +16,7 @@ from bridge.body import BodyModelData, load_body_model
 from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX
 from bridge.errors import DsnetError, did_you_mean
 from bridge.motion import Motion, load_motion_file
+from bridge.motion.motion import AS_IT_SAYS, HowRead
 from bridge.motion.smoothing import SmoothHz
 from bridge.runs import Artifact, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
@@ -121,14 +122,15 @@ def load_for_motion(
     path: Path,
     motion_fps: float | None = None,
     smooth_hz: SmoothHz | None = None,
+    how: HowRead = AS_IT_SAYS,
 ) -> tuple[TrainedModel, Motion]:
     """A predictor, and the motion of a file as it has it; without a run, of the motion's gender.
 
     A run that cannot predict is told before the file is read. `motion_fps` is the file's rate,
-    where what it says of itself is wrong; what is faster than `smooth_hz` is left out.
+    where it says none or a wrong one; what is faster than `smooth_hz` is left out.
     """
     trained = None if run is None else load_model(run, predictor)
-    motion = load_motion_file(path, motion_fps, smooth_hz=smooth_hz)
+    motion = load_motion_file(path, motion_fps, smooth_hz=smooth_hz, how=how)
     return trained or load_model(None, predictor, motion.gender), motion
 
 

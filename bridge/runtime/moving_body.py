@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
+from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl
 from bridge.errors import DsnetError, notify
 from bridge.markers.poses import flesh_in_pose
@@ -27,6 +28,12 @@ from bridge.runs.workers import progress
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.stepping import Prediction, predict_loop, predict_whole
 
+SOLE_PERCENTILE = 1.0
+"""Of the lowest points of all frames: a single bad frame does not lift the motion."""
+_FEET = ("left_ankle", "right_ankle", "left_foot", "right_foot")
+_EVERY = 8
+"""Vertices of the rest of the body, of which fewer are looked at than of the feet."""
+_TOLD_FLOOR_M, _FLOOR_FRAMES = 0.03, 120
 LARGEST_BODY_M = 10.0
 """A shape larger than this is no person's."""
 
@@ -128,6 +135,16 @@ class MovingBody:
         flesh = [] if "pose" in self.controls else flesh_in_pose(self.motion)
         for warning in (*motion_warnings(self.motion, self.pieces), *flesh):
             notify(warning)
+        if "floor" in self.controls:
+            return
+        sampled = self.motion.theta[:: max(1, len(self) // _FLOOR_FRAMES)]
+        lowest_m = lowest_points_m(replace(self.motion, theta=sampled), self.body)
+        if abs(low_m := np.percentile(lowest_m, SOLE_PERCENTILE)) > _TOLD_FLOOR_M:
+            how = "floats above" if low_m > 0 else "sinks into"
+            notify(
+                f"{self.motion.source} {how} the floor by {100 * abs(low_m):.0f} cm at its lowest: "
+                "--floor shift puts it there"
+            )
 
 
 def place_motion(
@@ -152,3 +169,12 @@ def place_motion(
             "Check the file's betas and trans; --betas gives another shape.",
         )
     return motion.about_root_joint((body.J_regressor @ rest)[0])
+
+
+def lowest_points_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:
+    """(T,) height of the body's lowest point in each frame, without skin offsets."""
+    feet = body.weights[:, [SMPL_JOINT_NAMES.index(name) for name in _FEET]].sum(axis=1) > 0.5
+    looked_at = feet | (np.arange(len(feet)) % _EVERY == 0)
+    person = Smpl(body, np.flatnonzero(looked_at), np.float64).person(motion.betas)
+    places_m = person.pose(*unpack_theta(np.asarray(motion.theta, np.float64)))
+    return places_m[..., 1].min(axis=1)

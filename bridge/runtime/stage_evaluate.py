@@ -14,6 +14,7 @@ from bridge.markers.marker_files import pose_file, read_markers
 from bridge.markers.page import write_comparisons
 from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.measure.evaluation import evaluate_run
+from bridge.motion.motion import HowRead
 from bridge.options import PositiveFloat
 from bridge.runs import Run
 from bridge.runtime.load_model import load_for_motion
@@ -69,7 +70,8 @@ def main(config: EvaluateConfig) -> None:
 def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     """Compare what a predictor makes of a motion with the markers of that motion."""
     run = None if config.run is None else Run(config.run)
-    trained, motion = load_for_motion(run, None, pose_file(markers), config.motion_fps)
+    how = HowRead(up="z")
+    trained, motion = load_for_motion(run, None, pose_file(markers), config.motion_fps, how=how)
     motion = place_motion(motion, trained.body)
     moving = MovingBody(trained, motion)
     found = read_markers(markers, motion.source_fps, motion.duration_s)

@@ -34,7 +34,7 @@ class PredictConfig(Controls):
     predictor: str | None = None
     """Which of the run's; its best when left out: `dsnet_plus` if the run has it."""
     motion: Path | None = None
-    """One AMASS `.npz`, a BVH, or `sample:walking`."""
+    """One motion: AMASS `.npz`, BVH and others (docs/motion_files.md), or `sample:walking`."""
     out: Path | None = None
     """Folder to write: a new or empty one, or that of an earlier prediction."""
     strip: bool = True
@@ -99,7 +99,9 @@ def predict_motion(
     """
     path, out, controls = Path(path), Path(out), controls or Controls()
     controls.check()
-    trained, motion = load_for_motion(run, predictor, path, controls.motion_fps, controls.smooth_hz)
+    trained, motion = load_for_motion(
+        run, predictor, path, controls.motion_fps, controls.smooth_hz, controls.how_read()
+    )
     moving = controlled_body(trained, motion, controls)
     motion = moving.motion
     with open_out_folder(out, trained.origin) as writer:

@@ -21,11 +21,10 @@ from bridge.markers.poses import bony_pose, flesh_in_pose
 from bridge.measure.pipelines import MotionArrays
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.motion import DEFAULT_FPS
+from bridge.motion.motion import AS_IT_SAYS, DEFAULT_FPS, HowRead, SmoothHz
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import subject_and_motion
 from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
-from bridge.motion.smoothing import SmoothHz
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
@@ -91,6 +90,7 @@ def open_repertoire(
     motion_fps: float | None = None,
     smooth_hz: SmoothHz | None = None,
     bony: bool = False,
+    how: HowRead = AS_IT_SAYS,
 ) -> Repertoire:
     """Everything that can be shown with a run's predictors, or with the packaged one.
 
@@ -98,10 +98,11 @@ def open_repertoire(
     ----------
     path : a motion to be shown first, of any format that is read, or a sample.
     bony : its chest follows the file's markers on bone.
+    how : what is said of the file besides.
     """
     given = None
     if path is not None:
-        given = load_motion_file(path, motion_fps, smooth_hz=smooth_hz)
+        given = load_motion_file(path, motion_fps, smooth_hz=smooth_hz, how=how)
     gender = "unknown" if given is None else given.gender
     best = load_model(run, None, gender)
     if given is not None:

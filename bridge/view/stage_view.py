@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from bridge.errors import notify
+from bridge.motion.motion import Up
 from bridge.options import Bounds, PositiveFloat, check_options
 from bridge.runs import Run
 
@@ -28,6 +29,10 @@ class ViewConfig:
     """Frames per second of the motion file, where what it says of itself is wrong."""
     smooth_hz: PositiveFloat | Literal["auto"] | None = None
     """Leave out what is faster in the motion file."""
+    up: Up = "auto"
+    """Vertical axis of the motion file; `auto`: the one along which its bodies stand."""
+    joint_map: Path | None = None
+    """Text file that says which joint of a BVH is which, `left_hip = Bip01 L Thigh` a line."""
     pose: Literal["file", "bony"] = "file"
     """`bony`: the chest follows the motion file's markers on bone."""
     port: Annotated[int, Bounds(0, 65535)] = 8080
@@ -41,13 +46,16 @@ def main(config: ViewConfig) -> None:
     """Serve the page until it is interrupted."""
     check_options(config)
     # Late: what moves bodies takes a second to load.
+    from bridge.runtime.controls import Controls
     from bridge.view.repertoire import open_repertoire
     from bridge.view.scene import Scene
     from bridge.view.server import serving
 
     run = None if config.run is None else Run(config.run)
-    bony = config.pose == "bony"
-    repertoire = open_repertoire(run, config.motion, config.motion_fps, config.smooth_hz, bony)
+    how = Controls(up=config.up, joint_map=config.joint_map).how_read()
+    repertoire = open_repertoire(
+        run, config.motion, config.motion_fps, config.smooth_hz, config.pose == "bony", how
+    )
     with serving(Scene(repertoire), config.port) as address:
         notify(f"{repertoire.owner}: open {address} in a browser; Ctrl-C ends it")
         threading.Event().wait()

@@ -23,7 +23,7 @@ _CALLED = (
 
 _FEW = {
     "corpus": ("--subjects 1 --mean-frames 60 --mosh-seconds 1", {}),
-    "align": ("--steps 4 --first-frame-steps 40 --shape-steps 60", {}),
+    "align": ("--steps 4", {"first_frame_steps": 40, "shape_steps": 60}),
     "train-ae": ("--steps 4", {"validate_every": 2}),
     "encode": ("", {}),
     "train": (

@@ -8,11 +8,17 @@ from typing import Any
 import numpy as np
 
 
+def _standing(frames: int, width: int) -> dict[str, np.ndarray]:
+    """A T that stands on the floor, z up."""
+    poses, trans = np.zeros((frames, width)), np.zeros((frames, 3))
+    poses[:, 0], trans[:, 2] = np.pi / 2, 0.86
+    return {"poses": poses, "trans": trans}
+
+
 def smplh(frames: int = 5, fps: float = 120.0) -> dict[str, Any]:
-    """The keys of an SMPL-H file, at rest; gender is stored as bytes."""
+    """The keys of an SMPL-H file, in a T; gender is stored as bytes."""
     return {
-        "poses": np.zeros((frames, 156)),
-        "trans": np.zeros((frames, 3)),
+        **_standing(frames, 156),
         "betas": np.linspace(-1, 1, 16),
         "dmpls": np.zeros((frames, 8)),
         "gender": np.bytes_(b"female"),
@@ -23,7 +29,7 @@ def smplh(frames: int = 5, fps: float = 120.0) -> dict[str, Any]:
 
 
 def smplx(frames: int = 5, fps: float = 120.0) -> dict[str, Any]:
-    """The keys of a `stageii` file, at rest; the markers are a pickled dictionary."""
+    """The keys of a `stageii` file, in a T; the markers are a pickled dictionary."""
     return {
         "gender": "female",
         "surface_model_type": "smplx",
@@ -32,8 +38,7 @@ def smplx(frames: int = 5, fps: float = 120.0) -> dict[str, Any]:
         "markers_latent": np.zeros((2, 3)),
         "latent_labels": np.array(["ARIEL", "C7"]),
         "markers_latent_vids": np.array({"ARIEL": 8969, "C7": 3832}, dtype=object),
-        "trans": np.zeros((frames, 3)),
-        "poses": np.zeros((frames, 165)),
+        **_standing(frames, 165),
         "betas": np.linspace(-1, 1, 16),
         "num_betas": 16,
         "root_orient": np.zeros((frames, 3)),
@@ -47,8 +52,7 @@ def smplx(frames: int = 5, fps: float = 120.0) -> dict[str, Any]:
 def smpl(frames: int = 5, fps: float = 120.0) -> dict[str, Any]:
     """An SMPL file of 72 numbers a frame and ten shape coefficients."""
     return {
-        "poses": np.zeros((frames, 72)),
-        "trans": np.zeros((frames, 3)),
+        **_standing(frames, 72),
         "betas": np.linspace(-1, 1, 10),
         "gender": np.array("female"),
         "mocap_framerate": fps,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tempfile
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +12,9 @@ from hypothesis import strategies as st
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.smpl_files import load_dmpl_directions
-from bridge.motion import load_amass_motion, load_motion_file
+from bridge.motion import load_motion_file
 from tests.forged import amass, bvh
+from tests.forged.motion_kinds import KINDS
 from tests.fuzz.mutations import Draw, Files, damaged, damaged_npz
 
 _BODY = load_body_model("embedded:female")
@@ -19,6 +22,9 @@ _BODY = load_body_model("embedded:female")
 
 @st.composite
 def files(draw: Draw) -> Files:
+    """AMASS's in most cases, else pickles, torch files, places of joints and other arrays."""
+    if draw(st.integers(0, 2)) == 0:
+        return draw(_damaged_kinds({".npz", ".smpl", ".pkl", ".pt", ".npy"}))
     forge = draw(st.sampled_from((amass.smplh, amass.smplx, amass.smpl)))
     arrays = {
         name: np.asarray(value)
@@ -30,8 +36,9 @@ def files(draw: Draw) -> Files:
 
 
 def read(folder: Path) -> None:
-    """As a motion at 60 fps."""
-    load_amass_motion(folder / "motion.npz")
+    """As a motion at 60 fps, at a rate that the user says."""
+    (path,) = folder.iterdir()
+    load_motion_file(path, 60.0)
 
 
 @st.composite
@@ -50,7 +57,10 @@ def read_dmpl(folder: Path) -> None:
 
 @st.composite
 def bvh_files(draw: Draw) -> Files:
-    """Of SMPL's skeleton, or of one whose joints are called otherwise; some with all positions."""
+    """Of SMPL's skeleton, or of one whose joints are called otherwise; some with all positions; and
+    of every kind."""
+    if draw(st.booleans()):
+        return draw(_damaged_kinds({".bvh"}))
     frames = draw(st.integers(1, 4))
     rest = _BODY.J_regressor @ _BODY.v_template
     names = draw(st.sampled_from((SMPL_JOINT_NAMES, [f"joint{n}" for n in range(24)])))
@@ -61,6 +71,15 @@ def bvh_files(draw: Draw) -> Files:
     return {"motion.bvh": damaged(draw, whole.encode())}
 
 
-def read_bvh(folder: Path) -> None:
-    """As a motion of SMPL's joints."""
-    load_motion_file(folder / "motion.bvh")
+@st.composite
+def _damaged_kinds(draw: Draw, suffixes: set[str]) -> Files:
+    names = [kind.file for kind in KINDS if Path(kind.file).suffix in suffixes]
+    name = draw(st.sampled_from(names))
+    return {name: damaged(draw, _whole(name))}
+
+
+@cache
+def _whole(name: str) -> bytes:
+    (kind,) = (kind for kind in KINDS if kind.file == name)
+    with tempfile.TemporaryDirectory() as folder:
+        return kind.write(Path(folder)).read_bytes()

@@ -34,7 +34,7 @@ READERS = {
     "smpl_npz": Reader("bodies", files_name="npz_files"),
     "smpl_pickle": Reader("bodies", files_name="pickle_files"),
     "amass": Reader("motions"),
-    "bvh": Reader("motions", "read_bvh", "bvh_files"),
+    "bvh": Reader("motions", files_name="bvh_files"),
     "dmpl": Reader("motions", "read_dmpl", "dmpl_files"),
     "dyna": Reader("meshes"),
     "artifact": Reader("artifacts"),

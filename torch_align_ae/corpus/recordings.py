@@ -180,6 +180,9 @@ def real_recordings(
     for row, (path, kind) in enumerate(_kinds(files)):
         stored = read_motion_file(path)
         fps = source_fps or stored.fps
+        if np.isnan(fps):
+            notify(f"{path}: left out; it does not say its rate, --amass-fps does")
+            continue
         frames = min(len(stored.pose), int(longest_s * fps) + 1)
         if jumps := find_cuts(stored.pose[:frames], stored.trans_m[:frames]):
             frames = jumps[0]

@@ -1,7 +1,7 @@
 """Files of motions: one module a format, and which files of a folder are motions.
 
 A new format is a module here and its line in `READERS`. The order is that in which they are asked;
-what none of them knows is refused in the words of the first.
+what none of them knows is refused by its name.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Protocol
 from numpy.typing import NDArray
 
 from bridge.errors import DsnetError, notify
-from bridge.motion.motion import Motion
-from bridge.motion.readers import amass, bvh, mosh
+from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
+from bridge.motion.readers import amass, bvh, joints, mosh, pickles
 
 
 class MotionReader(Protocol):
@@ -30,8 +30,10 @@ class MotionReader(Protocol):
         """Whether a file is for this reader: by its name, or by its first bytes."""
         ...
 
-    def read(self, path: Path) -> Motion:
-        """Read and check it; `DsnetError` if it is missing or holds no usable motion."""
+    def read(self, path: Path, how: HowRead) -> Motion:
+        """Read and check it; `DsnetError` if it is missing or holds no usable motion.
+
+        `how` is what the user says of it: its vertical axis, its joints."""
         ...
 
     def gender_of(self, path: Path) -> str | None:
@@ -43,24 +45,56 @@ READERS: dict[str, MotionReader] = {
     "amass": amass,
     "bvh": bvh,
     "moshpp": mosh,
+    "video": pickles,
+    "joints": joints,
 }
 """By the names that a synthetic corpus's motions begin with if real people made them."""
 
 
-def format_of(path: Path) -> str:
-    """Whose file it is, of `READERS`."""
-    return next((name for name, one in READERS.items() if one.sniff(path)), next(iter(READERS)))
+_NOT_READ = {
+    "an FBX scene": (".fbx",),
+    "a glTF scene": (".glb", ".gltf", ".vrm"),
+    "a scene of USD, Alembic, Collada, Maya or Blender": (
+        ".usd", ".usda", ".usdc", ".usdz", ".abc", ".dae", ".ma", ".mb", ".blend",
+    ),
+    "markers, not joints": (".c3d", ".trc"),
+    "Acclaim's skeleton or motion": (".asf", ".amc"),
+    "a motion of MikuMikuDance": (".vmd", ".pmx"),
+    "a recording of Xsens, Motive or OpenSim": (".mvnx", ".tak", ".mot", ".sto", ".osim"),
+    "keypoints or a table": (".json", ".csv", ".mat", ".h5", ".hdf5"),
+    "an archive": (".zip", ".tar", ".gz", ".bz2", ".7z", ".rar"),
+}  # fmt: skip
+"""What people have and is no motion file that is read: by the ends of names."""
 
 
-def read_motion_file(path: Path) -> Motion:
-    """A motion as its file holds it, whatever the format, at the file's rate, z up.
+def format_of(path: Path) -> str | None:
+    """Whose file it is, of `READERS`; None of no reader's."""
+    return next((name for name, one in READERS.items() if one.sniff(path)), None)
+
+
+def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
+    """A motion as its file holds it, whatever the format, at the file's rate and with its vertical.
 
     Raises
     ------
     DsnetError
         If the file is missing, is of no format that is read, or holds no usable motion.
     """
-    return READERS[format_of(path)].read(path)
+    name = format_of(path)
+    if how.joint_map and name != "bvh":
+        raise DsnetError(
+            f"--joint-map with {path}", "it with a BVH, whose joints have names", "Leave it out."
+        )
+    if name is not None:
+        return READERS[name].read(path, how)
+    if not path.is_file():
+        return amass.read(path, how)  # which says that there is none, or that it is a folder
+    kind = (what for what, ends in _NOT_READ.items() if path.suffix.lower() in ends)
+    raise DsnetError(
+        f"{path}, {next(kind, 'a file of type ' + (path.suffix or 'unknown'))}, which is not read",
+        "a motion of AMASS's kind (.npz, .smpl, .pkl, .pt), BVH, or places of joints (.npy)",
+        "Unpack it." if path.suffix in _NOT_READ["an archive"] else "Export BVH, or poses as .npz.",
+    )
 
 
 def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> list[Path]:
@@ -74,11 +108,12 @@ def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> l
     suffixes = [suffix for reader in READERS.values() for suffix in reader.SUFFIXES]
     other = {"female": "male", "male": "female"}.get(gender)
     taken, motions, left_out = set(known), [], Counter[str]()
-    for path in sorted(path for path in folder.rglob("*") if path.suffix in suffixes):
+    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes):
         name = "_".join(subject_and_motion(path))
-        stated = READERS[format_of(path)].gender_of(path)
+        stated = next(one.gender_of(path) for one in READERS.values() if one.sniff(path))
         if stated is None:
-            left_out["without poses"] += 1
+            # Other pickles and arrays than motions are everywhere.
+            left_out.update(["without poses"] * (path.suffix in amass.SUFFIXES))
         elif stated == other:
             left_out[f"of {other} bodies"] += 1
         elif name in taken:

@@ -15,8 +15,8 @@ import numpy as np
 
 from bridge.body.safe_pickle import as_array, load_restricted
 from bridge.errors import DsnetError
-from bridge.motion.motion import MOST_FRAMES, Motion
-from bridge.motion.readers.amass import gender_in, motion_of
+from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
+from bridge.motion.readers.smpl_arrays import gender_in, motion_of
 from bridge.runs.untrusted import damage_refused, open_regular
 
 SUFFIXES = (".pkl",)
@@ -30,10 +30,10 @@ _ARRAYS = {"fullpose": "poses", "trans": "trans", "betas": "betas", "dmpls": "dm
 
 def sniff(path: Path) -> bool:
     """By its name."""
-    return path.suffix in SUFFIXES
+    return path.suffix in SUFFIXES and path.stem.endswith(_NAME)
 
 
-def read(path: Path) -> Motion:
+def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file."""
     fields = load_fields(path)
     with damage_refused(partial(unreadable, path), RecursionError):
@@ -45,7 +45,7 @@ def read(path: Path) -> Motion:
             every = every if isinstance(every, int) and every > 0 else 1
             number = rate if isinstance(rate, (int, float)) else as_array(rate).item()
             arrays["mocap_frame_rate"] = np.array(float(number) / every)
-    return motion_of(path, arrays)
+    return motion_of(path, arrays, how)
 
 
 def gender_of(path: Path) -> str | None:

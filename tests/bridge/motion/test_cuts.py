@@ -126,7 +126,7 @@ def test_resampling_keeps_to_one_side_of_a_cut(tmp_path, rate):
 def test_a_frame_astray_between_two_samples_is_gone(tmp_path):
     poses = np.zeros((121, 156))
     poses[51, 1] = np.pi
-    path = save(tmp_path / "astray.npz", smplh(121, 120.0), poses=poses)
+    path = save(tmp_path / "astray.npz", smplh(121, 120.0), poses=poses, trans=np.zeros((121, 3)))
     motion = load_amass_motion(path, up="z")
     np.testing.assert_allclose(motion.theta, np.zeros((61, 69)), atol=1e-12)
     assert motion.dmpls is not None

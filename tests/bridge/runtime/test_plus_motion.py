@@ -94,7 +94,7 @@ def test_after_a_cut_a_motion_is_predicted_as_by_itself(cut_motion, plus_run, tm
     whole, parts = cut_motion
     said, made = predict(plus_run, whole, tmp_path / "whole", capsys)
     assert "cut.npz jumps at frame 40 (0.67 s) of its 60 frames a second" in said
-    assert said.count("\n") == 2
+    assert said.count("\n") == 3
     assert made.manifest["starts_anew_at"] == [40]
     alone = [predict(plus_run, part, tmp_path / part.stem, capsys)[1] for part in parts]
     for name in ("offsets", "vertices"):
@@ -109,7 +109,7 @@ def test_a_rate_that_cannot_be_right_is_told_and_corrected(plus_run, tmp_path, c
     with np.load(hopping(tmp_path / "hop.npz", 121)) as stored:
         fast = save(tmp_path / "fast.npz", {**stored, "mocap_framerate": 180.0})
     said, made = predict(plus_run, fast, tmp_path / "fast", capsys)
-    assert said.count("\n") == 3
+    assert said.count("\n") == 4
     assert "fast.npz falls with" in said
     assert "fast.npz moves faster than anybody can: root at" in said
     assert "at its 180 frames a second" in said

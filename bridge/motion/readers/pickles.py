@@ -1,0 +1,159 @@
+"""Pickles and torch files of generators and of models that see people in videos.
+
+AIST++ (`smpl_poses`, `smpl_trans`, `smpl_scaling`, 60 frames a second), WHAM (people by number;
+plain or by joblib), GVHMR (`smpl_params_global`), and any other dictionary of SMPL's arrays. What
+they hold is read by `bridge.body.safe_pickle`, which runs nothing, and without PyTorch. Poses in
+the space of a camera alone are refused: nobody knows there where the floor is.
+"""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body.safe_pickle import Record, as_array, load_restricted, tensor_parts
+from bridge.errors import DsnetError
+from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
+from bridge.motion.readers.smpl_arrays import (
+    MOST_BYTES,
+    POSE_KEYS,
+    WANTED,
+    holds_poses,
+    motion_of,
+    unusable,
+)
+from bridge.runs.untrusted import damage_refused, open_regular
+
+SUFFIXES = (".pkl", ".pickle", ".pt", ".pth")
+_MOST_FILE_BYTES = 1 << 31
+_AISTPP_FPS = 60.0
+_MOST_PEOPLE = 10_000
+_WORLD, _CAMERA = "smpl_params_global", "smpl_params_incam"
+
+
+def sniff(path: Path) -> bool:
+    """By its name."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def gender_of(path: Path) -> str | None:
+    """None of these files tells; which is a motion, only reading it does."""
+    try:
+        return "unknown" if _opened(path)[1] else None
+    except DsnetError:
+        return None
+
+
+def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
+    """Read and check one file; of several people the one who is seen longest."""
+    found, people = _opened(path)
+    if not people:
+        if isinstance(found, dict) and _CAMERA in found:
+            remedy = f"Export the world's ({_WORLD}) too."
+            raise unusable(path, "whose poses are in the space of a camera alone", remedy)
+        raise unusable(path, "without poses of SMPL", "Pass the file of one motion.")
+    with damage_refused(partial(_unreadable, path), RecursionError):
+        each = [_arrays(person) for person in people]
+        lengths = [next(len(one[key]) for key in one if "pose" in key) for one in each]
+    arrays = each[int(np.argmax(lengths))]
+    motion = motion_of(path, arrays, how, _AISTPP_FPS if "smpl_scaling" in arrays else np.nan)
+    if len(people) == 1:
+        return motion
+    note = f"{path} holds {len(people)} people: the one of {max(lengths)} frames is read"
+    return replace(motion, notes=(note, *motion.notes))
+
+
+def _opened(path: Path) -> tuple[Any, list[Mapping[Any, Any]]]:
+    """What a file holds, and the people in it."""
+    with damage_refused(partial(_unreadable, path), RecursionError):
+        with open_regular(path, _MOST_FILE_BYTES) as file:
+            is_zip = file.read(2) == b"PK"
+            file.seek(0)
+            found = _of_torch(file) if is_zip else load_restricted(file)
+        return found, [*_people(found)]
+
+
+def _unreadable(path: Path, error: Exception) -> DsnetError:
+    if isinstance(error, FileNotFoundError):
+        return unusable(path, "which does not exist", "Check the path.")
+    if isinstance(error, IsADirectoryError):
+        return unusable(path, "which is a folder", "Name one file in it.")
+    return unusable(path, f"which does not load ({str(error)[:200]})", "Save its arrays as .npz.")
+
+
+def _people(found: Any) -> Iterator[Mapping[Any, Any]]:
+    """The dictionaries with poses in what a file holds."""
+    if isinstance(found, dict) and isinstance(found.get(_WORLD), dict):
+        yield found[_WORLD]
+    elif isinstance(found, dict) and ("pose_world" in found or holds_poses(_named(found))):
+        yield found
+    else:
+        inner = [v for n, v in found.items() if n != _CAMERA] if isinstance(found, dict) else found
+        for person in inner[:_MOST_PEOPLE] if isinstance(inner, list) else ():
+            if isinstance(person, dict) and holds_poses(_named(person)):
+                yield person
+
+
+def _named(found: Mapping[Any, Any]) -> set[str]:
+    return {name.decode("latin1") if isinstance(name, bytes) else str(name) for name in found}
+
+
+def _arrays(person: Mapping[Any, Any]) -> dict[str, NDArray]:
+    """By name; where a person has the world's and the camera's, the world's."""
+    given = {str(n.decode("latin1") if isinstance(n, bytes) else n): v for n, v in person.items()}
+    if "pose_world" in given:
+        given = {"pose": given["pose_world"], "trans": given.get("trans_world"), **_others(given)}
+    found = {}
+    for name in WANTED:
+        value = given.get(name)
+        if isinstance(value, (str, bytes, int, float, np.ndarray)):
+            found[name] = np.asarray(value)
+        elif isinstance(value, Record):
+            found[name] = as_array(value)
+    return found
+
+
+def _others(given: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: v for name, v in given.items() if name not in (*POSE_KEYS, "trans")}
+
+
+def _of_torch(file: Any) -> Any:
+    """What `torch.save` wrote, with arrays in place of tensors."""
+    with zipfile.ZipFile(file) as archive:
+        (inside,) = (name for name in archive.namelist() if name.endswith("data.pkl"))
+        if archive.getinfo(inside).file_size > MOST_BYTES:
+            raise ValueError("a pickle beyond all measure")
+        with archive.open(inside) as stream:
+            found = load_restricted(stream, of_torch=True)
+        return _filled(found, archive, inside.removesuffix("data.pkl"), depth=4)
+
+
+def _filled(value: Any, archive: zipfile.ZipFile, folder: str, depth: int) -> Any:
+    if isinstance(value, dict) and depth:
+        return {n: _filled(v, archive, folder, depth - 1) for n, v in value.items()}
+    if isinstance(value, list) and depth:
+        return [_filled(v, archive, folder, depth - 1) for v in value[:_MOST_PEOPLE]]
+    if (parts := tensor_parts(value)) is None:
+        return value
+    name, dtype, begin, shape, strides = parts
+    info = archive.getinfo(f"{folder}data/{name}")
+    if info.file_size > MOST_BYTES or info.compress_type != zipfile.ZIP_STORED:
+        raise ValueError(f"a tensor of {info.file_size} bytes")
+    if len(strides) != len(shape) or math.prod(shape) * dtype.itemsize > MOST_BYTES:
+        raise ValueError(f"a tensor of shape {shape}")
+    numbers = np.frombuffer(archive.read(info), dtype)
+    last = begin + sum((size - 1) * step for size, step in zip(shape, strides, strict=True))
+    if begin < 0 or (math.prod(shape) and last >= len(numbers)):
+        raise ValueError("a tensor beyond its numbers")
+    if not math.prod(shape):
+        return np.empty(shape, dtype)
+    steps = tuple(step * dtype.itemsize for step in strides)
+    return np.lib.stride_tricks.as_strided(numbers[begin:], shape, steps, writeable=False).copy()

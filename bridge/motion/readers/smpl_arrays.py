@@ -1,0 +1,286 @@
+"""Poses of SMPL, SMPL-H and SMPL-X as arrays, under the names and in the layouts that people write.
+
+All begin with the root's rotation and the 21 body joints: the 22 joints of the paper's pose vector.
+Hands, jaw and eyes follow and are dropped. A file does not say which axis is its vertical, so the
+bodies tell: they stand along z as in AMASS, or along y as video models and generators write.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.errors import DsnetError
+from bridge.motion.motion import (
+    FARTHEST_M,
+    HIGHEST_M,
+    LARGEST_ANGLE_RAD,
+    LARGEST_BETA,
+    MOST_FRAMES,
+    RATES_HZ,
+    HowRead,
+    Motion,
+    UpAxis,
+    pack_theta,
+)
+from bridge.paper import N_BETAS, N_JOINTS
+from bridge.runs.untrusted import text_of
+
+POSE_KEYS = ("poses", "pose", "smpl_poses", "fullpose", "bodyPose")
+ROOT_KEYS, BODY_KEYS = ("root_orient", "global_orient"), ("pose_body", "body_pose")
+TRANS_KEYS = ("trans", "transl", "smpl_trans", "bodyTranslation")
+BETAS_KEYS = ("betas", "shapeParameters")
+RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate", "frame_rate", "frameRate")
+WANTED = (*POSE_KEYS, *ROOT_KEYS, *BODY_KEYS, *TRANS_KEYS, *BETAS_KEYS, *RATE_KEYS, "gender",
+          "dmpls", "smpl_scaling")  # fmt: skip
+MOST_BYTES = MOST_FRAMES * 8 * 9 * 55
+"""Of an array: matrices of SMPL-X's joints."""
+_WIDTHS = {66: "SMPL's 22 joints", 72: "SMPL", 156: "SMPL-H", 159: "SMPL-X without its jaw or eyes",
+           165: "SMPL-X"}  # fmt: skip
+_SIX = {132, 144}
+"""Of 22 or 24 joints, the first two lines or columns of each matrix."""
+_LEAST_KNEE_RAD = 0.02
+_GENDERS = {"f": "female", "m": "male", "n": "neutral", "0": "neutral", "1": "male", "2": "female"}
+_UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
+_STANDING, _LYING = 0.7, 0.3
+"""Shares of an axis in the direction of a trunk that stands along it, and of one that does not."""
+_SAME_BETAS = 0.05
+
+Arrays = Mapping[str, NDArray]
+
+
+def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.nan) -> Motion:
+    """A motion from arrays by name; `DsnetError` if they are none of a person.
+
+    Parameters
+    ----------
+    usual_fps : the rate of files of this kind that do not say theirs.
+    """
+    notes: list[str] = []
+    pose = _pose(path, arrays)
+    up = _vertical(path, pose, how, notes)
+    trans_m = _trans(path, arrays, len(pose), up, notes)
+    betas, fps = _betas(path, arrays, notes), _rate(path, arrays, usual_fps)
+    return Motion(
+        theta=pack_theta(pose, trans_m),
+        betas=betas,
+        gender=gender_stored(arrays),
+        fps=fps,
+        source_fps=fps,
+        source=path,
+        up=up,
+        dmpls=_numbers(path, arrays, "dmpls", len(pose)) if "dmpls" in arrays else None,
+        trans_of=up,
+        notes=tuple(notes),
+    )
+
+
+def holds_poses(names: Mapping | set[str]) -> bool:
+    """Whether arrays of these names are a motion's."""
+    return any(key in names for key in POSE_KEYS) or any(key in names for key in BODY_KEYS)
+
+
+def unusable(path: Path, flaw: str, remedy: str = "Download the file again.") -> DsnetError:
+    """The line that says why a file is refused."""
+    return DsnetError(
+        f"{path}, {flaw}", "poses of SMPL's family, as an AMASS motion file has them", remedy
+    )
+
+
+def _first(arrays: Arrays, keys: tuple[str, ...]) -> str | None:
+    return next((key for key in keys if key in arrays), None)
+
+
+def _numbers(
+    path: Path, arrays: Arrays, key: str, frame_count: int | None = None
+) -> NDArray[np.float64]:
+    array = arrays[key]
+    if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+        raise unusable(path, f"whose {key!r} are not all finite numbers")
+    if frame_count is not None and (array.ndim != 2 or len(array) != frame_count or not array.size):
+        raise unusable(
+            path, f"whose {key!r} have shape {array.shape} beside {frame_count} frames of poses"
+        )
+    return array.astype(np.float64)
+
+
+def _pose(path: Path, arrays: Arrays) -> NDArray[np.float64]:
+    """Joint rotations (T, 22, 3), axis-angle, that a body can take."""
+    root, body = _first(arrays, ROOT_KEYS), _first(arrays, BODY_KEYS)
+    if whole := _first(arrays, POSE_KEYS):
+        pose = _turns(path, arrays, whole)
+    elif root and body:
+        pose = np.concatenate([_turns(path, arrays, key) for key in (root, body)], axis=1)
+    else:
+        named = f"a {body!r} and no 'root_orient'" if body else "no 'poses'"
+        raise unusable(path, f"which has {named}", "Pass a motion, not a shape or a model file.")
+    if pose.shape[1] < N_JOINTS:
+        raise unusable(path, f"with poses of {pose.shape[1]} joints", "22 or more are needed.")
+    if not len(pose):
+        raise unusable(path, "which has zero frames", "Pass a motion with at least one frame.")
+    pose = pose[:, :N_JOINTS].astype(np.float64)
+    # The largest entry: squares of what a hostile file holds overflow.
+    if (angle_rad := np.abs(pose).max()) > LARGEST_ANGLE_RAD:
+        flaw = f"whose 'poses' turn a joint by {angle_rad:.3g} rad"
+        raise unusable(path, flaw, f"Angles are radians, at most {LARGEST_ANGLE_RAD:g}.")
+    return pose
+
+
+def _turns(path: Path, arrays: Arrays, key: str) -> NDArray[np.float64]:
+    """(T, J, 3) axis-angle of an array of any layout; hands and face go first, for memory."""
+    array = arrays[key]
+    if array.dtype.kind not in "iuf":
+        raise unusable(path, f"whose {key!r} are not all finite numbers")
+    part = key in (*ROOT_KEYS, *BODY_KEYS)
+    if array.ndim and array.shape[0] > MOST_FRAMES:
+        raise DsnetError(
+            f"{path}, a motion of {array.shape[0]} frames",
+            f"at most {MOST_FRAMES}",
+            "Cut it into several files.",
+        )
+    match array.shape:
+        case (count, width) if width in (3, 63, 69) if part else width in _WIDTHS:
+            chosen = array.reshape(count, width // 3, 3)[:, :N_JOINTS]
+        case (_, joints, 3) if joints >= (1 if part else N_JOINTS):
+            chosen = array[:, :N_JOINTS]
+        case (_, _, 3, 3) | (_, _, 6):
+            chosen = array[:, :N_JOINTS]
+        case (count, width) if width in _SIX and not part:
+            chosen = array.reshape(count, width // 6, 6)[:, :N_JOINTS]
+        case shape:
+            known = ", ".join(f"{width} ({model})" for width, model in _WIDTHS.items())
+            raise DsnetError(
+                f"{path}, whose {key!r} have shape {shape}",
+                f"(frames, width) with a width of {known}, or (frames, joints, 3)",
+                "Pass poses of SMPL, SMPL-H or SMPL-X.",
+            )
+    chosen = _numbers(path, {key: chosen}, key)
+    return chosen if chosen.shape[2:] == (3,) else _of_matrices(path, chosen)
+
+
+def _of_matrices(path: Path, given: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(T, J, 3) of matrices (T, J, 3, 3), or of two of their lines or columns (T, J, 6).
+
+    Which of the two, no file says: knees bend one way.
+    """
+    frames, joints = given.shape[:2]
+    lines = given.reshape(frames * joints, -1)
+    is_six = lines.shape[1] == 6
+    if is_six:
+        first, second = lines[:, :3], lines[:, 3:]
+        lines = np.stack([first, second, np.cross(first, second)], axis=2)
+    matrices = lines.reshape(-1, 3, 3)
+    far = np.abs(matrices @ np.swapaxes(matrices, 1, 2) - np.eye(3)).max(initial=0)
+    if not far < 1e-2 or (np.linalg.det(matrices) < 0).any():
+        raise unusable(path, "whose poses are no rotations", "Store axis-angle rotations.")
+    pose = Rotation.from_matrix(matrices).as_rotvec().reshape(frames, joints, 3)
+    if joints < N_JOINTS or not is_six:
+        return pose
+    knees_rad = float(pose[:, (4, 5), 0].mean()) if frames else 0.0
+    if abs(knees_rad) < _LEAST_KNEE_RAD:
+        flaw = "of six numbers a joint, whose knees do not tell whether these are lines or columns"
+        raise unusable(path, flaw, "Store axis-angle rotations.")
+    return pose if knees_rad > 0 else -pose
+
+
+def _vertical(path: Path, pose: NDArray[np.float64], how: HowRead, notes: list[str]) -> UpAxis:
+    """The axis along which the bodies stand; z, as in AMASS, if they stand along none."""
+    if how.up != "auto":
+        return how.up
+    trunk = Rotation.from_rotvec(pose[:, 0]).apply([0.0, 1.0, 0.0])
+    _, y, z = np.median(trunk, axis=0)
+    if y < -_STANDING and abs(z) < _LYING:
+        raise unusable(
+            path,
+            "whose bodies stand head down along y, as in the space of a camera",
+            "Export the motion in the world's space, or say its vertical by --up.",
+        )
+    if y > _STANDING and abs(z) < _LYING:
+        notes.append(f"{path} is taken as y up, for its bodies stand so: --up says otherwise")
+        return "y"
+    return "z"
+
+
+def _trans(
+    path: Path, arrays: Arrays, frames: int, up: UpAxis, notes: list[str]
+) -> NDArray[np.float64]:
+    key = _first(arrays, TRANS_KEYS)
+    if key is None:
+        notes.append(
+            f"{path} says nowhere where the body is: it moves on the spot, --floor lifts it"
+        )
+        return np.zeros((frames, 3))
+    trans_m = _numbers(path, arrays, key, frames)
+    if trans_m.shape[1] != 3:
+        raise unusable(path, f"whose {key!r} have shape {trans_m.shape}")
+    if (scaling := arrays.get("smpl_scaling")) is not None:  # AIST++'s bodies are in centimetres
+        per_m = _numbers(path, {"smpl_scaling": scaling}, "smpl_scaling")
+        if per_m.size != 1 or not 0.01 < per_m.item() < 1e4:
+            raise unusable(path, f"whose 'smpl_scaling' is {per_m.tolist()}"[:200])
+        trans_m = trans_m / per_m.item()
+    far_m, height_m = np.abs(trans_m).max(), abs(float(np.median(trans_m[:, "xyz".index(up)])))
+    if far_m > FARTHEST_M or height_m > HIGHEST_M:
+        # The unit in which a body's root is as high above the floor as hips are.
+        likely = [unit for unit, per_m in _UNITS.items() if 0.2 < height_m / per_m < 2.0]
+        remedy = f"it seems to be in {likely[0]}" if likely else "convert it"
+        raise unusable(
+            path,
+            f"whose {key!r} are {far_m:.3g} m off, {height_m:.3g} m high over half of the time",
+            f"Expected are metres, {up} up, at most {FARTHEST_M:g} off and {HIGHEST_M:g} high: "
+            f"{remedy}.",
+        )
+    return trans_m
+
+
+def _rate(path: Path, arrays: Arrays, usual_fps: float) -> float:
+    """Frames a second; nan where the file does not say."""
+    key = _first(arrays, RATE_KEYS)
+    if key is None:
+        return usual_fps
+    rate = arrays[key]
+    if rate.dtype.kind in "US" and rate.size == 1:
+        try:
+            rate = np.array(float(text_of(rate)))
+        except ValueError:
+            rate = np.array(np.nan)
+    rate = _numbers(path, {key: rate}, key)
+    if rate.size != 1 or not RATES_HZ[0] <= rate.item() <= RATES_HZ[1]:
+        raise unusable(path, f"whose {key} is {rate.tolist()}"[:200], "Write its rate, Hz.")
+    return rate.item()
+
+
+def _betas(path: Path, arrays: Arrays, notes: list[str]) -> NDArray[np.float64]:
+    """(10,) the first coefficients, of frames that have their own the median."""
+    key = _first(arrays, BETAS_KEYS)
+    if key is None:
+        notes.append(f"{path} has no betas: the mean shape is taken")
+        return np.zeros(N_BETAS)
+    betas = _numbers(path, arrays, key)
+    if betas.ndim not in (1, 2) or not betas.size:
+        flaw = f"whose {key!r} have shape {betas.shape}"
+        raise unusable(path, flaw, f"Store one vector of {N_BETAS} or more coefficients.")
+    betas = np.atleast_2d(betas)[:, :N_BETAS]
+    if (largest := np.abs(betas).max()) > LARGEST_BETA:
+        raise unusable(path, f"whose {key!r} reach {largest:.3g}", "Store a person's, within 5.")
+    if (far := np.ptp(betas, axis=0).max()) > _SAME_BETAS:
+        notes.append(f"{path} changes its shape by up to {far:.2g} betas: the median is taken")
+    found = np.median(betas, axis=0)
+    return np.pad(found, (0, N_BETAS - len(found)))
+
+
+def gender_stored(arrays: Arrays) -> str:
+    """As it is stored: text, bytes, their first letter, or a number as `.smpl` files have it."""
+    stored = arrays.get("gender", np.array("unknown"))
+    return gender_in(text_of(stored)) if stored.size == 1 else "unknown"
+
+
+def gender_in(stated: object) -> str:
+    """What a file's word for a gender means."""
+    word = stated.strip().lower() if isinstance(stated, str) else ""
+    word = word.removeprefix("b'").removesuffix("'")
+    word = _GENDERS.get(word, word)
+    return word if word in _GENDERS.values() else "unknown"

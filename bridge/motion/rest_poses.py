@@ -1,0 +1,286 @@
+"""What turns SMPL's rest pose into the frames of a file's joints, by where its joints lie.
+
+The pelvis has two hips and a spine, which tell its frame; the chest has collars and a neck. From
+there each joint's frame is that of the one above it, if its bone then points where SMPL's does. If
+not, it is turned by the shortest turn of a cube that brings the bone there. How it is turned about
+the bone, no place tells: of four quarters that is taken in which the joint turns least throughout
+the motion; so it is with leaves where nobody stands as the file rests. Feet that rest elsewhere
+than a standing body's are taken to stand flat where their toes are lowest.
+
+Thighs, shins, upper arms and forearms are brought exactly onto the file's bones, hands go with
+forearms. Of trunk, head and feet the two builds are taken to be alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.body.model_data import SMPL_PARENTS
+from bridge.motion.skeletons import OWN_NAMES, SIDES, SkeletonMotion, plain_names, unusable
+
+Rest: TypeAlias = Mapping[str, NDArray[np.float64]]
+"""(3,) places of joints at rest, by SMPL's names."""
+
+_X, _Y, _Z = np.eye(3)
+_BONES: dict[str, tuple[str | None, NDArray[np.float64], float]] = {
+    "spine1": ("spine2", _Y, 50.0),
+    "spine2": ("spine3", _Y, 50.0),
+    "spine3": ("neck", _Y, 50.0),
+    "neck": ("head", _Y, 60.0),
+    "head": (None, _Y, 60.0),
+}
+"""Of a joint: where its bone ends (None: at its tip), along which axis it points in a T, and how
+far it may be from there and still be taken for alike."""
+for _side, _out in zip(SIDES, (_X, -_X), strict=True):
+    _BONES |= {
+        f"{_side}_hip": (f"{_side}_knee", -_Y, 75.0),
+        f"{_side}_knee": (f"{_side}_ankle", -_Y, 75.0),
+        f"{_side}_ankle": (f"{_side}_foot", _Z, 0.0),
+        f"{_side}_foot": (None, _Z, 60.0),
+        f"{_side}_collar": (f"{_side}_shoulder", _out, 60.0),
+        f"{_side}_shoulder": (f"{_side}_elbow", _out, 110.0),
+        f"{_side}_elbow": (f"{_side}_wrist", _out, 110.0),
+        f"{_side}_wrist": (None, _out, 60.0),
+    }
+_LIMBS = ("hip", "knee", "shoulder", "elbow")
+_SNAPPED_UP_DEG, _SNAPPED_SIDE_DEG, _SNAPPED_BONE_DEG = 25.0, 10.0, 40.0
+_CUBE = [*Rotation.create_group("O").as_matrix()]
+_OTHER_CHEST_DEG = 30.0
+_FOOT_DEG = 55.0
+_FOOT_SHAPE_DEG = 12.0, 50.0
+"""Between the lines from ankle to toes and along them, in a flat foot."""
+_STANCE = 0.25
+"""Of a motion's frames, so many in which a foot surely stands."""
+_CLEARLY_DEG = 15.0
+"""By so much less a joint must turn in another quarter."""
+
+
+def standing_up(skeleton: SkeletonMotion, joints: Mapping[str, int]) -> NDArray[np.float64] | None:
+    """(3,) where the head is in the file's axes if it rests as somebody stands; else None."""
+    rest = {name: skeleton.rest[joint] for name, joint in joints.items()}
+    up = _pelvis(skeleton.path, rest) @ _Y
+    trunk = _mean(rest, "shoulder") - _mean(rest, "hip")
+    legs = [rest[f"{side}_ankle"] - rest[f"{side}_hip"] for side in SIDES]
+    stands = _angle_deg(trunk, up) < 45 and all(_angle_deg(leg, -up) < 60 for leg in legs)
+    return up if stands else None
+
+
+def rest_turns(
+    skeleton: SkeletonMotion,
+    joints: Mapping[str, int],
+    smpl_rest_m: Rest,
+    sample: tuple[NDArray, NDArray],
+    up: NDArray,
+) -> tuple[dict[str, NDArray[np.float64]], list[str]]:
+    """(3, 3) R_j by the name of every joint of SMPL's that the file has, and what is to be said.
+
+    Parameters
+    ----------
+    joints : numbers of the file's joints by SMPL's names.
+    sample : (S, J, 3, 3) rotations and (S, J, 3) places of the file's joints in some frames.
+    up : (3,) vertical of the file's world.
+    """
+    search = _Search(skeleton, joints, smpl_rest_m, sample, up)
+    for name in OWN_NAMES[1:]:
+        if name in joints:
+            search.find(name)
+    notes = []
+    if search.feet:
+        notes.append(
+            f"{skeleton.path} rests with feet that point elsewhere than a standing body's: "
+            f"{' and '.join(search.feet)} are taken to stand flat where they are lowest"
+        )
+    return search.found, notes
+
+
+class _Search:
+    """R_j of joint after joint, parents first.
+
+    `frames` are how the file's frames lie in SMPL's, `found` the same with bones brought onto the
+    file's.
+    """
+
+    def __init__(
+        self,
+        skeleton: SkeletonMotion,
+        joints: Mapping[str, int],
+        smpl_rest_m: Rest,
+        sample: tuple[NDArray, NDArray],
+        up: NDArray,
+    ) -> None:
+        self.skeleton, self.joints, self.smpl_rest_m = skeleton, joints, smpl_rest_m
+        self.turns, self.places = sample
+        self.up = up
+        rest = {name: skeleton.rest[joint] for name, joint in joints.items()}
+        self.frames = {"pelvis": _pelvis(skeleton.path, rest)}
+        self.found, self.feet = dict(self.frames), list[str]()
+        self.chest = _chest_frame(skeleton, joints, rest)
+        self.stands = standing_up(skeleton, joints) is not None
+        # A skeleton that is SMPL's own, by its names, is taken as it is.
+        self.is_smpls = set(plain_names(OWN_NAMES)) <= set(plain_names(skeleton.names))
+
+    def find(self, name: str) -> None:
+        """One joint more."""
+        above = OWN_NAMES[SMPL_PARENTS[OWN_NAMES.index(name)]]
+        while above not in self.found:
+            above = OWN_NAMES[SMPL_PARENTS[OWN_NAMES.index(above)]]
+        end, along, most_deg = _BONES[name]
+        frame, bone = self.frames[above], self._bone(name, end)
+        is_limb = name.endswith(_LIMBS) and end is not None
+        smpl_bone = self.smpl_rest_m[end] - self.smpl_rest_m[name] if is_limb and end else along
+        if name == "spine3" and self.chest is not None:
+            frame = self.chest if _turn_deg(frame, self.chest) > _OTHER_CHEST_DEG else frame
+        if self.is_smpls:
+            pass
+        elif name.endswith("ankle") and bone is not None:
+            frame = self._ankle(name, frame, bone)
+        elif bone is None:
+            kept = self.stands and above not in self.feet
+            inherited = self.found[above] if name.endswith("wrist") else frame
+            frame = inherited if kept else self._quietest(name, above, [inherited, *_CUBE])
+        elif not self.stands or _angle_deg(frame @ smpl_bone, bone) > most_deg:
+            frame = self._quietest(name, above, _swung(frame, along, bone))
+        self.frames[name] = self.found[name] = frame
+        if is_limb and bone is not None and not self.is_smpls:
+            self.found[name] = shortest_turn(frame @ smpl_bone, bone) @ frame
+
+    def _bone(self, name: str, end: str | None) -> NDArray[np.float64] | None:
+        """(3,) from a joint to where its bone ends; None where that is not known."""
+        if end is None or end not in self.joints:
+            return None
+        bone = self.skeleton.rest[self.joints[end]] - self.skeleton.rest[self.joints[name]]
+        return bone if np.linalg.norm(bone) > 1e-9 else None
+
+    def _quietest(self, name: str, above: str, turns: Sequence[NDArray]) -> NDArray[np.float64]:
+        """The one with which the joint turns least throughout, or the first if none is clearly."""
+        world = self.turns[:, self.joints[above]] @ self.found[above]
+        local = np.swapaxes(world, -1, -2) @ self.turns[:, self.joints[name]]
+        turned_deg = [
+            float(np.degrees(np.median(Rotation.from_matrix(local @ turn).magnitude())))
+            for turn in turns
+        ]
+        best = int(np.argmin(turned_deg))
+        return turns[best if turned_deg[best] < turned_deg[0] - _CLEARLY_DEG else 0]
+
+    def _ankle(self, name: str, frame: NDArray, bone: NDArray) -> NDArray[np.float64]:
+        """As it stands on the floor, if it does not rest so."""
+        toes = self.joints[f"{name.partition('_')[0]}_foot"]
+        smpl_bone = self.smpl_rest_m[OWN_NAMES[OWN_NAMES.index(name) + 3]] - self.smpl_rest_m[name]
+        if self.stands and _angle_deg(frame @ smpl_bone, bone) < _FOOT_DEG:
+            return frame
+        flat = self.skeleton.tips.get(toes, self.skeleton.rest[toes]) - self.skeleton.rest[toes]
+        least_deg, most_deg = _FOOT_SHAPE_DEG
+        if self.stands and least_deg < _angle_deg(flat, bone) < most_deg:
+            return shortest_turn(frame @ _Z, flat) @ frame  # foot and toes as one piece
+        self.feet.append(name)
+        heights = self.places[:, toes] @ self.up
+        lowest = self.turns[heights <= np.quantile(heights, _STANCE), self.joints[name]]
+        sole = _unit(np.median(np.swapaxes(lowest, -1, -2) @ self.up, axis=0))
+        forward = bone - (bone @ sole) * sole
+        forward = _unit(
+            forward if np.linalg.norm(forward) > 1e-9 else np.cross(sole, _X + sole[::-1])
+        )
+        return np.stack([np.cross(sole, forward), sole, forward], axis=1).astype(np.float64)
+
+
+def leg_length(rest: NDArray, joints: Mapping[str, int]) -> float:
+    """Of the left thigh and shin, of places (J, 3)."""
+    hip, knee, ankle = (rest[joints[f"left_{name}"]] for name in ("hip", "knee", "ankle"))
+    return float(np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee))
+
+
+def shortest_turn(start: NDArray, end: NDArray) -> NDArray[np.float64]:
+    """(3, 3) rotation of one direction into another, less than half a turn away."""
+    start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
+    axis, cosine = np.cross(start, end), float(start @ end)
+    cross = np.cross(np.eye(3), axis)
+    return np.eye(3) + cross + cross @ cross / (1 + cosine)
+
+
+def _mean(rest: Rest, name: str) -> NDArray[np.float64]:
+    return 0.5 * (rest[f"left_{name}"] + rest[f"right_{name}"])
+
+
+def _pelvis(path: Path, rest: Rest) -> NDArray[np.float64]:
+    found = _frame(rest, "hip", _mean(rest, "hip"), _above(rest))
+    if found is None:
+        raise unusable(path, "whose hips and trunk lie in one line at rest")
+    return found
+
+
+def _above(rest: Rest) -> NDArray[np.float64]:
+    """The lowest joint of the trunk that is not in the pelvis itself."""
+    shoulders, hips = _mean(rest, "shoulder"), _mean(rest, "hip")
+    for name in ("spine1", "spine2", "spine3", "neck"):
+        if name in rest and np.linalg.norm(
+            rest[name] - rest["pelvis"]
+        ) > 1e-6 + 0.02 * np.linalg.norm(shoulders - hips):
+            return rest[name]
+    return shoulders
+
+
+def _frame(rest: Rest, pair: str, low: NDArray, high: NDArray) -> NDArray[np.float64] | None:
+    """(3, 3) left, up and forward as columns: the file's own axes where they are near.
+
+    None where left is up.
+    """
+    up = _snapped(_unit(high - low), _SNAPPED_UP_DEG)
+    left = rest[f"left_{pair}"] - rest[f"right_{pair}"]
+    left = left - (left @ up) * up
+    if not np.linalg.norm(left) > 1e-6 * np.linalg.norm(high - low):
+        return None
+    left = _snapped(_unit(left), _SNAPPED_SIDE_DEG)
+    left = _unit(left - (left @ up) * up)
+    return np.stack([left, up, np.cross(left, up)], axis=1).astype(np.float64)
+
+
+def _snapped(direction: NDArray, most_deg: float) -> NDArray[np.float64]:
+    axis = np.zeros(3)
+    number = int(np.abs(direction).argmax())
+    axis[number] = np.sign(direction[number])
+    return axis if _angle_deg(direction, axis) < most_deg else direction
+
+
+def _unit(direction: NDArray) -> NDArray[np.float64]:
+    return direction.astype(np.float64) / max(float(np.linalg.norm(direction)), 1e-30)
+
+
+def _angle_deg(one: NDArray, other: NDArray) -> float:
+    return float(np.degrees(np.arccos(np.clip(_unit(one) @ _unit(other), -1, 1))))
+
+
+def _turn_deg(one: NDArray, other: NDArray) -> float:
+    return float(np.degrees(Rotation.from_matrix(one.T @ other).magnitude()))
+
+
+def _chest_frame(
+    skeleton: SkeletonMotion, joints: Mapping[str, int], rest: Rest
+) -> NDArray[np.float64] | None:
+    """Of the joint from which both collars and the neck go out."""
+    pair = "collar" if {"left_collar", "right_collar"} <= rest.keys() else "shoulder"
+    ends = [joints.get(name, -1) for name in (f"left_{pair}", f"right_{pair}", "neck")]
+    if "spine3" not in joints or any(
+        end < 0 or skeleton.parents[end] != joints["spine3"] for end in ends
+    ):
+        return None
+    if np.linalg.norm(rest["neck"] - rest["spine3"]) < 1e-9:
+        return None
+    return _frame(rest, pair, rest["spine3"], rest["neck"])
+
+
+def _swung(frame: NDArray, along: NDArray, bone: NDArray) -> list[NDArray[np.float64]]:
+    """The frame turned so that its axis `along` points as the bone, in each of four quarters."""
+    start, end = frame @ along, _snapped(_unit(bone), _SNAPPED_BONE_DEG)
+    if _angle_deg(start, end) > 179.0:
+        axis = frame @ (_Z if abs(along @ _Z) < 0.5 else _X)
+        swing = Rotation.from_rotvec(np.pi * _unit(axis)).as_matrix()
+    else:
+        swing = shortest_turn(start, end)
+    quarters = Rotation.from_rotvec(np.outer(np.arange(4) * np.pi / 2, end)).as_matrix()
+    return [quarter @ swing @ frame for quarter in quarters]

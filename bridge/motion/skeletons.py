@@ -1,0 +1,238 @@
+"""A skeleton that moves, as a file has it, and which of its joints are SMPL's.
+
+Names are compared without what all joints of a file begin with, without blanks and signs, and
+with their side in front: `mixamorig:LeftUpLeg`, `J_Bip_L_UpperLeg` and `upleg.L` are `lupleg` or
+`lupperleg`. Pelvis, neck and spine have many names and one place: they are found between hips,
+shoulders and head.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.errors import DsnetError, did_you_mean
+from bridge.paper import N_JOINTS
+from bridge.runs.untrusted import damage_refused, open_regular
+
+SIDES = ("left", "right")
+OWN_NAMES = SMPL_JOINT_NAMES[:N_JOINTS]
+_OF_A_SIDE = {
+    "hip": ("hip", "upleg", "thigh", "upperleg", "femur", "leg"),
+    "knee": ("knee", "leg", "shin", "lowleg", "lowerleg", "calf", "tibia"),
+    "ankle": ("ankle", "foot"),
+    "foot": ("toebase", "toe", "toes", "toe0", "ball", "foot"),
+    "shoulder": ("arm", "upperarm", "uparm", "uarm", "humerus", "shoulder", "shldr"),
+    "elbow": ("elbow", "forearm", "lowarm", "lowerarm", "farm", "radius"),
+    "wrist": ("wrist", "hand"),
+    "collar": ("collar", "clavicle", "shoulder"),
+}
+"""How files call a joint, best first; each of theirs is taken once, in this order. What is a foot
+or a shoulder depends on whether there is an ankle or an arm beside it."""
+_OF_THE_MIDDLE = {
+    "pelvis": ("pelvis", "hips", "hip"),
+    "neck": ("neck", "neck1", "neck01", "lowerneck"),
+    "head": ("head",),
+}
+_SPINE = ("spine1", "spine2", "spine3")
+_MAY_LACK = {"collar", "foot", "head", "neck", *_SPINE}
+_SHARED = 0.8
+"""Of a file's joints, those that begin alike."""
+_FRAMES_AT_ONCE = 2048
+_MOST_MAP_BYTES = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class SkeletonMotion:
+    """A skeleton of J joints and its motion of T frames, in a file's own unit and axes."""
+
+    path: Path
+    names: tuple[str, ...]
+    """Of the joints, parents first."""
+    parents: tuple[int, ...]
+    """Of each joint; -1 of the root."""
+    rest: NDArray[np.float64]
+    """(J, 3) places where every rotation is none; the root's is its offset."""
+    axes: tuple[str, ...]
+    """Of each joint the order of its turns, such as `ZXY`: each about the axes that it then has."""
+    angles_rad: NDArray[np.float64]
+    """(T, J, 3) in that order."""
+    root: NDArray[np.float64]
+    """(T, 3) place of the root."""
+    places: Mapping[int, NDArray[np.float64]]
+    """(T, 3) by joint below the root that has them: its place in its parent's frame."""
+    fps: float
+    """nan where the file does not say."""
+    tips: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)
+    """(3,) by joint that ends somewhere: where, as `rest`."""
+    notes: tuple[str, ...] = ()
+    """What was odd about the file."""
+
+    def posed(self, frames: slice | NDArray[np.intp]) -> tuple[NDArray, NDArray]:
+        """Rotations (B, J, 3, 3) and places (B, J, 3) of the joints in the file's world."""
+        angles = self.angles_rad[frames]
+        turns, places = np.empty((*angles.shape[:2], 3, 3)), np.empty(angles.shape)
+        for joint, (parent, axes) in enumerate(zip(self.parents, self.axes, strict=True)):
+            own = Rotation.from_euler(axes, angles[:, joint]).as_matrix()
+            if parent < 0:
+                turns[:, joint], places[:, joint] = own, self.root[frames]
+                continue
+            turns[:, joint] = turns[:, parent] @ own
+            bone = np.broadcast_to(self.rest[joint] - self.rest[parent], (len(angles), 3))
+            bone = self.places[joint][frames] if joint in self.places else bone
+            moved = np.einsum("txy,ty->tx", turns[:, parent], bone)
+            places[:, joint] = places[:, parent] + moved
+        return turns, places
+
+    def blocks(self) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[np.float64]]]:
+        """All frames in pieces, each with what `posed` gives of it."""
+        for start in range(0, len(self.root), _FRAMES_AT_ONCE):
+            frames = slice(start, min(start + _FRAMES_AT_ONCE, len(self.root)))
+            yield frames, *self.posed(frames)
+
+    def mirrored(self, axis: int) -> SkeletonMotion:
+        """The same with one axis the other way round."""
+        sign = np.ones(3)
+        sign[axis] = -1.0
+        about = np.array([["XYZ".index(letter) for letter in axes] for axes in self.axes])
+        return replace(
+            self,
+            rest=self.rest * sign,
+            root=self.root * sign,
+            angles_rad=self.angles_rad * -sign[about],
+            places={joint: places * sign for joint, places in self.places.items()},
+            tips={joint: tip * sign for joint, tip in self.tips.items()},
+        )
+
+
+def unusable(path: Path, flaw: str, remedy: str = "") -> DsnetError:
+    """The line that says why a file is refused."""
+    usual = "Export it with three rotations on every joint, and three positions on the root."
+    return DsnetError(f"{path}, {flaw}", "a BVH motion of a person", remedy or usual)
+
+
+def joints_by_name(skeleton: SkeletonMotion, asked: Mapping[str, str]) -> dict[str, int]:
+    """Number of the file's joint for each of SMPL's 22 that it has.
+
+    `asked` are the user's own, the file's name by SMPL's; of what it has, nothing else is taken.
+    """
+    calls_of = dict(_OF_THE_MIDDLE)
+    for name, calls in _OF_A_SIDE.items():
+        for side in SIDES:
+            calls_of[f"{side}_{name}"] = tuple(side[0] + call for call in calls)
+    found = {name: _asked(skeleton, name, theirs) for name, theirs in asked.items()}
+    names = reversed([*enumerate(plain_names(skeleton.names))])
+    free = {plain: number for number, plain in names if number not in found.values()}
+    for name, calls in calls_of.items():
+        call = next((call for call in calls if call in free), None)
+        if name not in found and call is not None:
+            found[name] = free.pop(call)
+    _by_place(skeleton, found)
+    needed = [
+        n for n in OWN_NAMES if n.removeprefix("left_").removeprefix("right_") not in _MAY_LACK
+    ]
+    if missing := [name for name in needed if name not in found]:
+        has = ", ".join(skeleton.names)[:200]
+        raise unusable(
+            skeleton.path,
+            f"whose skeleton has no {', '.join(missing)} (it has {has})",
+            "Say which they are by --joint-map, or rename them as SMPL or Mixamo do.",
+        )
+    return _spine(skeleton, found) | found
+
+
+def _asked(skeleton: SkeletonMotion, name: str, theirs: str) -> int:
+    for received, known in ((name, OWN_NAMES), (theirs, skeleton.names)):
+        if received not in known:
+            remedy = did_you_mean(received, known, "Correct the joint map.")
+            raise DsnetError(f"a joint map with {received!r}", ", ".join(known)[:300], remedy)
+    return skeleton.names.index(theirs)
+
+
+def read_joint_map(path: Path) -> dict[str, str]:
+    """The file's joints by SMPL's names: `left_hip = Bip01 L Thigh` a line, `#` before remarks."""
+
+    def refused(error: Exception) -> DsnetError:
+        return DsnetError(
+            f"--joint-map {path}, {str(error)[:200]}",
+            "lines such as left_hip = LeftUpLeg",
+            "Correct it, or leave --joint-map out.",
+        )
+
+    with damage_refused(refused), open_regular(path, _MOST_MAP_BYTES) as file:
+        lines = file.read().decode().splitlines()
+        found: dict[str, str] = {}
+        for line in lines:
+            name, equals, theirs = (part.strip() for part in line.partition("="))
+            if name and not name.startswith("#"):
+                if not equals or not theirs or name in found:
+                    raise ValueError(f"with the line {line[:80]!r}")
+                found[name] = theirs
+        return found
+
+
+def plain_names(names: tuple[str, ...]) -> list[str]:
+    """Each as small letters and digits, its side in front as one letter."""
+    left = [name.rpartition(":")[2] for name in names]
+    while True:
+        begins = Counter(found[0] for name in left if (found := re.match(r"[^_. -]+[_. -]+", name)))
+        prefix, count = begins.most_common(1)[0] if begins else ("", 0)
+        if count < max(_SHARED * len(left), 2):
+            return [_plain(name) for name in left]
+        left = [name.removeprefix(prefix) for name in left]
+
+
+def _plain(name: str) -> str:
+    name = re.sub(r"^(?:c|center|centre)[_. ]", "", name, flags=re.IGNORECASE)
+    if of_side := re.fullmatch(r"(.+)[._ -](l|r)|(.+?)[._ -]?(left|right)", name, re.IGNORECASE):
+        name = (of_side[2] or of_side[4]) + (of_side[1] or of_side[3])
+    return re.sub(r"^(l|r)(eft|ight)", r"\1", re.sub(r"[^a-z0-9]", "", name.lower()))
+
+
+def _by_place(skeleton: SkeletonMotion, found: dict[str, int]) -> None:
+    """Pelvis and neck where no name tells: above both hips, and below the head."""
+
+    def line(joint: int) -> list[int]:
+        parent = skeleton.parents[joint]
+        return [joint] if parent < 0 else [*line(parent), joint]
+
+    def parting(name: str) -> list[int]:
+        """From the root to where the two sides part."""
+        lines = [line(found[f"{side}_{name}"]) for side in SIDES]
+        return [one for one, other in zip(*lines, strict=False) if one == other]
+
+    if "pelvis" not in found and {"left_hip", "right_hip"} <= found.keys():
+        above = [joint for joint in parting("hip") if joint not in found.values()]
+        found |= {"pelvis": above[-1]} if above else {}
+    if "neck" not in found and {"head", "left_shoulder", "right_shoulder"} <= found.keys():
+        below = set(parting("shoulder"))
+        neck = [joint for joint in line(found["head"])[:-1] if joint not in below]
+        found |= {"neck": neck[0]} if neck else {}
+
+
+def _spine(skeleton: SkeletonMotion, found: Mapping[str, int]) -> dict[str, int]:
+    """Of the joints between pelvis and neck the lowest, the middle and the highest."""
+    joint = skeleton.parents[found.get("neck", found.get("head", found["left_shoulder"]))]
+    between: list[int] = []
+    while joint >= 0 and joint != found["pelvis"]:
+        between.insert(0, joint)
+        joint = skeleton.parents[joint]
+    between = [joint for joint in between if joint not in found.values()]
+    if len(between) > len(_SPINE):  # a first one in the pelvis is its second frame
+        lowest, pelvis = skeleton.rest[between[0]], skeleton.rest[found["pelvis"]]
+        between = between[1:] if np.allclose(lowest, pelvis) else between
+    if not between:
+        return {}
+    if len(between) == 1:
+        return {_SPINE[1]: between[0]}
+    if len(between) == 2:
+        return {_SPINE[0]: between[0], _SPINE[2]: between[1]}
+    return dict(zip(_SPINE, (between[0], between[len(between) // 2], between[-1]), strict=True))

@@ -1,0 +1,134 @@
+"""Motion files of every kind that people have give the same walk, or say why not."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bridge import DsnetError
+from bridge.motion import load_motion_file
+from bridge.motion.from_joints import motion_from_joints
+from bridge.motion.motion import AS_IT_SAYS, HowRead, Up
+from bridge.motion.skeletons import read_joint_map
+from tests.forged.motion_kinds import (
+    BEGIN,
+    END,
+    FRAMES,
+    KINDS,
+    PAGE,
+    Kind,
+    along_x,
+    apart,
+    bvh,
+    joints_m,
+    outcome,
+    smpl,
+    table,
+    walk,
+    y_up,
+)
+
+CASES = Path(os.environ.get("DSNET_TEST_CASES", "nowhere"))
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.file)
+def test_a_kind_is_read_as_the_reference_or_told_or_refused(kind: Kind, tmp_path: Path) -> None:
+    came, right = outcome(kind, tmp_path)
+    assert right, came
+
+
+def test_the_pages_table_is_what_comes_of_them(tmp_path: Path) -> None:
+    """`python -m tests.forged.motion_kinds` writes it anew."""
+    shown = PAGE.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
+    assert shown == table(tmp_path)
+
+
+def test_the_walk_is_no_easy_one() -> None:
+    """A reader that leaves a joint at rest would be seen."""
+    pose, places_m = walk()
+    assert np.ptp(places_m, axis=0).max() > 0.5
+    assert (np.abs(pose).max(axis=(0, 2))[[1, 2, 4, 5, 16, 17, 18, 19]] > 0.2).all()
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_what_the_user_says_of_the_vertical_is_believed(up: Up, tmp_path: Path) -> None:
+    arrays = {"y_up": smpl(poses=y_up(), trans=walk()[1]), "z_up": smpl()}
+    found = [
+        Kind(f"{name}.npz", "", lambda given=given: given, how=HowRead(up)).read(tmp_path)[0]
+        for name, given in arrays.items()
+    ]
+    trunk = [Rotation.from_rotvec(m.pose[:, 0]).apply([0, 1, 0])[:, 1].mean() for m in found]
+    assert [share > 0.9 for share in trunk] == [up == "y", up == "z"]
+
+
+def test_a_body_that_lies_is_told(tmp_path: Path) -> None:
+    lying = Kind("lies.npz", "", smpl, how=HowRead("y"))
+    assert any("lies or bends down" in line for line in lying.read(tmp_path)[1])
+
+
+@pytest.mark.parametrize(
+    ("legs", "arms", "forearms"), [(180, 90, 90), (90, -90, 180), (-90, 180, -90), (0, 0, 90)]
+)
+def test_frames_turned_about_their_bones_are_told_by_the_motion(
+    tmp_path: Path, legs: float, arms: float, forearms: float
+) -> None:
+    """No place of a joint tells; feet stand flat, to a degree or two."""
+    frames = along_x(legs=legs, arms=arms, forearms=forearms)
+    motion, said = Kind("x.bvh", "", lambda: bvh(frames=frames)).read(tmp_path)
+    assert ["feet that point elsewhere" in line for line in said] == [True]
+    assert apart(motion, KINDS[0].read(tmp_path)[0])[0] < 2
+
+
+def test_places_alone_give_limbs_their_directions(tmp_path: Path) -> None:
+    """In any unit, and turned; twists of thighs come from the plane in which knees bend."""
+    places = 39.37 * joints_m()
+    motion = motion_from_joints(tmp_path, places, 20.0, AS_IT_SAYS)
+    assert "0.0 cm from the file's in the mean" in motion.notes[-1]
+    np.testing.assert_allclose(motion.trans_m, walk()[1], atol=1e-3)
+    turns = [Rotation.from_rotvec(pose.reshape(-1, 3)) for pose in (motion.pose, walk()[0])]
+    apart_deg = np.degrees((turns[0].inv() * turns[1]).magnitude()).reshape(FRAMES, 22)
+    assert apart_deg[:, 0].max() < 1e-6
+    assert apart_deg[:, [3, 6, 9]].max() < 10  # which of them a spine's twist is in, no place tells
+    assert apart_deg[:, [1, 2, 4, 5]].mean() < 5
+    z_up = motion_from_joints(tmp_path, places[..., [0, 2, 1]] * [1, -1, 1], 20.0, AS_IT_SAYS)
+    np.testing.assert_allclose(z_up.theta, motion.theta, atol=1e-6)
+
+
+def test_a_map_of_joints_is_lines(tmp_path: Path) -> None:
+    path = tmp_path / "map.txt"
+    path.write_text("# ours\nleft_hip = Bip01 L Thigh\n\nhead=Kopf\n")
+    assert read_joint_map(path) == {"left_hip": "Bip01 L Thigh", "head": "Kopf"}
+    for text in ("left_hip\n", "a = b\na = c\n", "\xff"):
+        path.write_bytes(text.encode("latin-1"))
+        with pytest.raises(DsnetError, match="--joint-map") as caught:
+            read_joint_map(path)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("joint_map", "complaint"),
+    [({"left_hipp": "LeftUpLeg"}, "left_hipp"), ({"left_hip": "LeftUpLegg"}, "LeftUpLegg")],
+)
+def test_a_map_of_what_there_is_not_is_refused(
+    tmp_path: Path, joint_map: dict[str, str], complaint: str
+) -> None:
+    with pytest.raises(DsnetError, match=complaint):
+        Kind("walk.bvh", "", KINDS[0].content, how=HowRead(joint_map=joint_map)).read(tmp_path)
+    with pytest.raises(DsnetError, match="with a BVH"):
+        Kind("walk.npz", "", smpl, how=HowRead(joint_map=joint_map)).read(tmp_path)
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="no $DSNET_TEST_CASES")
+@pytest.mark.parametrize("pattern", ["*.bvh", "*.BVH", "*.npz", "*.pkl", "*.npy", "*.smpl"])
+def test_no_case_of_others_is_silently_another_motion(pattern: str) -> None:
+    for path in sorted(CASES.glob(pattern)):
+        try:
+            motion = load_motion_file(path, None if path.suffix == ".npz" else 60.0)
+        except DsnetError:
+            continue
+        trunk = Rotation.from_rotvec(motion.pose[:, 0]).apply([0.0, 1.0, 0.0])
+        assert np.median(trunk[:, 1]) > 0.9, path

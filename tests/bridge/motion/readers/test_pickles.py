@@ -1,0 +1,127 @@
+"""Pickles, torch files and places of joints: whose poses are taken, and what is refused."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.motion import load_motion_file
+from bridge.motion.readers import find_motion_files, pickles
+from tests.forged.amass import save, smplh
+from tests.forged.motion_kinds import FRAMES, by_joblib, by_torch, joints_m, person, walk, y_up
+
+FPS = 60.0
+
+
+def refused(path: Path, fps: float | None = FPS) -> str:
+    with pytest.raises(DsnetError) as caught:
+        load_motion_file(path, fps)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+class Evil:
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[str]]:
+        return os.system, ("touch /nowhere",)
+
+
+@pytest.mark.parametrize("write", [pickle.dumps, by_joblib, by_torch])
+def test_the_worlds_poses_of_whom_is_seen_longest_are_taken(
+    tmp_path: Path, write: Callable[[Any], bytes]
+) -> None:
+    path = tmp_path / "people.pkl"
+    short = person(pose=y_up()[:9], trans=walk()[1][:9], betas=np.zeros((9, 10)))
+    whole = person(pose=0 * y_up(), pose_world=y_up(), trans_world=walk()[1])
+    path.write_bytes(write({3: short, 7: whole}))
+    motion = load_motion_file(path, FPS)
+    np.testing.assert_allclose(motion.trans_m, walk()[1], atol=1e-9)
+    np.testing.assert_allclose(motion.pose[0], walk()[0][0], atol=1e-6)
+    assert "2 people" in motion.notes[0]
+
+
+def test_what_is_no_motion_says_why(tmp_path: Path) -> None:
+    path = tmp_path / "a.pkl"
+    path.write_bytes(pickle.dumps({"pose": Evil()}))
+    assert "asks to run" in refused(path)
+    path.write_bytes(pickle.dumps({0: person()}))
+    assert "does not say its rate" in refused(path, None)
+    path.write_bytes(pickle.dumps({"v_template": np.zeros((6890, 3))}))
+    assert "without poses of SMPL" in refused(path)
+    upside_down = y_up()
+    upside_down[:, :3] = [np.pi, 0, 0]
+    path.write_bytes(pickle.dumps({0: person(pose=upside_down)}))
+    assert "space of a camera" in refused(path)
+    path.write_bytes(pickle.dumps({"smpl_poses": y_up(), "smpl_trans": walk()[1],
+                                   "smpl_scaling": np.array([0.0])}))  # fmt: skip
+    assert "smpl_scaling" in refused(path)
+    assert "does not exist" in refused(tmp_path / "none.pkl")
+
+
+@pytest.mark.parametrize("what", ["short", "missing", "deflated"])
+def test_a_torch_file_whose_numbers_are_not_there_is_refused(tmp_path: Path, what: str) -> None:
+    path = tmp_path / "a.pt"
+    path.write_bytes(by_torch({"pose": y_up(), "trans": walk()[1]}))
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in members.items():
+            is_first = name.endswith("data/0")
+            if not (is_first and what == "missing"):
+                archive.writestr(
+                    name,
+                    data[:800] if is_first and what == "short" else data,
+                    zipfile.ZIP_DEFLATED if what == "deflated" else zipfile.ZIP_STORED,
+                )
+    assert "does not load" in refused(path)
+
+
+def test_what_torch_itself_writes_is_read() -> None:
+    """The forged file has its shape: the pickle's names, and numbers beside it."""
+    names = by_torch({"pose": np.zeros(3)})
+    for part in (b"torch._utils\n_rebuild_tensor_v2", b"torch\nDoubleStorage", b"results/data/0"):
+        assert part in names
+
+
+def test_joints_of_mdm_are_its_first_sample(tmp_path: Path) -> None:
+    motions = np.stack([joints_m(), 0 * joints_m()]).transpose(0, 2, 3, 1)
+    path = tmp_path / "results.npy"
+    np.save(path, np.array({"motion": motions, "text": ["walks", "rests"]}, dtype=object))
+    motion = load_motion_file(path)
+    np.testing.assert_allclose(motion.trans_m[0], walk()[1][0], atol=1e-6)
+    assert motion.source_fps == 20.0
+
+
+@pytest.mark.parametrize(
+    ("array", "complaint"),
+    [
+        (np.zeros((FRAMES, 263)), "features"),
+        (np.zeros((FRAMES, 21, 3)), "shape"),
+        (np.zeros((FRAMES, 22, 3)), "no length"),
+        (np.zeros((0, 22, 3)), "0 frames"),
+        (np.full((3, 22, 3), np.nan), "not all finite"),
+        (np.array({"motion": 1}, dtype=object), "does not load"),
+    ],
+)
+def test_other_arrays_are_refused(tmp_path: Path, array: np.ndarray, complaint: str) -> None:
+    np.save(tmp_path / "a.npy", array)
+    assert complaint in refused(tmp_path / "a.npy", None)
+
+
+def test_a_folder_of_any_kind_is_searched(tmp_path: Path) -> None:
+    save(tmp_path / "anna" / "walk_poses.npz", smplh())
+    (tmp_path / "anna" / "run.pkl").write_bytes(pickle.dumps({0: person()}))
+    (tmp_path / "anna" / "model.pkl").write_bytes(pickle.dumps({"v_template": np.zeros(3)}))
+    (tmp_path / "anna" / "odd.pt").write_bytes(b"PK")
+    np.save(tmp_path / "anna" / "hop.npy", joints_m())
+    np.save(tmp_path / "anna" / "mean.npy", np.zeros(263))
+    found = {path.name for path in find_motion_files(tmp_path, "female")}
+    assert found == {"walk_poses.npz", "run.pkl", "hop.npy"}
+    assert pickles.gender_of(tmp_path / "none.pkl") is None
