@@ -170,7 +170,7 @@ def compare(
                 continue
             frame = real_frames[region.segment]
             ok = real.seen[label] & frame.good
-            good = inner & _scored(ok, fps)
+            good = scored(ok, fps)
             if good.sum() < fps:
                 continue
             rest = bare_frames[region.segment].local_mm(bare_m[label])
@@ -181,7 +181,7 @@ def compare(
                 frame.local_mm(bare_m[label]),
                 frame.local_mm(full_m[label]),
             )
-            moved, added, posed, pose_there, total_there = (_fast(one, fps) for one in series)
+            moved, added, posed, pose_there, total_there = (fast(one, fps) for one in series)
             flesh = (moved - posed)[good], added[good]
             total, alone = total_there[good, 1], pose_there[good, 1]
             rows.append(
@@ -232,21 +232,22 @@ def _floor_mm(
             # The frame of the others has its own axes: the rest pose's, on average.
             bone = pose.turns[SEGMENTS[name].bone]
             inside = inside @ np.einsum("tyx,tyz->xz", turns, bone) / len(turns)
-            moved = _fast(bridged(inside, real.seen[label]), fps)[good]
+            moved = fast(bridged(inside, real.seen[label]), fps)[good]
             floor[f"{name}: {label}"] = [_round(value) for value in moved.std(axis=0)]
     return floor
 
 
-def _scored(seen: NDArray[np.bool_], fps: float) -> NDArray[np.bool_]:
-    """Frames that count: seen, and not beside a long gap."""
+def scored(seen: NDArray[np.bool_], fps: float) -> NDArray[np.bool_]:
+    """Frames that count: seen, and beside neither a long gap nor an end."""
     out, margin = seen.copy(), int(_EDGE_S * fps)
+    out[:margin] = out[len(out) - margin :] = False
     for first, end in np.flatnonzero(np.diff(np.r_[1, seen, 1])).reshape(-1, 2):
         if end - first > _LONG_GAP_S * fps:
             out[max(0, first - margin) : end + margin] = False
     return out
 
 
-def _fast(series: NDArray, fps: float) -> NDArray[np.float64]:
+def fast(series: NDArray, fps: float) -> NDArray[np.float64]:
     """(T, 3) what is faster than `CUT_HZ`, without delay."""
     high = butter(2, CUT_HZ, "high", fs=fps, output="sos")
     return sosfiltfilt(high, series - series.mean(axis=0), axis=0)

@@ -1,0 +1,273 @@
+"""Frequency, damping and preload of a person's soft regions: maximum a posteriori by output error.
+
+Of each region the model's constants are changed by three numbers: logarithms of what its frequency
+and its damping ratio are multiplied by, and the preload of its flesh. Flesh of the region's nodes
+is rolled under the loads of a pose that follows bone, read at the markers and compared with them;
+skin that the limbs beyond pull is solved for beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from bridge.body import BodyModelData
+from bridge.body.parts import PARTS, part_weights
+from bridge.markers.evidence import Clip, Series
+from bridge.markers.hanging import Constants, Patch
+from bridge.markers.skin import fast
+from bridge.tissue.oscillators import GRAVITY_M_S2
+from bridge.tissue.shape import shape_features, shaped_normals
+from bridge.tissue.trained_plus import SAG_POWER, TrainedPlus, shares_of_people
+
+NAMES = ("frequency", "damping", "preload")
+LEAST, MOST = 1.001, 2.85
+"""Preloads: 1 is a linear spring; at 3 weightless flesh has none."""
+POPULATION_SD, PEOPLE_SD = np.array([0.4, 0.35, 0.5]), np.array([0.2, 0.25, 0.3])
+"""What is known before: by how much people's mean lies beside the base model's constants, and how
+much people of one shape differ, in the logarithms and in preload."""
+_MARKER_MM, _PULL_MM = 4.0, 8.0
+"""What of a marker's motion the law leaves, and how far a limb pulls skin."""
+_SAME_FRAMES = 5.0
+"""Neighbours in time whose errors are one error."""
+_BLOCK_S = 1.5
+"""Errors farther apart than this are different errors."""
+_BONE_HZ = 20.0
+_LEAST_SHARE = 0.02
+_STARTS = np.array([-0.7, -0.45, -0.2, 0.0, 0.2, 0.45])
+"""Of the frequency, whose error has valleys."""
+_STEP = 0.01
+"""Of a derivative."""
+
+
+def lift(preload: NDArray | float) -> NDArray[np.float64]:
+    """A preload as a number without bounds."""
+    part = (np.clip(preload, LEAST + 1e-3, MOST - 1e-3) - LEAST) / (MOST - LEAST)
+    return np.log(part / (1 - part))
+
+
+def lower(lifted: NDArray | float) -> NDArray[np.float64]:
+    """The inverse of `lift`."""
+    return LEAST + (MOST - LEAST) / (1 + np.exp(-np.asarray(lifted, np.float64)))
+
+
+def lift_slope(preload: float) -> float:
+    """How fast `lift` grows."""
+    return (MOST - LEAST) / ((preload - LEAST) * (MOST - preload))
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """One part of a model's body: how much of a change each node takes, and what it is now."""
+
+    shares: NDArray[np.float64]
+    """(K,) 1 in soft flesh of the part, 0 elsewhere and where skin lies on bone."""
+    typical: NDArray[np.float64]
+    """(K,) weights, which sum to 1, of the nodes that speak for the part: the soft ones."""
+
+    @classmethod
+    def of(cls, body: BodyModelData, model: TrainedPlus, part: str) -> Region:
+        """The region of a part of the body."""
+        there = part_weights(body)[model.nodes.vertices, PARTS.index(part)]
+        omega = np.exp(model.weights.base["omega"][:, 0].astype(np.float64))
+        typical = there**2 / omega**2
+        typical /= typical.sum()
+        bone, soft = np.log(2 * np.pi * _BONE_HZ), typical @ np.log(omega)
+        softness = np.clip((bone - np.log(omega)) / max(bone - soft, 0.1), 0, 1)
+        return cls(there * softness, typical)
+
+
+def constants_of(
+    body: BodyModelData, model: TrainedPlus, betas: NDArray
+) -> dict[str, NDArray[np.float64]]:
+    """(K,) of each of a model's node fields, of a person (10,)."""
+    weights = model.weights
+    own = shape_features(body, betas, model.nodes.vertices) @ weights.slopes
+    own = own + np.tensordot(shares_of_people(betas, model.people_betas), weights.residual, 1)
+    powers = {"omega": 1.0, "stiffening": float(weights.stiffening_power[0]), "sag": SAG_POWER}
+    return {
+        name: np.exp((log + powers.get(name, 0.0) * own)[:, 0].astype(np.float64))
+        for name, log in weights.base.items()
+    }
+
+
+def changed(
+    base: Mapping[str, NDArray], shares: NDArray, normals: NDArray, sets: NDArray
+) -> Constants:
+    """The constants (K, M) of nodes that take their shares of M changes (M, 3).
+
+    Parameters
+    ----------
+    base : (K,) of each of the model's node fields.
+    normals : (K, 3).
+    sets : logarithms of factors, and lifted preloads.
+    """
+    wide, part = {name: values[:, None] for name, values in base.items()}, shares[:, None]
+    factor = np.exp(part * sets[:, 0])
+    omega, preload = factor * wide["omega"], lower(sets[:, 2])
+    taut = 1 + (wide["normal_ratio"] - 1) * normals[:, 1, None] ** 2
+    sag_m = preload * -GRAVITY_M_S2[1] / omega**2
+    stiffening = (preload - 1) / (3 - preload) / (sag_m**2 * taut)
+    return Constants(
+        omega,
+        wide["damping_ratio"] * np.exp(part * sets[:, 1]),
+        (wide["stiffening"] * factor**4) ** (1 - part) * stiffening**part,
+        (wide["sag"] / factor**2) ** (1 - part) * sag_m**part,
+    )
+
+
+def preload_of(base: Mapping[str, NDArray], region: Region) -> float:
+    """What a region's flesh has of it."""
+    strain = base["stiffening"] * base["sag"] ** 2
+    return float(region.typical @ ((1 + 3 * strain) / (1 + strain)))
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What one person's markers say of a region."""
+
+    found: list[float]
+    """(3,) changes, preload lifted; a maximum a posteriori."""
+    information: list[list[float]]
+    """(3, 3) of the data about them, as wide as the errors that are left say."""
+    pull: list[float]
+    """(3,) information times the data's own estimate."""
+    base: list[float]
+    """(3,) logarithms of the base model's frequency [Hz] and damping of this person, preload."""
+    seconds: float
+    motions: int
+    left: float
+    """Part of the markers' energy that the fit leaves."""
+    doubt: str
+
+
+def fit_region(
+    body: BodyModelData, model: TrainedPlus, betas: NDArray, clips: Sequence[Clip], part: str
+) -> Estimate | None:
+    """Fit one region of one person; None where no clip has markers on it."""
+    clips = [clip for clip in clips if part in clip.series]
+    if not clips:
+        return None
+    region, base = Region.of(body, model, part), constants_of(body, model, betas)
+    output = _Output(body, model, betas, clips, part, region, base)
+    preload = preload_of(base, region)
+    start = np.array([0.0, 0.0, float(lift(preload))])
+    spread = np.hypot(POPULATION_SD, PEOPLE_SD) * [1, 1, lift_slope(np.clip(preload, 1.2, 2.6))]
+    starts = start + _STARTS[:, None] * [1, 0, 0]
+    errors = output.errors(starts)
+    costs = np.square(errors).sum(axis=0) + np.square((starts - start) / spread).sum(axis=1)
+    found = least_squares(
+        lambda x: np.r_[output.errors(x[None])[:, 0], (x - start) / spread],
+        starts[int(np.argmin(costs))],
+        jac=lambda x: np.vstack([output.slopes(x), np.diag(1 / spread)]),
+        bounds=(start - 5 * spread, start + 5 * spread),
+        x_scale=spread,
+        max_nfev=15,
+        xtol=1e-3,
+        ftol=1e-4,
+    )
+    slopes, error = output.slopes(found.x), output.errors(found.x[None])[:, 0]
+    information = slopes.T @ slopes
+    information /= _inflation(slopes, error, output.blocks, information + np.diag(spread**-2.0))
+    # Where the posterior is flat the data's gradient is the prior's with another sign.
+    pull = information @ found.x + (information @ np.linalg.pinv(slopes.T @ slopes)) @ (
+        (found.x - start) / spread**2
+    )
+    doubts = {series.doubt for clip in clips for series in clip.series[part]}
+    return Estimate(
+        found=found.x.tolist(),
+        information=information.tolist(),
+        pull=pull.tolist(),
+        base=[
+            float(region.typical @ np.log(base["omega"] / (2 * np.pi))),
+            float(region.typical @ np.log(base["damping_ratio"])),
+            preload,
+        ],
+        seconds=round(sum(len(clip.load) / clip.fps for clip in clips), 2),
+        motions=len(clips),
+        left=float(np.square(error).sum() / output.energy),
+        doubt="; ".join(sorted(doubts - {""})),
+    )
+
+
+def _inflation(slopes: NDArray, error: NDArray, blocks: NDArray, whole: NDArray) -> float:
+    """By how much wider than formal errors say: errors of one moment are one error."""
+    scores = np.zeros((int(blocks.max()) + 1, slopes.shape[1]))
+    np.add.at(scores, blocks[blocks >= 0], (slopes * error[:, None])[blocks >= 0])
+    scores = scores[np.bincount(blocks[blocks >= 0], minlength=len(scores)) > 0]
+    count, inverse = len(scores), np.linalg.inv(whole)
+    if count < 2:
+        return 4.0
+    spread = scores.T @ scores * count / (count - 1)
+    return max(1.0, float(np.trace(inverse @ spread) / np.trace(inverse @ (slopes.T @ slopes))))
+
+
+class _Output:
+    """Errors of a region's markers, for several sets of changes at once."""
+
+    def __init__(
+        self,
+        body: BodyModelData,
+        model: TrainedPlus,
+        betas: NDArray,
+        clips: Sequence[Clip],
+        part: str,
+        region: Region,
+        base: Mapping[str, NDArray],
+    ) -> None:
+        there = part_weights(body)[model.nodes.vertices, PARTS.index(part)]
+        nodes = np.flatnonzero(there > _LEAST_SHARE)
+        laplacian = model.nodes.laplacian.toarray()[np.ix_(nodes, nodes)].astype(np.float64)
+        np.fill_diagonal(laplacian, laplacian.diagonal() - laplacian.sum(axis=1))
+        self._base = {name: values[nodes] for name, values in base.items()}
+        self._normals = shaped_normals(body, betas)[model.nodes.vertices[nodes]].astype(np.float64)
+        tension, bending = self._base["wave_speed"] ** 2, self._base["bending"]
+        coupling = tension[:, None] * laplacian + bending[:, None] * (laplacian @ laplacian)
+        self._patch = Patch(coupling, self._normals, self._base["normal_ratio"])
+        self._shares = region.shares[nodes]
+        self._clips = [(clip, clip.series[part]) for clip in clips]
+        self._loads = [clip.load[:, nodes] for clip in clips]
+        self._reading = [np.stack([one.reading[nodes] for one in s]) for _, s in self._clips]
+        rows = [self._blocks_of(*pair, number) for number, pair in enumerate(self._clips)]
+        self.blocks = np.concatenate(rows)
+        """(R,) which errors are one: of a moment of one motion; -1 for what is pulled."""
+        self.energy = sum(
+            float(np.square(one.moved_mm[one.good]).sum()) for _, s in self._clips for one in s
+        ) / (_MARKER_MM**2 * _SAME_FRAMES)
+
+    @staticmethod
+    def _blocks_of(clip: Clip, series: Sequence[Series], number: int) -> NDArray[np.intp]:
+        frames = [np.flatnonzero(one.good).repeat(3) for one in series]
+        pulled = [np.full(3 * one.pulls.shape[1], -1) for one in series]
+        blocks = [1000 * number + (f / (_BLOCK_S * clip.fps)).astype(np.intp) for f in frames]
+        return np.concatenate([part for pair in zip(blocks, pulled, strict=True) for part in pair])
+
+    def errors(self, sets: NDArray) -> NDArray[np.float64]:
+        """(R, M) of M sets of changes (M, 3), in units of what is expected."""
+        constants = changed(self._base, self._shares, self._normals, sets)
+        rolled = self._patch.roll(constants, self._loads, self._reading)
+        found = []
+        for (clip, series), offsets_m in zip(self._clips, rolled, strict=True):
+            for column, one in enumerate(series):
+                inside = 1e3 * np.einsum("txy,tym->txm", one.turns, offsets_m[:, column])
+                found += _unexplained(one, fast(inside, clip.fps))
+        return np.concatenate(found)
+
+    def slopes(self, at: NDArray) -> NDArray[np.float64]:
+        """(R, 3) derivatives of the errors."""
+        found = self.errors(at + np.vstack([np.eye(3), -np.eye(3)]) * _STEP)
+        return (found[:, :3] - found[:, 3:]) / (2 * _STEP)
+
+
+def _unexplained(series: Series, offsets_mm: NDArray) -> list[NDArray[np.float64]]:
+    """What is left of a marker's motion, and the pulls that were solved for (variable projection)."""
+    sets, size = offsets_mm.shape[-1], _MARKER_MM * np.sqrt(_SAME_FRAMES)
+    left = ((series.moved_mm[..., None] - offsets_mm)[series.good] / size).reshape(-1, 3 * sets)
+    pulls = series.pulls[series.good] / size
+    gram = pulls.T @ pulls + np.eye(pulls.shape[1]) / _PULL_MM**2
+    solved = np.linalg.solve(gram, pulls.T @ left)
+    return [(left - pulls @ solved).reshape(-1, sets), (solved / _PULL_MM).reshape(-1, sets)]
