@@ -1,6 +1,6 @@
-"""Read SMPL's pickles without running anything that they contain.
+"""Read pickles of SMPL and MoSh++ without running anything that they contain.
 
-The licensed files were pickled by Python 2 and hold NumPy arrays, SciPy sparse matrices and
+SMPL's files were pickled by Python 2 and hold NumPy arrays, SciPy sparse matrices and
 `chumpy` objects. `pickletools` of the standard library takes a pickle apart; here its opcodes build
 plain containers and inert records, and every other global, so every malicious pickle, is refused.
 No constructor of NumPy's, SciPy's or Python's sees a file's values before `as_array` has checked
@@ -24,11 +24,11 @@ import scipy.sparse as sp
 
 MOST_BYTES = 1 << 27
 """Of an array in a file of SMPL's: 300 shape components take 50 MB."""
-_MOST_OPCODES = 200_000
+MOST_OPCODES = 200_000
 """SMPL's files have some thousands; each makes an object of up to 200 bytes."""
 _OPCODES = {operation.code: operation for operation in pickletools.opcodes}
 _PLAIN = ("INT", "BININT", "LONG", "FLOAT", "BINFLOAT", "STRING", "BINSTRING", "SHORT_BIN",
-          "UNICODE", "BINUNICODE", "BINBYTES")  # fmt: skip
+          "UNICODE", "BINUNICODE", "BINBYTES", "BYTEARRAY")  # fmt: skip
 """How opcodes of numbers and text begin."""
 _NUMBERS = re.compile(r"[biuf][1248]|[SU]\d{1,4}")
 _GLOBALS = {
@@ -37,6 +37,8 @@ _GLOBALS = {
     ("_codecs", "encode"): "encode",
     **{(f"numpy.{core}.multiarray", "_reconstruct"): "new array" for core in ("core", "_core")},
     **{(f"numpy.{core}.multiarray", "scalar"): "scalar" for core in ("core", "_core")},
+    **{(f"numpy.{core}.numeric", "_frombuffer"): "buffer" for core in ("core", "_core")},
+    ("collections", "OrderedDict"): "ordered",
     **{(module, "_reconstructor"): "new object" for module in ("copy_reg", "copyreg")},
     **{(module, "object"): "object" for module in ("__builtin__", "builtins")},
     **{(module, "set"): "set" for module in ("__builtin__", "builtins")},
@@ -59,12 +61,12 @@ class Record:
     state: Any = None
 
 
-def load_restricted(file: IO[bytes]) -> Any:
+def load_restricted(file: IO[bytes], most_opcodes: int = MOST_OPCODES) -> Any:
     """Unpickle arrays, sparse matrices, chumpy objects and plain containers."""
     stack: list[Any] = []
     marked: list[list[Any]] = []  # stacks below each mark
     memo: dict[int, Any] = {}
-    for code, name, argument in _operations(file):
+    for code, name, argument in _operations(file, most_opcodes):
         match name:
             case "STOP":
                 return stack.pop()
@@ -126,12 +128,12 @@ def load_restricted(file: IO[bytes]) -> Any:
                 stack.append(argument)
             case _:
                 raise UnpicklingError(f"it asks for opcode {ord(code)}")
-    raise UnpicklingError(f"more than {_MOST_OPCODES} objects")
+    raise UnpicklingError(f"more than {most_opcodes} objects")
 
 
-def _operations(file: IO[bytes]) -> Iterator[tuple[str, str, Any]]:
-    """Code, name and argument of each, at most `_MOST_OPCODES`."""
-    for _ in range(_MOST_OPCODES):
+def _operations(file: IO[bytes], most: int) -> Iterator[tuple[str, str, Any]]:
+    """Code, name and argument of each, at most so many."""
+    for _ in range(most):
         code = file.read(1).decode("latin1")
         if code not in _OPCODES:
             raise UnpicklingError(f"it asks for opcode {ord(code)}" if code else "it ends early")
@@ -182,7 +184,9 @@ def _made(function: Any, arguments: Any) -> Any:
             return text  # protocol 2's way to write bytes; text holds one byte a character
         case "set", _:
             return None
-        case ("array" | "dtype" | "scalar" | "chumpy" | "csc") as kind, _:
+        case "ordered", ():
+            return {}
+        case ("array" | "dtype" | "scalar" | "buffer" | "chumpy" | "csc") as kind, _:
             return Record(kind, arguments)
     raise UnpicklingError("it asks to construct something else")
 
@@ -208,7 +212,7 @@ def as_array(value: Any) -> np.ndarray:
     if isinstance(value, (np.ndarray, float)):
         return np.asarray(value)
     match value:
-        case Record("array"):
+        case Record("array") | Record("buffer"):
             shape, dtype, is_fortran, raw = _array_parts(value)
             sizes, numbers = _whole_numbers(shape), _dtype(dtype)
             _check_size(sizes, numbers.itemsize)
@@ -235,9 +239,11 @@ def as_array(value: Any) -> np.ndarray:
 
 
 def _array_parts(record: Record) -> tuple[Any, Record, Any, Any]:
-    match record.state:
-        case (_, shape, Record("dtype") as dtype, is_fortran, raw):
+    match record.kind, record.state, record.arguments:
+        case "array", (_, shape, Record("dtype") as dtype, is_fortran, raw), _:
             return shape, dtype, is_fortran, raw
+        case "buffer", None, (raw, Record("dtype") as dtype, shape, order):  # protocol 5
+            return shape, dtype, order == "F", raw
     raise UnpicklingError("an array without its values")
 
 
@@ -268,7 +274,7 @@ def _check_size(shape: tuple[int, ...], item_bytes: int) -> None:
         raise UnpicklingError(f"an array of shape {shape}")
 
 
-def _raw_bytes(raw: Any) -> bytes:
-    if not isinstance(raw, (str, bytes)):
+def _raw_bytes(raw: Any) -> bytes | bytearray:
+    if not isinstance(raw, (str, bytes, bytearray)):
         raise UnpicklingError(f"a {type(raw).__name__} in place of an array's values")
     return raw.encode("latin1") if isinstance(raw, str) else raw

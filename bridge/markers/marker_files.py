@@ -1,9 +1,10 @@
-"""Optical markers of an AMASS `.npz` of the SMPL-H release, which keeps `marker_data` (T, N, 3)
-and `marker_labels` (N,) beside the pose that was fitted to them."""
+"""Optical markers of any file that is read: named alike, in metres, y up, gaps as NaN."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -11,29 +12,46 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.markers.segments import SEEN_ENOUGH, Cloud, bridged
-from bridge.motion.motion import MOST_FRAMES, Y_UP_FROM_Z_UP
-from bridge.runs.untrusted import damage_refused, open_npz
+from bridge.markers.readers import READERS, c3d, reader_of
+from bridge.markers.segments import SEEN_ENOUGH, SEGMENTS, Cloud, bridged
+from bridge.markers.stored import refused
+from bridge.motion import Motion, load_motion_file
+from bridge.motion.motion import Y_UP_FROM_Z_UP
+from bridge.motion.readers.amass import motion_path
+from bridge.paper import N_VERTICES
+from bridge.runs.untrusted import damage_refused
 
-_MOST_MARKERS = 500
-_MOST_BYTES = MOST_FRAMES * _MOST_MARKERS * 3 * 8
+_SAME_LENGTH_S = 0.03
+"""A motion at 60 fps is shorter than its file by less than that."""
 _PERSON_M = (0.8, 3.5)
 """How much room markers of a person take up at any moment, largest extent."""
 _SAME_PLACE = {
     "TOPBACK": "C7",
+    "CV7": "C7",
     "MIDBACK": "T10",
+    "TV10": "T10",
+    "TV8": "T8",
     "R10": "RBAK",
-    "LFSH": "LSHO",
-    "RFSH": "RSHO",
+    "CHEST": "CLAV",
+    "SJN": "CLAV",
+    "SXS": "STRN",
     **{
         f"{side}{name}": side + other
         for side in "LR"
-        for name, other in (("HIP", "THI"), ("LEG", "TIB"), ("SHIN", "TIB"))
+        for name, other in (
+            ("BAC", "BAK"), ("FSH", "SHO"), ("SHOULDER", "SHO"), ("ELBOW", "ELB"), ("HLE", "ELB"),
+            ("HIP", "THI"), ("THIGH", "THI"), ("LEG", "TIB"), ("SHIN", "TIB"), ("KNEE", "KNE"),
+            ("FLE", "KNE"), ("ANKLE", "ANK"), ("FAL", "ANK"), ("HEEL", "HEE"), ("IAS", "ASI"),
+            ("IPS", "PSI"),
+        )
     },
-}
-"""Other names of the same places, in the marker sets of AMASS's sources."""
+}  # fmt: skip
+"""Other names of the same places, in the marker sets of AMASS's sources, Plug-in Gait and ISB's."""
+_ON_HEADS = SEGMENTS["head"].labels
+_ON_FEET = ("LANK", "RANK", "LHEE", "RHEE", "LTOE", "RTOE")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +64,8 @@ class Markers:
     fps: float
     note: str = ""
     """What was done to the file's numbers; empty if nothing."""
+    vertices: Mapping[str, int] = field(default_factory=dict)
+    """Of SMPL, by label, where the file says them."""
 
     def at(self, fps: float, frame_count: int) -> Cloud:
         """The markers that are seen often enough, at another rate and of a given length."""
@@ -60,73 +80,129 @@ class Markers:
         return Cloud(points, seen)
 
 
-def read_markers(path: Path, fps: float) -> Markers:
-    """The markers of a file.
+def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Markers:
+    """The markers of a file of `bridge.markers.readers`, the rows of which are checked.
 
     Parameters
     ----------
-    fps : frames per second: that of the pose.
+    fps, duration_s : of the pose. Markers that last as long at its rate have it, whatever their
+        own file says.
 
     Raises
     ------
     DsnetError
-        If the file is damaged, or holds no markers with names, of a person's size.
+        If the file is damaged, or holds no markers with names, of one person's size.
     """
-    with damage_refused(partial(_unreadable, path)):
-        data, labels = _read_npz(path)
-    if data.ndim != 3 or data.shape[1:] != (len(labels), 3) or not len(labels):
-        raise _refused(
+    with damage_refused(partial(_unreadable, path), RecursionError):
+        stored = reader_of(path).read(motion_path(path))
+        data = np.array(stored.points, np.float64) if stored.points.dtype.kind in "iuf" else None
+    if data is None or data.shape != (len(data), len(stored.labels), 3) or not stored.labels:
+        raise refused(
             path,
-            f"markers of shape {data.shape} with {len(labels)} names",
-            "(T, N, 3) with N names",
+            f"markers of {stored.points.dtype} in shape {stored.points.shape} with "
+            f"{len(stored.labels)} names",
+            "numbers (T, N, 3) with N names",
         )
-    if len({name for name in labels if name.strip("*0123456789 ")}) < 4:
-        raise _refused(
+    whose, names = _names(path, stored.labels)
+    data[~data.any(axis=2)] = np.nan  # some files write a marker that was not seen as zeros
+    if not (np.isfinite(data).all(axis=2).mean(axis=0) > SEEN_ENOUGH).any():
+        raise refused(path, "markers that are hardly ever seen", "most of them in most frames")
+    data, note = _in_metres(path, data, stored.per_m)
+    up = Y_UP_FROM_Z_UP if stored.upright else _upright(data, names)
+    upright = up.apply(data.reshape(-1, 3)).reshape(data.shape)
+    own_fps = stored.fps or fps
+    if duration_s is not None and abs((len(data) - 1) / fps - duration_s) < _SAME_LENGTH_S:
+        own_fps = fps
+    vertices = {whose[label]: v for label, v in stored.vertices.items() if label in whose}
+    return Markers(
+        upright,
+        names,
+        own_fps,
+        note,
+        {name: v for name, v in vertices.items() if type(v) is int and 0 <= v < N_VERTICES},
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A motion and the markers that its pose was fitted to."""
+
+    motion: Motion
+    """At 60 fps, y up: theta (T, 69), betas (10,), gender."""
+    markers: Markers
+    """Y up too, at their own rate: `markers.at(motion.fps, len(motion.theta))`."""
+
+
+def load_recording(path: Path, source_fps: float | None = None) -> Recording:
+    """Markers and pose of an AMASS `.npz`, a MoSh++ `*_stageii.pkl`, or a C3D beside either.
+
+    Parameters
+    ----------
+    source_fps : frames per second of the pose's file, where what it says is wrong.
+
+    Raises
+    ------
+    DsnetError
+        If there are no markers or no motion, or the file is damaged.
+    """
+    motion = load_motion_file(pose_file(path), source_fps)
+    return Recording(motion, read_markers(path, motion.source_fps, motion.duration_s))
+
+
+def pose_file(path: Path) -> Path:
+    """The file of the pose that was fitted to a file's markers: itself but for a C3D."""
+    return c3d.pose_beside(path) if c3d.sniff(path) else motion_path(path)
+
+
+def marker_file(path: Path) -> Path | None:
+    """The file of the markers that a motion file's pose was fitted to, if there is one."""
+    path = motion_path(path)
+    with damage_refused(partial(_unreadable, path), RecursionError):
+        own = any(one.sniff(path) and one.has_markers(path) for one in READERS.values())
+    return path if own else c3d.markers_beside(path)
+
+
+def _names(path: Path, labels: list[str]) -> tuple[dict[str, str], tuple[str, ...]]:
+    """The markers' names as this package has them, by those of the file."""
+    if len({label for label in labels if label.strip("*0123456789 ")}) < 4:
+        raise refused(
             path,
             f"markers without names ({', '.join(labels[:3])}, ...)",
             "names such as C7, CLAV, LBUST",
             "Label them, as MoSh++ and AMASS do",
         )
-    data[~data.any(axis=2)] = np.nan  # some files write a marker that was not seen as zeros
-    if not (np.isfinite(data).all(axis=2).mean(axis=0) > SEEN_ENOUGH).any():
-        raise _refused(path, "markers that are hardly ever seen", "most of them in most frames")
-    data, note = _in_metres(path, data)
-    upright = Y_UP_FROM_Z_UP.apply(data.reshape(-1, 3)).reshape(data.shape)
-    names = [label.rpartition(":")[2].strip().upper() for label in labels]
-    return Markers(upright, tuple(_SAME_PLACE.get(n, n) for n in names), fps, note)
+    people = Counter(label.rpartition(":")[0] for label in labels if label.strip("*"))
+    crowd = [name for name, count in people.items() if name and count >= 4]
+    if len(crowd) > 1:
+        raise refused(path, f"markers of {' and '.join(crowd[:3])}", "those of one person")
+    plain = [label.rpartition(":")[2].strip().upper().replace("_", "") for label in labels]
+    names = tuple(_SAME_PLACE.get(name, name) for name in plain)
+    return dict(zip(labels, names, strict=True)), names
 
 
-def _in_metres(path: Path, data: NDArray) -> tuple[NDArray[np.float64], str]:
-    """Metres, by the room that the markers of one moment take up."""
+def _upright(data_m: NDArray, names: Sequence[str]) -> Rotation:
+    """To y up, from whatever axis people's heads are above their feet along."""
+    ends = [[n for n, name in enumerate(names) if name in group] for group in (_ON_HEADS, _ON_FEET)]
+    if not all(ends):
+        return Y_UP_FROM_Z_UP
+    head, foot = (np.nanmedian(data_m[:, end], axis=(0, 1)) for end in ends)
+    axis = int(np.abs(head - foot).argmax())
+    up = np.sign(head - foot)[axis] * np.eye(3)[axis]
+    turned, _ = Rotation.align_vectors(np.array([[0.0, 1.0, 0.0]]), up[None])
+    return turned
+
+
+def _in_metres(path: Path, data: NDArray, per_m: float | None) -> tuple[NDArray[np.float64], str]:
+    """Metres, by what the file says, else by the room that the markers of a moment take up."""
     seen = np.asarray(np.isfinite(data).all(axis=2))
     some = data[seen.any(axis=1)]
     extent = float(np.median(np.nanmax(some, axis=1) - np.nanmin(some, axis=1), axis=0).max())
-    for unit, per_m in (("metres", 1.0), ("millimetres", 1e3), ("centimetres", 1e2)):
-        if _PERSON_M[0] <= extent / per_m <= _PERSON_M[1]:
-            return data / per_m, "" if per_m == 1 else f"its markers are in {unit}: converted"
-    raise _refused(path, f"markers {extent:.3g} apart", "those of a person, in metres")
-
-
-def _read_npz(path: Path) -> tuple[NDArray, list[str]]:
-    with open_npz(path) as archive:
-        for key, most_bytes in (("marker_data", _MOST_BYTES), ("marker_labels", 1 << 20)):
-            if key not in archive:
-                raise _refused(
-                    path,
-                    f"a file without {key!r}",
-                    "marker_data (T, N, 3) and marker_labels (N,)",
-                    "AMASS's SMPL-H release has them; the SMPL-X release does not",
-                )
-            archive.check(key, most_bytes)
-        labels = archive.array("marker_labels").ravel()
-        data = archive.array("marker_data")
-    if data.dtype.kind not in "iuf" or labels.dtype.kind not in "US":
-        raise _refused(path, f"markers of types {data.dtype} and {labels.dtype}", "numbers, names")
-    return data.astype(np.float64), [_text(label) for label in labels]
-
-
-def _text(value: object) -> str:
-    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+    units = {"metres": 1.0, "millimetres": 1e3, "centimetres": 1e2}
+    for unit, each in units.items() if per_m is None else [("", per_m)]:
+        if _PERSON_M[0] <= extent / each <= _PERSON_M[1]:
+            told = each == 1 or per_m is not None
+            return data / each, "" if told else f"its markers are in {unit}: converted"
+    raise refused(path, f"markers {extent:.3g} apart", "those of a person, in metres")
 
 
 def _resampled(points: NDArray, fps: float, to_fps: float, count: int) -> NDArray[np.float64]:
@@ -140,10 +216,4 @@ def _resampled(points: NDArray, fps: float, to_fps: float, count: int) -> NDArra
 
 
 def _unreadable(path: Path, error: Exception) -> DsnetError:
-    return _refused(path, f"a file that does not load ({str(error)[:200]})", "markers")
-
-
-def _refused(
-    path: Path, received: str, expected: str, remedy: str = "Pass a file with skin markers"
-) -> DsnetError:
-    return DsnetError(f"{path}, {received}", expected, f"{remedy}.")
+    return refused(path, f"a file that does not load ({str(error)[:200]})", "markers")

@@ -3,6 +3,7 @@ places of those vertices over the motion, without and with offsets."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,7 +77,8 @@ def register(body: BodyModelData, motion: Motion, markers: Markers) -> Registere
     points = np.stack(list(cloud.points_m.values()), axis=1)[some]
     turn, shift = _yaw_and_shift(points, skin, [KDTree(frame) for frame in skin])
     moved = {label: points_m @ turn.T + shift for label, points_m in cloud.points_m.items()}
-    vertices, distance = _vertices(body, skin, {k: v[some] for k, v in moved.items()})
+    stated = markers.vertices if body.source == "licensed" else {}  # other bodies' count otherwise
+    vertices, distance = _vertices(body, skin, {k: v[some] for k, v in moved.items()}, stated)
     if (off := float(np.median(list(distance.values())))) > _MOST_OFF_MM:
         raise DsnetError(
             f"{motion.source}, whose markers lie {off:.0f} mm off the body (median)",
@@ -156,14 +158,17 @@ def _yaw_and_shift(
 
 
 def _vertices(
-    body: BodyModelData, skin: NDArray, markers: dict[str, NDArray]
+    body: BodyModelData, skin: NDArray, markers: dict[str, NDArray], stated: Mapping[str, int]
 ) -> tuple[dict[str, int], dict[str, float]]:
-    """Of each marker (K, 3) the vertex that stays nearest, and how far off, millimetres."""
+    """Of each marker (K, 3) the vertex that its file states, or that stays nearest, and how far
+    off, millimetres."""
     normals = np.stack([vertex_normals(frame, body.faces) for frame in skin])
     parts, vertices, distance = part_weights(body), {}, {}
     for label, points in markers.items():
         there = np.arange(body.vertex_count)
-        if label in PARTS_OF:
+        if label in stated:
+            there = np.array([stated[label]])
+        elif label in PARTS_OF:
             columns = [PARTS.index(name) for name in PARTS_OF[label]]
             there = np.flatnonzero(parts[:, columns].sum(axis=1) > 0.5)
         away = points[:, None] - skin[:, there]

@@ -10,11 +10,10 @@ from tyro.conf import Fixed
 
 from bridge.errors import DsnetError, notify
 from bridge.markers.bony import bony_motion
-from bridge.markers.marker_files import read_markers
+from bridge.markers.marker_files import pose_file, read_markers
 from bridge.markers.page import write_comparisons
 from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.measure.evaluation import evaluate_run
-from bridge.motion.readers.amass import motion_path
 from bridge.options import PositiveFloat
 from bridge.runs import Run
 from bridge.runtime.controls import Controls, controlled_body
@@ -41,7 +40,8 @@ class EvaluateConfig:
     run: str | None = None
     """Run to evaluate; with --markers whose predictor moves the skin: left out, the packaged."""
     markers: Path | None = None
-    """Motion with real skin markers: an AMASS `.npz` with `marker_data` and `marker_labels`."""
+    """Motion with real skin markers: an AMASS `.npz` that has them, a MoSh++ `*_stageii.pkl`, or a
+    `.c3d` beside a pose of the same name."""
     motion_fps: PositiveFloat | None = None
     """Frames per second of the motion, where what its file says is wrong."""
     out: Path | None = None
@@ -72,10 +72,10 @@ def main(config: EvaluateConfig) -> None:
 def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     """Compare what a predictor makes of a motion with the markers of that motion."""
     run = None if config.run is None else Run(config.run)
-    trained, motion = load_for_motion(run, None, markers, config.motion_fps)
+    trained, motion = load_for_motion(run, None, pose_file(markers), config.motion_fps)
     moving = controlled_body(trained, motion, Controls(motion_fps=config.motion_fps))
     motion = moving.motion
-    found = read_markers(motion_path(markers), motion.source_fps)
+    found = read_markers(markers, motion.source_fps, motion.duration_s)
     if found.note:
         notify(f"{markers}: {found.note}")
     registered = register(moving.body, motion, found)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError, notify
 from bridge.motion.motion import Motion
-from bridge.motion.readers import amass, bvh
+from bridge.motion.readers import amass, bvh, mosh
 
 
 class MotionReader(Protocol):
@@ -42,6 +42,7 @@ class MotionReader(Protocol):
 READERS: dict[str, MotionReader] = {
     "amass": amass,
     "bvh": bvh,
+    "moshpp": mosh,
 }
 """By the names that a synthetic corpus's motions begin with if real people made them."""
 

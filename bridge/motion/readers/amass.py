@@ -62,6 +62,11 @@ def read(path: Path) -> Motion:
     wanted = ("poses", "trans", "betas", "gender", "dmpls", *_RATE_KEYS)
     with _opened(path, motion_path(path)) as archive:
         arrays = _arrays(archive, wanted)
+    return motion_of(path, arrays)
+
+
+def motion_of(path: Path, arrays: Arrays) -> Motion:
+    """The motion in the arrays of a file, by AMASS's names; `DsnetError` if it is none."""
     pose, trans_m = _pose(path, arrays)
     betas, gender, fps = _betas(path, arrays), _gender(arrays), _rate(path, arrays)
     return Motion(
@@ -223,5 +228,10 @@ def _betas(path: Path, arrays: Arrays) -> NDArray[np.float64]:
 
 def _gender(arrays: Arrays) -> str:
     stored = arrays.get("gender", np.array("unknown"))
-    gender = text_of(stored).strip().lower() if stored.size == 1 else "unknown"
-    return gender if gender in ("female", "male", "neutral") else "unknown"
+    return gender_in(text_of(stored)) if stored.size == 1 else "unknown"
+
+
+def gender_in(stated: object) -> str:
+    """What a file's word for a gender means."""
+    word = stated.strip().lower() if isinstance(stated, str) else ""
+    return word if word in ("female", "male", "neutral") else "unknown"

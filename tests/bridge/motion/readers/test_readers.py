@@ -84,7 +84,7 @@ def test_nothing_is_said_when_nothing_is_left_out(
 
 def test_a_folder_without_motions_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "absent"):
-        with pytest.raises(DsnetError, match=r"no \.npz or \.bvh and no motion"):
+        with pytest.raises(DsnetError, match=r"no \.npz or \.bvh or \.pkl and no motion"):
             find_motion_files(path, "female")
     save(tmp_path / "shape.npz", shape())
     save(tmp_path / "a_poses.npz", smplh())
@@ -145,5 +145,5 @@ def test_a_new_format_is_the_file_and_the_line_that_contributing_shows(
     assert find_motion_files(tmp_path, "female") == [path]
     assert format_of(path) == "text"
     assert is_real_motion("50004_text_walk")
-    with pytest.raises(DsnetError, match=r"no \.npz or \.bvh or \.txt and no motion"):
+    with pytest.raises(DsnetError, match=r"no \.npz or \.bvh or \.pkl or \.txt and no motion"):
         find_motion_files(tmp_path / "nowhere", "female")

@@ -1,0 +1,88 @@
+"""What MoSh++ writes, `*_stageii.pkl`: a pose fitted to optical markers, and the markers.
+
+`fullpose`, `trans` and `betas` are AMASS's `poses`, `trans` and `betas`; the rate is that of the
+recording, of which MoSh++ may have fitted every other frame (`ds_rate`). Nothing in it is executed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bridge.body.safe_pickle import as_array, load_restricted
+from bridge.errors import DsnetError
+from bridge.motion.motion import MOST_FRAMES, Motion
+from bridge.motion.readers.amass import gender_in, motion_of
+from bridge.runs.untrusted import damage_refused, open_regular
+
+SUFFIXES = (".pkl",)
+_NAME = "_stageii"
+_MOST_BYTES = MOST_FRAMES * 100 * 3 * 8 * 4
+"""Markers as they were seen, as they were used and as they were fitted, and the pose."""
+_MOST_OPCODES = 4_000_000
+"""Names and markers of every frame are lists: 10,000 frames of 67 markers take 1.3 million."""
+_ARRAYS = {"fullpose": "poses", "trans": "trans", "betas": "betas", "dmpls": "dmpls"}
+
+
+def sniff(path: Path) -> bool:
+    """By its name."""
+    return path.suffix in SUFFIXES
+
+
+def read(path: Path) -> Motion:
+    """Read and check one file."""
+    fields = load_fields(path)
+    with damage_refused(partial(unreadable, path), RecursionError):
+        arrays = {to: as_array(fields[key]) for key, to in _ARRAYS.items() if key in fields}
+        arrays["gender"] = np.array(_gender(fields))
+        details = fields.get("stageii_debug_details")
+        if (rate := within(details, "mocap_frame_rate")) is not None:
+            every = within(details, "cfg", "mocap", "ds_rate")
+            every = every if isinstance(every, int) and every > 0 else 1
+            number = rate if isinstance(rate, (int, float)) else as_array(rate).item()
+            arrays["mocap_frame_rate"] = np.array(float(number) / every)
+    return motion_of(path, arrays)
+
+
+def gender_of(path: Path) -> str | None:
+    """The gender that a file states; None for other pickles, such as body models."""
+    return _gender(load_fields(path)) if path.stem.endswith(_NAME) else None
+
+
+def load_fields(path: Path) -> Mapping[str, Any]:
+    """What a file holds, by name: plain containers, and records for `as_array`."""
+    with (
+        damage_refused(partial(unreadable, path), RecursionError),
+        open_regular(path, _MOST_BYTES) as file,
+    ):
+        fields = load_restricted(file, _MOST_OPCODES)
+        if not isinstance(fields, dict) or "fullpose" not in fields:
+            raise ValueError("it has no 'fullpose'")
+    return fields
+
+
+def within(value: Any, *names: str) -> Any:
+    """What lies under names in dictionaries in one another; None where there is nothing."""
+    for name in names:
+        value = value.get(name) if isinstance(value, dict) else None
+    return value
+
+
+def unreadable(path: Path, error: Exception) -> DsnetError:
+    """The refusal of a file."""
+    if isinstance(error, FileNotFoundError):
+        error = ValueError("no such file")
+    return DsnetError(
+        f"{path}, which does not load ({error!s:.200})",
+        "a result of MoSh++ (*_stageii.pkl)",
+        "Copy it again, or pass an AMASS file (.npz).",
+    )
+
+
+def _gender(fields: Mapping[str, Any]) -> str:
+    stated = within(fields.get("stageii_debug_details"), "cfg", "surface_model", "gender")
+    return gender_in(fields.get("gender", stated))
