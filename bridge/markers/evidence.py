@@ -14,11 +14,11 @@ from bridge.body import BodyModelData
 from bridge.body.posing import Smpl
 from bridge.errors import DsnetError
 from bridge.markers.bony import bones, bony_motion
-from bridge.markers.marker_files import read_markers
+from bridge.markers.marker_files import load_recording
 from bridge.markers.predicted import Registered, pose_of, register
 from bridge.markers.segments import SEGMENTS, Cloud, Frame, bridged, segment_frames
 from bridge.markers.skin import REGIONS, fast, scored
-from bridge.motion import Motion, load_motion_file, unpack_theta
+from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.runtime.controls import root_joint_m
 from bridge.runtime.stepping import PlusModel, codes_of
@@ -82,7 +82,7 @@ class Clip:
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class Take:
     """Markers in a body's world, and the motion of its bones as far as it is known."""
 
     body: BodyModelData
@@ -97,7 +97,7 @@ class Recording:
         return self.registered.cloud
 
 
-def read_recording(path: Path, body: BodyModelData) -> Recording:
+def read_take(path: Path, body: BodyModelData) -> Take:
     """The part of a file's motion that is fitted, its chest by markers on bone.
 
     Raises
@@ -105,9 +105,9 @@ def read_recording(path: Path, body: BodyModelData) -> Recording:
     DsnetError
         If it has no markers, none on the bone of the chest, or none on soft places.
     """
-    motion = load_motion_file(path)
-    motion = motion.about_root_joint(root_joint_m(body, motion.betas))
-    registered = register(body, motion, read_markers(path, motion.source_fps))
+    loaded = load_recording(path)
+    motion = loaded.motion.about_root_joint(root_joint_m(body, loaded.motion.betas))
+    registered = register(body, motion, loaded.markers)
     if not any(label in registered.vertices for label in _SOFT_LABELS):
         raise DsnetError(
             f"{path}, without markers on soft places",
@@ -121,7 +121,7 @@ def read_recording(path: Path, body: BodyModelData) -> Recording:
     )
     motion = replace(motion, theta=np.asarray(motion.theta[frames], np.float64))
     bony = bony_motion(body, motion, cloud, pose_of(body, motion))
-    return Recording(body, motion, bony, replace(registered, cloud=cloud))
+    return Take(body, motion, bony, replace(registered, cloud=cloud))
 
 
 def liveliest(motion: Motion) -> slice:
@@ -137,32 +137,32 @@ def liveliest(motion: Motion) -> slice:
     return slice(first, first + most)
 
 
-def evidence(recording: Recording, model: PlusModel) -> tuple[Recording, Clip]:
-    """What is fitted, and the recording with bones that a model's flesh was taken off.
+def evidence(take: Take, model: PlusModel) -> tuple[Take, Clip]:
+    """What is fitted, and the take with bones that a model's flesh was taken off.
 
     Markers on bone ride on skin that moves a little: what the model makes of it is taken off them
     before the frames of the segments, and the pose of the chest, are found anew.
     """
-    body, trained, motion = recording.body, model.trained, recording.motion
-    labels, vertices = zip(*recording.registered.vertices.items(), strict=True)
+    body, trained, motion = take.body, model.trained, take.motion
+    labels, vertices = zip(*take.registered.vertices.items(), strict=True)
     reading = trained.nodes.reading(np.array(vertices))
     codes = np.stack([*codes_of(model, motion.theta, motion.betas)])
     flesh_m = np.einsum("tvxy,tyk,vk->tvx", _turns(body, motion, vertices), codes, reading,
                         optimize=True)  # fmt: skip
     on_bone = {label for segment in SEGMENTS.values() for label in segment.labels}
-    points_m = dict(recording.cloud.points_m)
+    points_m = dict(take.cloud.points_m)
     for column, label in enumerate(labels):
         if label in on_bone:
             points_m[label] = points_m[label] - flesh_m[:, column]
-    bare_cloud = Cloud(points_m, recording.cloud.seen)
-    motion = bony_motion(body, recording.filed, bare_cloud, pose_of(body, recording.filed))
-    found = replace(recording, motion=motion)
+    bare_cloud = Cloud(points_m, take.cloud.seen)
+    motion = bony_motion(body, take.filed, bare_cloud, pose_of(body, take.filed))
+    found = replace(take, motion=motion)
     return found, Clip(_load(model, body, motion), _series(found, bare_cloud, reading), motion.fps)
 
 
-def _series(recording: Recording, cloud: Cloud, reading: NDArray) -> dict[str, list[Series]]:
-    body, motion = recording.body, recording.motion
-    labels, vertices = zip(*recording.registered.vertices.items(), strict=True)
+def _series(take: Take, cloud: Cloud, reading: NDArray) -> dict[str, list[Series]]:
+    body, motion = take.body, take.motion
+    labels, vertices = zip(*take.registered.vertices.items(), strict=True)
     pose, person = pose_of(body, motion), Smpl(body, np.array(vertices), np.float64)
     bare = dict(
         zip(labels, person.person(motion.betas).pose(*unpack_theta(motion.theta)).swapaxes(0, 1),

@@ -17,16 +17,22 @@ from scipy.optimize import least_squares
 
 from bridge.body import BodyModelData
 from bridge.body.parts import PARTS, part_weights
-from bridge.markers.evidence import Clip, Series
-from bridge.markers.hanging import Constants, Patch
+from bridge.markers.constants import (
+    Region,
+    changed,
+    constants_of,
+    lift,
+    lift_slope,
+    preload_of,
+    with_changes,
+)
+from bridge.markers.evidence import SOFT, Clip, Series, Take, evidence
+from bridge.markers.hanging import Patch
 from bridge.markers.skin import fast
-from bridge.tissue.oscillators import GRAVITY_M_S2
-from bridge.tissue.shape import shape_features, shaped_normals
-from bridge.tissue.trained_plus import SAG_POWER, TrainedPlus, shares_of_people
+from bridge.runtime.stepping import PlusModel
+from bridge.tissue.shape import shaped_normals
+from bridge.tissue.trained_plus import TrainedPlus
 
-NAMES = ("frequency", "damping", "preload")
-LEAST, MOST = 1.001, 2.85
-"""Preloads: 1 is a linear spring; at 3 weightless flesh has none."""
 POPULATION_SD, PEOPLE_SD = np.array([0.4, 0.35, 0.5]), np.array([0.2, 0.25, 0.3])
 """What is known before: by how much people's mean lies beside the base model's constants, and how
 much people of one shape differ, in the logarithms and in preload."""
@@ -36,94 +42,12 @@ _SAME_FRAMES = 5.0
 """Neighbours in time whose errors are one error."""
 _BLOCK_S = 1.5
 """Errors farther apart than this are different errors."""
-_BONE_HZ = 20.0
 _LEAST_SHARE = 0.02
 _STARTS = np.array([-0.7, -0.45, -0.2, 0.0, 0.2, 0.45])
 """Of the frequency, whose error has valleys."""
+_TURNS = 3
 _STEP = 0.01
 """Of a derivative."""
-
-
-def lift(preload: NDArray | float) -> NDArray[np.float64]:
-    """A preload as a number without bounds."""
-    part = (np.clip(preload, LEAST + 1e-3, MOST - 1e-3) - LEAST) / (MOST - LEAST)
-    return np.log(part / (1 - part))
-
-
-def lower(lifted: NDArray | float) -> NDArray[np.float64]:
-    """The inverse of `lift`."""
-    return LEAST + (MOST - LEAST) / (1 + np.exp(-np.asarray(lifted, np.float64)))
-
-
-def lift_slope(preload: float) -> float:
-    """How fast `lift` grows."""
-    return (MOST - LEAST) / ((preload - LEAST) * (MOST - preload))
-
-
-@dataclass(frozen=True, eq=False)
-class Region:
-    """One part of a model's body: how much of a change each node takes, and what it is now."""
-
-    shares: NDArray[np.float64]
-    """(K,) 1 in soft flesh of the part, 0 elsewhere and where skin lies on bone."""
-    typical: NDArray[np.float64]
-    """(K,) weights, which sum to 1, of the nodes that speak for the part: the soft ones."""
-
-    @classmethod
-    def of(cls, body: BodyModelData, model: TrainedPlus, part: str) -> Region:
-        """The region of a part of the body."""
-        there = part_weights(body)[model.nodes.vertices, PARTS.index(part)]
-        omega = np.exp(model.weights.base["omega"][:, 0].astype(np.float64))
-        typical = there**2 / omega**2
-        typical /= typical.sum()
-        bone, soft = np.log(2 * np.pi * _BONE_HZ), typical @ np.log(omega)
-        softness = np.clip((bone - np.log(omega)) / max(bone - soft, 0.1), 0, 1)
-        return cls(there * softness, typical)
-
-
-def constants_of(
-    body: BodyModelData, model: TrainedPlus, betas: NDArray
-) -> dict[str, NDArray[np.float64]]:
-    """(K,) of each of a model's node fields, of a person (10,)."""
-    weights = model.weights
-    own = shape_features(body, betas, model.nodes.vertices) @ weights.slopes
-    own = own + np.tensordot(shares_of_people(betas, model.people_betas), weights.residual, 1)
-    powers = {"omega": 1.0, "stiffening": float(weights.stiffening_power[0]), "sag": SAG_POWER}
-    return {
-        name: np.exp((log + powers.get(name, 0.0) * own)[:, 0].astype(np.float64))
-        for name, log in weights.base.items()
-    }
-
-
-def changed(
-    base: Mapping[str, NDArray], shares: NDArray, normals: NDArray, sets: NDArray
-) -> Constants:
-    """The constants (K, M) of nodes that take their shares of M changes (M, 3).
-
-    Parameters
-    ----------
-    base : (K,) of each of the model's node fields.
-    normals : (K, 3).
-    sets : logarithms of factors, and lifted preloads.
-    """
-    wide, part = {name: values[:, None] for name, values in base.items()}, shares[:, None]
-    factor = np.exp(part * sets[:, 0])
-    omega, preload = factor * wide["omega"], lower(sets[:, 2])
-    taut = 1 + (wide["normal_ratio"] - 1) * normals[:, 1, None] ** 2
-    sag_m = preload * -GRAVITY_M_S2[1] / omega**2
-    stiffening = (preload - 1) / (3 - preload) / (sag_m**2 * taut)
-    return Constants(
-        omega,
-        wide["damping_ratio"] * np.exp(part * sets[:, 1]),
-        (wide["stiffening"] * factor**4) ** (1 - part) * stiffening**part,
-        (wide["sag"] / factor**2) ** (1 - part) * sag_m**part,
-    )
-
-
-def preload_of(base: Mapping[str, NDArray], region: Region) -> float:
-    """What a region's flesh has of it."""
-    strain = base["stiffening"] * base["sag"] ** 2
-    return float(region.typical @ ((1 + 3 * strain) / (1 + strain)))
 
 
 @dataclass(frozen=True)
@@ -145,21 +69,52 @@ class Estimate:
     doubt: str
 
 
+def fit_person(
+    body: BodyModelData, base: TrainedPlus, takes: Sequence[Take]
+) -> dict[str, Estimate]:
+    """What one person's takes say of each part of the body that has markers.
+
+    Regions move one another, and the markers on bone: each is fitted beside what was found of the
+    others, in turns.
+    """
+    regions = {part: Region.of(body, base, part) for part in SOFT}
+    found: dict[str, Estimate] = {}
+    for _ in range(_TURNS):
+        model = PlusModel(with_changes(body, base, regions, _changes(found)), body)
+        takes, clips = zip(*(evidence(take, model) for take in takes), strict=True)
+        for part in SOFT:
+            there = [clip for clip in clips if part in clip.series]
+            if there:
+                others = _changes({name: one for name, one in found.items() if name != part})
+                beside = with_changes(body, base, regions, others)
+                betas, start = takes[0].motion.betas, found.get(part)
+                found[part] = fit_region(body, beside, betas, there, part, regions[part], start)
+    return found
+
+
+def _changes(found: Mapping[str, Estimate]) -> dict[str, list[float]]:
+    return {part: one.found for part, one in found.items()}
+
+
 def fit_region(
-    body: BodyModelData, model: TrainedPlus, betas: NDArray, clips: Sequence[Clip], part: str
-) -> Estimate | None:
-    """Fit one region of one person; None where no clip has markers on it."""
-    clips = [clip for clip in clips if part in clip.series]
-    if not clips:
-        return None
-    region, base = Region.of(body, model, part), constants_of(body, model, betas)
+    body: BodyModelData,
+    model: TrainedPlus,
+    betas: NDArray,
+    clips: Sequence[Clip],
+    part: str,
+    region: Region,
+    known: Estimate | None = None,
+) -> Estimate:
+    """Fit one region of one person, from what is `known` if anything is."""
+    base = constants_of(body, model, betas)
     output = _Output(body, model, betas, clips, part, region, base)
     preload = preload_of(base, region)
     start = np.array([0.0, 0.0, float(lift(preload))])
     spread = np.hypot(POPULATION_SD, PEOPLE_SD) * [1, 1, lift_slope(np.clip(preload, 1.2, 2.6))]
-    starts = start + _STARTS[:, None] * [1, 0, 0]
-    errors = output.errors(starts)
-    costs = np.square(errors).sum(axis=0) + np.square((starts - start) / spread).sum(axis=1)
+    starts = start + _STARTS[:, None] * [1, 0, 0] if known is None else np.array([known.found])
+    costs = np.square((starts - start) / spread).sum(axis=1)
+    if len(starts) > 1:
+        costs += np.square(output.errors(starts)).sum(axis=0)
     found = least_squares(
         lambda x: np.r_[output.errors(x[None])[:, 0], (x - start) / spread],
         starts[int(np.argmin(costs))],
@@ -171,12 +126,11 @@ def fit_region(
         ftol=1e-4,
     )
     slopes, error = output.slopes(found.x), output.errors(found.x[None])[:, 0]
-    information = slopes.T @ slopes
-    information /= _inflation(slopes, error, output.blocks, information + np.diag(spread**-2.0))
-    # Where the posterior is flat the data's gradient is the prior's with another sign.
-    pull = information @ found.x + (information @ np.linalg.pinv(slopes.T @ slopes)) @ (
-        (found.x - start) / spread**2
-    )
+    formal = slopes.T @ slopes
+    inflation = _inflation(slopes, error, output.blocks, formal + np.diag(spread**-2.0))
+    information = formal / inflation
+    # At the optimum the data's gradient is the prior's with another sign.
+    pull = information @ found.x + (found.x - start) / spread**2 / inflation
     doubts = {series.doubt for clip in clips for series in clip.series[part]}
     return Estimate(
         found=found.x.tolist(),
@@ -264,7 +218,8 @@ class _Output:
 
 
 def _unexplained(series: Series, offsets_mm: NDArray) -> list[NDArray[np.float64]]:
-    """What is left of a marker's motion, and the pulls that were solved for (variable projection)."""
+    """What is left of a marker's motion, and the pulls that were solved for (variable
+    projection)."""
     sets, size = offsets_mm.shape[-1], _MARKER_MM * np.sqrt(_SAME_FRAMES)
     left = ((series.moved_mm[..., None] - offsets_mm)[series.good] / size).reshape(-1, 3 * sets)
     pulls = series.pulls[series.good] / size
