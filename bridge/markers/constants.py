@@ -100,12 +100,6 @@ def changed(
     )
 
 
-def preload_of(base: Mapping[str, NDArray], region: Region) -> float:
-    """What a region's flesh has of it."""
-    strain = base["stiffening"] * base["sag"] ** 2
-    return float(region.typical @ ((1 + 3 * strain) / (1 + strain)))
-
-
 def with_changes(
     body: BodyModelData,
     model: TrainedPlus,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.markers.constants import lift, lift_slope, lower
-from bridge.markers.fit import PEOPLE_SD, POPULATION_SD, Estimate
+from bridge.markers.fit import PEOPLE_SD, POPULATION_SD, PRELOAD, Estimate
 from bridge.tissue.oscillators import GRAVITY_M_S2
 
 _ROUNDS = 50
@@ -55,8 +55,8 @@ class Fitted:
 def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
     """What the people of some estimates of one part have in common."""
     base = np.mean([one.base for one in estimates], axis=0)
-    slope = np.array([1, 1, lift_slope(float(np.clip(base[2], 1.2, 2.6)))])
-    before, prior = POPULATION_SD * slope, np.array([0, 0, float(lift(base[2]))])
+    slope = np.array([1, 1, lift_slope(PRELOAD)])
+    before, prior = POPULATION_SD * slope, np.array([0, 0, float(lift(PRELOAD))])
     spread = PEOPLE_SD * slope
     information = np.array([one.information for one in estimates])
     pull = np.array([one.pull for one in estimates])

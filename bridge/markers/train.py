@@ -99,7 +99,7 @@ def people_of(folder: Path, gender: str | None) -> tuple[str, list[_Person], dic
             else:
                 refused[str(path)] = "no markers"
         except DsnetError as error:
-            refused[str(path)] = error.received
+            refused[str(path)] = _why(path, error)
     counts = Counter(stated for stated, _ in found)
     chosen = gender or max(("female", "male"), key=lambda one: counts[one])
     other = {"female": "male", "male": "female"}.get(chosen, "")
@@ -182,7 +182,7 @@ def _tell(tools: tuple[BodyModelData, TrainedPlus], item: tuple[_Person, Path]) 
         try:
             takes.append(read_take(file, body))
         except DsnetError as error:
-            refused[str(file)] = error.received.removeprefix(f"{file}, ")
+            refused[str(file)] = _why(file, error)
     takes = sorted(takes, key=lambda take: -len(take.motion.theta))[:_MOST_TAKES]
     told = _Told(fit_person(body, model, takes) if takes else {}, refused)
     write_text_atomically(kept, json.dumps(asdict(told)))
@@ -245,6 +245,10 @@ def _table(fitted: Mapping[str, Fitted]) -> str:
         says = "markers" if one.told else "the base model, too little evidence"
         lines.append(f"| {part}{star} | {one.people} | {one.seconds:.0f} | {cells} | {says} |")
     return head + "\n".join(lines) + "\n"
+
+
+def _why(file: Path, error: DsnetError) -> str:
+    return error.received.removeprefix(f"{file}, ")
 
 
 def _counted(reasons: Iterable[str]) -> str:
