@@ -15,7 +15,7 @@ REGISTRY = "torch_align_ae.corpus.tissue_laws"
 _SHARED = {"simulation": {"skin"}, "motions.plan": {"GRAVITY_M_S2"}}
 LAWS = {
     "second": _SHARED,
-    "third": _SHARED | {"simulation": {"skin", "smooth_over_surface"}},
+    "third": _SHARED | {"tissue_parameters": {"smooth_over_surface"}},
 }
 """And what each may share with the product's own law."""
 

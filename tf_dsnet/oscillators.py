@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from bridge.tissue.oscillators import FPS, STEPS, SWEEPS
 from bridge.tissue.shape import SHAPE_FEATURES
-from bridge.tissue.trained_plus import NODE_FIELDS, Weights
+from bridge.tissue.trained_plus import NODE_FIELDS, SAG_POWER, Weights
 from tf_dsnet.framework import Tensor, keras, tf
 
+_STEP_S = 1 / (STEPS * FPS)
 _QUIET_M = 2e-4
 """Root mean square offset below which a clip counts no more for being quiet."""
 _QUIET_SHARE = 0.3
@@ -32,6 +33,7 @@ START = {
     "omega": 2 * np.pi * 7.0,
     "damping_ratio": 0.15,
     "stiffening": 700.0,
+    "sag": 5e-3,
     "normal_ratio": 1.2,
     "wave_speed": 1.0,
     "bending": 1e-3,
@@ -39,6 +41,11 @@ START = {
     "gravity_gain": 1.0,
 }
 """Where training starts: firm flesh; the tissue's own numbers are found from the offsets."""
+_SOFT = {
+    "omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "sag": 3e-3, "normal_ratio": 3e-3,
+    "wave_speed": 1e-2, "bending": 1e-2, "inertia_gain": 3e-2, "gravity_gain": 3e-2,
+}  # fmt: skip
+"""How strongly nodes are held to be alike."""
 
 
 class OscillatorLayer(keras.layers.Layer):
@@ -80,35 +87,55 @@ class OscillatorLayer(keras.layers.Layer):
         features : (K, B, 3) of `shape_features`, of each clip's person.
         shares : (B, P) of `shares_of_people`.
         """
-        # What log w of each clip's person has besides the template's, (K, B, 1).
+        # What log W of each clip's person has besides the template's, (K, B, 1).
         own = tf.tensordot(features, self._slopes, 1)
-        own += tf.einsum("bp,pkx->kbx", shares, tf.convert_to_tensor(self._residual))
-        omega = self._of("omega") * tf.exp(own)
-        stiffening = self._of("stiffening") * tf.exp(self._stiffening_power * own)
-        step_s = 1 / (STEPS * FPS)
-        square = step_s**2
-        spring = square / 4 * tf.square(omega)
-        tension, bending = tf.square(self._of("wave_speed")), self._of("bending")
-        coupling = tension[:, 0] * self._laplacian + bending[:, 0] * self._twice_laplacian
-        coupling = square / 4 * coupling
-        bound = tf.reduce_sum(tf.abs(coupling), 1)
-        springs = Springs(
-            drag=self._of("damping_ratio") * omega * step_s,
-            spring=spring,
-            hardening=2 * spring * stiffening,
-            normal_ratio=self._of("normal_ratio") * tf.ones_like(omega),
-            bound=bound[:, None, None],
-            rest=tf.linalg.diag(bound) - coupling,
-        )
+        own += tf.einsum("bp,pkx->kbx", shares, self._residuals())
+        of_omega, of_stiffening, of_sag = _several(own, 3)
+        omega = self._of("omega") * tf.exp(of_omega)
+        stiffening = self._of("stiffening") * tf.exp(self._stiffening_power * of_stiffening)
+        sag = self._of("sag") * tf.exp(SAG_POWER * of_sag)
+        springs, hung, pull = self._springs(omega, stiffening, sag, normals)
         taps = tf.unstack(self._shares_of_taps())
         felt = self._of("inertia_gain") * _smoothed(inertia, taps)
         felt += self._of("gravity_gain") * _smoothed(gravity, taps)
-        steps = roll(normals, tf.repeat(square * felt, STEPS, 0), now, before, springs)
-        return steps[STEPS - 1 :: STEPS]
+        loads = _STEP_S**2 * tf.repeat(felt, STEPS, 0) + pull
+        # Offsets from the shape without weight, for which flesh hangs under `pull`.
+        hung, hung_start = _several(hung, 2)
+        now, before = tf.unstack(tf.stack([now, before]) + hung_start)
+        steps = roll(normals, loads, now, before, springs)
+        return steps[STEPS - 1 :: STEPS] - hung
+
+    def _springs(
+        self, omega: Tensor, stiffening: Tensor, sag: Tensor, normals: Tensor
+    ) -> tuple[Springs, Tensor, Tensor]:
+        """Of clips' people, (K, B, 1) each; s (K, B, 3), and what holds flesh there, metres."""
+        ratios = _several(self._of("normal_ratio") * tf.ones_like(omega), 2)
+        hung, *others = _several(sag * tf.constant([0.0, -1.0, 0.0], sag.dtype), 4)
+        stretched, pulled = _several(_stretched(others[0], ratios[1] - 1, normals), 2)
+        taut = stiffening * _dot(others[1], stretched)
+        spring, *more = _several(_STEP_S**2 / 4 * tf.square(omega) / (1 + 3 * taut), 3)
+        tension, bending = tf.square(self._of("wave_speed")), self._of("bending")
+        coupling = tension[:, 0] * self._laplacian + bending[:, 0] * self._twice_laplacian
+        between, *same = _several(_STEP_S**2 / 4 * coupling, 3)
+        bound = tf.reduce_sum(tf.abs(between), 1)
+        springs = Springs(
+            drag=self._of("damping_ratio") * omega * _STEP_S,
+            spring=spring,
+            hardening=2 * more[0] * stiffening,
+            normal_ratio=ratios[0],
+            bound=bound[:, None, None],
+            rest=tf.linalg.diag(bound) - same[0],
+        )
+        return springs, hung, 4 * (more[1] * (1 + taut) * pulled + _times(same[1], others[2]))
 
     def _of(self, name: str) -> Tensor:
         """(K, 1, 1)."""
         return tf.exp(self._base[name] + self._deviation[name])[:, None]
+
+    def _residuals(self) -> Tensor:
+        """(P, K, 1) without what all people share, which is everybody's: so a stranger has it."""
+        residual = tf.convert_to_tensor(self._residual)
+        return residual - tf.reduce_mean(residual, 0, keepdims=True)
 
     def _shares_of_taps(self) -> Tensor:
         taps = tf.convert_to_tensor(self._taps)
@@ -119,10 +146,7 @@ class OscillatorLayer(keras.layers.Layer):
 
         Strengths are per node and in units of the loss, small beside what frames of motion say.
         """
-        soft = {"omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "normal_ratio": 3e-3,
-                "wave_speed": 1e-2, "bending": 1e-2, "inertia_gain": 3e-2,
-                "gravity_gain": 3e-2}  # fmt: skip
-        terms = [w * tf.reduce_mean(tf.square(self._deviation[n])) for n, w in soft.items()]
+        terms = [w * tf.reduce_mean(tf.square(self._deviation[n])) for n, w in _SOFT.items()]
         gains = [self._base[name] for name in ("inertia_gain", "gravity_gain")]
         terms += [3e-2 * tf.reduce_sum(tf.square(gain)) for gain in gains]
         terms += [3e-3 * tf.reduce_mean(tf.square(tf.convert_to_tensor(self._residual)))]
@@ -132,8 +156,17 @@ class OscillatorLayer(keras.layers.Layer):
         """What was learned, each node's base and deviation in one."""
         logs = {name: self._base[name] + self._deviation[name] for name in NODE_FIELDS}
         base = {name: log.numpy().astype(np.float32) for name, log in logs.items()}
-        rest = (self._slopes, self._stiffening_power, self._residual, self._shares_of_taps())
+        rest = (self._slopes, self._stiffening_power, self._residuals(), self._shares_of_taps())
         return Weights(base, *(part.numpy() for part in rest))
+
+
+def _several(tensor: Tensor, uses: int) -> list[Tensor]:
+    """The same for some uses, whose slopes are added two by two."""
+    apart = []
+    for _ in range(uses - 1):
+        apart.append(tf.identity(tensor))
+        tensor = tf.identity(tensor)
+    return [tensor, *apart]
 
 
 def _smoothed(load: Tensor, taps: Sequence[Tensor]) -> Tensor:
@@ -147,7 +180,7 @@ def _smoothed(load: Tensor, taps: Sequence[Tensor]) -> Tensor:
 class Springs(NamedTuple):
     """Coefficients of K nodes of B clips, times what dt they need to have no unit of time."""
 
-    drag: Tensor  # (K, B, 1) z w dt
+    drag: Tensor  # (K, B, 1) Z W dt
     spring: Tensor  # (K, B, 1) dt^2 / 4 times w^2
     hardening: Tensor  # (K, B, 1) dt^2 / 2 times w^2 a, 1/m^2
     normal_ratio: Tensor  # (K, B, 1) p
@@ -169,17 +202,17 @@ class _Step(NamedTuple):
 
 
 def roll(normals: Tensor, loads: Tensor, now: Tensor, before: Tensor, springs: Springs) -> Tensor:
-    """Offsets (T, K, B, 3) of the steps after `now`; see `bridge.tissue.oscillators`.
+    """Offsets v (T, K, B, 3) of the steps after `now`; see `bridge.tissue.oscillators`.
 
     Parameters
     ----------
     normals : (K, B, 3) n; a constant.
     loads : (T, K, B, 3) times dt^2, metres.
-    now, before : (K, B, 3) offsets to start from, metres; constants.
+    now, before : (K, B, 3) offsets to start from, metres.
     """
 
     @tf.custom_gradient
-    def rolled(loads: Tensor, *springs: Tensor):
+    def rolled(loads: Tensor, now: Tensor, before: Tensor, *springs: Tensor):
         steps, given = tf.shape(loads)[0], Springs(*springs)
 
         def advance(step: Tensor, now: Tensor, before: Tensor, found: tf.TensorArray) -> tuple:
@@ -195,7 +228,7 @@ def roll(normals: Tensor, loads: Tensor, now: Tensor, before: Tensor, springs: S
 
         return found, backward
 
-    return rolled(loads, *springs)
+    return rolled(loads, now, before, *springs)
 
 
 def _step(normals: Tensor, load: Tensor, now: Tensor, before: Tensor, springs: Springs) -> _Step:
@@ -219,7 +252,8 @@ def _step(normals: Tensor, load: Tensor, now: Tensor, before: Tensor, springs: S
 def _backward(
     normals: Tensor, loads: Tensor, offsets: Tensor, springs: Springs, slope: Tensor
 ) -> tuple[Tensor, ...]:
-    """Slopes of `loads` and of each of the springs, from that of the offsets found.
+    """Slopes of `loads`, of the offsets at the start, the later first, and of each of the springs,
+    from that of the offsets found.
 
     `offsets` (T + 2, K, B, 3) are those found after the two at the start.
     """
@@ -238,8 +272,10 @@ def _backward(
     nothing = tf.zeros_like(offsets[0])
     of_loads = tf.TensorArray(nothing.dtype, steps, element_shape=nothing.shape)
     state = (steps, nothing, nothing, of_loads, tuple(tf.zeros_like(s) for s in springs))
-    *_, of_loads, of_springs = tf.while_loop(lambda left, *_: left > 0, retreat, state)
-    return of_loads.stack(), *of_springs
+    _, of_now, of_before, of_loads, of_springs = tf.while_loop(
+        lambda left, *_: left > 0, retreat, state
+    )
+    return of_loads.stack(), of_now, of_before, *of_springs
 
 
 def _slopes(

@@ -24,6 +24,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "nodes do not pull at each other": ("--no-coupling",),
     "skin under tension that does not resist bending": ("--no-bending",),
     "springs do not stiffen": ("--no-stiffening",),
+    "flesh that does not hang": ("--no-sag",),
     "springs alike along and across the skin": ("--no-anisotropy",),
     "shape tells nothing": ("--no-by-shape",),
     "only from the data's own past": ("--no-through-time",),

@@ -29,6 +29,8 @@ class PartsOfPlus:
     """The skin resists bending, besides being under tension."""
     stiffening: bool = True
     """Springs stiffen as they are stretched."""
+    sag: bool = True
+    """They stiffen about the shape without weight, not about the standing one."""
     anisotropy: bool = True
     """Springs are stiffer along the skin's normal, or softer, than along the skin."""
     by_shape: bool = True
@@ -46,6 +48,7 @@ class PartsOfPlus:
             "wave_speed": self.coupling,
             "bending": self.coupling and self.bending,
             "stiffening": self.stiffening,
+            "sag": self.sag,
             "normal_ratio": self.anisotropy,
         }
         return tuple(name for name, wanted in parts.items() if not wanted)

@@ -34,7 +34,7 @@ from bridge.runtime.body_graph import (
 from bridge.runtime.network_graphs import decoded, dsnet_body_graph
 from bridge.runtime.onnx_graph import Graph, Value
 from bridge.runtime.plus_graph import plus_graph, spread
-from bridge.runtime.tissue_graph import Person, SheetGraph
+from bridge.runtime.tissue_graph import SheetGraph, Springs
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
@@ -114,12 +114,10 @@ def _load(graph: Graph, model: TrainedPlus, body: BodyModelData) -> Value:
 def _step(graph: Graph, model: TrainedPlus, body: BodyModelData) -> Value:
     """A frame of the oscillators."""
     nodes = len(model.nodes)
-    omega, stiffening = (graph.input(n, ("B", 1, nodes)) for n in ("omega", "stiffening"))
-    names = ("normals", "now", "before", "load")
-    normals, *moving = (graph.input(name, ("B", 3, nodes)) for name in names)
-    now, before, load = moving
-    person = Person(omega, stiffening, normals)
-    return SheetGraph.of(graph, model).frame(person, now, before, load)[0]
+    shapes = Springs.shapes(nodes).items()
+    springs = Springs(**{name: graph.input(name, ("B", *shape)) for name, shape in shapes})
+    now, before, load = (graph.input(n, ("B", 3, nodes)) for n in ("now", "before", "load"))
+    return SheetGraph.of(graph, model).frame(springs, now, before, load)[0]
 
 
 def skinned(graph: Graph, body: BodyModelData) -> Value:

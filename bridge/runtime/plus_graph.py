@@ -29,7 +29,7 @@ from bridge.runtime.body_graph import (
     turned,
 )
 from bridge.runtime.onnx_graph import Graph, Precision, StateLayout, Value
-from bridge.runtime.tissue_graph import Person, SheetGraph, known_people, person_of
+from bridge.runtime.tissue_graph import SheetGraph, Springs, known_people, person_of
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
@@ -47,9 +47,7 @@ def plus_layout(model: TrainedPlus, skin: bool = True) -> StateLayout:
     shapes: dict[str, tuple[int, ...]] = {
         "age": (1,),
         "betas": (N_BETAS,),
-        "omega": (1, nodes),
-        "stiffening": (1, nodes),
-        "normals": (3, nodes),
+        **Springs.shapes(nodes),
         "known": (len(model.people_betas) * skin,),
         "now": (3, nodes),
         "before": (3, nodes),
@@ -117,9 +115,9 @@ class _PlusStep:
             after, loads = self._loads()
         with graph.section("oscillators"):
             past = self.past
-            person = Person(past["omega"], past["stiffening"], past["normals"])
+            springs = Springs(**{name: past[name] for name in Springs.__dataclass_fields__})
             load = self._sheet.smoothed(loads)
-            now, before = self._sheet.frame(person, past["now"], past["before"], load)
+            now, before = self._sheet.frame(springs, past["now"], past["before"], load)
             if model.look_ahead > 1:  # else the loads of rest are all that was known
                 # Loads are known early: offsets rest until the first frame is shown.
                 going = (past["age"] + -float(model.look_ahead)).clip(0.0, 1.0).reshape(0, 1, 1)
@@ -170,14 +168,13 @@ class _PlusStep:
         graph = self.graph
         person = person_of(graph, self.body, self.model, betas)
         with graph.section("settled"):
+            springs = self._sheet.springs(person)
             load = self._sheet.load(None, present["turns"].split(1, [3, 3, 3]))
-            offsets_m = self._sheet.settled(person, load)
+            offsets_m = self._sheet.settled(springs, load)
             begun = {
                 "age": (0.0 * present["trans"]).part(1, 0, 1),
                 "betas": betas,
-                "omega": person.omega,
-                "stiffening": person.stiffening,
-                "normals": person.normals,
+                **vars(springs),
                 "now": offsets_m,
                 "before": offsets_m,
                 "places": present["places"],

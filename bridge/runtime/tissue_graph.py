@@ -17,7 +17,7 @@ from bridge.body import BodyModelData
 from bridge.runtime.onnx_graph import Graph, Value
 from bridge.tissue.oscillators import FPS, GRAVITY_M_S2, STEPS, SWEEPS, coupling
 from bridge.tissue.shape import LEAST_DEPTH_M, shape_measures
-from bridge.tissue.trained_plus import KERNEL_WIDTH, TrainedPlus, people_kernel
+from bridge.tissue.trained_plus import KERNEL_WIDTH, SAG_POWER, TrainedPlus, people_kernel
 
 _SETTLING = 400
 """Sweeps at most; sixty do for flesh that was trained."""
@@ -34,19 +34,34 @@ class Person:
     """(B, 1, K) 1/s."""
     stiffening: Value
     """(B, 1, K) 1/m^2."""
+    sag: Value
+    """(B, 1, K) m."""
     normals: Value
     """(B, 3, K)."""
 
 
 @dataclass(frozen=True, eq=False)
-class StepSprings:
-    """A person's coefficients of one step, (B, 1, K)."""
+class Springs:
+    """Characters' constants of a step, (B, 1, K) where nothing else is said."""
 
     spring: Value
+    """dt^2 / 4 times w^2."""
     stiffer: Value
-    """What the spring gains by a strain of 1."""
+    """dt^2 / 2 times w^2 a, 1/m^2."""
+    standing: Value
+    """dt^2 / 2 times w^2 a |s|_P^2."""
     drag: Value
+    """Z W dt."""
+    hung: Value
+    """(B, 3, K) 2 s, m."""
     normals: Value
+    """(B, 3, K)."""
+
+    @classmethod
+    def shapes(cls, nodes: int) -> dict[str, tuple[int, int]]:
+        """Of each constant of a character."""
+        wide = ("hung", "normals")
+        return {name: (3 if name in wide else 1, nodes) for name in cls.__dataclass_fields__}
 
 
 class SheetGraph:
@@ -79,6 +94,7 @@ class SheetGraph:
             self._own_pull = graph.array("own_pull", coupled.diagonal())
             self._pulled = graph.array("pulled", (np.diag(bound) - coupled).T)
             self._gravity = graph.array("gravity", GRAVITY_M_S2[:, None])
+            self._down = graph.array("down", np.array([[0.0], [-2.0], [0.0]]))
 
     @classmethod
     def of(cls, graph: Graph, model: TrainedPlus) -> SheetGraph:
@@ -108,46 +124,55 @@ class SheetGraph:
             first = first + other
         return first
 
-    def frame(self, person: Person, now: Value, before: Value, load: Value) -> tuple[Value, Value]:
+    def frame(
+        self, springs: Springs, now: Value, before: Value, load: Value
+    ) -> tuple[Value, Value]:
         """Offsets (B, 3, K) a frame after `now`, and a step before that."""
-        springs = self.springs(person)
         for _ in range(STEPS):
             before, now = now, self.step(springs, now, before, load)
         return now, before
 
-    def settled(self, person: Person, load: Value) -> Value:
+    def settled(self, springs: Springs, load: Value) -> Value:
         """(B, 3, K) at rest under a constant load.
 
-        Sweeps as in a step, with the strain that stiffens the springs followed by Newton's method.
+        Sweeps as in a step, with the strain that stiffens the springs, q of
+        `bridge.tissue.oscillators`, followed by Newton's method.
         """
-        springs = self.springs(person)
         pull, nothing = _STEP_S**2 / 4 * load, 0.0 * load
+        hung = self._stretched(springs.hung, springs) / 4.0
 
         def sweep(offset_m: Value, strain: Value) -> tuple[Value, list[Value]]:
-            spring = springs.spring + springs.stiffer * strain
-            left = pull + offset_m @ self._pulled
+            gained = springs.stiffer * strain
+            spring = springs.spring + (springs.standing + gained) / 2.0
+            left = pull + offset_m @ self._pulled - gained * hung
             found_m = self._solved(left, self._bound + spring, self._beyond * spring, springs)
-            reached = (found_m * self._stretched(found_m, springs)).sum(1)
-            falls = 2.0 * reached * springs.stiffer / (spring + self._own_pull)
+            reached = self._strain(found_m, self._stretched(found_m, springs), springs)
+            falls = (springs.standing + springs.stiffer * reached) / (spring + self._own_pull)
             followed = strain + (reached - strain) / (1.0 + falls)
             moved = self._graph.apply("Abs", found_m - offset_m).max(0, 1, 2)
             return (moved.reshape() > _SETTLED_M), [found_m, followed]
 
         return self._graph.repeat(_SETTLING, [nothing, nothing.part(1, 0, 1)], sweep)[0]
 
-    def springs(self, person: Person) -> StepSprings:
-        """A person's coefficients of one step."""
-        spring = _STEP_S**2 / 4 * person.omega * person.omega
+    def springs(self, person: Person) -> Springs:
+        """Of a person; they are the same in every step."""
+        down = person.normals.part(1, 1, 2)
+        hanging = person.sag * person.sag * (1.0 + self._beyond * down * down)
+        taut = person.stiffening * hanging
+        spring = _STEP_S**2 / 4 * person.omega * person.omega / (1.0 + 3.0 * taut)
         drag = _STEP_S * person.omega * self._damping
-        return StepSprings(spring, spring * person.stiffening, drag, person.normals)
+        hung = self._down * person.sag
+        stiffer, standing = 2.0 * spring * person.stiffening, 2.0 * spring * taut
+        return Springs(spring, stiffer, standing, drag, hung, person.normals)
 
-    def step(self, springs: StepSprings, now: Value, before: Value, load: Value) -> Value:
+    def step(self, springs: Springs, now: Value, before: Value, load: Value) -> Value:
         """Offsets (B, 3, K) a step after `now`, which followed `before`."""
-        stretched = self._stretched(now, springs)
-        stiffer = 2.0 * springs.stiffer * (now * stretched).sum(1)
+        gained = springs.stiffer * self._strain(now, self._stretched(now, springs), springs)
+        stiffer = springs.standing + gained
         twice, after = 2.0 * now + before, 2.0 * now - before
         known = _STEP_S**2 * load + after + springs.drag * before
-        known = known - self._stretched(springs.spring * twice + stiffer * before, springs)
+        sheared = springs.spring * twice + stiffer * before + gained * springs.hung
+        known = known - self._stretched(sheared, springs)
         known = known + twice @ self._pulled - self._bound * twice
         held = springs.spring + stiffer
         along = 1.0 + springs.drag + self._bound + held
@@ -156,12 +181,16 @@ class SheetGraph:
             after = self._solved(known + after @ self._pulled, along, beyond, springs)
         return after
 
-    def _stretched(self, offsets_m: Value, springs: StepSprings) -> Value:
+    def _strain(self, offsets_m: Value, stretched: Value, springs: Springs) -> Value:
+        """q = |v|_P^2 - |s|_P^2, from u and P u."""
+        return ((offsets_m + springs.hung) * stretched).sum(1)
+
+    def _stretched(self, offsets_m: Value, springs: Springs) -> Value:
         """P u."""
         outward = (offsets_m * springs.normals).sum(1)
         return offsets_m + self._beyond * outward * springs.normals
 
-    def _solved(self, left: Value, along: Value, beyond: Value, springs: StepSprings) -> Value:
+    def _solved(self, left: Value, along: Value, beyond: Value, springs: Springs) -> Value:
         """Each node's block, `along` I + `beyond` n n^T, inverted on `left`."""
         outward = (left * springs.normals).sum(1) * beyond / (along + beyond)
         return (left - outward * springs.normals) / along
@@ -177,7 +206,7 @@ def person_of(graph: Graph, body: BodyModelData, model: TrainedPlus, betas: Valu
         height_m = heights.max(1, 2) - heights.min(1, 2)
         stature = volume_m3 / (height_m * height_m * height_m)
         depth_m = _depths(graph, body, vertices_m.gather(nodes, axis=1), betas)
-        # What log w has besides the template's: by `shape_features`, and by `shares_of_people`.
+        # What log W has besides the template's: by `shape_features`, and by `shares_of_people`.
         template = shape_measures(body, np.zeros(10), nodes)  # (K, 3)
         depth, girth, mass = (
             float(slope) * graph.apply("Log", measure / graph.array(f"template_{k}", column))
@@ -188,10 +217,10 @@ def person_of(graph: Graph, body: BodyModelData, model: TrainedPlus, betas: Valu
         )  # fmt: skip
         own = depth + girth + mass + _taken_after(graph, model, betas).reshape(0, -1, 1)
         power = float(weights.stiffening_power[0])
-        logs = {name: graph.array(name, weights.base[name]) for name in ("omega", "stiffening")}
-        exponents = (logs["omega"] + own, logs["stiffening"] + power * own)  # (B, K, 1)
-        omega, stiffening = (graph.apply("Exp", e).transpose(0, 2, 1) for e in exponents)
-        return Person(omega, stiffening, normals.transpose(0, 2, 1))
+        powers = {"omega": 1.0, "stiffening": power, "sag": SAG_POWER}
+        logs = {n: graph.array(n, weights.base[n]) + by * own for n, by in powers.items()}
+        each = {n: graph.apply("Exp", log).transpose(0, 2, 1) for n, log in logs.items()}
+        return Person(**each, normals=normals.transpose(0, 2, 1))
 
 
 def known_people(graph: Graph, model: TrainedPlus, betas: Value) -> Value:
@@ -262,7 +291,7 @@ def _depths(graph: Graph, body: BodyModelData, points_m: Value, betas: Value) ->
 
 
 def _taken_after(graph: Graph, model: TrainedPlus, betas: Value) -> Value:
-    """(B, K) what log w has by `shares_of_people`."""
+    """(B, K) what log W has by `shares_of_people`."""
     people = model.people_betas.astype(np.float64)
     residual = np.linalg.solve(people_kernel(people), model.weights.residual[..., 0])
     apart = graph.array("people", people) - betas.reshape(0, 1, 10)

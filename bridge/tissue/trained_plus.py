@@ -20,10 +20,12 @@ from bridge.tissue.oscillators import STEPS
 
 NAME = "dsnet_plus"
 NODE_FIELDS = (
-    "omega", "damping_ratio", "stiffening", "normal_ratio", "wave_speed", "bending",
+    "omega", "damping_ratio", "stiffening", "sag", "normal_ratio", "wave_speed", "bending",
     "inertia_gain", "gravity_gain",
 )  # fmt: skip
 _LEARNED = ("slopes", "stiffening_power", "residual", "taps")
+SAG_POWER = -2.0
+"""How log sag follows what log W of a person has besides: weight over stiffness."""
 KERNEL_WIDTH, _KERNEL_NOISE = 2.5, 1e-2
 """Of the Gaussian between two shapes' betas."""
 _MOST_FRAMES_AHEAD = 60
@@ -36,12 +38,13 @@ class Weights:
     base: Mapping[str, NDArray]
     """By name of `NODE_FIELDS`, (K, 1): the logarithm for the template's body."""
     slopes: NDArray[np.float32]
-    """(3, 1) how log w follows `shape_features`."""
+    """(3, 1) how log W follows `shape_features`."""
     stiffening_power: NDArray[np.float32]
-    """(1,) how log a follows what log w of a person has besides the template's: 2 where tissue
+    """(1,) how log a follows what log W of a person has besides the template's: 2 where tissue
     stiffens by its strain, offsets over the thickness of the flesh, and thick flesh is slow."""
     residual: NDArray[np.float32]
-    """(P, K, 1) what log w of the P known people has besides."""
+    """(P, K, 1) what log W of the P known people has besides, each beside the others: they sum to
+    0, for what they share is everybody's."""
     taps: NDArray[np.float32]
     """(N,) shares of f in a step's load, from the newest frame to the oldest; they sum to 1."""
 

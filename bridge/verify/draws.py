@@ -19,8 +19,9 @@ SMALL_WIDTHS = (40, 24, 24, 12, 6)
 """A hundredth of the network in which one kernel is square, so that it can be transposed unseen."""
 
 _FLESH = {
-    "omega": 30.0, "damping_ratio": 0.15, "stiffening": 500.0, "normal_ratio": 1.4,
-    "wave_speed": 1.0, "bending": 1e-4, "inertia_gain": 0.9, "gravity_gain": 1.1,
+    "omega": 30.0, "damping_ratio": 0.15, "stiffening": 500.0, "sag": 0.03,
+    "normal_ratio": 1.4, "wave_speed": 1.0, "bending": 1e-4,
+    "inertia_gain": 0.9, "gravity_gain": 1.1,
 }  # fmt: skip
 
 

@@ -30,6 +30,7 @@ TRUE = {
     "omega": 2 * np.pi * HZ,
     "damping_ratio": 0.2,
     "stiffening": 400.0,
+    "sag": 0.01,
     "normal_ratio": 1.5,
     "wave_speed": 0.8,
     "bending": 4e-3,
@@ -126,7 +127,7 @@ def write_aligned(
     arrays = {
         "betas": model.people_betas,
         "theta": np.concatenate(theta),
-        "offsets": np.concatenate(offsets) + np.array([0.0, misfit_m, 0.0], np.float32),
+        "offsets": np.concatenate(offsets) + np.array([0.0, 0.0, misfit_m], np.float32),
     }
     units = {"betas": "1", "theta": "rad, then m", "offsets": "m"}
     write_artifact(

@@ -19,6 +19,7 @@ def soft_flesh(
         "omega": 2 * np.pi * frequency_hz,
         "damping_ratio": damping_ratio,
         "stiffening": 700.0,
+        "sag": 0.02,
         "normal_ratio": 1.3,
         "wave_speed": 1.0,
         "bending": 1e-3,

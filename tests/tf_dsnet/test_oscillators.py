@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -26,11 +28,16 @@ def nodes(body: BodyModelData) -> TissueNodes:
 def drawn_layer(nodes: TissueNodes, taps: int) -> OscillatorLayer:
     """Weights of which none is at its start."""
     layer = OscillatorLayer(nodes.laplacian.toarray(), PEOPLE, taps)
+    named(layer)["log_sag"].assign([np.log(0.04)])
     rng = np.random.default_rng(0)
     for weight in layer.trainable_variables:
         scale = 0.1 if weight.name != "taps" else 0.1 / taps
         weight.assign_add(rng.normal(scale=scale, size=weight.shape).astype(np.float32))
     return layer
+
+
+def named(layer: OscillatorLayer) -> dict[str, Any]:
+    return {variable.name: variable for variable in layer.trainable_variables}
 
 
 def window(array: np.ndarray, start: int, count: int) -> np.ndarray:
@@ -78,7 +85,7 @@ def test_weights_as_arrays_hold_each_nodes_base_and_deviation(nodes):
     weights = layer.weights_as_arrays()
     assert weights.taps.sum() == pytest.approx(1.0, abs=1e-6)
     assert weights.residual.shape == (PEOPLE, NODES, 1)
-    by_path = {v.name: v.numpy() for v in layer.trainable_variables}
+    by_path = {name: v.numpy() for name, v in named(layer).items()}
     for name, array in weights.base.items():
         assert array.shape == (NODES, 1)
         expected = by_path[f"log_{name}"] + by_path[f"by_node_{name}"]
@@ -87,10 +94,10 @@ def test_weights_as_arrays_hold_each_nodes_base_and_deviation(nodes):
 
 @pytest.mark.parametrize(
     "name",
-    ["log_omega", "log_damping_ratio", "log_stiffening", "log_normal_ratio", "log_wave_speed",
-     "log_bending", "stiffening_power", "log_inertia_gain", "log_gravity_gain",
-     "by_node_normal_ratio", "by_node_omega", "by_node_wave_speed", "by_node_bending",
-     "slopes", "residual", "taps"],
+    ["log_omega", "log_damping_ratio", "log_stiffening", "log_sag", "log_normal_ratio",
+     "log_wave_speed", "log_bending", "stiffening_power", "log_inertia_gain", "log_gravity_gain",
+     "by_node_normal_ratio", "by_node_omega", "by_node_sag", "by_node_wave_speed",
+     "by_node_bending", "slopes", "residual", "taps"],
 )  # fmt: skip
 def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
     """All the way uphill, by a central difference whose step is large enough for float32.
@@ -98,7 +105,7 @@ def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
     Nodes pull at each other hard, else a slope could lack what goes through them unnoticed.
     """
     layer = drawn_layer(nodes, 3)
-    weights = {v.name: v for v in layer.trainable_variables}
+    weights = named(layer)
     weights["log_wave_speed"].assign([np.log(9.0)])
     weights["log_bending"].assign([np.log(1.0)])
     _, clips = clips_of(body, true_model(nodes, people_of(PEOPLE)), frames=30)

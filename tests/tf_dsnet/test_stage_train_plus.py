@@ -154,15 +154,16 @@ def test_stage_leaves_a_model_of_its_people(run):
 
 
 def test_a_misfit_of_each_frame_is_found_at_every_vertex(runs, monkeypatch):
-    """Trained a little longer, so that loads explain what they can."""
+    """Trained a little longer, so that loads explain what they can. Sideways: sag would take some
+    of what is down."""
     run = forge_run(runs, monkeypatch, misfit_m=0.01)
     stage_train_plus.main(replace(TINY, rounds=6, steps=8, window=24, batch_size=5, lr=0.1))
     artifact = read_artifact(run / "train_plus")
     assert artifact.manifest["static"]["chosen"] != "none"
     assert artifact.manifest["static"]["left_out_error"]["constant"] < 0.5
     constant = TrainedPlus.load(artifact).static.constant_m
-    np.testing.assert_allclose(constant[..., 1].mean(), 0.01, rtol=0.15)
-    np.testing.assert_allclose(constant[..., [0, 2]].mean((0, 1)), 0.0, atol=0.002)
+    np.testing.assert_allclose(constant[..., 2].mean(), 0.01, rtol=0.15)
+    np.testing.assert_allclose(constant[..., :2].mean((0, 1)), 0.0, atol=0.002)
 
 
 @pytest.mark.parametrize("killed_in", [1])

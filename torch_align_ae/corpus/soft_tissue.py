@@ -1,12 +1,22 @@
-"""Soft tissue as a damped elastic sheet on the moving skeleton, with stiffening springs.
+"""Soft tissue as a damped elastic sheet on the moving skeleton, with springs that hang.
 
-Each vertex's offset u from its skinned rest position obeys, in the rest frame,
+The scanned shape, upright, already hangs in gravity g: it lies s = (0, -sag, 0) below the shape
+that the flesh would have without weight, and springs stiffen about that one. Each vertex's offset
+u from its skinned rest position obeys, in the rest frame and with v = u + s,
 
-    M (u'' + 2 z w u' + w^2 (1 + a |u|^2) u) + c^2 L u = M (R^T (g - x'') - g)
+    M (u'' + 2 Z W u' + w^2 ((1 + a |v|^2) v - (1 + a |s|^2) s)) + c^2 L u = M (R^T (g - x'') - g)
 
-with M the vertex areas, L the surface's cotangent Laplacian, x the skinned vertex, R its skinning
-rotation and g gravity. The scanned shape, upright, already hangs in g: standing still it has no
-offset, and a limb that is turned feels the difference of g in its own frame.
+with M the vertex areas, L the surface's cotangent Laplacian, x the skinned vertex and R its
+skinning rotation. Standing still nothing moves; in free fall the springs slacken, in a landing they
+stiffen; a limb that is turned feels the difference of g in its own frame.
+
+What can be measured on who stands is the small vertical swing, W = w sqrt(1 + 3 a |s|^2) with the
+damping ratio Z. The preload t = sag W^2 / g tells the rest: 1 of a linear spring, 2 of one that
+swings half as fast without weight. From w^2 (1 + a |s|^2) |s| = g the springs' force is
+
+    g / sag (u + b e (u + s)),    e = |v|^2 - |s|^2 = |u|^2 + 2 s.u,    b = (t - 1) / (2 sag^2)
+
+which is exactly nothing at u = 0, and sidewards a pendulum's.
 
 Time is stepped by the implicit midpoint rule with a discrete gradient of the quartic potential.
 It adds no damping of its own, and without drive the energy cannot grow, whatever the amplitude.
@@ -23,6 +33,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
+from torch_align_ae.corpus.motions.plan import GRAVITY_M_S2
 
 Array = NDArray[np.floating]
 
@@ -38,10 +49,9 @@ _TOLERANCE = 1e-4
 class TissueParameters:
     """Mechanics of the tissue under V vertices, per unit of skin area."""
 
-    frequency_hz: Array  # (V,) of a small free vibration of each vertex on its own
-    damping_ratio: Array  # (V,) share of critical damping
-    stiffening_per_m2: Array
-    """(V,) a: at an offset u the spring is 1 + a |u|^2 times as stiff as at rest."""
+    frequency_hz: Array  # (V,) of a small vertical vibration, standing, of each vertex on its own
+    damping_ratio: Array  # (V,) of that vibration
+    preload: Array  # (V,) t, from 1 to below 3: sag over that of linear springs of its frequency
     wave_speed_m_s: float  # c: speed at which the skin would carry a wave, which couples neighbours
     free: NDArray[np.bool_]  # (V,) False where skin lies on bone and does not move
 
@@ -73,15 +83,19 @@ class SoftTissue:
         self.free = np.flatnonzero(parameters.free)
         self._mass = vertex_areas_m2(vertices, faces)[self.free, None]
         omega = 2 * np.pi * parameters.frequency_hz[self.free, None]
-        spring = self._mass * omega**2
+        preload = parameters.preload[self.free, None]
+        sag_m = preload * GRAVITY_M_S2 / omega**2
+        self._hanging_m = np.hstack([0 * sag_m, -sag_m, 0 * sag_m])  # s
+        spring = self._mass * omega**2 / preload
         damping = self._mass * 2 * parameters.damping_ratio[self.free, None] * omega
         laplacian = cotangent_laplacian(vertices, faces)[self.free][:, self.free]
         coupling = parameters.wave_speed_m_s**2 * laplacian
         self._stiffness = sp.csr_matrix(sp.diags(spring[:, 0]) + coupling)
-        self._hardening = spring * parameters.stiffening_per_m2[self.free, None]
+        self._hardening = spring * (preload - 1) / (2 * sag_m**2)
         diagonal = (2 / dt_s * self._mass + damping)[:, 0]
         self._system = sp.csc_matrix(sp.diags(diagonal) + dt_s / 2 * self._stiffness)
         self._solver = splu(self._system, **_SYMMETRIC)
+        self._softening = dt_s / 2 * self._hardening / self._system.diagonal()[:, None]
 
     def at_rest(self) -> TissueState:
         """No offsets, no velocities."""
@@ -89,19 +103,21 @@ class SoftTissue:
         return TissueState(zeros, zeros, zeros)
 
     def settled(self, drive_m_s2: Array) -> TissueState:
-        """At rest under a constant acceleration (N, 3): K u + M w^2 a |u|^2 u = M drive.
+        """At rest under a constant acceleration (N, 3): K u + H e (u + s) = M drive.
 
-        Solved with the spring's stiffening in the matrix; the strain is moved half of the way
+        Solved with the spring's stiffening in the matrix; the strain e is moved half of the way
         each time, for in full steps it would overshoot.
         """
         offsets_m, pull = np.zeros((len(self.free), 3)), self._mass * drive_m_s2
-        strain = _squared_lengths(offsets_m)
+        strain = self._strain(offsets_m)
         for _ in range(_STIFF_ITERATIONS):
-            system = sp.csc_matrix(self._stiffness + sp.diags((self._hardening * strain)[:, 0]))
-            before, offsets_m = offsets_m, splu(system, **_SYMMETRIC).solve(pull)
+            spring = self._hardening * strain
+            system = sp.csc_matrix(self._stiffness + sp.diags(spring[:, 0]))
+            known, before = pull - spring * self._hanging_m, offsets_m
+            offsets_m = splu(system, **_SYMMETRIC).solve(known)
             if np.abs(offsets_m - before).max() <= _TOLERANCE**2 * np.abs(offsets_m).max():
                 break
-            strain = (strain + _squared_lengths(offsets_m)) / 2
+            strain = (strain + self._strain(offsets_m)) / 2
         zeros = np.zeros_like(offsets_m)
         return TissueState(offsets_m, zeros, zeros)
 
@@ -113,8 +129,8 @@ class SoftTissue:
             M (2/dt (v - v0)) + D v + K (u0 + dt/2 v) + N(u0, u1) = M drive,    u1 = u0 + dt v
 
         has v's terms on the left, (2/dt M + D + dt/2 K) v, and `known` on the right. The nonlinear
-        force N is M w^2 a (|u0|^2 + |u1|^2) / 2 (u0 + u1) / 2: its work N (u1 - u0) is exactly
-        the change of the quartic potential M w^2 a |u|^4 / 4.
+        force N is H (e0 + e1) / 2 (s + (u0 + u1) / 2), H = M g / sag b: its work N (u1 - u0) is
+        exactly the change of the quartic potential H e^2 / 4.
         """
         dt_s, start_m, speed = self.dt_s, state.offsets_m, state.velocities_m_s
         known = self._mass * (2 / dt_s * speed + drive_m_s2) - self._stiffness @ start_m
@@ -127,18 +143,23 @@ class SoftTissue:
         )
 
     def _contract(self, known: Array, start_m: Array, middle_speed: Array) -> Array | None:
-        """Fixed-point iteration with the factored system; None when it does not contract.
+        """Quasi-Newton iteration with the factored system; None when it does not contract.
 
         N(u0, u1) is taken at the latest v and put on the right, so the matrix stays the one that
-        was factored; N changes by dt per change of v, and a step that short makes that little.
+        was factored. What N changes with v, H (e dt / 2 + dt m m^T) with m the middle of the step,
+        then damps each vertex's change as if it had no neighbours: springs outweigh the coupling.
         """
-        squared, last_change = _squared_lengths(start_m), np.inf
+        before_step, last_change = self._strain(start_m), np.inf
         while True:
-            stop_m = start_m + self.dt_s * middle_speed
-            strain = (squared + _squared_lengths(stop_m)) / 4
-            force = self._hardening * strain * (start_m + stop_m)
-            before, middle_speed = middle_speed, self._solver.solve(known - force)
-            change = np.abs(middle_speed - before).max()
+            middle_m = self._hanging_m + start_m + self.dt_s / 2 * middle_speed
+            strain = (before_step + self._strain(start_m + self.dt_s * middle_speed)) / 2
+            step = self._solver.solve(known - self._hardening * strain * middle_m) - middle_speed
+            even = 1 + self._softening * strain
+            along = 2 * self._softening * _dot(middle_m, step)
+            along /= even + 2 * self._softening * _dot(middle_m, middle_m)
+            step = (step - along * middle_m) / even
+            middle_speed = middle_speed + step
+            change = np.abs(step).max()
             if change <= _TOLERANCE * np.abs(middle_speed).max():
                 return middle_speed
             if change > last_change / 2:
@@ -148,21 +169,22 @@ class SoftTissue:
     def _solve_stiff(self, known: Array, start_m: Array, middle_speed: Array) -> Array:
         """The same equation with the spring's stiffening in the matrix: slow, for violent drive.
 
-        At a fixed strain s = (|u0|^2 + |u1|^2) / 2 the force is linear, N = H s (u0 + dt/2 v), and
-        its part in v makes the system only more definite. s is moved half of the way each time,
-        for from one step to the next it would overshoot.
+        At a fixed strain e = (e0 + e1) / 2 the force is linear, N = H e (s + u0 + dt/2 v), and the
+        system stays definite: K + H e is never softer than the weightless springs. e is moved half
+        of the way each time, for from one step to the next it would overshoot.
         """
-        squared = _squared_lengths(start_m)
-        strain = (squared + _squared_lengths(start_m + self.dt_s * middle_speed)) / 2
+        before_step = self._strain(start_m)
+        strain = (before_step + self._strain(start_m + self.dt_s * middle_speed)) / 2
         for _ in range(_STIFF_ITERATIONS):
             spring = self._hardening * strain
             system = self._system + sp.diags(self.dt_s / 2 * spring[:, 0])
             solver = splu(system.tocsc(), **_SYMMETRIC)
-            before, middle_speed = middle_speed, solver.solve(known - spring * start_m)
+            held = known - spring * (self._hanging_m + start_m)
+            before, middle_speed = middle_speed, solver.solve(held)
             if np.abs(middle_speed - before).max() <= _TOLERANCE**2 * np.abs(middle_speed).max():
                 break
-            stop = _squared_lengths(start_m + self.dt_s * middle_speed)
-            strain = (strain + (squared + stop) / 2) / 2
+            stop = self._strain(start_m + self.dt_s * middle_speed)
+            strain = (strain + (before_step + stop) / 2) / 2
         return middle_speed
 
     def energy(self, state: TissueState) -> float:
@@ -170,9 +192,13 @@ class SoftTissue:
         offsets_m, speed = state.offsets_m, state.velocities_m_s
         kinetic = (self._mass * speed**2).sum() / 2
         linear = (offsets_m * (self._stiffness @ offsets_m)).sum() / 2
-        quartic = (self._hardening * _squared_lengths(offsets_m) ** 2).sum() / 4
+        quartic = (self._hardening * self._strain(offsets_m) ** 2).sum() / 4
         return float(kinetic + linear + quartic)
 
+    def _strain(self, offsets_m: Array) -> Array:
+        """(N, 1) e = |u|^2 + 2 s.u, square metres: exactly 0 at rest."""
+        return _dot(offsets_m, offsets_m + 2 * self._hanging_m)
 
-def _squared_lengths(vectors: Array) -> Array:
-    return np.einsum("vx,vx->v", vectors, vectors)[:, None]
+
+def _dot(one: Array, other: Array) -> Array:
+    return np.einsum("vx,vx->v", one, other)[:, None]

@@ -27,7 +27,7 @@ _NEWTON, _SOLVED = 100, 1e-13
 _GRAVITY_M_S2 = np.array([0.0, -9.81, 0.0])
 _QUIET_M, _QUIET_SHARE = 2e-4, 0.3
 _PRIOR = {
-    "omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "normal_ratio": 3e-3,
+    "omega": 1e-4, "damping_ratio": 1e-2, "stiffening": 3e-3, "sag": 3e-3, "normal_ratio": 3e-3,
     "wave_speed": 1e-2, "bending": 1e-2, "inertia_gain": 3e-2, "gravity_gain": 3e-2,
 }  # fmt: skip
 """Of nodes' deviations from all nodes' mean."""
@@ -39,9 +39,10 @@ _GAINS, _PEOPLE = 3e-2, 3e-3
 class Coefficients:
     """Of K nodes of one person, (K, 1) each but for the normals: the letters of the equations."""
 
-    omega: Array  # w, 1/s
-    damping_ratio: Array  # z
+    omega: Array  # W, 1/s
+    damping_ratio: Array  # Z
     stiffening: Array  # a, 1/m^2
+    sag: Array  # m
     normal_ratio: Array  # p
     wave_speed: Array  # c, m/s
     bending: Array  # D, m^4/s^2
@@ -53,9 +54,10 @@ class Coefficients:
     def of_logarithms(
         cls, logs: Mapping[str, Array], own: Array, power: Array, normals: Array
     ) -> Coefficients:
-        """Of a person who has `own` (K, 1) of log w; log a follows it by `power`."""
+        """Of who has `own` (K, 1) of log W; log a follows it by `power`, sag as 1 / W^2."""
         person = {**logs, "omega": logs["omega"] + own}
         person["stiffening"] = logs["stiffening"] + power * own
+        person["sag"] = logs["sag"] - 2 * own
         return cls(**{name: np.exp(log) for name, log in person.items()}, normals=normals)
 
     def load(self, inertia: Array, gravity: Array) -> Array:
@@ -71,6 +73,8 @@ class Sheet:
         self._c = c = Coefficients(**exact)  # float32 or complex before
         across = c.normals[:, :, None] * c.normals[:, None, :]
         self._P = np.eye(3) + (c.normal_ratio - 1)[..., None] * across  # (K, 3, 3)
+        self._s = c.sag * np.array([0.0, -1.0, 0.0])
+        self._spring = c.omega**2 / (1 + 3 * c.stiffening * self._strain(self._s))  # w^2
         tension = c.wave_speed**2 * laplacian
         self._C = tension + c.bending * (laplacian @ laplacian)
         self._dt = 1 / (STEPS * FPS)
@@ -86,15 +90,15 @@ class Sheet:
     def step(self, now: Array, before: Array, load: Array) -> Array:
         """Offsets (K, 3) a step after `now`, which followed `before`, metres."""
         c, square = self._c, self._dt**2
-        drag = c.damping_ratio * c.omega * self._dt
-        strain = (now * self._stretched(now)).sum(1, keepdims=True)
-        stiffer = square / 2 * c.omega**2 * c.stiffening * strain
+        drag, hardening = c.damping_ratio * c.omega * self._dt, self._spring * c.stiffening
+        stiffer = square / 2 * hardening * self._strain(now + self._s)
+        standing = square * hardening * self._strain(self._s) * self._stretched(self._s)
         twice = 2 * now + before
-        known = square * load + 2 * now - before + drag * before
-        pulled = square / 4 * (c.omega**2 * self._stretched(twice) + self._C @ twice)
-        known = known - pulled - stiffer * self._stretched(before)
+        known = square * load + 2 * now - before + drag * before + standing
+        pulled = square / 4 * (self._spring * self._stretched(twice) + self._C @ twice)
+        known = known - pulled - stiffer * self._stretched(before + 2 * self._s)
         blocks = (1 + drag + self._N)[..., None] * np.eye(3)
-        blocks = blocks + (square / 4 * c.omega**2 + stiffer)[..., None] * self._P
+        blocks = blocks + (square / 4 * self._spring + stiffer)[..., None] * self._P
         after = 2 * now - before
         for _ in range(SWEEPS):
             left = known + self._N * after - square / 4 * self._C @ after
@@ -106,12 +110,13 @@ class Sheet:
         c, count = self._c, len(load)
         coupled = np.kron(self._C, np.eye(3))
         offsets_m, load = np.zeros((count, 3)), np.asarray(load, np.float64)
+        standing = self._spring * (1 + c.stiffening * self._strain(self._s))
+        standing, size = standing * self._stretched(self._s), np.abs(self._s).max()
         for _ in range(_NEWTON):
-            stretched = self._stretched(offsets_m)
-            strain = (offsets_m * stretched).sum(1, keepdims=True)
-            held = c.omega**2 * (1 + c.stiffening * strain)
-            missing = load - held * stretched - self._C @ offsets_m
-            rising = 2 * c.omega**2 * c.stiffening * stretched
+            stretched = self._stretched(offsets_m + self._s)
+            held = self._spring * (1 + c.stiffening * self._strain(offsets_m + self._s))
+            missing = load + standing - held * stretched - self._C @ offsets_m
+            rising = 2 * self._spring * c.stiffening * stretched
             blocks = held[..., None] * self._P + rising[:, :, None] * stretched[:, None, :]
             slope = coupled.copy()
             for node, block in enumerate(blocks):
@@ -119,9 +124,13 @@ class Sheet:
                 slope[mine, mine] += block
             moved = np.linalg.solve(slope, missing.ravel()).reshape(count, 3)
             offsets_m = offsets_m + moved
-            if np.abs(moved).max() <= _SOLVED * np.abs(offsets_m).max():
+            if np.abs(moved).max() <= _SOLVED * max(np.abs(offsets_m).max(), size):
                 return offsets_m
         raise ArithmeticError("tissue that does not come to rest")
+
+    def _strain(self, away_m: Array) -> Array:
+        """(K, 1) |v|_P^2."""
+        return (away_m * self._stretched(away_m)).sum(1, keepdims=True)
 
     def _stretched(self, offsets_m: Array) -> Array:
         """P u."""
@@ -213,7 +222,8 @@ def learn(w: Arrays, given: Arrays) -> Pass:
 def _window(w: Arrays, given: Arrays, clip: int) -> Array:
     """(T, K, 3)."""
     own = given["features"][:, clip] @ w["slopes"]
-    own = own + np.tensordot(given["shares"][clip], w["residual"], 1)  # (K, 1)
+    besides = w["residual"] - w["residual"].mean(0)
+    own = own + np.tensordot(given["shares"][clip], besides, 1)  # (K, 1)
     logs = {name: w[f"log_{name}"] + w[f"by_node_{name}"] for name in _PRIOR}
     normals = given["normals"][:, clip]
     normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)

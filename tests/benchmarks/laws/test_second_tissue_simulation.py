@@ -23,8 +23,9 @@ from benchmarks.laws.second_tissue_simulation import (
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_vertices
 from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, tissue_parameters
+from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double
 from torch_align_ae.corpus.subjects import SUBJECTS
+from torch_align_ae.corpus.tissue_parameters import tissue_parameters
 
 FRAMES = 70
 LAWS = {"own": TissueSimulator, **plugin.tissues()}

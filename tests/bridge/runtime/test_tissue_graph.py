@@ -30,7 +30,7 @@ def found() -> dict[str, np.ndarray]:
 def test_coefficients_are_the_models(found):
     for row, betas in enumerate(BETAS):
         mechanics = coefficients(MODEL, BODY, betas)
-        for name in ("omega", "stiffening"):
+        for name in ("omega", "stiffening", "sag"):
             wanted = getattr(mechanics, name)[:, 0]
             np.testing.assert_allclose(found[name][row, 0], wanted, rtol=1e-5, err_msg=name)
         np.testing.assert_allclose(found["normals"][row].T, mechanics.normals, atol=1e-5)
@@ -48,17 +48,16 @@ def test_rest_is_the_sheets():
     sheet = Sheet(mechanics, MODEL.nodes.laplacian.toarray())
     load = np.random.default_rng(5).normal(0, 8, (3, len(MODEL.nodes), 3)).astype(np.float32)
     graph = Graph()
-    shapes = {"omega": 1, "stiffening": 1, "normals": 3, "load": 3}
-    given = {name: graph.input(name, ("B", rows, "K")) for name, rows in shapes.items()}
-    person = Person(given["omega"], given["stiffening"], given["normals"])
+    shapes = {"omega": 1, "stiffening": 1, "sag": 1, "normals": 3}
+    own = {name: graph.input(name, ("B", rows, "K")) for name, rows in shapes.items()}
     even = {name: np.exp(log) for name, log in MODEL.weights.base.items()}
     made = SheetGraph(graph, even, coupling(even, MODEL.nodes.laplacian), [1.0])
-    settled = made.settled(person, given["load"])
+    settled = made.settled(made.springs(Person(**own)), graph.input("load", ("B", 3, "K")))
     shape = {"settled": ("B", 3, "K")}
     run = GraphSession(graph.model("settled", {"settled": settled}, shape))
     batch = {
         name: np.repeat(getattr(mechanics, name).T[None], 3, axis=0).astype(np.float32)
-        for name in ("omega", "stiffening", "normals")
+        for name in shapes
     }
     result = run(**batch, load=np.ascontiguousarray(load.swapaxes(1, 2)))["settled"]
     for row in range(3):

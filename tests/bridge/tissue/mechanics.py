@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.runtime.onnx_graph import Graph, GraphSession, Value
-from bridge.runtime.tissue_graph import Person, SheetGraph
+from bridge.runtime.tissue_graph import Person, SheetGraph, Springs
 from bridge.tissue.oscillators import STEPS, coupling
 from bridge.verify.reference.oscillators import Coefficients, Sheet
 
@@ -22,6 +22,7 @@ def mechanics(
     hz: ArrayLike = 5.0,
     damping: ArrayLike = 0.15,
     stiffening: ArrayLike = 0.0,
+    sag: ArrayLike = 0.0,
     wave_speed: ArrayLike = 0.0,
     bending: ArrayLike = 0.0,
     normal_ratio: ArrayLike = 1.0,
@@ -36,6 +37,7 @@ def mechanics(
         omega=each(2 * np.pi * np.asarray(hz)),
         damping_ratio=each(damping),
         stiffening=each(stiffening),
+        sag=each(sag),
         normal_ratio=each(normal_ratio),
         wave_speed=each(wave_speed),
         bending=each(bending),
@@ -52,15 +54,15 @@ class GraphSheet:
         fields = vars(springs)
         coupled, rows = coupling(fields, laplacian), len(springs.normals)
 
-        def session(make: Callable[[SheetGraph, Person, dict[str, Value]], Value]) -> GraphSession:
+        def session(make: Callable[[SheetGraph, Springs, dict[str, Value]], Value]) -> GraphSession:
             graph = Graph()
             given = {n: graph.input(n, ("B", 3, rows)) for n in ("now", "before", "load")}
-            own = (graph.array(n, fields[n].T[None]) for n in ("omega", "stiffening", "normals"))
+            own = {n: graph.array(n, fields[n].T[None]) for n in Person.__dataclass_fields__}
             sheet = SheetGraph(graph, fields, coupled, [1.0])
-            found = {"found": make(sheet, Person(*own), given)}
+            found = {"found": make(sheet, sheet.springs(Person(**own)), given)}
             return GraphSession(graph.model("sheet", found, {}, checked=False), threads=1)
 
-        self._step = session(lambda sheet, own, given: sheet.step(sheet.springs(own), **given))
+        self._step = session(lambda sheet, own, given: sheet.step(own, **given))
         self._settled = session(lambda sheet, own, given: sheet.settled(own, given["load"]))
 
     def step(self, now: NDArray, before: NDArray, load: NDArray) -> NDArray[np.float32]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -138,6 +139,82 @@ def test_coupled_rest_solves_the_linear_equation(make_sheet, nodes):
     found = make_sheet(springs, nodes.laplacian).settled(load)
     assert np.abs(expected).max() > 1e-3
     np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def hanging(count: int, **others: Any):
+    """Uneven flesh that hangs by 5 mm to 5 cm, and without weight is up to six times as soft."""
+    rng = np.random.default_rng(12)
+    hz, sag = rng.uniform(3, 9, count), 10 ** rng.uniform(-2.3, -1.3, count)
+    return mechanics(count, hz=hz, stiffening=700.0, sag=sag, **{**uneven(count), **others})
+
+
+def weightless(springs):
+    """The same flesh without sag, s (K, 3), and the load that hangs it by s but for the coupling's:
+    from each node's 3 by 3 matrix P."""
+    s = springs.sag * np.array([0.0, -1.0, 0.0])
+    across = np.einsum("kx,ky->kxy", springs.normals, springs.normals)
+    pushed = np.eye(3) + (springs.normal_ratio[..., None] - 1) * across
+    stretched_m = (pushed @ s[..., None])[..., 0]
+    taut = springs.stiffening * (s * stretched_m).sum(1, keepdims=True)
+    omega = springs.omega / np.sqrt(1 + 3 * taut)
+    damping = springs.damping_ratio * springs.omega / omega
+    flat = replace(springs, omega=omega, damping_ratio=damping, sag=0 * springs.sag)
+    return flat, s, omega**2 * (1 + taut) * stretched_m
+
+
+def test_hanging_flesh_that_nothing_pulls_stays_exactly_where_it_stands(make_sheet, nodes):
+    sheet = make_sheet(hanging(80, wave_speed=2.0, bending=0.05), nodes.laplacian)
+    none = np.zeros((80, 3), np.float32)
+    assert not sheet.settled(none).any()
+    now = before = none
+    for _ in range(60):
+        now, before = sheet.frame(now, before, none)
+    assert not now.any() or np.abs(now).max() < 1e-12  # the reference rounds in float64
+
+
+def test_hanging_flesh_is_flesh_without_sag_under_a_larger_load(make_sheet, nodes):
+    springs = hanging(80, wave_speed=2.0, bending=0.05)
+    flat, s, load = weightless(springs)
+    pulling = nodes.laplacian.toarray().astype(np.float64)
+    held = (load + 4.0 * pulling @ s + 0.05 * pulling @ pulling @ s).astype(np.float32)
+    hung, free = make_sheet(springs, nodes.laplacian), make_sheet(flat, nodes.laplacian)
+    felt = np.random.default_rng(13).normal(scale=30, size=(120, 80, 3)).astype(np.float32)
+    start = hung.settled(felt[0])
+    np.testing.assert_allclose(free.settled(felt[0] + held), start + s, atol=2e-6)
+    found = driven(hung, start, start, felt)
+    lifted = (start + s).astype(np.float32)
+    expected = driven(free, lifted, lifted, felt + held) - s
+    assert np.abs(found).max() > 0.02
+    np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.0, 0.6, 0.8)])
+def test_frequency_and_damping_are_those_of_a_small_vertical_vibration_at_rest(make_sheet, normal):
+    springs = mechanics(hz=4.0, damping=0.1, stiffening=700.0, sag=0.04, normal_ratio=2.0,
+                        normals=normal)  # fmt: skip
+    start = 1e-4 * np.array([[0.0, 1.0, 0.0]], np.float32)
+    found = vibrate(make_sheet(springs, ALONE), start, start, 120)[:, 0, 1] / 1e-4
+    # P makes it stiffer by 1 + (p - 1) n_y^2, as without sag; sideways it mixes in nothing small.
+    if normal[1] == 0.0:
+        omega, drag = 2 * np.pi * 4.0, 0.1 * 2 * np.pi * 4.0
+        swing, times_s = np.sqrt(omega**2 - drag**2), (np.arange(120) - 0.5) * DT_S
+        expected = np.cos(swing * times_s) + drag / swing * np.sin(swing * times_s)
+        np.testing.assert_allclose(found, np.exp(-drag * times_s) * expected, atol=0.02)
+    else:
+        assert found.min() < -0.5
+
+
+def test_in_free_fall_flesh_takes_its_shape_without_weight(make_sheet):
+    """That which weight alone has brought down by its sag."""
+    sag, stiffening = 0.04, 700.0
+    taut = stiffening * sag**2
+    omega = np.sqrt(9.81 / sag * (1 + 3 * taut) / (1 + taut))
+    sheet = make_sheet(mechanics(hz=omega / 2 / np.pi, stiffening=stiffening, sag=sag), ALONE)
+    found = sheet.settled(-GRAVITY_M_S2[None].astype(np.float32))
+    np.testing.assert_allclose(found, [[0.0, sag, 0.0]], atol=1e-5)
+    # It stiffens downwards and slackens upwards.
+    landed = sheet.settled(GRAVITY_M_S2[None].astype(np.float32))
+    assert -0.6 * sag < landed[0, 1] < 0
 
 
 @settings(max_examples=15)

@@ -20,7 +20,7 @@ from bridge.tissue.trained_plus import (
 from bridge.verify.reference.oscillators import coefficients
 
 PEOPLE = np.stack([np.zeros(10), np.full(10, 1.5)]).astype(np.float32)
-START = (40.0, 0.2, 500.0, 1.3, 1.0, 2e-3, 1.1, 0.9)
+START = (40.0, 0.2, 500.0, 0.01, 1.3, 1.0, 2e-3, 1.1, 0.9)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,9 @@ def test_softness_follows_shape_and_known_people_keep_their_own(trained, body, n
     np.testing.assert_allclose(known.omega, own, rtol=0.01)
     stiffer = weights.base["stiffening"] + 1.5 * weights.residual[0]
     np.testing.assert_allclose(known.stiffening, np.exp(stiffer), rtol=0.02)
-    for name in set(NODE_FIELDS) - {"omega", "stiffening"}:
+    deeper = weights.base["sag"] - 2 * weights.residual[0]
+    np.testing.assert_allclose(known.sag, np.exp(deeper), rtol=0.02)
+    for name in set(NODE_FIELDS) - {"omega", "stiffening", "sag"}:
         np.testing.assert_allclose(getattr(known, name), np.exp(weights.base[name]), rtol=1e-6)
         np.testing.assert_array_equal(getattr(known, name), getattr(stranger, name))
 
@@ -119,6 +121,7 @@ def test_a_stranger_has_none_where_only_constants_were_found(trained, body):
     ("change", "complaint"),
     [
         ({"taps": None}, "no 'taps'"),
+        ({"log_sag": None}, r"no 'log_sag'; expected all of its arrays\. Train it again"),
         ({"nodes/vertices": np.full(80, 6890, np.int32)}, "'nodes/vertices' that point outside"),
         ({"nodes/owners": np.full((6890, 8), -1, np.int32)}, "'nodes/owners' that point outside"),
         ({"nodes/edges": np.full((5, 2), 80, np.int32)}, "'nodes/edges' that|'nodes/pulls_m2' of"),

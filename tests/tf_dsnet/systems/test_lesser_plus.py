@@ -15,8 +15,8 @@ from tests.tf_dsnet.plus import TINY, forge_run
 from tf_dsnet import stage_train, stage_train_plus
 from tf_dsnet.stage_train import TrainConfig
 
-PARTS = ("gravity", "coupling", "bending", "stiffening", "anisotropy", "by_shape", "through_time",
-         "static")  # fmt: skip
+PARTS = ("gravity", "coupling", "bending", "stiffening", "sag", "anisotropy", "by_shape",
+         "through_time", "static")  # fmt: skip
 
 
 def test_the_ablation_leaves_out_each_part():

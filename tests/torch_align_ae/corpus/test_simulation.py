@@ -1,4 +1,4 @@
-"""What drives the simulated tissue, and where it is soft."""
+"""What drives the simulated tissue."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from torch_align_ae.corpus.simulation import (
     TissueSimulator,
     body_in_double,
     rest_frame_drive,
-    tissue_looseness,
 )
 from torch_align_ae.corpus.subjects import SUBJECTS
 
@@ -21,11 +20,13 @@ def smpl():
     return body_in_double(load_body_model("embedded:female"))
 
 
-def test_a_still_body_has_exactly_no_offsets_without_gravity(smpl):
-    betas = SUBJECTS["female"][0].betas
-    theta = np.tile(np.linspace(0, 0.3, 69), (10, 1))
-    simulator = TissueSimulator(smpl, betas, gravity=False)
-    np.testing.assert_array_equal(simulator.offsets(theta, 60.0), 0)
+@pytest.mark.parametrize("gravity", [True, False])
+def test_a_body_that_stands_still_has_no_offsets(smpl, gravity):
+    """Upright under gravity, in any pose without it; R^T g - g itself is rounded."""
+    betas, pose = SUBJECTS["female"][0].betas, np.zeros(69) if gravity else np.linspace(0, 0.3, 69)
+    simulator = TissueSimulator(smpl, betas, gravity=gravity)
+    offsets_m = simulator.offsets(np.tile(pose, (10, 1)), 60.0)
+    np.testing.assert_allclose(offsets_m, 0, atol=1e-15 if gravity else 0)
 
 
 def test_a_falling_body_is_driven_upwards_in_its_own_frame(smpl):
@@ -50,14 +51,6 @@ def test_in_free_fall_gravity_is_not_felt(smpl):
     drive = rest_frame_drive(smpl, np.zeros(10), theta, 60.0, everywhere)
     expected = np.broadcast_to([0, 9.81, 0], drive[2:-2].shape)
     np.testing.assert_allclose(drive[2:-2], expected, atol=1e-8)
-
-
-def test_bony_parts_are_held_and_bellies_are_loose(smpl):
-    data, betas = smpl.data, SUBJECTS["female"][0].betas
-    looseness = tissue_looseness(data, betas)
-    assert looseness[data.weights[:, 15] > 0.9].max() < 0.02
-    assert looseness[data.weights[:, [20, 21, 22, 23]].sum(1) > 0.9].max() < 0.02
-    assert looseness[data.weights[:, 3] > 0.7].mean() > 0.6
 
 
 def test_frame_rates_that_do_not_divide_the_steps_are_refused(smpl):

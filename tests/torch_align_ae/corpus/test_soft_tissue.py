@@ -1,4 +1,4 @@
-"""The physics against closed forms: frequency, decay, energy, stiffening."""
+"""The physics against closed forms: frequency, decay, energy, how flesh hangs."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def patch(side=8, size_m=0.1):
     return np.stack([x, y, 0 * x], -1).reshape(-1, 3), faces
 
 
-def tissue(frequency_hz=4.0, damping=0.1, stiffening=0.0, wave_speed=0.7, rate_hz=240.0):
+def tissue(frequency_hz=4.0, damping=0.1, preload=1.0, wave_speed=0.7, rate_hz=240.0):
     vertices, faces = patch()
     count = len(vertices)
     parameters = TissueParameters(
         frequency_hz=np.full(count, frequency_hz),
         damping_ratio=np.full(count, damping),
-        stiffening_per_m2=np.full(count, stiffening),
+        preload=np.full(count, preload),
         wave_speed_m_s=wave_speed,
         free=np.ones(count, bool),
     )
@@ -39,13 +39,13 @@ def displaced(body, offsets_m):
     return TissueState(offsets_m, np.zeros_like(offsets_m), np.zeros_like(offsets_m))
 
 
-def vibrate(body, state, steps):
-    """x of the first vertex, and the energy, at every step."""
+def vibrate(body, state, steps, axis=1):
+    """One coordinate of the first vertex, and the energy, at every step."""
     silence = np.zeros_like(state.offsets_m)
-    x, energy = [state.offsets_m[0, 0]], [body.energy(state)]
+    x, energy = [state.offsets_m[0, axis]], [body.energy(state)]
     for _ in range(steps):
         state = body.step(state, silence)
-        x.append(state.offsets_m[0, 0])
+        x.append(state.offsets_m[0, axis])
         energy.append(body.energy(state))
     return np.array(x), np.array(energy)
 
@@ -57,51 +57,78 @@ def period_s(x, dt_s):
     return np.diff(crossings).mean() * dt_s
 
 
+@pytest.mark.parametrize("preload", [1.0, 2.0])
 @pytest.mark.parametrize("frequency_hz", [3.5, 8.0])
-def test_free_vibration_has_the_frequency_and_decay_of_a_damped_oscillator(frequency_hz):
-    body = tissue(frequency_hz, damping=0.1)
-    x, _ = vibrate(body, displaced(body, [0.01, 0, 0]), 480)
+def test_a_small_swing_has_the_frequency_and_decay_of_a_damped_oscillator(frequency_hz, preload):
+    body = tissue(frequency_hz, damping=0.1, preload=preload)
+    start_m = 0.01 if preload == 1 else 1e-5
+    x, _ = vibrate(body, displaced(body, [0, start_m, 0]), 480)
     omega = 2 * np.pi * frequency_hz
     damped = omega * np.sqrt(1 - 0.1**2)
     times_s = np.arange(481) * body.dt_s
     expected = (
-        0.01
+        start_m
         * np.exp(-0.1 * omega * times_s)
         * (np.cos(damped * times_s) + 0.1 * omega / damped * np.sin(damped * times_s))
     )
     np.testing.assert_allclose(period_s(x, body.dt_s), 2 * np.pi / damped, rtol=0.005)
-    np.testing.assert_allclose(x, expected, atol=0.01 * 0.03)
+    np.testing.assert_allclose(x, expected, atol=start_m * 0.03)
+
+
+def test_sidewards_hanging_flesh_is_a_pendulum_of_the_length_of_its_sag():
+    body = tissue(frequency_hz=4.0, damping=0.0, preload=2.0)
+    x, _ = vibrate(body, displaced(body, [1e-5, 0, 0]), 960, axis=0)
+    sag_m = 2.0 * 9.81 / (2 * np.pi * 4.0) ** 2
+    np.testing.assert_allclose(period_s(x, body.dt_s), 2 * np.pi * np.sqrt(sag_m / 9.81), rtol=2e-3)
 
 
 def test_the_rule_itself_does_not_damp():
-    body = tissue(damping=0.0, stiffening=1500.0)
+    body = tissue(damping=0.0, preload=2.0)
     _, energy = vibrate(body, displaced(body, [0.04, 0.0, 0.01]), 2400)
     np.testing.assert_allclose(energy, energy[0], rtol=1e-3)
 
 
 @pytest.mark.parametrize("amplitude_m", [0.001, 0.05, 0.3])
 def test_energy_never_grows_without_drive(amplitude_m):
-    body = tissue(frequency_hz=10.0, damping=0.05, stiffening=1500.0)
+    body = tissue(frequency_hz=3.6, damping=0.05, preload=2.0)
     rough = np.random.default_rng(0).normal(size=(len(body.free), 3)) * amplitude_m
     _, energy = vibrate(body, displaced(body, rough), 60)
     assert np.diff(energy).max() <= 0
     assert energy[-1] < 0.8 * energy[0]
 
 
-@pytest.mark.parametrize("amplitude_m", [0.005, 0.015, 0.03])
-def test_stiffening_shortens_the_period_as_duffing_predicts(amplitude_m):
-    body = tissue(frequency_hz=3.5, damping=0.0, stiffening=1500.0, rate_hz=960.0)
-    x, _ = vibrate(body, displaced(body, [amplitude_m, 0, 0]), 2400)
-    # Exact quarter period of x'' = -w^2 (1 + a x^2) x, by its first integral.
-    angle = np.linspace(0, np.pi / 2, 2001)
-    a = 1500.0 * amplitude_m**2
-    quarter = np.trapezoid(1 / np.sqrt(1 + a * (1 + np.sin(angle) ** 2) / 2), angle)
-    exact = 4 * quarter / (2 * np.pi * 3.5)
-    np.testing.assert_allclose(period_s(x, body.dt_s), exact, rtol=0.003)
+@pytest.mark.parametrize("amplitude_m", [0.005, 0.02, 0.06])
+def test_a_swing_takes_the_time_that_its_potential_says(amplitude_m):
+    """Released above the rest; the half period by quadrature of v'' = g - w^2 (1 + a v^2) v."""
+    frequency_hz, preload = 3.6, 2.0
+    body = tissue(frequency_hz, damping=0.0, preload=preload, rate_hz=960.0)
+    x, _ = vibrate(body, displaced(body, [0, amplitude_m, 0]), 4000)
+    sag_m = preload * 9.81 / (2 * np.pi * frequency_hz) ** 2
+    stiffening = (preload - 1) / (3 - preload) / sag_m**2
+    squared = 9.81 / sag_m / (1 + stiffening * sag_m**2)
+
+    def potential(u):
+        v = u - sag_m
+        return squared * (v**2 / 2 + stiffening * v**4 / 4) + 9.81 * v
+
+    lower = [r.real for r in _turning_points(potential, amplitude_m) if abs(r.imag) < 1e-9]
+    lowest = max(root for root in lower if root < 0)
+    # u = middle + half cos(angle) takes the root's singularities away.
+    angle = (np.arange(4000) + 0.5) / 4000 * np.pi
+    half = (amplitude_m - lowest) / 2
+    u = (amplitude_m + lowest) / 2 + half * np.cos(angle)
+    speed = np.sqrt(2 * (potential(amplitude_m) - potential(u)))
+    exact_s = 2 * (half * np.sin(angle) / speed).mean() * np.pi
+    np.testing.assert_allclose(period_s(x, body.dt_s), exact_s, rtol=0.003)
+
+
+def _turning_points(potential, start_m):
+    grid = np.linspace(-0.2, 0.2, 5)
+    return np.roots(np.polyfit(grid, potential(grid) - potential(start_m), 4))
 
 
 def test_no_drive_gives_exactly_no_offset():
-    body = tissue(stiffening=1500.0)
+    body = tissue(preload=2.0)
     state, silence = body.at_rest(), np.zeros((len(body.free), 3))
     for _ in range(20):
         state = body.step(state, silence)
@@ -111,7 +138,7 @@ def test_no_drive_gives_exactly_no_offset():
 
 @pytest.mark.parametrize("amplitude_m", [0.01, 0.3])
 def test_released_tissue_comes_to_rest_where_it_began(amplitude_m):
-    body = tissue(damping=0.5, stiffening=1500.0)
+    body = tissue(damping=0.5, preload=2.0)
     rough = np.random.default_rng(0).normal(size=(len(body.free), 3)) * amplitude_m
     state, silence = displaced(body, rough), np.zeros_like(rough)
     for _ in range(1200):
@@ -121,21 +148,29 @@ def test_released_tissue_comes_to_rest_where_it_began(amplitude_m):
 
 
 def test_a_constant_drive_settles_where_spring_and_drive_balance():
-    body = tissue(frequency_hz=5.0, damping=0.5, stiffening=1500.0)
-    state, drive = body.at_rest(), np.tile([20.0, 0.0, 0.0], (len(body.free), 1))
+    body = tissue(frequency_hz=5.0, damping=0.5, preload=2.0)
+    state, drive = body.at_rest(), np.tile([4.0, -20.0, 0.0], (len(body.free), 1))
     for _ in range(1200):
         state = body.step(state, drive)
-    x = state.offsets_m[:, 0]
-    np.testing.assert_allclose((2 * np.pi * 5) ** 2 * (1 + 1500 * x**2) * x, 20.0, rtol=1e-3)
+    np.testing.assert_allclose(state.offsets_m, body.settled(drive).offsets_m, rtol=1e-6)
+    squared, sag_m = (2 * np.pi * 5) ** 2 / 4, 2 * 9.81 / (2 * np.pi * 5) ** 2
+    v = state.offsets_m - [0, sag_m, 0]
+    force = squared * (1 + (v**2).sum(1, keepdims=True) / sag_m**2) * v
+    np.testing.assert_allclose(force, np.broadcast_to([4.0, -29.81, 0.0], v.shape), atol=1e-3)
+
+
+def test_in_free_fall_flesh_takes_the_shape_that_it_has_without_weight():
+    body = tissue(frequency_hz=3.6, preload=2.0)
+    lifted = body.settled(np.tile([0.0, 9.81, 0.0], (len(body.free), 1))).offsets_m
+    sag_m = 2 * 9.81 / (2 * np.pi * 3.6) ** 2
+    np.testing.assert_allclose(lifted, np.broadcast_to([0, sag_m, 0], lifted.shape), atol=1e-5)
 
 
 def test_vertices_that_are_held_do_not_move_and_hold_their_neighbours():
     vertices, faces = patch()
     count = len(vertices)
     free = vertices[:, 0] > 0.03
-    parameters = TissueParameters(
-        np.full(count, 4.0), np.full(count, 0.1), np.zeros(count), 0.7, free
-    )
+    parameters = TissueParameters(np.full(count, 4.0), np.full(count, 0.1), np.ones(count), 0.7, free)
     body = SoftTissue(vertices, faces, parameters)
     state, drive = body.at_rest(), np.tile([10.0, 0.0, 0.0], (free.sum(), 1))
     for _ in range(30):
