@@ -137,11 +137,13 @@ class _C3d:
         return points
 
     def _floats(self, raw: bytes) -> NDArray[np.float64]:
-        raw = raw[: len(raw) // 4 * 4]
+        raw, per_one = raw[: len(raw) // 4 * 4], 1
+        found = np.frombuffer(raw, f"{self._order}f4")
         if self._dec:  # halves the other way round, and four times as large
-            halves = np.frombuffer(raw, "<u2").reshape(-1, 2)[:, ::-1]
-            return np.ascontiguousarray(halves).view("<f4").ravel() / np.float64(4)
-        return np.frombuffer(raw, f"{self._order}f4").astype(np.float64)
+            found = np.ascontiguousarray(found.view("<u2").reshape(-1, 2)[:, ::-1]).view("<f4")
+            per_one = 4
+        with np.errstate(invalid="ignore"):  # of some numbers that are none
+            return found.ravel().astype(np.float64) / per_one
 
     def _parameters(self, begins: int) -> Iterator[tuple[str, tuple[int, tuple[int, ...], bytes]]]:
         """Name, type, sizes and bytes of those of the group POINT."""

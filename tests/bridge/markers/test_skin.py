@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,67 +11,16 @@ import pytest
 from numpy.typing import NDArray
 
 from bridge import DsnetError
-from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.body.posing import Smpl
 from bridge.markers import stage_evaluate
 from bridge.markers.bony import bones, bony_motion
 from bridge.markers.marker_files import read_markers
 from bridge.markers.page import write_comparisons
 from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.markers.skin import Comparison
-from bridge.motion import Motion, unpack_theta
-from bridge.motion.motion import Y_UP_FROM_Z_UP, pack_theta
-from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_for_motion
-
-# Of the embedded woman, where optical markers sit.
-VERTICES = {
-    "CLAV": 524, "C7": 192, "T8": 1770, "LBAK": 4005, "RBAK": 537, "STRN": 5332, "LBUST": 4222,
-    "RBUSTLO": 782, "LPSI": 5427, "RPSI": 2006, "LASI": 5554, "RASI": 2188, "MBLLY": 5360,
-    "LBUM": 5450, "LKNE": 5849, "RKNE": 2474, "LANK": 6679, "RANK": 3289, "LFTHI": 6888,
-    "RTHI": 2126, "LTIB": 5978, "LFHD": 6192, "RFHD": 39, "LBHD": 3731, "RBHD": 252,
-}  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class Known:
-    body: BodyModelData
-    motion: Motion
-    offsets_m: NDArray
-
-
-@pytest.fixture(scope="module")
-def known() -> Known:
-    """A woman whose flesh is what the packaged model predicts of jumping jacks."""
-    path = Path("sample:jumping_jacks")
-    trained, motion = load_for_motion(None, None, path)
-    moving = controlled_body(trained, motion, Controls())
-    offsets = np.concatenate([part.offsets_m for part in moving]).astype(np.float64)
-    return Known(trained.body, moving.motion, offsets)
-
-
-def marker_file(
-    path: Path, known: Known, noise_m: float = 0.0, gaps: float = 0.0, scale: float = 1.0
-) -> Path:
-    """An AMASS file whose markers ride on the known skin."""
-    rng = np.random.default_rng(7)
-    ids = list(VERTICES.values())
-    pose, trans = unpack_theta(known.motion.theta)
-    person = Smpl(known.body, np.array(ids), np.float64).person(known.motion.betas)
-    skin = person.pose(pose, trans, known.offsets_m[:, ids])
-    z_up = Y_UP_FROM_Z_UP.inv().apply(skin.reshape(-1, 3)).reshape(skin.shape)
-    z_up += noise_m * rng.standard_normal(z_up.shape)
-    for marker in range(len(ids)):
-        starts = np.flatnonzero(rng.random(len(z_up)) < gaps / 5)
-        for start in starts:
-            z_up[start : start + 5, marker] = np.nan
-    np.savez(
-        path,
-        marker_data=scale * z_up,
-        marker_labels=np.array(list(VERTICES)),
-    )
-    return path
+from bridge.motion import unpack_theta
+from bridge.motion.motion import pack_theta
+from tests.forged.markers import VERTICES, Known, marker_file
 
 
 def compared(known: Known, path: Path, part: float) -> Comparison:

@@ -1,0 +1,89 @@
+"""Markers with known truth: sampled from a body whose offsets are known, with noise and gaps."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.posing import Smpl
+from bridge.motion import Motion, unpack_theta
+from bridge.motion.motion import Y_UP_FROM_Z_UP
+from bridge.motion.readers.amass import motion_path
+
+# Of the embedded woman, where optical markers sit.
+VERTICES = {
+    "CLAV": 524, "C7": 192, "T8": 1770, "LBAK": 4005, "RBAK": 537, "STRN": 5332, "LBUST": 4222,
+    "RBUSTLO": 782, "LPSI": 5427, "RPSI": 2006, "LASI": 5554, "RASI": 2188, "MBLLY": 5360,
+    "LBUM": 5450, "LKNE": 5849, "RKNE": 2474, "LANK": 6679, "RANK": 3289, "LFTHI": 6888,
+    "RTHI": 2126, "LTIB": 5978, "LFHD": 6192, "RFHD": 39, "LBHD": 3731, "RBHD": 252,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    body: BodyModelData
+    motion: Motion
+    offsets_m: NDArray
+
+
+def sampled(known: Known, noise_m: float = 0.0, gaps: float = 0.0) -> NDArray[np.float64]:
+    """(T, N, 3) places of `VERTICES` on the known skin, metres, z up; NaN in gaps."""
+    rng = np.random.default_rng(7)
+    ids = list(VERTICES.values())
+    pose, trans = unpack_theta(known.motion.theta)
+    person = Smpl(known.body, np.array(ids), np.float64).person(known.motion.betas)
+    skin = person.pose(pose, trans, known.offsets_m[:, ids])
+    z_up = Y_UP_FROM_Z_UP.inv().apply(skin.reshape(-1, 3)).reshape(skin.shape)
+    z_up += noise_m * rng.standard_normal(z_up.shape)
+    for marker in range(len(ids)):
+        for start in np.flatnonzero(rng.random(len(z_up)) < gaps / 5):
+            z_up[start : start + 5, marker] = np.nan
+    return z_up
+
+
+def pose_arrays() -> dict[str, NDArray]:
+    """What AMASS's file of the known motion holds beside markers."""
+    with np.load(motion_path("sample:jumping_jacks")) as stored:
+        return dict(stored)
+
+
+def marker_file(
+    path: Path, known: Known, noise_m: float = 0.0, gaps: float = 0.0, scale: float = 1.0
+) -> Path:
+    """An AMASS file whose markers ride on the known skin."""
+    points = scale * sampled(known, noise_m, gaps)
+    labels = np.array(list(VERTICES))
+    arrays: dict[str, Any] = {"marker_data": points, "marker_labels": labels, **pose_arrays()}
+    np.savez(path, **arrays)
+    return path
+
+
+def stageii(known: Known, per_frame: int = 1) -> dict[str, Any]:
+    """What MoSh++ pickles: lists of each frame's markers, and all sorts of things beside."""
+    pose, points, labels = pose_arrays(), sampled(known), list(VERTICES)
+    return {
+        "fullpose": pose["poses"],
+        "trans": pose["trans"],
+        "betas": pose["betas"],
+        "markers_latent": np.zeros((len(labels), 3)),
+        "latent_labels": labels,
+        "markers_latent_vids": dict(VERTICES),
+        "marker_meta": {"marker_vids": OrderedDict(VERTICES), "surface_model_type": "smplh"},
+        "stageii_debug_details": {
+            "stageii_errs": {"data": np.zeros(len(points))},
+            "markers_sim": list(points),
+            "markers_obs": list(points),
+            "labels_obs": [list(labels) for _ in points],
+            "markers_orig": points,
+            "labels_orig": labels,
+            "mocap_fname": "take.c3d",
+            "mocap_frame_rate": 60.0 * per_frame,
+            "cfg": {"surface_model": {"gender": "female"}, "mocap": {"ds_rate": per_frame}},
+        },
+    }
