@@ -113,4 +113,6 @@ def with_changes(
         base = {name: np.exp(log[:, 0].astype(np.float64)) for name, log in logs.items()}
         now = changed(base, regions[part].shares, normals, np.asarray(change)[None])
         logs |= {name: np.log(values).astype(np.float32) for name, values in vars(now).items()}
-    return replace(model, weights=replace(model.weights, base=logs))
+    # The preload of flesh, a s^2, is then everybody's, whatever W each has: s falls with W^2.
+    power = np.array([-2 * SAG_POWER], np.float32) if changes else model.weights.stiffening_power
+    return replace(model, weights=replace(model.weights, base=logs, stiffening_power=power))

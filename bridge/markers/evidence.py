@@ -23,6 +23,7 @@ from bridge.motion.cuts import pieces_between_cuts
 from bridge.runtime.controls import root_joint_m
 from bridge.runtime.stepping import PlusModel, codes_of
 from bridge.tissue.oscillators import node_loads
+from bridge.tissue.trained_plus import TrainedPlus
 
 MOST_S = 8.0
 """Of a motion: more of it says the same again."""
@@ -37,7 +38,7 @@ SOFT = {
     "upper_arms": ("upper arm, left", "upper arm, right"),
 }
 """Regions of markers in each part of the body whose constants are fitted."""
-_SOFT_LABELS = {
+SOFT_LABELS = {
     label: (part, REGIONS[region].segment)
     for part, regions in SOFT.items()
     for region in regions
@@ -108,7 +109,7 @@ def read_take(path: Path, body: BodyModelData) -> Take:
     loaded = load_recording(path)
     motion = loaded.motion.about_root_joint(root_joint_m(body, loaded.motion.betas))
     registered = register(body, motion, loaded.markers)
-    if not any(label in registered.vertices for label in _SOFT_LABELS):
+    if not any(label in registered.vertices for label in SOFT_LABELS):
         raise DsnetError(
             f"{path}, without markers on soft places",
             "LBUST, MBLLY, LBUM, LTHI or the like",
@@ -131,7 +132,7 @@ def liveliest(motion: Motion) -> slice:
     jolt = np.square(np.diff(motion.theta[piece, -3:], n=2, axis=0)).sum(axis=1)
     if len(jolt) + 2 <= most:
         return piece
-    jolt = np.minimum(jolt, 100 * np.median(jolt))  # one wild frame is an error of the fit
+    jolt = np.minimum(jolt, np.quantile(jolt, 0.99))  # one wild frame is an error of the pose
     total = np.cumsum(np.r_[0, jolt])
     first = piece.start + int(np.argmax(total[most:] - total[:-most]))
     return slice(first, first + most)
@@ -157,7 +158,9 @@ def evidence(take: Take, model: PlusModel) -> tuple[Take, Clip]:
     bare_cloud = Cloud(points_m, take.cloud.seen)
     motion = bony_motion(body, take.filed, bare_cloud, pose_of(body, take.filed))
     found = replace(take, motion=motion)
-    return found, Clip(_load(model, body, motion), _series(found, bare_cloud, reading), motion.fps)
+    return found, Clip(
+        felt_load(trained, body, motion), _series(found, bare_cloud, reading), motion.fps
+    )
 
 
 def _series(take: Take, cloud: Cloud, reading: NDArray) -> dict[str, list[Series]]:
@@ -173,7 +176,7 @@ def _series(take: Take, cloud: Cloud, reading: NDArray) -> dict[str, list[Series
     posed = segment_frames(Cloud(bare, always), pose, real)
     turns, fps = _turns(body, motion, vertices), motion.fps
     series: dict[str, list[Series]] = {}
-    for label, (part, segment) in _SOFT_LABELS.items():
+    for label, (part, segment) in SOFT_LABELS.items():
         if label not in labels or segment not in real:
             continue
         column, frame = labels.index(label), real[segment]
@@ -203,10 +206,14 @@ def _turns(body: BodyModelData, motion: Motion, vertices: Sequence[int]) -> NDAr
     )
 
 
-def _load(model: PlusModel, body: BodyModelData, motion: Motion) -> NDArray[np.float64]:
-    nodes, base = model.trained.nodes.vertices, model.trained.weights.base
-    load = node_loads(body, nodes, motion.betas, motion.theta, motion.fps)
-    return np.exp(base["inertia_gain"]) * load.inertia + np.exp(base["gravity_gain"]) * load.gravity
+def felt_load(model: TrainedPlus, body: BodyModelData, motion: Motion) -> NDArray[np.float64]:
+    """(T, K, 3) what moves the nodes from each frame to the next."""
+    load = node_loads(body, model.nodes.vertices, motion.betas, motion.theta, motion.fps)
+    gains = (np.exp(model.weights.base[f"{name}_gain"]) for name in ("inertia", "gravity"))
+    felt = sum(gain * part for gain, part in zip(gains, (load.inertia, load.gravity), strict=True))
+    frames = np.arange(len(load)) + model.look_ahead
+    rows = (np.clip(frames - late, 0, len(load) - 1) for late in range(len(model.weights.taps)))
+    return np.sum([tap * felt[row] for tap, row in zip(model.weights.taps, rows, strict=True)], 0)
 
 
 def _pulls(cloud: Cloud, segment: str, frame: Frame, fps: float) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
@@ -29,6 +30,7 @@ from bridge.markers.evidence import SOFT, Clip, Series, Take, evidence
 from bridge.markers.hanging import Patch
 from bridge.markers.skin import fast
 from bridge.runtime.stepping import PlusModel
+from bridge.tissue.oscillators import coupling
 from bridge.tissue.shape import shaped_normals
 from bridge.tissue.trained_plus import TrainedPlus
 
@@ -178,9 +180,9 @@ class _Output:
         np.fill_diagonal(laplacian, laplacian.diagonal() - laplacian.sum(axis=1))
         self._base = {name: values[nodes] for name, values in base.items()}
         self._normals = shaped_normals(body, betas)[model.nodes.vertices[nodes]].astype(np.float64)
-        tension, bending = self._base["wave_speed"] ** 2, self._base["bending"]
-        coupling = tension[:, None] * laplacian + bending[:, None] * (laplacian @ laplacian)
-        self._patch = Patch(coupling, self._normals, self._base["normal_ratio"])
+        columns = {name: self._base[name][:, None] for name in ("wave_speed", "bending")}
+        coupled = coupling(columns, sp.csr_matrix(laplacian))
+        self._patch = Patch(coupled, self._normals, self._base["normal_ratio"])
         self._shares = region.shares[nodes]
         self._clips = [(clip, clip.series[part]) for clip in clips]
         self._loads = [clip.load[:, nodes] for clip in clips]

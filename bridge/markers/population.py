@@ -50,6 +50,8 @@ class Fitted:
     """(3,) of the model's region."""
     own: list[list[float]]
     """(3,) of each person, as far as markers tell them from the others."""
+    own_sd: list[list[float]]
+    """How far off each may be, the method's bias included."""
 
 
 def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
@@ -69,14 +71,14 @@ def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
         known = _WORTH * np.square(PEOPLE_SD * slope)
         spread = np.sqrt((known + excess) / (_WORTH + len(own)))
     preload = float(lower(mean[2]))
-    mine = np.array([1, 1, lift_slope(preload)])
-    deviation = np.sqrt(np.diag(covariance) + np.square(wide * _BIAS * mine))
+    bias = wide * _BIAS * [1, 1, lift_slope(preload)]
+    deviation = np.sqrt(np.diag(covariance) + np.square(bias))
     low, high = (mean + sign * _NINETY * deviation for sign in (-1, 1))
     hz, damping = (np.exp(base[k] + np.array([m[k] for m in (mean, low, high)])) for k in (0, 1))
     # Sag is preload g / w^2.
-    by = np.array([-2, 0, 1 / mine[2] / preload])
+    by = np.array([-2, 0, 1 / lift_slope(preload) / preload])
     sag_m = preload * -GRAVITY_M_S2[1] / (2 * np.pi * hz[0]) ** 2
-    sag_sd = np.sqrt(by @ covariance @ by + np.square(by * wide * _BIAS * mine).sum())
+    sag_sd = np.sqrt(by @ covariance @ by + np.square(by * bias).sum())
     return Fitted(
         part,
         len(estimates),
@@ -90,6 +92,7 @@ def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
         next((one.doubt for one in estimates if one.doubt), ""),
         mean.tolist(),
         own.tolist(),
+        np.sqrt(np.einsum("nii->ni", own_covariance) + np.square(bias)).tolist(),
     )
 
 

@@ -170,7 +170,9 @@ def test_vertices_that_are_held_do_not_move_and_hold_their_neighbours():
     vertices, faces = patch()
     count = len(vertices)
     free = vertices[:, 0] > 0.03
-    parameters = TissueParameters(np.full(count, 4.0), np.full(count, 0.1), np.ones(count), 0.7, free)
+    parameters = TissueParameters(
+        np.full(count, 4.0), np.full(count, 0.1), np.ones(count), 0.7, free
+    )
     body = SoftTissue(vertices, faces, parameters)
     state, drive = body.at_rest(), np.tile([10.0, 0.0, 0.0], (free.sum(), 1))
     for _ in range(30):
