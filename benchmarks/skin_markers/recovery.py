@@ -133,10 +133,10 @@ def _errors(truths: list[list[float]], estimates: list[Estimate]) -> dict:
     shared = share("chest", estimates)
     rows, held = [], []
     for truth, one, own, sd in zip(truths, estimates, shared.own, shared.own_sd, strict=True):
-        true = np.array([*np.log(truth[:2]) - one.base, float(lift(truth[2]))])
+        true = np.array([*(np.log(truth[:2]) - one.base) / one.reach, float(lift(truth[2]))])
         off: NDArray = np.array(own) - true
         held.append((np.abs(off) < _NINETY * np.array(sd)).tolist())
-        found = [*np.exp(np.array(one.base) + own[:2]), float(lower(own[2]))]
+        found = [*np.exp(one.base + one.reach * np.array(own[:2])), float(lower(own[2]))]
         rows.append({"truth": _rounded(truth), "found": _rounded(found), "held": held[-1]})
     truth, found = (np.array([row[key] for row in rows]) for key in ("truth", "found"))
     off = found - truth

@@ -51,11 +51,12 @@ def flesh_model(body: BodyModelData, model: TrainedPlus, flesh: Mapping[str, Fle
     base = {name: log[:, 0].astype(np.float64) for name, log in model.weights.base.items()}
     changes = {
         part: [
-            np.log(2 * np.pi * one.frequency_hz) - regions[part].typical @ base["omega"],
-            np.log(one.damping_ratio) - regions[part].typical @ base["damping_ratio"],
+            (np.log(2 * np.pi * one.frequency_hz) - region.typical @ base["omega"]) / region.reach,
+            (np.log(one.damping_ratio) - region.typical @ base["damping_ratio"]) / region.reach,
             float(lift(one.preload)),
         ]
         for part, one in flesh.items()
+        for region in [regions[part]]
     }
     return with_changes(body, model, regions, changes)
 

@@ -49,6 +49,11 @@ class Region:
     typical: NDArray[np.float64]
     """(K,) weights, which sum to 1, of the nodes that speak for the part: the soft ones."""
 
+    @property
+    def reach(self) -> float:
+        """What part of a change the typical frequency and damping take."""
+        return float(self.typical @ self.shares)
+
     @classmethod
     def of(cls, body: BodyModelData, model: TrainedPlus, part: str) -> Region:
         """The region of a part of the body."""

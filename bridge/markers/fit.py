@@ -46,9 +46,10 @@ _SAME_FRAMES = 5.0
 _BLOCK_S = 1.5
 """Errors farther apart than this are different errors."""
 _LEAST_SHARE = 0.02
+_RINGS = 1
 _STARTS = np.array([-0.7, -0.45, -0.2, 0.0, 0.2, 0.45])
 """Of the frequency, whose error has valleys."""
-_TURNS = 3
+_TURNS = 2
 _STEP = 0.01
 """Of a derivative."""
 
@@ -65,6 +66,8 @@ class Estimate:
     """(3,) information times the data's own estimate."""
     base: list[float]
     """(2,) logarithms of the base model's frequency [Hz] and damping ratio of this person."""
+    reach: float
+    """Part of a change that these two take."""
     seconds: float
     motions: int
     left: float
@@ -142,6 +145,7 @@ def fit_region(
             float(region.typical @ np.log(base["omega"] / (2 * np.pi))),
             float(region.typical @ np.log(base["damping_ratio"])),
         ],
+        reach=region.reach,
         seconds=round(sum(len(clip.load) / clip.fps for clip in clips), 2),
         motions=len(clips),
         left=float(np.square(error).sum() / output.energy),
@@ -174,10 +178,12 @@ class _Output:
         region: Region,
         base: Mapping[str, NDArray],
     ) -> None:
-        there = part_weights(body)[model.nodes.vertices, PARTS.index(part)]
-        nodes = np.flatnonzero(there > _LEAST_SHARE)
-        laplacian = model.nodes.laplacian.toarray()[np.ix_(nodes, nodes)].astype(np.float64)
-        np.fill_diagonal(laplacian, laplacian.diagonal() - laplacian.sum(axis=1))
+        there = part_weights(body)[model.nodes.vertices, PARTS.index(part)] > _LEAST_SHARE
+        laplacian = model.nodes.laplacian
+        for _ in range(_RINGS):  # what they pull at moves too; what lies beyond stands still
+            there = np.abs(laplacian) @ there > 0
+        nodes = np.flatnonzero(there)
+        laplacian = laplacian.toarray()[np.ix_(nodes, nodes)].astype(np.float64)
         self._base = {name: values[nodes] for name, values in base.items()}
         self._normals = shaped_normals(body, betas)[model.nodes.vertices[nodes]].astype(np.float64)
         columns = {name: self._base[name][:, None] for name in ("wave_speed", "bending")}

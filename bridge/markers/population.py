@@ -74,7 +74,9 @@ def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
     bias = wide * _BIAS * [1, 1, lift_slope(preload)]
     deviation = np.sqrt(np.diag(covariance) + np.square(bias))
     low, high = (mean + sign * _NINETY * deviation for sign in (-1, 1))
-    hz, damping = (np.exp(base[k] + np.array([m[k] for m in (mean, low, high)])) for k in (0, 1))
+    reach = estimates[0].reach
+    ends = np.array([mean, low, high])
+    hz, damping = (np.exp(base[k] + reach * ends[:, k]) for k in (0, 1))
     # Sag is preload g / w^2.
     by = np.array([-2, 0, 1 / lift_slope(preload) / preload])
     sag_m = preload * -GRAVITY_M_S2[1] / (2 * np.pi * hz[0]) ** 2
@@ -85,7 +87,7 @@ def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
         round(sum(one.seconds for one in estimates), 1),
         _rounded(hz),
         _rounded(damping),
-        _rounded(lower(np.array([mean[2], low[2], high[2]]))),
+        _rounded(lower(ends[:, 2])),
         _rounded(1e3 * sag_m * np.exp(np.array([0, -1, 1]) * _NINETY * sag_sd)),
         _rounded(spread),
         bool(deviation[0] < _TOLD * before[0]),

@@ -123,7 +123,7 @@ def test_one_womans_chest_is_found_on_a_pose_that_swallowed_it(
         region.typical @ np.log(hers["omega"] / (2 * np.pi)) - found["chest"].base[0],
         np.log(CHEST.damping_ratio) - found["chest"].base[1],
     ]
-    off = np.abs(np.array(found["chest"].found[:2]) - truth)
+    off = np.abs(found["chest"].reach * np.array(found["chest"].found[:2]) - truth)
     assert off[0] < 0.06
     assert off[1] < 0.12
     assert found["chest"].left < 0.02
@@ -144,7 +144,7 @@ def estimates(people: int, rng: np.random.Generator, mean: NDArray) -> list[Esti
         said, information = own + sd * rng.standard_normal(3), np.diag(sd**-2.0)
         out.append(
             Estimate(said.tolist(), information.tolist(), (information @ said).tolist(),
-                     [np.log(3.5), np.log(0.2)], 10.0, 3, 0.1, "")
+                     [np.log(3.5), np.log(0.2)], 1.0, 10.0, 3, 0.1, "")
         )  # fmt: skip
     return out
 
@@ -166,7 +166,7 @@ def test_intervals_of_what_people_share_hold_the_truth() -> None:
 
 def test_who_says_little_leaves_what_was_assumed() -> None:
     nothing = Estimate([0.5, 0.5, 0.0], (1e-3 * np.eye(3)).tolist(), [0.0, 0.0, 0.0],
-                       [np.log(3.5), np.log(0.2)], 3.0, 1, 1.0, "")  # fmt: skip
+                       [np.log(3.5), np.log(0.2)], 1.0, 3.0, 1, 1.0, "")  # fmt: skip
     found = share("chest", [nothing])
     assert not found.told
     assert found.frequency_hz[0] == pytest.approx(3.5, rel=0.02)
