@@ -17,7 +17,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from benchmarks.skin_markers.truth import Flesh, flesh_model, write_take
+from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
 from bridge.body import BodyModelData
 from bridge.markers import evidence
 from bridge.markers.constants import Region, constants_of, lift, lower
@@ -53,7 +53,7 @@ class RecoveryConfig:
 
 def base_model(body: BodyModelData) -> TrainedPlus:
     """The packaged model with the law's constants, which is what fits begin with."""
-    model = load_model(None, NAME, body.gender).model.trained
+    model = packaged(body.gender)
     base = dict(model.weights.base)
     base["wave_speed"] = np.full_like(base["wave_speed"], np.log(WAVE_SPEED_M_S))
     model = replace(model, weights=replace(model.weights, base=base))

@@ -21,6 +21,8 @@ from bridge.body.posing import Smpl, shaped_joints
 from bridge.markers.constants import Region, lift, with_changes
 from bridge.motion import pack_theta, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
+from bridge.runs.run import TRAIN_PLUS
+from bridge.runtime.load_model import load_model
 from bridge.runtime.stepping import PlusModel, codes_of
 from bridge.tissue.trained_plus import TrainedPlus
 
@@ -43,6 +45,11 @@ class Flesh:
     frequency_hz: float
     damping_ratio: float
     preload: float
+
+
+def packaged(gender: str) -> TrainedPlus:
+    """The model that comes with the package."""
+    return TrainedPlus.load(load_model(None, None, gender).artifacts[TRAIN_PLUS])
 
 
 def flesh_model(body: BodyModelData, model: TrainedPlus, flesh: Mapping[str, Flesh]) -> TrainedPlus:

@@ -209,8 +209,8 @@ def _turns(body: BodyModelData, motion: Motion, vertices: Sequence[int]) -> NDAr
 def felt_load(model: TrainedPlus, body: BodyModelData, motion: Motion) -> NDArray[np.float64]:
     """(T, K, 3) what moves the nodes from each frame to the next."""
     load = node_loads(body, model.nodes.vertices, motion.betas, motion.theta, motion.fps)
-    gains = (np.exp(model.weights.base[f"{name}_gain"]) for name in ("inertia", "gravity"))
-    felt = sum(gain * part for gain, part in zip(gains, (load.inertia, load.gravity), strict=True))
+    inertia, gravity = (np.exp(model.weights.base[f"{n}_gain"]) for n in ("inertia", "gravity"))
+    felt = inertia * load.inertia + gravity * load.gravity
     frames = np.arange(len(load)) + model.look_ahead
     rows = (np.clip(frames - late, 0, len(load) - 1) for late in range(len(model.weights.taps)))
     return np.sum([tap * felt[row] for tap, row in zip(model.weights.taps, rows, strict=True)], 0)

@@ -46,7 +46,6 @@ _SAME_FRAMES = 5.0
 _BLOCK_S = 1.5
 """Errors farther apart than this are different errors."""
 _LEAST_SHARE = 0.02
-_RINGS = 1
 _STARTS = np.array([-0.7, -0.45, -0.2, 0.0, 0.2, 0.45])
 """Of the frequency, whose error has valleys."""
 _TURNS = 2
@@ -120,25 +119,26 @@ def fit_region(
     costs = np.square((starts - start) / spread).sum(axis=1)
     if len(starts) > 1:
         costs += np.square(output.errors(starts)).sum(axis=0)
+    # In units of what is known before.
     found = least_squares(
-        lambda x: np.r_[output.errors(x[None])[:, 0], (x - start) / spread],
-        starts[int(np.argmin(costs))],
-        jac=lambda x: np.vstack([output.slopes(x), np.diag(1 / spread)]),
-        bounds=(start - 5 * spread, start + 5 * spread),
-        x_scale=spread,
+        lambda x: np.r_[output.errors((start + spread * x)[None])[:, 0], x],
+        (starts[int(np.argmin(costs))] - start) / spread,
+        jac=lambda x: np.vstack([output.slopes(start + spread * x) * spread, np.eye(3)]),  # pyright: ignore[reportArgumentType]
+        bounds=(-5, 5),
         max_nfev=15,
         xtol=1e-3,
         ftol=1e-4,
     )
-    slopes, error = output.slopes(found.x), output.errors(found.x[None])[:, 0]
+    best = start + spread * found.x
+    slopes, error = output.slopes(best), output.errors(best[None])[:, 0]
     formal = slopes.T @ slopes
     inflation = _inflation(slopes, error, output.blocks, formal + np.diag(spread**-2.0))
     information = formal / inflation
     # At the optimum the data's gradient is the prior's with another sign.
-    pull = information @ found.x + (found.x - start) / spread**2 / inflation
+    pull = information @ best + found.x / spread / inflation
     doubts = {series.doubt for clip in clips for series in clip.series[part]}
     return Estimate(
-        found=found.x.tolist(),
+        found=best.tolist(),
         information=information.tolist(),
         pull=pull.tolist(),
         base=[
@@ -179,11 +179,10 @@ class _Output:
         base: Mapping[str, NDArray],
     ) -> None:
         there = part_weights(body)[model.nodes.vertices, PARTS.index(part)] > _LEAST_SHARE
-        laplacian = model.nodes.laplacian
-        for _ in range(_RINGS):  # what they pull at moves too; what lies beyond stands still
-            there = np.abs(laplacian) @ there > 0
-        nodes = np.flatnonzero(there)
-        laplacian = laplacian.toarray()[np.ix_(nodes, nodes)].astype(np.float64)
+        laplacian = model.nodes.laplacian.toarray().astype(np.float64)
+        # What they pull at moves too; what lies beyond stands still.
+        nodes = np.flatnonzero(np.abs(laplacian) @ there > 0)
+        laplacian = laplacian[np.ix_(nodes, nodes)]
         self._base = {name: values[nodes] for name, values in base.items()}
         self._normals = shaped_normals(body, betas)[model.nodes.vertices[nodes]].astype(np.float64)
         columns = {name: self._base[name][:, None] for name in ("wave_speed", "bending")}

@@ -35,7 +35,7 @@ class Constants:
 class Patch:
     """K nodes that move together, and what is not fitted of them."""
 
-    coupled: NDArray[np.float64]
+    coupled: NDArray[np.floating]
     """(K, K) dt^2 C / 4."""
     normals: NDArray[np.float64]
     """(K, 3)."""
@@ -92,7 +92,7 @@ class _Springs:
         self._beyond = patch.normal_ratio[:, None, None, None] - 1
         bound = np.abs(patch.coupled).sum(axis=1)
         self._bound = bound[:, None, None, None]
-        self._pulled = np.diag(bound) - patch.coupled
+        self._pulled = np.diag(bound) - np.asarray(patch.coupled, np.float64)
 
     def step(
         self, now: NDArray, before: NDArray, load: NDArray, drag: NDArray

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.skin_markers.truth import Flesh, flesh_model, write_take
+from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
 from bridge import DsnetError
 from bridge.markers import train as markers_train
 from bridge.markers.train import FITTED, people_of, train_on_markers
@@ -28,7 +28,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("people")
     for number, gender in enumerate(("female", "female", "male")):
         base = load_model(None, None, gender)
-        model = flesh_model(base.body, base.model.trained, {"chest": Flesh(3.2, 0.25, 2.0)})
+        model = flesh_model(base.body, packaged(gender), {"chest": Flesh(3.2, 0.25, 2.0)})
         betas = np.full(10, 0.1 * number)
         motion = load_motion_file(Path("sample:jumping_jacks"))
         motion = replace(motion, betas=betas).about_root_joint(root_joint_m(base.body, betas))
@@ -71,7 +71,7 @@ def test_a_run_learns_and_predicts(
 
     found = load_model(Run("skin"))
     assert (found.name, found.body_model) == (FITTED, "embedded:female")
-    base = load_model(None, None, "female").model.trained
+    base = packaged("female")
     fitted = TrainedPlus.load(artifact)
     assert len(fitted.people_betas) == len(base.people_betas) + 2
     changed = np.abs(fitted.weights.base["omega"] - base.weights.base["omega"]).max(axis=1)
@@ -90,7 +90,7 @@ def test_a_person_who_was_fitted_is_not_fitted_again(
 ) -> None:
     _, people, _ = people_of(folder, None)
     base = load_model(None, None, "female")
-    tools = base.body, base.model.trained
+    tools = base.body, packaged("female")
     fits = []
 
     def fit(*arguments: object) -> dict:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.skin_markers.truth import Flesh, flesh_model, write_take
+from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
 from bridge.body import BodyModelData
 from bridge.markers.constants import (
     Region,
@@ -44,7 +44,7 @@ def body() -> BodyModelData:
 @pytest.fixture(scope="module")
 def base(body: BodyModelData) -> TrainedPlus:
     """Flesh of the law's constants."""
-    model = load_model(None, None, "female").model.trained
+    model = packaged("female")
     soft = {part: Flesh(3.6 if part == "chest" else 6.0, 0.22, 1.8) for part in SOFT}
     return flesh_model(body, model, soft)
 
