@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tyro
@@ -75,7 +76,23 @@ def main(config: RecoveryConfig) -> None:
     }
     stored = {**asdict(config), "out": None, "takes": TAKES, "chest": results}
     config.out.write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps({mode: results[mode]["median"] for mode in MODES}, indent=1))
+    print(table(stored))
+
+
+def table(stored: dict[str, Any]) -> str:
+    """Markdown, as docs/markers.md has it."""
+    lines = [
+        "| fitted with | frequency off | damping off | preload off | 90 % intervals that hold |\n",
+        "|---|---:|---:|---:|---:|\n",
+    ]
+    for mode, one in stored["chest"].items():
+        frequency, damping, preload = one["median"]
+        held = 100 * float(np.mean(one["held"]))
+        lines.append(
+            f"| {mode} | {100 * frequency:.0f} % | {100 * damping:.0f} % | {preload:.2f} "
+            f"| {held:.0f} % |\n"
+        )
+    return "".join(lines)
 
 
 def one_woman(
