@@ -25,8 +25,8 @@ from bridge.runtime.stepping import PlusModel, codes_of
 from bridge.tissue.oscillators import node_loads
 from bridge.tissue.trained_plus import TrainedPlus
 
-MOST_S = 8.0
-"""Of a motion: more of it says the same again."""
+LEAST_S, MOST_S = 2.0, 8.0
+"""Of a motion: less shows no swing, more says the same again."""
 SOFT = {
     "chest": ("bust, left", "bust, right"),
     "belly": ("belly",),
@@ -116,6 +116,12 @@ def read_take(path: Path, body: BodyModelData) -> Take:
             "Name them as AMASS does.",
         )
     frames = liveliest(motion)
+    if frames.stop - frames.start < LEAST_S * motion.fps:
+        raise DsnetError(
+            f"{path}, whose longest piece without a cut is shorter than {LEAST_S:g} s",
+            "a longer one",
+            "Pass another file.",
+        )
     cloud = Cloud(
         {label: points[frames] for label, points in registered.cloud.points_m.items()},
         {label: seen[frames] for label, seen in registered.cloud.seen.items()},

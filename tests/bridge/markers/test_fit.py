@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
+from bridge import DsnetError
 from bridge.body import BodyModelData
 from bridge.markers.constants import (
     Region,
@@ -191,3 +192,18 @@ def test_the_liveliest_part_of_a_long_motion_is_fitted(jumping: Motion) -> None:
     assert frames.start <= 1200 + 20
     assert frames.stop >= 1200 + len(jumping.theta) - 20
     assert frames.stop - frames.start <= 8 * 60
+
+
+def test_a_take_in_pieces_is_refused(
+    tmp_path: Path, body: BodyModelData, base: TrainedPlus, jumping: Motion
+) -> None:
+    theta = np.array(jumping.theta, np.float64)
+    write_take(tmp_path / "cut.npz", PlusModel(base, body), body, BETAS, theta,
+               np.random.default_rng(0))  # fmt: skip
+    stored = dict(np.load(tmp_path / "cut.npz"))
+    for first in (80, 160):
+        stored["trans"][first:, 0] += 3.0
+        stored["marker_data"][first:, :, 0] += 3.0
+    np.savez(tmp_path / "cut.npz", **stored)
+    with pytest.raises(DsnetError, match="without a cut"):
+        read_take(tmp_path / "cut.npz", body)
