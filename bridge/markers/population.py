@@ -25,7 +25,7 @@ _BIAS = np.array([0.04, 0.08, 0.1])
 In logarithms of frequency and damping ratio, and in preload."""
 _INDICATIVE = 2.0
 """How much wider, where the frame itself rides on flesh."""
-_TOLD = 0.6
+_TOLD = 0.7
 """A mean whose deviation is less than this part of what was assumed is the data's."""
 _NINETY = 1.645
 
