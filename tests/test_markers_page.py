@@ -23,14 +23,3 @@ def test_the_pages_numbers_are_the_results() -> None:
         assert f"{left:.0f} and {right:.0f} mm" in said
     left, right = (row["total_r2_up"] for row in bony)
     assert f"{left:.2f} and {right:.2f}" in said
-
-
-def test_what_a_fitted_pose_costs_is_the_benchmarks() -> None:
-    page = (ROOT / "docs" / "markers.md").read_text(encoding="utf-8")
-    said = page.partition("<!-- fitted")[2].partition("<!-- end -->")[0]
-    stored = (ROOT / "docs" / "results" / "skin_markers" / "marker_pose.json").read_text()
-    for found in json.loads(stored)["motions"].values():
-        fitted, bony = found.values()
-        for key in ("r2_bust_offsets", "r2_bust_seen_up", "r2_offsets"):
-            assert f"{fitted[key]:.2f} to {bony[key]:.2f}" in said
-        assert f"{fitted['r2_bust_pose_alone']:.2f}" in said
