@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+from benchmarks.skin_markers.recovery import MODES, table
 from tests.sources import ROOT
 
 
@@ -23,3 +24,16 @@ def test_the_pages_numbers_are_the_results() -> None:
         assert f"{left:.0f} and {right:.0f} mm" in said
     left, right = (row["total_r2_up"] for row in bony)
     assert f"{left:.2f} and {right:.2f}" in said
+
+
+def test_the_pages_table_of_recovery_is_the_results() -> None:
+    page = (ROOT / "docs" / "markers.md").read_text(encoding="utf-8")
+    _, _, said = page.partition("<!-- recovery")
+    said, _, _ = said.partition("<!-- end -->")
+    stored = json.loads((ROOT / "docs/results/skin_markers/recovery.json").read_text())
+    assert said.partition("-->\n")[2] == table(stored)
+    by_bone = stored["chest"][MODES[2]]
+    frequency, damping, _ = by_bone["median"]
+    assert frequency <= 0.06
+    assert damping <= 0.12
+    assert min(by_bone["held"]) >= 0.8
