@@ -22,7 +22,7 @@ FORBIDDEN = {
 # what the package offers and cli, the command, after all.
 ORDER = [
     "", "runs", "body", "motion", "exchange", "tissue", "measure", "report", "markers", "runtime",
-    "export", "view", "verify", "__init__.py", "cli.py",
+    "fitting", "export", "view", "verify", "__init__.py", "cli.py",
 ]  # fmt: skip
 THIRD_PARTIES = {
     "": {"tyro"},
@@ -35,6 +35,7 @@ THIRD_PARTIES = {
     "tissue": {"numpy", "scipy"},
     "runtime": {"numpy", "onnx", "onnxruntime", "tyro"},
     "markers": {"matplotlib", "numpy", "scipy"},
+    "fitting": {"numpy", "scipy"},
     "export": {
         "PIL",
         "imageio_ffmpeg",

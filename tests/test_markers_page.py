@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+from benchmarks.skin_markers.recovery import MODES, table
 from tests.sources import ROOT
 
 
@@ -34,3 +35,16 @@ def test_what_a_fitted_pose_costs_is_the_benchmarks() -> None:
         for key in ("r2_bust_offsets", "r2_bust_seen_up", "r2_offsets"):
             assert f"{fitted[key]:.2f} to {bony[key]:.2f}" in said
         assert f"{fitted['r2_bust_pose_alone']:.2f}" in said
+
+
+def test_the_pages_table_of_recovery_is_the_results() -> None:
+    page = (ROOT / "docs" / "markers.md").read_text(encoding="utf-8")
+    _, _, said = page.partition("<!-- recovery")
+    said, _, _ = said.partition("<!-- end -->")
+    stored = json.loads((ROOT / "docs/results/skin_markers/recovery.json").read_text())
+    assert said.partition("-->\n")[2] == table(stored)
+    by_bone = stored["chest"][MODES[2]]
+    frequency, damping, _ = by_bone["median"]
+    assert frequency <= 0.06
+    assert damping <= 0.12
+    assert min(by_bone["held"]) >= 0.8

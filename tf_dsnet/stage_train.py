@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,10 @@ from tqdm import tqdm
 from tyro.conf import Fixed
 
 from bridge.body import load_body_model
-from bridge.errors import notify
+from bridge.errors import DsnetError, notify
 from bridge.exchange import save_weights
 from bridge.exchange.dsnet import DSNETS, CodeName, load_unpadded_clips
+from bridge.fitting.train import train_on_markers
 from bridge.options import PositiveInt
 from bridge.plugins import entry_named
 from bridge.runs import ArtifactWriter, Run
@@ -62,6 +64,10 @@ class TrainConfig(NetworksRecord):
 
     run: str = "demo"
     """Name of the run whose latents or offsets are learned."""
+    markers: Path | None = None
+    """Folder of motions of people who wore skin markers, for `train_markers` alone: constants of
+    `dsnet_plus`, the run's or else the package's, by frequency, damping and preload of their flesh.
+    About a minute a person."""
     rounds: PositiveInt = 8
     """Rounds of `dsnet_plus`; each begins with a simulation of every clip."""
     plus: Fixed[PlusSettings] = field(default_factory=PlusSettings)
@@ -77,6 +83,15 @@ PROFILES: dict[str, TrainConfig] = {
 
 def main(config: TrainConfig) -> None:
     run = Run(config.run)
+    if config.markers:
+        if config.predictors:
+            raise DsnetError(
+                "--predictors with --markers",
+                "one of them: markers give constants of dsnet_plus",
+                "Leave one out.",
+            )
+        train_on_markers(run, config.markers)
+        return
     names = config.predictors or _trainable(run)
     networks = [name for name in names if name != PLUS]
     for name in names:

@@ -65,8 +65,8 @@ Exportable = TrainedPlus | DecodedDsnet
 
 def load_exportable(artifacts: Mapping[str, Artifact], predictor: str) -> Exportable:
     """A predictor from the artifacts, by stage, of the pipeline that it is of."""
-    if "train_plus" in artifacts:
-        return TrainedPlus.load(artifacts["train_plus"])
+    if len(artifacts) == 1:
+        return TrainedPlus.load(*artifacts.values())
     codec = artifacts["train-ae"]
     stored = load_weights(codec.file("autoencoder.safetensors"))
     decoder = {name.removeprefix("model."): array for name, array in stored.items()}

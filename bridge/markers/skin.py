@@ -170,7 +170,7 @@ def compare(
                 continue
             frame = real_frames[region.segment]
             ok = real.seen[label] & frame.good
-            good = inner & _scored(ok, fps)
+            good = scored(ok, fps)
             if good.sum() < fps:
                 continue
             rest = bare_frames[region.segment].local_mm(bare_m[label])
@@ -237,9 +237,10 @@ def _floor_mm(
     return floor
 
 
-def _scored(seen: NDArray[np.bool_], fps: float) -> NDArray[np.bool_]:
-    """Frames that count: seen, and not beside a long gap."""
+def scored(seen: NDArray[np.bool_], fps: float) -> NDArray[np.bool_]:
+    """Frames that count: seen, and beside neither a long gap nor an end."""
     out, margin = seen.copy(), int(_EDGE_S * fps)
+    out[:margin] = out[len(out) - margin :] = False
     for first, end in np.flatnonzero(np.diff(np.r_[1, seen, 1])).reshape(-1, 2):
         if end - first > _LONG_GAP_S * fps:
             out[max(0, first - margin) : end + margin] = False

@@ -34,12 +34,14 @@ from bridge.runs.files import (
 ALIGNMENT = "align"
 # Beside the paper's aligner's, of the same meshes.
 ROBUST_ALIGNMENT = "align_robust"
-# Of networks, and beside them of dsnet_plus: what was trained, and what it makes of the sequences.
-TRAIN, TRAIN_PLUS = "train", "train_plus"
+# Of networks, of dsnet_plus, of people's skin markers: what was trained; what it makes of the
+# sequences.
+TRAIN, TRAIN_PLUS, TRAIN_MARKERS = "train", "train_plus", "train_markers"
 INFER, INFER_PLUS = "infer", "infer_plus"
 
 # Artifacts that are not named after the command that makes them.
-_MADE_BY = {"truth": "corpus", ROBUST_ALIGNMENT: ALIGNMENT, TRAIN_PLUS: TRAIN, INFER_PLUS: INFER}
+_MADE_BY = {"truth": "corpus", ROBUST_ALIGNMENT: ALIGNMENT, TRAIN_PLUS: TRAIN,
+            TRAIN_MARKERS: TRAIN, INFER_PLUS: INFER}  # fmt: skip
 STAGES = {
     *("corpus", "train-ae", "encode", "decode", "evaluate", "report", "verify"),
     *(ALIGNMENT, TRAIN, INFER, *_MADE_BY),

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX
@@ -20,7 +21,7 @@ from bridge.motion.motion import AS_IT_SAYS, HowRead
 from bridge.motion.smoothing import SmoothHz
 from bridge.runs import Artifact, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
-from bridge.runs.run import body_model_path
+from bridge.runs.run import TRAIN_MARKERS, TRAIN_PLUS, body_model_path
 from bridge.runs.untrusted import damage_refused
 from bridge.runtime.stepping import DsnetModel, Model, PlusModel, load_decoder
 from bridge.tissue.trained_plus import TrainedPlus
@@ -40,7 +41,8 @@ class Pipeline:
 
 
 def _open_plus(artifacts: Mapping[str, Artifact], _: str, body: BodyModelData) -> Model:
-    return PlusModel(TrainedPlus.load(artifacts["train_plus"]), body)
+    (trained,) = artifacts.values()
+    return PlusModel(TrainedPlus.load(trained), body)
 
 
 def _open_dsnet(artifacts: Mapping[str, Artifact], name: str, _: BodyModelData) -> Model:
@@ -50,8 +52,13 @@ def _open_dsnet(artifacts: Mapping[str, Artifact], name: str, _: BodyModelData) 
     return DsnetModel(network, load_decoder(artifacts["train-ae"]))
 
 
-PIPELINES = (Pipeline(("train_plus",), _open_plus), Pipeline(("train", "train-ae"), _open_dsnet))
-"""Whose predictors can be asked for, the best first: `dsnet_plus`, and the paper's DSNet."""
+PIPELINES = (
+    Pipeline((TRAIN_MARKERS,), _open_plus),
+    Pipeline((TRAIN_PLUS,), _open_plus),
+    Pipeline(("train", "train-ae"), _open_dsnet),
+)
+"""Whose predictors can be asked for, the best first: `dsnet_plus` with constants of people's skin
+markers, `dsnet_plus`, and the paper's DSNet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +158,8 @@ def find_model(run: Run | None, asked: str | None = None, gender: str = "unknown
     train = f"`dsnet train --run {run.name}`"
     if not trained:
         if not run.path.is_dir():
-            run.artifact(PIPELINES[0].stages[0])  # says which runs there are
-        finished = " or ".join(f"a finished stage {p.stages[0]!r}" for p in PIPELINES)
+            run.artifact(TRAIN_PLUS)  # says which runs there are
+        finished = " or ".join(f"a finished stage {p.stages[0]!r}" for p in PIPELINES[1:])
         raise DsnetError(f"run {run.name!r} without a trained predictor", finished, f"Run {train}.")
     for pipeline, manifest in trained.items():
         name = asked or str(manifest["default"])
@@ -163,7 +170,7 @@ def find_model(run: Run | None, asked: str | None = None, gender: str = "unknown
                 label=str(entry.get("label", name)) if isinstance(entry, dict) else name,
                 why="the run's best" if asked is None else "as asked",
                 owner=f"run {run.name!r}",
-                body_model=str(body_model_path(run)),
+                body_model=_body_of(run, manifest),
                 artifacts=run.artifacts(*pipeline.stages),
                 pipeline=pipeline,
             )
@@ -173,6 +180,12 @@ def find_model(run: Run | None, asked: str | None = None, gender: str = "unknown
         f"one of {', '.join(there)}",
         did_you_mean(asked or "", there, f"Name one of these, or train another: {train}."),
     )
+
+
+def _body_of(run: Run, manifest: Mapping[str, Any]) -> str:
+    """The body that a run's predictor moves: the package's where it began with its model."""
+    gender = manifest.get("gender")
+    return EMBEDDED_PREFIX + gender if gender in EMBEDDED_GENDERS else str(body_model_path(run))
 
 
 def _packaged(asked: str | None, gender: str) -> TrainedModel:
@@ -191,6 +204,6 @@ def _packaged(asked: str | None, gender: str) -> TrainedModel:
         why="no --run given",
         owner=f"the packaged model ({gender}, {artifact.origin})",
         body_model=EMBEDDED_PREFIX + gender,
-        artifacts={PIPELINES[0].stages[0]: artifact},
-        pipeline=PIPELINES[0],
+        artifacts={TRAIN_PLUS: artifact},
+        pipeline=PIPELINES[1],
     )

@@ -95,6 +95,10 @@ class TissueNodes:
         """Offsets (T, K, 3) of the nodes to those of all vertices (T, V, 3)."""
         return _per_frame(self._spread, np.asarray(at_nodes, np.float32))
 
+    def reading(self, vertices: NDArray) -> NDArray[np.float64]:
+        """(N, K) how much of each node's offset some vertices (N,) take."""
+        return self._spread[vertices].toarray().astype(np.float64)
+
     def gather(self, offsets_m: NDArray) -> NDArray[np.float32]:
         """(T, K, 3) whose spread comes closest to offsets (T, V, 3): least squares over area."""
         right = _per_frame(self._weighted, np.asarray(offsets_m, np.float32))

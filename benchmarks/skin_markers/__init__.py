@@ -1,0 +1,1 @@
+"""What fits of flesh to skin markers find of a truth that is known."""

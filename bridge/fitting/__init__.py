@@ -1,0 +1,1 @@
+"""Constants of flesh from markers that people wore on their skin: `dsnet train --markers`."""

@@ -1,0 +1,229 @@
+"""What a motion's markers say of soft regions, ready to be fitted: series, and the loads that drove
+them, of the part of the motion that shakes flesh most."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.posing import Smpl
+from bridge.errors import DsnetError
+from bridge.markers.bony import bones, bony_motion
+from bridge.markers.marker_files import load_recording
+from bridge.markers.predicted import Registered, pose_of, register
+from bridge.markers.segments import SEGMENTS, Cloud, Frame, bridged, faster, segment_frames
+from bridge.markers.skin import REGIONS, scored
+from bridge.motion import Motion, unpack_theta
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.runtime.controls import root_joint_m
+from bridge.runtime.stepping import PlusModel, codes_of
+from bridge.tissue.oscillators import node_loads
+from bridge.tissue.trained_plus import TrainedPlus
+
+LEAST_S, MOST_S = 2.0, 8.0
+"""Of a motion: less shows no swing, more says the same again."""
+SOFT = {
+    "chest": ("bust, left", "bust, right"),
+    "belly": ("belly",),
+    "buttocks": ("buttocks",),
+    "thighs": tuple(
+        f"thigh {where}, {side}" for where in ("front", "side") for side in ("left", "right")
+    ),
+    "calves": ("calf, left", "calf, right"),
+    "upper_arms": ("upper arm, left", "upper arm, right"),
+}
+"""Regions of markers in each part of the body whose constants are fitted."""
+SOFT_LABELS = {
+    label: (part, REGIONS[region].segment)
+    for part, regions in SOFT.items()
+    for region in regions
+    for label in REGIONS[region].labels
+}
+_PULLS = {
+    "thorax": ("LELB", "RELB"),
+    "pelvis": ("LKNE", "RKNE"),
+    **{f"{side}thigh": (f"{side}ANK",) for side in "LR"},
+    **{f"{side}calf": (f"{side}TOE",) for side in "LR"},
+    **{f"{side}arm": (f"{side}LOWR", f"{side}IWR") for side in "LR"},
+}
+"""Markers beyond a segment's joints: skin is pulled as they rise and reach out."""
+_LIMB_M = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One marker in its segment's frame, what skinning explains taken off, above 1.2 Hz."""
+
+    label: str
+    doubt: str
+    moved_mm: NDArray[np.float64]
+    """(T, 3)."""
+    good: NDArray[np.bool_]
+    """(T,) frames that count."""
+    turns: NDArray[np.float64]
+    """(T, 3, 3) from offsets in the rest pose to the segment's frame."""
+    reading: NDArray[np.float64]
+    """(K,) weights of the nodes at its vertex."""
+    pulls: NDArray[np.float64]
+    """(T, Q) where the limbs beyond are, in lengths of one: what they pull at is not flesh's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """Markers of one motion by part of the body, and the load (T, K, 3) on the nodes."""
+
+    load: NDArray[np.float64]
+    series: Mapping[str, list[Series]]
+    fps: float
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """Markers in a body's world, and the motion of its bones as far as it is known."""
+
+    body: BodyModelData
+    filed: Motion
+    """The pose of the file, which may hold what flesh does."""
+    motion: Motion
+    registered: Registered
+
+    @property
+    def cloud(self) -> Cloud:
+        """The markers."""
+        return self.registered.cloud
+
+
+def read_take(path: Path, body: BodyModelData) -> Take:
+    """The part of a file's motion that is fitted, its chest by markers on bone.
+
+    Raises
+    ------
+    DsnetError
+        If it has no markers, none on the bone of the chest, or none on soft places.
+    """
+    loaded = load_recording(path)
+    motion = loaded.motion.about_root_joint(root_joint_m(body, loaded.motion.betas))
+    registered = register(body, motion, loaded.markers)
+    if not any(label in registered.vertices for label in SOFT_LABELS):
+        raise DsnetError(
+            f"{path}, without markers on soft places",
+            "LBUST, MBLLY, LBUM, LTHI or the like",
+            "Name them as AMASS does.",
+        )
+    frames = liveliest(motion)
+    if frames.stop - frames.start < LEAST_S * motion.fps:
+        raise DsnetError(
+            f"{path}, whose longest piece without a cut is shorter than {LEAST_S:g} s",
+            "a longer one",
+            "Pass another file.",
+        )
+    cloud = Cloud(
+        {label: points[frames] for label, points in registered.cloud.points_m.items()},
+        {label: seen[frames] for label, seen in registered.cloud.seen.items()},
+    )
+    motion = replace(motion, theta=np.asarray(motion.theta[frames], np.float64))
+    bony = bony_motion(body, motion, cloud, pose_of(body, motion))
+    return Take(body, motion, bony, replace(registered, cloud=cloud))
+
+
+def liveliest(motion: Motion) -> slice:
+    """The frames without a cut, at most `MOST_S` of them, in which the root is jolted most."""
+    piece = max(pieces_between_cuts(motion.theta), key=lambda one: one.stop - one.start)
+    most = int(MOST_S * motion.fps)
+    jolt = np.square(np.diff(motion.theta[piece, -3:], n=2, axis=0)).sum(axis=1)
+    if len(jolt) + 2 <= most:
+        return piece
+    jolt = np.minimum(jolt, np.quantile(jolt, 0.99))  # one wild frame is an error of the pose
+    total = np.cumsum(np.r_[0, jolt])
+    first = piece.start + int(np.argmax(total[most:] - total[:-most]))
+    return slice(first, first + most)
+
+
+def evidence(take: Take, model: PlusModel) -> tuple[Take, Clip]:
+    """What is fitted, and the take with bones that a model's flesh was taken off.
+
+    Markers on bone ride on skin that moves a little: what the model makes of it is taken off them
+    before the frames of the segments, and the pose of the chest, are found anew.
+    """
+    body, trained, motion = take.body, model.trained, take.motion
+    labels, vertices = zip(*take.registered.vertices.items(), strict=True)
+    reading = trained.nodes.reading(np.array(vertices))
+    codes = np.stack([*codes_of(model, motion.theta, motion.betas)])
+    flesh_m = np.einsum("tvxy,tyk,vk->tvx", _turns(body, motion, vertices), codes, reading,
+                        optimize=True)  # fmt: skip
+    on_bone = {label for segment in SEGMENTS.values() for label in segment.labels}
+    points_m = dict(take.cloud.points_m)
+    for column, label in enumerate(labels):
+        if label in on_bone:
+            points_m[label] = points_m[label] - flesh_m[:, column]
+    bare_cloud = Cloud(points_m, take.cloud.seen)
+    motion = bony_motion(body, take.filed, bare_cloud, pose_of(body, take.filed))
+    found = replace(take, motion=motion)
+    return found, Clip(
+        felt_load(trained, body, motion), _series(found, bare_cloud, reading), motion.fps
+    )
+
+
+def _series(take: Take, cloud: Cloud, reading: NDArray) -> dict[str, list[Series]]:
+    body, motion = take.body, take.motion
+    labels, vertices = zip(*take.registered.vertices.items(), strict=True)
+    pose, person = pose_of(body, motion), Smpl(body, np.array(vertices), np.float64)
+    bare = dict(
+        zip(labels, person.person(motion.betas).pose(*unpack_theta(motion.theta)).swapaxes(0, 1),
+            strict=True)
+    )  # fmt: skip
+    real = segment_frames(cloud, pose)
+    always = {label: np.ones(len(motion.theta), bool) for label in labels}
+    posed = segment_frames(Cloud(bare, always), pose, real)
+    turns, fps = _turns(body, motion, vertices), motion.fps
+    series: dict[str, list[Series]] = {}
+    for label, (part, segment) in SOFT_LABELS.items():
+        if label not in labels or segment not in real:
+            continue
+        column, frame = labels.index(label), real[segment]
+        ok = cloud.seen[label] & frame.good
+        good = scored(ok, fps)
+        if good.sum() < fps:
+            continue
+        moved = bridged(frame.local_mm(cloud.points_m[label]), ok)
+        series.setdefault(part, []).append(
+            Series(
+                label,
+                SEGMENTS[segment].doubt,
+                faster(moved - posed[segment].local_mm(bare[label]), fps),
+                good,
+                posed[segment].turns.swapaxes(1, 2) @ turns[:, column],
+                reading[column],
+                _pulls(cloud, segment, frame, fps),
+            )
+        )
+    return series
+
+
+def _turns(body: BodyModelData, motion: Motion, vertices: Sequence[int]) -> NDArray[np.float64]:
+    """(T, N, 3, 3) that turn offsets of vertices from the rest pose to the world."""
+    return np.einsum(
+        "vj,tjxy->tvxy", body.weights[list(vertices)], bones(body, motion)[..., :3, :3]
+    )
+
+
+def felt_load(model: TrainedPlus, body: BodyModelData, motion: Motion) -> NDArray[np.float64]:
+    """(T, K, 3) what moves the nodes from each frame to the next."""
+    load = node_loads(body, model.nodes.vertices, motion.betas, motion.theta, motion.fps)
+    inertia, gravity = (np.exp(model.weights.base[f"{n}_gain"]) for n in ("inertia", "gravity"))
+    felt = inertia * load.inertia + gravity * load.gravity
+    frames = np.arange(len(load)) + model.look_ahead
+    rows = (np.clip(frames - late, 0, len(load) - 1) for late in range(len(model.weights.taps)))
+    return np.sum([tap * felt[row] for tap, row in zip(model.weights.taps, rows, strict=True)], 0)
+
+
+def _pulls(cloud: Cloud, segment: str, frame: Frame, fps: float) -> NDArray[np.float64]:
+    there = [label for label in _PULLS[segment] if label in cloud.points_m]
+    found = [frame.local_mm(cloud.points_m[label])[:, 1:] / (1e3 * _LIMB_M) for label in there]
+    empty = np.zeros((len(frame.good), 0))
+    return np.concatenate([empty, *(faster(one, fps) for one in found)], axis=1)
