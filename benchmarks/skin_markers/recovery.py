@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
 from bridge.body import BodyModelData
+from bridge.fitting import evidence
 from bridge.fitting.constants import Region, constants_of, lift, lower
 from bridge.fitting.fit import Estimate, fit_person
 from bridge.fitting.population import share
-from bridge.markers import evidence
 from bridge.runs.workers import worker_pool
 from bridge.runtime.load_model import load_model
 from bridge.runtime.stepping import PlusModel

@@ -23,7 +23,7 @@ class Flesh(NamedTuple):
 NONE = "not measured; damping as elsewhere"
 FLESH = {
     "chest": Flesh(3.3, 0.050, 0.215, "breast: damping 0.215, most at 4 Hz (Chen, Ng, Yu 2013)"),
-    "belly": Flesh(5.5, 0.060, 0.22, "viscera 50 to 80 mm in hops (Minetti, Belli 1994)"),
+    "belly": Flesh(5.5, 0.060, 0.22, "unknown; viscera 50 to 80 mm in hops (Minetti, Belli 1994)"),
     "back": Flesh(6.0, 0.040, 0.22, NONE),
     "buttocks": Flesh(5.5, 0.050, 0.22, NONE),
     "upper_arms": Flesh(7.0, 0.025, 0.22, NONE),
@@ -32,7 +32,9 @@ FLESH = {
     "calves": Flesh(10.0, 0.045, 0.30, "10 to 65 Hz (Wakeling 2001)"),
 }
 """By part of the body (`bridge.body.parts`); of what is not named the skin lies on bone."""
-MENS_FLESH = {"chest": Flesh(4.0, 0.050, 0.22, "muscle; markers on a man's kick")}
+MENS_FLESH = {
+    "chest": Flesh(4.0, 0.050, 0.22, "muscle: half as far as before, by markers on a man's kick"),
+}
 """Where men's differs."""
 PRELOAD = 2.0
 """Sag of standing flesh over that of linear springs; 2: without weight it swings half as fast. From
