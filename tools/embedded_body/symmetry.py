@@ -22,7 +22,7 @@ _SAME_PLACE_M = 1e-4
 
 def mirror_of(vertices: np.ndarray) -> np.ndarray:
     """(V,) the vertex on the other side of each of a symmetric mesh's (V, 3) vertices."""
-    distance_m, mirror = KDTree(vertices).query(vertices * ACROSS)
+    distance_m, mirror = map(np.asarray, KDTree(vertices).query(vertices * ACROSS))
     if distance_m.max() > _SAME_PLACE_M or (mirror[mirror] != np.arange(len(mirror))).any():
         raise ValueError(f"halves differ by up to {distance_m.max() * 1e3:.2f} mm")
     return mirror

@@ -111,10 +111,8 @@ def _over_ribs_m(data: BodyModelData, vertices: Array) -> Array:
     Skin lies on these; what stands out between them, a breast or a muscle, is flesh.
     """
     parts = dict(zip(PARTS, part_weights(data).T, strict=True))
-    front, back = (
-        _middle_z_m(vertices, parts[one] + parts[other])
-        for one, other in (("chest", "belly"), ("back", "buttocks"))
-    )
+    front = _middle_z_m(vertices, parts["chest"] + parts["belly"])
+    back = _middle_z_m(vertices, parts["back"] + parts["buttocks"])
     thick = np.maximum((front - back) / 2, 0.01)
     x, z = vertices[:, 0], vertices[:, 2] - (front + back) / 2
     out = np.sqrt((x / (_RIBS_WIDTH * thick)) ** 2 + (z / thick) ** 2)

@@ -73,7 +73,7 @@ def reached() -> dict[str, NDArray]:
 @pytest.fixture
 def mirror(body: BodyModelData) -> NDArray:
     """(V,) the vertex nearest to the mirror image of each."""
-    return KDTree(body.v_template).query(body.v_template * ACROSS)[1]
+    return np.asarray(KDTree(body.v_template).query(body.v_template * ACROSS)[1])
 
 
 def test_each_vertex_has_one_twin(body: BodyModelData, mirror: NDArray) -> None:

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.body import pose_vertices, unpose_vertices
+from bridge.body import pose_vertices
 from bridge.body.posing import rest_vertices
 from bridge.motion import unpack_theta
 from bridge.motion.loops import close_lap
 from bridge.runtime.moving_body import MovingBody
+from bridge.verify.reference.smpl import unposed_vertices
 from bridge.view.page import document
 from bridge.view.repertoire import open_repertoire
 from bridge.view.scene import STEP_M, TRACK_FRAMES, Scene, _way_back
@@ -40,7 +41,7 @@ def test_a_truth_of_another_pose_stands_where_it_stood(repertoire):
     )
     pose, trans_m = unpack_theta(take.read().theta[frames])
     rest_m = rest_vertices(repertoire.body, betas, pose)
-    expected_m = unpose_vertices(repertoire.body, world_m, betas, pose, trans_m) - rest_m
+    expected_m = unposed_vertices(repertoire.body, world_m, betas, pose, trans_m) - rest_m
     assert np.abs(expected_m).max() > 0.05
     np.testing.assert_allclose(found_m[frames], expected_m, atol=0.51 * STEP_M)
 
