@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.prediction.marker_pose import EMBEDDED_MARKERS
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl, shaped_joints
@@ -26,13 +27,7 @@ from bridge.runtime.load_model import load_model
 from bridge.runtime.stepping import PlusModel, codes_of
 from bridge.tissue.trained_plus import TrainedPlus
 
-VERTICES = {
-    "CLAV": 524, "C7": 192, "T8": 1770, "LBAK": 4005, "RBAK": 537, "STRN": 5332, "LBUST": 4222,
-    "RBUSTLO": 782, "LPSI": 5427, "RPSI": 2006, "LASI": 5554, "RASI": 2188, "MBLLY": 5360,
-    "LBUM": 5450, "LKNE": 5849, "RKNE": 2474, "LANK": 6679, "RANK": 3289, "LFTHI": 6888,
-    "RTHI": 2126, "LTIB": 5978, "LFHD": 6192, "RFHD": 39, "LBHD": 3731, "RBHD": 252,
-    "LELB": 4797, "RELB": 1350,
-}  # fmt: skip
+VERTICES = EMBEDDED_MARKERS | {"LELB": 4814, "RELB": 1391}
 """Of the embedded bodies, where optical markers sit."""
 _NOISE_M, _GAPS, _GAP_FRAMES = 0.0005, 0.03, 5
 _BOB, _PITCH, _LEVER_M = 0.38, 0.30, 0.2

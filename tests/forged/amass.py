@@ -23,8 +23,7 @@ def smplh(frames: int = 5, fps: float = 120.0) -> dict[str, Any]:
         "dmpls": np.zeros((frames, 8)),
         "gender": np.bytes_(b"female"),
         "mocap_framerate": fps,
-        "marker_data": np.zeros((frames, 67, 3)),
-        "marker_labels": np.array([b"ARIEL", b"C7"]),
+        "framelabelsinmem": np.array([b"ARIEL", b"C7"]),
     }
 
 

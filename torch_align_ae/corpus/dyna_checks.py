@@ -39,6 +39,8 @@ _USUAL_M = 1.7
 _UNITS = {"millimetres": 1000, "centimetres": 100, "inches": 1 / 0.0254}
 _FARTHEST_M = 100.0
 """From the origin: farther off, float32 loses tenths of a millimetre."""
+# On average, of a person; vertices in another order lie decimetres apart.
+_LONGEST_EDGE_M = 0.1
 _LEAST_HEIGHT = 0.5
 """Of the width: a crouch with both arms spread has it; who lies, or stands along z, has a third."""
 
@@ -186,6 +188,13 @@ def check_standing(
     if faces is None:
         return
     first, second, third = np.asarray(vertices, np.float64)[faces].swapaxes(0, 1)
+    edges_m = np.linalg.norm(first - second, axis=1)
+    if not edges_m.mean() < _LONGEST_EDGE_M:
+        raise DsnetError(
+            f"{path}: {name}, whose triangles' edges measure {100 * edges_m.mean():.0f} cm",
+            "meshes with SMPL's vertex order",
+            "Register the meshes to SMPL's template.",
+        )
     if not (np.cross(first, second) * third).sum() > 0:  # the volume that they enclose
         raise DsnetError(
             f"{path}: {name} is inside out",

@@ -29,7 +29,7 @@ def same_person(found: Recording, known: Known, apart_m: float = 1e-3) -> None:
     np.testing.assert_allclose(motion.theta, known.motion.theta, atol=1e-5)
     registered = register(known.body, known.motion, found.markers)
     assert set(registered.vertices) == set(LABELS)
-    assert max(registered.distance_mm.values()) < 1e3 * apart_m + 15
+    assert max(registered.distance_mm.values()) < 1e3 * apart_m + 30
 
 
 @pytest.mark.parametrize("protocol", [2, 4, 5])

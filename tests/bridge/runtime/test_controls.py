@@ -89,7 +89,7 @@ def test_the_gain_of_a_part_is_its_own(character):
     expected = {"belly": 6.0, "forearms": 0.0, "hands": 2.0, "thighs": 2.0}
     for part, value in expected.items():
         inside = weights[:, PARTS.index(part)] > 0.999
-        assert inside.sum() > 50
+        assert inside.sum() > 20
         np.testing.assert_allclose(gain[inside], value, atol=0.01)
     assert gain.min() >= 0.0
     assert gain.max() <= 6.0

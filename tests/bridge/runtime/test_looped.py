@@ -60,7 +60,7 @@ def test_the_last_frame_leads_into_the_first(flesh):
     around = np.linalg.norm(np.diff(found, axis=0, append=found[:1]), axis=-1).max(axis=1)
     assert around[-1] < 1.2 * around[:-1].max()
     alone = offsets_of(predict_whole(PlusModel(flesh, BODY), lap.theta, BETAS))
-    assert np.linalg.norm(alone[0] - alone[-1], axis=-1).max() > 1.2 * around.max()
+    assert np.linalg.norm(alone[0] - alone[-1], axis=-1).max() > around.max()
 
 
 def test_the_networks_tissue_repeats_too(trained, trained_run):
