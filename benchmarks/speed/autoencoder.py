@@ -24,11 +24,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from benchmarks.speed.results import write_results
-from benchmarks.subspaces.casas_otaduy import CasasOtaduyAutoencoder
 from bridge.options import PositiveInt, Seed
 from bridge.paper import FEATURES, N_VERTICES
 from bridge.processes import run_as_process
 from bridge.runs.artifact import machine
+from torch_align_ae import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder import MeshAutoencoder, parameter_count
 from torch_align_ae.autoencoder.mesh_autoencoder import VertexConv
 from torch_align_ae.autoencoder.training import keep_freed_memory

@@ -37,7 +37,6 @@ from benchmarks.speed.graphs import (
 from benchmarks.speed.limits import Clock, GraphCall, measured
 from benchmarks.speed.posing_peers import PEERS, Call, DrawnBodies, posers
 from benchmarks.speed.results import write_results
-from benchmarks.subspaces.casas_otaduy import CasasOtaduyAutoencoder
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.options import PositiveInt, Seed
@@ -45,6 +44,7 @@ from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
 from bridge.processes import run_as_process
 from bridge.runs.artifact import machine
 from bridge.runtime.onnx_graph import Graph, Value
+from torch_align_ae import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.training import keep_freed_memory
 

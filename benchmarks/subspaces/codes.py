@@ -7,7 +7,6 @@ from typing import Literal, TypeAlias
 
 import torch
 
-from benchmarks.subspaces.casas_otaduy import CasasOtaduyAutoencoder
 from benchmarks.subspaces.data import SubspaceData
 from benchmarks.subspaces.residual import (
     RESIDUAL_WIDTH,
@@ -15,6 +14,7 @@ from benchmarks.subspaces.residual import (
     initialise_with_pca,
 )
 from bridge.paper import ALTERNATIVE_WIDTHS, CASAS_OTADUY_WIDTHS, INFERRED_WIDTHS
+from torch_align_ae import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder.codes import Normaliser, fit_normaliser
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder, initialise_with_modes
 from torch_align_ae.autoencoder.stage_train_ae import PRESETS, PresetName, mode_sample
