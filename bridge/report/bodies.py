@@ -76,6 +76,7 @@ class Scene:
 
 
 def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
+    """Figure 4: aligned meshes, what the autoencoder makes of them, and its error."""
     frames, first, name = _lively_frames(scene, sequence, 2), scene.pipelines[0], sequence.name
     aligned_m = first.align.frames("offsets", name, frames)
     rebuilt_m = scene.offsets_m(AUTOENCODER, name, frames)

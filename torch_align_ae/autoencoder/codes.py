@@ -214,6 +214,7 @@ def reconstruction_r2(
 
 
 def load_codec(artifact: Artifact) -> Codec:
+    """The autoencoder of a finished `train-ae`."""
     return read_codec(artifact.file(WEIGHTS_FILE), artifact.manifest["architecture"])
 
 

@@ -111,6 +111,7 @@ def _convolutions(widths: tuple[int, ...]) -> list[tuple[str, nn.Module]]:
 
 
 def parameter_count(model: nn.Module) -> int:
+    """Numbers that training changes."""
     return sum(parameter.numel() for parameter in model.parameters() if parameter.requires_grad)
 
 
