@@ -58,19 +58,17 @@ def of_seeds(corpus: str) -> list[Any]:
     return [results(f"prediction/{path.stem}") for path in found]
 
 
-def bed(corpus: str, what: str = "offsets") -> str:
+def bed(corpus: str) -> str:
     """R² of a new person's unseen motions, the mean over seeds."""
     scores = of_seeds(corpus)
-    r2s = [score["cells"][NEW_UNSEEN]["dsnet_plus"][what]["r2"] for score in scores]
+    r2s = [score["cells"][NEW_UNSEEN]["dsnet_plus"]["offsets"]["r2"] for score in scores]
     return f"{mean(r2s):.2f}"
 
 
 def tissues() -> Iterator[str]:
     yield f"{bed('own')} under the law `own`, on which the settings were chosen, {bed('second')}"
-    yield f"under `second` and {bed('third')} under `third`"
-    yield f"scored by itself, has {bed('captured', 'moving')}."
-    yield f"men under the second law ({bed('male_second')})"
-    yield f"real motion under the second ({real('second')}) and the third ({real('third')})"
+    yield f"under `second` and {bed('third')} under `third`; for men under `own` {bed('male')}."
+    yield f"real motion: {real('second')} under the second law and {real('third')} under the third"
 
 
 def real(corpus: str) -> str:
