@@ -80,20 +80,29 @@ const times = ([a, b, c, d], [e, f, g, h]) =>
   [d * e + a * h + b * g - c * f, d * f - a * g + b * h + c * e, d * g + a * f - b * e + c * h, d * h - a * e - b * f - c * g];
 const inverse = ([x, y, z, w]) => [-x, -y, -z, w];
 
-// Slerp joint by joint, translation linearly, y up, axis-angles continuous in time.
+// Between frames: Slerp joint by joint and translation linearly; of slower files than 60 fps cubic splines of quaternions and
+// translation, as at a corner the tissue would be hit. y up, axis-angles continuous in time.
 function atSixty(poses, trans, frames, width, rate, count) {
-  const theta = new Float64Array(count * 69), turned = (row, j) => quaternion(poses.subarray(row * width + 3 * j, row * width + 3 * j + 3));
-  for (let row = 1; row < frames; row++) {
-    const far = Math.hypot(...[0, 1, 2].map((k) => trans[3 * row + k] - trans[3 * row - 3 + k]));
-    for (let j = 0; j < JOINTS; j++)
-      if (far >= CUT_M || Math.hypot(...rotvec(times(inverse(turned(row - 1, j)), turned(row, j)))) >= CUT_RAD)
+  const theta = new Float64Array(count * 69), quats = [...Array(JOINTS)].map(() => [...Array(4)].map(() => new Float64Array(frames)));
+  const moved = [0, 1, 2].map((k) => Float64Array.from({ length: frames }, (_, row) => trans[3 * row + k]));
+  const turned = (row, j) => quats[j].map((part) => part[row]);
+  for (let row = 0; row < frames; row++) {
+    const far = row ? Math.hypot(...moved.map((part) => part[row] - part[row - 1])) : 0;
+    for (let j = 0; j < JOINTS; j++) {
+      let q = quaternion(poses.subarray(row * width + 3 * j, row * width + 3 * j + 3));
+      if (row && turned(row - 1, j).reduce((sum, x, i) => sum + x * q[i], 0) < 0) q = q.map((x) => -x);
+      q.forEach((x, i) => (quats[j][i][row] = x));
+      if (row && (far >= CUT_M || Math.hypot(...rotvec(times(inverse(turned(row - 1, j)), q))) >= CUT_RAD))
         refuse(`the motion jumps at its frame ${row}; Python divides it there: dsnet view --motion FILE`);
+    }
   }
+  const curved = rate < FPS - 1e-3 && frames >= 4, bend = (parts) => parts.map((part) => [part, slopes(part)]);
+  const turns = curved && quats.map(bend), path = curved && bend(moved);
   for (let f = 0; f < count; f++) {
     const at = Math.min((f / FPS) * rate, frames - 1), one = Math.floor(at), two = Math.min(one + 1, frames - 1), share = at - one;
     for (let j = 0; j < JOINTS; j++) {
-      let q = turned(one, j);
-      if (share > 0) q = times(q, quaternion(rotvec(times(inverse(q), turned(two, j))).map((x) => x * share)));
+      let q = curved ? turns[j].map((part) => onSpline(part, one, two, share)) : turned(one, j);
+      if (!curved && share > 0) q = times(q, quaternion(rotvec(times(inverse(q), turned(two, j))).map((x) => x * share)));
       if (j === 0) q = times(UPRIGHT, q);
       const v = rotvec(q), angle = Math.hypot(...v);
       if (f && angle > 1e-9) {
@@ -103,8 +112,29 @@ function atSixty(poses, trans, frames, width, rate, count) {
       }
       theta.set(v, f * 69 + 3 * j);
     }
-    const [x, y, z] = [0, 1, 2].map((k) => trans[3 * one + k] * (1 - share) + trans[3 * two + k] * share);
+    const [x, y, z] = curved ? path.map((part) => onSpline(part, one, two, share)) : moved.map((part) => part[one] * (1 - share) + part[two] * share);
     theta.set([x, z, -y], f * 69 + 66);
   }
   return theta;
+}
+
+// Slopes, per frame, of the cubic spline through values of which no first or last knot is one ("not a knot").
+function slopes(y) {
+  const n = y.length, right = new Float64Array(n), upper = new Float64Array(n);
+  const rise = (i) => y[i + 1] - y[i], end = (near, next) => (5 * near + next) / 2;
+  upper[0] = 2;
+  right[0] = end(rise(0), rise(1));
+  for (let i = 1; i < n - 1; i++) {
+    const pivot = 4 - upper[i - 1];
+    upper[i] = 1 / pivot;
+    right[i] = (3 * (rise(i) + rise(i - 1)) - right[i - 1]) / pivot;
+  }
+  right[n - 1] = (end(rise(n - 2), rise(n - 3)) - 2 * right[n - 2]) / (1 - 2 * upper[n - 2]);
+  for (let i = n - 2; i >= 0; i--) right[i] -= upper[i] * right[i + 1];
+  return right;
+}
+
+function onSpline([y, slope], one, two, t) {
+  const rise = y[two] - y[one], a = slope[one], b = slope[two];
+  return y[one] + t * (a + t * (3 * rise - 2 * a - b + t * (a + b - 2 * rise)));
 }
