@@ -216,7 +216,8 @@ def told_by_shape(weights: Weights, features: NDArray) -> Weights:
     rows = (softness * apart).reshape(-1, features.shape[-1])
     ridge = 1e-2 * np.square(rows).sum() / rows.shape[1] * np.eye(rows.shape[1])
     right = rows.T @ (softness * differences).reshape(-1, 1)
-    slopes = np.linalg.solve(rows.T @ rows + ridge, right)
+    # From one person, or from equal ones, nobody can tell what shape does.
+    slopes = np.linalg.solve(rows.T @ rows + ridge, right) if rows.any() else 0 * right
     shared = own.mean(0) - features.mean(0) @ slopes
     powers = {"omega": 1.0, "stiffening": float(weights.stiffening_power[0]), "sag": SAG_POWER}
     base = {n: log + np.float32(powers.get(n, 0.0)) * shared for n, log in weights.base.items()}

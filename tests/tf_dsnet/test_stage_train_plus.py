@@ -108,6 +108,16 @@ def test_what_shapes_tell_of_known_people_is_taken_out_of_what_they_have_besides
             np.testing.assert_allclose(getattr(known, name), np.exp(log), rtol=0.03)
 
 
+def test_one_person_tells_nothing_of_shapes(body, truth):
+    features = shape_features(body, truth.people_betas[0], truth.nodes.vertices)[None]
+    alone = replace(truth.weights, residual=np.full((1, NODES, 1), 0.2, np.float32))
+    found = told_by_shape(alone, features)
+    assert not found.slopes.any()
+    assert not found.residual.any()
+    told = 0.2 + (features @ truth.weights.slopes)[0]
+    np.testing.assert_allclose(found.base["omega"] - alone.base["omega"], told, atol=1e-6)
+
+
 @pytest.mark.slow
 def test_training_is_the_same_bits_each_time_and_after_a_restart(body, truth):
     settings = replace(SETTINGS, rounds=3, steps=3)
