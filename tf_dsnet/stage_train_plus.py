@@ -24,7 +24,6 @@ from bridge.tissue.oscillators import STEPS
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import (
     NAME,
-    SAG_POWER,
     StaticPart,
     TrainedPlus,
     Weights,
@@ -219,7 +218,7 @@ def told_by_shape(weights: Weights, features: NDArray) -> Weights:
     # From one person, or from equal ones, nobody can tell what shape does.
     slopes = np.linalg.solve(rows.T @ rows + ridge, right) if rows.any() else 0 * right
     shared = own.mean(0) - features.mean(0) @ slopes
-    powers = {"omega": 1.0, "stiffening": float(weights.stiffening_power[0]), "sag": SAG_POWER}
+    powers = weights.powers()
     base = {n: log + np.float32(powers.get(n, 0.0)) * shared for n, log in weights.base.items()}
     return replace(
         weights,

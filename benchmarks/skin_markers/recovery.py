@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
 from bridge.body import BodyModelData
 from bridge.fitting import evidence
-from bridge.fitting.constants import Region, constants_of, lift, lower
+from bridge.fitting.constants import Region, constants_of, logit, preload_of
 from bridge.fitting.fit import Estimate, fit_person
 from bridge.fitting.population import share
 from bridge.runs.workers import worker_pool
@@ -150,10 +150,10 @@ def _errors(truths: list[list[float]], estimates: list[Estimate]) -> dict:
     shared = share("chest", estimates)
     rows, held = [], []
     for truth, one, own, sd in zip(truths, estimates, shared.own, shared.own_sd, strict=True):
-        true = np.array([*(np.log(truth[:2]) - one.base) / one.reach, float(lift(truth[2]))])
+        true = np.array([*(np.log(truth[:2]) - one.base) / one.reach, float(logit(truth[2]))])
         off: NDArray = np.array(own) - true
         held.append((np.abs(off) < _NINETY * np.array(sd)).tolist())
-        found = [*np.exp(one.base + one.reach * np.array(own[:2])), float(lower(own[2]))]
+        found = [*np.exp(one.base + one.reach * np.array(own[:2])), float(preload_of(own[2]))]
         rows.append({"truth": _rounded(truth), "found": _rounded(found), "held": held[-1]})
     truth, found = (np.array([row[key] for row in rows]) for key in ("truth", "found"))
     off = found - truth

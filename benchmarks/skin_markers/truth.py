@@ -19,7 +19,7 @@ from benchmarks.prediction.marker_pose import EMBEDDED_MARKERS
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl, shaped_joints
-from bridge.fitting.constants import Region, lift, with_changes
+from bridge.fitting.constants import Region, logit, with_changes
 from bridge.motion import pack_theta, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.runs.run import TRAIN_PLUS
@@ -55,7 +55,7 @@ def flesh_model(body: BodyModelData, model: TrainedPlus, flesh: Mapping[str, Fle
         part: [
             (np.log(2 * np.pi * one.frequency_hz) - region.typical @ base["omega"]) / region.reach,
             (np.log(one.damping_ratio) - region.typical @ base["damping_ratio"]) / region.reach,
-            float(lift(one.preload)),
+            float(logit(one.preload)),
         ]
         for part, one in flesh.items()
         for region in [regions[part]]

@@ -1,7 +1,7 @@
 """Constants of a model's soft regions, and changes of them: three numbers a region.
 
 A region's frequency and damping ratio are multiplied, by the exponentials of the first two; the
-third is the preload that its flesh takes on, without bounds (`lift`). Skin on bone stays as it is.
+third is the preload that its flesh takes on, as its `logit`. Skin on bone stays as it is.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 
 from bridge.body import BodyModelData
 from bridge.body.parts import PARTS, part_weights
@@ -24,19 +25,19 @@ LEAST, MOST = 1.001, 2.85
 _BONE_HZ = 20.0
 
 
-def lift(preload: NDArray | float) -> NDArray[np.float64]:
-    """A preload as a number without bounds."""
-    part = (np.clip(preload, LEAST + 1e-3, MOST - 1e-3) - LEAST) / (MOST - LEAST)
-    return np.log(part / (1 - part))
+def logit(preload: NDArray | float) -> NDArray[np.float64]:
+    """Of the place of a preload between `LEAST` and `MOST`: a number without bounds."""
+    inside = np.clip(preload, LEAST + 1e-3, MOST - 1e-3)
+    return special.logit((inside - LEAST) / (MOST - LEAST))
 
 
-def lower(lifted: NDArray | float) -> NDArray[np.float64]:
-    """The inverse of `lift`."""
-    return LEAST + (MOST - LEAST) / (1 + np.exp(-np.asarray(lifted, np.float64)))
+def preload_of(logits: NDArray | float) -> NDArray[np.float64]:
+    """The inverse of `logit`."""
+    return LEAST + (MOST - LEAST) * special.expit(np.asarray(logits, np.float64))
 
 
-def lift_slope(preload: float) -> float:
-    """How fast `lift` grows."""
+def logit_slope(preload: float) -> float:
+    """The derivative of `logit`."""
     return (MOST - LEAST) / ((preload - LEAST) * (MOST - preload))
 
 
@@ -73,7 +74,7 @@ def constants_of(
     weights = model.weights
     own = shape_features(body, betas, model.nodes.vertices) @ weights.slopes
     own = own + np.tensordot(shares_of_people(betas, model.people_betas), weights.residual, 1)
-    powers = {"omega": 1.0, "stiffening": float(weights.stiffening_power[0]), "sag": SAG_POWER}
+    powers = weights.powers()
     return {
         name: np.exp((log + powers.get(name, 0.0) * own)[:, 0].astype(np.float64))
         for name, log in weights.base.items()
@@ -89,11 +90,11 @@ def changed(
     ----------
     base : (K,) of each of the model's node fields.
     normals : (K, 3).
-    sets : logarithms of factors, and lifted preloads.
+    sets : logarithms of factors, and logits of preloads.
     """
     wide, part = {name: values[:, None] for name, values in base.items()}, shares[:, None]
     factor = np.exp(part * sets[:, 0])
-    omega, preload = factor * wide["omega"], lower(sets[:, 2])
+    omega, preload = factor * wide["omega"], preload_of(sets[:, 2])
     taut = 1 + (wide["normal_ratio"] - 1) * normals[:, 1, None] ** 2
     sag_m = preload * -GRAVITY_M_S2[1] / omega**2
     stiffening = (preload - 1) / (3 - preload) / (sag_m**2 * taut)

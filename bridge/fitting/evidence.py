@@ -20,6 +20,7 @@ from bridge.markers.segments import SEGMENTS, Cloud, Frame, bridged, faster, seg
 from bridge.markers.skin import REGIONS, scored
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from bridge.runtime.controls import root_joint_m
 from bridge.runtime.stepping import PlusModel, codes_of
 from bridge.tissue.oscillators import node_loads
@@ -104,7 +105,8 @@ def read_take(path: Path, body: BodyModelData) -> Take:
     Raises
     ------
     DsnetError
-        If it has no markers, none on the bone of the chest, or none on soft places.
+        If it has no markers, none on the bone of the chest, or none on soft places, or says a
+        rate at which nobody falls.
     """
     loaded = load_recording(path)
     motion = loaded.motion.about_root_joint(root_joint_m(body, loaded.motion.betas))
@@ -121,6 +123,12 @@ def read_take(path: Path, body: BodyModelData) -> Take:
             f"{path}, whose longest piece without a cut is shorter than {LEAST_S:g} s",
             "a longer one",
             "Pass another file.",
+        )
+    if (fall_g := steepest_fall_g(motion.trans_m[frames, 1], motion.fps)) > MOST_FALL_G:
+        raise DsnetError(
+            f"{path}, which falls with {fall_g:.1f} times gravity at its {motion.source_fps:g} fps",
+            f"its true rate, of some {motion.source_fps / np.sqrt(fall_g):.0f}: flesh is timed",
+            "Write the true rate into a copy of the file.",
         )
     cloud = Cloud(
         {label: points[frames] for label, points in registered.cloud.points_m.items()},

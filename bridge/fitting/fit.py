@@ -22,8 +22,8 @@ from bridge.fitting.constants import (
     Region,
     changed,
     constants_of,
-    lift,
-    lift_slope,
+    logit,
+    logit_slope,
     with_changes,
 )
 from bridge.fitting.evidence import SOFT, Clip, Series, Take, evidence
@@ -58,7 +58,7 @@ class Estimate:
     """What one person's markers say of a region."""
 
     found: list[float]
-    """(3,) changes, preload lifted; a maximum a posteriori."""
+    """(3,) changes, the preload as its logit; a maximum a posteriori."""
     information: list[list[float]]
     """(3, 3) of the data about them, as wide as the errors that are left say."""
     pull: list[float]
@@ -113,8 +113,8 @@ def fit_region(
     """Fit one region of one person, from what is `known` if anything is."""
     base = constants_of(body, model, betas)
     output = _Output(body, model, betas, clips, part, region, base)
-    start = np.array([0.0, 0.0, float(lift(PRELOAD))])
-    spread = np.hypot(POPULATION_SD, PEOPLE_SD) * [1, 1, lift_slope(PRELOAD)]
+    start = np.array([0.0, 0.0, float(logit(PRELOAD))])
+    spread = np.hypot(POPULATION_SD, PEOPLE_SD) * [1, 1, logit_slope(PRELOAD)]
     starts = start + _STARTS[:, None] * [1, 0, 0] if known is None else np.array([known.found])
     costs = np.square((starts - start) / spread).sum(axis=1)
     if len(starts) > 1:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.fitting.constants import lift, lift_slope, lower
+from bridge.fitting.constants import logit, logit_slope, preload_of
 from bridge.fitting.fit import PEOPLE_SD, POPULATION_SD, PRELOAD, Estimate
 from bridge.tissue.oscillators import GRAVITY_M_S2
 
@@ -42,7 +42,7 @@ class Fitted:
     preload: list[float]
     sag_mm: list[float]
     people_differ: list[float]
-    """Standard deviations over people, of the logarithms and of the lifted preload."""
+    """Standard deviations over people, of the logarithms and of the preload's logit."""
     told: bool
     """Whether markers say it, and not what was assumed before."""
     doubt: str
@@ -57,8 +57,8 @@ class Fitted:
 def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
     """What the people of some estimates of one part have in common."""
     base = np.mean([one.base for one in estimates], axis=0)
-    slope = np.array([1, 1, lift_slope(PRELOAD)])
-    before, prior = POPULATION_SD * slope, np.array([0, 0, float(lift(PRELOAD))])
+    slope = np.array([1, 1, logit_slope(PRELOAD)])
+    before, prior = POPULATION_SD * slope, np.array([0, 0, float(logit(PRELOAD))])
     spread = PEOPLE_SD * slope
     information = np.array([one.information for one in estimates])
     pull = np.array([one.pull for one in estimates])
@@ -70,15 +70,15 @@ def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
         excess += np.einsum("nii->i", own_covariance)
         known = _WORTH * np.square(PEOPLE_SD * slope)
         spread = np.sqrt((known + excess) / (_WORTH + len(own)))
-    preload = float(lower(mean[2]))
-    bias = wide * _BIAS * [1, 1, lift_slope(preload)]
+    preload = float(preload_of(mean[2]))
+    bias = wide * _BIAS * [1, 1, logit_slope(preload)]
     deviation = np.sqrt(np.diag(covariance) + np.square(bias))
     low, high = (mean + sign * _NINETY * deviation for sign in (-1, 1))
     reach = estimates[0].reach
     ends = np.array([mean, low, high])
     hz, damping = (np.exp(base[k] + reach * ends[:, k]) for k in (0, 1))
     # Sag is preload g / w^2.
-    by = np.array([-2, 0, 1 / lift_slope(preload) / preload])
+    by = np.array([-2, 0, 1 / logit_slope(preload) / preload])
     sag_m = preload * -GRAVITY_M_S2[1] / (2 * np.pi * hz[0]) ** 2
     sag_sd = np.sqrt(by @ covariance @ by + np.square(by * bias).sum())
     return Fitted(
@@ -87,7 +87,7 @@ def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
         round(sum(one.seconds for one in estimates), 1),
         _rounded(hz),
         _rounded(damping),
-        _rounded(lower(ends[:, 2])),
+        _rounded(preload_of(ends[:, 2])),
         _rounded(1e3 * sag_m * np.exp(np.array([0, -1, 1]) * _NINETY * sag_sd)),
         _rounded(spread),
         bool(deviation[0] < _TOLD * before[0]),

@@ -20,6 +20,7 @@ from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
 from bridge.errors import DsnetError
 from bridge.markers.segments import SEGMENTS, Cloud, Pose, segment_frames
 from bridge.motion import Motion, pack_theta, unpack_theta
+from bridge.motion.cuts import pieces_between_cuts
 
 _NOISE_HZ = 15.0
 """What is faster in the frame of the chest is noise of its markers."""
@@ -45,8 +46,14 @@ def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud, pose: Pose) -
     Raises
     ------
     DsnetError
-        If fewer than three markers on the bone of the chest were seen.
+        If fewer than three markers on the bone of the chest were seen, or if the motion has cuts.
     """
+    if len(pieces := pieces_between_cuts(motion.theta)) > 1:
+        raise DsnetError(
+            f"{motion.source}, which jumps at {pieces[1].start / motion.fps:.2f} s",
+            "a motion without cuts, over which its markers are smoothed",
+            "Divide the file there, or use the pose of the file.",
+        )
     frame = segment_frames(cloud, pose).get("thorax")
     if frame is None:
         raise DsnetError(

@@ -17,7 +17,7 @@ from bridge.body import BodyModelData
 from bridge.runtime.onnx_graph import Graph, Value
 from bridge.tissue.oscillators import FPS, GRAVITY_M_S2, STEPS, SWEEPS, coupling
 from bridge.tissue.shape import LEAST_DEPTH_M, shape_measures
-from bridge.tissue.trained_plus import KERNEL_WIDTH, SAG_POWER, TrainedPlus, people_kernel
+from bridge.tissue.trained_plus import KERNEL_WIDTH, TrainedPlus, people_kernel
 
 _SETTLING = 400
 """Sweeps at most; sixty do for flesh that was trained."""
@@ -216,9 +216,7 @@ def person_of(graph: Graph, body: BodyModelData, model: TrainedPlus, betas: Valu
             )
         )  # fmt: skip
         own = depth + girth + mass + _taken_after(graph, model, betas).reshape(0, -1, 1)
-        power = float(weights.stiffening_power[0])
-        powers = {"omega": 1.0, "stiffening": power, "sag": SAG_POWER}
-        logs = {n: graph.array(n, weights.base[n]) + by * own for n, by in powers.items()}
+        logs = {n: graph.array(n, weights.base[n]) + by * own for n, by in weights.powers().items()}
         each = {n: graph.apply("Exp", log).transpose(0, 2, 1) for n, log in logs.items()}
         return Person(**each, normals=normals.transpose(0, 2, 1))
 

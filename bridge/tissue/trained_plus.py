@@ -66,6 +66,11 @@ class Weights:
     taps: NDArray[np.float32]
     """(N,) shares of f in a step's load, from the newest frame to the oldest; they sum to 1."""
 
+    def powers(self) -> dict[str, float]:
+        """By which power of W / W of the template each node field of a person follows; the others
+        are everybody's."""
+        return {"omega": 1.0, "stiffening": float(self.stiffening_power[0]), "sag": SAG_POWER}
+
 
 @dataclass(frozen=True, eq=False)
 class StaticPart:

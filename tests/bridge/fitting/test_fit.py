@@ -16,9 +16,9 @@ from bridge.fitting.constants import (
     Region,
     changed,
     constants_of,
-    lift,
-    lift_slope,
-    lower,
+    logit,
+    logit_slope,
+    preload_of,
     with_changes,
 )
 from bridge.fitting.evidence import SOFT, felt_load, liveliest, read_take
@@ -78,7 +78,7 @@ def test_what_a_fit_rolls_is_what_the_product_steps(
 
 def test_changes_are_of_the_region_alone(body: BodyModelData, base: TrainedPlus) -> None:
     region = Region.of(body, base, "chest")
-    model = with_changes(body, base, {"chest": region}, {"chest": [0.3, -0.2, float(lift(2.2))]})
+    model = with_changes(body, base, {"chest": region}, {"chest": [0.3, -0.2, float(logit(2.2))]})
     before, after = (constants_of(body, one, np.zeros(10)) for one in (base, model))
     soft, far = region.shares > 0.9, region.shares == 0
     assert soft.sum() > 5
@@ -96,13 +96,13 @@ def test_preload_is_that_of_the_law(body: BodyModelData, base: TrainedPlus) -> N
     """w^2 (1 + a |s|^2) s = g, with w^2 = W^2 / (1 + 3 a |s|^2)."""
     her = constants_of(body, base, np.zeros(10))
     normals = np.array([[1.0, 0.0, 0.0]]).repeat(len(her["omega"]), 0)
-    sets = np.array([[0.1, 0.0, float(lift(p))] for p in (1.3, 2.0, 2.6)])
+    sets = np.array([[0.1, 0.0, float(logit(p))] for p in (1.3, 2.0, 2.6)])
     found = changed(her, np.ones(len(normals)), normals, sets)
     strain = found.stiffening * found.sag**2
     np.testing.assert_allclose(
         found.omega**2 / (1 + 3 * strain) * (1 + strain) * found.sag, 9.81, rtol=1e-6
     )
-    np.testing.assert_allclose(lower(lift(np.array([1.3, 2.0, 2.6]))), [1.3, 2.0, 2.6])
+    np.testing.assert_allclose(preload_of(logit(np.array([1.3, 2.0, 2.6]))), [1.3, 2.0, 2.6])
 
 
 def test_one_womans_chest_is_found_on_a_pose_that_swallowed_it(
@@ -137,7 +137,7 @@ def test_one_womans_chest_is_found_on_a_pose_that_swallowed_it(
 
 def estimates(people: int, rng: np.random.Generator, mean: NDArray) -> list[Estimate]:
     """What people's markers would say whose changes are normal about a mean."""
-    scale = np.array([1.0, 1.0, lift_slope(PRELOAD)])
+    scale = np.array([1.0, 1.0, logit_slope(PRELOAD)])
     out = []
     for _ in range(people):
         own = mean + PEOPLE_SD * scale * rng.standard_normal(3)
@@ -153,7 +153,7 @@ def estimates(people: int, rng: np.random.Generator, mean: NDArray) -> list[Esti
 def test_intervals_of_what_people_share_hold_the_truth() -> None:
     rng, held, off = np.random.default_rng(5), [], []
     for _ in range(60):
-        mean = np.array([rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), float(lift(1.8))])
+        mean = np.array([rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), float(logit(1.8))])
         found = share("chest", estimates(12, rng, mean))
         truth = (3.5 * np.exp(mean[0]), 0.2 * np.exp(mean[1]), 1.8)
         for name, value in zip(("frequency_hz", "damping_ratio", "preload"), truth, strict=True):
@@ -174,7 +174,7 @@ def test_who_says_little_leaves_what_was_assumed() -> None:
 
 
 def test_doubt_widens() -> None:
-    sure = estimates(5, np.random.default_rng(0), np.array([0.0, 0.0, float(lift(1.8))]))
+    sure = estimates(5, np.random.default_rng(0), np.array([0.0, 0.0, float(logit(1.8))]))
     doubted = [replace(one, doubt="indicative: on flesh") for one in sure]
     widths = [
         found.frequency_hz[2] - found.frequency_hz[1]
@@ -207,3 +207,18 @@ def test_a_take_in_pieces_is_refused(
     np.savez(tmp_path / "cut.npz", **stored)
     with pytest.raises(DsnetError, match="without a cut"):
         read_take(tmp_path / "cut.npz", body)
+
+
+def test_a_rate_at_which_nobody_falls_is_refused(
+    tmp_path: Path, body: BodyModelData, base: TrainedPlus, jumping: Motion
+) -> None:
+    """AMASS's own sample says twice its rate: at that its flesh would seem four times as stiff."""
+    theta = np.asarray(jumping.theta, np.float64)
+    whole = np.concatenate([theta, theta[::-1]])
+    write_take(tmp_path / "a.npz", PlusModel(base, body), body, BETAS, whole,
+               np.random.default_rng(0))  # fmt: skip
+    assert read_take(tmp_path / "a.npz", body)
+    stored = dict(np.load(tmp_path / "a.npz"))
+    np.savez(tmp_path / "a.npz", **stored | {"mocap_framerate": np.array(120.0)})
+    with pytest.raises(DsnetError, match=r"times gravity at its 120 fps; expected its true rate"):
+        read_take(tmp_path / "a.npz", body)

@@ -114,6 +114,29 @@ def test_without_markers_nothing_is_said_and_bony_is_refused(
         moved(path, Controls(pose="bony"))
 
 
+@pytest.mark.parametrize(
+    ("frames", "moved_m", "said"),
+    [
+        (240, 2.0, "jumps at 2.00 s"),
+        (6, 0.0, "expected at least 2 s"),
+        (1, 0.0, "expected at least 2 s"),
+    ],
+)
+def test_over_cuts_and_in_no_time_nothing_is_smoothed(
+    known: Known, tmp_path: Path, frames: int, moved_m: float, said: str
+) -> None:
+    arrays = {n: a[:frames] if a.shape[:1] == (240,) else a for n, a in pose_arrays().items()}
+    points = sampled(known)[:frames]
+    later = np.arange(frames) >= 120
+    points[later, :, 0] += moved_m
+    arrays["trans"] = arrays["trans"] + moved_m * later[:, None] * [1.0, 0.0, 0.0]
+    labels = np.array(list(VERTICES))
+    np.savez(tmp_path / "take.npz", **arrays, marker_data=points, marker_labels=labels)
+    with pytest.raises(DsnetError, match=said):
+        moved(tmp_path / "take.npz", Controls(pose="bony"))
+    assert moved(tmp_path / "take.npz", Controls()).motion.theta.shape == (frames, 69)
+
+
 def test_markers_of_another_rate_are_refused(known: Known, tmp_path: Path) -> None:
     path = beside_c3d(tmp_path, known)
     points = 1e3 * sampled(known)[:150]
