@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_PARENTS
 from bridge.body.posing import shaped_joints
+from bridge.motion.directions import shortest_turn, unit
 from bridge.motion.motion import HowRead, Motion, pack_theta
 from bridge.motion.retargeting import standing_direction, upright_turn
 from bridge.motion.skeletons import OWN_NAMES
@@ -88,31 +89,21 @@ def _turns(joints: NDArray[np.float64], rest_m: NDArray) -> NDArray[np.float64]:
         if len(children) == 3:
             world[:, joint] = _fitted(rest, bones)
         elif children:
-            world[:, joint] = _swing(above @ rest[0], bones[:, 0]) @ above
+            world[:, joint] = shortest_turn(above @ rest[0], bones[:, 0]) @ above
         else:
             world[:, joint] = above
         if joint in _HINGES:
             end, beyond = _HINGES[joint]
-            axis = np.cross(_unit(bones[:, 0]), _unit(joints[:, beyond] - joints[:, end]))
-            world[:, joint] = _twisted(
-                world[:, joint], _unit(bones[:, 0]), axis, _HINGE_AXES[joint]
-            )
+            axis = np.cross(unit(bones[:, 0]), unit(joints[:, beyond] - joints[:, end]))
+            world[:, joint] = _twisted(world[:, joint], unit(bones[:, 0]), axis, _HINGE_AXES[joint])
     return world
 
 
 def _fitted(rest: NDArray, bones: NDArray) -> NDArray[np.float64]:
     """(T, 3, 3) rotations that bring directions (3, 3) nearest to those of bones (T, 3, 3)."""
-    left, _, right = np.linalg.svd(np.einsum("tix,iy->txy", _unit(bones), _unit(rest)))
+    left, _, right = np.linalg.svd(np.einsum("tix,iy->txy", unit(bones), unit(rest)))
     left[..., 2] *= np.sign(np.linalg.det(left @ right))[:, None]
     return left @ right
-
-
-def _swing(start: NDArray, end: NDArray) -> NDArray[np.float64]:
-    """(T, 3, 3) shortest rotations of directions (T, 3) into others."""
-    axis = np.cross(_unit(start), _unit(end))
-    sine = np.linalg.norm(axis, axis=1, keepdims=True)
-    angle = np.arctan2(sine[:, 0], (_unit(start) * _unit(end)).sum(axis=1))
-    return Rotation.from_rotvec(axis / np.maximum(sine, 1e-12) * angle[:, None]).as_matrix()
 
 
 def _twisted(
@@ -120,14 +111,10 @@ def _twisted(
 ) -> NDArray[np.float64]:
     """Turned about its bone (T, 3) until its hinge lies along the axis (T, 3) of the bend."""
     hinge = world @ np.array(rest_axis)
-    hinge = _unit(hinge - (hinge * bone).sum(axis=1, keepdims=True) * bone)
+    hinge = unit(hinge - (hinge * bone).sum(axis=1, keepdims=True) * bone)
     sine = np.linalg.norm(axis, axis=1, keepdims=True)
     told = np.clip((sine - _STRAIGHT) / (_BENT - _STRAIGHT), 0, 1)
     towards = (1 - told) * hinge + told * axis / np.maximum(sine, 1e-12)
     cosine, across = (hinge * towards).sum(axis=1), np.cross(hinge, towards)
     angle = np.arctan2((across * bone).sum(axis=1), cosine)
     return Rotation.from_rotvec(bone * angle[:, None]).as_matrix() @ world
-
-
-def _unit(vectors: NDArray) -> NDArray[np.float64]:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_PARENTS
+from bridge.motion.directions import angle_deg, shortest_turn, unit
 from bridge.motion.skeletons import OWN_NAMES, SIDES, SkeletonMotion, plain_names, unusable
 
 Rest: TypeAlias = Mapping[str, NDArray[np.float64]]
@@ -67,7 +68,7 @@ def standing_up(skeleton: SkeletonMotion, joints: Mapping[str, int]) -> NDArray[
     up = _pelvis(skeleton.path, rest) @ _Y
     trunk = _mean(rest, "shoulder") - _mean(rest, "hip")
     legs = [rest[f"{side}_ankle"] - rest[f"{side}_hip"] for side in SIDES]
-    stands = _angle_deg(trunk, up) < 45 and all(_angle_deg(leg, -up) < 60 for leg in legs)
+    stands = angle_deg(trunk, up) < 45 and all(angle_deg(leg, -up) < 60 for leg in legs)
     return up if stands else None
 
 
@@ -144,7 +145,7 @@ class _Search:
             kept = self.stands and above not in self.feet
             inherited = self.found[above] if name.endswith("wrist") else frame
             frame = inherited if kept else self._quietest(name, above, [inherited, *_CUBE])
-        elif not self.stands or _angle_deg(frame @ smpl_bone, bone) > most_deg:
+        elif not self.stands or angle_deg(frame @ smpl_bone, bone) > most_deg:
             frame = self._quietest(name, above, _swung(frame, along, bone))
         self.frames[name] = self.found[name] = frame
         if is_limb and bone is not None and not self.is_smpls:
@@ -172,18 +173,18 @@ class _Search:
         """As it stands on the floor, if it does not rest so."""
         toes = self.joints[f"{name.partition('_')[0]}_foot"]
         smpl_bone = self.smpl_rest_m[OWN_NAMES[OWN_NAMES.index(name) + 3]] - self.smpl_rest_m[name]
-        if self.stands and _angle_deg(frame @ smpl_bone, bone) < _FOOT_DEG:
+        if self.stands and angle_deg(frame @ smpl_bone, bone) < _FOOT_DEG:
             return frame
         flat = self.skeleton.tips.get(toes, self.skeleton.rest[toes]) - self.skeleton.rest[toes]
         least_deg, most_deg = _FOOT_SHAPE_DEG
-        if self.stands and least_deg < _angle_deg(flat, bone) < most_deg:
+        if self.stands and least_deg < angle_deg(flat, bone) < most_deg:
             return shortest_turn(frame @ _Z, flat) @ frame  # foot and toes as one piece
         self.feet.append(name)
         heights = self.places[:, toes] @ self.up
         lowest = self.turns[heights <= np.quantile(heights, _STANCE), self.joints[name]]
-        sole = _unit(np.median(np.swapaxes(lowest, -1, -2) @ self.up, axis=0))
+        sole = unit(np.median(np.swapaxes(lowest, -1, -2) @ self.up, axis=0))
         forward = bone - (bone @ sole) * sole
-        forward = _unit(
+        forward = unit(
             forward if np.linalg.norm(forward) > 1e-9 else np.cross(sole, _X + sole[::-1])
         )
         return np.stack([np.cross(sole, forward), sole, forward], axis=1).astype(np.float64)
@@ -193,14 +194,6 @@ def leg_length(rest: NDArray, joints: Mapping[str, int]) -> float:
     """Of the left thigh and shin, of places (J, 3)."""
     hip, knee, ankle = (rest[joints[f"left_{name}"]] for name in ("hip", "knee", "ankle"))
     return float(np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee))
-
-
-def shortest_turn(start: NDArray, end: NDArray) -> NDArray[np.float64]:
-    """(3, 3) rotation of one direction into another, less than half a turn away."""
-    start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
-    axis, cosine = np.cross(start, end), float(start @ end)
-    cross = np.cross(np.eye(3), axis)
-    return np.eye(3) + cross + cross @ cross / (1 + cosine)
 
 
 def _mean(rest: Rest, name: str) -> NDArray[np.float64]:
@@ -230,13 +223,13 @@ def _frame(rest: Rest, pair: str, low: NDArray, high: NDArray) -> NDArray[np.flo
 
     None where left is up.
     """
-    up = _snapped(_unit(high - low), _SNAPPED_UP_DEG)
+    up = _snapped(unit(high - low), _SNAPPED_UP_DEG)
     left = rest[f"left_{pair}"] - rest[f"right_{pair}"]
     left = left - (left @ up) * up
     if not np.linalg.norm(left) > 1e-6 * np.linalg.norm(high - low):
         return None
-    left = _snapped(_unit(left), _SNAPPED_SIDE_DEG)
-    left = _unit(left - (left @ up) * up)
+    left = _snapped(unit(left), _SNAPPED_SIDE_DEG)
+    left = unit(left - (left @ up) * up)
     return np.stack([left, up, np.cross(left, up)], axis=1).astype(np.float64)
 
 
@@ -244,15 +237,7 @@ def _snapped(direction: NDArray, most_deg: float) -> NDArray[np.float64]:
     axis = np.zeros(3)
     number = int(np.abs(direction).argmax())
     axis[number] = np.sign(direction[number])
-    return axis if _angle_deg(direction, axis) < most_deg else direction
-
-
-def _unit(direction: NDArray) -> NDArray[np.float64]:
-    return direction.astype(np.float64) / max(float(np.linalg.norm(direction)), 1e-30)
-
-
-def _angle_deg(one: NDArray, other: NDArray) -> float:
-    return float(np.degrees(np.arccos(np.clip(_unit(one) @ _unit(other), -1, 1))))
+    return axis if angle_deg(direction, axis) < most_deg else direction
 
 
 def _turn_deg(one: NDArray, other: NDArray) -> float:
@@ -276,10 +261,10 @@ def _chest_frame(
 
 def _swung(frame: NDArray, along: NDArray, bone: NDArray) -> list[NDArray[np.float64]]:
     """The frame turned so that its axis `along` points as the bone, in each of four quarters."""
-    start, end = frame @ along, _snapped(_unit(bone), _SNAPPED_BONE_DEG)
-    if _angle_deg(start, end) > 179.0:
+    start, end = frame @ along, _snapped(unit(bone), _SNAPPED_BONE_DEG)
+    if angle_deg(start, end) > 179.0:
         axis = frame @ (_Z if abs(along @ _Z) < 0.5 else _X)
-        swing = Rotation.from_rotvec(np.pi * _unit(axis)).as_matrix()
+        swing = Rotation.from_rotvec(np.pi * unit(axis)).as_matrix()
     else:
         swing = shortest_turn(start, end)
     quarters = Rotation.from_rotvec(np.outer(np.arange(4) * np.pi / 2, end)).as_matrix()

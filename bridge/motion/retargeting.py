@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
+from bridge.motion.directions import angle_deg, unit
 from bridge.motion.motion import AS_IT_SAYS, FARTHEST_M, HowRead, Motion, pack_theta
 from bridge.motion.rest_poses import Rest, leg_length, rest_turns, standing_up
 from bridge.motion.skeletons import (
@@ -157,16 +158,16 @@ def _is_mirrored(joints: Mapping[str, int], places: NDArray) -> bool:
 
     hips = (at("left_hip") + at("right_hip")) / 2
     shoulders = (at("left_shoulder") + at("right_shoulder")) / 2
-    across = _unit(at("left_hip") - at("right_hip")) + _unit(
+    across = unit(at("left_hip") - at("right_hip")) + unit(
         at("left_shoulder") - at("right_shoulder")
     )
-    forward = _unit(np.cross(across, shoulders - hips))
+    forward = unit(np.cross(across, shoulders - hips))
     toes, knees = [], []
     for side in SIDES:
         hip, knee, ankle = (at(f"{side}_{name}") for name in ("hip", "knee", "ankle"))
         knees.append(_along(2 * knee - hip - ankle, forward) * _bent(hip, knee, ankle))
         if f"{side}_foot" in joints:
-            shin = _unit(knee - ankle)
+            shin = unit(knee - ankle)
             toe = at(f"{side}_foot") - ankle
             toes.append(_along(toe - _dots(toe, shin)[:, None] * shin, forward))
     bent = float(np.mean(knees))
@@ -177,19 +178,15 @@ def _is_mirrored(joints: Mapping[str, int], places: NDArray) -> bool:
 
 def _bent(hip: NDArray, knee: NDArray, ankle: NDArray) -> NDArray[np.float64]:
     """Sine of how far each knee is bent."""
-    return np.linalg.norm(np.cross(_unit(knee - hip), _unit(ankle - knee)), axis=-1)
+    return np.linalg.norm(np.cross(unit(knee - hip), unit(ankle - knee)), axis=-1)
 
 
 def _along(one: NDArray, other: NDArray) -> NDArray[np.float64]:
-    return _dots(_unit(one), other)
+    return _dots(unit(one), other)
 
 
 def _dots(one: NDArray, other: NDArray) -> NDArray[np.float64]:
     return (one * other).sum(axis=-1)
-
-
-def _unit(vectors: NDArray) -> NDArray[np.float64]:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
 def _upright(
@@ -228,7 +225,7 @@ def standing_direction(places: Mapping[str, NDArray]) -> NDArray[np.float64]:
         return 0.5 * (places[f"left_{name}"] + places[f"right_{name}"])
 
     hips = middle("hip")
-    body = _unit(middle("shoulder") - hips) + _unit(hips - middle("ankle"))
+    body = unit(middle("shoulder") - hips) + unit(hips - middle("ankle"))
     return 0.5 * body.mean(axis=0)
 
 
@@ -266,8 +263,7 @@ def _check(
         if one in joints and end in joints:
             theirs = places[:, joints[end]] - places[:, joints[one]]
             ours = moved[:, OWN_NAMES.index(end)] - moved[:, OWN_NAMES.index(one)]
-            cosine = np.clip(_along(theirs, _unit(ours)), -1, 1)
-            found[name] = float(np.degrees(np.median(np.arccos(cosine))))
+            found[name] = float(np.median(angle_deg(theirs, ours)))
     most = {name: _TOLD_DEG.get(name.rpartition("_")[2], _LIMB_TOLD_DEG) for name in found}
     odd = [name for name, angle in found.items() if angle > most[name]]
     said = ", ".join(f"{name} by {found[name]:.0f} degrees" for name in odd)
