@@ -15,6 +15,7 @@ import pytest
 from bridge import DsnetError
 from bridge.markers.marker_files import Recording, load_recording, marker_file, read_markers
 from bridge.markers.predicted import register
+from bridge.markers.segments import SEGMENTS
 from bridge.motion import load_motion_file
 from tests.forged.c3d import c3d
 from tests.forged.markers import VERTICES, Known, pose_arrays, sampled, stageii
@@ -29,7 +30,10 @@ def same_person(found: Recording, known: Known, apart_m: float = 1e-3) -> None:
     np.testing.assert_allclose(motion.theta, known.motion.theta, atol=1e-5)
     registered = register(known.body, known.motion, found.markers)
     assert set(registered.vertices) == set(LABELS)
-    assert max(registered.distance_mm.values()) < 1e3 * apart_m + 30
+    on_bone = {label for segment in SEGMENTS.values() for label in segment.labels}
+    for label, distance_mm in registered.distance_mm.items():
+        # Flesh that hangs is on average beside where it stands.
+        assert distance_mm < 1e3 * apart_m + (15 if label in on_bone else 30), label
 
 
 @pytest.mark.parametrize("protocol", [2, 4, 5])

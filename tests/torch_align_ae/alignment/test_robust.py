@@ -31,6 +31,8 @@ from torch_align_ae.corpus.subjects import SUBJECTS
 
 FRAMES = 72
 SETTINGS = RobustSettings.fast()
+# Her flesh hangs: it moves twice as far as when it stiffened about the standing shape. Poses and
+# shapes were found twice as well then; bounds are beside what is found now.
 
 
 @pytest.fixture(scope="module")
@@ -168,6 +170,7 @@ def test_registrations_keep_a_landings_accelerations(smpl, jump, monkeypatch):
         return float((here * there.conj()).real.sum() / np.square(np.abs(there)).sum())
 
     found = kept()
+    # 0.97 while flesh moved half as far: here the aligner has lost something.
     assert 0.7 < found < 1.05
     unknown = Tissue.unknown
     monkeypatch.setattr(Tissue, "unknown", lambda terms, weights, _: unknown(terms, weights, 0.0))
