@@ -66,12 +66,6 @@ def load_body_model(name_or_path: str | Path) -> BodyModelData:
         return unpack(gender, {name: archive.array(name) for name in archive})
 
 
-def embedded_makehuman_index(gender: str = "female") -> np.ndarray:
-    """(V,) int64 index of each embedded vertex in MakeHuman's base mesh (CC0)."""
-    with _open_asset(gender) as archive:
-        return archive.array("makehuman_index").astype(np.int64)
-
-
 def unpack(gender: str, arrays: Mapping[str, np.ndarray]) -> BodyModelData:
     """Rebuild the model from an asset's arrays; see the module's table."""
     vertex_count, joints = len(arrays["v_template"]), np.arange(JOINT_COUNT)

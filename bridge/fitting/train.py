@@ -20,7 +20,7 @@ from bridge.fitting.evidence import SOFT, Take, read_take
 from bridge.fitting.fit import Estimate, fit_person
 from bridge.fitting.population import Fitted, share
 from bridge.markers.marker_files import marker_file
-from bridge.motion.readers import READERS, read_motion_file
+from bridge.motion.readers import files_below, read_motion_file
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.files import json_sha256, sha256_of, write_text_atomically
 from bridge.runs.run import TRAIN_MARKERS, TRAIN_PLUS
@@ -84,13 +84,9 @@ def people_of(folder: Path, gender: str | None) -> tuple[str, list[_Person], dic
     """
     if not folder.is_dir():
         raise DsnetError(f"--markers {folder}", "a folder of motions with markers", "Check it.")
-    suffixes = {suffix for reader in READERS.values() for suffix in reader.SUFFIXES}
     found: dict[tuple[str, tuple[float, ...]], list[Path]] = {}
     refused: dict[str, str] = {}
-    for path in progress(
-        sorted(path for path in folder.rglob("*") if path.suffix in suffixes), what="looking",
-        unit="file",
-    ):  # fmt: skip
+    for path in progress(files_below(folder), what="looking", unit="file"):
         try:
             if markers := marker_file(path):
                 motion = read_motion_file(path)

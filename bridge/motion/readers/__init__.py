@@ -97,6 +97,15 @@ def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     )
 
 
+def files_below(folder: Path) -> list[Path]:
+    """Those whose names are of a format that is read, in order of path."""
+    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in _suffixes())
+
+
+def _suffixes() -> list[str]:
+    return [suffix for reader in READERS.values() for suffix in reader.SUFFIXES]
+
+
 def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> list[Path]:
     """The motions below `folder` that a body model of `gender` can follow, in order of path.
 
@@ -105,10 +114,9 @@ def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> l
     something else; and motions whose name is already there: those of `known` (`DFaust` holds the
     very motions that Dyna's meshes show) and second copies (SMPL-H beside SMPL-X).
     """
-    suffixes = [suffix for reader in READERS.values() for suffix in reader.SUFFIXES]
     other = {"female": "male", "male": "female"}.get(gender)
     taken, motions, left_out = set(known), [], Counter[str]()
-    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes):
+    for path in files_below(folder):
         name = "_".join(subject_and_motion(path))
         stated = next(one.gender_of(path) for one in READERS.values() if one.sniff(path))
         if stated is None:
@@ -123,7 +131,7 @@ def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> l
             motions.append(path)
     counts = ", ".join(f"{count} {why}" for why, count in left_out.items())
     if not motions:
-        counts = counts or f"no {' or '.join(suffixes)}"
+        counts = counts or f"no {' or '.join(_suffixes())}"
         raise DsnetError(
             f"--amass {folder}, with {counts} and no motion",
             f"a folder of motions of {gender} bodies, AMASS's or BVH",
