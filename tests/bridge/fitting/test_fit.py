@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -218,7 +219,7 @@ def test_a_rate_at_which_nobody_falls_is_refused(
     write_take(tmp_path / "a.npz", PlusModel(base, body), body, BETAS, whole,
                np.random.default_rng(0))  # fmt: skip
     assert read_take(tmp_path / "a.npz", body)
-    stored = dict(np.load(tmp_path / "a.npz"))
+    stored: dict[str, Any] = dict(np.load(tmp_path / "a.npz"))
     np.savez(tmp_path / "a.npz", **stored | {"mocap_framerate": np.array(120.0)})
     with pytest.raises(DsnetError, match=r"times gravity at its 120 fps; expected its true rate"):
         read_take(tmp_path / "a.npz", body)

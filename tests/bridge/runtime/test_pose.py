@@ -130,8 +130,9 @@ def test_over_cuts_and_in_no_time_nothing_is_smoothed(
     later = np.arange(frames) >= 120
     points[later, :, 0] += moved_m
     arrays["trans"] = arrays["trans"] + moved_m * later[:, None] * [1.0, 0.0, 0.0]
-    labels = np.array(list(VERTICES))
-    np.savez(tmp_path / "take.npz", **arrays, marker_data=points, marker_labels=labels)
+    markers = {"marker_data": points, "marker_labels": np.array(list(VERTICES))}
+    stored: dict[str, Any] = arrays | markers
+    np.savez(tmp_path / "take.npz", **stored)
     with pytest.raises(DsnetError, match=said):
         moved(tmp_path / "take.npz", Controls(pose="bony"))
     assert moved(tmp_path / "take.npz", Controls()).motion.theta.shape == (frames, 69)
