@@ -220,6 +220,7 @@ def test_a_rate_at_which_nobody_falls_is_refused(
                np.random.default_rng(0))  # fmt: skip
     assert read_take(tmp_path / "a.npz", body)
     stored: dict[str, Any] = dict(np.load(tmp_path / "a.npz"))
-    np.savez(tmp_path / "a.npz", **stored | {"mocap_framerate": np.array(120.0)})
+    stored["mocap_framerate"] = np.array(120.0)
+    np.savez(tmp_path / "a.npz", **stored)
     with pytest.raises(DsnetError, match=r"times gravity at its 120 fps; expected its true rate"):
         read_take(tmp_path / "a.npz", body)
