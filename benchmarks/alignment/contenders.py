@@ -23,9 +23,10 @@ from bridge.motion import MotionSequence, pack_theta
 from bridge.runs import ArtifactWriter
 from torch_align_ae.alignment.robust import RobustSettings
 from torch_align_ae.alignment.sgd import Descent, SgdFit
+from torch_align_ae.alignment.skin_sample import SkinSample
 from torch_align_ae.alignment.tissue import Loads
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_files import FPS, DynaReader, write_dyna
+from torch_align_ae.corpus.dyna_files import FPS, dyna_sequences, write_dyna
 
 
 @dataclass(frozen=True)
@@ -92,8 +93,8 @@ class _PaperSgd:
 
     def __call__(self) -> list[Estimate]:
         writer = ArtifactWriter(self._artifact, "align", data="synthetic")
-        with DynaReader([self._meshes]) as reader:
-            SgdFit(self._smpl, reader, self._sequences, self._descent).write(writer)
+        meshes = {one.name: one for one in dyna_sequences([self._meshes])}
+        SgdFit(self._smpl, self._sequences, meshes, self._descent).write(writer)
         betas, theta = (np.load(writer.file_path(f"{name}.npy")) for name in ("betas", "theta"))
         writer.discard()
         rows = _subject_rows([sequence.subject for sequence in self._sequences])
@@ -103,7 +104,7 @@ class _PaperSgd:
         ]
 
 
-def _robust(settings: RobustSettings, law: type[Loads] = Loads) -> Make:
+def _robust(settings: RobustSettings, law: Callable[[SkinSample], Loads] = Loads) -> Make:
     def make(data: BodyModelData, recordings: Sequence[KnownRecording]) -> Align:
         smpl = SMPL(data)
         subjects = _subject_rows([recording.subject for recording in recordings])

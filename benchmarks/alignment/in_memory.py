@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.motion import MotionSequence
+from bridge.motion.sequences import end_to_end
+from bridge.runs import ArtifactWriter
 from torch_align_ae.alignment.robust import RobustFit, RobustSettings
-from torch_align_ae.alignment.tissue import Loads, MeshRecording
+from torch_align_ae.alignment.skin_sample import SkinSample
+from torch_align_ae.alignment.tissue import Loads
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import FPS
+
+
+class InMemory(NamedTuple):
+    """`Meshes` that are there: (T, V, 3), metres."""
+
+    meshes_m: NDArray[np.float32]
+
+    def read(self, start: int, stop: int) -> NDArray[np.float32]:
+        """Frames [start, stop)."""
+        return self.meshes_m[start:stop]
 
 
 def align_sequences(
@@ -19,22 +35,22 @@ def align_sequences(
     meshes: Sequence[NDArray[np.float32]],
     subjects: Sequence[int],
     settings: RobustSettings,
-    law: type[Loads] = Loads,
+    law: Callable[[SkinSample], Loads] = Loads,
 ) -> tuple[NDArray[np.float32], list[NDArray[np.float32]]]:
     """Shapes (S, 10), and theta (T, 69) of each sequence.
 
     `meshes` are (T, V, 3), metres, `subjects` the rows of their subjects, 0 to S - 1; `law` is the
     loads that are taken out.
     """
-    sequences = [
-        MotionSequence(f"{row}", f"{subject}", "", 0, len(own), FPS)
-        for row, (own, subject) in enumerate(zip(meshes, subjects, strict=True))
-    ]
-    recordings = [
-        MeshRecording(lambda start, stop, own=own: own[start:stop], len(own), FPS) for own in meshes
-    ]
-    fit = RobustFit(smpl, recordings, sequences, settings, law)
-    learned, groups = fit.learn(), fit.groups()
-    thetas = iter(list(fit.fit(learned, groups, files=None)))
-    together = [np.concatenate([next(thetas) for _ in group]) for group in groups]
-    return learned["betas"], together
+    sequences = end_to_end(
+        [
+            MotionSequence(f"{row}", f"{subject}", "", 0, len(own), FPS)
+            for row, (own, subject) in enumerate(zip(meshes, subjects, strict=True))
+        ]
+    )
+    recordings = {f"{row}": InMemory(own) for row, own in enumerate(meshes)}
+    with tempfile.TemporaryDirectory() as folder:
+        writer = ArtifactWriter(Path(folder) / "align", "align", data="synthetic")
+        RobustFit(smpl, sequences, recordings, settings, law).write(writer)
+        betas, theta = (np.load(writer.file_path(f"{name}.npy")) for name in ("betas", "theta"))
+    return betas, [theta[sequence.frames] for sequence in sequences]

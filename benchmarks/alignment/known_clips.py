@@ -17,7 +17,7 @@ from bridge.motion import sequences_of, subject_rows, unpack_theta
 from bridge.runs import Run
 from bridge.runs.run import corpus_body_path
 from torch_align_ae.body import SMPL, rest_pose_offsets
-from torch_align_ae.corpus.dyna_files import DynaReader
+from torch_align_ae.corpus.dyna_files import dyna_sequences
 
 
 @dataclass(frozen=True)
@@ -82,11 +82,10 @@ def load_clips(run: Run, names: list[str], frames: slice) -> tuple[SMPL, KnownCl
     subjects = subject_rows(chosen)
     rows = [subjects[sequence.subject] for sequence in chosen]
     leading = [names[rows.index(row)] for row in range(len(subjects))]
-    with DynaReader(
-        [corpus.file(f) for f in corpus.manifest["files"] if f.endswith(".h5")]
-    ) as file:
-        first = np.concatenate([file.frames(name, 0, 1) for name in leading])
-        meshes = np.stack([file.frames(name, frames.start - 1, frames.stop) for name in names])
+    files = [corpus.file(name) for name in corpus.manifest["files"] if name.endswith(".h5")]
+    stored = {sequence.name: sequence for sequence in dyna_sequences(files)}
+    first = np.concatenate([stored[name].read(0, 1) for name in leading])
+    meshes = np.stack([stored[name].read(frames.start - 1, frames.stop) for name in names])
     own = [slice(s.start + frames.start, s.start + frames.stop) for s in chosen]
     betas = truth.array("betas")[[subject_rows(index.values())[name] for name in subjects]]
     return SMPL(load_body_model(corpus_body_path(corpus))), KnownClips(

@@ -18,16 +18,16 @@ from tests.forged.dmpl import save_dmpl
 from tests.forged.python2_pickle import python2_pickle
 from tests.forged.registrations import save_registrations
 from tests.forged.smpl import forge_smpl, smpl_fields
-from torch_align_ae.corpus.dyna_files import DynaReader
+from torch_align_ae.corpus.dyna_files import dyna_sequences
 
 RENAMED = {"50004_hips": "50004_running_on_spot_bugfix", "50020_hips": "50020_personal_move"}
 
 
 def forge_meshes(folder: Path, corpus: Path) -> list[Path]:
     """The corpus's meshes as D-FAUST's women, and some of them as a man's."""
-    with DynaReader([corpus / "dyna_female.h5"]) as reader:
-        women = {RENAMED.get(entry.name, entry.name): frames for entry, frames in reader}
-        faces = reader.faces
+    found = dyna_sequences([corpus / "dyna_female.h5"])
+    women = {RENAMED.get(one.name, one.name): one.read() for one in found}
+    faces = load_body_model("embedded:female").faces
     men = {"50009_hips": women["50004_one_leg_jump"][:3]}
     return [
         save_registrations(folder / "registrations_f.hdf5", women, faces),

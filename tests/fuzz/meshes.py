@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from bridge.body import load_body_model
 from tests.fuzz.mutations import ODD_NAMES, ODD_NUMBERS, Draw, Files, damaged
-from torch_align_ae.corpus.dyna_files import DynaReader
+from torch_align_ae.corpus.dyna_files import dyna_sequences
 
 
 def _dyna_bases() -> list[bytes]:
@@ -73,7 +73,5 @@ def files() -> st.SearchStrategy[Files]:
 
 def read(folder: Path) -> None:
     """Faces, and the first frames of every sequence."""
-    with DynaReader([folder / "dyna.h5"]) as reader:
-        _ = reader.faces
-        for entry in reader.entries:
-            reader.frames(entry.name, 0, 2)
+    for sequence in dyna_sequences([folder / "dyna.h5"]):
+        sequence.read(0, 2)

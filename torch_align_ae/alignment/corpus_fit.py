@@ -12,7 +12,7 @@ from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -32,6 +32,14 @@ from torch_align_ae.body import SMPL, rest_pose_offsets
 _WORST_MEAN_M = 0.2
 
 
+class Meshes(Protocol):
+    """The meshes of one sequence."""
+
+    def read(self, start: int, stop: int) -> NDArray[np.float32]:
+        """Frames [start, stop) as (n, V, 3), metres; in any thread or process."""
+        ...
+
+
 class Window(NamedTuple):
     """Consecutive frames of one sequence, counted within it."""
 
@@ -47,10 +55,8 @@ class Window(NamedTuple):
 
 def windows(sequence: MotionSequence, frames: int) -> list[Window]:
     """A sequence cut into windows of `frames`."""
-    return [
-        Window(sequence, start, min(start + frames, sequence.length))
-        for start in range(0, sequence.length, frames)
-    ]
+    starts = range(0, sequence.length, frames)
+    return [Window(sequence, at, min(at + frames, sequence.length)) for at in starts]
 
 
 @dataclass(frozen=True)
@@ -75,36 +81,29 @@ class AlignedFiles:
     ) -> None:
         """Write offsets and errors of n frames, their shape (10,) and poses being known.
 
-        `pose` (n, 22, 3) is in radians, `trans` (n, 3) and `mesh` (n, V, 3) in metres.
+        `pose` (n, 22, 3) is in radians, `trans` (n, 3) and `mesh` (n, V, 3) in metres. Frames whose
+        mean distance from the fitted body no soft tissue explains are refused.
         """
         offsets, distances = rest_pose_offsets(smpl, mesh, betas.expand(len(mesh), -1), pose, trans)
         frame_error = distances.mean(1)
-        check_distances(window, frame_error)
+        if not (frame_error < _WORST_MEAN_M).all():
+            # What is not a number counts as the worst.
+            worst = int(frame_error.nan_to_num(torch.inf, torch.inf).argmax())
+            raise DsnetError(
+                f"{window.sequence.name}, whose frame {window.start + worst} stays"
+                f" {100 * frame_error[worst]:.0f} cm from SMPL",
+                "meshes with SMPL's vertex order",
+                "Register the meshes to SMPL's template, leave this sequence out, or take more"
+                " steps.",
+            )
         self.offsets.write(window.rows.start, offsets.numpy())
         self.frame_error.write(window.rows.start, frame_error.numpy())
 
     def digest(self, group: Iterable[Window]) -> str:
         """Of what the files hold of these windows now."""
-        return json_sha256(
-            [
-                arrays_sha256({name: file.read(window.rows) for name, file in vars(self).items()})
-                for window in group
-            ]
-        )
-
-
-def check_distances(window: Window, distances_m: Tensor) -> None:
-    """Refuse frames whose mean distances (n,) from the fitted body no soft tissue explains."""
-    if (distances_m < _WORST_MEAN_M).all():
-        return
-    # What is not a number counts as the worst.
-    worst = int(distances_m.nan_to_num(torch.inf, torch.inf).argmax())
-    raise DsnetError(
-        f"{window.sequence.name}, whose frame {window.start + worst} stays"
-        f" {100 * distances_m[worst]:.0f} cm from SMPL",
-        "meshes with SMPL's vertex order",
-        "Register the meshes to SMPL's template, leave this sequence out, or take more steps.",
-    )
+        files = vars(self).items()
+        held = ({name: file.read(window.rows) for name, file in files} for window in group)
+        return json_sha256([arrays_sha256(arrays) for arrays in held])
 
 
 class CorpusFit(ABC):
@@ -114,8 +113,10 @@ class CorpusFit(ABC):
     LEARNED: ClassVar[Mapping[str, str]]
     """What the artifact holds of what is learned: names and units."""
 
-    def __init__(self, smpl: SMPL, sequences: Sequence[MotionSequence]) -> None:
-        self.smpl, self.sequences = smpl, sequences
+    def __init__(
+        self, smpl: SMPL, sequences: Sequence[MotionSequence], meshes: Mapping[str, Meshes]
+    ) -> None:
+        self.smpl, self.sequences, self.meshes = smpl, sequences, meshes
 
     @abstractmethod
     def learn(self) -> dict[str, NDArray]:
@@ -130,12 +131,12 @@ class CorpusFit(ABC):
         self,
         learned: Mapping[str, NDArray],
         groups: Sequence[Sequence[Window]],
-        files: AlignedFiles | None,
+        files: AlignedFiles,
     ) -> Generator[NDArray[np.float32], None, None]:
         """theta (n, 69) of each window, in order.
 
-        Workers write the rest to the files, if there are any; before a theta is asked for, all
-        those before it are in the files.
+        Workers write the rest to the files; before a theta is asked for, all those before it are
+        in the files.
         """
 
     def write(self, writer: ArtifactWriter) -> None:

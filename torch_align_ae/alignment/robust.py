@@ -7,11 +7,11 @@ are learned from some of its frames; then every frame is fitted on its own.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -22,7 +22,7 @@ from bridge.motion import MotionSequence, pack_theta
 from bridge.motion.sequences import subjects_of
 from bridge.options import NonNegativeInt, PositiveInt
 from bridge.runs.workers import on_any_node, progress, worker_pool
-from torch_align_ae.alignment.corpus_fit import AlignedFiles, CorpusFit, Window, windows
+from torch_align_ae.alignment.corpus_fit import AlignedFiles, CorpusFit, Meshes, Window, windows
 from torch_align_ae.alignment.gauss_newton import (
     fit_poses,
     fit_shape,
@@ -34,7 +34,6 @@ from torch_align_ae.alignment.skin_sample import Pose, Shaped, SkinSample
 from torch_align_ae.alignment.tissue import (
     Evidence,
     Loads,
-    MeshRecording,
     Observed,
     Tissue,
     noise_variance,
@@ -85,7 +84,7 @@ class Subject(NamedTuple):
 
 
 class RobustFit(CorpusFit):
-    """One corpus to align: of each sequence a recording, less its loads by a law of tissue.
+    """One corpus to align: of each sequence the meshes, less their loads by a law of tissue.
 
     Besides what every aligner gives, the artifact holds what was learned of each subject's
     tissue: `compliance` (S, K, N) and `deviation` (S, N) at `sample_vertices` (N,) of the mesh, and
@@ -98,16 +97,14 @@ class RobustFit(CorpusFit):
     def __init__(
         self,
         smpl: SMPL,
-        recordings: Sequence[MeshRecording],
         sequences: Sequence[MotionSequence],
+        meshes: Mapping[str, Meshes],
         settings: RobustSettings,
-        law: type[Loads] = Loads,
+        law: Callable[[SkinSample], Loads] = Loads,
     ) -> None:
-        super().__init__(smpl, sequences)
-        names = (sequence.name for sequence in sequences)
-        self._recordings = dict(zip(names, recordings, strict=True))
+        super().__init__(smpl, sequences, meshes)
         self._settings, self._sample = settings, SkinSample(smpl, settings.vertices)
-        self._loads = law.of(self._sample)
+        self._loads = law(self._sample)
 
     def learn(self) -> dict[str, NDArray]:
         names = subjects_of(self.sequences)
@@ -127,7 +124,7 @@ class RobustFit(CorpusFit):
         self,
         learned: Mapping[str, NDArray],
         groups: Sequence[Sequence[Window]],
-        files: AlignedFiles | None,
+        files: AlignedFiles,
     ) -> Generator[NDArray[np.float32], None, None]:
         """theta of each window, whose turns go on from the window before without jumps of 2 pi."""
         columns = (torch.from_numpy(learned[name]) for name in _OF_A_SUBJECT)
@@ -136,11 +133,9 @@ class RobustFit(CorpusFit):
 
         def fitted(fit: RobustFit, window: Window) -> tuple[Tensor, Tensor]:
             subject = known[window.sequence.subject]
-            recording = fit._recordings[window.sequence.name]
-            meshes, seen = fit._loads.observe(recording, window.start, window.stop)
+            meshes, seen = fit._loads.observe(fit.meshes[window.sequence.name], window)
             pose, trans = fit.fit_frames(subject, seen)
-            if files:
-                files.store(fit.smpl, window, subject.betas, pose, trans, meshes)
+            files.store(fit.smpl, window, subject.betas, pose, trans, meshes)
             return pose, trans
 
         last: Tensor | None = None
@@ -186,7 +181,7 @@ class RobustFit(CorpusFit):
         theirs.
         """
         sample, loads, precision_m = self._sample, self._loads, self._loads.precision_m
-        own = [self._recordings[s.name] for s in self.sequences if s.subject == subject]
+        own = [sequence for sequence in self.sequences if sequence.subject == subject]
 
         def start(_: RobustFit, seen: Observed) -> _Calibrated:
             pose = initial_pose(sample, shaped, seen.vertices)
@@ -197,8 +192,7 @@ class RobustFit(CorpusFit):
         def gather(_: RobustFit, some: _Calibrated) -> Evidence:
             displacement = some.seen.vertices - sample.positions(shaped, some.pose)
             terms = loads.terms(some.seen, sample.frames(shaped, some.pose).turn)
-            in_common = noise * loads.noise_in_common(terms)
-            return Evidence.of(displacement, terms).less_noise(in_common)
+            return Evidence.of(displacement, terms, noise * loads.noise_in_common(terms))
 
         def improve(fit: RobustFit, some: _Calibrated) -> Evidence:
             some.pose = self._fit_unloaded(shaped, tissue, some.seen, some.pose, 1)
@@ -206,19 +200,17 @@ class RobustFit(CorpusFit):
 
         def about_shape(_: RobustFit, some: _Calibrated) -> tuple[Tensor, ...]:
             terms = loads.terms(some.seen, sample.frames(shaped, some.pose).turn)
-            target, weights = (
-                tissue.unloaded(some.seen.vertices, terms),
-                tissue.weights(precision_m),
-            )
+            target = tissue.unloaded(some.seen.vertices, terms)
+            weights = tissue.weights(precision_m)
             return shape_equations(sample, shaped, some.pose, target, weights)[:2]
 
         with torch_workers("threads", self) as pool:
-            first = sample.take(torch.from_numpy(own[0].read(0, 1)))
+            first = sample.take(torch.from_numpy(self.meshes[own[0].name].read(0, 1)))
             betas = fit_shape(sample, first, _SHAPE_STEPS)
             shaped = sample.shaped(betas)
             clips = [
-                loads.observe(recording, start, stop)[1]
-                for recording, start, stop in spread_clips(own, self._settings.calibration_frames)
+                loads.observe(self.meshes[clip.sequence.name], clip)[1]
+                for clip in spread_clips(own, self._settings.calibration_frames)
             ]
             # Of the clip in the middle: some hardly move, some violently.
             variances_m2 = [noise_variance(clip.vertices, loads.around) for clip in clips]
@@ -226,16 +218,15 @@ class RobustFit(CorpusFit):
             noise = shared_noise(variance_m2, own[0].fps)
             seen = Observed(*(torch.cat(parts) for parts in zip(*clips, strict=True)))
             batches = list(pool.map(start, seen.split(_BATCH)))
-            evidence = reduce(add, pool.map(gather, batches))
+            evidence = Evidence(*summed(pool.map(gather, batches)))
             noise_m = np.sqrt(variance_m2) if variance_m2 > precision_m**2 else 0.0
             tissue = evidence.revise(
                 Tissue.unknown(evidence.pull.shape[1], sample.weights, noise_m)
             )
             for turn in range(self._settings.calibration_rounds):
-                tissue = reduce(add, pool.map(improve, batches)).revise(tissue)
+                tissue = Evidence(*summed(pool.map(improve, batches))).revise(tissue)
                 if turn % _ROUNDS_PER_SHAPE == _ROUNDS_PER_SHAPE - 1:
-                    equations = zip(*pool.map(about_shape, batches), strict=True)
-                    change = solve_damped(*(reduce(add, parts) for parts in equations))
+                    change = solve_damped(*summed(pool.map(about_shape, batches)))
                     betas = betas + change.to(betas)
                     shaped = sample.shaped(betas)
         return Subject(betas, tissue)
@@ -247,15 +238,18 @@ class _Calibrated:
     pose: Pose
 
 
-def spread_clips(
-    recordings: Sequence[MeshRecording], frames: int
-) -> Iterator[tuple[MeshRecording, int, int]]:
-    """Short clips (recording, start, stop) evenly spread over all frames, `frames` in all."""
-    ends = np.cumsum([recording.length for recording in recordings])
+def summed(parts: Iterable[tuple[Any, ...]]) -> list[Any]:
+    """What batches tell, column by column."""
+    return [reduce(add, column) for column in zip(*parts, strict=True)]
+
+
+def spread_clips(sequences: Sequence[MotionSequence], frames: int) -> Iterator[Window]:
+    """Short clips evenly spread over all frames of the sequences, `frames` in all."""
+    ends = np.cumsum([sequence.length for sequence in sequences])
     count = max(min(frames, int(ends[-1])) // _CLIP, 1)
     for centre in (np.arange(count) + 0.5) * ends[-1] / count:
         row = int(np.searchsorted(ends, centre, side="right"))
-        recording = recordings[row]
-        within = int(centre) - int(ends[row] - recording.length)
-        start = min(max(within - _CLIP // 2, 0), max(recording.length - _CLIP, 0))
-        yield recording, start, min(start + _CLIP, recording.length)
+        length = sequences[row].length
+        within = int(centre) - int(ends[row] - length)
+        start = min(max(within - _CLIP // 2, 0), max(length - _CLIP, 0))
+        yield Window(sequences[row], start, min(start + _CLIP, length))

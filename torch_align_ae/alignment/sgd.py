@@ -11,9 +11,10 @@ groups that advance frame by frame as one batch.
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -21,23 +22,21 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from tqdm import tqdm
 
 from bridge.motion import MotionSequence, pack_theta, subject_rows, unpack_theta
 from bridge.options import NonNegativeFloat, NonNegativeInt, PositiveFloat
 from bridge.runs import ArtifactWriter
-from bridge.runs.workers import WorkerPool, on_any_node
+from bridge.runs.workers import WorkerPool, on_any_node, progress
 from torch_align_ae.alignment.corpus_fit import (
     AlignedFiles,
     CorpusFit,
+    Meshes,
     Window,
-    check_distances,
     windows,
 )
 from torch_align_ae.alignment.mesh_distance import MeshDistance, Shapes
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import matrix_to_axis_angle, nearest_rotation
-from torch_align_ae.corpus.dyna_files import DynaReader, MeshClip
 from torch_align_ae.workers import one_arithmetic_thread, torch_workers
 
 # Read, fitted and written between two checkpoints: two chunks of the corpus's files.
@@ -88,10 +87,7 @@ def fit_pose(
 
 
 def fit_shape_and_pose(
-    objective: MeshDistance,
-    target: Tensor,
-    descent: Descent,
-    after_step: Callable[[], object] = lambda: None,
+    objective: MeshDistance, target: Tensor, descent: Descent
 ) -> tuple[Tensor, Tensor, Tensor]:
     """betas (B, 10), pose (B, 22, 3) and translation (B, 3) of first frames from
     `MeshDistance.arrange`."""
@@ -100,12 +96,11 @@ def fit_shape_and_pose(
         betas = target.new_zeros(len(target), len(objective.smpl.shapedirs))
         start = rigid_start(objective, objective.shapes(betas), target)
         descending = Descending(descent, betas, *start)
-        for _ in range(descent.shape_steps):
+        for _ in progress(range(descent.shape_steps), what="shapes", unit="step"):
             betas, pose, trans = descending.variables
             gradient = distance.gradient(objective.shapes(betas), pose, trans)
             by_betas = distance.betas_gradient(gradient)
             descending.step(gradient.distance, by_betas, gradient.pose, gradient.trans)
-            after_step()
     betas, pose, trans = descending.best()
     return betas, pose, trans
 
@@ -176,10 +171,15 @@ class SgdFit(CorpusFit):
     LEARNED: ClassVar = {"betas": "1"}
 
     def __init__(
-        self, smpl: SMPL, reader: DynaReader, sequences: Sequence[MotionSequence], descent: Descent
+        self,
+        smpl: SMPL,
+        sequences: Sequence[MotionSequence],
+        meshes: Mapping[str, Meshes],
+        descent: Descent,
     ) -> None:
-        super().__init__(smpl, sequences)
-        self._objective, self._reader, self._descent = MeshDistance(smpl), reader, descent
+        super().__init__(smpl, sequences, meshes)
+        self._objective, self._descent = MeshDistance(smpl), descent
+        self._row_of = {sequence.name: row for row, sequence in enumerate(sequences)}
         rows = subject_rows(sequences)
         self._subject_of = [rows[sequence.subject] for sequence in sequences]
         self._pool: WorkerPool[MeshDistance]
@@ -200,32 +200,17 @@ class SgdFit(CorpusFit):
 
     def learn(self) -> dict[str, NDArray]:
         """Shape of every subject, and `theta` (N, 69) of every sequence's first frame."""
-        count = len(self.sequences)
-        meshes = np.empty((count, self.smpl.vertex_count, 3), np.float32)
-        for row, sequence in enumerate(self.sequences):
-            meshes[row] = self._reader.frames(sequence.name, 0, 1)[0]
-        meshes = torch.from_numpy(meshes)
-        targets = self._objective.arrange(meshes)
+        meshes = np.concatenate([self.meshes[one.name].read(0, 1) for one in self.sequences])
+        targets = self._objective.arrange(torch.from_numpy(meshes))
         leading = [self._subject_of.index(row) for row in range(max(self._subject_of) + 1)]
         # A step of few subjects takes its time between operations: one core does them all at once.
-        total = self._descent.shape_steps
-        with (
-            one_arithmetic_thread(),
-            tqdm(total=total, desc="shapes", unit="step", disable=None) as bar,
-        ):
-            shapes, *lead = fit_shape_and_pose(
-                self._objective, targets[leading], self._descent, bar.update
-            )
+        with one_arithmetic_thread():
+            shapes, *lead = fit_shape_and_pose(self._objective, targets[leading], self._descent)
         betas = shapes[self._subject_of]
-        firsts = ((betas[rows], targets[rows], self._descent) for rows in batches(count))
+        firsts = ((betas[rows], targets[rows], self._descent) for rows in batches(len(meshes)))
         found = self._pool.map(_fit_first_frames, firsts)
         pose, trans = (torch.cat(parts) for parts in zip(*found, strict=True))
         pose[leading], trans[leading] = lead
-        for row, sequence in enumerate(self.sequences):
-            one = slice(row, row + 1)
-            posed = self.smpl(betas[one], pose[one], trans[one])[0]
-            distance_m = (posed - meshes[row]).norm(dim=1).mean()[None]
-            check_distances(Window(sequence, 0, 1), distance_m)
         return {"betas": shapes.numpy(), "theta": pack_theta(pose.numpy(), trans.numpy())}
 
     def groups(self) -> list[list[Window]]:
@@ -233,33 +218,28 @@ class SgdFit(CorpusFit):
         a batch."""
         longest_first = sorted(self.sequences, key=lambda sequence: -sequence.length)
         parts = [windows(sequence, FRAMES_PER_WINDOW) for sequence in longest_first]
-        return [
-            [own[number] for own in parts if number < len(own)] for number in range(len(parts[0]))
-        ]
+        alike = itertools.zip_longest(*parts)
+        return [[window for window in group if window] for group in alike]
 
     def fit(
         self,
         learned: Mapping[str, NDArray],
         groups: Sequence[Sequence[Window]],
-        files: AlignedFiles | None,
+        files: AlignedFiles,
     ) -> Generator[NDArray[np.float32], None, None]:
         """theta of each window; each goes on from the frame before, which is in the files."""
-        assert files is not None
-        row_of = {sequence.name: row for row, sequence in enumerate(self.sequences)}
 
         def tracked(window: Window) -> _Tracked:
-            row, first = row_of[window.sequence.name], window.rows.start
+            row, first = self._row_of[window.sequence.name], window.rows.start
             theta = learned["theta"][row]
             if window.start:
                 theta = files.theta.read(slice(first - 1, first))[0]
             betas = torch.from_numpy(learned["betas"][self._subject_of[row]])
-            return _Tracked(window, self._reader.clip(window.sequence.name), betas, theta)
+            return _Tracked(window, self.meshes[window.sequence.name], betas, theta)
 
         for group in groups:
-            shared = (
-                ([tracked(group[row]) for row in rows], self._descent, files)
-                for rows in batches(len(group))
-            )
+            parts = ([tracked(group[row]) for row in rows] for rows in batches(len(group)))
+            shared = ((part, self._descent, files) for part in parts)
             for thetas in self._pool.map(_fit_windows, shared):
                 yield from thetas
 
@@ -276,7 +256,7 @@ def _fit_first_frames(
 
 class _Tracked(NamedTuple):
     window: Window
-    meshes: MeshClip
+    meshes: Meshes
     betas: Tensor  # (10,) shape of its subject
     theta: NDArray[np.float32]  # (69,) of the frame before the window's first, or of frame 0
 
@@ -287,26 +267,24 @@ def _fit_windows(
     """theta of windows that begin alike, longest first, fitted frame after frame of all at once;
     the rest goes to the files."""
     tracked, descent, files = batch
-    start = tracked[0].window.start
     meshes = [torch.from_numpy(o.meshes.read(o.window.start, o.window.stop)) for o in tracked]
-    lengths = [len(mesh) for mesh in meshes]
     before = unpack_theta(np.stack([one.theta for one in tracked]))
     pose, trans = (torch.from_numpy(part) for part in before)
-    poses = pose.new_zeros(len(pose), lengths[0], *pose.shape[1:])
-    translations = trans.new_zeros(len(trans), lengths[0], 3)
     shapes = objective.shapes(torch.stack([one.betas for one in tracked]))
-    for frame in range(lengths[0]):
+    found: list[list[list[Tensor]]] = [[] for _ in tracked]
+    for frame in range(len(meshes[0])):
         # Sorted by length, so the sequences that go on are the first ones.
-        going = sum(length > frame for length in lengths)
+        going = sum(len(mesh) > frame for mesh in meshes)
         pose, trans = pose[:going], trans[:going]
-        if start + frame > 0:
+        if tracked[0].window.start + frame > 0:
             target = objective.arrange(torch.stack([mesh[frame] for mesh in meshes[:going]]))
             own = shapes.rows(slice(going))
             pose, trans = fit_pose(objective, own, (pose, trans), target, descent.steps, descent)
-        poses[:going, frame], translations[:going, frame] = pose, trans
+        for frames, *placed in zip(found, pose, trans, strict=False):
+            frames.append(placed)
     thetas = []
-    for one, mesh, *found in zip(tracked, meshes, poses, translations, strict=True):
-        pose, trans = (part[: len(mesh)] for part in found)
+    for one, mesh, frames in zip(tracked, meshes, found, strict=True):
+        pose, trans = (torch.stack(parts) for parts in zip(*frames, strict=True))
         files.store(objective.smpl, one.window, one.betas, pose, trans, mesh)
         thetas.append(pack_theta(pose.numpy(), trans.numpy()))
     return thetas

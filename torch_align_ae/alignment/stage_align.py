@@ -18,9 +18,8 @@ from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, corpus_body_path
 from torch_align_ae.alignment.robust import RobustFit, RobustSettings
 from torch_align_ae.alignment.sgd import Descent, SgdFit
-from torch_align_ae.alignment.tissue import MeshRecording
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_files import FPS, DynaReader, of_one_gender
+from torch_align_ae.corpus.dyna_files import FPS, dyna_sequences, of_one_gender
 
 
 @dataclass(frozen=True)
@@ -87,27 +86,23 @@ def main(config: AlignConfig) -> None:
     artifacts = {ALIGNMENT: "sgd", ROBUST_ALIGNMENT: "robust"}
     if config.aligner != "both":
         artifacts = {ALIGNMENT: config.aligner}
-    with DynaReader(dyna_paths) as reader:
-        entries = of_one_gender(reader.entries, data.gender)
-        splits = splits_of_names([entry.name for entry in entries], config.validation)
-        placed = [
-            MotionSequence(e.name, e.subject, e.motion, 0, e.length, FPS, splits[e.name])
-            for e in entries
+    found = of_one_gender(dyna_sequences(dyna_paths), data.gender)
+    meshes = {one.name: one for one in found}
+    splits = splits_of_names(list(meshes), config.validation)
+    sequences = end_to_end(
+        [
+            MotionSequence(one.name, one.subject, one.motion, 0, one.length, FPS, splits[one.name])
+            for one in found
         ]
-        sequences = end_to_end(placed)
-        for name, aligner in artifacts.items():
-            if aligner == "sgd":
-                kind, fit = _SgdRecord, SgdFit(SMPL(data), reader, sequences, config)
-            else:
-                kind = _RobustRecord
-                meshes = [
-                    MeshRecording(reader.clip(one.name).read, one.length, one.fps)
-                    for one in sequences
-                ]
-                fit = RobustFit(SMPL(data), meshes, sequences, config.robust)
-            options = {one.name: getattr(config, one.name) for one in fields(kind)}
-            record = kind(**{**options, "aligner": aligner})
-            run.build(name, record, fit.write, data=data.source, upstream=upstream)
+    )
+    for name, aligner in artifacts.items():
+        if aligner == "sgd":
+            kind, fit = _SgdRecord, SgdFit(SMPL(data), sequences, meshes, config)
+        else:
+            kind, fit = _RobustRecord, RobustFit(SMPL(data), sequences, meshes, config.robust)
+        options = {one.name: getattr(config, one.name) for one in fields(kind)}
+        record = kind(**{**options, "aligner": aligner})
+        run.build(name, record, fit.write, data=data.source, upstream=upstream)
 
 
 def _inputs(

@@ -37,15 +37,12 @@ in the world's axes, of S'' alone: what a turning limb adds is of second order.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from torch_align_ae.alignment.corpus_fit import Meshes, Window
 from torch_align_ae.alignment.skin_sample import SkinSample
 
 GRAVITY_M_S2 = 9.81
@@ -70,31 +67,6 @@ _FIRM = 0.3
 # Terms resemble one another: this share of each one's own square keeps them from cancelling.
 _RIDGE = 1e-3
 _SWEEPS = 60
-
-
-@dataclass(frozen=True)
-class MeshRecording:
-    """One sequence of meshes."""
-
-    read: Callable[[int, int], NDArray[np.float32]]  # frames [start, stop) as (n, V, 3) metres
-    length: int
-    fps: float
-
-    def moving(
-        self, start: int, stop: int, take: Callable[[Tensor], Tensor]
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Frames [start, stop): meshes (n, V, 3), metres, and of their sample (n, 3, N), which
-        `take` takes, places, accelerations and their rate of change, m, m/s^2 and m/s^3.
-        """
-        first, last = max(start - _MARGIN, 0), min(stop + _MARGIN, self.length)
-        frames = torch.from_numpy(self.read(first, last))
-        vertices = take(frames)
-        acceleration = accelerations(vertices, self.fps)
-        rows = torch.arange(start, stop) - first
-        after, before = (rows + 1).clamp(max=len(frames) - 1), (rows - 1).clamp(min=0)
-        jerk = (acceleration[after] - acceleration[before]) * (self.fps / 2)
-        own = slice(start - first, stop - first)
-        return frames[own], vertices[own], acceleration[own], jerk
 
 
 def accelerations(frames: Tensor, fps: float) -> Tensor:
@@ -150,36 +122,42 @@ class Observed(NamedTuple):
         return [Observed(*part) for part in zip(*(a.split(frames) for a in self), strict=True)]
 
 
-@dataclass(frozen=True)
 class Loads:
-    """The terms of the law for a sample."""
+    """The terms of the law for a sample; who is whose neighbour is told by the template."""
 
     # Motion that the terms leave unexplained at which a vertex counts half in the pose.
-    precision_m: ClassVar[float] = 1e-4
-    sample: SkinSample
-    around: Tensor  # (N, N) weights of the mean over the skin around: column v is vertex v's
-    weights_around: Tensor  # (22, N) that mean of the skinning weights
+    precision_m = 1e-4
 
-    @classmethod
-    def of(cls, sample: SkinSample) -> Loads:
-        """For a sample; who is whose neighbour is told by the template."""
+    def __init__(self, sample: SkinSample) -> None:
+        self.sample = sample
         places = sample.smpl.template[:, sample.vertices].T
         near = torch.exp(-torch.cdist(places, places).square() / (2 * _REACH_M**2))
         near[near < _FAR] = 0
-        around = near / near.sum(0)
-        return cls(sample, around, sample.weights @ around)
+        # (N, N) weights of the mean over the skin around: column v is vertex v's.
+        self.around = near / near.sum(0)
+        self._weights_around = sample.weights @ self.around
 
-    def observe(self, recording: MeshRecording, start: int, stop: int) -> tuple[Tensor, Observed]:
-        """Frames [start, stop) of a recording: meshes (n, V, 3), metres, and their sample."""
-        meshes, vertices, acceleration, jerk = recording.moving(start, stop, self.sample.take)
-        return meshes, Observed(vertices, acceleration, acceleration @ self.around, jerk)
+    def observe(self, meshes: Meshes, window: Window) -> tuple[Tensor, Observed]:
+        """Frames of a window: meshes (n, V, 3), metres, and their sample."""
+        _, start, stop = window
+        first, last = max(start - _MARGIN, 0), min(stop + _MARGIN, window.sequence.length)
+        frames = torch.from_numpy(meshes.read(first, last))
+        vertices = self.sample.take(frames)
+        acceleration = accelerations(vertices, window.sequence.fps)
+        rows = torch.arange(start, stop) - first
+        after, before = (rows + 1).clamp(max=len(frames) - 1), (rows - 1).clamp(min=0)
+        jerk = (acceleration[after] - acceleration[before]) * (window.sequence.fps / 2)
+        own = slice(start - first, stop - first)
+        acceleration = acceleration[own]
+        around = acceleration @ self.around
+        return frames[own], Observed(vertices[own], acceleration, around, jerk)
 
     def terms(self, seen: Observed, turn: Tensor) -> Tensor:
         """(4, B, 3, N) terms of the law; `turn` (B, 22, 3, 3) is the joints' orientation."""
         load = self._with_gravity(seen.acceleration, turn, self.sample.weights)
         pull = GRAVITY_M_S2 * turn[:, :, :, 1].transpose(1, 2) @ self.sample.weights  # -R g
         bent = 4 * (_weightless(load + pull) - _weightless(pull))
-        around = self._with_gravity(seen.around, turn, self.weights_around)
+        around = self._with_gravity(seen.around, turn, self._weights_around)
         return torch.stack([load, bent, around, -seen.jerk])
 
     def _with_gravity(self, acceleration: Tensor, turn: Tensor, weights: Tensor) -> Tensor:
@@ -239,8 +217,7 @@ class Tissue(NamedTuple):
         return 1 / (1 + (self.deviation_m / half).square())
 
 
-@dataclass
-class Evidence:
+class Evidence(NamedTuple):
     """Sums over frames from which tissue is estimated; frames may come in any portions."""
 
     gram: Tensor  # (N, K, K) products of the terms with one another
@@ -249,27 +226,18 @@ class Evidence:
     frames: int
 
     @classmethod
-    def of(cls, displacement: Tensor, terms: Tensor) -> Evidence:
-        """From displacements from the skinned body (B, 3, N) and terms of loads (K, B, 3, N)."""
+    def of(cls, displacement: Tensor, terms: Tensor, in_common: Tensor | float = 0.0) -> Evidence:
+        """From displacements from the skinned body (B, 3, N) and terms of loads (K, B, 3, N).
+
+        Without the products (K, N) of noise that displacement and terms have `in_common`.
+        """
         by_vertex = terms.permute(3, 0, 1, 2).flatten(2).double()
         moved = displacement.permute(2, 0, 1).flatten(1).double()
         return cls(
             by_vertex @ by_vertex.mT,
-            -(by_vertex @ moved[..., None])[..., 0],
+            -(by_vertex @ moved[..., None])[..., 0] - torch.as_tensor(in_common).mT,
             moved.square().sum(1),
             len(displacement),
-        )
-
-    def less_noise(self, in_common: Tensor) -> Evidence:
-        """Without the products (K, N) of noise that displacement and terms have in common."""
-        return Evidence(self.gram, self.pull - in_common.mT, self.displacement, self.frames)
-
-    def __add__(self, other: Evidence) -> Evidence:
-        return Evidence(
-            self.gram + other.gram,
-            self.pull + other.pull,
-            self.displacement + other.displacement,
-            self.frames + other.frames,
         )
 
     def revise(self, tissue: Tissue) -> Tissue:

@@ -1,4 +1,4 @@
-"""Dyna and D-FAUST registrations in HDF5: a checking reader and an atomic writer.
+"""Dyna and D-FAUST registrations in HDF5, read with checks and written whole.
 
 `dyna_checks` says what the files hold. Only one sequence, or one window of it, is in memory at a
 time, whatever the file's chunks and float type are.
@@ -7,13 +7,10 @@ time, whatever the file's chunks and float type are.
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -26,13 +23,12 @@ from torch_align_ae.corpus.dyna_checks import (
     FACES_KEY,
     LAYOUT,
     REMEDY,
-    DynaEntry,
     check_frames,
     check_items,
+    check_sequence,
     check_standing,
-    entry_of,
-    faces_of,
     is_sequence,
+    read_faces,
 )
 
 FPS = 60.0
@@ -46,10 +42,45 @@ FRAMES_PER_CHUNK = 16
 _CHUNK_CACHE_BYTES = 8 << 20
 
 
-class DynaReader:
-    """Sequences of one or more files, in file order; a context manager.
+@dataclass(frozen=True)
+class DynaSequence:
+    """One sequence of meshes: the data set `name`, `<subject>_<motion>`, of a file."""
 
-    Iterating yields `(entry, frames)` with frames (T, 6890, 3) float32 in metres.
+    path: Path
+    name: str
+    length: int  # frames, at least 1
+
+    @property
+    def subject(self) -> str:
+        """What stands before the first underscore."""
+        return self.name.partition("_")[0]
+
+    @property
+    def motion(self) -> str:
+        """The rest: `one_leg_jump`, but also `running_on_spot_bugfix`."""
+        return self.name.partition("_")[2]
+
+    def read(self, start: int = 0, stop: int | None = None) -> NDArray[np.float32]:
+        """Frames [start, stop) as (n, 6890, 3), metres, in any thread or process.
+
+        Raises
+        ------
+        DsnetError
+            If values cannot be read or are not a person's.
+        """
+        with _opened(self.path) as file:
+            dataset = file[self.name]
+            assert isinstance(dataset, h5py.Dataset)
+            stored = dataset[:, :, start:stop]
+        # What float32 cannot hold becomes infinite, and is refused as such.
+        with np.errstate(over="ignore"):
+            frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
+        check_frames(self.path, self.name, start, frames)
+        return frames
+
+
+def dyna_sequences(paths: Iterable[Path | str]) -> list[DynaSequence]:
+    """The sequences of one or more files, in file order.
 
     Raises
     ------
@@ -57,142 +88,54 @@ class DynaReader:
         If a file is missing, damaged, of another layout, in other units, turned, or holds a
         sequence name twice.
     """
-
-    def __init__(self, paths: Iterable[Path | str]) -> None:
-        self._files: list[h5py.File] = []
-        self._file_of: dict[str, h5py.File] = {}
-        self.entries: list[DynaEntry] = []
-        try:
-            for path in map(Path, paths):
-                self._add_file(path)
-            if not self.entries:
-                raise DsnetError("no mesh file", LAYOUT, "Pass --dyna FILE.h5.")
-        except BaseException:
-            self.close()
-            raise
-
-    def _add_file(self, path: Path) -> None:
-        def refusal(error: Exception) -> DsnetError:
-            kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
-            return DsnetError(f"mesh file {path}: {kind}", LAYOUT, "Check the path.")
-
-        with damage_refused(refusal):
-            open_regular(path).close()
-        with _damage_named(path):
-            file = _open(path)
-            self._files.append(file)
-            check_items(path, file)
-            before = len(self.entries)
-            for name, item in file.items():
-                if is_sequence(name, item):
-                    self._add_sequence(file, entry_of(path, name, item))
-            if len(self.entries) == before:
-                raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", LAYOUT, REMEDY)
-
-    def _add_sequence(self, file: h5py.File, entry: DynaEntry) -> None:
-        if entry.name in self._file_of:
-            first = self._file_of[entry.name].filename
-            raise DsnetError(
-                f"sequence {entry.name} twice, in {first} and {entry.path}",
-                "every sequence once",
-                "Pass each file once, and not Dyna's and D-FAUST's of the same people.",
-            )
-        self._file_of[entry.name] = file
-        self.entries.append(entry)
-        (vertices,) = self.frames(entry.name, 0, 1)
-        check_standing(entry.path, entry.name, vertices, self.faces)
-
-    @cached_property
-    def faces(self) -> NDArray[np.int64] | None:
-        """(13776, 3) vertex indices of the first file, or None when it has none."""
-        path = Path(self._files[0].filename)
-        with _damage_named(path):
-            return faces_of(path, self._files[0].get(FACES_KEY))
-
-    def frames(self, name: str, start: int = 0, stop: int | None = None) -> NDArray[np.float32]:
-        """Frames `start` to `stop` of one sequence, (n, 6890, 3) float32, metres.
-
-        Raises
-        ------
-        DsnetError
-            If there is no such sequence, or its values cannot be read or are not a person's.
-        """
-        if name not in self._file_of:
-            known = f"one of {list(self._file_of)}"
-            raise DsnetError(f"sequence {name!r}", known, "Check the spelling.")
-        return self.clip(name).read(start, stop)
-
-    def clip(self, name: str) -> MeshClip:
-        """One sequence, to be read now or in another process."""
-        return MeshClip(self._file_of[name], name)
-
-    def __iter__(self) -> Iterator[tuple[DynaEntry, NDArray[np.float32]]]:
-        for entry in self.entries:
-            yield entry, self.frames(entry.name)
-
-    def __len__(self) -> int:
-        return len(self.entries)
-
-    def __enter__(self) -> DynaReader:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        for file in self._files:
-            file.close()
+    found: dict[str, DynaSequence] = {}
+    for path in map(Path, paths):
+        for sequence in _sequences_of(path):
+            if sequence.name in found:
+                raise DsnetError(
+                    f"sequence {sequence.name} twice, in {found[sequence.name].path} and {path}",
+                    "every sequence once",
+                    "Pass each file once, and not Dyna's and D-FAUST's of the same people.",
+                )
+            found[sequence.name] = sequence
+    if not found:
+        raise DsnetError("no mesh file", LAYOUT, "Pass --dyna FILE.h5.")
+    return list(found.values())
 
 
-@dataclass(frozen=True)
-class MeshClip:
-    """A sequence of meshes in a file that was checked; another process opens the file itself."""
+def _sequences_of(path: Path) -> list[DynaSequence]:
+    def refusal(error: Exception) -> DsnetError:
+        kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
+        return DsnetError(f"mesh file {path}: {kind}", LAYOUT, "Check the path.")
 
-    file: h5py.File
-    name: str
-
-    def read(self, start: int, stop: int | None) -> NDArray[np.float32]:
-        """Frames [start, stop) as (n, 6890, 3) metres; errors as `DynaReader.frames`."""
-        path = Path(self.file.filename)
-        with _damage_named(path):
-            # Opened anew each time: as long as a data set is open HDF5 keeps its latest chunks,
-            # some megabytes of each sequence.
-            dataset = self.file[self.name]
-            assert isinstance(dataset, h5py.Dataset)
-            stored = dataset[:, :, start:stop]
-        # What float32 cannot hold becomes infinite, and is refused as such.
-        with np.errstate(over="ignore"):
-            frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
-        check_frames(path, self.name, start, frames)
-        return frames
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _clip_again, (str(Path(self.file.filename).resolve()), self.name)
+    with damage_refused(refusal):
+        open_regular(path).close()
+    with _opened(path) as file:
+        check_items(path, file)
+        found = [
+            DynaSequence(path.resolve(), name, check_sequence(path, name, item))
+            for name, item in file.items()
+            if is_sequence(name, item)
+        ]
+        if not found:
+            raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", LAYOUT, REMEDY)
+        faces = read_faces(path, file.get(FACES_KEY))
+    for sequence in found:
+        check_standing(path, sequence.name, sequence.read(0, 1)[0], faces)
+    return found
 
 
-def _clip_again(path: str, name: str) -> MeshClip:
-    return MeshClip(_opened_again(path), name)
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    def refusal(error: Exception) -> DsnetError:
+        received = f"mesh file {path}: not readable as HDF5 ({str(error)[:200]})"
+        return DsnetError(received, LAYOUT, REMEDY)
+
+    with damage_refused(refusal), h5py.File(path, "r", rdcc_nbytes=_CHUNK_CACHE_BYTES) as file:
+        yield file
 
 
-@lru_cache(maxsize=16)
-def _opened_again(path: str) -> h5py.File:
-    """Once in a process, not once for each of thousands of sequences."""
-    return _open(Path(path))
-
-
-def _open(path: Path) -> h5py.File:
-    return h5py.File(path, "r", rdcc_nbytes=_CHUNK_CACHE_BYTES)
-
-
-def _damage_named(path: Path) -> AbstractContextManager[None]:
-    return damage_refused(
-        lambda error: DsnetError(
-            f"mesh file {path}: not readable as HDF5 ({str(error)[:200]})", LAYOUT, REMEDY
-        )
-    )
-
-
-def of_one_gender(entries: Sequence[DynaEntry], gender: str) -> list[DynaEntry]:
+def of_one_gender(sequences: Sequence[DynaSequence], gender: str) -> list[DynaSequence]:
     """The sequences that a body model of `gender` fits; subjects who are not Dyna's are kept.
 
     Sequences of the other gender are left out, and a line on stderr says how many, so that
@@ -201,8 +144,8 @@ def of_one_gender(entries: Sequence[DynaEntry], gender: str) -> list[DynaEntry]:
     """
     other = {"female": "male", "male": "female"}.get(gender, "")
     strangers = DYNA_SUBJECTS.get(other, ())
-    kept = [entry for entry in entries if entry.subject not in strangers]
-    subjects = {entry.subject for entry in entries}
+    kept = [sequence for sequence in sequences if sequence.subject not in strangers]
+    subjects = {sequence.subject for sequence in sequences}
     if not kept:
         raise DsnetError(
             f"subjects {sorted(subjects)}, who are {other}, with a {gender} body model",
@@ -215,9 +158,9 @@ def of_one_gender(entries: Sequence[DynaEntry], gender: str) -> list[DynaEntry]:
             "one gender a run, as in the paper",
             "Pass SMPL's female or male model, or mesh files of one gender.",
         )
-    if left_out := len(entries) - len(kept):
+    if left_out := len(sequences) - len(kept):
         why = f"{other} subjects, {gender} body model"
-        notify(f"{left_out} of {len(entries)} sequences left out: {why}")
+        notify(f"{left_out} of {len(sequences)} sequences left out: {why}")
     return kept
 
 
@@ -230,12 +173,6 @@ class DynaWriter:
     def add(self, name: str, frames: ArrayLike) -> None:
         """Store (T, 6890, 3) vertices in metres under `<subject>_<motion>`."""
         vertices = np.asarray(frames, dtype=np.float32)
-        if vertices.ndim != 3 or vertices.shape[1:] != (N_VERTICES, 3) or not len(vertices):
-            raise DsnetError(
-                f"sequence {name} of shape {vertices.shape}",
-                f"(T, {N_VERTICES}, 3) with at least one frame",
-                "Pass frames first.",
-            )
         shape = (N_VERTICES, 3, len(vertices))
         chunks = (N_VERTICES, 3, min(FRAMES_PER_CHUNK, len(vertices)))
         dataset = self._file.create_dataset(name, shape, np.float32, chunks=chunks)
@@ -255,15 +192,12 @@ def write_dyna(path: Path | str, faces: ArrayLike) -> Iterator[DynaWriter]:
     ...     writer.add("50004_hips", vertices_m)
     """
     path = Path(path)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    os.close(handle)
-    partial = Path(temporary)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         with h5py.File(partial, "w") as file:
             file.create_dataset(FACES_KEY, data=np.asarray(faces, dtype=np.uint32))
             yield DynaWriter(file)
-        partial.chmod(0o644)
         os.replace(partial, path)
     except BaseException:
-        partial.unlink()
+        partial.unlink(missing_ok=True)
         raise

@@ -13,7 +13,7 @@ from bridge.motion import sequences_of, subject_rows
 from bridge.runs import read_artifact
 from tests.torch_align_ae.corpus.test_stage_corpus import TINY
 from torch_align_ae.corpus import stage_corpus as stage
-from torch_align_ae.corpus.dyna_files import DynaReader
+from torch_align_ae.corpus.dyna_files import dyna_sequences
 from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
 
 SECOND = replace(TINY, tissue="second", form="captured", gravity=False, seed=5)
@@ -51,8 +51,8 @@ def test_meshes_are_posed_with_both_then_slid_and_noisy(truth, corpus):
     betas = truth.array("betas")[rows[sequence.subject]].astype(np.float64)
     both = arrays["offsets"] + arrays["static"]
     meshes = posed_meshes(smpl, betas, arrays["theta"].astype(np.float64), both)
-    with DynaReader([corpus.file("dyna_female.h5")]) as reader:
-        found = reader.frames(sequence.name)
+    meshes_of = {one.name: one for one in dyna_sequences([corpus.file("dyna_female.h5")])}
+    found = meshes_of[sequence.name].read()
     np.testing.assert_array_equal(found, form.registered(sequence.name, meshes, 60.0))
     beside = np.linalg.norm(found - meshes, axis=-1)
     assert 0.0007 < np.sqrt((beside**2).mean()) < 0.003

@@ -13,7 +13,7 @@ from benchmarks.alignment.in_memory import align_sequences
 from benchmarks.alignment.lesser_laws import WeightsAlone
 from benchmarks.laws.captured import CapturedForm
 from bridge.errors import DsnetError
-from bridge.motion import sequences_of, unpack_theta
+from bridge.motion import MotionSequence, sequences_of, unpack_theta
 from bridge.runs import Run
 from bridge.tissue.oscillators import node_loads
 from torch_align_ae.alignment import tissue
@@ -21,7 +21,7 @@ from torch_align_ae.alignment.gauss_newton import fit_shape
 from torch_align_ae.alignment.robust import RobustFit, RobustSettings, spread_clips
 from torch_align_ae.alignment.skin_sample import SkinSample
 from torch_align_ae.alignment.stage_align import AlignConfig, main
-from torch_align_ae.alignment.tissue import Loads, MeshRecording, Tissue
+from torch_align_ae.alignment.tissue import Loads, Tissue
 from torch_align_ae.body import rest_pose_offsets
 from torch_align_ae.body.rotations import axis_angle_to_matrix, matrix_to_axis_angle
 from torch_align_ae.corpus.dyna_files import write_dyna
@@ -177,22 +177,19 @@ def test_registrations_keep_a_landings_accelerations(smpl, jump, monkeypatch):
     assert kept() < found
 
 
-def recording(length: int) -> MeshRecording:
-    return MeshRecording(
-        lambda start, stop: np.empty((stop - start, 2, 3), np.float32), length, 60.0
-    )
+def sequence(length: int) -> MotionSequence:
+    return MotionSequence("a", "a", "", 0, length, 60.0)
 
 
 def test_clips_are_spread_over_all_recordings():
-    own = [recording(length) for length in (100, 3, 60, 40)]
-    clips = list(spread_clips(own, 96))
+    clips = list(spread_clips([sequence(length) for length in (100, 3, 60, 40)], 96))
     assert sum(stop - start for _, start, stop in clips) <= 96
-    assert all(0 <= start < stop <= clip.length for clip, start, stop in clips)
-    assert {clip.length for clip, *_ in clips} >= {100, 60, 40}
+    assert all(0 <= start < stop <= own.length for own, start, stop in clips)
+    assert {own.length for own, *_ in clips} >= {100, 60, 40}
 
 
 def test_a_lone_frame_is_a_clip():
-    assert [(start, stop) for _, start, stop in spread_clips([recording(1)], 96)] == [(0, 1)]
+    assert [(start, stop) for _, start, stop in spread_clips([sequence(1)], 96)] == [(0, 1)]
 
 
 FEW = RobustSettings(vertices=300, steps=3, calibration_frames=16, calibration_rounds=3)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bridge.motion import MotionSequence
 from torch_align_ae.alignment import tissue
+from torch_align_ae.alignment.corpus_fit import Window
+from torch_align_ae.alignment.robust import summed
+from torch_align_ae.alignment.skin_sample import SkinSample
 from torch_align_ae.alignment.tissue import (
     GRAVITY_M_S2,
     Evidence,
     Loads,
-    MeshRecording,
     Observed,
     Tissue,
     accelerations,
@@ -22,16 +27,23 @@ from torch_align_ae.alignment.tissue import (
 )
 
 
-def recording(frames: np.ndarray, fps: float = 60.0) -> MeshRecording:
-    def read(start, stop):
-        assert 0 <= start < stop <= len(frames)
-        return frames[start:stop]
+@pytest.fixture(scope="module")
+def observed(smpl):
+    """Observe frames [start, stop) of the first two vertices, which move as `frames` (T, 2, 3)."""
+    loads = Loads(SkinSample(smpl, 300))
+    loads.sample = SimpleNamespace(take=lambda meshes: meshes.transpose(1, 2))
+    loads.around = torch.eye(2, dtype=torch.float64)
 
-    return MeshRecording(read, len(frames), fps)
+    def observe(frames, start, stop):
+        def read(first, last):
+            assert 0 <= first < last <= len(frames)
+            return frames[first:last]
 
+        sequence = MotionSequence("a", "a", "", 0, len(frames), 60.0)
+        meshes, seen = loads.observe(SimpleNamespace(read=read), Window(sequence, start, stop))
+        return meshes, seen.vertices, seen.acceleration, seen.jerk
 
-def planar(meshes: torch.Tensor) -> torch.Tensor:
-    return meshes.transpose(1, 2)
+    return observe
 
 
 def falling(length: int) -> np.ndarray:
@@ -44,9 +56,9 @@ def falling(length: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("start", "stop"), [(0, 20), (0, 1), (19, 20), (5, 9), (0, 2), (18, 20)])
-def test_accelerations_are_per_second_squared(start, stop):
+def test_accelerations_are_per_second_squared(observed, start, stop):
     frames = falling(20)
-    meshes, vertices, acceleration, jerk = recording(frames).moving(start, stop, planar)
+    meshes, vertices, acceleration, jerk = observed(frames, start, stop)
     np.testing.assert_allclose(meshes, frames[start:stop])
     np.testing.assert_allclose(vertices, frames[start:stop].transpose(0, 2, 1))
     expected = np.zeros((stop - start, 3, 2))
@@ -55,19 +67,19 @@ def test_accelerations_are_per_second_squared(start, stop):
     np.testing.assert_allclose(jerk, np.zeros_like(expected), atol=1e-6)
 
 
-def test_jerk_is_the_change_of_the_acceleration():
+def test_jerk_is_the_change_of_the_acceleration(observed):
     time_s = np.arange(20) / 60
     frames = np.zeros((20, 2, 3))
     frames[:, 1, 2] = 5 * time_s**3
-    *_, jerk = recording(frames).moving(6, 12, planar)
+    *_, jerk = observed(frames, 6, 12)
     expected = np.zeros((6, 3, 2))
     expected[:, 2, 1] = 30
     np.testing.assert_allclose(jerk, expected, atol=1e-7)
 
 
 @pytest.mark.parametrize("length", range(1, 8))
-def test_short_sequences(length):
-    frames, *seen = recording(falling(length)).moving(0, length, planar)
+def test_short_sequences(observed, length):
+    frames, *seen = observed(falling(length), 0, length)
     assert frames.shape == (length, 2, 3)
     assert all(part.shape == (length, 3, 2) for part in seen)
     assert all(torch.isfinite(part).all() for part in seen)
@@ -75,11 +87,11 @@ def test_short_sequences(length):
 
 
 @given(st.integers(0, 10), st.integers(1, 11))
-def test_parts_of_a_sequence_are_those_of_the_whole(start, count):
+def test_parts_of_a_sequence_are_those_of_the_whole(observed, start, count):
     frames = np.random.default_rng(0).normal(size=(11, 2, 3))
     stop = min(start + count, 11)
-    _, *whole = recording(frames).moving(0, 11, planar)
-    _, *part = recording(frames).moving(start, stop, planar)
+    _, *whole = observed(frames, 0, 11)
+    _, *part = observed(frames, start, stop)
     for ours, all_of_it in zip(part, whole, strict=True):
         np.testing.assert_array_equal(ours, all_of_it[start:stop])
 
@@ -121,7 +133,7 @@ def load_of(sample, betas, lively, as_pose):
         frames = sample.frames(sample.shaped(betas), as_pose(0 * pose if upright else pose, trans))
         moving = torch.tensor(acceleration)[None, :, None].expand(3, 3, len(sample))
         seen = Observed(torch.zeros_like(moving), moving, moving, 2 * moving)
-        return Loads.of(sample).terms(seen, frames.turn), frames
+        return Loads(sample).terms(seen, frames.turn), frames
 
     return of
 
@@ -163,7 +175,7 @@ def test_stiffening_bends_and_coupling_averages(load_of, monkeypatch):
 def test_terms_hold_so_much_of_a_vertexs_own_noise(sample, monkeypatch):
     """What each term's product with the noise is, as a share of the acceleration's."""
     monkeypatch.setattr(tissue, "GRAVITY_M_S2", 0.0)
-    law = Loads.of(sample)
+    law = Loads(sample)
     acceleration = 1e-3 * torch.randn(
         2000, 3, len(sample), generator=torch.Generator().manual_seed(0)
     )
@@ -251,9 +263,8 @@ def test_no_motion_tells_nothing():
 def test_evidence_may_come_in_portions(first):
     displacement, acceleration = draws(10), draws(10, seed=2)
     whole = Evidence.of(displacement, acceleration[None])
-    parts = Evidence.of(displacement[:first], acceleration[None, :first]) + Evidence.of(
-        displacement[first:], acceleration[None, first:]
-    )
+    halves = (slice(first), slice(first, None))
+    parts = Evidence(*summed(Evidence.of(displacement[h], acceleration[None, h]) for h in halves))
     assert parts.frames == whole.frames == 10
     for name in ("gram", "pull", "displacement"):
         torch.testing.assert_close(getattr(parts, name), getattr(whole, name))
@@ -271,7 +282,7 @@ def test_noise_is_not_taken_for_softness():
     believed = Evidence.of(noise, terms)
     assert believed.revise(Tissue.unknown(1, torch.zeros(5))).compliance_s2.min() > 0.3
     in_common = torch.full((1, 5), 3.0 * 4000)
-    sober = believed.less_noise(in_common).revise(Tissue.unknown(1, torch.zeros(5)))
+    sober = Evidence.of(noise, terms, in_common).revise(Tissue.unknown(1, torch.zeros(5)))
     assert sober.compliance_s2.max() < 0.05
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from tests.forged.registrations import save_registrations
-from torch_align_ae.corpus.dyna_files import DynaReader
+from torch_align_ae.corpus.dyna_files import dyna_sequences
 
 
 @pytest.fixture(scope="module")
@@ -41,19 +41,16 @@ def clip(body):
 def test_any_chunks_and_float_type_are_read(tmp_path, body, clip, dtype, layout):
     path = tmp_path / "registrations_f.hdf5"
     save_registrations(path, {"50004_hips": clip}, body.faces, dtype, **layout)
-    with DynaReader([path]) as reader:
-        np.testing.assert_array_equal(reader.frames("50004_hips", 3, 8), clip[3:8])
-        np.testing.assert_array_equal(reader.frames("50004_hips"), clip)
-        np.testing.assert_array_equal(reader.faces, body.faces)
+    (sequence,) = dyna_sequences([path])
+    np.testing.assert_array_equal(sequence.read(3, 8), clip[3:8])
+    np.testing.assert_array_equal(sequence.read(), clip)
 
 
 def test_keys_are_found_not_assumed(tmp_path, clip):
     names = ["50004_running_on_spot_bugfix", "50020_personal_move", "50025_hips"]
     sequences = dict.fromkeys(names, np.asarray(clip[:2]))
     path = save_registrations(tmp_path / "dyna_female.h5", sequences)
-    with DynaReader([path]) as reader:
-        found = [(entry.subject, entry.motion) for entry in reader.entries]
-        assert reader.faces is None
+    found = [(one.subject, one.motion) for one in dyna_sequences([path])]
     assert found == [tuple(name.split("_", 1)) for name in names]
 
 
@@ -96,8 +93,8 @@ def _with_a_flipped_exponent(frames):
 )
 def test_bad_sequences_are_named(tmp_path, clip, change, message):
     path = save_registrations(tmp_path / "bad.h5", {"50004_a": change(clip)})
-    with pytest.raises(DsnetError, match=message) as caught, DynaReader([path]) as reader:
-        list(reader)
+    with pytest.raises(DsnetError, match=message) as caught:
+        [sequence.read() for sequence in dyna_sequences([path])]
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -105,7 +102,7 @@ def test_bad_sequences_are_named(tmp_path, clip, change, message):
 def test_whole_numbers_are_no_metres(tmp_path, clip):
     path = save_registrations(tmp_path / "mm.h5", {"50004_a": clip * 1000}, dtype="i4")
     with pytest.raises(DsnetError, match=r"of int32; expected .* of float32 or float64"):
-        DynaReader([path])
+        dyna_sequences([path])
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, np.pi / 2, 2.5])
@@ -114,8 +111,8 @@ def test_upright_people_pass_whichever_way_they_face(tmp_path, clip, turn):
     facing = Rotation.from_euler("y", turn).as_matrix()
     crouching = clip[:2] @ np.diag([1.0, 0.55, 1.0])
     sequences = {"50004_stand": clip[:2] @ facing, "50004_crouch": crouching @ facing}
-    with DynaReader([save_registrations(tmp_path / "a.h5", sequences)]) as reader:
-        assert len(reader) == 2
+    path = save_registrations(tmp_path / "a.h5", sequences)
+    assert len(dyna_sequences([path])) == 2
 
 
 @pytest.mark.parametrize(
@@ -127,7 +124,7 @@ def test_a_sequence_of_another_dimension_is_named_beside_good_ones(tmp_path, cli
     with h5py.File(path, "a") as file:
         file.create_dataset(name, data=np.zeros(shape))
     with pytest.raises(DsnetError, match=name) as caught:
-        DynaReader([path])
+        dyna_sequences([path])
     assert str(path) in str(caught.value)
 
 
@@ -139,7 +136,7 @@ def test_frames_that_the_file_does_not_hold_are_not_believed(tmp_path, clip, chu
         if chunks:
             many[:, :, :16] = np.moveaxis(clip[:16], 0, -1)
     with pytest.raises(DsnetError, match="50020_hips declares 1000000000 frames") as caught:
-        DynaReader([path])
+        dyna_sequences([path])
     assert "\n" not in str(caught.value)
 
 
@@ -181,7 +178,7 @@ def test_what_a_file_declares_is_checked_first(file, change, complaint):
     with h5py.File(file, "a") as opened:
         change(opened)
     with pytest.raises(DsnetError, match=complaint) as caught:
-        DynaReader([file])
+        dyna_sequences([file])
     assert str(caught.value).isprintable()
 
 
@@ -206,7 +203,7 @@ def test_faces_that_are_none_are_refused(file, faces):
         else:
             opened["faces"] = faces
     with pytest.raises(DsnetError, match="faces that"):
-        DynaReader([file])
+        dyna_sequences([file])
 
 
 @pytest.mark.parametrize(
@@ -220,7 +217,7 @@ def test_meshes_of_nobody_are_refused(tmp_path, body, change, complaint):
     frames = change(body.v_template)[None]
     path = save_registrations(tmp_path / "a.h5", {"50004_hips": frames}, body.faces)
     with pytest.raises(DsnetError, match=complaint):
-        DynaReader([path])
+        dyna_sequences([path])
 
 
 def test_sequences_too_long_to_be_one_are_refused(tmp_path):
@@ -230,11 +227,11 @@ def test_sequences_too_long_to_be_one_are_refused(tmp_path):
         for chunk in range(500):
             file["50004_hips"].id.write_direct_chunk((0, 0, 2000 * chunk), b"x")
     with pytest.raises(DsnetError, match="1000000 frames"):
-        DynaReader([path])
+        dyna_sequences([path])
 
 
 def test_what_is_no_file_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "pipe.h5")
     for path in (tmp_path / "pipe.h5", "/dev/zero", tmp_path / ("x" * 5000)):
         with pytest.raises(DsnetError, match="no such file"):
-            DynaReader([path])
+            dyna_sequences([path])

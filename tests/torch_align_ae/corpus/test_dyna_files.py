@@ -12,7 +12,7 @@ import pytest
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from tests.forged.registrations import save_registrations
-from torch_align_ae.corpus.dyna_files import DynaEntry, DynaReader, of_one_gender, write_dyna
+from torch_align_ae.corpus.dyna_files import DynaSequence, dyna_sequences, of_one_gender, write_dyna
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +36,7 @@ def file(tmp_path, body, clip):
 
 
 def test_round_trip_keeps_every_value(file, body, clip):
-    with DynaReader([file]) as reader:
-        read = {entry.name: frames for entry, frames in reader}
-        np.testing.assert_array_equal(reader.faces, body.faces)
+    read = {sequence.name: sequence.read() for sequence in dyna_sequences([file])}
     assert list(read) == ["50004_one_leg_jump", "50020_hips"]
     np.testing.assert_array_equal(read["50020_hips"], clip)
     np.testing.assert_array_equal(read["50004_one_leg_jump"], clip[5:8])
@@ -50,18 +48,17 @@ def test_layout_on_disk_is_dynas(file, body, clip):
         assert set(raw) == {"faces", "50020_hips", "50004_one_leg_jump"}
         stored = {name: np.asarray(raw[name]) for name in raw}
     np.testing.assert_array_equal(stored["50020_hips"][:, :, 7], clip[7])
-    assert stored["faces"].shape == (13776, 3)
+    np.testing.assert_array_equal(stored["faces"], body.faces)
 
 
 def test_windows_are_slices(file, clip):
-    with DynaReader([file]) as reader:
-        np.testing.assert_array_equal(reader.frames("50020_hips", 15, 18), clip[15:18])
-        np.testing.assert_array_equal(reader.frames("50020_hips", 18, 99), clip[18:])
+    meshes_of = {one.name: one for one in dyna_sequences([file])}
+    np.testing.assert_array_equal(meshes_of["50020_hips"].read(15, 18), clip[15:18])
+    np.testing.assert_array_equal(meshes_of["50020_hips"].read(18, 99), clip[18:])
 
 
 def test_entries_split_subject_and_motion_at_the_first_underscore(file):
-    with DynaReader([file]) as reader:
-        first = reader.entries[0]
+    first = dyna_sequences([file])[0]
     assert (first.subject, first.motion, first.length) == ("50004", "one_leg_jump", 3)
 
 
@@ -91,9 +88,8 @@ def test_iterating_holds_one_sequence(tmp_path, body, clip):
         for motion in range(12):
             writer.add(f"50004_m{motion}", clip)
     tracemalloc.start()
-    with DynaReader([path]) as reader:
-        for _ in reader:
-            pass
+    for sequence in dyna_sequences([path]):
+        sequence.read()
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 4 * clip.nbytes
@@ -101,18 +97,18 @@ def test_iterating_holds_one_sequence(tmp_path, body, clip):
 
 def test_missing_file_folder_and_nothing(tmp_path):
     with pytest.raises(DsnetError, match="no such file"):
-        DynaReader([tmp_path / "none.h5"])
+        dyna_sequences([tmp_path / "none.h5"])
     with pytest.raises(DsnetError, match="a folder"):
-        DynaReader([tmp_path])
+        dyna_sequences([tmp_path])
     with pytest.raises(DsnetError, match="--dyna"):
-        DynaReader([])
+        dyna_sequences([])
 
 
 @pytest.mark.parametrize("keep", [0, 100, 5000, 500_000])
 def test_truncated_file(file, keep):
     file.write_bytes(file.read_bytes()[:keep])
-    with pytest.raises(DsnetError, match="not readable as HDF5"), DynaReader([file]) as reader:
-        list(reader)
+    with pytest.raises(DsnetError, match="not readable as HDF5"):
+        [sequence.read() for sequence in dyna_sequences([file])]
 
 
 def test_damaged_directory(file):
@@ -123,7 +119,7 @@ def test_damaged_directory(file):
         damaged[whole.index(signature)] ^= 0xFF
         file.write_bytes(damaged)
         with pytest.raises(DsnetError, match="not readable as HDF5") as caught:
-            DynaReader([file])
+            dyna_sequences([file])
         assert "\n" not in str(caught.value)
 
 
@@ -131,56 +127,51 @@ def test_foreign_files(tmp_path, clip):
     text = tmp_path / "text.h5"
     text.write_text("not HDF5")
     with pytest.raises(DsnetError, match="not readable"):
-        DynaReader([text])
+        dyna_sequences([text])
     weights = tmp_path / "weights.h5"
     with h5py.File(weights, "w") as other:
         other["kernel"] = np.zeros((3, 3))
     with pytest.raises(DsnetError, match="no sequences"):
-        DynaReader([weights])
+        dyna_sequences([weights])
     with pytest.raises(DsnetError, match="<subject>_<motion>"):
-        DynaReader([save_registrations(tmp_path / "unnamed.h5", {"walk": clip})])
+        dyna_sequences([save_registrations(tmp_path / "unnamed.h5", {"walk": clip})])
 
 
 def test_sequence_names_must_be_unique(file, tmp_path):
     with pytest.raises(DsnetError, match="twice"):
-        DynaReader([file, file])
-
-
-def test_unknown_sequence(file):
-    with DynaReader([file]) as reader, pytest.raises(DsnetError, match="50004_run"):
-        reader.frames("50004_run")
+        dyna_sequences([file, file])
 
 
 WOMEN, MEN = ("50004", "50022"), ("50002", "50027")
 
 
-def entries(*subjects):
-    return [DynaEntry(f"{s}_hips", s, "hips", 3, Path("dyna.h5")) for s in subjects]
+def sequences(*subjects):
+    return [DynaSequence(Path("dyna.h5"), f"{s}_hips", 3) for s in subjects]
 
 
 @pytest.mark.parametrize(
     ("gender", "kept", "left_out"), [("female", WOMEN, "male"), ("male", MEN, "female")]
 )
 def test_of_both_files_the_bodys_gender_is_kept(gender, kept, left_out, capsys):
-    found = of_one_gender(entries(*WOMEN, *MEN, "90001"), gender)
-    assert [entry.subject for entry in found] == [*kept, "90001"]
+    found = of_one_gender(sequences(*WOMEN, *MEN, "90001"), gender)
+    assert [one.subject for one in found] == [*kept, "90001"]
     said = capsys.readouterr().err
     assert said == f"dsnet: 2 of 5 sequences left out: {left_out} subjects, {gender} body model\n"
 
 
 @pytest.mark.parametrize("gender", ["female", "neutral", "unknown"])
 def test_one_gender_is_kept_whole_and_silently(gender, capsys):
-    given = entries(*WOMEN, "90001")
+    given = sequences(*WOMEN, "90001")
     assert of_one_gender(given, gender) == given
     assert capsys.readouterr().err == ""
 
 
 def test_only_the_other_gender_is_refused():
     with pytest.raises(DsnetError, match=r"\['50002', '50027'\], who are male, with a female body"):
-        of_one_gender(entries(*MEN), "female")
+        of_one_gender(sequences(*MEN), "female")
 
 
 @pytest.mark.parametrize("gender", ["neutral", "unknown"])
 def test_both_genders_need_a_body_that_chooses(gender):
     with pytest.raises(DsnetError, match=f"women and men .* of gender {gender}; expected one"):
-        of_one_gender(entries(*WOMEN, *MEN), gender)
+        of_one_gender(sequences(*WOMEN, *MEN), gender)

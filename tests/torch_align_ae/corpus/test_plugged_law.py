@@ -9,7 +9,7 @@ from bridge import cli
 from bridge.motion import sequences_of
 from bridge.runs import read_artifact
 from tests.forged.plugin import use_plugin
-from torch_align_ae.corpus.dyna_files import DynaReader
+from torch_align_ae.corpus.dyna_files import dyna_sequences
 
 COMMAND = ["corpus", "--profile", "smoke", "--run", "r", "--subjects", "1", "--motions", "hips",
            "--mean-frames", "60", "--mosh-seconds", "1"]  # fmt: skip
@@ -31,8 +31,7 @@ def test_they_make_a_corpus(tmp_path, monkeypatch, runs):
         lag_m = -np.gradient(truth.array("theta")[one.frames, 66:].astype(float), axis=0)
         found = truth.array("offsets")[one.frames]
         np.testing.assert_allclose(found, np.repeat(lag_m[:, None], 6890, 1), atol=1e-6)
-    with DynaReader([corpus.file("dyna_female.h5")]) as reader:
-        assert len(reader) == 1
+    assert len(dyna_sequences([corpus.file("dyna_female.h5")])) == 1
 
 
 @pytest.mark.parametrize("flag", ["--tissue", "--form"])

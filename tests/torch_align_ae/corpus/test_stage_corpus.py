@@ -20,7 +20,7 @@ from bridge.motion.splits import CELLS, cell_of, trained_people_and_kinds
 from bridge.runs import read_artifact
 from torch_align_ae.body import SMPL, unpose
 from torch_align_ae.corpus import stage_corpus as stage
-from torch_align_ae.corpus.dyna_files import DynaReader
+from torch_align_ae.corpus.dyna_files import dyna_sequences
 from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
 
@@ -45,18 +45,16 @@ def test_unposing_the_meshes_by_the_truth_gives_the_true_offsets(corpus, truth):
     smpl = SMPL(load_body_model(corpus.file("SMPL_FEMALE.npz")), dtype=torch.float64)
     rows = subject_rows(sequences_of(truth))
     theta, offsets, betas = (truth.array(name) for name in ("theta", "offsets", "betas"))
-    with DynaReader([corpus.file("dyna_female.h5")]) as reader:
-        assert len(reader) == 1
-        for sequence in sequences_of(corpus):
-            meshes = torch.from_numpy(reader.frames(sequence.name)).double()
-            pose, trans = (
-                torch.tensor(part).double() for part in unpack_theta(theta[sequence.frames])
-            )
-            shape = torch.tensor(betas[rows[sequence.subject]]).double().expand(len(pose), -1)
-            rest = smpl.rest_vertices(shape, pose)
-            found = (unpose(smpl, meshes, shape, pose, trans) - rest).numpy()
-            np.testing.assert_allclose(found, offsets[sequence.frames], atol=2e-6)
-            assert np.abs(offsets[sequence.frames]).max() > 5e-3
+    meshes_of = {one.name: one for one in dyna_sequences([corpus.file("dyna_female.h5")])}
+    assert len(meshes_of) == 1
+    for sequence in sequences_of(corpus):
+        meshes = torch.from_numpy(meshes_of[sequence.name].read()).double()
+        pose, trans = (torch.tensor(part).double() for part in unpack_theta(theta[sequence.frames]))
+        shape = torch.tensor(betas[rows[sequence.subject]]).double().expand(len(pose), -1)
+        rest = smpl.rest_vertices(shape, pose)
+        found = (unpose(smpl, meshes, shape, pose, trans) - rest).numpy()
+        np.testing.assert_allclose(found, offsets[sequence.frames], atol=2e-6)
+        assert np.abs(offsets[sequence.frames]).max() > 5e-3
 
 
 def test_mosh_files_read_back_as_the_true_motion(corpus, truth):
@@ -107,8 +105,8 @@ def test_the_truth_stays_out_of_the_corpus(corpus):
 
 def test_no_mesh_of_a_test_take_is_in_the_corpus(corpus, truth):
     names = {sequence.name for sequence in sequences_of(truth) if sequence.split == "test"}
-    with DynaReader([corpus.file("dyna_female.h5")]) as reader:
-        assert not names & {entry.name for entry, _ in reader}
+    found = dyna_sequences([corpus.file("dyna_female.h5")])
+    assert not names & {sequence.name for sequence in found}
     # What a test take leaves there is its motion: an AMASS file, which holds no vertices.
     assert {name for name in corpus.manifest["files"] if name.startswith("mosh/")} == {
         f"mosh/{name}_poses.npz" for name in names
@@ -166,8 +164,8 @@ def test_men_have_a_corpus_of_their_own(tmp_path, monkeypatch):
     assert corpus.manifest["gender"] == "male"
     body = load_body_model(corpus.file("SMPL_MALE.npz"))
     assert body.gender == "male"
-    with DynaReader([corpus.file("dyna_male.h5")]) as reader:
-        meshes = reader.frames("50002_one_leg_jump")
+    (sequence,) = dyna_sequences([corpus.file("dyna_male.h5")])
+    meshes = sequence.read()
     height_m = np.ptp(shaped_vertices(body, SUBJECTS["male"][0].betas[None])[0][:, 1])
     assert 0.9 * height_m < np.ptp(meshes[0][:, 1]) < 1.01 * height_m
 

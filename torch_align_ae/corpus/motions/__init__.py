@@ -13,7 +13,7 @@ import numpy as np
 from bridge.errors import DsnetError
 from bridge.motion.splits import take_suffix
 from torch_align_ae.corpus.motions import airborne, in_place, locomotion
-from torch_align_ae.corpus.motions.plan import Array, BodyPlan, Planner, draw_style
+from torch_align_ae.corpus.motions.plan import Array, BodyPlan, Planner
 from torch_align_ae.corpus.motions.posing import Skeleton, pose_body
 
 Motion = Callable[[Planner], BodyPlan]
@@ -77,6 +77,6 @@ def perform(
     if motion not in MOTIONS:
         raise DsnetError(f"motion {motion!r}", f"one of {', '.join(MOTIONS)}", "Check its name.")
     occasion = motion if take == 1 else f"{motion}{take_suffix(take)}"
-    style = draw_style(subject, occasion, skeleton.size, seed)
-    plan = MOTIONS[motion](Planner(np.arange(frame_count) / fps, style))
-    return pose_body(skeleton, plan)
+    times_s = np.arange(frame_count) / fps
+    planner = Planner.drawn(subject, occasion, times_s, skeleton.size, seed)
+    return pose_body(skeleton, MOTIONS[motion](planner))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from torch_align_ae.corpus.motions.plan import (
     BEGIN_S,
@@ -39,12 +40,15 @@ def light_hopping_loose(m: Planner) -> BodyPlan:
 def _hopping(m: Planner, hops: _Hops, arm_play: float) -> BodyPlan:
     foot = m.stepping_foot(hops.contacts(), hops.swings(0.01, standing_pitch=0.12))
     sway = np.sin(0.9 * m.times_s + m.phase) * m.ease(BEGIN_S, BEGIN_S + 1.5)
-    held = m.arms(
+    return _upright(
+        m,
+        hops.height_m,
+        (foot, foot),
+        yaw=0.08 * sway,
         lower=RELAXED_LOWER - arm_play * np.tanh(3 * hops.height_m) / 2,
         swing=0.06 * sway,
         elbow=0.35 - arm_play * np.tanh(3 * hops.height_m),
     )
-    return _upright(m, hops.height_m, (foot, foot), held, yaw=0.08 * sway)
 
 
 def one_leg_jump(m: Planner) -> BodyPlan:
@@ -56,20 +60,15 @@ def one_leg_jump(m: Planner) -> BodyPlan:
     planted = m.stepping_foot(hops.contacts(), hops.swings(0.01))
     lift_m = raised * (0.24 * size + 0.7 * height_m)
     front_m = -0.27 * size * raised - 0.2 * height_m * raised
-    bent = FootPath(
-        m.axis(-support * 0.02 * raised, lift_m, front_m), pitch=0.9 * raised, yaw=m.zeros()
-    )
-    held = m.arms(
-        lower=RELAXED_LOWER - 0.35 * raised - 0.8 * np.tanh(3 * height_m) / 2,
-        elbow=0.6 - 0.8 * np.tanh(3 * height_m),
-    )
+    bent = FootPath(m.axis(-support * 0.02 * raised, lift_m, front_m), pitch=0.9 * raised)
     return _upright(
         m,
         height_m,
         by_side(support, planted, bent),
-        held,
         x_m=support * 0.105 * size * raised,
         roll=-support * 0.05 * raised,
+        lower=RELAXED_LOWER - 0.35 * raised - 0.8 * np.tanh(3 * height_m) / 2,
+        elbow=0.6 - 0.8 * np.tanh(3 * height_m),
     )
 
 
@@ -77,19 +76,19 @@ def jumping_jacks(m: Planner) -> BodyPlan:
     """Jumps between closed and spread, arms swinging overhead."""
     hops = _hops(m, 0.27, 0.27, 0.07, spread_sink_m=0.03 * m.size)
     wide = np.arange(len(hops.take_offs_s) + 1) % 2
-    spread_m = 0.2 * m.size * m.amplitude
+    spread_m = 0.2 * m.size * m.amplitude * wide
     left, right = (
-        m.stepping_foot(hops.contacts(side * spread_m * wide), hops.swings(0.02))
-        for side in (1, -1)
+        m.stepping_foot(hops.contacts(side * spread_m), hops.swings(0.02)) for side in (1, -1)
     )
-    knots_s = np.stack([hops.take_offs_s - 0.08, hops.landings_s + 0.08], axis=1).ravel()
-    opened = m.keyframes(knots_s, np.repeat(wide, 2)[1:-1].astype(float))
-    held = m.arms(
+    opened = m.keyframes(hops.around_s(0.08), np.repeat(wide, 2)[1:-1])
+    return _upright(
+        m,
+        hops.height_m,
+        (left, right),
         lower=RELAXED_LOWER - opened * m.amplitude * 2.0,
         elbow=0.25 + 0.2 * opened * (1 - opened),
         shrug=0.25 * opened,
     )
-    return _upright(m, hops.height_m, (left, right), held)
 
 
 def running_on_spot(m: Planner) -> BodyPlan:
@@ -97,7 +96,6 @@ def running_on_spot(m: Planner) -> BodyPlan:
     contact_s, size = 0.24 / m.tempo, m.size
     hops = _plan_hops(
         m,
-        m.rng(),
         begin_s=BEGIN_S,
         flight_s=0.115,
         contact_s=contact_s,
@@ -111,18 +109,17 @@ def running_on_spot(m: Planner) -> BodyPlan:
     stance[0] = 0.0
     side = m.keyframes(middles_s, stance)
     ready = m.ease(0.1, BEGIN_S + 0.5)
-    elbow = 0.25 + 1.2 * ready
     return _upright(
         m,
         hops.height_m,
         by_side(m.leading_side, lead, other),
-        m.trunk(bend=0.04 * ready, turn=-0.2 * side)
-        | m.arm("left", swing=0.6 * side - 0.1 * ready, elbow=elbow)
-        | m.arm("right", swing=-0.6 * side - 0.1 * ready, elbow=elbow),
         x_m=0.035 * size * side,
         yaw=0.1 * side,
         roll=0.02 * side,
         lean=0.05 * ready,
+        spine=(0.04 * ready, -0.2 * side, 0.0),
+        swing=(0.6 * side - 0.1 * ready, -0.6 * side - 0.1 * ready),
+        elbow=0.25 + 1.2 * ready,
     )
 
 
@@ -132,14 +129,8 @@ def _running_foot(m: Planner, hops: _Hops, order: int) -> FootPath:
     if order == 1:
         take_offs_s = np.concatenate([hops.take_offs_s[:1] - 0.2, take_offs_s])
     count = min(len(take_offs_s), len(landings_s))
-    lift = Swing(
-        lift_m=0.26 * m.size * m.amplitude,
-        back_m=0.17 * m.size,
-        take_off_pitch=0.6,
-        pitch=0.9,
-        landing_pitch=0.25,
-        standing_pitch=0.05,
-    )
+    lift_m, back_m = 0.26 * m.size * m.amplitude, 0.17 * m.size
+    lift = Swing(lift_m, back_m, pitch=0.9, landing_pitch=0.25, standing_pitch=0.05)
     contacts = contacts_between(take_offs_s[:count], landings_s[:count])
     return m.stepping_foot(contacts, [lift] * count)
 
@@ -147,18 +138,23 @@ def _running_foot(m: Planner, hops: _Hops, order: int) -> FootPath:
 def side_to_side_hopping(m: Planner) -> BodyPlan:
     """Hops with both feet from one side to the other."""
     hops = _hops(m, 0.25, 0.29, 0.08)
-    reach_m = 0.16 * m.size * m.amplitude
     odd = np.where(np.arange(len(hops.take_offs_s) + 1) % 2, 1, -1)
-    places = m.leading_side * reach_m * odd
-    places[0] = 0.0
-    foot = m.stepping_foot(hops.contacts(places), hops.swings(0.02))
+    places_m = m.leading_side * (0.16 * m.size * m.amplitude) * odd
+    places_m[0] = 0.0
+    foot = m.stepping_foot(hops.contacts(places_m), hops.swings(0.02))
     # The body starts before its feet and goes on after them, but not as far.
-    knots_s = np.stack([hops.take_offs_s - 0.12, hops.landings_s + 0.12], axis=1).ravel()
-    x_m = m.keyframes(knots_s, 0.9 * np.repeat(places, 2)[1:-1])
+    x_m = m.keyframes(hops.around_s(0.12), 0.9 * np.repeat(places_m, 2)[1:-1])
     tilt = (foot.ball_m[:, 0] - x_m) / (0.9 * m.size)
-    lower = 0.95 - 0.8 * np.tanh(3 * hops.height_m) / 2
-    joints = m.trunk(roll=-0.8 * tilt) | m.arms(lower=lower, elbow=0.7)
-    return _upright(m, hops.height_m, (foot, foot), joints, x_m=x_m, roll=tilt)
+    return _upright(
+        m,
+        hops.height_m,
+        (foot, foot),
+        x_m=x_m,
+        roll=tilt,
+        spine=(0.0, 0.0, -0.8 * tilt),
+        lower=0.95 - 0.8 * np.tanh(3 * hops.height_m) / 2,
+        elbow=0.7,
+    )
 
 
 def basketball_dribble_and_shoot(m: Planner) -> BodyPlan:
@@ -192,27 +188,23 @@ def basketball_dribble_and_shoot(m: Planner) -> BodyPlan:
             (landing_s + 0.65, ready_m, 0.0, 0.0),
         ]
     height_m = m.track(knots)
-    shooting, other = ("left", "right") if side == 1 else ("right", "left")
-    joints = m.trunk(bend=0.25 * ready * (1 - raised), turn=-side * 0.1 * ready)
-    joints |= m.arm(
-        shooting,
-        lower=RELAXED_LOWER + 0.1 * raised,
-        swing=0.1 * ready + 0.25 * dribble + 1.35 * raised + 1.0 * flick,
-        elbow=0.25 + 1.15 * ready - 0.95 * dribble + 0.4 * raised - 1.6 * flick,
-    )
-    joints |= m.arm(
-        other,
-        lower=RELAXED_LOWER - 0.25 * ready + 0.35 * raised,
-        swing=0.2 * ready + 1.35 * raised + 0.6 * flick,
-        elbow=0.25 + 0.75 * ready + 0.8 * raised - 0.9 * flick,
-    )
     crouch = np.tanh(-4 * height_m) / 4
-    return BodyPlan(
+    shooting = {
+        "lower": RELAXED_LOWER + 0.1 * raised,
+        "swing": 0.1 * ready + 0.25 * dribble + 1.35 * raised + 1.0 * flick,
+        "elbow": 0.25 + 1.15 * ready - 0.95 * dribble + 0.4 * raised - 1.6 * flick,
+    }
+    other = {
+        "lower": RELAXED_LOWER - 0.25 * ready + 0.35 * raised,
+        "swing": 0.2 * ready + 1.35 * raised + 0.6 * flick,
+        "elbow": 0.25 + 0.75 * ready + 0.8 * raised - 0.9 * flick,
+    }
+    return m.body(
         m.axis(0.0, height_m, 0.03 * size * ready - 0.3 * crouch),
         m.axis(1.2 * crouch, side * 0.05 * ready, 0.0),
-        left_foot=foot,
-        right_foot=foot,
-        joints=joints,
+        (foot, foot),
+        spine=(0.25 * ready * (1 - raised), -side * 0.1 * ready, 0.0),
+        **{angle: by_side(side, shooting[angle], other[angle]) for angle in shooting},
     )
 
 
@@ -223,6 +215,11 @@ class _Hops:
     take_offs_s: Array
     landings_s: Array
     height_m: Array
+
+    def around_s(self, margin_s: float) -> Array:
+        """From before each take-off until after the landing, one flight after another."""
+        flights = [self.take_offs_s - margin_s, self.landings_s + margin_s]
+        return np.stack(flights, axis=1).ravel()
 
     def contacts(self, x_m: Array | float = 0.0) -> list[Contact]:
         """Contacts of a foot that takes part in every hop; `x_m` may hold one place a contact."""
@@ -246,7 +243,6 @@ def _hops(
     """Hops of somebody's own height, rate and size."""
     return _plan_hops(
         m,
-        m.rng(),
         begin_s=begin_s,
         flight_s=flight_s * np.sqrt(m.amplitude),
         contact_s=contact_s / m.tempo,
@@ -258,7 +254,6 @@ def _hops(
 
 def _plan_hops(
     m: Planner,
-    rng: np.random.Generator,
     *,
     begin_s: float,
     flight_s: float,
@@ -280,7 +275,7 @@ def _plan_hops(
     # More than fill the time; the same whatever the frame rate.
     span_s = m.times_s[-1] + 0.01 - begin_s
     count = int(np.ceil(span_s / (0.7 * (flight_s + contact_s)))) + 1
-    factors = 1 + 0.06 * np.clip(rng.standard_normal((count, 2)), -2, 2)
+    factors = 1 + 0.06 * np.clip(m.rng().standard_normal((count, 2)), -2, 2)
     flights_s, contacts_s = flight_s * factors[:, 0], contact_s * factors[:, 1]
     heights_m = take_off_m - spread_sink_m * (np.arange(count + 1) % 2)
     speeds = GRAVITY_M_S2 * flights_s / 2 + np.diff(heights_m) / flights_s
@@ -314,19 +309,21 @@ def _upright(
     m: Planner,
     height_m: Array,
     feet: tuple[FootPath, FootPath],
-    joints: dict[str, Array],
     *,
     x_m: Array | float = 0.0,
     yaw: Array | float = 0.0,
     roll: Array | float = 0.0,
     lean: Array | float = 0.0,
+    spine: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    **arms: ArrayLike | tuple[ArrayLike, ArrayLike],
 ) -> BodyPlan:
     """A body over the balls of its feet, which leans forwards as its knees bend."""
     over_balls = m.ease(BEGIN_S, BEGIN_S + 0.4)
     bend = -np.tanh(4 * height_m) / 4
-    return BodyPlan(
+    return m.body(
         m.axis(x_m, height_m, 0.035 * m.size * over_balls - 0.25 * bend),
         m.axis(lean + 0.9 * bend, yaw, roll),
-        *feet,
-        m.trunk(bend=0.5 * bend) | joints,
+        feet,
+        spine=spine or (0.5 * bend, 0.0, 0.0),
+        **arms,
     )

@@ -22,11 +22,13 @@ def hips(m: Planner) -> BodyPlan:
     depth = m.amplitude * m.ease(BEGIN_S, BEGIN_S + 0.9)
     side = m.leading_side * np.sin(phase) * depth
     front = np.cos(phase) * depth
-    return m.planted(
+    return m.body(
         m.axis(0.075 * side, -0.045 * depth, 0.055 * front) * m.size,
         m.axis(-0.12 * front, 0.06 * side, -0.12 * side),
-        m.trunk(bend=0.15 * front, turn=-0.08 * side, roll=0.2 * side)
-        | m.arms(lower=0.75, twist=-0.2, elbow=0.5),
+        spine=(0.15 * front, -0.08 * side, 0.2 * side),
+        lower=0.75,
+        twist=-0.2,
+        elbow=0.5,
     )
 
 
@@ -38,40 +40,36 @@ def shake_hips(m: Planner) -> BodyPlan:
     depth = depth * (0.8 + 0.2 * np.sin(0.31 * phase + m.phase))
     side = m.leading_side * np.sin(phase) * depth
     twist = np.sin(phase + 0.8) * depth
-    return m.planted(
+    return m.body(
         m.axis(0.035 * side, -0.045 * depth, 0.01 * twist) * m.size,
         m.axis(0.05 * depth, 0.16 * twist, -0.13 * side),
-        m.trunk(bend=-0.05 * depth, turn=-0.18 * twist, roll=0.14 * side)
-        | m.arms(lower=0.85, elbow=0.9 + 0.1 * twist, swing=0.15),
+        spine=(-0.05 * depth, -0.18 * twist, 0.14 * side),
+        lower=0.85,
+        elbow=0.9 + 0.1 * twist,
+        swing=0.15,
     )
 
 
 def knees(m: Planner) -> BodyPlan:
     """Knees raised high in turn, as in marching on the spot."""
-    step_s, size = 0.52 / m.tempo, m.size
-    starts_s = np.arange(BEGIN_S + 0.25, m.times_s[-1] + 1.0, step_s)
-    sides = m.leading_side * (-1) ** np.arange(len(starts_s))
-    lifts_m = 0.38 * size * m.amplitude * (1 + 0.06 * m.rng().standard_normal(len(sides)))
-    feet = {}
-    for side in (1, -1):
-        own = sides == side
+    step_s = 0.52 / m.tempo
+    starts_s = m.starts_s(BEGIN_S + 0.25, step_s)
+    sides = m.sides(starts_s)
+    lifts_m = 0.38 * m.size * m.amplitude * (1 + 0.06 * m.rng().standard_normal(len(sides)))
+    feet = []
+    for own in (sides == 1, sides == -1):
         contacts = contacts_between(starts_s[own], starts_s[own] + 0.95 * step_s)
-        angles = {"take_off_pitch": 0.35, "pitch": 0.55, "landing_pitch": 0.15}
-        swings = [Swing(lift, 0.05 * size, **angles) for lift in lifts_m[own]]
-        feet[side] = m.stepping_foot(contacts, swings)
-    lean = m.keyframes(
-        np.concatenate([[BEGIN_S], starts_s + 0.3 * step_s]),
-        np.concatenate([[0.0], -sides.astype(float)]),
-    )
+        swings = [Swing(lift_m, 0.05 * m.size, 0.35, 0.55, 0.15) for lift_m in lifts_m[own]]
+        feet.append(m.stepping_foot(contacts, swings))
+    lean = m.keyframes([BEGIN_S, *(starts_s + 0.3 * step_s)], [0, *-sides])
     sway = np.sin(np.pi * lean / 2)
-    return BodyPlan(
-        m.axis(0.075 * lean, -0.012 * np.abs(sway), 0.0) * size,
+    return m.body(
+        m.axis(0.075 * lean, -0.012 * np.abs(sway), 0.0) * m.size,
         m.axis(0.0, -0.08 * sway, 0.03 * sway),
-        left_foot=feet[1],
-        right_foot=feet[-1],
-        joints=m.trunk(bend=0.05, turn=0.14 * sway)
-        | m.arm("left", swing=0.45 * sway, elbow=0.7)
-        | m.arm("right", swing=-0.45 * sway, elbow=0.7),
+        (feet[0], feet[1]),
+        spine=(0.05, 0.14 * sway, 0.0),
+        swing=(0.45 * sway, -0.45 * sway),
+        elbow=0.7,
     )
 
 
@@ -82,13 +80,14 @@ def jiggle_on_toes(m: Planner) -> BodyPlan:
     depth = m.amplitude * m.ease(BEGIN_S + 0.4, BEGIN_S + 1.0)
     bounce = (np.cos(phase) - 1) * depth
     sway = np.sin(0.13 * phase + m.phase) * depth
-    height_m = 0.055 * raised + 0.013 * bounce
-    return m.planted(
-        m.axis(0.01 * sway, height_m, 0.055 * raised) * m.size,
+    foot = m.standing_foot(pitch=0.5 * raised + 0.05 * bounce)
+    return m.body(
+        m.axis(0.01 * sway, 0.055 * raised + 0.013 * bounce, 0.055 * raised) * m.size,
         m.axis(-0.02 * bounce, 0.03 * sway, 0.0),
-        m.trunk(bend=0.02 * bounce)
-        | m.arms(lower=1.05 + 0.03 * bounce, elbow=0.45 - 0.05 * bounce),
-        pitch=0.5 * raised + 0.05 * bounce,
+        (foot, foot),
+        spine=(0.02 * bounce, 0.0, 0.0),
+        lower=1.05 + 0.03 * bounce,
+        elbow=0.45 - 0.05 * bounce,
     )
 
 
@@ -107,13 +106,13 @@ def one_leg_loose(m: Planner) -> BodyPlan:
         pitch=0.55 * raised + 0.25 * np.sin(phase - 0.9) * depth,
         yaw=-support * 0.1 * raised,
     )
-    height = -0.01 * raised + 0.004 * shake
-    return BodyPlan(
-        m.axis(support * 0.1 * raised, height, -0.01 * raised) * m.size,
+    return m.body(
+        m.axis(support * 0.1 * raised, -0.01 * raised + 0.004 * shake, -0.01 * raised) * m.size,
         m.axis(0.0, support * 0.04 * shake, -support * 0.04 * raised),
-        *by_side(support, m.standing_foot(), loose),
-        m.trunk(bend=0.05 * raised, turn=-support * 0.06 * shake, roll=support * 0.06 * raised)
-        | m.arms(lower=1.12 - 0.4 * raised + 0.04 * shake, elbow=0.35),
+        by_side(support, m.standing_foot(), loose),
+        spine=(0.05 * raised, -support * 0.06 * shake, support * 0.06 * raised),
+        lower=1.12 - 0.4 * raised + 0.04 * shake,
+        elbow=0.35,
     )
 
 
@@ -123,18 +122,15 @@ def shake_arms(m: Planner) -> BodyPlan:
     phase = m.cycle(3.0 * m.tempo, BEGIN_S + 0.4)
     depth = m.amplitude * m.ease(BEGIN_S + 0.4, BEGIN_S + 0.9)
     drift = 0.25 * np.sin(0.12 * phase + m.phase) * depth
-    shake = np.sin(phase) * depth
-    late = np.sin(phase - 0.9) * depth
-    held = m.arms(
+    shake, late = np.sin(phase) * depth, np.sin(phase - 0.9) * depth
+    return m.body(
+        m.axis(0.0, -0.02 * raised + 0.004 * shake, 0.0) * m.size,
+        m.axis(0.03 * raised, 0.03 * drift, 0.0),
+        spine=(0.03 * shake, 0.1 * drift, 0.0),
         lower=1.12 - 0.62 * raised + drift + 0.26 * shake,
         swing=0.25 * raised,
         elbow=0.3 + 0.25 * raised + 0.3 * late,
         shrug=0.05 * shake,
-    )
-    return m.planted(
-        m.axis(0.0, -0.02 * raised + 0.004 * shake, 0.0) * m.size,
-        m.axis(0.03 * raised, 0.03 * drift, 0.0),
-        m.trunk(bend=0.03 * shake, turn=0.1 * drift) | held,
     )
 
 
@@ -143,19 +139,16 @@ def chicken_wings(m: Planner) -> BodyPlan:
     raised = m.ease(BEGIN_S, BEGIN_S + 0.6)
     phase = m.cycle(1.7 * m.tempo, BEGIN_S + 0.4)
     depth = m.amplitude * m.ease(BEGIN_S + 0.4, BEGIN_S + 1.0)
-    flap = np.sin(phase) * depth
-    held = m.arms(
+    flap, dip = np.sin(phase) * depth, (1 - np.cos(phase)) / 2 * depth
+    return m.body(
+        m.axis(0.0, -0.02 * raised - 0.02 * dip, 0.0) * m.size,
+        m.axis(0.05 * raised + 0.03 * dip, 0.0, 0.0),
+        spine=(0.06 * dip, 0.0, 0.0),
         lower=1.12 - 0.52 * raised - 0.5 * flap,
         swing=0.15 * raised,
         twist=0.1 * raised,
         elbow=0.25 + 2.0 * raised - 0.08 * flap,
         shrug=0.08 * flap,
-    )
-    dip = (1 - np.cos(phase)) / 2 * depth
-    return m.planted(
-        m.axis(0.0, -0.02 * raised - 0.02 * dip, 0.0) * m.size,
-        m.axis(0.05 * raised + 0.03 * dip, 0.0, 0.0),
-        m.trunk(bend=0.06 * dip) | held,
     )
 
 
@@ -163,16 +156,17 @@ def shake_shoulders(m: Planner) -> BodyPlan:
     """Shoulders shaken forwards and back in turn."""
     phase = m.cycle(2.8 * m.tempo, BEGIN_S)
     held = m.ease(BEGIN_S, BEGIN_S + 0.6)
-    depth = m.amplitude * held
-    depth = depth * (0.85 + 0.15 * np.sin(0.23 * phase + m.phase))
+    depth = m.amplitude * held * (0.85 + 0.15 * np.sin(0.23 * phase + m.phase))
     shake = m.leading_side * np.sin(phase) * depth
     lean = np.sin(0.15 * phase) * depth
-    return m.planted(
+    return m.body(
         m.axis(0.004 * shake, -0.025 * held, -0.01 * held) * m.size,
         m.axis(0.04 * held, -0.05 * shake, 0.0),
-        m.trunk(bend=0.08 * held + 0.06 * lean, turn=0.30 * shake)
-        | m.arm("left", lower=1.0, shrug=0.12 * shake, swing=-0.12 * shake, elbow=0.6)
-        | m.arm("right", lower=1.0, shrug=-0.12 * shake, swing=0.12 * shake, elbow=0.6),
+        spine=(0.08 * held + 0.06 * lean, 0.30 * shake, 0.0),
+        lower=1.0,
+        shrug=(0.12 * shake, -0.12 * shake),
+        swing=(-0.12 * shake, 0.12 * shake),
+        elbow=0.6,
     )
 
 
@@ -180,34 +174,30 @@ def punching(m: Planner) -> BodyPlan:
     """Straight punches in turn from a guard."""
     guard = m.ease(BEGIN_S, BEGIN_S + 0.5)
     punch_s = 0.42 / m.tempo
-    starts_s = np.arange(BEGIN_S + 0.5, m.times_s[-1] + 1.0, punch_s)
-    sides = m.leading_side * (-1) ** np.arange(len(starts_s))
+    starts_s = m.starts_s(BEGIN_S + 0.5, punch_s)
+    sides = m.sides(starts_s)
     strength = m.amplitude * (1 + 0.05 * m.rng().standard_normal(len(sides)))
-    out = {side: m.zeros() for side in (1, -1)}
+    left, right = m.zeros(), m.zeros()
     moments_s = punch_s * np.array([0.0, 0.55, 1.25])
-    for start_s, side, share in zip(starts_s, sides.tolist(), strength.tolist(), strict=True):
-        out[side] += min(share, 1.05) * m.keyframes(start_s + moments_s, [0.0, 1.0, 0.0])
-    turn = 0.30 * (out[-1] - out[1])
-    joints = m.trunk(bend=0.12 * guard, turn=turn)
-    for name, side in (("left", 1), ("right", -1)):
-        joints |= m.arm(
-            name,
-            lower=1.12 + 0.08 * guard + 0.15 * out[side],
-            swing=0.35 * guard + 1.0 * out[side],
-            twist=-0.1 * guard,
-            elbow=0.25 + 1.75 * guard - 1.75 * out[side],
-        )
-    return m.planted(
-        m.axis(0.03 * (out[-1] - out[1]), -0.05 * guard, 0.0) * m.size,
+    for start_s, side, share in zip(starts_s, sides, strength.tolist(), strict=True):
+        out = left if side == 1 else right
+        out += min(share, 1.05) * m.keyframes(start_s + moments_s, [0.0, 1.0, 0.0])
+    turn = 0.30 * (right - left)
+    return m.body(
+        m.axis(0.03 * (right - left), -0.05 * guard, 0.0) * m.size,
         m.axis(0.06 * guard, 0.45 * turn, 0.0),
-        joints,
+        spine=(0.12 * guard, turn, 0.0),
+        lower=(1.12 + 0.08 * guard + 0.15 * left, 1.12 + 0.08 * guard + 0.15 * right),
+        swing=(0.35 * guard + 1.0 * left, 0.35 * guard + 1.0 * right),
+        twist=-0.1 * guard,
+        elbow=(0.25 + 1.75 * guard - 1.75 * left, 0.25 + 1.75 * guard - 1.75 * right),
     )
 
 
 def kicking(m: Planner) -> BodyPlan:
     """Kicks to the front with one leg, the other stands."""
-    support, size = -m.leading_side, m.size
-    starts_s = np.arange(BEGIN_S + 0.35, m.times_s[-1] + 1.0, 1.55 / m.tempo)
+    support = -m.leading_side
+    starts_s = m.starts_s(BEGIN_S + 0.35, 1.55 / m.tempo)
     variation = 1 + 0.05 * m.rng().standard_normal(len(starts_s))
     strength = np.minimum(m.amplitude * variation, 1.08)
     back, front, lift, cocked = (m.zeros() for _ in range(4))
@@ -217,46 +207,44 @@ def kicking(m: Planner) -> BodyPlan:
         front += share * m.keyframes(moments_s[[1, 3, 4]], [0.0, 1.0, 0.0])
         lift += m.keyframes(moments_s, [0.0, 0.22, 0.12, 0.40 * share, 0.0])
         cocked += m.keyframes(moments_s[[0, 1, 3, 4]], [0.0, 0.9, 0.45, 0.0])
-    ball_m = m.axis(-support * 0.03 * front, lift, -0.38 * back + 0.62 * front) * size
-    kicker = FootPath(ball_m, pitch=cocked, yaw=m.zeros())
+    ball_m = m.axis(-support * 0.03 * front, lift, -0.38 * back + 0.62 * front) * m.size
     raised = m.ease(BEGIN_S, BEGIN_S + 0.4)
     turn = support * 0.3 * (front - back)
-    swing, lower = support * 0.6 * (front - 0.7 * back), RELAXED_LOWER - 0.3 * raised
-    ahead = 0.03 * back + 0.02 * front
-    return BodyPlan(
-        m.axis(support * 0.1 * raised, -0.025 * raised, ahead) * size,
+    swing = support * 0.6 * (front - 0.7 * back)
+    return m.body(
+        m.axis(support * 0.1 * raised, -0.025 * raised, 0.03 * back + 0.02 * front) * m.size,
         m.axis(0.12 * back - 0.14 * front, 0.6 * turn, -support * 0.05 * raised),
-        *by_side(support, m.standing_foot(), kicker),
-        m.trunk(bend=0.22 * front, turn=-1.1 * turn, roll=support * 0.06 * raised)
-        | m.arm("left", lower=lower, swing=-swing, elbow=0.4)
-        | m.arm("right", lower=lower, swing=swing, elbow=0.4),
+        by_side(support, m.standing_foot(), FootPath(ball_m, pitch=cocked)),
+        spine=(0.22 * front, -1.1 * turn, support * 0.06 * raised),
+        lower=RELAXED_LOWER - 0.3 * raised,
+        swing=(-swing, swing),
+        elbow=0.4,
     )
 
 
 def sitting_down(m: Planner) -> BodyPlan:
     """Sits down on a stool and stands up, again and again."""
-    size = m.size
     phases_s = np.array([0.0, 0.55, 0.95, 1.35, 1.75, 2.2, 2.6]) / m.tempo
-    starts_s = np.arange(BEGIN_S, m.times_s[-1] + 1.0, phases_s[-1])
+    starts_s = m.starts_s(BEGIN_S, phases_s[-1])
     seat = m.repeated(starts_s, phases_s[[0, 2, 3, 5]], [0.0, 1.0, 1.0, 0.0])
     lean = m.repeated(starts_s, phases_s[:6], [0.0, 0.9, 0.05, 0.05, 1.0, 0.0])
     lean = lean * m.amplitude
     sway = np.sin(1.1 * m.times_s + m.phase) * m.ease(BEGIN_S, BEGIN_S + 1.0)
-    height_m, front_m = (-0.37 * seat - 0.03 * lean) * size, (-0.27 * seat - 0.05 * lean) * size
-    held = m.arms(
-        lower=RELAXED_LOWER + 0.2 * seat, swing=0.55 * lean + 0.45 * seat, elbow=0.25 + 0.35 * seat
-    )
-    return m.planted(
-        m.axis(0.006 * sway, height_m, front_m),
+    height_m, front_m = -0.37 * seat - 0.03 * lean, -0.27 * seat - 0.05 * lean
+    return m.body(
+        m.axis(0.006 * sway, height_m * m.size, front_m * m.size),
         m.axis(0.5 * lean - 0.06 * seat, 0.03 * sway, 0.0),
-        m.trunk(bend=0.35 * lean + 0.06 * seat, turn=0.05 * sway) | held,
+        spine=(0.35 * lean + 0.06 * seat, 0.05 * sway, 0.0),
+        lower=RELAXED_LOWER + 0.2 * seat,
+        swing=0.55 * lean + 0.45 * seat,
+        elbow=0.25 + 0.35 * seat,
     )
 
 
 def lying_down_and_getting_up(m: Planner) -> BodyPlan:
     """Squats, sits on the floor, rolls back until the trunk lies, rests, and comes back up."""
-    size, tempo = m.size, m.tempo
-    moments_s = BEGIN_S + np.array([0.0, 0.6, 1.1, 1.25, 2.0, 2.5, 3.15, 3.3, 3.85, 4.6]) / tempo
+    phases_s = np.array([0.0, 0.6, 1.1, 1.25, 2.0, 2.5, 3.15, 3.3, 3.85, 4.6]) / m.tempo
+    moments_s = BEGIN_S + phases_s
     low = m.keyframes(moments_s[[0, 2, 7, 9]], [0.0, 1.0, 1.0, 0.0])
     back = m.keyframes(moments_s[[0, 2, 3, 4, 5, 6, 7, 9]], [0, 1, 1, 1.4, 1.4, 1, 1, 0])
     lain = -np.pi / 2
@@ -265,35 +253,34 @@ def lying_down_and_getting_up(m: Planner) -> BodyPlan:
     reach = m.keyframes(moments_s, [0.0, 1.7, 1.2, 1.2, -0.1, -0.1, 1.3, 1.3, 1.7, 0.0])
     lying = m.keyframes(moments_s[3:7], [0.0, 1.0, 1.0, 0.0])
     tilt = 0.06 * m.leading_side * m.amplitude * low * (1 - lying)
-    held = m.arms(lower=RELAXED_LOWER + 0.15 * low, swing=0.9 * reach, elbow=0.25 + 0.35 * low)
-    return m.planted(
-        m.axis(0.0, -0.72 * low * size, -0.42 * back * size),
+    return m.body(
+        m.axis(0.0, -0.72 * low, -0.42 * back) * m.size,
         m.axis(turn, 0.0, 0.0),
-        m.trunk(bend=curl, turn=tilt) | held,
+        spine=(curl, tilt, 0.0),
+        lower=RELAXED_LOWER + 0.15 * low,
+        swing=0.9 * reach,
+        elbow=0.25 + 0.35 * low,
         carried=m.keyframes(moments_s[[1, 2, 7, 8]], [0.0, 1.0, 1.0, 0.0]),
     )
 
 
 def bending_and_reaching(m: Planner) -> BodyPlan:
     """Bends down to the floor with both hands, then reaches up high on the toes."""
-    size = m.size
     phases_s = np.array([0.0, 0.75, 1.0, 1.9, 2.15, 2.8]) / m.tempo
-    starts_s = np.arange(BEGIN_S, m.times_s[-1] + 1.0, phases_s[-1])
+    starts_s = m.starts_s(BEGIN_S, phases_s[-1])
     down = m.repeated(starts_s, phases_s[:4], [0.0, 1.0, 1.0, 0.0])
     up = m.repeated(starts_s, phases_s[2:], [0.0, 1.0, 1.0, 0.0])
     up = up * min(m.amplitude, 1.0)
-    held = m.arms(
+    foot = m.standing_foot(pitch=0.4 * up)
+    return m.body(
+        m.axis(0.0, -0.16 * down + 0.05 * up, -0.2 * down + 0.05 * up) * m.size,
+        m.axis(1.15 * down - 0.05 * up, 0.0, 0.0),
+        (foot, foot),
+        spine=(0.85 * down - 0.15 * up, 0.12 * m.leading_side * down, 0.0),
         lower=RELAXED_LOWER + 0.3 * down + 0.3 * up,
         swing=1.9 * down + 2.85 * up,
         elbow=0.25 - 0.1 * down - 0.1 * up,
         shrug=0.2 * up,
-    )
-    height_m, front_m = (-0.16 * down + 0.05 * up) * size, (-0.2 * down + 0.05 * up) * size
-    return m.planted(
-        m.axis(0.0, height_m, front_m),
-        m.axis(1.15 * down - 0.05 * up, 0.0, 0.0),
-        m.trunk(bend=0.85 * down - 0.15 * up, turn=0.12 * m.leading_side * down) | held,
-        pitch=0.4 * up,
     )
 
 
@@ -301,17 +288,16 @@ def stretching(m: Planner) -> BodyPlan:
     """Raises the arms, bends to one side and the other, and twists."""
     raised = m.ease(BEGIN_S, BEGIN_S + 0.7 / m.tempo)
     phases_s = np.array([0.0, 0.6, 1.3, 1.9, 2.5, 3.0]) / m.tempo
-    starts_s = np.arange(BEGIN_S + 0.5, m.times_s[-1] + 1.0, phases_s[-1])
+    starts_s = m.starts_s(BEGIN_S + 0.5, phases_s[-1])
     aside = m.repeated(starts_s, phases_s[:4], [0.0, 1.0, -1.0, 0.0])
     twist = m.repeated(starts_s, phases_s[2:], [0.0, 1.0, -0.8, 0.0])
     aside, twist = (m.leading_side * m.amplitude * curve for curve in (aside, twist))
-    joints = m.trunk(bend=-0.05 * raised, turn=0.55 * twist, roll=0.55 * aside)
-    for name, side in (("left", 1), ("right", -1)):
-        lower = RELAXED_LOWER - (2.2 + 0.12 * side * aside) * raised
-        elbow, shrug = 0.25 + 0.45 * raised, 0.2 * raised
-        joints |= m.arm(name, lower=lower, elbow=elbow, shrug=shrug)
-    return m.planted(
+    left, right = (RELAXED_LOWER - (2.2 + bent * aside) * raised for bent in (0.12, -0.12))
+    return m.body(
         m.axis(0.06 * aside, -0.012 * raised, 0.0) * m.size,
         m.axis(0.0, 0.22 * twist, -0.06 * aside),
-        joints,
+        spine=(-0.05 * raised, 0.55 * twist, 0.55 * aside),
+        lower=(left, right),
+        elbow=0.25 + 0.45 * raised,
+        shrug=0.2 * raised,
     )

@@ -12,10 +12,10 @@ from torch_align_ae.corpus.motions.plan import (
     RELAXED_LOWER,
     Array,
     BodyPlan,
-    Contact,
     FootPath,
     Planner,
     Swing,
+    contacts_between,
 )
 
 # Share of a step in which its foot is in the air; in the rest both feet carry.
@@ -41,55 +41,18 @@ def _feet(m: Planner, steps: list[Step], swing: Swing) -> tuple[FootPath, FootPa
 
 def _foot(m: Planner, steps: list[Step], side: int, swing: Swing) -> FootPath:
     own = [step for step in steps if step.side == side]
-    starts = [-1.0, *(step.stop_s for step in own)]
-    stops = [*(step.start_s for step in own), np.inf]
-    places = [(0.0, 0.0), *((step.x_m, step.z_m) for step in own)]
-    contacts = [
-        Contact(start, stop, *place)
-        for start, stop, place in zip(starts, stops, places, strict=True)
-    ]
+    contacts = contacts_between(
+        [step.start_s for step in own],
+        [step.stop_s for step in own],
+        [0.0, *(step.x_m for step in own)],
+        [0.0, *(step.z_m for step in own)],
+    )
     path = m.stepping_foot(contacts, [swing] * len(own))
     heading, before = m.zeros(), 0.0
     for step in own:
         heading += (step.heading - before) * m.ease(step.start_s, step.stop_s)
         before = step.heading
     return replace(path, heading=heading)
-
-
-def walking(m: Planner) -> BodyPlan:
-    """Walks straight ahead."""
-    step_s, size = 0.5 / m.tempo, m.size
-    length_m = 0.55 * size * m.amplitude
-    start_s = BEGIN_S + 0.25
-    starts_s = np.arange(start_s, m.times_s[-1] + 1.0, step_s)
-    sides = m.leading_side * (-1) ** np.arange(len(starts_s))
-    # The first step is half as long, so that afterwards the body is always between its feet.
-    steps = [
-        Step(side, at_s, at_s + _SWING * step_s, z_m=(index + 0.5) * length_m)
-        for index, (side, at_s) in enumerate(zip(sides.tolist(), starts_s.tolist(), strict=True))
-    ]
-    swing = Swing(0.07 * size, take_off_pitch=0.75, pitch=0.45, landing_pitch=0.02)
-    speed = length_m / step_s
-    steady_s = start_s + _SWING * step_s + step_s
-    forward_m = _steady(m, steady_s, length_m, speed, end_s=steps[-1].stop_s + 2.0)
-    ready = m.ease(BEGIN_S, start_s + step_s)
-    # The standing foot's side, from mid-swing to mid-swing; arms go with the other leg.
-    middles_s = np.concatenate([[BEGIN_S], starts_s + _SWING / 2 * step_s])
-    stance = m.keyframes(middles_s, np.concatenate([[0.0], -sides.astype(float)]))
-    landings_s = np.concatenate([[BEGIN_S + 0.05], starts_s + _SWING * step_s])
-    ahead = m.keyframes(landings_s, np.concatenate([[0.0], sides.astype(float)]))
-    rise = m.zeros()
-    for at_s in starts_s.tolist():
-        rise += m.bump(at_s - 0.1 * step_s, at_s + 0.9 * step_s)
-    return BodyPlan(
-        m.axis(0.035 * stance * size, (0.022 * rise - 0.048 * ready) * size, 0.0)
-        + m.axis(z=forward_m),
-        m.axis(0.03 * ready, -0.09 * ahead, 0.03 * stance),
-        *_feet(m, steps, swing),
-        m.trunk(bend=0.03 * ready, turn=0.2 * ahead, roll=-0.03 * stance)
-        | m.arm("left", lower=1.3, swing=-0.42 * ahead, elbow=0.3 - 0.15 * ahead)
-        | m.arm("right", lower=1.3, swing=0.42 * ahead, elbow=0.3 + 0.15 * ahead),
-    )
 
 
 def _steady(m: Planner, steady_s: float, reached: float, rate: float, end_s: float) -> Array:
@@ -99,32 +62,63 @@ def _steady(m: Planner, steady_s: float, reached: float, rate: float, end_s: flo
     return m.track(knots)
 
 
+def walking(m: Planner) -> BodyPlan:
+    """Walks straight ahead."""
+    step_s, size = 0.5 / m.tempo, m.size
+    length_m = 0.55 * size * m.amplitude
+    start_s = BEGIN_S + 0.25
+    starts_s = m.starts_s(start_s, step_s)
+    sides = m.sides(starts_s)
+    # The first step is half as long, so that afterwards the body is always between its feet.
+    steps = [
+        Step(side, at_s, at_s + _SWING * step_s, z_m=(index + 0.5) * length_m)
+        for index, (side, at_s) in enumerate(zip(sides.tolist(), starts_s.tolist(), strict=True))
+    ]
+    swing = Swing(0.07 * size, take_off_pitch=0.75, pitch=0.45, landing_pitch=0.02)
+    steady_s = start_s + _SWING * step_s + step_s
+    forward_m = _steady(m, steady_s, length_m, length_m / step_s, end_s=steps[-1].stop_s + 2.0)
+    ready = m.ease(BEGIN_S, start_s + step_s)
+    # The standing foot's side, from mid-swing to mid-swing; arms go with the other leg.
+    stance = m.keyframes([BEGIN_S, *(starts_s + _SWING / 2 * step_s)], [0, *-sides])
+    ahead = m.keyframes([BEGIN_S + 0.05, *(starts_s + _SWING * step_s)], [0, *sides])
+    rise = sum(m.bump(at_s - 0.1 * step_s, at_s + 0.9 * step_s) for at_s in starts_s)
+    height_m = (0.022 * rise - 0.048 * ready) * size
+    return m.body(
+        m.axis(0.035 * stance * size, height_m, forward_m),
+        m.axis(0.03 * ready, -0.09 * ahead, 0.03 * stance),
+        _feet(m, steps, swing),
+        spine=(0.03 * ready, 0.2 * ahead, -0.03 * stance),
+        lower=1.3,
+        swing=(-0.42 * ahead, 0.42 * ahead),
+        elbow=(0.3 - 0.15 * ahead, 0.3 + 0.15 * ahead),
+    )
+
+
 def turning(m: Planner) -> BodyPlan:
     """Turns round and round on the spot, one foot opening and the other one joining it."""
-    step_s, size, side = 0.3 / m.tempo, m.size, m.leading_side
+    step_s, side = 0.3 / m.tempo, m.leading_side
     start_s, turn = BEGIN_S + 0.25, side * np.deg2rad(58) * m.amplitude
-    starts_s = np.arange(start_s, m.times_s[-1] + 1.0, step_s).tolist()
+    starts_s = m.starts_s(start_s, step_s)
+    sides = m.sides(starts_s)
     steps = [
-        Step(side * (-1) ** row, at_s, at_s + 0.85 * step_s, heading=turn * (row // 2 + 1))
-        for row, at_s in enumerate(starts_s)
+        Step(own, at_s, at_s + 0.85 * step_s, heading=turn * (row // 2 + 1))
+        for row, (own, at_s) in enumerate(zip(sides.tolist(), starts_s.tolist(), strict=True))
     ]
-    swing = Swing(0.05 * size, take_off_pitch=0.35, pitch=0.3, landing_pitch=0.1)
+    swing = Swing(0.05 * m.size, take_off_pitch=0.35, pitch=0.3, landing_pitch=0.1)
     rate, steady_s = turn / (2 * step_s), start_s + 2 * step_s
     # At the end of a pair of steps the body faces a quarter of their turn beyond its feet.
     heading = _steady(m, steady_s, 1.05 * turn, rate, end_s=steps[-1].stop_s + 2.0)
     ready = m.ease(BEGIN_S, start_s + 0.3)
-    standing = -np.array([step.side for step in steps], float)
-    knots_s = np.concatenate([[BEGIN_S], np.array(starts_s) + 0.4 * step_s])
-    stance = m.keyframes(knots_s, np.concatenate([[0.0], standing]))
-    sway_m, height_m = 0.045 * stance * size, -0.03 * ready * size
-    return BodyPlan(
+    stance = m.keyframes([BEGIN_S, *(starts_s + 0.4 * step_s)], [0, *-sides])
+    sway_m, height_m = 0.045 * stance * m.size, -0.03 * ready * m.size
+    return m.body(
         m.axis(sway_m * np.cos(heading), height_m, -sway_m * np.sin(heading)),
         m.axis(0.02 * ready, 0.0, 0.02 * stance),
-        *_feet(m, steps, swing),
-        m.trunk(bend=0.03 * ready, turn=0.25 * side * ready, roll=-0.02 * stance)
-        | m.arm("left", lower=1.12 - 0.25 * ready, swing=-0.15 * side * ready)
-        | m.arm("right", lower=1.12 - 0.25 * ready, swing=0.15 * side * ready),
+        _feet(m, steps, swing),
+        spine=(0.03 * ready, 0.25 * side * ready, -0.02 * stance),
         heading=heading,
+        lower=1.12 - 0.25 * ready,
+        swing=(-0.15 * side * ready, 0.15 * side * ready),
     )
 
 
@@ -133,37 +127,34 @@ def quick_stops(m: Planner) -> BodyPlan:
     size, step_s = m.size, 0.22 / m.tempo
     length_m = 0.37 * size * m.amplitude
     run_s, still_s = 0.2 + 3.6 * step_s, 1.0
-    bursts_s = np.arange(BEGIN_S, m.times_s[-1] + 1.0, run_s + 0.3 + still_s).tolist()
+    bursts_s = m.starts_s(BEGIN_S, run_s + 0.3 + still_s)
     steps: list[Step] = []
     ahead, sink, lean, forward_m = (m.zeros() for _ in range(4))
-    for burst, at_s in enumerate(bursts_s):
-        begin_m, first_s = 2 * length_m * burst, at_s + 0.15
-        lead = m.leading_side * (-1) ** burst
-        starts_s = first_s + step_s * np.arange(3)
+    for burst, (at_s, lead) in enumerate(zip(bursts_s, m.sides(bursts_s), strict=True)):
+        begin_m = 2 * length_m * burst
+        starts_s = at_s + 0.15 + step_s * np.arange(3)
         sides = (lead, -lead, lead)
         # The last step brings the feet together.
         steps += [
             Step(side, start_s, start_s + 0.9 * step_s, z_m=begin_m + steps_on * length_m)
-            for side, start_s, steps_on in zip(
-                sides, starts_s.tolist(), (1.0, 2.0, 2.0), strict=True
-            )
+            for side, start_s, steps_on in zip(sides, starts_s, (1.0, 2.0, 2.0), strict=True)
         ]
         stop_s, braking_s = starts_s[2] + 0.95 * step_s, starts_s[2] + 0.1 * step_s
         fast = (braking_s, 1.55 * length_m, 0.8 * length_m / step_s, 0.0)
         forward_m += m.track([(at_s, 0.0, 0.0, 0.0), fast, (stop_s, 2 * length_m, 0.0, 0.0)])
-        knots_s = np.array([at_s, *(starts_s + 0.8 * step_s), stop_s + 0.15])
+        knots_s = [at_s, *(starts_s + 0.8 * step_s), stop_s + 0.15]
         ahead += m.keyframes(knots_s, [0.0, *sides[:2], 0.4 * lead, 0.0])
-        low_s = np.array([at_s, at_s + 0.25, starts_s[2], stop_s, stop_s + 0.3])
+        low_s = [at_s, at_s + 0.25, starts_s[2], stop_s, stop_s + 0.3]
         sink += m.keyframes(low_s, [0.0, 0.5, 0.5, 1.0, 0.0])
         lean += m.keyframes(low_s, [0.0, 1.0, 0.6, -0.5, 0.0])
-    swing = Swing(0.09 * size, back_m=0.05 * size, take_off_pitch=0.6, pitch=0.6, landing_pitch=0.1)
-    return BodyPlan(
+    swing = Swing(0.09 * size, 0.05 * size, take_off_pitch=0.6, pitch=0.6, landing_pitch=0.1)
+    return m.body(
         m.axis(0.0, -0.08 * sink * size, forward_m),
         m.axis(0.14 * lean + 0.1 * sink, -0.08 * ahead, 0.0),
-        *_feet(m, steps, swing),
-        m.trunk(bend=0.1 * lean + 0.1 * sink, turn=0.2 * ahead)
-        | m.arm("left", swing=-0.6 * ahead, elbow=0.25 + 1.1 * sink)
-        | m.arm("right", swing=0.6 * ahead, elbow=0.25 + 1.1 * sink),
+        _feet(m, steps, swing),
+        spine=(0.1 * lean + 0.1 * sink, 0.2 * ahead, 0.0),
+        swing=(-0.6 * ahead, 0.6 * ahead),
+        elbow=0.25 + 1.1 * sink,
     )
 
 
@@ -172,7 +163,7 @@ def dancing(m: Planner) -> BodyPlan:
     beat_s, size, lead = 0.42 / m.tempo, m.size, m.leading_side
     reach_m = 0.24 * size * m.amplitude
     start_s = BEGIN_S + 0.25
-    starts_s = np.arange(start_s, m.times_s[-1] + 1.0, beat_s)
+    starts_s = m.starts_s(start_s, beat_s)
     # Out, together, back, together: the foot that goes and where both stand afterwards.
     pattern = itertools.cycle(((lead, 1.0), (-lead, 1.0), (-lead, 0.0), (lead, 0.0)))
     steps = [
@@ -180,27 +171,25 @@ def dancing(m: Planner) -> BodyPlan:
         for (side, share), at_s in zip(pattern, starts_s.tolist(), strict=False)
     ]
     swing = Swing(0.05 * size, take_off_pitch=0.3, pitch=0.3, landing_pitch=0.15)
-    middle_m = m.keyframes(
-        np.concatenate([[start_s - 0.1], starts_s + 0.75 * beat_s]),
-        np.concatenate([[0.0], lead * reach_m * np.resize([0.5, 1.0, 0.5, 0.0], len(starts_s))]),
-    )
+    middles_m = lead * reach_m * np.resize([0.5, 1.0, 0.5, 0.0], len(starts_s))
+    middle_m = m.keyframes([start_s - 0.1, *(starts_s + 0.75 * beat_s)], [0.0, *middles_m])
     depth = m.amplitude * m.ease(BEGIN_S, BEGIN_S + 0.8)
     phase = m.cycle(1 / beat_s, start_s)
     bounce = (1 - np.cos(phase)) / 2 * depth
     sway, groove = lead * np.sin(phase / 2) * depth, np.sin(phase / 4 + m.phase) * depth
-    joints = m.trunk(bend=0.08 * bounce, turn=0.22 * sway + 0.15 * groove, roll=0.12 * sway)
-    for name, side in (("left", 1), ("right", -1)):
-        joints |= m.arm(
-            name,
-            lower=RELAXED_LOWER - (0.5 + 0.55 * side * groove) * depth,
-            swing=(0.45 + 0.35 * side * np.sin(phase / 2)) * depth,
-            elbow=0.25 + (0.9 + 0.3 * np.cos(phase / 2)) * depth,
-            shrug=0.06 * side * sway,
-        )
-    return BodyPlan(
-        m.axis(middle_m + 0.03 * sway * size, 0.0, 0.0)
-        + m.axis(y=-(0.025 * depth + 0.045 * bounce) * size, z=0.02 * groove * size),
+    lower = [RELAXED_LOWER - (0.5 + share * groove) * depth for share in (0.55, -0.55)]
+    swings = [(0.45 + share * np.sin(phase / 2)) * depth for share in (0.35, -0.35)]
+    return m.body(
+        m.axis(
+            middle_m + 0.03 * sway * size,
+            -(0.025 * depth + 0.045 * bounce) * size,
+            0.02 * groove * size,
+        ),
         m.axis(0.06 * bounce, -0.14 * sway, -0.1 * sway),
-        *_feet(m, steps, swing),
-        joints,
+        _feet(m, steps, swing),
+        spine=(0.08 * bounce, 0.22 * sway + 0.15 * groove, 0.12 * sway),
+        lower=(lower[0], lower[1]),
+        swing=(swings[0], swings[1]),
+        elbow=0.25 + (0.9 + 0.3 * np.cos(phase / 2)) * depth,
+        shrug=(0.06 * sway, -0.06 * sway),
     )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.floating]
+Part = TypeVar("Part")
 GRAVITY_M_S2 = 9.81
 BEGIN_S = 0.2
 """Until then a body stands still."""
@@ -28,7 +30,7 @@ class FootPath:
     """(T, 3) displacement of the ball of the foot from where it stands; y = 0 is contact."""
     pitch: Array
     """(T,) toes-down angle of the foot, radians. A leg that is too short raises it further."""
-    yaw: Array  # (T,) toes-left angle of the foot, radians
+    yaw: Array | float = 0.0  # (T,) toes-left angle of the foot, radians
     heading: Array | float = 0.0
     """(T,) turn of the foot and of the place where it stands about the body's starting place."""
 
@@ -41,42 +43,11 @@ class BodyPlan:
     pelvis_turn: Array  # (T, 3) orientation of the pelvis as an axis-angle vector, radians
     left_foot: FootPath
     right_foot: FootPath
-    joints: Mapping[str, Array] = field(default_factory=dict)
-    """(T, 3) axis-angle rotation of each joint above the pelvis that is not at rest."""
+    joints: Mapping[str, Array]  # (T, 3) axis-angle rotations of joints above the pelvis
     heading: Array | float = 0.0
     """(T,) where the body faces, radians to its left of +z; `pelvis_turn` is relative to it."""
     carried: Array | None = None
     """(T,) from 0, the feet carry the body, to 1, its lowest skin lies on the floor."""
-
-
-@dataclass(frozen=True)
-class Style:
-    """How one subject does one motion; drawn from the subject's and the motion's names."""
-
-    amplitude: float  # factor on heights and angles, near 1
-    tempo: float  # factor on the rate of repetition, near 1
-    phase: float  # where in the cycle the motion begins, radians
-    leading_side: int  # +1 where the left side leads, -1 where the right does
-    size: float  # leg length relative to an average leg of 0.85 m
-    entropy: tuple[int, int, int]  # seed of the small differences from one repetition to the next
-
-    def rng(self) -> np.random.Generator:
-        """A fresh generator, so that the same style always gives the same motion."""
-        return np.random.default_rng(self.entropy)
-
-
-def draw_style(subject: str, motion: str, size: float, seed: int) -> Style:
-    """The style of `subject` in `motion`, independent of which others are made."""
-    entropy = (seed, zlib.crc32(subject.encode()), zlib.crc32(motion.encode()))
-    rng = np.random.default_rng((*entropy, 1))
-    return Style(
-        amplitude=float(rng.uniform(0.88, 1.12)),
-        tempo=float(rng.uniform(0.9, 1.1)),
-        phase=float(rng.uniform(0, 2 * np.pi)),
-        leading_side=int(rng.choice((-1, 1))),
-        size=size,
-        entropy=entropy,
-    )
 
 
 @dataclass(frozen=True)
@@ -94,13 +65,12 @@ class Contact:
 
 
 def contacts_between(
-    take_offs_s: Array, landings_s: Array, x_m: Array | float = 0.0
+    take_offs_s: ArrayLike, landings_s: ArrayLike, x_m: ArrayLike = 0.0, z_m: ArrayLike = 0.0
 ) -> list[Contact]:
-    """Contacts before the first of these flights and after each; `x_m` may be one place each."""
+    """Contacts before the first of these flights and after each; places may be one each."""
     starts = np.concatenate([[-1.0], landings_s])
     stops = np.concatenate([take_offs_s, [np.inf]])
-    places = np.broadcast_to(x_m, starts.shape)
-    return [Contact(*row) for row in zip(starts, stops, places, strict=True)]
+    return [Contact(*row) for row in np.broadcast(starts, stops, x_m, z_m)]
 
 
 @dataclass(frozen=True)
@@ -115,18 +85,51 @@ class Swing:
     standing_pitch: float = 0.0  # in the middle of a contact
 
 
-def by_side(side: int, own: FootPath, other: FootPath) -> tuple[FootPath, FootPath]:
-    """Left and right foot, of which the one on `side`, +1 for the left, has a path of its own."""
+def by_side(side: int, own: Part, other: Part) -> tuple[Part, Part]:
+    """The left's and the right's, of which the one on `side`, +1 for the left, is `own`."""
     return (own, other) if side == 1 else (other, own)
 
 
+@dataclass(frozen=True, eq=False)
 class Planner:
-    """What motions are planned with: curves over `times_s` (T,) and postures, in one style."""
+    """What one subject plans one motion with: curves over T times and postures, in its style.
 
-    def __init__(self, times_s: Array, style: Style) -> None:
-        self.times_s, self.rng = times_s, style.rng
-        self.amplitude, self.tempo, self.phase = style.amplitude, style.tempo, style.phase
-        self.leading_side, self.size = style.leading_side, style.size
+    `drawn` from the subject's and the motion's names, a style is independent of which others are.
+    """
+
+    times_s: Array  # (T,)
+    size: float  # leg length relative to an average leg of 0.85 m
+    entropy: tuple[int, int, int]  # seed of the small differences from one repetition to the next
+    amplitude: float  # factor on heights and angles, near 1
+    tempo: float  # factor on the rate of repetition, near 1
+    phase: float  # where in the cycle the motion begins, radians
+    leading_side: int  # +1 where the left side leads, -1 where the right does
+
+    @classmethod
+    def drawn(cls, subject: str, motion: str, times_s: Array, size: float, seed: int) -> Planner:
+        entropy = (seed, zlib.crc32(subject.encode()), zlib.crc32(motion.encode()))
+        rng = np.random.default_rng((*entropy, 1))
+        return cls(
+            times_s,
+            size,
+            entropy,
+            amplitude=float(rng.uniform(0.88, 1.12)),
+            tempo=float(rng.uniform(0.9, 1.1)),
+            phase=float(rng.uniform(0, 2 * np.pi)),
+            leading_side=int(rng.choice((-1, 1))),
+        )
+
+    def rng(self) -> np.random.Generator:
+        """A fresh generator, so that the same style always gives the same motion."""
+        return np.random.default_rng(self.entropy)
+
+    def starts_s(self, begin_s: float, period_s: float) -> Array:
+        """When what is repeated begins again, until after the last of the times."""
+        return np.arange(begin_s, self.times_s[-1] + 1.0, period_s)
+
+    def sides(self, starts_s: Array) -> NDArray[np.integer]:
+        """Whose turn it is at each of these: the leading side first, +1 for the left."""
+        return self.leading_side * (-1) ** np.arange(len(starts_s))
 
     def zeros(self) -> Array:
         return np.zeros(self.times_s.shape)
@@ -178,10 +181,34 @@ class Planner:
         """(T, 3) from three curves or constants."""
         return np.stack([np.broadcast_to(part, self.times_s.shape) for part in (x, y, z)], axis=1)
 
-    def arm(
+    def body(
+        self,
+        pelvis_m: Array,
+        pelvis_turn: Array,
+        feet: tuple[FootPath, FootPath] | None = None,
+        *,
+        spine: tuple[ArrayLike, ArrayLike, ArrayLike],
+        heading: Array | float = 0.0,
+        carried: Array | None = None,
+        **arms: ArrayLike | tuple[ArrayLike, ArrayLike],
+    ) -> BodyPlan:
+        """A body, on both feet in their places if their paths are not given.
+
+        `spine` is its forward bend, left turn and roll, spread over three joints; the head undoes
+        half of them. `arms` are angles as in `_arm`, of both alike, or the left's and the right's.
+        """
+        whole = self.axis(*spine)
+        joints = {name: whole / len(_SPINE) for name in _SPINE}
+        joints |= {"neck": -whole / 4, "head": -whole / 4}
+        for row, side in enumerate(("left", "right")):
+            own = {name: a[row] if isinstance(a, tuple) else a for name, a in arms.items()}
+            joints |= self._arm(side, **own)
+        feet = feet or (self.standing_foot(),) * 2
+        return BodyPlan(pelvis_m, pelvis_turn, *feet, joints, heading, carried)
+
+    def _arm(
         self,
         side: str,
-        *,
         lower: ArrayLike = RELAXED_LOWER,
         swing: ArrayLike = 0.0,
         twist: ArrayLike = 0.0,
@@ -212,35 +239,9 @@ class Planner:
         mirror = (1.0, 1.0, 1.0) if side == "left" else (1.0, -1.0, -1.0)
         return {f"{side}_{joint}": rotation * mirror for joint, rotation in left.items()}
 
-    def arms(self, **angles: ArrayLike) -> dict[str, Array]:
-        """Both arms alike; keywords as in `arm`."""
-        return {**self.arm("left", **angles), **self.arm("right", **angles)}
-
-    def trunk(
-        self, *, bend: ArrayLike = 0.0, turn: ArrayLike = 0.0, roll: ArrayLike = 0.0
-    ) -> dict[str, Array]:
-        """Spread forward bend, left turn and roll over the spine; the head undoes half of them."""
-        whole = self.axis(bend, turn, roll)
-        spine = {name: whole / len(_SPINE) for name in _SPINE}
-        return {**spine, "neck": -whole / 4, "head": -whole / 4}
-
-    def planted(
-        self,
-        pelvis_m: Array,
-        pelvis_turn: Array,
-        joints: dict[str, Array],
-        *,
-        pitch: Array | float = 0.0,
-        carried: Array | None = None,
-    ) -> BodyPlan:
-        """A body on both feet, which stay in their places."""
-        foot = self.standing_foot(pitch)
-        return BodyPlan(pelvis_m, pelvis_turn, foot, foot, joints, carried=carried)
-
     def standing_foot(self, pitch: Array | float = 0.0) -> FootPath:
         """A foot that stays in its place."""
-        zeros = self.zeros()
-        return FootPath(self.axis(), zeros + pitch, zeros)
+        return FootPath(self.axis(), self.zeros() + pitch)
 
     def stepping_foot(self, contacts: Sequence[Contact], swings: Sequence[Swing]) -> FootPath:
         """A foot that stands during `contacts`, the first from the start, and swings between."""
@@ -267,4 +268,4 @@ class Planner:
                 (min(after.start_s + 0.12, after.middle_s), swing.standing_pitch),
             ]
         pitch = self.keyframes(*zip(*pitch_knots, strict=True))
-        return FootPath(self.axis(x, y, z), pitch, self.zeros())
+        return FootPath(self.axis(x, y, z), pitch)

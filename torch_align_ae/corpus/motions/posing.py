@@ -181,11 +181,12 @@ def pose_leg(
     foot : pitch and yaw that the motion asks for.
     heading : (T,) where the body faces, radians.
     """
-    pitch = _raise_heel(leg, hip_m, foot, ball_m)
-    foot_turn = _foot_turn(pitch, foot.yaw + foot.heading)
+    yaw = np.broadcast_to(foot.yaw + foot.heading, foot.pitch.shape)
+    pitch = _raise_heel(leg, hip_m, foot.pitch, yaw, ball_m)
+    foot_turn = _foot_turn(pitch, yaw)
     ankle_m = ball_m + foot_turn.apply(leg.ankle_m - leg.ball_m)
     target = pelvis_turn.inv().apply(ankle_m - hip_m)
-    splay = Rotation.from_rotvec(np.outer(foot.yaw + foot.heading - heading, _Y))
+    splay = Rotation.from_rotvec(np.outer(yaw - heading, _Y))
     knee_angle = _knee_angle(leg, np.linalg.norm(target, axis=1))
     knee = Rotation.from_rotvec(np.outer(knee_angle, _X))
     # The hip points the bent leg at its target, and the knee's axis to the side.
@@ -203,17 +204,17 @@ def _foot_turn(pitch: Array, yaw: Array) -> Rotation:
     return Rotation.from_euler("YX", np.stack([yaw, pitch], axis=1))
 
 
-def _raise_heel(leg: Leg, hip_m: Array, foot: FootPath, ball_m: Array) -> Array:
+def _raise_heel(leg: Leg, hip_m: Array, pitch: Array, yaw: Array, ball_m: Array) -> Array:
     """The asked-for pitch, or as much more as lets the leg reach: a smooth maximum of the two."""
-    low, high = (np.full(foot.pitch.shape, bound) for bound in _PITCH_RANGE)
-    heel, yaw = leg.ankle_m - leg.ball_m, foot.yaw + foot.heading
+    low, high = (np.full(pitch.shape, bound) for bound in _PITCH_RANGE)
+    heel = leg.ankle_m - leg.ball_m
     reach_m = _STRETCH * float(np.linalg.norm(leg.thigh_m) + np.linalg.norm(leg.calf_m))
     for _ in range(40):
         middle = (low + high) / 2
         ankle_m = ball_m + _foot_turn(middle, yaw).apply(heel)
         too_far = np.linalg.norm(ankle_m - hip_m, axis=1) > reach_m
         low, high = np.where(too_far, middle, low), np.where(too_far, high, middle)
-    return _HEEL_SOFTNESS * np.logaddexp(foot.pitch / _HEEL_SOFTNESS, high / _HEEL_SOFTNESS)
+    return _HEEL_SOFTNESS * np.logaddexp(pitch / _HEEL_SOFTNESS, high / _HEEL_SOFTNESS)
 
 
 def _knee_angle(leg: Leg, distance_m: Array) -> Array:
