@@ -51,7 +51,7 @@ def main(config: TissueLawsConfig) -> dict[str, Any]:
             theta = perform(
                 motion,
                 subject.name,
-                Skeleton.of(smpl.data, subject.betas),
+                Skeleton(smpl.data, subject.betas),
                 frame_count=config.frames,
                 fps=_FPS,
             )

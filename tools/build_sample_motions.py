@@ -36,7 +36,7 @@ def main() -> None:
     """Write them all."""
     body = load_body_model("embedded:female")
     betas = np.zeros(10)
-    skeleton = Skeleton.of(body, betas)
+    skeleton = Skeleton(body, betas)
     for name in SAMPLES:
         theta = _walk_cycle(skeleton) if name == CYCLE else _take(name, skeleton)
         with tempfile.TemporaryDirectory() as folder:

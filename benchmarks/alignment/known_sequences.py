@@ -127,7 +127,7 @@ def _simulate(
     theta = perform(
         motion,
         subject.name,
-        Skeleton.of(smpl.data, subject.betas),
+        Skeleton(smpl.data, subject.betas),
         frame_count=suite.frames,
         fps=FPS,
         seed=suite.seed,

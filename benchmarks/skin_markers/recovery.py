@@ -119,7 +119,7 @@ def one_woman(
         for mode in MODES:
             files = [Path(folder) / f"{mode}_{take}.npz" for take in TAKES]
             for file, take in zip(files, TAKES, strict=True):
-                theta = perform(take, f"woman {number}", Skeleton.of(body, betas),
+                theta = perform(take, f"woman {number}", Skeleton(body, betas),
                                 frame_count=config.frames, fps=60, seed=config.seed)  # fmt: skip
                 write_take(file, PlusModel(true, body), body, betas, theta, rng, mode != MODES[0])
             with_bone: Callable = evidence.bony_motion

@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from bridge.motion import MotionSequence, pack_theta
+from bridge.motion.resampling import continuous_rotations
 from bridge.motion.sequences import subjects_of
 from bridge.options import NonNegativeInt, PositiveInt
+from bridge.paper import N_JOINTS
 from bridge.runs.workers import on_any_node, progress, worker_pool
 from torch_align_ae.alignment.corpus_fit import AlignedFiles, CorpusFit, Meshes, Window, windows
 from torch_align_ae.alignment.gauss_newton import (
@@ -40,7 +42,7 @@ from torch_align_ae.alignment.tissue import (
     shared_noise,
 )
 from torch_align_ae.body import SMPL
-from torch_align_ae.body.rotations import matrix_to_axis_angle, nearest_turns
+from torch_align_ae.body.rotations import matrix_to_axis_angle
 from torch_align_ae.workers import torch_workers
 
 # Bodies fitted as one batch: fewer waste time between operations, more fall out of the cache.
@@ -138,13 +140,14 @@ class RobustFit(CorpusFit):
             files.store(fit.smpl, window, subject.betas, pose, trans, meshes)
             return pose, trans
 
-        last: Tensor | None = None
+        last = np.empty((0, N_JOINTS, 3), np.float32)
         cut = [window for group in groups for window in group]
         with torch_workers(on_any_node("threads"), self) as pool:
             for window, (pose, trans) in zip(cut, pool.map(fitted, cut), strict=True):
-                pose = nearest_turns(pose, last if window.start else None)
-                last = pose[-1]
-                yield pack_theta(pose.numpy(), trans.numpy())
+                before = last if window.start else last[:0]
+                pose = continuous_rotations(np.concatenate([before, pose.numpy()]))[len(before) :]
+                last = pose[-1:]
+                yield pack_theta(pose, trans.numpy())
 
     def fit_frames(self, subject: Subject, seen: Observed) -> tuple[Tensor, Tensor]:
         """Pose (n, 22, 3) axis-angle and translation (n, 3) of frames of a known subject."""

@@ -17,7 +17,6 @@ from bridge.motion.resampling import load_amass_motion, load_motion_file
 from bridge.paper import N_JOINTS
 from torch_align_ae.corpus.dyna_files import FPS
 from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.motions.plan import Array
 from torch_align_ae.corpus.recordings import MOSH_FPS, Recording
 from torch_align_ae.corpus.subjects import Gender, Subject
 
@@ -36,7 +35,7 @@ class CorpusMotions:
 
     def for_meshes(self, recording: Recording) -> NDArray[np.float32]:
         """theta (T, 69) at 60 fps as it is stored: what the simulation follows is what is read."""
-        return self._procedural(recording, FPS).astype(np.float32)
+        return self._procedural(recording, FPS)
 
     def as_read_back(self, recording: Recording) -> NDArray[np.float32]:
         """theta (T, 69) of a held-out one as every reader of its file sees it: 60 fps, y up."""
@@ -55,7 +54,7 @@ class CorpusMotions:
         fps, source = recording.source_fps or MOSH_FPS, recording.source
         joint_m = self._root_joint_m(recording.subject)
         if source is None:
-            theta = self._procedural(recording, fps).astype(np.float32).astype(np.float64)
+            theta = self._procedural(recording, fps)
         else:
             motion = load_motion_file(source, fps, fps, recording.smooth_hz)
             theta = motion.about_root_joint(joint_m).theta[: recording.frame_count]
@@ -69,16 +68,19 @@ class CorpusMotions:
             source=f"synthetic body, motion of {source.name}" if source else "synthetic",
         )
 
-    def _procedural(self, recording: Recording, fps: float) -> Array:
-        return perform(
-            recording.kind,
-            recording.subject.name,
-            Skeleton.of(self.data, recording.subject.betas),
-            frame_count=recording.frame_count,
+    def _procedural(self, recording: Recording, fps: float) -> NDArray[np.float32]:
+        skeleton = Skeleton(self.data, recording.subject.betas)
+        kind, person, frames = recording.kind, recording.subject.name, recording.frame_count
+        theta = perform(
+            kind,
+            person,
+            skeleton,
+            frame_count=frames,
             fps=fps,
             seed=self.seed,
             take=recording.number,
         )
+        return theta.astype(np.float32)
 
     def _root_joint_m(self, subject: Subject) -> NDArray[np.float64]:
         return shaped_joints(self.data, subject.betas[None])[0, 0]

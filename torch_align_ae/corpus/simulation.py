@@ -11,7 +11,7 @@ from bridge.body.posing import shaped_vertices
 from bridge.motion import unpack_theta
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.motions.plan import GRAVITY_M_S2
-from torch_align_ae.corpus.soft_tissue import RATE_HZ, Array, SoftTissue, TissueParameters
+from torch_align_ae.corpus.soft_tissue import RATE_HZ, Array, SoftTissue
 from torch_align_ae.corpus.tissue_parameters import tissue_parameters
 
 _FRAMES_PER_BATCH = 32
@@ -20,22 +20,19 @@ _FRAMES_PER_BATCH = 32
 class TissueSimulator:
     """The soft tissue of the subject of shape `betas` (10,), with a float64 body model.
 
-    Its mechanics follow from the shape if no `parameters` are given; with `gravity` turned limbs
-    hang.
+    Its mechanics follow from the shape; with `gravity` turned limbs hang.
     """
 
     def __init__(
         self,
         smpl: SMPL,
         betas: Array,
-        parameters: TissueParameters | None = None,
         *,
         gravity: bool = True,
     ) -> None:
         self.smpl, self.betas, self._gravity = smpl, betas, gravity
         vertices = shaped_vertices(smpl.data, betas[None])[0]
-        parameters = parameters or tissue_parameters(smpl.data, betas)
-        self.tissue = SoftTissue(vertices, smpl.data.faces, parameters)
+        self.tissue = SoftTissue(vertices, smpl.data.faces, tissue_parameters(smpl.data, betas))
 
     def offsets(self, theta: Array, fps: float) -> NDArray[np.float32]:
         """Offsets (T, V, 3) in the rest pose, metres, of a motion (T, 69).

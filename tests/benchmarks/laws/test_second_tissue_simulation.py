@@ -39,7 +39,7 @@ def smpl():
 
 @pytest.fixture(scope="module")
 def jump(smpl):
-    skeleton = Skeleton.of(smpl.data, HEAVY.betas)
+    skeleton = Skeleton(smpl.data, HEAVY.betas)
     return perform("one_leg_jump", "50004", skeleton, frame_count=FRAMES, fps=60.0)
 
 

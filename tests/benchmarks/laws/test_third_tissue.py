@@ -166,7 +166,7 @@ def test_pressed_fat_gives_less_than_pulled_and_stiffens_without_limit():
 
 
 def test_heading_and_place_do_not_matter(smpl, heavy):
-    skeleton = Skeleton.of(smpl.data, HEAVY.betas)
+    skeleton = Skeleton(smpl.data, HEAVY.betas)
     theta = perform("one_leg_jump", "50004", skeleton, frame_count=14, fps=60.0)
     pelvis, turn = (
         shaped_joints(smpl.data, HEAVY.betas[None])[0, 0],

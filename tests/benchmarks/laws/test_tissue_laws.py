@@ -33,7 +33,7 @@ def smpl():
 
 @pytest.fixture(scope="module", params=LAWS)
 def moved(smpl, request):
-    skeleton = Skeleton.of(smpl.data, HEAVY.betas)
+    skeleton = Skeleton(smpl.data, HEAVY.betas)
     theta = perform("one_leg_jump", "50004", skeleton, frame_count=70, fps=60.0)
     offsets = [
         LAWS[request.param](smpl, p.betas, gravity=True).offsets(theta, 60.0) for p in (HEAVY, LEAN)

@@ -39,7 +39,7 @@ SETTINGS = RobustSettings.fast()
 def jump(body):
     """The heaviest woman jumps: meshes (T, V, 3), true offsets, theta and betas."""
     subject, double = SUBJECTS["female"][0], body_in_double(body)
-    skeleton = Skeleton.of(double.data, subject.betas)
+    skeleton = Skeleton(double.data, subject.betas)
     theta = perform(
         "one_leg_jump", subject.name, skeleton, frame_count=FRAMES, fps=60.0, seed=3
     ).astype(np.float32)

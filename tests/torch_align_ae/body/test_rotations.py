@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from torch_align_ae.body.rotations import (
     axis_angle_to_matrix,
     matrix_to_axis_angle,
-    nearest_turns,
 )
 
 # Around zero, around the switch to the series, around pi and beyond.
@@ -68,16 +67,3 @@ def test_matrix_to_axis_angle_inverts(axis, angle):
     expected = axis_angle(axis, angle)
     if angle < 3.1:
         np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
-@given(st.integers(0, 5), st.floats(0.05, 0.6))
-def test_nearest_turns_unroll_a_motion(seed, step):
-    """A joint that goes on turning is described without jumps, whatever the matrices say."""
-    generator = torch.Generator().manual_seed(seed)
-    axis = torch.randn(3, generator=generator, dtype=torch.float64)
-    angle = 0.5 + step * torch.arange(60, dtype=torch.float64)
-    turning = (axis / axis.norm()) * angle[:, None, None]
-    wrapped = matrix_to_axis_angle(axis_angle_to_matrix(turning))
-    torch.testing.assert_close(nearest_turns(wrapped), turning, rtol=0, atol=1e-6)
-    later = nearest_turns(wrapped[30:], turning[29])
-    torch.testing.assert_close(later, turning[30:], rtol=0, atol=1e-6)

@@ -61,7 +61,7 @@ def body(gender):
 @cache
 def performance(motion, row, gender: Gender = "female"):
     smpl, subject = body(gender), SUBJECTS[gender][row]
-    skeleton = Skeleton.of(smpl.data, subject.betas)
+    skeleton = Skeleton(smpl.data, subject.betas)
     count = max(FRAMES, round(WHOLE_S.get(motion, 0) * FPS))
     theta = perform(motion, subject.name, skeleton, frame_count=count, fps=FPS)
     style = draw_style(subject.name, motion, skeleton.size, 0)
@@ -142,14 +142,14 @@ def test_knees_and_elbows_bend_the_human_way(motion, row):
 
 @every_motion
 def test_frame_rate_and_length_only_sample_the_same_motion(motion):
-    skeleton = Skeleton.of(body("female").data, SUBJECTS["female"][1].betas)
+    skeleton = Skeleton(body("female").data, SUBJECTS["female"][1].betas)
     at_60 = perform(motion, "50020", skeleton, frame_count=120, fps=60.0)
     at_120 = perform(motion, "50020", skeleton, frame_count=301, fps=120.0)
     np.testing.assert_allclose(at_120[:240:2], at_60, atol=1e-9)
 
 
 def test_subjects_and_seeds_have_their_own_style():
-    skeleton = Skeleton.of(body("female").data, SUBJECTS["female"][1].betas)
+    skeleton = Skeleton(body("female").data, SUBJECTS["female"][1].betas)
 
     def hop(subject, seed):
         options = {"frame_count": 120, "fps": 60.0, "seed": seed}
@@ -161,7 +161,7 @@ def test_subjects_and_seeds_have_their_own_style():
 
 
 def test_another_take_is_the_same_kind_in_another_style():
-    skeleton = Skeleton.of(body("female").data, SUBJECTS["female"][1].betas)
+    skeleton = Skeleton(body("female").data, SUBJECTS["female"][1].betas)
     first, second = (
         perform("hips", "50020", skeleton, frame_count=120, fps=60.0, take=take) for take in (1, 2)
     )
@@ -241,6 +241,6 @@ def test_bending_reaches_for_the_floor_and_then_up():
 
 
 def test_an_unknown_motion_is_refused():
-    skeleton = Skeleton.of(body("female").data, SUBJECTS["female"][1].betas)
+    skeleton = Skeleton(body("female").data, SUBJECTS["female"][1].betas)
     with pytest.raises(DsnetError, match="'moonwalk'; expected one of hips"):
         perform("moonwalk", "50020", skeleton, frame_count=10, fps=60.0)

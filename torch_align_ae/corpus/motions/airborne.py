@@ -27,13 +27,13 @@ _CROUCH_ACCELERATION_M_S2 = 5.0
 
 def light_hopping_stiff(m: Planner) -> BodyPlan:
     """Small quick hops on stiff legs."""
-    hops = _hops(m, flight_s=0.21, contact_s=0.21, crouch_m=0.05)
+    hops = _hops(m, _high(m, 0.21), 0.21, 0.05)
     return _hopping(m, hops, arm_play=0.25)
 
 
 def light_hopping_loose(m: Planner) -> BodyPlan:
     """Hops with loose knees and arms."""
-    hops = _hops(m, flight_s=0.25, contact_s=0.33, crouch_m=0.1)
+    hops = _hops(m, _high(m, 0.25), 0.33, 0.1)
     return _hopping(m, hops, arm_play=0.8)
 
 
@@ -54,7 +54,7 @@ def _hopping(m: Planner, hops: _Hops, arm_play: float) -> BodyPlan:
 def one_leg_jump(m: Planner) -> BodyPlan:
     """Jumps on one leg, the other knee bent."""
     support, size = -m.leading_side, m.size
-    hops = _hops(m, 0.25, 0.34, 0.08, begin_s=BEGIN_S + 0.12)
+    hops = _hops(m, _high(m, 0.25), 0.34, 0.08, begin_s=BEGIN_S + 0.12)
     raised = m.ease(BEGIN_S - 0.05, BEGIN_S + 0.45)
     height_m = hops.height_m
     planted = m.stepping_foot(hops.contacts(), hops.swings(0.01))
@@ -74,7 +74,7 @@ def one_leg_jump(m: Planner) -> BodyPlan:
 
 def jumping_jacks(m: Planner) -> BodyPlan:
     """Jumps between closed and spread, arms swinging overhead."""
-    hops = _hops(m, 0.27, 0.27, 0.07, spread_sink_m=0.03 * m.size)
+    hops = _hops(m, _high(m, 0.27), 0.27, 0.07, spread_sink_m=0.03 * m.size)
     wide = np.arange(len(hops.take_offs_s) + 1) % 2
     spread_m = 0.2 * m.size * m.amplitude * wide
     left, right = (
@@ -93,18 +93,9 @@ def jumping_jacks(m: Planner) -> BodyPlan:
 
 def running_on_spot(m: Planner) -> BodyPlan:
     """Running without moving on."""
-    contact_s, size = 0.24 / m.tempo, m.size
-    hops = _plan_hops(
-        m,
-        begin_s=BEGIN_S,
-        flight_s=0.115,
-        contact_s=contact_s,
-        take_off_m=0.035 * size,
-        crouch_m=0.04 * size,
-        spread_sink_m=0.04,
-    )
+    hops = _hops(m, 0.115, 0.24, 0.04, take_off_m=0.035, spread_sink_m=0.04)
     lead, other = _running_foot(m, hops, 0), _running_foot(m, hops, 1)
-    middles_s = np.concatenate([hops.take_offs_s[:1] - 0.15, hops.landings_s + contact_s / 2])
+    middles_s = np.concatenate([hops.take_offs_s[:1] - 0.15, hops.landings_s + 0.24 / m.tempo / 2])
     stance = m.leading_side * np.where(np.arange(len(middles_s)) % 2, -1.0, 1.0)
     stance[0] = 0.0
     side = m.keyframes(middles_s, stance)
@@ -113,7 +104,7 @@ def running_on_spot(m: Planner) -> BodyPlan:
         m,
         hops.height_m,
         by_side(m.leading_side, lead, other),
-        x_m=0.035 * size * side,
+        x_m=0.035 * m.size * side,
         yaw=0.1 * side,
         roll=0.02 * side,
         lean=0.05 * ready,
@@ -137,7 +128,7 @@ def _running_foot(m: Planner, hops: _Hops, order: int) -> FootPath:
 
 def side_to_side_hopping(m: Planner) -> BodyPlan:
     """Hops with both feet from one side to the other."""
-    hops = _hops(m, 0.25, 0.29, 0.08)
+    hops = _hops(m, _high(m, 0.25), 0.29, 0.08)
     odd = np.where(np.arange(len(hops.take_offs_s) + 1) % 2, 1, -1)
     places_m = m.leading_side * (0.16 * m.size * m.amplitude) * odd
     places_m[0] = 0.0
@@ -238,31 +229,10 @@ def _hops(
     crouch_m: float,
     *,
     begin_s: float = BEGIN_S,
+    take_off_m: float = 0.05,
     spread_sink_m: float = 0.0,
 ) -> _Hops:
-    """Hops of somebody's own height, rate and size."""
-    return _plan_hops(
-        m,
-        begin_s=begin_s,
-        flight_s=flight_s * np.sqrt(m.amplitude),
-        contact_s=contact_s / m.tempo,
-        take_off_m=0.05 * m.size,
-        crouch_m=crouch_m * m.size,
-        spread_sink_m=spread_sink_m,
-    )
-
-
-def _plan_hops(
-    m: Planner,
-    *,
-    begin_s: float,
-    flight_s: float,
-    contact_s: float,
-    take_off_m: float,
-    crouch_m: float,
-    spread_sink_m: float,
-) -> _Hops:
-    """Hop until after the last of the times.
+    """Hop until after the last of the times, at somebody's own rate and size.
 
     Parameters
     ----------
@@ -272,6 +242,7 @@ def _plan_hops(
     crouch_m : depth of the countermovement below standing.
     spread_sink_m : how much lower the pelvis is in every second contact, when the legs are apart.
     """
+    contact_s, crouch_m, take_off_m = contact_s / m.tempo, crouch_m * m.size, take_off_m * m.size
     # More than fill the time; the same whatever the frame rate.
     span_s = m.times_s[-1] + 0.01 - begin_s
     count = int(np.ceil(span_s / (0.7 * (flight_s + contact_s)))) + 1
@@ -293,6 +264,11 @@ def _plan_hops(
         ]
         now_s += flight_s + contact_s
     return _Hops(np.array(take_offs_s), np.array(landings_s), m.track(knots))
+
+
+def _high(m: Planner, flight_s: float) -> float:
+    """Time of a flight as high as somebody jumps."""
+    return flight_s * np.sqrt(m.amplitude)
 
 
 def _push_s(rise_m: float, speed_m_s: float) -> float:

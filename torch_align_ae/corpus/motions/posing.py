@@ -6,16 +6,15 @@ A body that sits or lies is lowered until its skin meets the floor.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.body.posing import joint_rotations, joint_transforms, pose_features, shaped_vertices
+from bridge.body.posing import ShapedBody, Smpl, shaped_vertices
 from bridge.motion import pack_theta
 from bridge.motion.resampling import continuous_rotations
 from bridge.paper import N_JOINTS
@@ -43,8 +42,7 @@ _SETTLING_ROUNDS = 3
 _X, _Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Leg:
+class Leg(NamedTuple):
     """One leg in the rest pose; joints (3,) in metres, the ball being SMPL's `foot` joint."""
 
     hip_m: Array
@@ -61,34 +59,27 @@ class Leg:
         return self.ankle_m - self.knee_m
 
 
-@dataclass(frozen=True, eq=False)
 class Skeleton:
-    """The body of one subject in the rest pose."""
+    """The body of shape `betas` (10,) in the rest pose."""
 
-    data: BodyModelData
-    own_joints_m: Array  # (24, 3) joints in the body model's own coordinates
-    floor_m: float  # height of the floor under the feet in these
-    bearing: NDArray[np.integer]  # (N,) vertices that it sits and lies on
-    bearing_m: Array  # (N, 3) these, in the body model's own coordinates
-
-    @classmethod
-    def of(cls, data: BodyModelData, betas: Array) -> Skeleton:
-        """Skeleton of the body with shape `betas` (10,)."""
+    def __init__(self, data: BodyModelData, betas: Array) -> None:
+        self._data, self._betas = data, betas
         vertices = shaped_vertices(data, betas[None])[0]
-        floor_m = float(vertices[:, 1].min())
-        bones = [_JOINT[name] for name in _BEARING]
-        bearing = np.flatnonzero(data.weights[:, bones].sum(1) > 0.5)[::_EVERY]
-        return cls(data, data.J_regressor @ vertices, floor_m, bearing, vertices[bearing])
-
-    @cached_property
-    def joints_m(self) -> Array:
-        """(24, 3) joints above the floor."""
-        return self.own_joints_m - (0.0, self.floor_m, 0.0)
+        # Height of the floor under the feet in the body model's own coordinates.
+        self.floor_m = float(vertices[:, 1].min())
+        self.joints_m = data.J_regressor @ vertices - (0.0, self.floor_m, 0.0)  # (24, 3) above it
 
     @property
     def size(self) -> float:
         """Leg length relative to an average one."""
         return float(self.joints_m[_JOINT["left_hip"], 1]) / _AVERAGE_LEG_M
+
+    @cached_property
+    def bearing(self) -> ShapedBody:
+        """The skin that it sits and lies on."""
+        bones = [_JOINT[name] for name in _BEARING]
+        chosen = np.flatnonzero(self._data.weights[:, bones].sum(1) > 0.5)[::_EVERY]
+        return Smpl(self._data, chosen, np.float64).person(self._betas)
 
 
 def pose_body(skeleton: Skeleton, plan: BodyPlan) -> Array:
@@ -132,15 +123,7 @@ def _lowest_m(skeleton: Skeleton, pose: Array, trans_m: Array) -> Array:
     to a nanometre: products of matrices differ in their last bits between equal rows, and a
     body that lies still must be still.
     """
-    data, chosen = skeleton.data, skeleton.bearing
-    rotations = joint_rotations(data, pose)
-    own_m = skeleton.own_joints_m
-    joints = np.broadcast_to(own_m, (len(pose), *own_m.shape))
-    bones = joint_transforms(rotations, joints, data.parents, trans_m)
-    blended = np.einsum("nj,tjx->tnx", data.weights[chosen], bones[:, :, 1])
-    corrections = np.tensordot(pose_features(rotations), data.posedirs[chosen], axes=(1, 2))
-    places = skeleton.bearing_m + corrections
-    height_m = (blended[..., :3] * places).sum(-1) + blended[..., 3]
+    height_m = skeleton.bearing.pose(pose, trans_m)[..., 1]
     lowest_m = height_m.min(1, keepdims=True)
     soft = -_SOFTNESS_M * np.log(np.exp((lowest_m - height_m) / _SOFTNESS_M).sum(1))
     return np.round(lowest_m[:, 0] + soft, 9)
@@ -158,34 +141,24 @@ def _pose_legs(pose: Array, skeleton: Skeleton, pelvis_m: Array, plan: BodyPlan)
             about_y = Rotation.from_rotvec(np.outer(foot.heading, _Y))
             axis_m = skeleton.joints_m[0] * (1.0, 0.0, 1.0)
             stand_m = axis_m + about_y.apply(stand_m - axis_m)
-        found = pose_leg(leg, turn, hip_m, foot, stand_m + foot.ball_m, plan.heading)
+        found = _pose_leg(leg, turn, hip_m, foot, stand_m + foot.ball_m, plan.heading)
         for joint, rotation in zip(joints, found, strict=True):
             pose[:, joint] = rotation
 
 
-def pose_leg(
-    leg: Leg,
-    pelvis_turn: Rotation,
-    hip_m: Array,
-    foot: FootPath,
-    ball_m: Array,
-    heading: Array | float = 0.0,
+def _pose_leg(
+    leg: Leg, pelvis: Rotation, hip_m: Array, foot: FootPath, ball_m: Array, heading: Array | float
 ) -> tuple[Array, Array, Array, Array]:
     """Rotations (T, 3) of hip, knee, ankle and toes that bring the ball of a foot to `ball_m`.
 
-    Parameters
-    ----------
-    leg : rest pose of this leg.
-    pelvis_turn : T orientations of the pelvis.
-    hip_m, ball_m : (T, 3) hip joint and ball of the foot in the world, metres.
-    foot : pitch and yaw that the motion asks for.
-    heading : (T,) where the body faces, radians.
+    `pelvis` are T orientations, `hip_m` and `ball_m` (T, 3) joints in the world, metres, `foot` is
+    what the motion asks for, `heading` (T,) where the body faces, radians.
     """
     yaw = np.broadcast_to(foot.yaw + foot.heading, foot.pitch.shape)
     pitch = _raise_heel(leg, hip_m, foot.pitch, yaw, ball_m)
     foot_turn = _foot_turn(pitch, yaw)
     ankle_m = ball_m + foot_turn.apply(leg.ankle_m - leg.ball_m)
-    target = pelvis_turn.inv().apply(ankle_m - hip_m)
+    target = pelvis.inv().apply(ankle_m - hip_m)
     splay = Rotation.from_rotvec(np.outer(yaw - heading, _Y))
     knee_angle = _knee_angle(leg, np.linalg.norm(target, axis=1))
     knee = Rotation.from_rotvec(np.outer(knee_angle, _X))
@@ -193,7 +166,7 @@ def pose_leg(
     rest = _frame(leg.thigh_m + knee.apply(leg.calf_m), np.broadcast_to(_X, target.shape))
     aimed = _frame(target, splay.apply(_X))
     hip = Rotation.from_matrix(aimed @ rest.swapaxes(1, 2))
-    ankle = (pelvis_turn * hip * knee).inv() * foot_turn
+    ankle = (pelvis * hip * knee).inv() * foot_turn
     height_m = np.maximum(ball_m[:, 1] - leg.ball_m[1], 0.0)
     flat = 1 / (1 + (height_m / _TOES_FLAT_BELOW_M) ** 2)
     toes = np.outer(-pitch * flat, _X)
