@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import plugin
-from bridge.body import load_body_model
+from bridge.body import BodyModelData, load_body_model
 from bridge.processes import run_as_process
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import frame_camera, render_bodies
 from bridge.runs.files import write_text_atomically
-from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, posed_meshes
+from torch_align_ae.corpus.simulation import TissueSimulator, posed_meshes
 from torch_align_ae.corpus.subjects import SUBJECTS, Subject
 
 _FPS, _OWN = 60.0, "own"
@@ -44,19 +43,19 @@ class TissueLawsConfig:
 
 def main(config: TissueLawsConfig) -> dict[str, Any]:
     """Write the results; also returns them."""
-    smpl = body_in_double(load_body_model("embedded:female"))
+    woman = load_body_model("embedded:female")
     laws, rows, pictured = {_OWN: TissueSimulator, **plugin.tissues()}, [], {}
     for motion in _MOTIONS:
         for subject in (SUBJECTS["female"][0], SUBJECTS["female"][-1]):
             theta = perform(
                 motion,
                 subject.name,
-                Skeleton(smpl.data, subject.betas),
+                Skeleton(woman, subject.betas),
                 frame_count=config.frames,
                 fps=_FPS,
             )
             offsets = {
-                name: law(smpl, subject.betas, gravity=True).offsets(theta, _FPS)
+                name: law(woman, subject.betas, gravity=True).offsets(theta, _FPS)
                 for name, law in laws.items()
             }
             rows.append({"motion": motion, "subject": subject.name, "laws": compared(offsets)})
@@ -66,13 +65,13 @@ def main(config: TissueLawsConfig) -> dict[str, Any]:
     config.out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"
     write_text_atomically(config.out / "tissue_laws.json", text)
-    draw(config.out / "tissue_laws.png", smpl, **pictured)
+    draw(config.out / "tissue_laws.png", woman, **pictured)
     return results
 
 
 def draw(
     path: Path,
-    smpl: SMPL,
+    woman: BodyModelData,
     subject: Subject,
     theta: NDArray[np.floating],
     offsets: dict[str, NDArray[np.float32]],
@@ -84,14 +83,14 @@ def draw(
     sizes = {name: np.linalg.norm(own[frames], axis=-1) for name, own in offsets.items()}
     top_m = scale_top_m(np.stack(list(sizes.values())))
     bodies = {
-        name: posed_meshes(smpl, subject.betas, theta[frames], own[frames])
+        name: posed_meshes(woman, subject.betas, theta[frames], own[frames])
         for name, own in offsets.items()
     }
     camera = frame_camera([body for row in bodies.values() for body in row], height_px=420)
     pictures = [
         [
             render_bodies(
-                [body], smpl.data.faces, camera=camera, colours=[magnitude_colours(size, top_m)]
+                [body], woman.faces, camera=camera, colours=[magnitude_colours(size, top_m)]
             )
             for body, size in zip(bodies[name], sizes[name], strict=True)
         ]

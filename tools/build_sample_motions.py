@@ -21,7 +21,7 @@ from bridge.motion.readers.amass import CYCLE, SAMPLES, sample_path
 from torch_align_ae.corpus.corpus_motions import write_amass_motion
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.motions.locomotion import walking
-from torch_align_ae.corpus.motions.plan import Array, Planner, draw_style
+from torch_align_ae.corpus.motions.plan import Array, Planner
 from torch_align_ae.corpus.motions.posing import pose_body
 
 FPS, SECONDS, SEED = 60, 4, 2021
@@ -61,9 +61,8 @@ def _take(name: str, skeleton: Skeleton) -> Array:
 
 
 def _walk_cycle(skeleton: Skeleton) -> Array:
-    style = replace(draw_style("sample", CYCLE, skeleton.size, SEED), tempo=1.0, amplitude=1.0)
-    times_s = np.arange(FPS * SECONDS) / FPS
-    lap = pose_body(skeleton, walking(Planner(times_s, style)))[LAP]
+    drawn = Planner.drawn("sample", CYCLE, np.arange(FPS * SECONDS) / FPS, skeleton.size, SEED)
+    lap = pose_body(skeleton, walking(replace(drawn, tempo=1.0, amplitude=1.0)))[LAP]
     lap[:, FORWARD] -= np.linspace(0.0, lap[-1, FORWARD] - lap[0, FORWARD], len(lap))
     return lap
 

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from bridge.body import load_body_model
+from bridge.body import BodyModelData, load_body_model
 from bridge.exchange import load_weights, save_weights
-from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.dyna_files import FPS
 from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, posed_meshes
+from torch_align_ae.corpus.simulation import TissueSimulator, posed_meshes
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
 
 
@@ -123,27 +122,27 @@ def _person(name: str) -> tuple[Gender, Subject]:
 def _simulate(
     gender: Gender, subject: Subject, motion: str, suite: Suite
 ) -> dict[str, NDArray[np.float32]]:
-    smpl, simulator = _double(gender), _simulator(gender, subject)
+    body, simulator = _body(gender), _simulator(gender, subject)
     theta = perform(
         motion,
         subject.name,
-        Skeleton(smpl.data, subject.betas),
+        Skeleton(body, subject.betas),
         frame_count=suite.frames,
         fps=FPS,
         seed=suite.seed,
     ).astype(np.float32)
     stored_theta = theta.astype(np.float64)
     offsets_m = simulator.offsets(stored_theta, FPS)
-    meshes_m = posed_meshes(smpl, subject.betas, stored_theta, offsets_m)
+    meshes_m = posed_meshes(body, subject.betas, stored_theta, offsets_m)
     return {"theta": theta, "offsets": offsets_m, "meshes": meshes_m}
 
 
 @cache
-def _double(gender: Gender) -> SMPL:
-    return body_in_double(load_body_model(f"embedded:{gender}"))
+def _body(gender: Gender) -> BodyModelData:
+    return load_body_model(f"embedded:{gender}")
 
 
 @cache
 def _simulator(gender: Gender, subject: Subject) -> TissueSimulator:
     """One for all motions of a subject: factorising its stiffness takes most of the time."""
-    return TissueSimulator(_double(gender), subject.betas)
+    return TissueSimulator(_body(gender), subject.betas)

@@ -21,7 +21,7 @@ from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat
 from bridge.processes import run_as_process
 from torch_align_ae.corpus.dyna_files import FPS
-from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double
+from torch_align_ae.corpus.simulation import TissueSimulator
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def main(config: OnMarkersConfig) -> None:
     laws = {"own": TissueSimulator, **tissues()}
     if config.tissue not in laws:
         raise DsnetError(f"--tissue {config.tissue}", ", ".join(laws), "Name one of them.")
-    law = laws[config.tissue](body_in_double(body), motion.betas, gravity=True)
+    law = laws[config.tissue](body, motion.betas, gravity=True)
     comparisons = {}
     for name, one in {"pose of the file": motion, "pose by markers on bone": bony}.items():
         offsets_m = law.offsets(one.theta, FPS)

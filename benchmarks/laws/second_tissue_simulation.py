@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.laws.second_tissue import Array, FleshLayer
 from benchmarks.laws.second_tissue_parameters import layer_parameters, muscle_share
+from bridge.body import BodyModelData
 from bridge.body.posing import shaped_vertices
 from bridge.motion import unpack_theta
-from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.motions.plan import GRAVITY_M_S2
 from torch_align_ae.corpus.simulation import skin
 
@@ -29,7 +29,7 @@ class SecondTissueSimulator:
 
     Parameters
     ----------
-    smpl : float64 body model.
+    body : body model.
     betas : (10,) shape of the subject.
     gravity : whether turned limbs hang.
     parabola_frames : of the motion, an odd number: through so many a parabola tells the
@@ -38,16 +38,16 @@ class SecondTissueSimulator:
 
     def __init__(
         self,
-        smpl: SMPL,
+        body: BodyModelData,
         betas: Array,
         *,
         gravity: bool = True,
         parabola_frames: int = PARABOLA_FRAMES,
     ) -> None:
-        self.smpl, self.betas = smpl, betas
+        self.body, self.betas = body, betas
         self._gravity, self._parabola_frames = gravity, parabola_frames
-        self._vertices = shaped_vertices(smpl.data, betas[None])[0]
-        self._parameters = layer_parameters(smpl.data, betas)
+        self._vertices = shaped_vertices(body, betas[None])[0]
+        self._parameters = layer_parameters(body, betas)
         self._layers: dict[float, FleshLayer] = {}
 
     def offsets(self, theta: Array, fps: float) -> NDArray[np.float32]:
@@ -59,7 +59,7 @@ class SecondTissueSimulator:
         substeps = max(1, int(np.ceil(_LEAST_RATE_HZ / fps - 1e-9)))
         layer = self._layer(substeps * fps)
         loads = rest_frame_load(
-            self.smpl,
+            self.body,
             self.betas,
             theta,
             fps,
@@ -68,7 +68,7 @@ class SecondTissueSimulator:
             parabola_frames=self._parabola_frames,
         )
         tension = self._tension(theta, fps)[:, layer.free, None]
-        result = np.zeros((len(theta), self.smpl.vertex_count, 3), np.float32)
+        result = np.zeros((len(theta), self.body.vertex_count, 3), np.float32)
         state = layer.settled(loads[0], tension[0])
         result[0, layer.free] = state.offsets_m
         for frame in range(1, len(theta)):
@@ -85,7 +85,7 @@ class SecondTissueSimulator:
     def _layer(self, rate_hz: float) -> FleshLayer:
         if rate_hz not in self._layers:
             self._layers[rate_hz] = FleshLayer(
-                self._vertices, self.smpl.data.faces, self._parameters, rate_hz
+                self._vertices, self.body.faces, self._parameters, rate_hz
             )
         return self._layers[rate_hz]
 
@@ -97,9 +97,9 @@ class SecondTissueSimulator:
         slack = 1 - muscle_activation(theta, fps)
         idle = slack.copy()
         for joint in range(1, slack.shape[1]):
-            idle[:, self.smpl.parents[joint]] *= slack[:, joint]
-        gain = (self._parameters.greatest_tension - 1) * muscle_share(self.smpl.data)
-        return 1 + gain * ((1 - idle) @ self.smpl.data.weights[:, : idle.shape[1]].T)
+            idle[:, self.body.parents[joint]] *= slack[:, joint]
+        gain = (self._parameters.greatest_tension - 1) * muscle_share(self.body)
+        return 1 + gain * ((1 - idle) @ self.body.weights[:, : idle.shape[1]].T)
 
 
 def muscle_activation(theta: Array, fps: float) -> Array:
@@ -127,7 +127,7 @@ def muscle_activation(theta: Array, fps: float) -> Array:
 
 
 def rest_frame_load(
-    smpl: SMPL,
+    body: BodyModelData,
     betas: Array,
     theta: Array,
     fps: float,
@@ -141,7 +141,7 @@ def rest_frame_load(
     x'' is that of parabolas fitted to `parabola_frames`. In the first frame the body is held: x''
     is 0.
     """
-    vertices, rotations = skin(smpl, betas, theta, selected)
+    vertices, rotations = skin(body, betas, theta, selected)
     width = min(parabola_frames, len(theta) - 1 + len(theta) % 2)
     acceleration = np.zeros_like(vertices)
     if width >= 3:

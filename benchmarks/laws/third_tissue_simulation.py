@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmarks.laws.third_tissue import RATE_HZ, Array, ThirdTissue
 from benchmarks.laws.third_tissue_parameters import third_tissue_parameters
-from torch_align_ae.body import SMPL
+from bridge.body import BodyModelData
 from torch_align_ae.corpus.simulation import skin
 
 _FRAMES_PER_BATCH = 32
@@ -27,14 +27,14 @@ class ThirdTissueSimulator:
 
     Parameters
     ----------
-    smpl : float64 body model.
+    body : body model.
     betas : (10,) shape of the subject.
     gravity : whether turned limbs hang.
     """
 
-    def __init__(self, smpl: SMPL, betas: Array, *, gravity: bool = True) -> None:
-        self.smpl, self.betas = smpl, betas
-        self.free, parameters = third_tissue_parameters(smpl.data, betas)
+    def __init__(self, body: BodyModelData, betas: Array, *, gravity: bool = True) -> None:
+        self.body, self.betas = body, betas
+        self.free, parameters = third_tissue_parameters(body, betas)
         self.tissue = ThirdTissue(parameters, gravity=gravity)
 
     def offsets(self, theta: Array, fps: float) -> NDArray[np.float32]:
@@ -50,7 +50,7 @@ class ThirdTissueSimulator:
         substeps = round(RATE_HZ / fps)
         if not substeps or not np.isclose(substeps * fps, RATE_HZ):
             raise ValueError(f"{RATE_HZ} Hz is not a multiple of {fps} fps")
-        result = np.zeros((len(theta), self.smpl.vertex_count, 3), np.float32)
+        result = np.zeros((len(theta), self.body.vertex_count, 3), np.float32)
         frames = self._anchors(theta)
         start = next(frames)
         state = self.tissue.settled(*_split(start))
@@ -77,7 +77,7 @@ class ThirdTissueSimulator:
         rest_axes = self.tissue.parameters.axes
         for start in range(0, len(theta), _FRAMES_PER_BATCH):
             window = theta[start : start + _FRAMES_PER_BATCH]
-            places, turns = skin(self.smpl, self.betas, window, self.free)
+            places, turns = skin(self.body, self.betas, window, self.free)
             for skin_m, blended in zip(places, turns, strict=True):
                 turn = nearest_rotations(blended)
                 axes = (turn[:, :, None] * rest_axes).sum(1)

@@ -29,7 +29,6 @@ from bridge.motion.sequences import is_real_motion
 from bridge.processes import run_as_process
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
-from torch_align_ae.corpus.simulation import body_in_double
 
 FRAMES = 3
 _PEOPLE = ("known person", "new person")
@@ -113,12 +112,12 @@ def _clips(run: Run) -> Iterator[dict[str, Any]]:
     scored = {score["name"]: score for score in evaluated.manifest["per_sequence"]}
     sequences = sequences_of(truth)
     body = load_body_model(f"embedded:{bed['gender']}")
-    rows, smpl = subject_rows(sequences), body_in_double(body)
+    rows = subject_rows(sequences)
     for sequence in sequences:
         score = scored.get(sequence.name)
         if sequence.split == "test" and score is not None:
             betas = np.asarray(truth.array("betas")[rows[sequence.subject]], np.float64)
-            again = SecondTissueSimulator(smpl, betas, parabola_frames=FRAMES)
+            again = SecondTissueSimulator(body, betas, parabola_frames=FRAMES)
             yield {
                 "name": sequence.name,
                 "cell": score["cell"],

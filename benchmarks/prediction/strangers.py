@@ -25,7 +25,7 @@ from bridge.runs.files import write_text_atomically
 from bridge.runtime.onnx_graph import Graph, GraphSession
 from bridge.runtime.tissue_graph import SheetGraph, person_of
 from bridge.tissue.trained_plus import TrainedPlus
-from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double
+from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
 
 LOOSE = ("chest", "belly", "buttocks", "thighs")
@@ -95,7 +95,7 @@ def model_hz(model: TrainedPlus, body: BodyModelData, betas: NDArray) -> NDArray
 
 def law_hz(body: BodyModelData, betas: NDArray) -> NDArray[np.floating]:
     """(V,) at all vertices of a person (10,); infinite where skin does not move."""
-    tissue = TissueSimulator(body_in_double(body), betas).tissue
+    tissue = TissueSimulator(body, betas).tissue
     raised_m = tissue.settled(np.tile([0.0, _LOAD_M_S2, 0.0], (len(tissue.free), 1))).offsets_m
     found = np.full(body.vertex_count, np.inf)
     found[tissue.free] = np.sqrt(_LOAD_M_S2 / np.maximum(raised_m[:, 1], 1e-12)) / (2 * np.pi)

@@ -22,7 +22,7 @@ from bridge.paper import N_JOINTS
 from bridge.runs import ArtifactWriter, Run
 from torch_align_ae.corpus.corpus_motions import write_amass_motion
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna
-from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
+from torch_align_ae.corpus.simulation import posed_meshes
 
 NOTICE = "Smooth functions in place of motions and soft tissue: a corpus for benchmarks only.\n"
 _GENDER = "female"
@@ -173,10 +173,9 @@ class SmoothCorpus:
         )
 
     def _write_meshes(self, corpus: ArtifactWriter, data: BodyModelData) -> None:
-        smpl = body_in_double(data)
         meshes = {
             id(body): posed_meshes(
-                smpl,
+                data,
                 np.asarray(body.betas, np.float64),
                 np.asarray(body.theta, np.float64),
                 body.offsets_m,

@@ -26,8 +26,8 @@ def tissues():
     class Jelly:
         """Hangs behind by as much as the body moves in a frame."""
 
-        def __init__(self, smpl, betas, *, gravity):
-            self.count = smpl.vertex_count
+        def __init__(self, body, betas, *, gravity):
+            self.count = body.vertex_count
 
         def offsets(self, theta, fps):
             lag_m = -np.gradient(theta[:, 66:], axis=0).astype(np.float32)

@@ -67,8 +67,9 @@ def is_sequence(name: str, item: object) -> bool:
     """
     subject, _, motion = name.partition("_")
     named_after_subject = subject.isdecimal() and bool(motion)
-    is_data = isinstance(item, h5py.Dataset) and name != FACES_KEY
-    return is_data and (named_after_subject or item.ndim >= 3)
+    if name == FACES_KEY or not isinstance(item, h5py.Dataset):
+        return False
+    return named_after_subject or item.ndim >= 3
 
 
 def check_sequence(path: Path, name: str, dataset: h5py.Dataset) -> int:

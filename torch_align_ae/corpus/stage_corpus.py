@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tyro.conf import Fixed
 
-from bridge.body import load_body_model
+from bridge.body import BodyModelData, load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.readers import find_motion_files
@@ -19,7 +19,6 @@ from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.files import ArrayFile, arrays_sha256, is_written, mark_written
 from bridge.runs.workers import on_any_node, progress, worker_pool
-from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.corpus_motions import CorpusMotions
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS
@@ -30,7 +29,7 @@ from torch_align_ae.corpus.recordings import (
     held_out_recordings,
     real_recordings,
 )
-from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
+from torch_align_ae.corpus.simulation import posed_meshes
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
 from torch_align_ae.corpus.tissue_laws import form_named, tissue_named
 
@@ -188,8 +187,8 @@ def main(config: CorpusConfig) -> None:
 
 def _make_truth(writer: ArtifactWriter, config: CorpusConfig, plan: CorpusPlan) -> None:
     """Move every subject and simulate its tissue; every finished sequence is a checkpoint."""
-    smpl = body_in_double(load_body_model(f"embedded:{config.gender}"))
-    motions = CorpusMotions(smpl.data, config.gender, config.seed)
+    body = load_body_model(f"embedded:{config.gender}")
+    motions = CorpusMotions(body, config.gender, config.seed)
     thetas = {one.name: motions.for_meshes(one) for one in plan.dyna}
     thetas |= {one.name: motions.as_read_back(one) for one in plan.held_out}
     sequences, frames = [], 0
@@ -201,10 +200,10 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, plan: CorpusPlan) 
     writer.put("theta", np.concatenate(list(thetas.values())), "rad, last three m")
     subjects = list(dict.fromkeys(recording.subject for recording in plan.all))
     writer.put("betas", np.array([subject.betas for subject in subjects], np.float32), "1")
-    shape = (frames, smpl.vertex_count, 3)
+    shape = (frames, body.vertex_count, 3)
     offsets = writer.array_file("offsets", shape, np.float32, "m")
     if make_form := form_named(config.form):
-        form = make_form(smpl.data, config.seed)
+        form = make_form(body, config.seed)
         static = writer.open_array("static", shape, np.float32, "m")
         for sequence in sequences:
             theta = thetas[sequence.name].astype(np.float64)
@@ -221,7 +220,7 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, plan: CorpusPlan) 
     # A subject a core: the sparse solves release Python's lock, and no subject needs another.
     with (
         progress(what="soft tissue", unit="frame", total=frames) as bar,
-        worker_pool(on_any_node("threads"), smpl) as pool,
+        worker_pool(on_any_node("threads"), body) as pool,
     ):
         for done in pool.map(work.simulate, subjects):
             bar.update(done)
@@ -237,11 +236,11 @@ class _TissueWork:
     offsets: ArrayFile
     checkpoints: Path
 
-    def simulate(self, smpl: SMPL, subject: Subject) -> int:
+    def simulate(self, body: BodyModelData, subject: Subject) -> int:
         """Write the offsets of all sequences of a subject that are not done; gives their frames."""
         own = [sequence for sequence in self.sequences if sequence.subject == subject.name]
         law = tissue_named(self.config.tissue)
-        tissue = law(smpl, subject.betas, gravity=self.config.gravity)
+        tissue = law(body, subject.betas, gravity=self.config.gravity)
         for sequence in own:
             done = self.checkpoints / f"{sequence.name}.done"
             if not is_written(done, lambda rows=sequence.frames: _digest(self.offsets.read(rows))):
@@ -260,16 +259,16 @@ def _make_corpus(
     writer: ArtifactWriter, config: CorpusConfig, truth: Artifact, plan: CorpusPlan
 ) -> None:
     """Write the files that a licensed user would have, and nothing of the truth."""
-    data = load_body_model(f"embedded:{config.gender}")
-    data.save_smpl_npz(writer.file_path(f"SMPL_{config.gender.upper()}.npz"))
+    body = load_body_model(f"embedded:{config.gender}")
+    body.save_smpl_npz(writer.file_path(f"SMPL_{config.gender.upper()}.npz"))
     names = {one.kind: one.source.name for one in plan.held_out if one.source}
     notice = _NOTICE + (_REAL_NOTICE.format(files=", ".join(names.values())) if names else "")
     writer.file_path("NOTICE.txt").write_text(notice, encoding="utf-8")
-    motions = CorpusMotions(data, config.gender, config.seed)
+    motions = CorpusMotions(body, config.gender, config.seed)
     for recording in plan.held_out:
         motions.write_amass(writer.file_path(f"mosh/{recording.name}_poses.npz"), recording)
     path = writer.file_path(f"dyna_{config.gender}.h5")
-    _write_meshes(path, config, truth, body_in_double(data))
+    _write_meshes(path, config, truth, body)
     sequences = [sequence for sequence in sequences_of(truth) if sequence.split != "test"]
     writer.record(
         sequences=to_manifest(sequences),
@@ -279,16 +278,16 @@ def _make_corpus(
     )
 
 
-def _write_meshes(path: Path, config: CorpusConfig, truth: Artifact, smpl: SMPL) -> None:
+def _write_meshes(path: Path, config: CorpusConfig, truth: Artifact, body: BodyModelData) -> None:
     make_form = form_named(config.form)
-    form = make_form and make_form(smpl.data, config.seed)
+    form = make_form and make_form(body, config.seed)
     theta, offsets, betas = (truth.array(name) for name in ("theta", "offsets", "betas"))
     static = truth.array("static") if form else None
     rows = subject_rows(sequences_of(truth))
     dyna = [sequence for sequence in sequences_of(truth) if sequence.split != "test"]
     frames = sum(sequence.length for sequence in dyna)
     with (
-        write_dyna(path, smpl.data.faces) as file,
+        write_dyna(path, body.faces) as file,
         progress(what="meshes", unit="frame", total=frames) as bar,
     ):
         for sequence in dyna:
@@ -297,7 +296,7 @@ def _write_meshes(path: Path, config: CorpusConfig, truth: Artifact, smpl: SMPL)
             own_offsets = offsets[sequence.frames]
             if static is not None:
                 own_offsets = own_offsets + static[sequence.frames]
-            meshes = posed_meshes(smpl, own_betas, own_theta, own_offsets)
+            meshes = posed_meshes(body, own_betas, own_theta, own_offsets)
             if form:
                 meshes = form.registered(sequence.name, meshes, FPS)
             file.add(sequence.name, meshes)

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.plugins import entry_named, with_plugins
-from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.simulation import TissueSimulator
 
 
@@ -28,10 +27,10 @@ class MovedTissue(Protocol):
 
 
 class TissueLaw(Protocol):
-    """Gives the tissue of a subject: of a float64 body model and a shape (10,)."""
+    """Gives the tissue of a subject: of a body model and a shape (10,)."""
 
     def __call__(
-        self, smpl: SMPL, betas: NDArray[np.floating], /, *, gravity: bool
+        self, body: BodyModelData, betas: NDArray[np.floating], /, *, gravity: bool
     ) -> MovedTissue: ...
 
 

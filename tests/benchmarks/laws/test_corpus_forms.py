@@ -14,7 +14,7 @@ from bridge.runs import read_artifact
 from tests.torch_align_ae.corpus.test_stage_corpus import TINY
 from torch_align_ae.corpus import stage_corpus as stage
 from torch_align_ae.corpus.dyna_files import dyna_sequences
-from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
+from torch_align_ae.corpus.simulation import posed_meshes
 
 SECOND = replace(TINY, tissue="second", form="captured", gravity=False, seed=5)
 
@@ -44,13 +44,13 @@ def test_every_sequence_has_a_truth_of_what_moves_and_of_what_does_not(truth):
 
 
 def test_meshes_are_posed_with_both_then_slid_and_noisy(truth, corpus):
-    smpl = body_in_double(load_body_model("embedded:female"))
-    form, rows = CapturedForm(smpl.data, seed=5), subject_rows(sequences_of(truth))
+    body = load_body_model("embedded:female")
+    form, rows = CapturedForm(body, seed=5), subject_rows(sequences_of(truth))
     (sequence,) = sequences_of(corpus)
     arrays = {name: truth.array(name)[sequence.frames] for name in ("theta", "offsets", "static")}
     betas = truth.array("betas")[rows[sequence.subject]].astype(np.float64)
     both = arrays["offsets"] + arrays["static"]
-    meshes = posed_meshes(smpl, betas, arrays["theta"].astype(np.float64), both)
+    meshes = posed_meshes(body, betas, arrays["theta"].astype(np.float64), both)
     meshes_of = {one.name: one for one in dyna_sequences([corpus.file("dyna_female.h5")])}
     found = meshes_of[sequence.name].read()
     np.testing.assert_array_equal(found, form.registered(sequence.name, meshes, 60.0))

@@ -23,7 +23,7 @@ from benchmarks.laws.second_tissue_simulation import (
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_vertices
 from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double
+from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
 from torch_align_ae.corpus.tissue_parameters import tissue_parameters
 
@@ -33,65 +33,65 @@ HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]
 
 
 @pytest.fixture(scope="module")
-def smpl():
-    return body_in_double(load_body_model("embedded:female"))
+def body():
+    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")
-def jump(smpl):
-    skeleton = Skeleton(smpl.data, HEAVY.betas)
+def jump(body):
+    skeleton = Skeleton(body, HEAVY.betas)
     return perform("one_leg_jump", "50004", skeleton, frame_count=FRAMES, fps=60.0)
 
 
-def test_the_laws_disagree(smpl, jump):
+def test_the_laws_disagree(body, jump):
     """None explains another, at any scale: they are as measurements of different materials."""
-    found = [law(smpl, HEAVY.betas, gravity=True).offsets(jump, 60.0) for law in LAWS.values()]
+    found = [law(body, HEAVY.betas, gravity=True).offsets(jump, 60.0) for law in LAWS.values()]
     for first, second in combinations(found, 2):
         scale = (first * second).sum() / (first**2).sum()
         unexplained = ((second - scale * first) ** 2).sum() / (second**2).sum()
         assert 0.1 < unexplained < 0.9
 
 
-def test_both_laws_find_other_parts_soft(smpl):
-    thick = layer_parameters(smpl.data, HEAVY.betas)
-    deep = tissue_parameters(smpl.data, HEAVY.betas)
+def test_both_laws_find_other_parts_soft(body):
+    thick = layer_parameters(body, HEAVY.betas)
+    deep = tissue_parameters(body, HEAVY.betas)
     both = thick.free & deep.free
     first, second = (part.frequency_hz[both] for part in (deep, thick))
     assert np.corrcoef(first, second)[0, 1] < 0.8
     assert 3 < thick.frequency_hz.min() < 6
 
 
-def test_in_free_fall_gravity_is_not_felt(smpl):
+def test_in_free_fall_gravity_is_not_felt(body):
     """What is left of R^T (g - x'') - g is -g: flesh rises against the posture of the scan."""
     times_s = np.arange(30) / 60
     theta = np.zeros((30, 69))
     theta[:, 2] = np.pi / 2
     theta[:, 67] = -9.81 * times_s**2 / 2
-    everywhere = np.arange(smpl.vertex_count)
-    load = rest_frame_load(smpl, np.zeros(10), theta, 60.0, everywhere)
+    everywhere = np.arange(body.vertex_count)
+    load = rest_frame_load(body, np.zeros(10), theta, 60.0, everywhere)
     np.testing.assert_allclose(load[1:], np.broadcast_to([0, 9.81, 0], load[1:].shape), atol=1e-7)
 
 
 @pytest.mark.parametrize("fps", [50.0, 100.0])
-def test_the_frame_rate_hardly_changes_the_motion(smpl, fps):
+def test_the_frame_rate_hardly_changes_the_motion(body, fps):
     """One second of bouncing at 2 Hz, at its end, against 200 frames per second."""
-    found, exact = (bounced(smpl, rate) for rate in (fps, 200.0))
+    found, exact = (bounced(body, rate) for rate in (fps, 200.0))
     assert np.abs(exact).max() > 5e-3
     np.testing.assert_allclose(found, exact, atol=0.08 * np.abs(exact).max())
 
 
-def bounced(smpl, fps):
+def bounced(body, fps):
     theta = np.zeros((round(fps) + 1, 69))
     theta[:, 67] = 0.05 * (1 - np.cos(2 * np.pi * 2 * np.arange(len(theta)) / fps))
-    return SecondTissueSimulator(smpl, HEAVY.betas).offsets(theta, fps)[-1]
+    return SecondTissueSimulator(body, HEAVY.betas).offsets(theta, fps)[-1]
 
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("count", [1, 2, 4])
-def test_the_shortest_motions_hang_in_their_first_pose(smpl, law, count):
+def test_the_shortest_motions_hang_in_their_first_pose(body, law, count):
     theta = np.zeros((count, 69))
     theta[:, 0] = -np.pi / 2
-    found = LAWS[law](smpl, HEAVY.betas, gravity=True).offsets(theta, 60.0)
+    found = LAWS[law](body, HEAVY.betas, gravity=True).offsets(theta, 60.0)
     assert len(found) == count
     assert 0.003 < np.abs(found[-1]).max() < 0.05
 
@@ -115,19 +115,19 @@ def test_a_bent_joint_stays_tense_and_turning_the_body_needs_no_muscle():
     assert activation[:, 0].max() == 0
 
 
-def test_tense_muscles_hold_flesh(smpl):
-    tissue = SecondTissueSimulator(smpl, HEAVY.betas)
+def test_tense_muscles_hold_flesh(body):
+    tissue = SecondTissueSimulator(body, HEAVY.betas)
     theta = np.zeros((3, 69))
     relaxed = tissue._tension(theta, 60.0)
     theta[:, 12] = 2.0
     bent = tissue._tension(theta, 60.0)
-    thigh, arm = (smpl.data.weights[:, joint] > 0.9 for joint in (1, 16))
+    thigh, arm = (body.weights[:, joint] > 0.9 for joint in (1, 16))
     assert relaxed.max() == 1
     assert bent[:, thigh].min() > 1.2
     assert bent[:, arm].max() < 1.01
 
 
-def test_girth_gives_a_cylinders_radius(smpl):
+def test_girth_gives_a_cylinders_radius(body):
     cylinder = trimesh.creation.cylinder(radius=0.07, height=0.4, sections=64)
     for _ in range(3):
         cylinder = cylinder.subdivide()
@@ -153,17 +153,17 @@ def test_corpulence_is_mass_over_squared_height():
     )
 
 
-def test_breasts_and_thighs_stand_out_and_the_waist_does_not(smpl):
-    vertices = shaped_vertices(smpl.data, HEAVY.betas[None])[0]
-    standing, weights = prominence_m(vertices, smpl.data.faces), smpl.data.weights
+def test_breasts_and_thighs_stand_out_and_the_waist_does_not(body):
+    vertices = shaped_vertices(body, HEAVY.betas[None])[0]
+    standing, weights = prominence_m(vertices, body.faces), body.weights
     chest = weights[:, [6, 9]].sum(1) > 0.8
     breasts = chest & (vertices[:, 2] > np.quantile(vertices[chest, 2], 0.95))
     assert standing[breasts].mean() > 0.015
     assert standing[weights[:, 3] > 0.5].mean() < 0
 
 
-def test_heads_hands_and_feet_are_held(smpl):
-    free = layer_parameters(smpl.data, HEAVY.betas).free
-    assert not free[smpl.data.weights[:, 15] > 0.9].any()
-    assert not free[smpl.data.weights[:, [10, 11, 20, 21, 22, 23]].sum(1) > 0.95].any()
-    assert free[smpl.data.weights[:, [1, 2, 3, 16, 17]].max(1) > 0.9].all()
+def test_heads_hands_and_feet_are_held(body):
+    free = layer_parameters(body, HEAVY.betas).free
+    assert not free[body.weights[:, 15] > 0.9].any()
+    assert not free[body.weights[:, [10, 11, 20, 21, 22, 23]].sum(1) > 0.95].any()
+    assert free[body.weights[:, [1, 2, 3, 16, 17]].max(1) > 0.9].all()

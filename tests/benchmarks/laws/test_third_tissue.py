@@ -18,20 +18,19 @@ from bridge.body import load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import body_in_double
 from torch_align_ae.corpus.subjects import SUBJECTS
 
 HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]
 
 
 @pytest.fixture(scope="module")
-def smpl():
-    return body_in_double(load_body_model("embedded:female"))
+def body():
+    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")
-def heavy(smpl):
-    return ThirdTissueSimulator(smpl, HEAVY.betas)
+def heavy(body):
+    return ThirdTissueSimulator(body, HEAVY.betas)
 
 
 def columns(areas_m2, laplacian) -> ThirdTissueParameters:
@@ -165,11 +164,11 @@ def test_pressed_fat_gives_less_than_pulled_and_stiffens_without_limit():
     assert slopes[3] > 20 * slopes[2]
 
 
-def test_heading_and_place_do_not_matter(smpl, heavy):
-    skeleton = Skeleton(smpl.data, HEAVY.betas)
+def test_heading_and_place_do_not_matter(body, heavy):
+    skeleton = Skeleton(body, HEAVY.betas)
     theta = perform("one_leg_jump", "50004", skeleton, frame_count=14, fps=60.0)
     pelvis, turn = (
-        shaped_joints(smpl.data, HEAVY.betas[None])[0, 0],
+        shaped_joints(body, HEAVY.betas[None])[0, 0],
         Rotation.from_rotvec([0, 2, 0]),
     )
     moved = theta.copy()
@@ -203,8 +202,8 @@ def test_violent_shaking_stays_bounded(heavy):
     assert np.abs(heavy.offsets(10 * theta, 60.0)).max() < 0.5
 
 
-def test_fat_is_equal_left_and_right_and_none_is_added_to_the_lean(smpl):
-    data = smpl.data
+def test_fat_is_equal_left_and_right_and_none_is_added_to_the_lean(body):
+    data = body
     fat = fat_depths_m(data, HEAVY.betas)
     gap, mirrored = KDTree(data.v_template).query(data.v_template * [-1, 1, 1])
     close = gap < 0.002

@@ -11,7 +11,7 @@ from benchmarks import plugin
 from bridge.body import load_body_model
 from bridge.tissue.nodes import TissueNodes
 from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double
+from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
 
 LAWS = {"own": TissueSimulator, **plugin.tissues()}
@@ -27,16 +27,16 @@ class Moved(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def smpl():
-    return body_in_double(load_body_model("embedded:female"))
+def body():
+    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module", params=LAWS)
-def moved(smpl, request):
-    skeleton = Skeleton(smpl.data, HEAVY.betas)
+def moved(body, request):
+    skeleton = Skeleton(body, HEAVY.betas)
     theta = perform("one_leg_jump", "50004", skeleton, frame_count=70, fps=60.0)
     offsets = [
-        LAWS[request.param](smpl, p.betas, gravity=True).offsets(theta, 60.0) for p in (HEAVY, LEAN)
+        LAWS[request.param](body, p.betas, gravity=True).offsets(theta, 60.0) for p in (HEAVY, LEAN)
     ]
     return Moved(request.param, *offsets)
 
@@ -48,37 +48,37 @@ def test_sizes_are_plausible_and_heavier_bodies_move_more(moved):
     assert 15 < heavy.max() < (120 if moved.law == "own" else 60)
 
 
-def test_offsets_are_smooth_over_the_surface(smpl, moved):
+def test_offsets_are_smooth_over_the_surface(body, moved):
     bounds = {"own": (0.7, 0.04), "second": (1.2, 0.03), "third": (0.6, 0.03)}
     strain_bound, step_bound_m = bounds[moved.law]
-    faces, peak = smpl.data.faces, moved.heavy[np.abs(moved.heavy).max((1, 2)).argmax()]
-    edges = smpl.data.v_template[faces[:, 0]] - smpl.data.v_template[faces[:, 1]]
+    faces, peak = body.faces, moved.heavy[np.abs(moved.heavy).max((1, 2)).argmax()]
+    edges = body.v_template[faces[:, 0]] - body.v_template[faces[:, 1]]
     steps = peak[faces[:, 0]] - peak[faces[:, 1]]
     strain = np.linalg.norm(steps, axis=1) / np.linalg.norm(edges, axis=1)
     assert np.quantile(strain, 0.99) < strain_bound
     assert np.linalg.norm(steps, axis=1).max() < step_bound_m
 
 
-def test_five_hundred_nodes_keep_all_but_a_hundredth(smpl, moved):
-    nodes = TissueNodes.of(smpl.data, 500)
+def test_five_hundred_nodes_keep_all_but_a_hundredth(body, moved):
+    nodes = TissueNodes.of(body, 500)
     missed = moved.heavy - nodes.spread(nodes.gather(moved.heavy))
     assert np.square(missed).sum() < 0.01 * np.square(moved.heavy).sum()
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_body_at_rest_pose_hangs_as_it_was_scanned(smpl, law):
+def test_a_body_at_rest_pose_hangs_as_it_was_scanned(body, law):
     theta = np.tile(np.linspace(0, 0.3, 69) * (np.arange(69) >= 66), (4, 1))
-    found = LAWS[law](smpl, HEAVY.betas, gravity=True).offsets(theta, 60.0)
+    found = LAWS[law](body, HEAVY.betas, gravity=True).offsets(theta, 60.0)
     np.testing.assert_allclose(found, 0, atol=1e-9)
 
 
 @pytest.mark.parametrize("gravity", [True, False])
 @pytest.mark.parametrize("law", LAWS)
-def test_a_body_that_lies_still_hangs_and_stays(smpl, law, gravity):
+def test_a_body_that_lies_still_hangs_and_stays(body, law, gravity):
     """On her back: gravity in her own frame turns from down to back, and flesh follows it."""
     theta = np.zeros((20, 69))
     theta[:, 0] = -np.pi / 2
-    found = LAWS[law](smpl, HEAVY.betas, gravity=gravity).offsets(theta, 60.0)
+    found = LAWS[law](body, HEAVY.betas, gravity=gravity).offsets(theta, 60.0)
     belly = np.linalg.norm(found[0], axis=-1).argmax()
     if gravity:
         # R^T g - g = (0, +g, -g): towards the head and towards the back.

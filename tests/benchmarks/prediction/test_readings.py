@@ -11,7 +11,6 @@ from benchmarks.prediction import readings
 from bridge.body import load_body_model
 from bridge.measure.metrics import ErrorSums
 from tests.forged.lively import lively
-from torch_align_ae.corpus.simulation import body_in_double
 
 
 def test_clips_are_summed_up_by_kind_and_person(tmp_path):
@@ -36,7 +35,7 @@ def test_clips_are_summed_up_by_kind_and_person(tmp_path):
 def test_what_is_read_otherwise_is_noise():
     """Calm motion gives the same flesh through three frames as through five, with a tremor of a
     millimetre it does not."""
-    smpl, betas = body_in_double(load_body_model("embedded:female")), np.zeros(10)
+    body, betas = load_body_model("embedded:female"), np.zeros(10)
     theta = 0.05 * lively(40).astype(np.float64)
     trembling = theta.copy()
     trembling[:, 66:] += 1e-3 * np.random.default_rng(0).standard_normal((40, 3))
@@ -45,7 +44,7 @@ def test_what_is_read_otherwise_is_noise():
         sums = ErrorSums()
         sums.add(
             *(
-                SecondTissueSimulator(smpl, betas, parabola_frames=frames).offsets(motion, 60.0)
+                SecondTissueSimulator(body, betas, parabola_frames=frames).offsets(motion, 60.0)
                 for frames in (3, 5)
             )
         )

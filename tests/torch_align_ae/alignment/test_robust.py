@@ -26,7 +26,7 @@ from torch_align_ae.body import rest_pose_offsets
 from torch_align_ae.body.rotations import axis_angle_to_matrix, matrix_to_axis_angle
 from torch_align_ae.corpus.dyna_files import write_dyna
 from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double, posed_meshes
+from torch_align_ae.corpus.simulation import TissueSimulator, posed_meshes
 from torch_align_ae.corpus.subjects import SUBJECTS
 
 FRAMES = 72
@@ -38,14 +38,14 @@ SETTINGS = RobustSettings.fast()
 @pytest.fixture(scope="module")
 def jump(body):
     """The heaviest woman jumps: meshes (T, V, 3), true offsets, theta and betas."""
-    subject, double = SUBJECTS["female"][0], body_in_double(body)
-    skeleton = Skeleton(double.data, subject.betas)
+    subject = SUBJECTS["female"][0]
+    skeleton = Skeleton(body, subject.betas)
     theta = perform(
         "one_leg_jump", subject.name, skeleton, frame_count=FRAMES, fps=60.0, seed=3
     ).astype(np.float32)
     moving = theta.astype(np.float64)
-    offsets = TissueSimulator(double, subject.betas).offsets(moving, 60.0)
-    meshes = posed_meshes(double, subject.betas, moving, offsets).astype(np.float32)
+    offsets = TissueSimulator(body, subject.betas).offsets(moving, 60.0)
+    meshes = posed_meshes(body, subject.betas, moving, offsets).astype(np.float32)
     return meshes, offsets, theta, subject.betas
 
 
@@ -88,16 +88,16 @@ def test_each_load_does_something(smpl, jump, monkeypatch):
 @pytest.fixture(scope="module")
 def held(body, jump):
     """Poses that are held, upright and in any other orientation, each a sequence of its own."""
-    double, betas = body_in_double(body), jump[3]
+    betas = jump[3]
     generator = np.random.default_rng(1)
     theta = np.zeros((8, 69))
     theta[:, :3] = 1.5 * generator.standard_normal((8, 3))
     theta[0, :3] = 0
     theta[:, 48:66] = 0.5 * generator.standard_normal((8, 18))
-    simulator = TissueSimulator(double, betas)
+    simulator = TissueSimulator(body, betas)
     still = np.repeat(theta[:, None], 3, axis=1)
     offsets = np.stack([simulator.offsets(motion, 60.0) for motion in still])
-    meshes = [posed_meshes(double, betas, *one) for one in zip(still, offsets, strict=True)]
+    meshes = [posed_meshes(body, betas, *one) for one in zip(still, offsets, strict=True)]
     return meshes, offsets
 
 
@@ -155,8 +155,7 @@ def test_registrations_keep_a_landings_accelerations(smpl, jump, monkeypatch):
     moving = theta.astype(np.float64)
     form = CapturedForm(smpl.data, seed=4)
     whole = offsets + form.static("50004", moving)
-    double = body_in_double(smpl.data)
-    exact = posed_meshes(double, true_betas, moving, whole.astype(np.float32))
+    exact = posed_meshes(smpl.data, true_betas, moving, whole.astype(np.float32))
     registered = form.registered("50004_one_leg_jump", exact, 60.0)
     thighs = np.flatnonzero(smpl.data.weights[:, [1, 2]].max(1) > 0.99)[::20]
     felt = node_loads(smpl.data, thighs, true_betas, moving, 60.0).inertia

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.alignment.in_memory import InMemory
 from bridge.motion import MotionSequence
 from torch_align_ae.alignment import tissue
 from torch_align_ae.alignment.corpus_fit import Window
@@ -31,16 +33,12 @@ from torch_align_ae.alignment.tissue import (
 def observed(smpl):
     """Observe frames [start, stop) of the first two vertices, which move as `frames` (T, 2, 3)."""
     loads = Loads(SkinSample(smpl, 300))
-    loads.sample = SimpleNamespace(take=lambda meshes: meshes.transpose(1, 2))
+    loads.sample = cast("SkinSample", SimpleNamespace(take=lambda meshes: meshes.transpose(1, 2)))
     loads.around = torch.eye(2, dtype=torch.float64)
 
     def observe(frames, start, stop):
-        def read(first, last):
-            assert 0 <= first < last <= len(frames)
-            return frames[first:last]
-
         sequence = MotionSequence("a", "a", "", 0, len(frames), 60.0)
-        meshes, seen = loads.observe(SimpleNamespace(read=read), Window(sequence, start, stop))
+        meshes, seen = loads.observe(InMemory(frames), Window(sequence, start, stop))
         return meshes, seen.vertices, seen.acceleration, seen.jerk
 
     return observe

@@ -24,7 +24,7 @@ from torch_align_ae.corpus.motions import (
     Skeleton,
     perform,
 )
-from torch_align_ae.corpus.motions.plan import Planner, draw_style
+from torch_align_ae.corpus.motions.plan import Planner
 from torch_align_ae.corpus.subjects import SUBJECTS, Gender
 
 FPS, FRAMES, BALLS = 60.0, 200, (10, 11)
@@ -64,8 +64,8 @@ def performance(motion, row, gender: Gender = "female"):
     skeleton = Skeleton(smpl.data, subject.betas)
     count = max(FRAMES, round(WHOLE_S.get(motion, 0) * FPS))
     theta = perform(motion, subject.name, skeleton, frame_count=count, fps=FPS)
-    style = draw_style(subject.name, motion, skeleton.size, 0)
-    plan = MOTIONS[motion](Planner(np.arange(count) / FPS, style))
+    times_s = np.arange(count) / FPS
+    plan = MOTIONS[motion](Planner.drawn(subject.name, motion, times_s, skeleton.size, 0))
     feet = (plan.left_foot, plan.right_foot)
     contact = np.stack([foot.ball_m[:, 1] < 1e-9 for foot in feet], axis=1)
     pose, trans = unpack_theta(theta)

@@ -10,7 +10,7 @@ from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.parts import PARTS, part_weights
 from bridge.body.posing import shaped_vertices
 from tests.torch_align_ae.corpus.test_soft_tissue import displaced, tissue, vibrate
-from torch_align_ae.corpus.simulation import TissueSimulator, body_in_double
+from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
 from torch_align_ae.corpus.tissue_constants import FLESH, PRELOAD
 
@@ -55,7 +55,7 @@ def up_and_down_mm(betas, theta):
     front = np.flatnonzero(part["thighs"] & (z > middle[2]))
     aside = np.linalg.norm(vertices[front, :2] - middle[:2], axis=1)
     bone = np.flatnonzero(part["chest"] & (z > joint["spine3"][2]) & (np.abs(x) < 0.01))
-    offsets_m = TissueSimulator(body_in_double(body), betas).offsets(theta, FPS)
+    offsets_m = TissueSimulator(body, betas).offsets(theta, FPS)
     size = 1e3 * np.ptp(offsets_m[int(STEADY_S * FPS) :, :, 1], axis=0)
     return size[bust[z[bust].argmax()]], size[front[aside.argmin()]], size[bone].max()
 
@@ -134,6 +134,6 @@ def test_a_landing_moves_the_thigh_as_far_as_bone_pins_say():
     front = np.flatnonzero(part_weights(body)[:, PARTS.index("thighs")] > 0.5)
     front = front[vertices[front, 2] > hip[2]]
     nearest = np.linalg.norm(vertices[front, :2] - (hip + knee)[:2] / 2, axis=1).argmin()
-    up = TissueSimulator(body_in_double(body), np.zeros(10)).offsets(theta, FPS)
+    up = TissueSimulator(body, np.zeros(10)).offsets(theta, FPS)
     up_mm = 1e3 * up[int((0.5 + fall_s) * FPS) :, front[nearest], 1]
     assert 5 < -up_mm.min() < 17

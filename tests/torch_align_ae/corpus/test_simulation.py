@@ -9,52 +9,51 @@ from bridge.body import load_body_model
 from bridge.tissue.oscillators import node_loads
 from torch_align_ae.corpus.simulation import (
     TissueSimulator,
-    body_in_double,
     rest_frame_drive,
 )
 from torch_align_ae.corpus.subjects import SUBJECTS
 
 
 @pytest.fixture(scope="module")
-def smpl():
-    return body_in_double(load_body_model("embedded:female"))
+def body():
+    return load_body_model("embedded:female")
 
 
 @pytest.mark.parametrize("gravity", [True, False])
-def test_a_body_that_stands_still_has_no_offsets(smpl, gravity):
+def test_a_body_that_stands_still_has_no_offsets(body, gravity):
     """Upright under gravity, in any pose without it; R^T g - g itself is rounded."""
     betas, pose = SUBJECTS["female"][0].betas, np.zeros(69) if gravity else np.linspace(0, 0.3, 69)
-    simulator = TissueSimulator(smpl, betas, gravity=gravity)
+    simulator = TissueSimulator(body, betas, gravity=gravity)
     offsets_m = simulator.offsets(np.tile(pose, (10, 1)), 60.0)
     np.testing.assert_allclose(offsets_m, 0, atol=1e-15 if gravity else 0)
 
 
-def test_a_falling_body_is_driven_upwards_in_its_own_frame(smpl):
+def test_a_falling_body_is_driven_upwards_in_its_own_frame(body):
     times_s = np.arange(30) / 60
     theta = np.zeros((30, 69))
     theta[:, 2] = np.pi / 2
     theta[:, 67] = -9.81 * times_s**2 / 2
-    everywhere = np.arange(smpl.vertex_count)
-    drive = rest_frame_drive(smpl, np.zeros(10), theta, 60.0, everywhere, gravity=False)
+    everywhere = np.arange(body.vertex_count)
+    drive = rest_frame_drive(body, np.zeros(10), theta, 60.0, everywhere, gravity=False)
     # The body was turned left about z, so the world's y is its own x.
     expected = np.broadcast_to([9.81, 0, 0], drive[2:-2].shape)
     np.testing.assert_allclose(drive[2:-2], expected, atol=1e-8)
 
 
-def test_in_free_fall_gravity_is_not_felt(smpl):
+def test_in_free_fall_gravity_is_not_felt(body):
     """What is left of R^T (g - x'') - g is -g: flesh rises against the posture of the scan."""
     times_s = np.arange(30) / 60
     theta = np.zeros((30, 69))
     theta[:, 2] = np.pi / 2
     theta[:, 67] = -9.81 * times_s**2 / 2
-    everywhere = np.arange(smpl.vertex_count)
-    drive = rest_frame_drive(smpl, np.zeros(10), theta, 60.0, everywhere)
+    everywhere = np.arange(body.vertex_count)
+    drive = rest_frame_drive(body, np.zeros(10), theta, 60.0, everywhere)
     expected = np.broadcast_to([0, 9.81, 0], drive[2:-2].shape)
     np.testing.assert_allclose(drive[2:-2], expected, atol=1e-8)
 
 
-def test_frame_rates_that_do_not_divide_the_steps_are_refused(smpl):
-    simulator = TissueSimulator(smpl, np.zeros(10))
+def test_frame_rates_that_do_not_divide_the_steps_are_refused(body):
+    simulator = TissueSimulator(body, np.zeros(10))
     with pytest.raises(ValueError, match="multiple"):
         simulator.offsets(np.zeros((3, 69)), 100.0)
 
@@ -72,6 +71,6 @@ def test_predictor_and_simulator_feel_the_same_but_for_blunted_impacts():
     felt = load.inertia + load.gravity
     blunted = felt.copy()
     blunted[1:-1] = (felt[:-2] + 2 * felt[1:-1] + felt[2:]) / 4
-    drive = rest_frame_drive(body_in_double(body), betas, theta, 60.0, skin)
+    drive = rest_frame_drive(body, betas, theta, 60.0, skin)
     np.testing.assert_allclose(blunted, drive, atol=1e-4)
     assert drive.std() > 3.0

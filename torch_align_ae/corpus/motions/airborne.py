@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -190,12 +191,13 @@ def basketball_dribble_and_shoot(m: Planner) -> BodyPlan:
         "swing": 0.2 * ready + 1.35 * raised + 0.6 * flick,
         "elbow": 0.25 + 0.75 * ready + 0.8 * raised - 0.9 * flick,
     }
+    arms: Any = {angle: by_side(side, shooting[angle], other[angle]) for angle in shooting}
     return m.body(
         m.axis(0.0, height_m, 0.03 * size * ready - 0.3 * crouch),
         m.axis(1.2 * crouch, side * 0.05 * ready, 0.0),
         (foot, foot),
         spine=(0.25 * ready * (1 - raised), -side * 0.1 * ready, 0.0),
-        **{angle: by_side(side, shooting[angle], other[angle]) for angle in shooting},
+        **arms,
     )
 
 
@@ -291,7 +293,7 @@ def _upright(
     roll: Array | float = 0.0,
     lean: Array | float = 0.0,
     spine: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
-    **arms: ArrayLike | tuple[ArrayLike, ArrayLike],
+    **arms: Any,
 ) -> BodyPlan:
     """A body over the balls of its feet, which leans forwards as its knees bend."""
     over_balls = m.ease(BEGIN_S, BEGIN_S + 0.4)

@@ -203,8 +203,9 @@ class Planner:
         for row, side in enumerate(("left", "right")):
             own = {name: a[row] if isinstance(a, tuple) else a for name, a in arms.items()}
             joints |= self._arm(side, **own)
-        feet = feet or (self.standing_foot(),) * 2
-        return BodyPlan(pelvis_m, pelvis_turn, *feet, joints, heading, carried)
+        planted = self.standing_foot()
+        left, right = feet or (planted, planted)
+        return BodyPlan(pelvis_m, pelvis_turn, left, right, joints, heading, carried)
 
     def _arm(
         self,
