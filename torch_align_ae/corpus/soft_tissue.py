@@ -24,6 +24,7 @@ It adds no damping of its own, and without drive the energy cannot grow, whateve
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,29 +98,37 @@ class SoftTissue:
         self._solver = splu(self._system, **_SYMMETRIC)
         self._softening = dt_s / 2 * self._hardening / self._system.diagonal()[:, None]
 
-    def at_rest(self) -> TissueState:
-        """No offsets, no velocities."""
-        zeros = np.zeros((len(self.free), 3))
-        return TissueState(zeros, zeros, zeros)
-
     def settled(self, drive_m_s2: Array) -> TissueState:
-        """At rest under a constant acceleration (N, 3): K u + H e (u + s) = M drive.
+        """At rest under a constant acceleration (N, 3): K u + H e (u + s) = M drive."""
+        zeros = np.zeros((len(self.free), 3))
+        pull = self._mass * drive_m_s2
+        offsets_m = self._balanced(self._stiffness, 1.0, pull, self._hanging_m, self._strain, zeros)
+        return TissueState(offsets_m, zeros, zeros)
 
-        Solved with the spring's stiffening in the matrix; the strain e is moved half of the way
-        each time, for in full steps it would overshoot.
+    def _balanced(
+        self,
+        system: sp.spmatrix,
+        share: float,
+        known: Array,
+        held_m: Array,
+        strain_of: Callable[[Array], Array],
+        unknown: Array,
+    ) -> Array:
+        """(N, 3) the x of system x + H e (share x + held) = known: slow, the spring's stiffening
+        is in the matrix.
+
+        The strain e follows from x and is moved half of the way each time, for in full steps it
+        would overshoot. At a fixed e the system is never softer than the weightless springs.
         """
-        offsets_m, pull = np.zeros((len(self.free), 3)), self._mass * drive_m_s2
-        strain = self._strain(offsets_m)
+        strain = strain_of(unknown)
         for _ in range(_STIFF_ITERATIONS):
             spring = self._hardening * strain
-            system = sp.csc_matrix(self._stiffness + sp.diags(spring[:, 0]))
-            known, before = pull - spring * self._hanging_m, offsets_m
-            offsets_m = splu(system, **_SYMMETRIC).solve(known)
-            if np.abs(offsets_m - before).max() <= _TOLERANCE**2 * np.abs(offsets_m).max():
+            solver = splu(sp.csc_matrix(system + sp.diags(share * spring[:, 0])), **_SYMMETRIC)
+            before, unknown = unknown, solver.solve(known - spring * held_m)
+            if np.abs(unknown - before).max() <= _TOLERANCE**2 * np.abs(unknown).max():
                 break
-            strain = (strain + self._strain(offsets_m)) / 2
-        zeros = np.zeros_like(offsets_m)
-        return TissueState(offsets_m, zeros, zeros)
+            strain = (strain + strain_of(unknown)) / 2
+        return unknown
 
     def step(self, state: TissueState, drive_m_s2: Array) -> TissueState:
         """Advance by `dt_s` under an acceleration (N, 3) of the free vertices, the step's mean.
@@ -136,8 +145,13 @@ class SoftTissue:
         known = self._mass * (2 / dt_s * speed + drive_m_s2) - self._stiffness @ start_m
         guess = speed + state.last_change_m_s
         middle_speed = self._contract(known, start_m, guess)
-        if middle_speed is None:
-            middle_speed = self._solve_stiff(known, start_m, guess)
+        if middle_speed is None:  # violent drive
+            e0, held_m = self._strain(start_m), self._hanging_m + start_m
+
+            def mean_strain(speed: Array) -> Array:
+                return (e0 + self._strain(start_m + dt_s * speed)) / 2
+
+            middle_speed = self._balanced(self._system, dt_s / 2, known, held_m, mean_strain, guess)
         return TissueState(
             start_m + dt_s * middle_speed, 2 * middle_speed - speed, middle_speed - speed
         )
@@ -165,35 +179,6 @@ class SoftTissue:
             if change > last_change / 2:
                 return None
             last_change = change
-
-    def _solve_stiff(self, known: Array, start_m: Array, middle_speed: Array) -> Array:
-        """The same equation with the spring's stiffening in the matrix: slow, for violent drive.
-
-        At a fixed strain e = (e0 + e1) / 2 the force is linear, N = H e (s + u0 + dt/2 v), and the
-        system stays definite: K + H e is never softer than the weightless springs. e is moved half
-        of the way each time, for from one step to the next it would overshoot.
-        """
-        before_step = self._strain(start_m)
-        strain = (before_step + self._strain(start_m + self.dt_s * middle_speed)) / 2
-        for _ in range(_STIFF_ITERATIONS):
-            spring = self._hardening * strain
-            system = self._system + sp.diags(self.dt_s / 2 * spring[:, 0])
-            solver = splu(system.tocsc(), **_SYMMETRIC)
-            held = known - spring * (self._hanging_m + start_m)
-            before, middle_speed = middle_speed, solver.solve(held)
-            if np.abs(middle_speed - before).max() <= _TOLERANCE**2 * np.abs(middle_speed).max():
-                break
-            stop = self._strain(start_m + self.dt_s * middle_speed)
-            strain = (strain + (before_step + stop) / 2) / 2
-        return middle_speed
-
-    def energy(self, state: TissueState) -> float:
-        """Kinetic and elastic energy, per unit of surface density."""
-        offsets_m, speed = state.offsets_m, state.velocities_m_s
-        kinetic = (self._mass * speed**2).sum() / 2
-        linear = (offsets_m * (self._stiffness @ offsets_m)).sum() / 2
-        quartic = (self._hardening * self._strain(offsets_m) ** 2).sum() / 4
-        return float(kinetic + linear + quartic)
 
     def _strain(self, offsets_m: Array) -> Array:
         """(N, 1) e = |u|^2 + 2 s.u, square metres: exactly 0 at rest."""
