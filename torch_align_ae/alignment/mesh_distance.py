@@ -3,7 +3,8 @@
 An alignment evaluates it hundreds of thousands of times, so it goes through the skin patch by
 patch, each while it is in the cache, and keeps only sums over vertices for the bones. Automatic
 differentiation gives the same numbers; on the one thread of a worker it takes several times as
-long, and about three times even patch by patch (`benchmarks.alignment.gradients`).
+long, about three times even patch by patch (`benchmarks.alignment.gradients`), and for the bones
+alone five times.
 
 *Skin.* With w_k the weights, T_k = [R_k t_k] the bones' transforms and x the rest vertex, the posed
 vertex less the mesh's is r = sum_k w_k (R_k x + t_k) - s. Of half the squared distance, |r|^2 / 2,

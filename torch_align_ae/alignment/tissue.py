@@ -2,29 +2,17 @@
 
 The paper's Section 6 admits that a fitted pose swallows part of the jiggling: flesh that swings
 looks, to a mesh distance, like a bone that turns. But flesh is only moved by force, and to first
-order the force is its displacement times a stiffness. The *observed* acceleration of a vertex,
-which needs no pose to be measured, and gravity, which needs a rough one, therefore tell it:
+order the force is its displacement times a stiffness. In the limb's frame the tissue under a vertex
+carries inertia and the change of gravity since the upright rest pose, in which it already hangs. In
+the world's axes, per unit of mass, and with x_v the skinned vertex,
 
-    S_v - x_v(theta) = -sum_k c_vk L_vk + rest of v,        c_vk >= 0,
+    L = S'' - g + R g,    S_v - x_v(theta) = -sum_k c_vk L_vk + rest of v,    c_vk >= 0,
 
-with x_v the skinned vertex, L_vk the terms of its load and c_vk compliances per unit of mass; that
-of the load itself is 1 / omega^2 of a vertex that swings freely. Fitting the pose to S_v + sum_k
-c_vk L_vk instead of S_v takes the jiggling out before the pose can swallow it. What the law leaves
-unexplained, over time, is the weight of a vertex: bone and firm flesh lead, loose flesh follows.
+S'' being the *observed* acceleration, which needs no pose to be measured, g gravity and R the
+vertex's blended skinning rotation, which needs a rough one. Four terms take in what a spring alone
+leaves out:
 
-Both c_vk and the weights are re-estimated after each step of the pose from nothing but the meshes
-(Eq. 5 is not touched: offsets are still taken from S_v itself).
-
-In the limb's frame the tissue under a vertex carries inertia and the change of gravity since the
-upright rest pose, in which it already hangs. In the world's axes, per unit of mass,
-
-    L = S'' - g + R g,
-
-with S'' the *observed* acceleration, g gravity and R the vertex's blended skinning rotation. To
-first order the displacement is u = -c L. Four terms of a law, each with a coefficient a vertex
-that is not negative, u = -sum_k c_k L_k, take in what a spring alone leaves out:
-
-    spring      L_1 = L
+    spring      L_1 = L, with c_v1 = 1 / omega^2 of a vertex that swings freely
     stiffening  L_2 = 4 (x(R g) - x(g - S''))    flesh hangs: its springs stiffen about the shape
                                                 without weight, x (1 + |2 x / g|^2) = force
     coupling    L_3 = mean of L over the skin around    neighbours pull along
@@ -32,6 +20,11 @@ that is not negative, u = -sum_k c_k L_k, take in what a spring alone leaves out
 
 for u'' + 2 z w u' + w^2 u = -L has u = -(L - 2 z / w L' + ...) / w^2 where L is slow. L' is taken
 in the world's axes, of S'' alone: what a turning limb adds is of second order.
+
+Fitting the pose to S_v + sum_k c_vk L_vk instead of S_v takes the jiggling out before the pose can
+swallow it. What the law leaves unexplained, over time, is the weight of a vertex: bone and firm
+flesh lead, loose flesh follows. Both are re-estimated after each step of the pose from nothing but
+the meshes (Eq. 5 is not touched: offsets are still taken from S_v itself).
 """
 
 from __future__ import annotations

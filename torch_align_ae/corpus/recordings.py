@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import count
 from pathlib import Path
 from typing import Literal
 
@@ -44,17 +44,12 @@ class Recording:
     """One sequence to be made: a subject who does a kind of motion."""
 
     subject: Subject
-    kind: str
-    """A name of `MOTIONS`, or `amass_<file>` for a real motion."""
-    frame_count: int
-    """At the rate of its own file: 60 fps for Dyna's, 100 fps for MoSh-like ones."""
-    number: int = 1
-    """2 where the same person does a kind again, in another style."""
-    source: Path | None = None
-    """File of a real motion; None for a procedural one."""
+    kind: str  # a name of `MOTIONS`, or `amass_<file>` for a real motion
+    frame_count: int  # at the rate of its own file: 60 fps for Dyna's, 100 fps for MoSh-like ones
+    number: int = 1  # 2 where the same person does a kind again, in another style
+    source: Path | None = None  # file of a real motion; None for a procedural one
     source_fps: float | None = None
-    smooth_hz: SmoothHz | None = None
-    """What is faster in that file is left out."""
+    smooth_hz: SmoothHz | None = None  # what is faster in that file is left out
 
     @property
     def motion(self) -> str:
@@ -80,20 +75,13 @@ def dyna_recordings(
     everybody = SUBJECTS[gender]
     if not 1 <= subjects <= len(everybody):
         raise DsnetError(f"{subjects} subjects", f"1 to {len(everybody)}", "Pass --subjects 5.")
-    if subjects == len(everybody) and set(motions) == set(DYNA_MOTIONS):
-        pairs = [
-            (subject, motion)
-            for subject in everybody
-            for motion in DYNA_MOTIONS
-            if (subject.name, motion) not in _MISSING[gender]
-        ]
+    is_full = subjects == len(everybody) and set(motions) == set(DYNA_MOTIONS)
+    pairs = itertools.product(everybody[:subjects], DYNA_MOTIONS if is_full else motions)
+    if is_full:
+        pairs = [(who, what) for who, what in pairs if (who.name, what) not in _MISSING[gender]]
         lengths = _full_lengths(len(pairs), FULL_FRAMES[gender], seed)
         return [Recording(*pair, length) for pair, length in zip(pairs, lengths, strict=True)]
-    return [
-        Recording(subject, motion, _length(subject.name, motion, mean_frames, seed))
-        for subject in everybody[:subjects]
-        for motion in motions
-    ]
+    return [Recording(who, what, _length(who.name, what, mean_frames, seed)) for who, what in pairs]
 
 
 def _full_lengths(sequences: int, total: int, seed: int) -> list[int]:
@@ -214,7 +202,7 @@ def _kinds(files: Iterable[Path]) -> Iterator[tuple[Path, str]]:
         subject, motion = subject_and_motion(path)
         whole = f"{subject}_{motion}" if motion.isdecimal() else motion
         name = f"{format_of(path)}_" + re.sub(r"\W+", "_", whole)
-        names = (name if number == 1 else f"{name}_{number}" for number in count(1))
+        names = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(2)))
         kind = next(one for one in names if one not in taken)
         taken.add(kind)
         yield path, kind

@@ -1,6 +1,6 @@
 """What synthetic flesh is made of: the one table of its constants, with their sources.
 
-docs/data.md shows it; `tests/torch_align_ae/corpus/test_tissue_constants.py` holds the page to it.
+docs/data.md shows it; `tests/torch_align_ae/corpus/test_tissue_parameters.py` holds the page to it.
 """
 
 from __future__ import annotations

@@ -136,10 +136,7 @@ class Planner:
 
     def repeated(self, starts_s: Iterable[float], moments_s: Array, values: ArrayLike) -> Array:
         """Keyframes that begin again and again."""
-        found = self.zeros()
-        for start_s in starts_s:
-            found += self.keyframes(start_s + moments_s, values)
-        return found
+        return sum((self.keyframes(at_s + moments_s, values) for at_s in starts_s), self.zeros())
 
     def ease(self, start_s: float, stop_s: float) -> Array:
         """0 before `start_s`, 1 after `stop_s`, and twice differentiable between."""
