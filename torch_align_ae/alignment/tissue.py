@@ -219,19 +219,17 @@ class Evidence(NamedTuple):
     frames: int
 
     @classmethod
-    def of(cls, displacement: Tensor, terms: Tensor, in_common: Tensor | float = 0.0) -> Evidence:
+    def of(cls, displacement: Tensor, terms: Tensor, in_common: Tensor | None = None) -> Evidence:
         """From displacements from the skinned body (B, 3, N) and terms of loads (K, B, 3, N).
 
         Without the products (K, N) of noise that displacement and terms have `in_common`.
         """
         by_vertex = terms.permute(3, 0, 1, 2).flatten(2).double()
         moved = displacement.permute(2, 0, 1).flatten(1).double()
-        return cls(
-            by_vertex @ by_vertex.mT,
-            -(by_vertex @ moved[..., None])[..., 0] - torch.as_tensor(in_common).mT,
-            moved.square().sum(1),
-            len(displacement),
-        )
+        pull = -(by_vertex @ moved[..., None])[..., 0]
+        if in_common is not None:
+            pull = pull - in_common.mT
+        return cls(by_vertex @ by_vertex.mT, pull, moved.square().sum(1), len(displacement))
 
     def revise(self, tissue: Tissue) -> Tissue:
         """A better estimate than `tissue`, with which the evidence was found.

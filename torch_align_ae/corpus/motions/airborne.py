@@ -94,9 +94,10 @@ def jumping_jacks(m: Planner) -> BodyPlan:
 
 def running_on_spot(m: Planner) -> BodyPlan:
     """Running without moving on."""
-    hops = _hops(m, 0.115, 0.24, 0.04, take_off_m=0.035, spread_sink_m=0.04)
+    contact_s = 0.24
+    hops = _hops(m, 0.115, contact_s, 0.04, take_off_m=0.035, spread_sink_m=0.04)
     lead, other = _running_foot(m, hops, 0), _running_foot(m, hops, 1)
-    middles_s = np.concatenate([hops.take_offs_s[:1] - 0.15, hops.landings_s + 0.24 / m.tempo / 2])
+    middles_s = [hops.take_offs_s[0] - 0.15, *(hops.landings_s + contact_s / m.tempo / 2)]
     stance = m.leading_side * np.where(np.arange(len(middles_s)) % 2, -1.0, 1.0)
     stance[0] = 0.0
     side = m.keyframes(middles_s, stance)
