@@ -82,6 +82,7 @@ async function main() {
   controls();
   stats.fetched = performance.now();
   const ready = worked.call("open", { scene, model: model && new Uint8Array(model), wasm }, model ? [model, wasm] : []);
+  stage.warm(); // while the model opens
   await choose(0);
   if (!scene.baked) once("shapes", json).then((found) => { shapes = found; people(); }).catch((error) => say(error.message));
   await ready;

@@ -86,6 +86,12 @@ export class Stage {
     return (this.bodies[name] = mesh);
   }
 
+  // The first drawing makes the programs, which is most of its time.
+  warm() {
+    this.figure("smpl");
+    this.draw("side", 0, ["smpl"], [0, 0, 0]);
+  }
+
   // Pose one body: what is drawn next is this frame's in all of its numbers, so that nothing tears.
   pose(name, frame, offsets, gains) {
     const { position, normal, size } = this.figure(name).geometry.attributes;
