@@ -39,16 +39,21 @@ DEPARTURES = (
     "not the paper's network: damped oscillators on the skin, driven by inertia and gravity",
     "learned from the robust aligner's offsets",
 )
-_REMEDY = "Look at the alignment's offsets; a study may lower `PlusSettings.lr`."
+_REMEDY = "Look at the alignment's offsets; a study may lower `TrainPlusConfig.lr`."
 _STATIC_ROUNDS = (1 / 3, 2 / 3, 1.0)
 _CLIPS_AT_ONCE = 32
 """Simulated side by side."""
 
 
 @dataclass(frozen=True)
-class PlusSettings:
-    """What a user may set about how `dsnet_plus` is trained."""
+class TrainPlusConfig:
+    """Fit `dsnet_plus` to the training sequences of the best alignment.
 
+    Costs about two minutes on two cores for 40 sequences of 160 frames, 1 GB.
+    """
+
+    run: str = "demo"
+    """Run whose aligned offsets are learned."""
     seed: Seed = 0
     """Seed of the windows' order."""
     nodes: PositiveInt = 500
@@ -69,17 +74,6 @@ class PlusSettings:
     """Frames by which the newest of them lies ahead of the step; 0 needs no later pose."""
 
 
-@dataclass(frozen=True)
-class TrainPlusConfig(PlusSettings):
-    """Fit `dsnet_plus` to the training sequences of the best alignment.
-
-    Costs about two minutes on two cores for 40 sequences of 160 frames, 1 GB.
-    """
-
-    run: str = "demo"
-    """Run whose aligned offsets are learned."""
-
-
 class PlusTraining:
     """Oscillators and their optimizer, and the clips that they learn from.
 
@@ -91,7 +85,7 @@ class PlusTraining:
 
     def __init__(
         self,
-        settings: PlusSettings,
+        settings: TrainPlusConfig,
         body: BodyModelData,
         nodes: TissueNodes,
         people: KnownPeople,

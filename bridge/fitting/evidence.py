@@ -102,11 +102,8 @@ class Take:
 def read_take(path: Path, body: BodyModelData) -> Take:
     """The part of a file's motion that is fitted, its chest by markers on bone.
 
-    Raises
-    ------
-    DsnetError
-        If it has no markers, none on the bone of the chest, or none on soft places, or says a
-        rate at which nobody falls.
+    `DsnetError` if it has no markers, none on the bone of the chest, or none on soft places, or
+    says a rate at which nobody falls.
     """
     loaded = load_recording(path)
     motion = loaded.motion.about_root_joint(root_joint_m(body, loaded.motion.betas))

@@ -82,15 +82,12 @@ class Markers:
 def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Markers:
     """The markers of a file of `bridge.markers.readers`, the rows of which are checked.
 
+    `DsnetError` if the file is damaged, or holds no markers with names, of one person's size.
+
     Parameters
     ----------
     fps, duration_s : of the pose. Markers that last as long at its rate have it, whatever their
         own file says.
-
-    Raises
-    ------
-    DsnetError
-        If the file is damaged, or holds no markers with names, of one person's size.
     """
     with file_refused(path, _not_loaded, "Pass a file with skin markers."):
         stored = reader_of(path).read(motion_path(path))
@@ -135,14 +132,11 @@ class Recording:
 def load_recording(path: Path, source_fps: float | None = None) -> Recording:
     """Markers and pose of an AMASS `.npz`, a MoSh++ `*_stageii.pkl`, or a C3D beside either.
 
+    `DsnetError` if there are no markers or no motion, or the file is damaged.
+
     Parameters
     ----------
     source_fps : frames per second of the pose's file, where what it says is wrong.
-
-    Raises
-    ------
-    DsnetError
-        If there are no markers or no motion, or the file is damaged.
     """
     motion = load_motion_file(pose_file(path), source_fps)
     return Recording(motion, read_markers(path, motion.source_fps, motion.duration_s))

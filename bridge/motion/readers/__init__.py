@@ -75,10 +75,8 @@ def format_of(path: Path) -> str | None:
 def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """A motion as its file holds it, whatever the format, at the file's rate and with its vertical.
 
-    Raises
-    ------
-    DsnetError
-        If the file is missing, is of no format that is read, or holds no usable motion.
+    `DsnetError` if the file is missing, is of no format that is read, or holds no usable
+    motion.
     """
     name = format_of(path)
     if how.joint_map and name != "bvh":
