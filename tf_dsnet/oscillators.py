@@ -95,9 +95,9 @@ class OscillatorLayer(keras.layers.Layer):
         sag = self._of("sag") * tf.exp(SAG_POWER * of_sag)
         springs, hung, pull = self._springs(omega, stiffening, sag, normals)
         taps = tf.unstack(self._shares_of_taps())
-        felt = self._of("inertia_gain") * _smoothed(inertia, taps)
-        felt += self._of("gravity_gain") * _smoothed(gravity, taps)
-        loads = _STEP_S**2 * tf.repeat(felt, STEPS, 0) + pull
+        whole = self._of("inertia_gain") * _smoothed(inertia, taps)
+        whole += self._of("gravity_gain") * _smoothed(gravity, taps)
+        loads = _STEP_S**2 * tf.repeat(whole, STEPS, 0) + pull
         # Offsets from the shape without weight, for which flesh hangs under `pull`.
         hung, hung_start = _several(hung, 2)
         now, before = tf.unstack(tf.stack([now, before]) + hung_start)

@@ -178,8 +178,8 @@ class PlusTraining:
             "before": np.stack([_a_step_before(starts[row], frame) for row, frame in windows], 1),
             "target": np.stack([_cut(moving[row], f + 1, frames) for row, f in windows], 2),
             "counted": np.stack([self._counted(row, frame) for row, frame in windows], 2),
-            "inertia": np.stack([self._felt(load.inertia, frame) for load, frame in loads], 2),
-            "gravity": np.stack([self._felt(load.gravity, frame) for load, frame in loads], 2),
+            "inertia": np.stack([self._loads(load.inertia, frame) for load, frame in loads], 2),
+            "gravity": np.stack([self._loads(load.gravity, frame) for load, frame in loads], 2),
             "normals": np.stack([self._normals[person] for person in people], 1),
             "features": np.stack([self._features[person] for person in people], 1),
             "shares": np.stack([self._shares[person] for person in people], 0),
@@ -191,7 +191,7 @@ class PlusTraining:
         frames = frame + 1 + np.arange(self.settings.window)
         return (frames < len(self._clips[row]))[:, None, None]
 
-    def _felt(self, load: NDArray, frame: int) -> NDArray:
+    def _loads(self, load: NDArray, frame: int) -> NDArray:
         """Loads of a window from the oldest tap of its first step on."""
         taps, ahead = self.settings.taps, self.settings.look_ahead
         return _cut(load, frame + ahead - taps + 1, self.settings.window + taps - 1)

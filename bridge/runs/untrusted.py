@@ -17,7 +17,7 @@ import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -232,7 +232,7 @@ def map_npy(path: Path, mode: Literal["r", "r+"] = "r") -> NDArray[Any]:
     return np.memmap(path, header.dtype, mode, begins, header.shape, header.order)
 
 
-class UntrustedNpz(Mapping[str, NpyHeader]):
+class UntrustedNpz:
     """An `.npz` whose members are known by their headers until they are asked for."""
 
     def __init__(self, archive: zipfile.ZipFile) -> None:
@@ -245,9 +245,6 @@ class UntrustedNpz(Mapping[str, NpyHeader]):
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._members)
-
-    def __len__(self) -> int:
-        return len(self._members)
 
     def __contains__(self, name: object) -> bool:
         return name in self._members
