@@ -49,7 +49,7 @@ THIRD_PARTIES = {
     },
     "view": {"numpy", "onnx", "scipy"},
     "measure": {"numpy", "scipy"},
-    "verify": {"numpy", "onnx"},
+    "verify": {"numpy", "onnx", "tyro"},
     "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy", "tyro"},
 }
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bridge.runtime.streams import StreamingBodies, StreamingPredictor
-    from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, load_codec
+    from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder
     from tf_dsnet.model import build_dsnet
     from tf_dsnet.smpl import KerasSMPL, unpose
 
@@ -15,7 +15,6 @@ __all__ = [
     "StreamingBodies",
     "StreamingPredictor",
     "build_dsnet",
-    "load_codec",
     "unpose",
 ]
 _LOADED_LATE = {
@@ -24,7 +23,6 @@ _LOADED_LATE = {
     "StreamingBodies": "bridge.runtime.streams",
     "StreamingPredictor": "bridge.runtime.streams",
     "build_dsnet": "tf_dsnet.model",
-    "load_codec": "tf_dsnet.mesh_autoencoder",
     "unpose": "tf_dsnet.smpl",
 }
 

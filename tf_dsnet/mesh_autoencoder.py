@@ -6,27 +6,18 @@ The product trains it in PyTorch. The twin lets a Keras-only user encode and dec
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping
 
-import numpy as np
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError
-from bridge.exchange import load_weights
 from bridge.exchange.weights import (
     TORCH_ADAM,
     mesh_autoencoder_from_keras,
     mesh_autoencoder_to_keras,
 )
 from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE
-from bridge.runs import Artifact
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.model import assign_variables
-
-_BATCH = 64
 
 
 @keras.saving.register_keras_serializable("dsnet")
@@ -64,21 +55,6 @@ class KerasMeshAutoencoder:
         values = keras.Input((self.widths[0], FEATURES[0]), name="values")
         both = self.decoder(self.encoder(values))
         self.model = keras.Model(values, both, name="mesh_autoencoder")
-
-    def encode(self, values: Tensor) -> Tensor:
-        """Normalised offsets (B, V, 3) to latents (B, 100)."""
-        expected = (self.widths[0], FEATURES[0])
-        if tuple(values.shape[1:]) != expected:
-            raise DsnetError(
-                f"offsets of shape {tuple(values.shape)}",
-                f"(frames, {expected[0]}, {expected[1]})",
-                "Use meshes with the topology that the autoencoder was trained on.",
-            )
-        return self.encoder(values)
-
-    def decode(self, latents: Tensor) -> Tensor:
-        """Latents (B, 100) to normalised offsets (B, V, 3)."""
-        return self.decoder(latents)
 
     def _encoder(self) -> keras.Model:
         values = keras.Input((self.widths[0], FEATURES[0]), name="values")
@@ -154,57 +130,3 @@ class TorchAdam(keras.optimizers.Adam):
         step = int(self.iterations) + 1
         self.epsilon = TORCH_ADAM.epsilon * (1.0 - self.beta_2**step) ** 0.5
         super().update_step(gradient, variable, learning_rate)
-
-
-@dataclass(frozen=True, eq=False)
-class KerasCodec:
-    """A trained autoencoder with its normaliser, on arrays; any number of frames in bounded memory.
-
-    Offsets in metres have `mean_m` (V, 3) subtracted, and are then divided by `scale_m` (V, 3).
-    """
-
-    network: KerasMeshAutoencoder
-    mean_m: NDArray[np.floating]
-    scale_m: NDArray[np.floating]
-
-    def encode(self, offsets_m: NDArray) -> NDArray:
-        """Offsets (B, V, 3) in metres to latents (B, 100)."""
-        return _in_batches(lambda x: self.network.encode(self.normalise(x)), offsets_m)
-
-    def decode(self, latents: NDArray) -> NDArray:
-        """Latents (B, 100) to offsets (B, V, 3) in metres."""
-        return _in_batches(lambda z: self.denormalise(self.network.decode(z)), latents)
-
-    def normalise(self, offsets_m: Tensor) -> Tensor:
-        return (offsets_m - self.mean_m) / self.scale_m
-
-    def denormalise(self, values: Tensor) -> Tensor:
-        return values * self.scale_m + self.mean_m
-
-
-def _in_batches(function: Callable[[Tensor], Tensor], values: NDArray) -> NDArray:
-    starts = range(0, max(len(values), 1), _BATCH)
-    parts = [function(tf.constant(values[start : start + _BATCH])) for start in starts]
-    return tf.concat(parts, 0).numpy()
-
-
-def load_codec(artifact: Artifact) -> KerasCodec:
-    """Load the codec of a finished `train-ae` stage; DsnetError if the weights are damaged."""
-    return read_codec(artifact.file("autoencoder.safetensors"), artifact.manifest["architecture"])
-
-
-def read_codec(path: Path, architecture: Mapping[str, Any]) -> KerasCodec:
-    """Load a codec from its weights and the network's widths and activation."""
-    arrays = load_weights(path)
-    network = KerasMeshAutoencoder(**architecture)
-    shape = (network.widths[0], 3)
-    normaliser = [arrays.pop(f"normaliser.{name}", np.empty(0)) for name in ("mean_m", "scale_m")]
-    if odd := [array.shape for array in normaliser if array.shape != shape]:
-        raise DsnetError(
-            f"{path} with a normaliser of shape {odd[0]}",
-            f"normaliser.mean_m and normaliser.scale_m of shape {shape}",
-            "Delete the folder and run `dsnet train-ae` again.",
-        )
-    weights = {name.removeprefix("model."): array for name, array in arrays.items()}
-    assign_weights(network.model, weights)
-    return KerasCodec(network, *normaliser)

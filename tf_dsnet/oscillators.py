@@ -1,10 +1,9 @@
 """The oscillators as a recurrent Keras layer, its steps through time, and a step of training.
 
-`bridge/tissue/oscillators.py` has the equations. The gradient of the steps is written out: the
-tape's own gradient of such a loop adds up three and more terms with AddN, which adds them in the
-order in which threads leave it a buffer, so that no two trainings gave the same bits. Here every
-sum has two terms. The gradient goes back through the frames that were found, and keeps nothing
-else.
+`bridge/tissue/oscillators.py` has the equations. The tape's gradient of a tensor that is used three
+times and more is an AddN, which adds in the order in which threads leave it a buffer, so that no
+two trainings gave the same bits: here such tensors are first made several, and every sum has two
+terms.
 """
 
 from __future__ import annotations
@@ -96,9 +95,9 @@ class OscillatorLayer(keras.layers.Layer):
         sag = self._of("sag") * tf.exp(SAG_POWER * of_sag)
         springs, hung, pull = self._springs(omega, stiffening, sag, normals)
         taps = tf.unstack(self._shares_of_taps())
-        felt = self._of("inertia_gain") * _smoothed(inertia, taps)
-        felt += self._of("gravity_gain") * _smoothed(gravity, taps)
-        loads = _STEP_S**2 * tf.repeat(felt, STEPS, 0) + pull
+        whole = self._of("inertia_gain") * _smoothed(inertia, taps)
+        whole += self._of("gravity_gain") * _smoothed(gravity, taps)
+        loads = _STEP_S**2 * tf.repeat(whole, STEPS, 0) + pull
         # Offsets from the shape without weight, for which flesh hangs under `pull`.
         hung, hung_start = _several(hung, 2)
         now, before = tf.unstack(tf.stack([now, before]) + hung_start)
@@ -188,19 +187,6 @@ class Springs(NamedTuple):
     rest: Tensor  # (K, K) N - dt^2 C / 4
 
 
-class _Step(NamedTuple):
-    """What a step from (now, before) computes on its way, (K, B, 3) and (K, B, 1)."""
-
-    twice: Tensor
-    stretched: Tensor  # P times `now`
-    stiffer: Tensor
-    sheared: Tensor  # what springs take of `known` before P: spring twice + stiffer before
-    along: Tensor  # on the diagonal of B + N along the skin
-    beyond: Tensor  # what it has more along the normal
-    guesses: list[Tensor]
-    """Of the next offset, before the first sweep and after each; the last is what it is."""
-
-
 def roll(normals: Tensor, loads: Tensor, now: Tensor, before: Tensor, springs: Springs) -> Tensor:
     """Offsets v (T, K, B, 3) of the steps after `now`; see `bridge.tissue.oscillators`.
 
@@ -211,112 +197,38 @@ def roll(normals: Tensor, loads: Tensor, now: Tensor, before: Tensor, springs: S
     now, before : (K, B, 3) offsets to start from, metres.
     """
 
-    @tf.custom_gradient
-    def rolled(loads: Tensor, now: Tensor, before: Tensor, *springs: Tensor):
-        steps, given = tf.shape(loads)[0], Springs(*springs)
-
-        def advance(step: Tensor, now: Tensor, before: Tensor, found: tf.TensorArray) -> tuple:
-            after = _step(normals, loads[step], now, before, given).guesses[-1]
-            return step + 1, after, now, found.write(step, after)
-
-        empty = tf.TensorArray(now.dtype, steps, element_shape=now.shape)
-        state = (tf.constant(0), now, before, empty)
-        found = tf.while_loop(lambda step, *_: step < steps, advance, state)[-1].stack()
-
-        def backward(slope: Tensor) -> tuple[Tensor, ...]:
-            return _backward(normals, loads, tf.concat([[before, now], found], 0), given, slope)
-
-        return found, backward
-
-    return rolled(loads, now, before, *springs)
-
-
-def _step(normals: Tensor, load: Tensor, now: Tensor, before: Tensor, springs: Springs) -> _Step:
-    normal = springs.normal_ratio - 1
-    stretched = _stretched(now, normal, normals)
-    stiffer = springs.hardening * _dot(now, stretched)
-    twice, straight = 2 * now + before, 2 * now - before
-    sheared = springs.spring * twice + stiffer * before
-    known = load + straight + springs.drag * before
-    known -= _stretched(sheared, normal, normals)
-    known += _times(springs.rest, twice) - springs.bound * twice
-    spring = springs.spring + stiffer
-    along, beyond = 1 + springs.drag + springs.bound + spring, normal * spring
-    guesses = [straight]
-    for _ in range(SWEEPS):
-        left = known + _times(springs.rest, guesses[-1])
-        guesses.append(_divided(left, along, beyond, normals))
-    return _Step(twice, stretched, stiffer, sheared, along, beyond, guesses)
-
-
-def _backward(
-    normals: Tensor, loads: Tensor, offsets: Tensor, springs: Springs, slope: Tensor
-) -> tuple[Tensor, ...]:
-    """Slopes of `loads`, of the offsets at the start, the later first, and of each of the springs,
-    from that of the offsets found.
-
-    `offsets` (T + 2, K, B, 3) are those found after the two at the start.
-    """
     steps = tf.shape(loads)[0]
 
-    def retreat(left, of_after, of_now, of_loads, of_springs):
-        step = left - 1
-        before, now = offsets[step], offsets[step + 1]
-        done = _step(normals, loads[step], now, before, springs)
-        load, in_now, in_before, in_springs = _slopes(
-            normals, done, now, before, springs, of_after + slope[step]
-        )
-        summed = tuple(a + b for a, b in zip(of_springs, in_springs, strict=True))
-        return step, of_now + in_now, in_before, of_loads.write(step, load), summed
+    def advance(step: Tensor, now: Tensor, before: Tensor, found: tf.TensorArray) -> tuple:
+        after = _step(normals, loads[step], now, before, springs)
+        return step + 1, after, now, found.write(step, after)
 
-    nothing = tf.zeros_like(offsets[0])
-    of_loads = tf.TensorArray(nothing.dtype, steps, element_shape=nothing.shape)
-    state = (steps, nothing, nothing, of_loads, tuple(tf.zeros_like(s) for s in springs))
-    _, of_now, of_before, of_loads, of_springs = tf.while_loop(
-        lambda left, *_: left > 0, retreat, state
-    )
-    return of_loads.stack(), of_now, of_before, *of_springs
+    empty = tf.TensorArray(now.dtype, steps, element_shape=now.shape)
+    state = (tf.constant(0), now, before, empty)
+    return tf.while_loop(lambda step, *_: step < steps, advance, state)[-1].stack()
 
 
-def _slopes(
-    normals: Tensor, done: _Step, now: Tensor, before: Tensor, springs: Springs, of_after: Tensor
-) -> tuple[Tensor, Tensor, Tensor, Springs]:
-    """What a step's load, `now`, `before` and springs add to the loss, from what its outcome adds;
-    line by line backwards."""
-    transposed, normal = tf.transpose(springs.rest), springs.normal_ratio - 1
-    of_known = of_inverse = tf.zeros_like(of_after)
-    of_beyond = tf.zeros_like(of_after[..., :1])
-    of_guess, shares = of_after, []
-    for swept in reversed(done.guesses[1:]):
-        share = _divided(of_guess, done.along, done.beyond, normals)
-        shares.append(share)
-        of_known += share
-        of_inverse -= share * swept
-        of_beyond -= _dot(share, normals) * _dot(swept, normals)
-        of_guess = _times(transposed, share)
-    of_along = tf.reduce_sum(of_inverse, -1, keepdims=True)
-    of_spring = of_along + normal * of_beyond
-    known = _stretched(of_known, normal, normals)
-    of_stiffer = of_spring - _dot(known, before)
-    of_pulled = _times(transposed, of_known) - springs.bound * of_known
-    of_twice = of_pulled - springs.spring * known
-    of_straight = of_guess + of_known
-    of_stretched = 2 * springs.hardening * of_stiffer * done.stretched
-    of_now = 2 * (of_straight + of_twice) + of_stretched
-    of_before = of_twice - of_straight + (springs.drag * of_known - done.stiffer * known)
-    of_normal = (springs.spring + done.stiffer) * of_beyond
-    of_normal -= _dot(of_known, normals) * _dot(done.sheared, normals)
-    of_normal += springs.hardening * of_stiffer * tf.square(_dot(now, normals))
-    of_bound = of_along - _dot(of_known, done.twice)
-    of_springs = Springs(
-        drag=of_along + _dot(of_known, before),
-        spring=of_spring - _dot(known, done.twice),
-        hardening=of_stiffer * _dot(now, done.stretched),
-        normal_ratio=of_normal,
-        bound=tf.reduce_sum(of_bound, 1, keepdims=True),
-        rest=_outer([of_known, *shares[::-1]], [done.twice, *done.guesses[:-1]]),
-    )
-    return of_known, of_now, of_before, of_springs
+def _step(normals: Tensor, load: Tensor, now: Tensor, before: Tensor, springs: Springs) -> Tensor:
+    """The offset (K, B, 3) that follows `now`."""
+    now, before = _several(now, 4), _several(before, 4)
+    drag, spring, bound = (_several(s, 2) for s in (springs.drag, springs.spring, springs.bound))
+    normal, rest = _several(springs.normal_ratio - 1, 3), _several(springs.rest, SWEEPS + 1)
+    stiffer = springs.hardening * _dot(now[0], _stretched(now[1], normal[0], normals))
+    stiffer = _several(stiffer, 2)
+    twice = _several(2 * now[2] + before[0], 3)
+    straight = _several(2 * now[3] - before[1], 2)
+    sheared = spring[0] * twice[0] + stiffer[0] * before[2]
+    known = load + straight[0] + drag[0] * before[3]
+    known -= _stretched(sheared, normal[1], normals)
+    known += _times(rest[0], twice[1]) - bound[0] * twice[2]
+    held = _several(spring[1] + stiffer[1], 2)
+    along = _several(1 + drag[1] + bound[1] + held[0], SWEEPS)
+    beyond = _several(normal[2] * held[1], SWEEPS)
+    after = straight[1]
+    for sweep, left in enumerate(_several(known, SWEEPS)):
+        left += _times(rest[1 + sweep], after)
+        after = _divided(left, along[sweep], beyond[sweep], normals)
+    return after
 
 
 def _stretched(offsets: Tensor, normal: Tensor, normals: Tensor) -> Tensor:
@@ -326,17 +238,13 @@ def _stretched(offsets: Tensor, normal: Tensor, normals: Tensor) -> Tensor:
 
 def _divided(left: Tensor, along: Tensor, beyond: Tensor, normals: Tensor) -> Tensor:
     """By each node's block along I + beyond n n^T (Sherman and Morrison)."""
-    return (left - beyond / (along + beyond) * _dot(left, normals) * normals) / along
+    (left, out), (along, whole) = _several(left, 2), _several(along, 2)
+    over, beyond = _several(beyond, 2)
+    return (left - over / (along + beyond) * _dot(out, normals) * normals) / whole
 
 
 def _dot(first: Tensor, second: Tensor) -> Tensor:
     return tf.reduce_sum(first * second, -1, keepdims=True)
-
-
-def _outer(first: list[Tensor], second: list[Tensor]) -> Tensor:
-    """(K, K) sum over all pairs, clips and axes of first times second."""
-    left, right = (tf.reshape(tf.stack(x, 1), (tf.shape(x[0])[0], -1)) for x in (first, second))
-    return tf.matmul(left, right, transpose_b=True)
 
 
 def _times(matrix: Tensor, offsets: Tensor) -> Tensor:

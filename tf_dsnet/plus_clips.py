@@ -78,9 +78,7 @@ def _clip(
     person = people.names.index(sequence.subject)
     theta = np.asarray(align.array("theta")[sequence.frames], np.float64)
     offsets_m = align.array("offsets")
-    starts = range(sequence.start, sequence.start + sequence.length, _FRAMES_AT_ONCE)
-    stop = sequence.start + sequence.length
-    at_nodes = [nodes.gather(offsets_m[s : min(s + _FRAMES_AT_ONCE, stop)]) for s in starts]
+    at_nodes = [nodes.gather(offsets_m[rows]) for rows in sequence.pieces(_FRAMES_AT_ONCE)]
     load = node_loads(body, nodes.vertices, people.betas[person], theta, sequence.fps)
     features = static_features(body, theta)
     return NodeClip(sequence, person, theta, np.concatenate(at_nodes), load, features)

@@ -14,9 +14,9 @@ from tf_dsnet.framework import Tensor, tf
 
 # Below this squared angle three terms of the series are exact to float64's rounding.
 _SERIES_BELOW = 1e-4
-# A half-and-half blend of two rotations phi apart has determinant cos^2(phi / 2): below this
-# one (phi above 176 degrees) the inverse would blow up a millimetre to three centimetres.
-_SINGULAR_BELOW = 1e-3
+# A half-and-half blend of rotations phi apart shrinks two directions by cos(phi / 2): below this
+# (phi above 176 degrees) the inverse would blow up a millimetre to three centimetres.
+_COLLAPSED_BELOW = 1e-3**0.5
 
 
 class KerasSMPL:
@@ -147,20 +147,6 @@ def unpose(smpl: KerasSMPL, vertices: Tensor, betas: Tensor, pose: Tensor, trans
     rotations = smpl.rotations(pose)
     blended = tf.transpose(smpl.blended_transforms(betas, rotations, trans), (0, 3, 1, 2))
     matrix, moved = tf.split(blended, (3, 1), axis=-1)  # (B, V, 3, 3), (B, V, 3, 1)
-    centred = vertices - tf.squeeze(moved, -1)
-    a, b, c = tf.unstack(matrix, axis=-1)
-    singular: Tensor = tf.abs(tf.reduce_sum(a * tf.linalg.cross(b, c), -1)) < _SINGULAR_BELOW
-    invertible = tf.where(singular[..., None, None], tf.eye(3, dtype=smpl.dtype), matrix)
-    solved = tf.squeeze(tf.linalg.solve(invertible, tf.expand_dims(centred, -1)), -1)
-
-    collapsed = tf.where(singular)
     rest = tf.transpose(smpl.planar_rest(betas, rotations), (0, 2, 1))
-    kept = _least_change(*(tf.gather_nd(values, collapsed) for values in (matrix, centred, rest)))
-    return tf.tensor_scatter_nd_update(solved, collapsed, kept)
-
-
-def _least_change(matrix: Tensor, centred: Tensor, start: Tensor) -> Tensor:
-    """The point (N, 3) nearest to `start` that `matrix` takes as near to `centred` as it can."""
-    residual = centred - tf.linalg.matvec(matrix, start)
-    inverse = tf.linalg.pinv(matrix, rcond=_SINGULAR_BELOW**0.5)
-    return start + tf.linalg.matvec(inverse, residual)
+    residual = vertices - tf.squeeze(moved, -1) - tf.linalg.matvec(matrix, rest)
+    return rest + tf.linalg.matvec(tf.linalg.pinv(matrix, rcond=_COLLAPSED_BELOW), residual)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ from tf_dsnet.predictors import (
     predictors_named,
     registered_predictors,
 )
-from tf_dsnet.stage_train_plus import PlusSettings, TrainPlusConfig
+from tf_dsnet.stage_train_plus import TrainPlusConfig
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,14 @@ class TrainConfig(NetworksRecord):
     About a minute a person."""
     rounds: PositiveInt = 8
     """Rounds of `dsnet_plus`; each begins with a simulation of every clip."""
-    plus: Fixed[PlusSettings] = field(default_factory=PlusSettings)
+    plus: Fixed[TrainPlusConfig] = field(default_factory=TrainPlusConfig)
     """How else `dsnet_plus` is trained."""
 
 
 PROFILES: dict[str, TrainConfig] = {
-    "smoke": TrainConfig(run="smoke", epochs=20, rounds=4, plus=PlusSettings(steps=8, nodes=300)),
+    "smoke": TrainConfig(
+        run="smoke", epochs=20, rounds=4, plus=TrainPlusConfig(steps=8, nodes=300)
+    ),
     "demo": TrainConfig(run="demo"),
     "paper": TrainConfig(run="paper", epochs=10_000, checkpoint_every=500, rounds=24),
 }
@@ -105,8 +107,7 @@ def main(config: TrainConfig) -> None:
 
 
 def plus_config(config: TrainConfig) -> TrainPlusConfig:
-    own = {"run": config.run, "seed": config.seed, "rounds": config.rounds}
-    return TrainPlusConfig(**asdict(config.plus) | own)
+    return replace(config.plus, run=config.run, seed=config.seed, rounds=config.rounds)
 
 
 def _trainable(run: Run) -> list[str]:

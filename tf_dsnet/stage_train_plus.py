@@ -39,16 +39,21 @@ DEPARTURES = (
     "not the paper's network: damped oscillators on the skin, driven by inertia and gravity",
     "learned from the robust aligner's offsets",
 )
-_REMEDY = "Look at the alignment's offsets; a study may lower `PlusSettings.lr`."
+_REMEDY = "Look at the alignment's offsets; a study may lower `TrainPlusConfig.lr`."
 _STATIC_ROUNDS = (1 / 3, 2 / 3, 1.0)
 _CLIPS_AT_ONCE = 32
 """Simulated side by side."""
 
 
 @dataclass(frozen=True)
-class PlusSettings:
-    """What a user may set about how `dsnet_plus` is trained."""
+class TrainPlusConfig:
+    """Fit `dsnet_plus` to the training sequences of the best alignment.
 
+    Costs about two minutes on two cores for 40 sequences of 160 frames, 1 GB.
+    """
+
+    run: str = "demo"
+    """Run whose aligned offsets are learned."""
     seed: Seed = 0
     """Seed of the windows' order."""
     nodes: PositiveInt = 500
@@ -69,17 +74,6 @@ class PlusSettings:
     """Frames by which the newest of them lies ahead of the step; 0 needs no later pose."""
 
 
-@dataclass(frozen=True)
-class TrainPlusConfig(PlusSettings):
-    """Fit `dsnet_plus` to the training sequences of the best alignment.
-
-    Costs about two minutes on two cores for 40 sequences of 160 frames, 1 GB.
-    """
-
-    run: str = "demo"
-    """Run whose aligned offsets are learned."""
-
-
 class PlusTraining:
     """Oscillators and their optimizer, and the clips that they learn from.
 
@@ -91,7 +85,7 @@ class PlusTraining:
 
     def __init__(
         self,
-        settings: PlusSettings,
+        settings: TrainPlusConfig,
         body: BodyModelData,
         nodes: TissueNodes,
         people: KnownPeople,
@@ -184,8 +178,8 @@ class PlusTraining:
             "before": np.stack([_a_step_before(starts[row], frame) for row, frame in windows], 1),
             "target": np.stack([_cut(moving[row], f + 1, frames) for row, f in windows], 2),
             "counted": np.stack([self._counted(row, frame) for row, frame in windows], 2),
-            "inertia": np.stack([self._felt(load.inertia, frame) for load, frame in loads], 2),
-            "gravity": np.stack([self._felt(load.gravity, frame) for load, frame in loads], 2),
+            "inertia": np.stack([self._loads(load.inertia, frame) for load, frame in loads], 2),
+            "gravity": np.stack([self._loads(load.gravity, frame) for load, frame in loads], 2),
             "normals": np.stack([self._normals[person] for person in people], 1),
             "features": np.stack([self._features[person] for person in people], 1),
             "shares": np.stack([self._shares[person] for person in people], 0),
@@ -197,7 +191,7 @@ class PlusTraining:
         frames = frame + 1 + np.arange(self.settings.window)
         return (frames < len(self._clips[row]))[:, None, None]
 
-    def _felt(self, load: NDArray, frame: int) -> NDArray:
+    def _loads(self, load: NDArray, frame: int) -> NDArray:
         """Loads of a window from the oldest tap of its first step on."""
         taps, ahead = self.settings.taps, self.settings.look_ahead
         return _cut(load, frame + ahead - taps + 1, self.settings.window + taps - 1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -55,20 +54,19 @@ class Trainer:
         be_reproducible(seed)
         # An LSTM that is quick on a CPU.
         build = build or partial(build_dsnet, masked=masked, lstm_layer=BlockLSTM)
-        # On the device once; a step takes its rows there.
-        self._clips, self._count = _PackedClips.of(clips), len(clips)
-        self._batch_size, self._seed, self._masked, self.lr = batch_size, seed, masked, lr
+        self._clips, self._batch_size, self._seed = clips, batch_size, seed
+        self._masked, self.lr = masked, lr
         input_size = clips.inputs.shape[-1]
         self.model, self._loss_function = build(input_size=input_size), loss_of
         self.optimizer = keras.optimizers.Adam(lr, name="adam")
         self.optimizer.build(self.model.trainable_variables)
         # Unknown sizes, so that the last, smaller batch does not build a second graph.
-        self._step = tf.function(self._train_on, input_signature=[tf.TensorSpec([None], tf.int32)])
         any_clips = {
             "motion": tf.TensorSpec((None, None, input_size), keras.config.floatx()),
             "latents": tf.TensorSpec((None, None, clips.latents.shape[-1]), keras.config.floatx()),
             "real": tf.TensorSpec((None, None), tf.bool),
         }
+        self._step = tf.function(self._train_on, input_signature=[any_clips])
         self._evaluate = tf.function(lambda b: self._loss_of(b), input_signature=[any_clips])
 
     def trace(self) -> None:
@@ -78,24 +76,22 @@ class Trainer:
 
     def epoch(self, number: int) -> float:
         """Train on every clip once, in an order drawn for this epoch; the mean loss of a clip."""
-        order = np.random.default_rng([self._seed, number]).permutation(self._count)
-        batches = np.split(order, range(self._batch_size, self._count, self._batch_size))
-        losses = [self._step(tf.constant(batch, tf.int32)) for batch in batches]
+        count = len(self._clips)
+        order = np.random.default_rng([self._seed, number]).permutation(count)
+        batches = np.split(order, range(self._batch_size, count, self._batch_size))
+        losses = [self._step(_batch(self._clips, rows)) for rows in batches]
         return float(np.average([loss.numpy() for loss in losses], weights=[*map(len, batches)]))
 
     def loss(self, clips: Clips) -> float:
         """Mean loss of a clip with the batch normalisation's running statistics."""
-        arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
-        batch = {name: tf.constant(array) for name, array in arrays.items()}
-        return float(self._evaluate(batch).numpy())
+        return float(self._evaluate(_batch(clips)).numpy())
 
     def gradients(self) -> tuple[float, dict[str, NDArray]]:
         """Loss of all clips in one batch, and its gradient by every weight that is trained.
 
         The running statistics move on, as in a step of training.
         """
-        everything = tf.range(self._count)
-        loss, gradients = self._loss_and_gradients(self._clips.batch(everything))
+        loss, gradients = self._loss_and_gradients(_batch(self._clips))
         trainable = {id(variable) for variable in self.model.trainable_variables}
         names = [n for n, v in named_variables(self.model).items() if id(v) in trainable]
         return float(loss), {n: g.numpy() for n, g in zip(names, gradients, strict=True)}
@@ -117,8 +113,8 @@ class Trainer:
         paths = {variable.path for variable in own}
         assign_weights(self.model, {k: array for k, array in state.items() if k not in paths})
 
-    def _train_on(self, rows: tf.Tensor) -> tf.Tensor:
-        loss, gradients = self._loss_and_gradients(self._clips.batch(rows))
+    def _train_on(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
+        loss, gradients = self._loss_and_gradients(batch)
         self.optimizer.apply(gradients, self.model.trainable_variables)
         return loss
 
@@ -131,6 +127,12 @@ class Trainer:
         motion, real = batch["motion"], batch["real"]
         predicted = self.model([motion, real] if self._masked else motion, training=training)
         return self._loss_function(batch["latents"], predicted, real if self._masked else None)
+
+
+def _batch(clips: Clips, rows: NDArray | slice = slice(None)) -> dict[str, tf.Tensor]:
+    """Motions, latents and which frames are real of the clips in these rows."""
+    arrays = {"motion": clips.inputs, "latents": clips.latents, "real": clips.real}
+    return {name: tf.constant(array[rows]) for name, array in arrays.items()}
 
 
 class DsnetTraining:
@@ -195,30 +197,3 @@ class DsnetTraining:
             received = f"{self.name} with a {what} of {loss} in epoch {number + 1}"
             raise DsnetError(received, "a number", _REMEDY)
         return loss
-
-
-@dataclass(frozen=True, eq=False)
-class _PackedClips:
-    """Clips without their padding, which is most of short sequences; a batch has it again."""
-
-    frames: dict[str, tf.Tensor]
-    """`motion` (P + 1, 79) and `latents` (P + 1, 100): P frames that are not zero, and zeros."""
-    place: tf.Tensor  # (N, T) row in `frames` of each frame of each clip
-    real: tf.Tensor  # (N, T)
-
-    @classmethod
-    def of(cls, clips: Clips) -> _PackedClips:
-        kept = clips.real | clips.inputs.any(-1) | clips.latents.any(-1)
-        place = np.where(kept, np.cumsum(kept).reshape(kept.shape) - 1, kept.sum())
-        arrays = {"motion": clips.inputs, "latents": clips.latents}
-        frames = {
-            name: tf.constant(np.concatenate([array[kept], np.zeros_like(array[0, :1])]))
-            for name, array in arrays.items()
-        }
-        return cls(frames, tf.constant(place, tf.int32), tf.constant(clips.real))
-
-    def batch(self, rows: Tensor) -> dict[str, tf.Tensor]:
-        """Motions, latents and which frames are real of the clips in these rows."""
-        place = tf.gather(self.place, rows)
-        batch = {name: tf.gather(frames, place) for name, frames in self.frames.items()}
-        return {**batch, "real": tf.gather(self.real, rows)}

@@ -18,7 +18,7 @@ from bridge.exchange.weights import mesh_autoencoder_from_keras
 from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
 from tf_dsnet import mesh_autoencoder, model
 from tf_dsnet.framework import Tensor, keras, tf
-from tf_dsnet.mesh_autoencoder import KerasCodec, KerasMeshAutoencoder, TorchAdam
+from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, TorchAdam
 from tf_dsnet.oscillators import OscillatorLayer, OscillatorLearner
 from tf_dsnet.smpl import KerasSMPL, unpose
 from tf_dsnet.trainer import Trainer
@@ -95,10 +95,10 @@ def ae_forward(weights: Tensors, values: NDArray, architecture: Options, run: st
 
     if not scaling:
         return joined(layers(rows) for rows in batches(values, run))
-    codec = KerasCodec(network, *scaling)
-    normalised = codec.normalise(values)
+    mean_m, scale_m = scaling
+    normalised = (values - mean_m) / scale_m
     outputs = {"normaliser.normalise": normalised, **layers(normalised)}
-    outputs["normaliser.denormalise"] = codec.denormalise(outputs["to_coordinates"])
+    outputs["normaliser.denormalise"] = outputs["to_coordinates"] * scale_m + mean_m
     return prefixed("layer", outputs)
 
 

@@ -75,21 +75,18 @@ KERAS_ADAM = AdamRule()
 TORCH_ADAM = AdamRule(epsilon=1e-8, epsilon_hat=False)
 """`torch.optim.Adam`, with which the autoencoder is trained."""
 
+_DENSE = {"kernel": "weight", "bias": "bias"}
+_LSTM = {"kernel": "weight_ih_l0", "recurrent_kernel": "weight_hh_l0", "bias": "bias_ih_l0"}
+_BATCH_NORM = {"gamma": "weight", "beta": "bias", "moving_mean": "running_mean",
+               "moving_variance": "running_var"}  # fmt: skip
 DSNET_TORCH_NAMES = {
-    "fc_enc_1/kernel": "fc_enc_1.weight",
-    "fc_enc_1/bias": "fc_enc_1.bias",
-    "fc_enc_2/kernel": "fc_enc_2.weight",
-    "fc_enc_2/bias": "fc_enc_2.bias",
-    "lstm/kernel": "lstm.weight_ih_l0",
-    "lstm/recurrent_kernel": "lstm.weight_hh_l0",
-    "lstm/bias": "lstm.bias_ih_l0",
-    "batch_norm/gamma": "batch_norm.weight",
-    "batch_norm/beta": "batch_norm.bias",
-    "batch_norm/moving_mean": "batch_norm.running_mean",
-    "batch_norm/moving_variance": "batch_norm.running_var",
-    "fc_enc_3/kernel": "fc_enc_3.weight",
-    "fc_enc_3/bias": "fc_enc_3.bias",
-}
+    f"{layer}/{ours}": f"{layer}.{theirs}"
+    for layer, variables in {
+        "fc_enc_1": _DENSE, "fc_enc_2": _DENSE, "lstm": _LSTM, "batch_norm": _BATCH_NORM,
+        "fc_enc_3": _DENSE,
+    }.items()
+    for ours, theirs in variables.items()
+}  # fmt: skip
 """PyTorch's name of each of DSNet's arrays, by Keras's."""
 TORCH_SECOND_BIAS = "lstm.bias_hh_l0"
 """PyTorch's LSTM adds a second bias, which Keras has no counterpart of: the twin keeps it at 0."""

@@ -102,11 +102,8 @@ class Take:
 def read_take(path: Path, body: BodyModelData) -> Take:
     """The part of a file's motion that is fitted, its chest by markers on bone.
 
-    Raises
-    ------
-    DsnetError
-        If it has no markers, none on the bone of the chest, or none on soft places, or says a
-        rate at which nobody falls.
+    `DsnetError` if it has no markers, none on the bone of the chest, or none on soft places, or
+    says a rate at which nobody falls.
     """
     loaded = load_recording(path)
     motion = loaded.motion.about_root_joint(root_joint_m(body, loaded.motion.betas))
@@ -173,7 +170,7 @@ def evidence(take: Take, model: PlusModel) -> tuple[Take, Clip]:
     motion = bony_motion(body, take.filed, bare_cloud, pose_of(body, take.filed))
     found = replace(take, motion=motion)
     return found, Clip(
-        felt_load(trained, body, motion), _series(found, bare_cloud, reading), motion.fps
+        driving_load(trained, body, motion), _series(found, bare_cloud, reading), motion.fps
     )
 
 
@@ -220,14 +217,14 @@ def _turns(body: BodyModelData, motion: Motion, vertices: Sequence[int]) -> NDAr
     )
 
 
-def felt_load(model: TrainedPlus, body: BodyModelData, motion: Motion) -> NDArray[np.float64]:
+def driving_load(model: TrainedPlus, body: BodyModelData, motion: Motion) -> NDArray[np.float64]:
     """(T, K, 3) what moves the nodes from each frame to the next."""
     load = node_loads(body, model.nodes.vertices, motion.betas, motion.theta, motion.fps)
     inertia, gravity = (np.exp(model.weights.base[f"{n}_gain"]) for n in ("inertia", "gravity"))
-    felt = inertia * load.inertia + gravity * load.gravity
+    whole = inertia * load.inertia + gravity * load.gravity
     frames = np.arange(len(load)) + model.look_ahead
     rows = (np.clip(frames - late, 0, len(load) - 1) for late in range(len(model.weights.taps)))
-    return np.sum([tap * felt[row] for tap, row in zip(model.weights.taps, rows, strict=True)], 0)
+    return np.sum([tap * whole[row] for tap, row in zip(model.weights.taps, rows, strict=True)], 0)
 
 
 def _pulls(cloud: Cloud, segment: str, frame: Frame, fps: float) -> NDArray[np.float64]:

@@ -38,15 +38,13 @@ def bones(body: BodyModelData, motion: Motion) -> NDArray[np.float64]:
 def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud, pose: Pose) -> Motion:
     """The motion whose chest is where markers on its bone are.
 
+    `DsnetError` if fewer than three markers on the bone of the chest were seen, or if the
+    motion has cuts.
+
     Parameters
     ----------
     cloud : markers, in the body's world.
     pose : of the motion.
-
-    Raises
-    ------
-    DsnetError
-        If fewer than three markers on the bone of the chest were seen, or if the motion has cuts.
     """
     if len(pieces := pieces_between_cuts(motion.theta)) > 1:
         raise DsnetError(

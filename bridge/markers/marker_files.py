@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ from bridge.motion import Motion, load_motion_file
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.motion.readers.amass import motion_path
 from bridge.paper import N_VERTICES
-from bridge.runs.untrusted import damage_refused
+from bridge.runs.untrusted import file_refused
 
 _SAME_LENGTH_S = 0.03
 """A motion at 60 fps is shorter than its file by less than that."""
@@ -83,17 +82,14 @@ class Markers:
 def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Markers:
     """The markers of a file of `bridge.markers.readers`, the rows of which are checked.
 
+    `DsnetError` if the file is damaged, or holds no markers with names, of one person's size.
+
     Parameters
     ----------
     fps, duration_s : of the pose. Markers that last as long at its rate have it, whatever their
         own file says.
-
-    Raises
-    ------
-    DsnetError
-        If the file is damaged, or holds no markers with names, of one person's size.
     """
-    with damage_refused(partial(_unreadable, path), RecursionError):
+    with file_refused(path, _not_loaded, "Pass a file with skin markers."):
         stored = reader_of(path).read(motion_path(path))
         data = np.array(stored.points, np.float64) if stored.points.dtype.kind in "iuf" else None
     if data is None or data.shape != (len(data), len(stored.labels), 3) or not stored.labels:
@@ -136,14 +132,11 @@ class Recording:
 def load_recording(path: Path, source_fps: float | None = None) -> Recording:
     """Markers and pose of an AMASS `.npz`, a MoSh++ `*_stageii.pkl`, or a C3D beside either.
 
+    `DsnetError` if there are no markers or no motion, or the file is damaged.
+
     Parameters
     ----------
     source_fps : frames per second of the pose's file, where what it says is wrong.
-
-    Raises
-    ------
-    DsnetError
-        If there are no markers or no motion, or the file is damaged.
     """
     motion = load_motion_file(pose_file(path), source_fps)
     return Recording(motion, read_markers(path, motion.source_fps, motion.duration_s))
@@ -159,7 +152,7 @@ def marker_file(path: Path) -> Path | None:
     path = motion_path(path)
     if not path.is_file():
         return None
-    with damage_refused(partial(_unreadable, path), RecursionError):
+    with file_refused(path, _not_loaded, "Pass a file with skin markers."):
         own = any(one.sniff(path) and one.has_markers(path) for one in READERS.values())
     return path if own else c3d.markers_beside(path)
 
@@ -217,5 +210,5 @@ def _resampled(points: NDArray, fps: float, to_fps: float, count: int) -> NDArra
     return np.asarray(CubicSpline(np.arange(len(points)) / fps, points)(at_s), np.float64)
 
 
-def _unreadable(path: Path, error: Exception) -> DsnetError:
-    return refused(path, f"a file that does not load ({str(error)[:200]})", "markers")
+def _not_loaded(path: Path, flaw: str, remedy: str) -> DsnetError:
+    return DsnetError(f"{path}, {flaw}", "markers", remedy)

@@ -34,14 +34,11 @@ def bony_pose(body: BodyModelData, motion: Motion) -> Motion:
     """A file's motion whose chest follows the file's markers on bone; says on stderr what that
     took out.
 
+    `DsnetError` if there are no markers, or too few on bone, or they are not of this motion.
+
     Parameters
     ----------
     motion : as its file has it, y up.
-
-    Raises
-    ------
-    DsnetError
-        If there are no markers, or too few on bone, or they are not of this motion.
     """
     path = marker_file(motion.source)
     if path is None:

@@ -46,15 +46,13 @@ def register(body: BodyModelData, motion: Motion, markers: Markers) -> Registere
     """Bring markers to the body by a turn about the vertical and a shift, the same for all frames:
     the body of the betas is not quite the person.
 
+    `DsnetError` if the markers do not lie on the body or do not last as long, or the motion is
+    too short.
+
     Parameters
     ----------
     body : that moves.
     motion : of T frames, y up, about the body's root joint.
-
-    Raises
-    ------
-    DsnetError
-        If the markers do not lie on the body or do not last as long, or the motion is too short.
     """
     if motion.duration_s < _SHORTEST_S:
         raise DsnetError(
@@ -105,14 +103,11 @@ def compare_offsets(
 ) -> Comparison:
     """Compare a prediction with the markers of the same motion.
 
+    `DsnetError` if there is no region that can be compared.
+
     Parameters
     ----------
     offsets_m : (T, V, 3) predicted, in the rest pose.
-
-    Raises
-    ------
-    DsnetError
-        If there is no region that can be compared.
     """
     labels, vertices = zip(*registered.vertices.items(), strict=True)
     person = Smpl(body, np.array(vertices), np.float64).person(motion.betas)

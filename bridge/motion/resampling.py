@@ -71,6 +71,9 @@ def load_motion_file(
 ) -> Motion:
     """Read any motion that can be followed, y up: a file of `bridge.motion.readers`, or a sample.
 
+    `DsnetError` if the file is missing, is none of these, or holds no usable motion, or a rate
+    is none.
+
     Parameters
     ----------
     source_fps : frames per second of the file, where what it says of itself is wrong.
@@ -78,11 +81,6 @@ def load_motion_file(
     smooth_hz : leave out what is faster (`bridge.motion.smoothing`), at a cutoff or `auto`, at the
         one that suits each moment; None: nothing.
     how : what else the user says of the file.
-
-    Raises
-    ------
-    DsnetError
-        If the file is missing, is none of these, or holds no usable motion, or a rate is none.
     """
     return _prepared(read_motion_file(Path(path), how), source_fps, fps, smooth_hz, "y")
 

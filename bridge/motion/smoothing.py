@@ -82,11 +82,11 @@ def noise_cutoff_hz(pose: NDArray, trans_m: NDArray, fps: float) -> NDArray[np.f
     """(T,) cutoff that suits each frame of pose (T, J, 3), axis-angle, and trans (T, 3), metres."""
     if len(pose) < _FEWEST_FRAMES or _fastest_hz(fps) < 2 * _SLOWEST_HZ:
         return np.full(len(pose), no_noise_hz(fps))
-    felt = _accelerations(pose, trans_m, fps)
+    moved = _accelerations(pose, trans_m, fps)
     size = max(round(_WINDOW_S * fps), _FEWEST_FRAMES)
-    window = hann(min(size, len(felt)), sym=False)
+    window = hann(min(size, len(moved)), sym=False)
     transform = ShortTimeFFT(window, max(round(_HOP_S * fps), 1), fps, mfft=2 * size)
-    spectra = transform.spectrogram(felt, axis=0, padding="even").sum(axis=1)  # (f, times)
+    spectra = transform.spectrogram(moved, axis=0, padding="even").sum(axis=1)  # (f, times)
     averaged = uniform_filter1d(
         np.log(spectra + np.finfo(float).tiny),
         2 * round(_SMOOTHED_HZ / transform.delta_f) + 1,
@@ -95,7 +95,7 @@ def noise_cutoff_hz(pose: NDArray, trans_m: NDArray, fps: float) -> NDArray[np.f
     )
     sought = (transform.f >= _SLOWEST_HZ) & (transform.f <= _fastest_hz(fps))
     valleys_hz = transform.f[sought][averaged[sought].argmin(axis=0)]
-    frames = 1 + transform.t(len(felt)) * fps  # the first acceleration is the second frame's
+    frames = 1 + transform.t(len(moved)) * fps  # the first acceleration is the second frame's
     between = np.interp(np.arange(len(pose)), frames, np.log(valleys_hz))
     return _CUTOFF_OF_VALLEY * np.exp(between)
 

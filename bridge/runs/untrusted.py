@@ -17,8 +17,8 @@ import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -73,6 +73,25 @@ def damage_refused(
         if ours or is_of_the_machine(error):
             raise
         raise refusal(error) from error
+
+
+def file_refused(
+    path: Path,
+    refused: Callable[[Path, str, str], DsnetError],
+    remedy: str,
+    *,
+    missing: str = "Check the path.",
+) -> AbstractContextManager[None]:
+    """`damage_refused` of a reader's file: `refused` makes the line of path, flaw and remedy."""
+
+    def refusal(error: Exception) -> DsnetError:
+        if isinstance(error, FileNotFoundError):
+            return refused(path, "which does not exist", missing)
+        if isinstance(error, IsADirectoryError):
+            return refused(path, "which is a folder", "Name one file in it.")
+        return refused(path, f"which does not load ({str(error)[:200]})", remedy)
+
+    return damage_refused(refusal, RecursionError)
 
 
 def is_of_the_machine(error: Exception) -> bool:
@@ -213,7 +232,7 @@ def map_npy(path: Path, mode: Literal["r", "r+"] = "r") -> NDArray[Any]:
     return np.memmap(path, header.dtype, mode, begins, header.shape, header.order)
 
 
-class UntrustedNpz(Mapping[str, NpyHeader]):
+class UntrustedNpz:
     """An `.npz` whose members are known by their headers until they are asked for."""
 
     def __init__(self, archive: zipfile.ZipFile) -> None:
@@ -226,9 +245,6 @@ class UntrustedNpz(Mapping[str, NpyHeader]):
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._members)
-
-    def __len__(self) -> int:
-        return len(self._members)
 
     def __contains__(self, name: object) -> bool:
         return name in self._members

@@ -14,6 +14,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from tyro.conf import Fixed
+
 from bridge.errors import DsnetError
 from bridge.options import Seed
 from bridge.runs import ArtifactWriter, Run
@@ -42,7 +44,7 @@ class VerifyConfig:
     """Seed of the random weights and inputs."""
     trained: bool = True
     """Compare the run's trained weights; without them no run needs to be there."""
-    full_size: bool = True
+    full_size: Fixed[bool] = True
     """Compare the autoencoder of random weights at its 33,626,606 parameters."""
 
 
@@ -113,16 +115,13 @@ def parity(rows: Sequence[Row], answers: Mapping[str, Answer]) -> dict[str, Any]
 
 
 def text_table(rows: Sequence[Row]) -> str:
-    cells = [_cells(row) for row in rows]
-    lines = [list(cells[0]), *(list(line.values()) for line in cells)]
+    lines = [list(_cells(rows[0])), *(list(_cells(row).values()) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-
-    def aligned(line: Sequence[str]) -> str:
-        columns = zip(lines[0], line, widths, strict=True)
-        padded = (c.rjust(w) if name in _NUMBERS else c.ljust(w) for name, c, w in columns)
-        return "  ".join(padded).rstrip()
-
-    return "\n".join(map(aligned, lines))
+    formats = [
+        f"{{:{'>' if name in _NUMBERS else '<'}{width}}}"
+        for name, width in zip(lines[0], widths, strict=True)
+    ]
+    return "\n".join("  ".join(formats).format(*line).rstrip() for line in lines)
 
 
 def _cells(row: Row) -> dict[str, str]:

@@ -17,7 +17,9 @@ from bridge.body import load_body_model
 from bridge.motion import unpack_theta
 from bridge.runs import Run
 from bridge.runs.run import body_model_path
-from tf_dsnet import KerasSMPL, load_codec
+from bridge.exchange import load_weights
+from tf_dsnet import KerasMeshAutoencoder, KerasSMPL
+from tf_dsnet.mesh_autoencoder import assign_weights
 from tf_dsnet.predictors import load_predictor
 
 run, (motion, out) = Run("smoke"), sys.argv[1:]
@@ -26,7 +28,12 @@ train = run.artifact("train")
 body = load_body_model(str(body_model_path(run)))
 predict = load_predictor(train, train.manifest["default"], lambda: body)
 latents = predict(given["theta"], given["betas"])
-offsets = load_codec(run.artifact("train-ae")).decode(latents)
+trained = run.artifact("train-ae")
+weights = load_weights(trained.file("autoencoder.safetensors"))
+mean_m, scale_m = (weights.pop(f"normaliser.{name}") for name in ("mean_m", "scale_m"))
+network = KerasMeshAutoencoder(**trained.manifest["architecture"])
+assign_weights(network.model, {n.removeprefix("model."): array for n, array in weights.items()})
+offsets = network.decoder(latents) * scale_m + mean_m
 pose, trans = unpack_theta(given["theta"])
 smpl = KerasSMPL(body)
 vertices = smpl(numpy.tile(given["betas"], (len(pose), 1)), pose, trans, offsets)

@@ -21,10 +21,10 @@ from bridge.verify.reference.oscillators import coefficients, moving
 from tests.forged.oscillating import HZ, clip_of, clips_of, lively, people_of, true_model
 from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run
 from tf_dsnet import stage_train_plus
-from tf_dsnet.stage_train_plus import PlusSettings, PlusTraining, told_by_shape
+from tf_dsnet.stage_train_plus import PlusTraining, TrainPlusConfig, told_by_shape
 
 NODES = 60
-SETTINGS = PlusSettings(
+SETTINGS = TrainPlusConfig(
     nodes=NODES, rounds=6, steps=15, window=30, batch_size=9, lr=0.1, taps=2, look_ahead=1
 )
 NOTHING = StaticPart.nothing()
@@ -40,7 +40,7 @@ def truth(nodes: TissueNodes) -> TrainedPlus:
     return true_model(nodes, people_of(4))
 
 
-def training_of(body, truth: TrainedPlus, settings: PlusSettings = SETTINGS) -> PlusTraining:
+def training_of(body, truth: TrainedPlus, settings: TrainPlusConfig = SETTINGS) -> PlusTraining:
     people, clips = clips_of(body, truth)
     return PlusTraining(settings, body, truth.nodes, people, clips)
 

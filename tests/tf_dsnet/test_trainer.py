@@ -7,7 +7,7 @@ import pytest
 
 from bridge.exchange.dsnet import Clips, fit_scaling, load_unpadded_clips, make_clips
 from bridge.runs import read_artifact
-from tf_dsnet.trainer import Trainer, _PackedClips
+from tf_dsnet.trainer import Trainer
 
 
 @pytest.fixture
@@ -87,14 +87,3 @@ def test_masked_statistics_are_those_of_the_real_frames(clips):
     np.testing.assert_allclose(
         trainer.state()["batch_norm/moving_mean"], 0.01 * expected, rtol=1e-4, atol=1e-6
     )
-
-
-def test_packed_clips_are_unpacked_as_they_were(clips):
-    rows = np.array([3, 0, 2])
-    for data in (clips, with_garbage_where_padded(clips)):
-        batch = _PackedClips.of(data).batch(rows)
-        np.testing.assert_array_equal(batch["motion"], data.inputs[rows])
-        np.testing.assert_array_equal(batch["latents"], data.latents[rows])
-        np.testing.assert_array_equal(batch["real"], data.real[rows])
-    packed = _PackedClips.of(clips).frames["motion"]
-    assert len(packed) == clips.real.sum() + 1

@@ -51,22 +51,6 @@ READERS: dict[str, MotionReader] = {
 """By the names that a synthetic corpus's motions begin with if real people made them."""
 
 
-_NOT_READ = {
-    "an FBX scene": (".fbx",),
-    "a glTF scene": (".glb", ".gltf", ".vrm"),
-    "a scene of USD, Alembic, Collada, Maya or Blender": (
-        ".usd", ".usda", ".usdc", ".usdz", ".abc", ".dae", ".ma", ".mb", ".blend",
-    ),
-    "markers, not joints": (".c3d", ".trc"),
-    "Acclaim's skeleton or motion": (".asf", ".amc"),
-    "a motion of MikuMikuDance": (".vmd", ".pmx"),
-    "a recording of Xsens, Motive or OpenSim": (".mvnx", ".tak", ".mot", ".sto", ".osim"),
-    "keypoints or a table": (".json", ".csv", ".mat", ".h5", ".hdf5"),
-    "an archive": (".zip", ".tar", ".gz", ".bz2", ".7z", ".rar"),
-}  # fmt: skip
-"""What people have and is no motion file that is read: by the ends of names."""
-
-
 def format_of(path: Path) -> str | None:
     """Whose file it is, of `READERS`; None of no reader's."""
     return next((name for name, one in READERS.items() if one.sniff(path)), None)
@@ -75,10 +59,8 @@ def format_of(path: Path) -> str | None:
 def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """A motion as its file holds it, whatever the format, at the file's rate and with its vertical.
 
-    Raises
-    ------
-    DsnetError
-        If the file is missing, is of no format that is read, or holds no usable motion.
+    `DsnetError` if the file is missing, is of no format that is read, or holds no usable
+    motion.
     """
     name = format_of(path)
     if how.joint_map and name != "bvh":
@@ -89,11 +71,10 @@ def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         return READERS[name].read(path, how)
     if not path.is_file():
         return amass.read(path, how)  # which says that there is none, or that it is a folder
-    kind = (what for what, ends in _NOT_READ.items() if path.suffix.lower() in ends)
     raise DsnetError(
-        f"{path}, {next(kind, 'a file of type ' + (path.suffix or 'unknown'))}, which is not read",
+        f"{path}, a file of type {path.suffix or 'unknown'}, which is not read",
         "a motion of AMASS's kind (.npz, .smpl, .pkl, .pt), BVH, or places of joints (.npy)",
-        "Unpack it." if path.suffix in _NOT_READ["an archive"] else "Export BVH, or poses as .npz.",
+        "Unpack it, or export BVH, or poses as .npz.",
     )
 
 

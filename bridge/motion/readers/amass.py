@@ -7,11 +7,7 @@ the short synthetic motions of the package, which are such files.
 from __future__ import annotations
 
 import pickle
-import zipfile
-import zlib
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 
@@ -33,7 +29,7 @@ from bridge.motion.readers.smpl_arrays import (
     motion_of,
     unusable,
 )
-from bridge.runs.untrusted import NpyHeader, UntrustedNpz, damage_refused, open_npz
+from bridge.runs.untrusted import NpyHeader, UntrustedNpz, file_refused, open_npz
 
 SUFFIXES = (".npz", ".smpl")
 SAMPLE_PREFIX = "sample:"
@@ -55,14 +51,19 @@ def sniff(path: Path) -> bool:
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file, or a sample that comes with the package (`sample:walking`)."""
     # Other arrays (markers) may be large or pickled; they are not touched.
-    with _opened(path, motion_path(path)) as archive:
+    # It may be a sample's name alone.
+    missing = did_you_mean(
+        str(path), () if path.suffix else SAMPLES, "Check the path.", SAMPLE_PREFIX
+    )
+    refused = file_refused(path, unusable, "Download the file again.", missing=missing)
+    with refused, open_npz(motion_path(path)) as archive:
         arrays = _arrays(archive, WANTED)
     return motion_of(path, arrays, how)
 
 
 def gender_of(path: Path) -> str | None:
     """The gender that a file states, or None if it has no poses and so is no motion."""
-    with _opened(path, path) as archive:
+    with file_refused(path, unusable, "Download it again."), open_npz(path) as archive:
         return gender_stored(_arrays(archive, ("gender",))) if holds_poses(archive) else None
 
 
@@ -84,13 +85,6 @@ def motion_path(name_or_path: Path | str) -> Path:
 def sample_path(name: str) -> Path:
     """Where a sample lies, or will when it is built."""
     return Path(str(resources.files("bridge.motion"))) / "samples" / f"{name}.npz"
-
-
-@contextmanager
-def _opened(path: Path, file: Path) -> Iterator[UntrustedNpz]:
-    """The archive; `path` is the name that the user knows it by."""
-    with damage_refused(partial(_unreadable, path)), open_npz(file) as archive:
-        yield archive
 
 
 def _arrays(archive: UntrustedNpz, wanted: Iterable[str]) -> dict[str, NDArray]:
@@ -116,16 +110,3 @@ def _object(archive: UntrustedNpz, key: str) -> str | int | float | None:
     if not isinstance(item, (str, int, float)) and item is not None:
         raise pickle.UnpicklingError(f"{key!r} is an object of another kind")
     return item
-
-
-def _unreadable(path: Path, error: Exception) -> DsnetError:
-    if isinstance(error, FileNotFoundError):
-        # It may be a sample's name alone.
-        named = () if path.suffix else SAMPLES
-        remedy = did_you_mean(str(path), named, "Check the path.", SAMPLE_PREFIX)
-        return unusable(path, "which does not exist", remedy)
-    if isinstance(error, IsADirectoryError):
-        return unusable(path, "which is a folder", "Name one file in it.")
-    if isinstance(error, (zipfile.BadZipFile, zlib.error)):
-        return unusable(path, f"which is damaged ({error})")
-    return unusable(path, f"which does not load ({str(error)[:200]})")

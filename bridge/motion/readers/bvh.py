@@ -9,18 +9,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError
 from bridge.motion.cuts import frames_of_rest_pose
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, RATES_HZ, HowRead, Motion
 from bridge.motion.retargeting import retargeted
 from bridge.motion.skeletons import SkeletonMotion, unusable
-from bridge.runs.untrusted import damage_refused, open_regular
+from bridge.runs.untrusted import file_refused, open_regular
 
 SUFFIXES = (".bvh",)
 _MOST_BYTES = 64 << 20
@@ -42,21 +40,13 @@ def gender_of(path: Path) -> str | None:
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read one file; a rest pose before the motion is left out (`bridge.motion.cuts`)."""
-    with damage_refused(partial(_unreadable, path)):
+    with file_refused(path, unusable, ""):
         with open_regular(path, _MOST_BYTES) as file:
             lines = file.read().decode("utf-8-sig", errors="replace").splitlines()
         skeleton = _skeleton(path, lines)
     motion = retargeted(skeleton, how)
     first = frames_of_rest_pose(motion.pose, motion.fps) if motion.fps > 0 else 0
     return replace(motion, theta=motion.theta[first:], rest_pose_frames=first)
-
-
-def _unreadable(path: Path, error: Exception) -> DsnetError:
-    if isinstance(error, FileNotFoundError):
-        return unusable(path, "which does not exist", "Check the path.")
-    if isinstance(error, IsADirectoryError):
-        return unusable(path, "which is a folder", "Name one file in it.")
-    return unusable(path, f"which does not load ({str(error)[:200]})")
 
 
 @dataclass

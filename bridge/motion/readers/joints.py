@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from bridge.errors import DsnetError
 from bridge.motion.from_joints import motion_from_joints
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
 from bridge.paper import N_JOINTS
-from bridge.runs.untrusted import NpyHeader, damage_refused, open_regular, read_npy
+from bridge.runs.untrusted import NpyHeader, file_refused, open_regular, read_npy
 
 SUFFIXES = (".npy",)
 _FPS = 20.0
@@ -43,8 +42,7 @@ def gender_of(path: Path) -> str | None:
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file; of several samples the first."""
-    refused = damage_refused(partial(_unreadable, path), RecursionError)
-    with refused, open_regular(path, _MOST_BYTES) as file:
+    with file_refused(path, _refused, _REMEDY), open_regular(path, _MOST_BYTES) as file:
         if NpyHeader.read(file).dtype.hasobject:
             joints = _of_samples(load_restricted_item(file))
         else:
@@ -73,14 +71,6 @@ def _of_samples(found: Any) -> NDArray:
     if motions.ndim != 4 or not len(motions):
         raise ValueError(f"motions of shape {motions.shape}")
     return motions[0].transpose(2, 0, 1)
-
-
-def _unreadable(path: Path, error: Exception) -> DsnetError:
-    if isinstance(error, FileNotFoundError):
-        return _refused(path, "which does not exist", "Check the path.")
-    if isinstance(error, IsADirectoryError):
-        return _refused(path, "which is a folder", "Name one file in it.")
-    return _refused(path, f"which does not load ({str(error)[:200]})")
 
 
 def _refused(path: Path, flaw: str, remedy: str = _REMEDY) -> DsnetError:

@@ -7,7 +7,6 @@ recording, of which MoSh++ may have fitted every other frame (`ds_rate`). Nothin
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from bridge.body.safe_pickle import as_array, load_restricted
 from bridge.errors import DsnetError
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
 from bridge.motion.readers.smpl_arrays import gender_in, motion_of
-from bridge.runs.untrusted import damage_refused, open_regular
+from bridge.runs.untrusted import file_refused, open_regular
 
 SUFFIXES = (".pkl",)
 _NAME = "_stageii"
@@ -25,6 +24,7 @@ _MOST_BYTES = MOST_FRAMES * 100 * 3 * 8 * 4
 """Markers as they were seen, as they were used and as they were fitted, and the pose."""
 _MOST_OPCODES = 4_000_000
 """Names and markers of every frame are lists: 10,000 frames of 67 markers take 1.3 million."""
+_REMEDY = "Copy it again, or pass an AMASS file (.npz)."
 _ARRAYS = {"fullpose": "poses", "trans": "trans", "betas": "betas", "dmpls": "dmpls"}
 
 
@@ -36,7 +36,7 @@ def sniff(path: Path) -> bool:
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file."""
     fields = load_fields(path)
-    with damage_refused(partial(unreadable, path), RecursionError):
+    with file_refused(path, _refused, _REMEDY):
         arrays = {to: as_array(fields[key]) for key, to in _ARRAYS.items() if key in fields}
         arrays["gender"] = np.array(_gender(fields))
         details = fields.get("stageii_debug_details")
@@ -56,7 +56,7 @@ def gender_of(path: Path) -> str | None:
 def load_fields(path: Path) -> Mapping[str, Any]:
     """What a file holds, by name: plain containers, and records for `as_array`."""
     with (
-        damage_refused(partial(unreadable, path), RecursionError),
+        file_refused(path, _refused, _REMEDY),
         open_regular(path, _MOST_BYTES) as file,
     ):
         fields = load_restricted(file, _MOST_OPCODES)
@@ -72,15 +72,8 @@ def within(value: Any, *names: str) -> Any:
     return value
 
 
-def unreadable(path: Path, error: Exception) -> DsnetError:
-    """The refusal of a file."""
-    if isinstance(error, FileNotFoundError):
-        error = ValueError("no such file")
-    return DsnetError(
-        f"{path}, which does not load ({error!s:.200})",
-        "a result of MoSh++ (*_stageii.pkl)",
-        "Copy it again, or pass an AMASS file (.npz).",
-    )
+def _refused(path: Path, flaw: str, remedy: str) -> DsnetError:
+    return DsnetError(f"{path}, {flaw}", "a result of MoSh++ (*_stageii.pkl)", remedy)
 
 
 def _gender(fields: Mapping[str, Any]) -> str:

@@ -12,7 +12,6 @@ import math
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +29,13 @@ from bridge.motion.readers.smpl_arrays import (
     motion_of,
     unusable,
 )
-from bridge.runs.untrusted import damage_refused, open_regular
+from bridge.runs.untrusted import file_refused, open_regular
 
 SUFFIXES = (".pkl", ".pickle", ".pt", ".pth")
 _MOST_FILE_BYTES = 1 << 31
 _AISTPP_FPS = 60.0
 _MOST_PEOPLE = 10_000
+_REMEDY = "Save its arrays as .npz."
 _WORLD, _CAMERA = "smpl_params_global", "smpl_params_incam"
 
 
@@ -60,7 +60,7 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
             remedy = f"Export the world's ({_WORLD}) too."
             raise unusable(path, "whose poses are in the space of a camera alone", remedy)
         raise unusable(path, "without poses of SMPL", "Pass the file of one motion.")
-    with damage_refused(partial(_unreadable, path), RecursionError):
+    with file_refused(path, unusable, _REMEDY):
         each = [_arrays(person) for person in people]
         lengths = [next(len(one[key]) for key in one if "pose" in key) for one in each]
     arrays = each[int(np.argmax(lengths))]
@@ -73,20 +73,12 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
 
 def _opened(path: Path) -> tuple[Any, list[Mapping[Any, Any]]]:
     """What a file holds, and the people in it."""
-    with damage_refused(partial(_unreadable, path), RecursionError):
+    with file_refused(path, unusable, _REMEDY):
         with open_regular(path, _MOST_FILE_BYTES) as file:
             is_zip = file.read(2) == b"PK"
             file.seek(0)
             found = _of_torch(file) if is_zip else load_restricted(file)
         return found, [*_people(found)]
-
-
-def _unreadable(path: Path, error: Exception) -> DsnetError:
-    if isinstance(error, FileNotFoundError):
-        return unusable(path, "which does not exist", "Check the path.")
-    if isinstance(error, IsADirectoryError):
-        return unusable(path, "which is a folder", "Name one file in it.")
-    return unusable(path, f"which does not load ({str(error)[:200]})", "Save its arrays as .npz.")
 
 
 def _people(found: Any) -> Iterator[Mapping[Any, Any]]:

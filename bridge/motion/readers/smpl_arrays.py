@@ -7,7 +7,7 @@ bodies tell: they stand along z as in AMASS, or along y as video models and gene
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +79,7 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
     )
 
 
-def holds_poses(names: Mapping | set[str]) -> bool:
+def holds_poses(names: Container[str]) -> bool:
     """Whether arrays of these names are a motion's."""
     return any(key in names for key in POSE_KEYS) or any(key in names for key in BODY_KEYS)
 

@@ -22,7 +22,7 @@ from bridge.fitting.constants import (
     preload_of,
     with_changes,
 )
-from bridge.fitting.evidence import SOFT, felt_load, liveliest, read_take
+from bridge.fitting.evidence import SOFT, driving_load, liveliest, read_take
 from bridge.fitting.fit import PEOPLE_SD, PRELOAD, Estimate, fit_person
 from bridge.fitting.hanging import Constants, Patch
 from bridge.fitting.population import share
@@ -66,7 +66,7 @@ def test_what_a_fit_rolls_is_what_the_product_steps(
     columns = {name: values[:, None] for name, values in her.items()}
     normals = shaped_normals(body, BETAS)[nodes.vertices].astype(np.float64)
     patch = Patch(coupling(columns, nodes.laplacian), normals, her["normal_ratio"])
-    load = felt_load(model, body, replace(jumping, theta=np.asarray(jumping.theta, np.float64)))
+    load = driving_load(model, body, replace(jumping, theta=np.asarray(jumping.theta, np.float64)))
     names = ("omega", "damping_ratio", "stiffening", "sag")
     constants = Constants(*(her[name][:, None] for name in names))
     soft = Region.of(body, model, "chest").typical.argsort()[-10:]

@@ -95,7 +95,7 @@ def test_a_folder_without_motions_is_refused(tmp_path: Path) -> None:
 def test_a_damaged_file_is_named(folder: Path) -> None:
     path = folder / "MoSh" / "50020" / "half_stageii.npz"
     path.write_bytes((folder / "MPI_mosh/50004/shape.npz").read_bytes()[:200])
-    with pytest.raises(DsnetError, match=r"half_stageii\.npz, which is damaged"):
+    with pytest.raises(DsnetError, match=r"half_stageii\.npz, which does not load"):
         find_motion_files(folder, "female")
 
 
