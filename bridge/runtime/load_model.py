@@ -130,15 +130,17 @@ def load_for_motion(
     motion_fps: float | None = None,
     smooth_hz: SmoothHz | None = None,
     how: HowRead = AS_IT_SAYS,
+    load: Callable[..., TrainedModel] = load_model,
 ) -> tuple[TrainedModel, Motion]:
     """A predictor, and the motion of a file as it has it; without a run, of the motion's gender.
 
     A run that cannot predict is told before the file is read. `motion_fps` is the file's rate,
-    where it says none or a wrong one; what is faster than `smooth_hz` is left out.
+    where it says none or a wrong one; what is faster than `smooth_hz` is left out. Who has many
+    motions passes a `load` that remembers.
     """
-    trained = None if run is None else load_model(run, predictor)
+    trained = None if run is None else load(run, predictor)
     motion = load_motion_file(path, motion_fps, smooth_hz=smooth_hz, how=how)
-    return trained or load_model(None, predictor, motion.gender), motion
+    return trained or load(None, predictor, motion.gender), motion
 
 
 def packaged_folder(gender: str) -> Path:

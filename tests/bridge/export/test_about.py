@@ -32,7 +32,7 @@ def motion(tmp_path_factory) -> Path:
 def predicted(motion, tmp_path_factory) -> dict:
     """The manifest of `dsnet predict` of the same motion, asked the same."""
     out = tmp_path_factory.mktemp("predicted")
-    main(["predict", "--motion", str(motion), "--out", str(out), "--no-strip", *OPTIONS])
+    main(["predict", "--motion", str(motion), "--out", str(out), "--write", "offsets", *OPTIONS])
     return json.loads((out / "manifest.json").read_text())
 
 
