@@ -35,7 +35,7 @@ def test_it_says_what_it_is(stored):
     texts = ("data", "up_axis", "theta_up_axis", "length_unit", "angle_unit", "gender")
     assert [str(stored[key]) for key in texts] == ["synthetic", "z", "y", "m", "rad", "female"]
     assert stored["mocap_framerate"] == 60.0
-    assert stored["poses"].shape == (FRAMES, 72)
+    assert stored["poses"].shape == (FRAMES, 156)  # SMPL-H's joints
     assert stored["offsets"].dtype == np.float32
 
 
@@ -47,7 +47,9 @@ def test_theta_and_offsets_give_the_body_with_y_up(performed, stored):
 
 def test_poses_and_offsets_give_the_body_with_z_up(performed, stored):
     body = performed.moving.body
-    vertices_m = posed(body, stored, stored["poses"].reshape(FRAMES, 24, 3), stored["trans"])
+    vertices_m = posed(
+        body, stored, stored["poses"].reshape(FRAMES, 52, 3)[:, :24], stored["trans"]
+    )
     x, y, z = np.moveaxis(performed.vertices_m, -1, 0)
     np.testing.assert_allclose(vertices_m, np.stack([x, -z, y], axis=-1), atol=1e-5)
 
@@ -60,3 +62,16 @@ def test_an_exported_motion_can_be_predicted_again(performed, path):
     np.testing.assert_allclose(turns[1], turns[0], atol=1e-9)
     np.testing.assert_array_equal(motion.betas, performed.moving.motion.betas)
     assert motion.gender == "female"
+
+
+def test_smplx_has_its_joints_and_nobody_elses_turns(performed, stored, tmp_path):
+    path = tmp_path / "walk.npz"
+    smpl_npz.write_smplx(path, performed.moving)
+    with np.load(path) as archive:
+        poses = archive["poses"]
+    assert poses.shape == (FRAMES, 165)
+    np.testing.assert_array_equal(poses[:, :66], stored["poses"][:, :66])
+    assert not poses[:, 66:].any()
+    assert not stored["poses"][:, 66:].any()
+    motion = place_motion(load_motion_file(path), performed.moving.body)
+    np.testing.assert_allclose(motion.trans_m, performed.moving.motion.trans_m, atol=1e-9)

@@ -14,19 +14,20 @@ import pytest
 from bridge import DsnetError
 from bridge.cli import main
 from bridge.runs import read_artifact
-from bridge.runs.workers import use_workers
 from bridge.runtime import many_motions
 from bridge.runtime.many_motions import REFUSED, predict_folder
 from bridge.runtime.stage_predict import predict_motion, what_to_write
 from tests.forged.amass import save, shape, smplh
 
-DSNET = [sys.executable, "-c", "from bridge.cli import main; main()"]
+DSNET = "from bridge.cli import main; main()"
+IN_ONE_PROCESS = "import bridge.runtime.many_motions as m; m.on_any_node = lambda kind: 'serial'; "
 
 
 @pytest.fixture(autouse=True)
-def one_worker(monkeypatch) -> None:
-    monkeypatch.setattr("bridge.runs.workers._workers_by_default", None)
-    use_workers(1)
+def one_process(request, monkeypatch) -> None:
+    """Processes take seconds to begin: those that are not looked at are left out."""
+    if "slow" not in request.keywords:
+        monkeypatch.setattr(many_motions, "on_any_node", lambda kind: "serial")
 
 
 def forge(folder: Path, count: int, frames: int = 12) -> Path:
@@ -155,7 +156,6 @@ def test_a_disk_that_fills_meanwhile_is_no_fault_of_a_motion(given, tmp_path, mo
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("bridge.runs.files.os.posix_fallocate", full)
-    monkeypatch.setattr(many_motions, "on_any_node", lambda kind: "serial")
     with pytest.raises(DsnetError, match="cannot be written"):
         predict_folder(None, given, tmp_path / "out")
 
@@ -173,9 +173,10 @@ def test_what_cannot_be_written_is_refused(asked, words):
         what_to_write([asked], ["offsets"])
 
 
-def killed_and_resumed(given: Path, out: Path, seconds: list[float]) -> int:
+def killed_and_resumed(given: Path, out: Path, seconds: list[float], code: str = DSNET) -> int:
     """Kill the command after so many seconds each, then let it end; how many kills came in time."""
-    command, kills = [*DSNET, "predict", "--motion", str(given), "--out", str(out)], 0
+    command, kills = [sys.executable, "-c", code, "predict", "--motion", str(given)], 0
+    command += ["--out", str(out)]
     for pause in seconds:
         process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
         while process.poll() is None and not list(out.rglob("offsets.npy")):
@@ -199,5 +200,6 @@ def test_two_hundred_motions_killed_and_resumed_have_equal_bytes(tmp_path):
 
 def test_a_killed_one_goes_on_to_equal_bytes(given, tmp_path):
     predict_folder(None, given, tmp_path / "whole")
-    assert killed_and_resumed(given, tmp_path / "killed", [0.0]) == 1
+    code = IN_ONE_PROCESS + DSNET
+    assert killed_and_resumed(given, tmp_path / "killed", [0.0], code) == 1
     assert tree(tmp_path / "killed") == tree(tmp_path / "whole")
