@@ -71,7 +71,9 @@ class BlendShapes:
         """(T', 3V) of each frame's rest pose from the shaped body: before skinning, metres."""
         pose, _ = unpack_theta(self._motion.theta[posed.frames])
         features = pose_features(joint_rotations(self._body, pose)).astype(np.float32)
-        return np.asarray(posed.offsets_m.reshape(len(posed), -1) + features @ self._posedirs)
+        moved_m = posed.offsets_m.reshape(len(posed), -1).copy()
+        moved_m += features @ self._posedirs
+        return moved_m
 
     def _along(self, moved_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """(T', K) how far displacements (T', 3V) go along the directions."""

@@ -39,7 +39,7 @@ class PredictConfig(Controls):
     """Which of the run's; its best when left out: `dsnet_plus` if the run has it."""
     motion: Path | None = None
     """One motion: AMASS `.npz`, BVH and others (docs/motion_files.md), or `sample:walking`. Or a
-    folder: every motion below it, which is not yet done (docs/many_motions.md)."""
+    folder: every motion below it, which is not yet done (docs/motion_files.md)."""
     out: Path | None = None
     """Folder to write: a new or empty one, or that of an earlier prediction. For a folder of
     motions, the one whose tree will be the same."""

@@ -108,7 +108,7 @@ def test_rate_names_and_facts(performed, path):
 
 
 def test_trimesh_opens_it(performed, path):
-    scene = trimesh.load(path)
+    scene = trimesh.load_scene(path)
     (mesh,) = scene.geometry.values()
     assert mesh.vertices.shape == (performed.moving.body.vertex_count, 3)
     assert 1.5 < np.ptp(mesh.vertices[:, 1]) < 2.0

@@ -18,6 +18,7 @@ from bridge.runtime import many_motions
 from bridge.runtime.many_motions import REFUSED, predict_folder
 from bridge.runtime.stage_predict import predict_motion, what_to_write
 from tests.forged.amass import save, shape, smplh
+from tests.forged.many_motions import forge, tree
 
 DSNET = "from bridge.cli import main; main()"
 IN_ONE_PROCESS = "import bridge.runtime.many_motions as m; m.on_any_node = lambda kind: 'serial'; "
@@ -30,33 +31,9 @@ def one_process(request, monkeypatch) -> None:
         monkeypatch.setattr(many_motions, "on_any_node", lambda kind: "serial")
 
 
-def forge(folder: Path, count: int, frames: int = 12) -> Path:
-    """Motions of several people, with what lies beside them in AMASS."""
-    rng = np.random.default_rng(5)
-    for number in range(count):
-        poses = smplh(frames)["poses"] + np.cumsum(rng.normal(0, 0.01, (frames, 156)), axis=0)
-        path = folder / f"Set{number % 2}" / f"{number % 3:02d}" / f"{number:03d}_poses.npz"
-        gender = ("female", "male", "neutral")[number % 3]
-        save(path, smplh(frames, 60.0), poses=poses, gender=gender)
-    save(folder / "Set0" / "00" / "shape.npz", shape())
-    (folder / "Set0" / "LICENSE.txt").write_text("as AMASS has it")
-    return folder
-
-
 @pytest.fixture
 def given(tmp_path) -> Path:
     return forge(tmp_path / "given", 5)
-
-
-def tree(out: Path) -> dict[str, bytes | str]:
-    """All files: their bytes, and the digests of manifests, which also say when they were made."""
-    files = (path for path in sorted(out.rglob("*")) if path.is_file())
-    return {
-        str(path.relative_to(out)): read_artifact(path.parent).content_sha256
-        if path.name == "manifest.json"
-        else path.read_bytes()
-        for path in files
-    }
 
 
 def test_the_tree_is_the_motions_and_holds_what_each_alone_gives(given, tmp_path, capsys):
