@@ -91,8 +91,10 @@ def import_mesh(job: dict[str, Any], path: str) -> None:
 
 
 def the_mesh() -> Any:
-    """The one object that is a mesh."""
-    [body] = [thing for thing in bpy.data.objects if thing.type == "MESH"]
+    """The one object that is a mesh, but for what glTF's importer draws its bones as."""
+    armatures = [thing for thing in bpy.data.objects if thing.type == "ARMATURE"]
+    drawn = {bone.custom_shape for armature in armatures for bone in armature.pose.bones}
+    [body] = [thing for thing in bpy.data.objects if thing.type == "MESH" and thing not in drawn]
     return body
 
 

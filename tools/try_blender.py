@@ -148,7 +148,7 @@ def ways() -> list[BlenderImport]:
     return [
         BlenderImport("usd", {**usd, "path": "BODY.usd"}, (*OF_USD, *normals, *sizes)),
         BlenderImport("glb", glb, (*UPRIGHT, "bones")),
-        BlenderImport("abc", abc, (*UPRIGHT, *normals, *sizes, "frames_off")),
+        BlenderImport("abc", abc, (*UPRIGHT, *normals, "frames_off")),
         BlenderImport("pc2", pc2),
         BlenderImport("mdd", mdd),
         BlenderImport("mdd, by time", {**mdd, "time_mode": "TIME", "fps": 24}),

@@ -43,7 +43,8 @@ def _write(path: Path, moving: MovingBody) -> None:
     beside = mesh.getArbGeomParams()
     sizes = AbcGeom.OFloatGeomParam(beside, "offset_m", False, _OF_VERTICES, 1, 1)
     normals_of = VertexNormals(faces, moving.body.vertex_count)
-    corners = imath.IntArrayFromBuffer(faces.astype(np.int32).ravel())
+    # Alembic's faces have their vertices clockwise from outside.
+    corners = imath.IntArrayFromBuffer(faces[:, ::-1].astype(np.int32).ravel())
     counts = imath.IntArrayFromBuffer(np.full(len(faces), faces.shape[1], np.int32))
     for posed in moving.shown("abc"):
         sizes_m = np.linalg.norm(posed.offsets_m, axis=-1).astype(np.float32)

@@ -83,7 +83,6 @@ class Found:
     bytes: int = 0
     """Of what will be written."""
     refusal: str = ""
-    is_motion: bool = True
 
 
 def predict_folder(
@@ -179,13 +178,13 @@ def _is_done(one: Found, asked: Asked, models: Sequence[dict[str, str]]) -> bool
 def _surveyed(files: Sequence[Found], pool: WorkerPool[Asked]) -> list[Found]:
     """What each file holds, without those that hold no motion."""
     seen = progress(pool.map(_survey, files), what="look", unit="file", total=len(files))
-    return [one for one in seen if one.is_motion]
+    return [one for one in seen if one is not None]
 
 
-def _survey(asked: Asked, one: Found) -> Found:
+def _survey(asked: Asked, one: Found) -> Found | None:
     try:
         if stated_gender(one.path) is None:
-            return replace(one, is_motion=False)
+            return None
         trained, motion = asked.load(one.path)
         bytes_a_frame = sum(_BYTES.get(word, 0) for word in asked.write) * trained.body.vertex_count
     except DsnetError as error:
@@ -224,15 +223,14 @@ def _predicted(motions: Sequence[Found], pool: WorkerPool[Asked]) -> list[Found]
 
 def _predict(asked: Asked, one: Found) -> Found:
     try:
-        stamp, digest = stamp_of(one.path), sha256_of(one.path)
         moving = controlled_body(*asked.load(one.path), asked.controls)
+        stamp, digest = stamp_of(one.path), sha256_of(one.path)
+        upstream = {**moving.trained.upstream, "motion": digest}
         with open_out_folder(one.out, moving.trained.origin) as writer:
             told = moving.oddities()
             fill_prediction(writer, moving, asked.write, moving, source=one.path.name, told=told)
             writer.record_measured(inputs={"motion": str(one.path)}, input_stamps={"motion": stamp})
-            writer.finish(
-                config=asked.config, upstream={**moving.trained.upstream, "motion": digest}
-            )
+            writer.finish(config=asked.config, upstream=upstream)
     except DsnetError as error:
         if isinstance(error.__cause__, OSError) and str(error).startswith("--out"):
             raise  # a full disk is no fault of the motion's

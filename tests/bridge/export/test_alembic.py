@@ -40,7 +40,7 @@ def test_points_normals_and_offsets_of_every_frame(performed, tmp_path):
         points = np.array([tuple(point) for point in sample.getPositions()], np.float32)
         np.testing.assert_array_equal(points, performed.vertices_m[frame])
         faces = np.array(list(sample.getFaceIndices())).reshape(-1, 3)
-        np.testing.assert_array_equal(faces, performed.moving.body.faces)
+        np.testing.assert_array_equal(faces[:, ::-1], performed.moving.body.faces)  # clockwise
         size = np.array(list(sizes.getExpandedValue(chosen).getVals()), np.float32)
         expected_m = np.linalg.norm(performed.offsets_m[frame], axis=-1)
         np.testing.assert_allclose(size, expected_m, rtol=1e-6)
