@@ -110,6 +110,8 @@ class Motion:
     trans_of: Literal["z", "y", "joint"] = "z"
     """What the file's translation is: SMPL's, where the world has z or y up, or the place of the
     root joint itself."""
+    embedded_betas: bool = False
+    """Whether the file says that its betas are an embedded body's, as those of this project do."""
     notes: tuple[str, ...] = ()
     """What was odd about the file, a line each."""
 

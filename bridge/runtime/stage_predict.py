@@ -18,7 +18,7 @@ from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.files import MANIFEST, exclusive, runs_root
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_for_motion
+from bridge.runtime.load_model import body_asked, load_for_motion
 from bridge.runtime.moving_body import MovingBody
 
 KIND = "prediction"
@@ -100,7 +100,13 @@ def predict_motion(
     path, out, controls = Path(path), Path(out), controls or Controls()
     controls.check()
     trained, motion = load_for_motion(
-        run, predictor, path, controls.motion_fps, controls.smooth_hz, controls.how_read()
+        run,
+        predictor,
+        path,
+        controls.motion_fps,
+        controls.smooth_hz,
+        controls.how_read(),
+        body_asked(controls.body),
     )
     moving = controlled_body(trained, motion, controls)
     motion = moving.motion
@@ -115,6 +121,7 @@ def predict_motion(
             source_fps=motion.source_fps,
             fps=motion.fps,
             up=motion.up,
+            body_model=moving.body.name,
             betas=motion.betas.tolist(),
             controls=moving.controls,
             starts_anew_at=[piece.start for piece in moving.pieces[1:]],

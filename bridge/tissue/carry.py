@@ -116,7 +116,7 @@ class _Fitted:
             if np.abs(step).max() < 1e-6:
                 break
 
-    def _step(self) -> NDArray[np.float64]:
+    def _step(self) -> NDArray[np.floating]:
         """What brings the shape closer: distances to the other's surface along its normals, and
         between joints about the trunk."""
         places, normals = self._brought()
@@ -142,7 +142,7 @@ class _Fitted:
         by_shape = self._frame.about_trunk(self._shapes.joint_directions)
         return apart.ravel(), by_shape.reshape(apart.size, -1)
 
-    def _brought(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _brought(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """Vertices (V, 3) of the trained body where the other's template has them, and normals."""
         own, joints = self._shapes.vertices(self.betas), self._shapes.joints(self.betas)
         turns = self._frame.turns(joints, self._others.joint_template)
@@ -160,6 +160,7 @@ class _Fitted:
 
     def _nearest(self, places: NDArray, normals: NDArray) -> tuple[NDArray, NDArray[np.bool_]]:
         _, near = self._tree.query(np.hstack([places, _NORMAL_M * normals]))
+        near = np.asarray(near)
         return near, (self._normals[near] * normals).sum(1) > _FACING
 
     def nodes(self, vertices: NDArray) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
@@ -173,7 +174,7 @@ class _Fitted:
         kept = np.sort(order[first])
         return self._skin[near[kept]].astype(np.int32), kept
 
-    def betas_map(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def betas_map(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """(S, B) and (B,): betas of the other body as betas of the trained one."""
         places, normals = self._brought()
         near, facing = self._nearest(places[self._sample], normals[self._sample])

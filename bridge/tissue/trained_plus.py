@@ -146,7 +146,8 @@ class TrainedPlus:
         nodes = TissueNodes.from_arrays(arrays)
         ahead, told = int(arrays["look_ahead"][0]), None
         if "elsewhere/shift" in arrays:
-            told = Elsewhere(**{n: arrays[f"elsewhere/{n}"] for n in Elsewhere.__dataclass_fields__})
+            names = Elsewhere.__dataclass_fields__
+            told = Elsewhere(**{name: arrays[f"elsewhere/{name}"] for name in names})
         return cls(nodes, weights, static, arrays["people_betas"], ahead, told)
 
     def arrays(self) -> dict[str, NDArray]:

@@ -69,7 +69,7 @@ def cut_finer(body: BodyModelData, count: int = 10_475, seed: int = 0) -> BodyMo
         return np.concatenate([values, values[halves].mean(axis=1)])
 
     regressor = sp.hstack(
-        [body.J_regressor, sp.csr_matrix((body.J_regressor.shape[0], left))], format="csr"
+        [body.J_regressor, sp.csr_matrix((len(body.parents), left))], format="csr"
     )
     return replace(
         body,
@@ -128,7 +128,7 @@ def open_in_pieces(body: BodyModelData) -> BodyModelData:
         posedirs=more(body.posedirs),
         weights=np.concatenate([body.weights, weights]),
         J_regressor=sp.hstack(
-            [body.J_regressor, sp.csr_matrix((body.J_regressor.shape[0], added))], format="csr"
+            [body.J_regressor, sp.csr_matrix((len(body.parents), added))], format="csr"
         ),
         faces=np.concatenate([faces, count + ball_faces, count + len(ball) + ball_faces]),
     )

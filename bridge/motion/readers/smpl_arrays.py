@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bridge.body.embedded import EMBEDDED_PREFIX
 from bridge.errors import DsnetError
 from bridge.motion.motion import (
     FARTHEST_M,
@@ -36,7 +37,7 @@ TRANS_KEYS = ("trans", "transl", "smpl_trans", "bodyTranslation")
 BETAS_KEYS = ("betas", "shapeParameters")
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate", "frame_rate", "frameRate")
 WANTED = (*POSE_KEYS, *ROOT_KEYS, *BODY_KEYS, *TRANS_KEYS, *BETAS_KEYS, *RATE_KEYS, "gender",
-          "dmpls", "smpl_scaling")  # fmt: skip
+          "dmpls", "smpl_scaling", "source", "body_model")  # fmt: skip
 MOST_BYTES = MOST_FRAMES * 8 * 9 * 55
 """Of an array: matrices of SMPL-X's joints."""
 _WIDTHS = {66: "SMPL's 22 joints", 72: "SMPL", 156: "SMPL-H", 159: "SMPL-X without its jaw or eyes",
@@ -75,6 +76,8 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
         up=up,
         dmpls=_numbers(path, arrays, "dmpls", len(pose)) if "dmpls" in arrays else None,
         trans_of=up,
+        embedded_betas=_said(arrays, "source").startswith("synthetic")
+        or _said(arrays, "body_model").startswith(EMBEDDED_PREFIX),
         notes=tuple(notes),
     )
 
@@ -270,6 +273,11 @@ def _betas(path: Path, arrays: Arrays, notes: list[str]) -> NDArray[np.float64]:
         notes.append(f"{path} changes its shape by up to {far:.2g} betas: the median is taken")
     found = np.median(betas, axis=0)
     return np.pad(found, (0, N_BETAS - len(found)))
+
+
+def _said(arrays: Arrays, key: str) -> str:
+    stored = arrays.get(key, np.array(""))
+    return text_of(stored) if stored.size == 1 else ""
 
 
 def gender_stored(arrays: Arrays) -> str:
