@@ -3,8 +3,9 @@
 Inputs `theta` (B, 69), `betas` (B, 10), or as many as its body has, and `state` (B, S); outputs
 `vertices` (B, V, 3), metres, and `next_state` (B, S). A character whose row of the state is zero
 has no past: she begins settled in the pose that she is given, which costs a few tens of
-milliseconds in that frame and nothing in later ones (`If` and `Loop`). So does one whose betas are others than a frame before. A row is all
-that is known of a character: rows may be added, removed and reordered from frame to frame.
+milliseconds in that frame and nothing in later ones (`If` and `Loop`). So does one whose betas are
+others than a frame before. A row is all that is known of a character: rows may be added, removed
+and reordered from frame to frame.
 
 Vertices are `latency_frames` old, pose and place included, as the model looks so far ahead.
 """
