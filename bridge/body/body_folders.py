@@ -39,7 +39,7 @@ _KIND_WORDS |= {"smplx": "smplx"}
 class _Body(NamedTuple):
     path: Path
     gender: str
-    kind: Kind | None
+    kind: str | None
 
 
 def find_body_file(folder: Path, gender: str | None, kind: str | None) -> tuple[Path, str]:
@@ -98,7 +98,7 @@ def _order(path: Path) -> tuple[int, int, str]:
     return len(path.parts), _SUFFIXES.index(path.suffix.lower()), str(path)
 
 
-def _kind_inside(path: Path) -> Kind | None:
+def _kind_inside(path: Path) -> str | None:
     """Of a name that does not tell it."""
     try:
         with open_npz(path) as archive:

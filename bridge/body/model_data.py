@@ -175,7 +175,7 @@ def _smpl_fields(data: BodyModelData) -> dict[str, Any]:
         "bs_type": "lrotmin",
         SOURCE_FIELD: data.source,
         GENDER_FIELD: data.gender,
-        SHAPES_FIELD: data.shapedirs.shape[2],
+        SHAPES_FIELD: np.array(data.shapedirs.shape[2]),
     }
     if data.hands_mean is not None:
         left, right = data.hands_mean.reshape(2, -1)

@@ -19,6 +19,7 @@ from bridge.body.model_data import HAND_COUNT, BodyModelData
 from bridge.errors import DsnetError
 from bridge.paper import N_JOINTS
 
+_WITH_A_KIDS = 11
 _FRAMES_AT_ONCE = 64
 """A product for many rows costs each of them less; the others wait, so that memory is bounded."""
 
@@ -122,6 +123,25 @@ def joint_rotations(data: BodyModelData, pose: np.ndarray) -> np.ndarray:
     padded[:, :given] = pose[:, :given]
     matrices = Rotation.from_rotvec(padded.reshape(-1, 3)).as_matrix()
     return matrices.reshape(len(pose), joints, 3, 3)
+
+
+def fitted_betas(
+    data: BodyModelData, betas: NDArray[np.floating]
+) -> tuple[NDArray[np.float64], str | None]:
+    """(k,) the coefficients that a body has shapes for, of all that a file has, and what is to be
+    said of the others."""
+    betas = np.asarray(betas, np.float64)
+    shapes = data.shapedirs.shape[2]
+    if len(betas) == _WITH_A_KIDS < shapes:
+        return betas[
+            :-1
+        ], f"the last of {len(betas)} betas is left out: BEDLAM's and AGORA's is a kid's"
+    left = betas[shapes:]
+    if not left.any():
+        return betas[:shapes], None
+    return betas[:shapes], (
+        f"{len(left)} of {len(betas)} betas are left out: {data.name} has {shapes} shapes"
+    )
 
 
 def full_pose(

@@ -96,8 +96,8 @@ class SMPL(nn.Module):
         return self.template.shape[1]
 
     def moving_weights(self) -> Tensor:
-        """(22, V) skinning weights of the joints that theta moves: those of hands are the wrists', of
-        a face the head's."""
+        """(22, V) skinning weights of the joints that theta moves: hands' are the wrists', a face's
+        the head's."""
         weights = self.weights.clone()
         for hand in range(len(self.parents) - 1, N_JOINTS - 1, -1):  # fingers end first
             weights[self.parents[hand]] += weights[hand]
