@@ -147,15 +147,16 @@ def fitted_betas(
 def full_pose(
     data: BodyModelData, pose: NDArray[np.floating], hands_and_face: NDArray[np.floating] | None
 ) -> NDArray[np.floating]:
-    """(T, J, 3) of a body's 22 joints (T, 22, 3) and `bridge.motion.Motion.hands_and_face`.
+    """(T, J, 3) of a body's 22 joints (T, 22, 3) and `bridge.motion.Motion.hands_and_face`; the 22
+    alone where no others move.
 
     Fingers go to the fingers of SMPL-H or SMPL-X, jaw and eyes to SMPL-X's; what the body lacks is
     left out, and what the motion lacks stays at rest.
     """
+    if hands_and_face is None or data.kind == "smpl":
+        return pose[:, :N_JOINTS]
     full = np.zeros((len(pose), len(data.parents), 3), pose.dtype)
     full[:, :N_JOINTS] = pose[:, :N_JOINTS]
-    if hands_and_face is None or data.kind == "smpl":
-        return full
     full[:, -HAND_COUNT:] = hands_and_face[:, -HAND_COUNT:]
     if full.shape[1] - N_JOINTS == hands_and_face.shape[1]:
         full[:, N_JOINTS:] = hands_and_face

@@ -178,7 +178,8 @@ def stage_motion(
             REMEDY,
         )
     closed = close_lap(placed.theta, root_joint_m(body, placed.betas))
-    return replace(placed, theta=closed.theta), closed
+    lap = placed.frames(slice(len(closed.theta)))  # the hands' too
+    return replace(lap, theta=closed.theta), closed
 
 
 def _parsed_betas(text: str) -> NDArray[np.float64]:

@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX
-from bridge.errors import DsnetError, did_you_mean
+from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX, embedded_gender
+from bridge.errors import DsnetError, did_you_mean, notify
 from bridge.motion import Motion, load_motion_file
 from bridge.motion.motion import AS_IT_SAYS, HowRead
 from bridge.motion.smoothing import SmoothHz
+from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.run import TRAIN_MARKERS, TRAIN_PLUS, body_model_path
@@ -152,14 +153,19 @@ def load_model(
     predictor: str | None = None,
     gender: str = "unknown",
     body: str | None = None,
+    kind: str | None = None,
+    more_betas: int = 0,
 ) -> TrainedModel:
     """A predictor of a run, the best there is if none is named; without a run, the package's for a
     body of `gender`, `female` where it is neither. DsnetError if there is no such predictor, what
     it is made of is no chain, or a file is damaged.
 
-    `body` is the model file or folder of another body than it was trained on, of the gender.
+    `body` is the model file of another body than it was trained on, or a folder, from which one of
+    the gender and `kind` is taken (`bridge.motion.Motion`); with `more_betas` than ten if it has.
     """
-    found = find_model(run, predictor, gender, body)
+    found = find_model(run, predictor, gender, body, kind, more_betas)
+    for note in () if found.other_body is None else found.other_body.notes:
+        notify(note)
     _ = found.model
     return found
 
@@ -180,7 +186,8 @@ def load_for_motion(
     """
     trained = None if run is None or body else load_model(run, predictor)
     motion = load_motion_file(path, motion_fps, smooth_hz=smooth_hz, how=how)
-    return trained or load_model(run, predictor, motion.gender, body), motion
+    like = motion.gender, body, motion.kind, len(motion.more_betas)
+    return trained or load_model(run, predictor, *like), motion
 
 
 def packaged_folder(gender: str) -> Path:
@@ -189,15 +196,25 @@ def packaged_folder(gender: str) -> Path:
 
 
 def find_model(
-    run: Run | None, asked: str | None = None, gender: str = "unknown", body: str | None = None
+    run: Run | None,
+    asked: str | None = None,
+    gender: str = "unknown",
+    body: str | None = None,
+    kind: str | None = None,
+    more_betas: int = 0,
 ) -> TrainedModel:
     """As `load_model`, with nothing of it read yet but manifests and the body."""
     if body is not None:
-        moved = load_body_model(body)
-        stated = moved.gender if moved.gender in EMBEDDED_GENDERS else gender
-        return find_model(run, asked, stated).on(moved, body)
+        moved = load_body_model(body, gender, kind)
+        known = (one for one in (moved.gender, gender) if one in EMBEDDED_GENDERS)
+        shapes = N_BETAS + min(more_betas, max(moved.shapedirs.shape[-1] - N_BETAS, 0))
+        found = find_model(run, asked, next(known, "unknown"))
+        return found.on(moved.with_shapes(shapes), body)
     if run is None:
-        return _packaged(asked, gender if gender in EMBEDDED_GENDERS else EMBEDDED_GENDERS[0])
+        taken, line = embedded_gender(gender)
+        if line:
+            notify(line)
+        return _packaged(asked, taken)
     trained = {
         pipeline: read_artifact(run.path / pipeline.stages[0]).manifest
         for pipeline in PIPELINES

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.body.posing import Smpl
+from bridge.body.posing import Smpl, full_pose
 from bridge.errors import DsnetError, notify
 from bridge.markers.poses import flesh_in_pose
 from bridge.motion import Motion, unpack_theta
@@ -106,7 +106,8 @@ class MovingBody:
         return [predict(theta[piece], betas) for piece in self.pieces]
 
     def __iter__(self) -> Iterator[MovedFrames]:
-        pose, trans = unpack_theta(self.motion.theta)
+        trans = self.motion.trans_m
+        pose = full_pose(self.body, self.motion.pose, self.motion.hands_and_face)
         shaped, start = Smpl(self.body).person(self.motion.betas), 0
         for found_m in chain.from_iterable(found.offsets_m for found in self._predictions()):
             frames = slice(start, start + len(found_m))
