@@ -26,7 +26,7 @@ _REMEDY = "Use an intact model file"
 
 def checked_person(data: BodyModelData) -> BodyModelData:
     """The model itself, if its mean body is a person in metres: y up, +x the body's left."""
-    amiss = partial(refused, data.name, remedy=_REMEDY)
+    amiss = partial(refused, data.name)
     size, template = np.ptp(data.v_template, axis=0), data.v_template
     largest = size.max()
     if not _HEIGHT_M[0] < largest < _HEIGHT_M[1]:
@@ -44,14 +44,14 @@ def checked_person(data: BodyModelData) -> BodyModelData:
         raise amiss(flaw, "+x the body's left", "It is mirrored or faces -z: turn it")
     low, high = data.weights.min(), data.weights.max()
     if low < _WEIGHTS[0] or high > _WEIGHTS[1]:
-        raise amiss(f"skinning weights of {low:.3g} to {high:.3g}", "0 to 1")
+        raise amiss(f"skinning weights of {low:.3g} to {high:.3g}", "0 to 1", _REMEDY)
     far = np.abs(data.joints - np.clip(data.joints, template.min(0), template.max(0)))
     if far.max() > _JOINT_OUTSIDE_M:
-        raise amiss(f"a joint {far.max():.3g} m outside of the body", "joints inside")
+        raise amiss(f"a joint {far.max():.3g} m outside of the body", "joints inside", _REMEDY)
     for field in ("shapedirs", "expressiondirs", "posedirs"):
         if (moved := np.abs(getattr(data, field)).max(initial=0.0)) > _LARGEST_BLEND_M:
             bound = f"at most {_LARGEST_BLEND_M:g} m"
-            raise amiss(f"{field} that move a vertex by {moved:.3g} m", bound)
+            raise amiss(f"{field} that move a vertex by {moved:.3g} m", bound, _REMEDY)
     return data
 
 

@@ -23,8 +23,9 @@ MOST_FILE_BYTES = 1 << 30
 _MOST_NUMBERS = 1 << 27
 """Of all arrays that are read: as float64 they take a gigabyte."""
 _MOST_TEXT_BYTES = 1 << 12
+MODELS = "They are at smpl.is.tue.mpg.de, mano.is.tue.mpg.de and smpl-x.is.tue.mpg.de"
 _AGAIN = "Download the file again"
-_UNPACK = "Unpack it, and pass the .npz or .pkl of one body in it"
+_UNPACK = "Unpack it, and pass one body of it (.npz or .pkl, of one gender)"
 _PICKLE = rb"\x80[\0-\x05]|[(}\])cN]|P[^\n]*\n"
 _TEXT = rb"(?=[ -~]*[ :{])[\t\n\r -~]+\Z"
 _STRANGERS: tuple[tuple[bytes, str, str], ...] = (
@@ -34,7 +35,7 @@ _STRANGERS: tuple[tuple[bytes, str, str], ...] = (
      "Run `git lfs pull` in the repository that it lies in"),
     (rb"(\xef\xbb\xbf)?\s*<", "a web page, saved under the file's name",
      "Sign in at the site that has it, and download it again"),
-    (rb"\x1f\x8b|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!|.{257}ustar", "an archive", _UNPACK),
+    (rb"\x1f\x8b|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!|.{257}ustar", "an archive, not unpacked", _UNPACK),
     (rb"Kaydara FBX|; FBX", "a scene (.fbx)", "Pass the model file that it was made from"),
     (rb"glTF|BLENDER|ply|v -?\d|o \w|mtllib|# Blender", "a mesh or scene",
      "Pass the model file that it was made from"),
@@ -60,7 +61,7 @@ def read_fields(path: Path, wanted: set[str], texts: set[str]) -> Mapping[str, A
         if start[:2] == b"PK":
             return _of_zip(path, file, wanted, texts)
         if start[:6] == b"\x93NUMPY":
-            return _dictionary(_of_npy(path, file))
+            return _dictionary(path, _of_npy(path, file))
         if start[8:9] == b"{" and start[7:8] == b"\0":
             return load_safetensors(file)
         for pattern, what, remedy in _STRANGERS:
@@ -71,14 +72,14 @@ def read_fields(path: Path, wanted: set[str], texts: set[str]) -> Mapping[str, A
             raise refused(path, f"text ({line!r}), as of an error page", remedy=_AGAIN)
         if not re.match(_PICKLE, start):
             raise refused(path, f"a file of no kind that is read (it begins with {start[:12]!r})")
-        return _dictionary(load_restricted(file))
+        return _dictionary(path, load_restricted(file))
 
 
 def refused(
     name: str | Path,
     received: str,
     expected: str = "an SMPL, SMPL-H or SMPL-X model (.npz or .pkl)",
-    remedy: str = "Pass the model file for Python users from smpl.is.tue.mpg.de, mano or smpl-x",
+    remedy: str = MODELS,
 ) -> DsnetError:
     """The line that says why a body is not taken."""
     return DsnetError(f"body model {name}: {received}", expected, remedy)
@@ -88,20 +89,22 @@ def _of_zip(path: Path, file: IO[bytes], wanted: set[str], texts: set[str]) -> M
     try:
         with open_npz(path, MOST_FILE_BYTES) as archive:
             if len(archive):
-                return _of_npz(archive, wanted, texts)
+                return _of_npz(path, archive, wanted, texts)
             names = [name for name in archive.others if not re.search(r"__MACOSX|/\._", name)]
     except zipfile.BadZipFile as error:
         raise refused(path, f"an archive that is cut short ({error})", remedy=_AGAIN) from error
     if any(name.endswith("data.pkl") for name in names):
-        return _dictionary(load_torch(file))
+        return _dictionary(path, load_torch(file))
     if inside := [name for name in names if name.endswith((".npz", ".pkl"))]:
-        raise refused(path, "an archive of files", remedy=f"Unpack it, and pass {inside[0]} in it")
+        raise refused(path, "an archive, not unpacked", remedy=f"Unpack it, and pass {inside[0]}")
     raise refused(path, f"an archive without a body model ({', '.join(names[:3])})")
 
 
-def _of_npz(archive: UntrustedNpz, wanted: set[str], texts: set[str]) -> Mapping[str, Any]:
+def _of_npz(
+    path: Path, archive: UntrustedNpz, wanted: set[str], texts: set[str]
+) -> Mapping[str, Any]:
     if set(archive) == {"arr_0"} and archive["arr_0"].dtype.hasobject:
-        return _dictionary(_object(archive, "arr_0"))
+        return _dictionary(path, _object(archive, "arr_0"))
     there = [name for name in archive if name in wanted | texts]
     pickled = {name for name in there if archive[name].dtype.hasobject}
     total = 0
@@ -130,9 +133,10 @@ def _of_npy(path: Path, file: IO[bytes]) -> Any:
     return load_restricted_item(file)
 
 
-def _dictionary(found: Any) -> Mapping[str, Any]:
+def _dictionary(path: Path, found: Any) -> Mapping[str, Any]:
     if isinstance(found, list):
-        raise pickle.UnpicklingError(f"it holds a list of {len(found)}, as results or fits are")
+        what = f"a list of {len(found)}, as results or fits are, and no model"
+        raise refused(path, what, remedy="A motion goes to --motion")
     if not isinstance(found, dict):
         raise pickle.UnpicklingError(f"it holds a {type(found).__name__}, not a dictionary")
     return {

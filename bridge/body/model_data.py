@@ -142,6 +142,15 @@ class BodyModelData:
         """(J, 3) joints of the mean body, metres."""
         return self.J_regressor @ self.v_template
 
+    @property
+    def body_weights(self) -> np.ndarray:
+        """(V, 22) skinning weights of SMPL's first 22 joints: hands' are the wrists', a face's the
+        head's."""
+        weights = self.weights.copy()
+        for joint in range(len(self.parents) - 1, N_JOINTS - 1, -1):  # fingers end first
+            weights[:, self.parents[joint]] += weights[:, joint]
+        return weights[:, :N_JOINTS]
+
     def with_shapes(self, count: int) -> BodyModelData:
         """The body with so many shapes: its first, or with others that do nothing."""
         missing = max(count - self.shapedirs.shape[2], 0)

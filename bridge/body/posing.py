@@ -19,9 +19,9 @@ from bridge.body.model_data import HAND_COUNT, BodyModelData
 from bridge.errors import DsnetError
 from bridge.paper import N_JOINTS
 
-_WITH_A_KIDS = 11
 _FRAMES_AT_ONCE = 64
 """A product for many rows costs each of them less; the others wait, so that memory is bounded."""
+_WITH_A_KIDS = 11
 
 
 def joint_transforms(
@@ -133,9 +133,7 @@ def fitted_betas(
     betas = np.asarray(betas, np.float64)
     shapes = data.shapedirs.shape[2]
     if len(betas) == _WITH_A_KIDS < shapes:
-        return betas[
-            :-1
-        ], f"the last of {len(betas)} betas is left out: BEDLAM's and AGORA's is a kid's"
+        return betas[:-1], "the last of 11 betas is left out: BEDLAM's and AGORA's is a kid's"
     left = betas[shapes:]
     if not left.any():
         return betas[:shapes], None

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from bridge.body.body_checks import checked_person, checked_surface
-from bridge.body.containers import read_fields, refused
+from bridge.body.containers import MODELS, read_fields, refused
 from bridge.body.model_data import (
     GENDER_FIELD,
     HAND_COUNT,
@@ -54,14 +54,13 @@ _FIELDS = {
 }
 _WANTED = {name for field in _FIELDS.values() for name in field.names}
 _TEXTS = {SOURCE_FIELD, GENDER_FIELD}
-_MODEL = "Pass the model of a body with 24, 52 or 55 joints"
 _BY_FIELD: dict[str, tuple[str, str]] = {
     "eigvec": ("DMPL's directions of soft tissue", "Pass it to --dmpl"),
-    "skin_template_v": ("SKEL's, another skeleton", _MODEL),
-    "vertices_template": ("SMPL++'s, under other names, with faces from 1",
+    "skin_template_v": ("SKEL's, another skeleton", MODELS),
+    "vertices_template": ("SMPL++'s, with vertices_template and other names, faces from 1",
                           "Pass the file that it was made from"),
-    "hands_components": ("MANO's, a hand", _MODEL),
-    "components": ("a prior of hands' poses", _MODEL),
+    "hands_components": ("MANO's, a hand", MODELS),
+    **dict.fromkeys(("components", "componentsl"), ("a prior of hands' poses", MODELS)),
     **dict.fromkeys(
         ("poses", "fullpose", "pose_body", "body_pose", "pose", "smpl_poses", "trans"),
         ("a motion", "Pass it to --motion"),
@@ -140,10 +139,10 @@ def _in_layout(path: Path, arrays: Mapping[str, np.ndarray]) -> dict[str, np.nda
         joints = weights.shape[0]
     last = arrays["posedirs"].shape[-1] if arrays["posedirs"].ndim == 3 else 0
     if other := _BY_JOINTS.get(joints) or _BY_POSEDIRS.get(last):
-        raise refused(path, f"{other} ({joints} joints)", remedy=_MODEL)
+        raise refused(path, f"{other} ({joints} joints)")
     if joints not in KIND_OF_JOINTS:
         found = f"weights has shape {weights.shape}: a skeleton of {joints} joints"
-        raise refused(path, found, f"({vertices}, 24 or 52 or 55)", _MODEL)
+        raise refused(path, found, f"({vertices}, 24 or 52 or 55)")
     sizes = {"V": vertices, "3": 3, "2": 2, "J": joints, "P": 9 * (joints - 1)}
     found = {}
     for name, array in arrays.items():

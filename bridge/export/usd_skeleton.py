@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
 from scipy.spatial.transform import Rotation
 
-from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.body.model_data import KIND_OF_JOINTS, SKELETONS
 from bridge.body.posing import joint_rotations, pose_features, shaped_joints, shaped_vertices
 from bridge.export.mesh_files import VertexNormals
 from bridge.motion import unpack_theta
@@ -166,9 +166,10 @@ class SkeletonVariant:
 
 
 def _joint_paths(parents: NDArray) -> Vt.TokenArray:
-    """SMPL's joints by name, each below its parent: `pelvis/left_hip`."""
+    """A body's joints by name, each below its parent: `pelvis/left_hip`."""
     paths: list[str] = []
-    for name, parent in zip(SMPL_JOINT_NAMES, parents, strict=True):
+    names, _ = SKELETONS[KIND_OF_JOINTS[len(parents)]]
+    for name, parent in zip(names, parents, strict=True):
         paths.append(name if parent < 0 else f"{paths[parent]}/{name}")
     return Vt.TokenArray(paths)
 
