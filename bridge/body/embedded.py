@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -41,20 +42,31 @@ EMBEDDED_PREFIX = "embedded:"
 EMBEDDED_GENDERS = ("female", "male")
 
 
-def load_body_model(name_or_path: str | Path) -> BodyModelData:
-    """Load `embedded:female`, `embedded:male`, or a licensed SMPL `.npz` or `.pkl`.
+def load_body_model(
+    name_or_path: str | Path, gender: str | None = None, kind: str | None = None
+) -> BodyModelData:
+    """Load `embedded:female`, `embedded:male`, a model file of SMPL, SMPL-H or SMPL-X, or the file
+    of a folder that fits a motion's `gender` and `kind` (`smpl`, `smplh`, `smplx`).
+
+    `notes` of the result say which file was taken, and what else is odd about it.
 
     Raises
     ------
     DsnetError
-        If there is no such embedded body, or the file is missing, damaged or unsafe, or its faces
-        are no closed surface.
+        If there is no such embedded body, or none of that gender in the folder, or the file is
+        missing, damaged, unsafe, another model's, or no person in metres.
     """
     name = str(name_or_path)
     if not name.startswith(EMBEDDED_PREFIX):
-        from bridge.body.smpl_files import checked_surface, load_smpl_file
+        from bridge.body.smpl_files import load_smpl_file
 
-        return checked_surface(load_smpl_file(name_or_path))
+        if not Path(name).is_dir():
+            return load_smpl_file(name)
+        from bridge.body.body_folders import find_body_file
+
+        path, note = find_body_file(Path(name), gender, kind)
+        body = load_smpl_file(path)
+        return replace(body, notes=(note, *body.notes))
     gender = name.removeprefix(EMBEDDED_PREFIX)
     if gender not in EMBEDDED_GENDERS:
         raise DsnetError(
@@ -64,6 +76,18 @@ def load_body_model(name_or_path: str | Path) -> BodyModelData:
         )
     with _open_asset(gender) as archive:
         return unpack(gender, {name: archive.array(name) for name in archive})
+
+
+def embedded_gender(gender: str) -> tuple[str, str | None]:
+    """`female` or `male` for a motion's gender; where it is neither, `female`, and for `neutral`,
+    which no embedded body is, a line that says so."""
+    if gender in EMBEDDED_GENDERS:
+        return gender, None
+    taken, other = EMBEDDED_GENDERS
+    line = (
+        f"a neutral body's motion is put on {EMBEDDED_PREFIX}{taken}: --body takes another, such "
+    )
+    return taken, f"{line}as {EMBEDDED_PREFIX}{other}" if gender == "neutral" else None
 
 
 def unpack(gender: str, arrays: Mapping[str, np.ndarray]) -> BodyModelData:

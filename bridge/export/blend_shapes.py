@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body.posing import joint_rotations, pose_features, shaped_vertices
-from bridge.motion import unpack_theta
 from bridge.runtime.moving_body import MovedFrames, MovingBody
 
 FRAMES_FITTED = 256
@@ -35,11 +34,11 @@ class BlendShapes:
     """
 
     def __init__(self, moving: MovingBody) -> None:
-        self._body, self._motion = moving.body, moving.motion
+        self._body, self._pose = moving.body, moving.pose
         posedirs = self._body.posedirs
         self._posedirs = posedirs.reshape(-1, posedirs.shape[-1]).T.astype(np.float32)
         self._mean_m, self.directions = self._fitted(moving)
-        shaped_m = shaped_vertices(self._body, self._motion.betas[None])[0]
+        shaped_m = shaped_vertices(self._body, moving.motion.betas[None])[0]
         self.rest_m = shaped_m + self._mean_m.reshape(-1, 3)
         self.error_m, found = 0.0, []
         for posed in moving.shown("shapes"):
@@ -69,8 +68,8 @@ class BlendShapes:
 
     def displaced_m(self, posed: MovedFrames) -> NDArray[np.float32]:
         """(T', 3V) of each frame's rest pose from the shaped body: before skinning, metres."""
-        pose, _ = unpack_theta(self._motion.theta[posed.frames])
-        features = pose_features(joint_rotations(self._body, pose)).astype(np.float32)
+        turns = joint_rotations(self._body, self._pose[posed.frames])
+        features = pose_features(turns).astype(np.float32)
         moved_m = posed.offsets_m.reshape(len(posed), -1).copy()
         moved_m += features @ self._posedirs
         return moved_m

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData
-from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import joint_rotations, shaped_joints
-from bridge.motion import unpack_theta
 from bridge.runtime.moving_body import MovingBody
 
 _TIP = 0.5
@@ -25,10 +23,9 @@ def write(path: Path, moving: MovingBody) -> None:
     """Write one file: metres, y up, degrees; joints by SMPL's names, at rest in its T."""
     body, motion = moving.body, moving.motion
     joints_m = shaped_joints(body, motion.betas[None])[0]
-    pose, trans_m = unpack_theta(motion.theta)
-    turns = joint_rotations(body, pose)
+    turns = joint_rotations(body, moving.pose)
     order = [*_depth_first(body, 0)]
-    rows = [trans_m + joints_m[0], *(_degrees(turns[:, joint]) for joint in order)]
+    rows = [motion.trans_m + joints_m[0], *(_degrees(turns[:, joint]) for joint in order)]
     with path.open("w", encoding="ascii", newline="\n") as file:
         file.write("HIERARCHY\n" + "\n".join(_hierarchy(body, joints_m, 0)) + "\nMOTION\n")
         file.write(f"Frames: {len(moving)}\nFrame Time: {1 / motion.fps:.9f}\n")
@@ -52,7 +49,7 @@ def _hierarchy(body: BodyModelData, joints_m: NDArray, joint: int) -> Iterator[s
     kind, channels = ("JOINT", f"3 {_TURNS}") if parent >= 0 else (
         "ROOT", f"6 Xposition Yposition Zposition {_TURNS}"
     )  # fmt: skip
-    yield f"{kind} {SMPL_JOINT_NAMES[joint]}"
+    yield f"{kind} {body.joint_names[joint]}"
     yield "{"
     yield f"OFFSET {_numbers(bone_m)}"
     yield f"CHANNELS {channels}"

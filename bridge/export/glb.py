@@ -16,16 +16,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData
-from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import joint_rotations, shaped_joints
 from bridge.export.blend_shapes import BlendShapes
 from bridge.export.mesh_files import VertexNormals
 from bridge.export.output import about
-from bridge.motion import unpack_theta
 from bridge.runtime.moving_body import MovingBody
 
-_INFLUENCES = 4
-"""Joints of a vertex at most: SMPL's have no more, and players know no more."""
+_SET = 4
+"""Joints of a vertex in one set: SMPL needs one; of several some players know the first alone."""
 _TYPES = {np.dtype("f4"): 5126, np.dtype("u4"): 5125, np.dtype("u1"): 5121}
 _WIDTHS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
@@ -91,7 +89,7 @@ def _f4(array: NDArray) -> NDArray[np.float32]:
 def _bones(body: BodyModelData, joints_m: NDArray) -> list[dict[str, Any]]:
     """A node a joint, at rest."""
     nodes = []
-    for number, (name, parent) in enumerate(zip(SMPL_JOINT_NAMES, body.parents, strict=True)):
+    for number, (name, parent) in enumerate(zip(body.joint_names, body.parents, strict=True)):
         place_m = joints_m[number] - (joints_m[parent] if parent >= 0 else 0)
         children = [int(child) for child in np.flatnonzero(body.parents == number)]
         node = {"name": name, "translation": place_m.tolist()}
@@ -100,16 +98,17 @@ def _bones(body: BodyModelData, joints_m: NDArray) -> list[dict[str, Any]]:
 
 
 def _mesh(buffer: _Buffer, body: BodyModelData, shapes: BlendShapes) -> dict[str, Any]:
-    joints = np.argsort(-body.weights, axis=1, kind="stable")[:, :_INFLUENCES]
-    shares = np.take_along_axis(body.weights, joints, axis=1)
-    joints = np.where(shares > 0, joints, 0)
     normals = VertexNormals(body.faces, body.vertex_count)
     attributes = {
         "POSITION": buffer.add(_f4(shapes.rest_m), bounds=True),
         "NORMAL": buffer.add(normals(shapes.rest_m)),
-        "JOINTS_0": buffer.add(joints.astype("u1")),
-        "WEIGHTS_0": buffer.add(_f4(shares / shares.sum(axis=1, keepdims=True))),
     }
+    order = np.argsort(-body.weights, axis=1, kind="stable")
+    shares = np.take_along_axis(body.weights, order, axis=1)
+    for number, start in enumerate(range(0, (shares > 0).sum(axis=1).max(), _SET)):
+        joints, share = (array[:, start : start + _SET] for array in (order, shares))
+        attributes[f"JOINTS_{number}"] = buffer.add(np.where(share > 0, joints, 0).astype("u1"))
+        attributes[f"WEIGHTS_{number}"] = buffer.add(_f4(share))
     primitive: dict[str, Any] = {
         "attributes": attributes,
         "indices": buffer.add(body.faces.astype("u4").ravel()),
@@ -125,10 +124,9 @@ def _mesh(buffer: _Buffer, body: BodyModelData, shapes: BlendShapes) -> dict[str
 def _animation(
     buffer: _Buffer, moving: MovingBody, joints_m: NDArray, shapes: BlendShapes
 ) -> dict[str, Any]:
-    pose, trans_m = unpack_theta(moving.motion.theta)
     time = buffer.add(_f4(np.arange(len(moving)) / moving.motion.fps), bounds=True)
-    turns = joint_rotations(moving.body, pose)
-    followed = [(0, "translation", joints_m[0] + trans_m)]
+    turns = joint_rotations(moving.body, moving.pose)
+    followed = [(0, "translation", joints_m[0] + moving.motion.trans_m)]
     for joint in range(turns.shape[1]):
         followed.append((joint, "rotation", _continuous(turns[:, joint])))
     if shapes.names:

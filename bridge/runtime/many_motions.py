@@ -32,7 +32,13 @@ from bridge.runs.files import (
 from bridge.runs.run import present_sha256
 from bridge.runs.workers import WorkerPool, on_any_node, progress, worker_pool
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import TrainedModel, find_model, load_for_motion, load_model
+from bridge.runtime.load_model import (
+    TrainedModel,
+    body_asked,
+    find_model,
+    load_for_motion,
+    load_model,
+)
 from bridge.runtime.stage_predict import KIND, OF_MANY, fill_prediction, open_out_folder
 
 REFUSED = "refused.txt"
@@ -58,17 +64,31 @@ class Asked:
     def load(self, path: Path) -> tuple[TrainedModel, Motion]:
         """The predictor of a file's motion, and the motion as the file has it."""
         asked = self.controls
-        how = asked.how_read()
         return load_for_motion(
-            self.run, self.predictor, path, asked.motion_fps, asked.smooth_hz, how, _load
+            self.run,
+            self.predictor,
+            path,
+            asked.motion_fps,
+            asked.smooth_hz,
+            asked.how_read(),
+            body_asked(asked.body),
+            _load,
         )
 
     @property
     def config(self) -> dict[str, Any]:
         """As in the manifest of a prediction."""
         given = {"run": self.run and self.run.name, "predictor": self.predictor}
-        given |= {"write": self.write, "controls": self.controls.given()}
+        given |= {"write": self.write, "controls": self.controls.given(), "body": self._body()}
         return json.loads(json.dumps(given))
+
+    def _body(self) -> list[tuple[str, int]] | str | None:
+        """Names and sizes of the model files that were asked for: they may be gigabytes."""
+        said = body_asked(self.controls.body)
+        if said is None or not (path := Path(said)).exists():
+            return said
+        files = sorted(one for one in (path, *path.rglob("*")) if one.is_file())
+        return [(one.relative_to(path.parent).as_posix(), one.stat().st_size) for one in files]
 
 
 @dataclass(frozen=True)

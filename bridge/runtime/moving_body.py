@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.body.posing import Smpl
+from bridge.body.posing import Smpl, full_pose
 from bridge.errors import DsnetError, notify
 from bridge.markers.poses import flesh_in_pose
 from bridge.motion import Motion, unpack_theta
@@ -95,6 +95,11 @@ class MovingBody:
         return self.trained.body
 
     @property
+    def pose(self) -> NDArray[np.floating]:
+        """(T, 22, 3) joint rotations, axis-angle, or all that the body has where others move."""
+        return full_pose(self.body, self.motion.pose, self.motion.hands_and_face)
+
+    @property
     def latents(self) -> NDArray[np.float32] | None:
         """(T, 100) codes that the offsets are decoded from, before any gain, if there are any."""
         found = [prediction.latents for prediction in self._predictions()]
@@ -110,7 +115,7 @@ class MovingBody:
         return [predict(theta[piece], betas) for piece in self.pieces]
 
     def __iter__(self) -> Iterator[MovedFrames]:
-        pose, trans = unpack_theta(self.motion.theta)
+        pose, trans = self.pose, self.motion.trans_m
         shaped, start = Smpl(self.body).person(self.motion.betas), 0
 
         def finite(found_m: NDArray[np.float32], frames: slice) -> NDArray[np.float32]:

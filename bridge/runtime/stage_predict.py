@@ -19,7 +19,7 @@ from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.files import MANIFEST, exclusive, runs_root
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_for_motion
+from bridge.runtime.load_model import body_asked, load_for_motion
 from bridge.runtime.moving_body import MovedFrames, MovingBody
 
 KIND = "prediction"
@@ -120,7 +120,13 @@ def predict_motion(
     path, controls = Path(path), controls or Controls()
     controls.check()
     trained, motion = load_for_motion(
-        run, predictor, path, controls.motion_fps, controls.smooth_hz, controls.how_read()
+        run,
+        predictor,
+        path,
+        controls.motion_fps,
+        controls.smooth_hz,
+        controls.how_read(),
+        body_asked(controls.body),
     )
     moving = controlled_body(trained, motion, controls)
     with open_out_folder(Path(out), trained.origin) as writer:
@@ -163,6 +169,7 @@ def fill_prediction(
         source_fps=motion.source_fps,
         fps=motion.fps,
         up=motion.up,
+        body_model=moving.body.name,
         betas=motion.betas.tolist(),
         controls=moving.controls,
         starts_anew_at=[piece.start for piece in moving.pieces[1:]],

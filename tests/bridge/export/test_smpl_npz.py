@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body import pose_vertices
 from bridge.export import smpl_npz
 from bridge.motion import load_motion_file, unpack_theta
-from bridge.runtime.moving_body import place_motion
+from bridge.runtime.moving_body import MovingBody, place_motion
 from tests.bridge.export.conftest import FRAMES
 
 
@@ -75,3 +77,19 @@ def test_smplx_has_its_joints_and_nobody_elses_turns(performed, stored, tmp_path
     assert not stored["poses"][:, 66:].any()
     motion = place_motion(load_motion_file(path), performed.moving.body)
     np.testing.assert_allclose(motion.trans_m, performed.moving.motion.trans_m, atol=1e-9)
+
+
+def test_fingers_jaw_and_eyes_are_kept(performed, tmp_path):
+    rng, moving = np.random.default_rng(3), performed.moving
+    others = rng.normal(0, 0.3, (FRAMES, 33, 3))
+    motion = replace(moving.motion, hands_and_face=others)
+    for joints, kept in ((52, others[:, 3:]), (55, others)):
+        path = tmp_path / f"{joints}.npz"
+        smpl_npz.write(path, MovingBody(moving.trained, motion), joints)
+        with np.load(path) as archive:
+            poses = archive["poses"].reshape(FRAMES, joints, 3)
+        np.testing.assert_array_equal(poses[:, 22:], kept)
+        read = load_motion_file(path).hands_and_face
+        assert read is not None
+        turns = [Rotation.from_rotvec(one.reshape(-1, 3)) for one in (read, kept)]
+        assert (turns[0].inv() * turns[1]).magnitude().max() < 1e-6
