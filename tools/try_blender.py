@@ -106,7 +106,7 @@ def install(folder: Path) -> str | None:
 
 def make_files(folder: Path) -> None:
     """Predict and export, two at a time."""
-    exports = {to: f"BODY.{to}" for to in ("usd", "glb", "abc", "bvh")}
+    exports = {to: f"BODY.{to}" for to in ("usd", "glb", "abc")}
     exports |= {name: name for name in ("pc2", "mdd", "obj", "ply")}
     commands = [["export", "--to", to, "--out", str(folder / out)] for to, out in exports.items()]
     commands.append(["predict", "--out", str(folder / "predicted")])

@@ -11,8 +11,10 @@ import json
 import shutil
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from bridge.motion import Motion
 from bridge.motion.readers import files_below, stated_gender
 from bridge.runs import Run, read_artifact
 from bridge.runs.files import (
+    MANIFEST,
     exclusive,
     is_finished,
     runs_root,
@@ -39,6 +42,7 @@ from bridge.runtime.load_model import (
     load_for_motion,
     load_model,
 )
+from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.stage_predict import KIND, OF_MANY, fill_prediction, open_out_folder
 
 REFUSED = "refused.txt"
@@ -63,17 +67,16 @@ class Asked:
 
     def load(self, path: Path) -> tuple[TrainedModel, Motion]:
         """The predictor of a file's motion, and the motion as the file has it."""
-        asked = self.controls
-        return load_for_motion(
-            self.run,
-            self.predictor,
-            path,
-            asked.motion_fps,
-            asked.smooth_hz,
-            asked.how_read(),
-            body_asked(asked.body),
-            _load,
-        )
+        asked, how = self.controls, self.controls.how_read()
+        options = asked.motion_fps, asked.smooth_hz, how, body_asked(asked.body), _load
+        return load_for_motion(self.run, self.predictor, path, *options)
+
+    def moving(self, path: Path) -> tuple[MovingBody, list[str]]:
+        """The body that performs it, and all that is to be told of it, which no terminal is."""
+        with redirect_stderr(StringIO()) as said:
+            moving = controlled_body(*self.load(path), self.controls)
+        lines = [line.removeprefix("dsnet: ") for line in said.getvalue().splitlines()]
+        return moving, lines + moving.oddities()
 
     @property
     def config(self) -> dict[str, Any]:
@@ -103,6 +106,8 @@ class Found:
     bytes: int = 0
     """Of what will be written."""
     refusal: str = ""
+    told: int = 0
+    """Lines in its manifest of what is odd about it."""
 
 
 def predict_folder(
@@ -205,7 +210,8 @@ def _survey(asked: Asked, one: Found) -> Found | None:
     try:
         if stated_gender(one.path) is None:
             return None
-        trained, motion = asked.load(one.path)
+        with redirect_stderr(StringIO()):  # it is told when the motion is predicted
+            trained, motion = asked.load(one.path)
         bytes_a_frame = sum(_BYTES.get(word, 0) for word in asked.write) * trained.body.vertex_count
     except DsnetError as error:
         return _refused(one, error)
@@ -233,21 +239,22 @@ def _size(count: float) -> str:
 
 def _predicted(motions: Sequence[Found], pool: WorkerPool[Asked]) -> list[Found]:
     """Predict them; those that cannot be."""
-    total, refused = sum(one.frames for one in motions), []
+    tried, total = [], sum(one.frames for one in motions)
     with progress(what="predict", unit="frame", total=total) as bar:
         for one in pool.map(_predict, motions):
             bar.update(one.frames)
-            refused += [one] if one.refusal else []
-    return refused
+            tried.append(one)
+    if count := sum(one.told > 0 for one in tried):
+        notify(f"of {count} something is odd, which stands under `told` in their {MANIFEST}")
+    return [one for one in tried if one.refusal]
 
 
 def _predict(asked: Asked, one: Found) -> Found:
     try:
-        moving = controlled_body(*asked.load(one.path), asked.controls)
+        moving, told = asked.moving(one.path)
         stamp, digest = stamp_of(one.path), sha256_of(one.path)
         upstream = {**moving.trained.upstream, "motion": digest}
         with open_out_folder(one.out, moving.trained.origin) as writer:
-            told = moving.oddities()
             fill_prediction(writer, moving, asked.write, moving, source=one.path.name, told=told)
             writer.record_measured(inputs={"motion": str(one.path)}, input_stamps={"motion": stamp})
             writer.finish(config=asked.config, upstream=upstream)
@@ -255,7 +262,7 @@ def _predict(asked: Asked, one: Found) -> Found:
         if isinstance(error.__cause__, OSError) and str(error).startswith("--out"):
             raise  # a full disk is no fault of the motion's
         return _refused(one, error)
-    return one
+    return replace(one, told=len(told))
 
 
 def _refused(one: Found, error: DsnetError) -> Found:

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
+from bridge.body import load_body_model
 from bridge.cli import main
 from bridge.runs import read_artifact
 from bridge.runtime import many_motions
+from bridge.runtime.controls import Controls
 from bridge.runtime.many_motions import REFUSED, predict_folder
 from bridge.runtime.stage_predict import predict_motion, what_to_write
 from tests.forged.amass import save, shape, smplh
@@ -41,13 +43,17 @@ def test_the_tree_is_the_motions_and_holds_what_each_alone_gives(given, tmp_path
     main(["predict", "--motion", str(given), "--out", str(out)])
     said = capsys.readouterr().err.splitlines()
     assert said[0].startswith("dsnet: 0 motions are done, 5 of 60 frames to do: 5.0 MB to write,")
-    assert said[1] == f"dsnet: 5 motions are in {out}"
+    assert (
+        said[1] == "dsnet: of 5 something is odd, which stands under `told` in their manifest.json"
+    )
+    assert said[2:] == [f"dsnet: 5 motions are in {out}"]
     names = {path.parent.relative_to(out).as_posix() for path in out.rglob("manifest.json")}
     assert names == {f"Set{n % 2}/{n % 3:02d}/{n:03d}_poses" for n in range(5)}
     for number in (0, 1):  # a woman, a man
         name = f"Set{number}/{number:02d}/{number:03d}_poses"
         made = read_artifact(out / name, "prediction")
         made.verify()
+        assert "betas" in made.manifest["told"][0]
         assert set(made.digests) == {"offsets.npy"}
         alone = predict_motion(None, given / f"{name}.npz", tmp_path / "alone", write=["offsets"])
         np.testing.assert_array_equal(made.array("offsets"), alone.array("offsets"))
@@ -82,11 +88,11 @@ def test_a_bad_file_in_the_middle_stops_no_other(given, tmp_path, capsys):
     said = capsys.readouterr().err.splitlines()
     assert stopped.value.code == 2
     assert "2 of 7 files, refused as told above" in said[-1]
-    assert [line.split()[1].strip(",:") for line in said[1:3]] == [
+    assert [line.split()[1].strip(",:") for line in said[2:4]] == [
         "Set1/01/001a_poses.npz",
         "Set1/01/001b_poses.npz",
     ]
-    assert [f"dsnet: {line}" for line in (out / REFUSED).read_text().splitlines()] == said[1:3]
+    assert [f"dsnet: {line}" for line in (out / REFUSED).read_text().splitlines()] == said[2:4]
     assert len(list(out.rglob("offsets.npy"))) == 5
     for name in "ab":
         (given / "Set1" / "01" / f"001{name}_poses.npz").unlink()
@@ -100,6 +106,16 @@ def test_two_files_of_one_name_have_a_folder_each(tmp_path):
     (folder / "a.smpl").write_bytes((folder / "a.npz").read_bytes())
     predict_folder(None, folder, tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.npz", "a.smpl"]
+
+
+def test_another_body_is_another_prediction(given, tmp_path, capsys):
+    """Told from one of the same name by its size: a file of one's own, or embedded."""
+    load_body_model("embedded:male").save_smpl_npz(tmp_path / "mine.npz")
+    for body, said in (("embedded:male", "0 motions"), (None, "0"), (tmp_path / "mine.npz", "0")):
+        predict_folder(None, given, tmp_path / "out", controls=Controls(body=body and Path(body)))
+        assert f"dsnet: {said}" in capsys.readouterr().err
+    predict_folder(None, given, tmp_path / "out", controls=Controls(body=tmp_path / "mine.npz"))
+    assert "5 motions are done" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
