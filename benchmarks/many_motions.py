@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from bridge.motion.readers.amass import sample_path
+from bridge.paper import N_VERTICES
 from bridge.runs.artifact import machine
 
 FOLDERS = ((2, 2), (42, 2), (8, 780))
@@ -29,7 +30,6 @@ FOLDERS = ((2, 2), (42, 2), (8, 780))
 AMASS = {"hours": 40, "motions": 11_000, "fps": 60}
 CORES = (1, 2, 16, 128)
 VERTEX_BYTES = {"offsets": 12, "offsets16": 6}
-VERTICES = 6890
 _CODE = """
 from bridge.runs.workers import use_workers
 use_workers(1)
@@ -102,7 +102,7 @@ def main() -> None:
         cost = measured(write)
         frames_an_hour = 3600 / cost["frame_s"]
         found[write] = {**cost, "frames_an_hour_and_core": frames_an_hour}
-        found[write]["amass"] = amass(cost, of_vertex * VERTICES)
+        found[write]["amass"] = amass(cost, of_vertex * N_VERTICES)
     facts = {"machine": machine(), "folders": FOLDERS, "amass": AMASS, "written": found}
     out.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
 

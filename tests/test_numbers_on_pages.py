@@ -130,6 +130,7 @@ def many_motions() -> Iterator[str]:
     yield f"One core writes {rate:.1f} million frames an hour"
     yield f"take {whole['core_hours']:.1f} hours of one core"
     yield f"{whole['hours_by_cores']['16']:.2f} on sixteen"
+    yield f"which takes {half['core_hours']:.1f} hours of one core"
     yield f"{whole['bytes'] / 1e9:.0f} GB, {half['bytes'] / 1e9:.0f} as `offsets16`"
     yield f"{whole['bytes_a_second_and_core'] / 1e6:.0f} MB a second for each core"
 

@@ -1,6 +1,6 @@
 """glTF binary: SMPL's skeleton and weights, blend shapes for flesh, and the motion as an animation.
 
-What Blender, three.js, Unreal, Unity and the web play. The blend shapes belong to this motion
+What browsers, engines and Blender play. The blend shapes belong to this motion
 (`bridge.export.blend_shapes`); the largest error that they leave stands in the file's `extras`.
 """
 
