@@ -35,7 +35,9 @@ def write(path: Path, moving: MovingBody) -> None:
 
 def _write(path: Path, moving: MovingBody) -> None:
     faces, fps = moving.body.faces, moving.motion.fps
-    archive = Abc.CreateArchiveWithInfo(str(path), fps, "dsnet", json.dumps(about(moving)))
+    # Alembic ends the process where one of these stands in its descriptions.
+    facts = json.dumps(about(moving)).replace("=", "\\u003d").replace(";", "\\u003b")
+    archive = Abc.CreateArchiveWithInfo(str(path), fps, "dsnet", facts)
     archive.addTimeSampling(AbcCoreAbstract.TimeSampling(1 / fps, 0.0))
     body = AbcGeom.OPolyMesh(archive.getTop(), "Body")
     mesh = body.getSchema()
