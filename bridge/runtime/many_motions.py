@@ -68,7 +68,8 @@ class Asked:
     def load(self, path: Path) -> tuple[TrainedModel, Motion]:
         """The predictor of a file's motion, and the motion as the file has it."""
         asked, how = self.controls, self.controls.how_read()
-        options = asked.motion_fps, asked.smooth_hz, how, body_asked(asked.body), _load
+        body = asked.body and str(asked.body)
+        options = asked.motion_fps, asked.smooth_hz, how, body, _load
         return load_for_motion(self.run, self.predictor, path, *options)
 
     def moving(self, path: Path) -> tuple[MovingBody, list[str]]:
@@ -87,9 +88,9 @@ class Asked:
 
     def _body(self) -> list[tuple[str, int]] | str | None:
         """Names and sizes of the model files that were asked for: they may be gigabytes."""
-        said = body_asked(self.controls.body)
-        if said is None or not (path := Path(said)).exists():
-            return said
+        path = self.controls.body
+        if path is None or not path.exists():
+            return path and str(path)
         files = sorted(one for one in (path, *path.rglob("*")) if one.is_file())
         return [(one.relative_to(path.parent).as_posix(), one.stat().st_size) for one in files]
 
@@ -130,7 +131,11 @@ def predict_folder(
         If there is no motion, `out` lies in a run or in `folder`, the disk lacks room; and, when
         all others are written, if some file was refused, which `out/refused.txt` has.
     """
-    asked = Asked(run, predictor, controls or Controls(), tuple(write))
+    controls = controls or Controls()
+    if said := body_asked(controls.body):  # other machines have other settings and folders
+        body = Path(said).resolve() if Path(said).exists() else Path(said)
+        controls = replace(controls, body=body)
+    asked = Asked(run, predictor, controls, tuple(write))
     asked.controls.check()
     asked.controls.how_read()
     _refuse_place(folder, out)
