@@ -23,6 +23,7 @@ from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
 from bridge.motion.motion import FARTHEST_M
+from bridge.paper import N_JOINTS
 from bridge.motion.motion_checks import motion_warnings
 from bridge.runs.workers import progress
 from bridge.runtime.load_model import TrainedModel
@@ -108,7 +109,8 @@ class MovingBody:
     def __iter__(self) -> Iterator[MovedFrames]:
         trans = self.motion.trans_m
         pose = full_pose(self.body, self.motion.pose, self.motion.hands_and_face)
-        shaped, start = Smpl(self.body).person(self.motion.betas), 0
+        smpl = Smpl(self.body, hands=pose.shape[1] > N_JOINTS)
+        shaped, start = smpl.person(self.motion.betas), 0
         for found_m in chain.from_iterable(found.offsets_m for found in self._predictions()):
             frames = slice(start, start + len(found_m))
             offsets_m = found_m * self._gain
