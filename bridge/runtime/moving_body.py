@@ -23,8 +23,8 @@ from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
 from bridge.motion.motion import FARTHEST_M
-from bridge.paper import N_JOINTS
 from bridge.motion.motion_checks import motion_warnings
+from bridge.paper import N_JOINTS
 from bridge.runs.workers import progress
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.stepping import Prediction, predict_loop, predict_whole
