@@ -161,6 +161,17 @@ def full_pose(
     return full
 
 
+def weights_of_the_body(data: BodyModelData) -> NDArray[np.float64]:
+    """(V, 22) skinning weights where hands and face are at rest: theirs are wrists' and head's."""
+    weights = np.array(data.weights[:, :N_JOINTS])
+    for joint in range(N_JOINTS, len(data.parents)):
+        above = joint
+        while above >= N_JOINTS:
+            above = data.parents[above]
+        weights[:, above] += data.weights[:, joint]
+    return weights
+
+
 def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
     if np.shape(array) != shape:
         raise DsnetError(
@@ -176,6 +187,7 @@ class Smpl:
     data : the body model.
     vertices : (K,) which; all when None.
     dtype : of what is done for each vertex; the bones are few and stay float64.
+    hands : whether fingers and faces of SMPL-H and SMPL-X are ever posed; else they cost nothing.
     """
 
     def __init__(
@@ -183,12 +195,16 @@ class Smpl:
         data: BodyModelData,
         vertices: NDArray[np.integer] | None = None,
         dtype: type[np.floating] = np.float32,
+        hands: bool = True,
     ) -> None:
         self.data, self.dtype = data, dtype
         self.vertices = np.arange(data.vertex_count) if vertices is None else vertices
-        by_pose = data.posedirs[self.vertices].transpose(2, 1, 0)  # (9 (J - 1), 3, K)
+        whole = hands or data.kind == "smpl"
+        self._joints = len(data.parents) if whole else N_JOINTS
+        by_pose = data.posedirs[self.vertices].transpose(2, 1, 0)[: 9 * (self._joints - 1)]
         self._posedirs = np.ascontiguousarray(by_pose, self.dtype).reshape(len(by_pose), -1)
-        self._weights = np.ascontiguousarray(data.weights[self.vertices].T, self.dtype)
+        weights = data.weights if whole else weights_of_the_body(data)
+        self._weights = np.ascontiguousarray(weights[self.vertices].T, self.dtype)
 
     def person(self, betas: NDArray) -> ShapedBody:
         """A person of shape betas (k,), the first of the body's or all."""
@@ -225,10 +241,11 @@ class Smpl:
         for start in range(0, len(pose), _FRAMES_AT_ONCE):
             part = slice(start, start + _FRAMES_AT_ONCE)
             some = people[part] if len(people) > 1 else people
-            rotations = joint_rotations(self.data, pose[part])
-            joints = np.concatenate([person.joints_m for person in some])
+            rotations = joint_rotations(self.data, pose[part])[:, : self._joints]
+            joints = np.concatenate([person.joints_m for person in some])[:, : self._joints]
             joints = np.broadcast_to(joints, (len(rotations), *joints.shape[1:]))
-            bones = joint_transforms(rotations, joints, self.data.parents, trans[part])
+            parents = self.data.parents[: self._joints]
+            bones = joint_transforms(rotations, joints, parents, trans[part])
             # Weights sum to 1 only up to rounding; blended this way, standing is no turn exactly.
             moved = (bones[:, :, :3] - np.eye(3, 4)).transpose(0, 2, 3, 1).astype(self.dtype)
             moved = moved.reshape(len(moved), 12, -1)

@@ -24,6 +24,7 @@ from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
 from bridge.motion.motion import FARTHEST_M
 from bridge.motion.motion_checks import motion_warnings
+from bridge.paper import N_JOINTS
 from bridge.runs.workers import progress
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.stepping import Prediction, predict_loop, predict_whole
@@ -116,7 +117,8 @@ class MovingBody:
 
     def __iter__(self) -> Iterator[MovedFrames]:
         pose, trans = self.pose, self.motion.trans_m
-        shaped, start = Smpl(self.body).person(self.motion.betas), 0
+        smpl = Smpl(self.body, hands=pose.shape[1] > N_JOINTS)
+        shaped, start = smpl.person(self.motion.betas), 0
 
         def finite(found_m: NDArray[np.float32], frames: slice) -> NDArray[np.float32]:
             if np.isfinite(found_m).all():

@@ -197,7 +197,7 @@ class StreamingBodies:
             )
             body = body if given else found.body
             self._model = found.open(body)
-        self._body, self._skin = body, Smpl(body)
+        self._body, self._skin = body, Smpl(body, hands=False)
         self._characters: dict[int, _Character] = {}
         self._numbers = count()
         self.latency_frames = self._clock.latency_frames(self._model.look_ahead)

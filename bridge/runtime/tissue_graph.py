@@ -17,7 +17,7 @@ from bridge.body import BodyModelData
 from bridge.paper import N_BETAS
 from bridge.runtime.onnx_graph import Graph, Value
 from bridge.tissue.oscillators import FPS, GRAVITY_M_S2, STEPS, SWEEPS, coupling
-from bridge.tissue.shape import LEAST_DEPTH_M, shape_measures
+from bridge.tissue.shape import LEAST_DEPTH_M, ends_of_bones, shape_measures
 from bridge.tissue.trained_plus import KERNEL_WIDTH, TrainedPlus, people_kernel
 
 _SETTLING = 400
@@ -282,7 +282,7 @@ def _depths(graph: Graph, body: BodyModelData, points_m: Value, betas: Value) ->
     """(B, K, 1) distance of points (B, K, 3) to the nearest bone's axis."""
     by_shape = np.stack([body.J_regressor @ axis for axis in body.shapedirs.transpose(1, 0, 2)], 1)
     joints_m = _shaped(graph, "joints", body.joints, by_shape, betas)
-    with_parent = np.flatnonzero(body.parents >= 0)
+    with_parent = ends_of_bones(body.joints, body.parents)
     begins = joints_m.gather(body.parents[with_parent], axis=1)
     bones = (joints_m.gather(with_parent, axis=1) - begins).reshape(0, 1, -1, 3)
     from_begin = points_m.reshape(0, -1, 1, 3) - begins.reshape(0, 1, -1, 3)  # (B, K, 23, 3)

@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.body.posing import weights_of_the_body
 from bridge.body.surface_operators import vertex_areas_m2, vertex_normals
 from bridge.paper import N_JOINTS
 from bridge.tissue.nodes import TissueNodes
@@ -245,11 +246,7 @@ class _Frame:
                 for name in (joint, *behind):
                     if limb_of[index[f"{side}_{name}"]] < 0 or name == joint:
                         limb_of[index[f"{side}_{name}"]] = limb
-        weights = np.zeros((body.vertex_count, N_JOINTS))
-        for joint, column in enumerate(body.weights.T):
-            while joint >= N_JOINTS:
-                joint = int(body.parents[joint])
-            weights[:, joint] += column
+        weights = weights_of_the_body(body)
         return cls(weights / weights.sum(1, keepdims=True), limb_of, ends)
 
     def turns(self, joints: NDArray, others: NDArray) -> NDArray[np.float64]:

@@ -100,9 +100,9 @@ class StaticPart:
 class Elsewhere:
     """What shapes of another body than the trained one mean: see `bridge.tissue.carry`."""
 
-    to_betas: NDArray[np.float64]
+    to_betas: NDArray[np.floating]
     """(S, 10) its betas in the trained body's shape space, up to `shift`."""
-    shift: NDArray[np.float64]
+    shift: NDArray[np.floating]
     """(10,) its mean person there."""
     template: NDArray[np.float64]
     """(K, 3) `shape_measures` at the nodes that it would have as the trained body's mean person."""
