@@ -30,8 +30,9 @@ _R_ZUP_YUP = Rotation.from_euler("x", 90, degrees=True)
 def write(path: Path, moving: MovingBody) -> None:
     """Write `poses` (T, 3 J) and `trans` (T, 3), z up; `theta` (T, 69), y up; `offsets` (T, V, 3).
 
-    J is 24, or 52 or 55 where the motion moves hands and face, or the body has them. Beside these stand `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest
-    position that the root turns about, and facts of the export as texts.
+    J is 24, or 52 or 55 where the motion moves hands and face, or the body has them. Beside these
+    stand `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest position that the
+    root turns about, and facts of the export as texts.
     """
     shape = (len(moving), moving.body.vertex_count, 3)
     with zipfile.ZipFile(path, "w") as archive:
