@@ -21,7 +21,7 @@ Layout of an asset (plain arrays, no pickles):
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -61,7 +61,10 @@ def load_body_model(
     if not name.startswith(EMBEDDED_PREFIX):
         from bridge.body.smpl_files import load_smpl_file
 
-        if not Path(name).is_dir():
+        is_folder = False
+        with suppress(OSError):  # a name that none can have
+            is_folder = Path(name).is_dir()
+        if not is_folder:
             return load_smpl_file(name)
         from bridge.body.body_folders import find_body_file
 

