@@ -71,6 +71,7 @@ def test_hands_are_kept_beside_the_body(character, tmp_path):
     smpl_npz.write(tmp_path / "hands.npz", moving)
     motion = place_motion(load_motion_file(tmp_path / "hands.npz"), moving.body)
     assert motion.kind == "smplh"
+    assert motion.hands_and_face is not None
     turns = [Rotation.from_rotvec(one.reshape(-1, 3)) for one in (motion.hands_and_face, hands)]
     np.testing.assert_allclose(turns[0].as_matrix(), turns[1].as_matrix(), atol=1e-9)
     np.testing.assert_allclose(motion.trans_m, moving.motion.trans_m, atol=1e-9)
