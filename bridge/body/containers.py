@@ -43,6 +43,7 @@ _STRANGERS: tuple[tuple[bytes, str, str], ...] = (
     (rb"glTF|BLENDER|ply|v -?\d|o \w|mtllib|# Blender", "a mesh or scene",
      "Pass the model file that it was made from"),
     (rb"\x89HDF", "an HDF5 file", "Meshes of Dyna and D-FAUST go to --dyna"),
+    (rb"\x80\x02\x8a\nl\xfc\x9cF", "an old file of PyTorch's", "Save its arrays as .npz"),
     (rb"MATLAB", "a file of MATLAB's (.mat)", "Pass the .pkl or .npz for Python users"),
 )  # fmt: skip
 """What begins so, what it is, and what helps."""

@@ -85,7 +85,12 @@ def load_body_model(
 def load_paper_body(path: str | Path) -> BodyModelData:
     """A body for meshes of Dyna and the paper's networks, which know SMPL's 6890 vertices by
     number, with as many shapes as the paper has; `DsnetError` of another."""
-    body = load_body_model(path)
+    if not str(path).startswith(EMBEDDED_PREFIX):
+        from bridge.body.smpl_files import load_smpl_file
+
+        body = load_smpl_file(path)
+    else:
+        body = load_body_model(path)
     if body.kind != "smpl" or body.vertex_count != N_VERTICES:
         raise DsnetError(
             f"body model {path}: {body.kind} of {body.vertex_count} vertices",

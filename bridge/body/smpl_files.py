@@ -247,7 +247,7 @@ def _text(fields: Mapping[str, Any], name: str) -> str:
 def _unreadable(path: Path, error: Exception) -> DsnetError:
     if isinstance(error, (FileNotFoundError, IsADirectoryError)):
         kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
-        expected = "a model file (.npz or .pkl), a folder of them, embedded:female or embedded:male"
+        expected = "a model file (.npz or .pkl), embedded:female or embedded:male"
         return refused(path, kind, expected, "Check the path")
     detail = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     cut = "ends early" in detail

@@ -111,6 +111,8 @@ def test_other_bodies_are_not_the_papers(tmp_path: Path) -> None:
     (tmp_path / "SMPLH_MALE.npz").write_bytes(npz(fields_of(person("smplh"))))
     with pytest.raises(DsnetError, match="smplh of 162 vertices; expected SMPL's 24 joints"):
         load_paper_body(tmp_path / "SMPLH_MALE.npz")
+    with pytest.raises(DsnetError, match="a folder; expected a model file"):
+        load_paper_body(tmp_path)
     assert load_paper_body("embedded:male").shapedirs.shape == (6890, 3, 10)
 
 
