@@ -294,3 +294,11 @@ def test_hands_are_resampled_and_smoothed_as_other_joints(target: Path) -> None:
         assert motion.hands_and_face.shape == (20, 30, 3)
         np.testing.assert_allclose(motion.hands_and_face[:, 0], motion.pose[:, 20], atol=1e-12)
         assert np.abs(motion.pose[:, 20]).max() > 0.5
+
+
+def test_hands_relative_to_what_no_file_says_stay_flat_and_are_told(target: Path) -> None:
+    arrays = {"global_orient": np.tile([np.pi / 2, 0, 0], (5, 1)), "body_pose": np.zeros((5, 63))}
+    arrays |= {"transl": np.zeros((5, 3)), "left_hand_pose": np.ones((5, 12)), "fps": np.array(30)}
+    motion = amass.read(save(target, arrays))
+    assert motion.hands_and_face is None
+    assert any("'left_hand_pose' is relative to" in note for note in motion.notes)
