@@ -17,10 +17,10 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.body.model_data import JOINT_COUNT
+from bridge.body import BodyModelData
 from bridge.body.posing import shaped_joints
 from bridge.export.output import about
-from bridge.motion import unpack_theta
+from bridge.motion import Motion
 from bridge.runtime.moving_body import MovingBody
 
 _TEXTS = ("data", "made_by", "predictor", "label", "model", "body_model", "motion")
@@ -28,10 +28,11 @@ _R_ZUP_YUP = Rotation.from_euler("x", 90, degrees=True)
 
 
 def write(path: Path, moving: MovingBody) -> None:
-    """Write `poses` (T, 72) and `trans` (T, 3), z up; `theta` (T, 69), y up; `offsets` (T, V, 3).
+    """Write `poses` (T, 3 J) and `trans` (T, 3), z up; `theta` (T, 69), y up; `offsets` (T, V, 3).
 
-    Beside these stand `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest
-    position that the root turns about, and facts of the export as texts.
+    J is 24, or 52 or 55 where the motion moves hands and face, or the body has them. Beside these
+    stand `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest position that the
+    root turns about, and facts of the export as texts.
     """
     shape = (len(moving), moving.body.vertex_count, 3)
     with zipfile.ZipFile(path, "w") as archive:
@@ -48,7 +49,7 @@ def write(path: Path, moving: MovingBody) -> None:
 def _parameters(moving: MovingBody) -> dict[str, Any]:
     facts, motion = about(moving), moving.motion
     root_joint_m = shaped_joints(moving.body, motion.betas[None])[0, 0]
-    poses, trans_m = _z_up(motion.theta, root_joint_m)
+    poses, trans_m = _z_up(motion, moving.body, root_joint_m)
     return {
         "poses": poses,
         "trans": trans_m,
@@ -66,14 +67,15 @@ def _parameters(moving: MovingBody) -> dict[str, Any]:
     }
 
 
-def _z_up(theta: NDArray, root_joint_m: NDArray) -> tuple[NDArray, NDArray]:
-    """AMASS's poses (T, 72) and translation (T, 3) of a motion (T, 69) with y up.
+def _z_up(motion: Motion, body: BodyModelData, root_joint_m: NDArray) -> tuple[NDArray, NDArray]:
+    """AMASS's poses (T, 3 J) and translation (T, 3) of a motion with y up.
 
     The root turns about its joint J, which lies at J + trans: turning the world turns that sum.
     """
-    pose, trans_m = unpack_theta(theta)
-    full = np.zeros((len(pose), JOINT_COUNT, 3))
-    full[:, : pose.shape[1]] = pose
-    full[:, 0] = (_R_ZUP_YUP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
-    turned_m = _R_ZUP_YUP.apply(trans_m + root_joint_m) - root_joint_m
-    return full.reshape(len(pose), -1), turned_m
+    given = motion.all_joints
+    joints = len(body.parents) if motion.hands_and_face is None else given.shape[1]
+    full = np.zeros((len(given), joints, 3))
+    full[:, : given.shape[1]] = given
+    full[:, 0] = (_R_ZUP_YUP * Rotation.from_rotvec(given[:, 0])).as_rotvec()
+    turned_m = _R_ZUP_YUP.apply(motion.trans_m + root_joint_m) - root_joint_m
+    return full.reshape(len(given), -1), turned_m

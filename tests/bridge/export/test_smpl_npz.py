@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -10,7 +12,7 @@ from bridge.body import pose_vertices
 from bridge.export import smpl_npz
 from bridge.motion import load_motion_file, unpack_theta
 from bridge.runtime.moving_body import place_motion
-from tests.bridge.export.conftest import FRAMES
+from tests.bridge.export.conftest import FRAMES, moving_body
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +62,16 @@ def test_an_exported_motion_can_be_predicted_again(performed, path):
     np.testing.assert_allclose(turns[1], turns[0], atol=1e-9)
     np.testing.assert_array_equal(motion.betas, performed.moving.motion.betas)
     assert motion.gender == "female"
+
+
+def test_hands_are_kept_beside_the_body(character, tmp_path):
+    moving = moving_body(character, 8)
+    hands = np.random.default_rng(1).uniform(-1, 1, (8, 30, 3))
+    moving.motion = replace(moving.motion, hands_and_face=hands)
+    smpl_npz.write(tmp_path / "hands.npz", moving)
+    motion = place_motion(load_motion_file(tmp_path / "hands.npz"), moving.body)
+    assert motion.kind == "smplh"
+    assert motion.hands_and_face is not None
+    turns = [Rotation.from_rotvec(one.reshape(-1, 3)) for one in (motion.hands_and_face, hands)]
+    np.testing.assert_allclose(turns[0].as_matrix(), turns[1].as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(motion.trans_m, moving.motion.trans_m, atol=1e-9)
