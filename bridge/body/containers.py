@@ -33,13 +33,17 @@ _STRANGERS: tuple[tuple[bytes, str, str], ...] = (
     (rb"\0{64}", "zeros, no body: a download that broke off", _AGAIN),
     (rb"version https://git-lfs", "git-lfs's pointer to a file, not the file",
      "Run `git lfs pull` in the repository that it lies in"),
+    (rb"/annex/objects/|[./]*/\.git/annex", "git-annex's pointer to a file, not the file",
+     "Run `git annex get` in the repository that it lies in"),
     (rb"(\xef\xbb\xbf)?\s*<", "a web page, saved under the file's name",
      "Sign in at the site that has it, and download it again"),
-    (rb"\x1f\x8b|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!|.{257}ustar", "an archive, not unpacked", _UNPACK),
+    (rb"\x1f\x8b|x[\x01\x5e\x9c\xda]|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!|.{257}ustar",
+     "an archive, not unpacked", _UNPACK),
     (rb"Kaydara FBX|; FBX", "a scene (.fbx)", "Pass the model file that it was made from"),
     (rb"glTF|BLENDER|ply|v -?\d|o \w|mtllib|# Blender", "a mesh or scene",
      "Pass the model file that it was made from"),
     (rb"\x89HDF", "an HDF5 file", "Meshes of Dyna and D-FAUST go to --dyna"),
+    (rb"\x80\x02\x8a\nl\xfc\x9cF", "an old file of PyTorch's", "Save its arrays as .npz"),
     (rb"MATLAB", "a file of MATLAB's (.mat)", "Pass the .pkl or .npz for Python users"),
 )  # fmt: skip
 """What begins so, what it is, and what helps."""

@@ -21,7 +21,7 @@ Layout of an asset (plain arrays, no pickles):
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -36,6 +36,7 @@ from bridge.body.model_data import (
     BodyModelData,
 )
 from bridge.errors import DsnetError
+from bridge.paper import N_BETAS, N_VERTICES
 from bridge.runs.untrusted import UntrustedNpz, open_npz
 
 EMBEDDED_PREFIX = "embedded:"
@@ -60,7 +61,10 @@ def load_body_model(
     if not name.startswith(EMBEDDED_PREFIX):
         from bridge.body.smpl_files import load_smpl_file
 
-        if not Path(name).is_dir():
+        is_folder = False
+        with suppress(OSError):  # a name that none can have
+            is_folder = Path(name).is_dir()
+        if not is_folder:
             return load_smpl_file(name)
         from bridge.body.body_folders import find_body_file
 
@@ -76,6 +80,24 @@ def load_body_model(
         )
     with _open_asset(gender) as archive:
         return unpack(gender, {name: archive.array(name) for name in archive})
+
+
+def load_paper_body(path: str | Path) -> BodyModelData:
+    """A body for meshes of Dyna and the paper's networks, which know SMPL's 6890 vertices by
+    number, with as many shapes as the paper has; `DsnetError` of another."""
+    if not str(path).startswith(EMBEDDED_PREFIX):
+        from bridge.body.smpl_files import load_smpl_file
+
+        body = load_smpl_file(path)
+    else:
+        body = load_body_model(path)
+    if body.kind != "smpl" or body.vertex_count != N_VERTICES:
+        raise DsnetError(
+            f"body model {path}: {body.kind} of {body.vertex_count} vertices",
+            f"SMPL's {JOINT_COUNT} joints and {N_VERTICES} vertices, as Dyna's meshes have them",
+            "Pass the SMPL model from smpl.is.tue.mpg.de",
+        )
+    return body.with_shapes(N_BETAS)
 
 
 def embedded_gender(gender: str) -> tuple[str, str | None]:

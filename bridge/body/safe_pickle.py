@@ -46,7 +46,7 @@ _GLOBALS = {
     ("collections", "OrderedDict"): "ordered",
     **{(module, "_reconstructor"): "new object" for module in ("copy_reg", "copyreg")},
     **{(module, "object"): "object" for module in ("__builtin__", "builtins")},
-    **{(module, "set"): "set" for module in ("__builtin__", "builtins")},
+    **{(module, name): name for module in ("__builtin__", "builtins") for name in ("set", "bytes")},
     ("joblib.numpy_pickle", "NumpyArrayWrapper"): "joblib",
     ("torch._utils", "_rebuild_tensor_v2"): "tensor",
     **{("torch", f"{name}Storage"): code for name, code in STORAGES.items()},
@@ -214,6 +214,8 @@ def _made(function: Any, arguments: Any) -> Any:
             return text  # protocol 2's way to write bytes; text holds one byte a character
         case "set", _:
             return None
+        case "bytes", ():  # protocol 2's way to write none
+            return ""
         case "ordered", ():
             return {}
         case (

@@ -62,7 +62,10 @@ _BY_FIELD: dict[str, tuple[str, str]] = {
     "hands_components": ("MANO's, a hand", MODELS),
     **dict.fromkeys(("components", "componentsl"), ("a prior of hands' poses", MODELS)),
     **dict.fromkeys(
-        ("poses", "fullpose", "pose_body", "body_pose", "pose", "smpl_poses", "trans"),
+        (
+            "poses", "fullpose", "pose_body", "body_pose", "pose", "smpl_poses", "pose_world",
+            "smpl_params_global", "trans",
+        ),
         ("a motion", "Pass it to --motion"),
     ),
 }  # fmt: skip
@@ -114,8 +117,10 @@ def _check_what_it_is(path: Path, fields: Mapping[str, Any]) -> None:
     missing = [own for own, field in _FIELDS.items() if field.needed and own not in fields]
     if not missing:
         return
+    inner = (one for one in fields.values() if isinstance(one, dict))
+    names = {str(name) for one in (fields, *inner) for name in one}
     for name, (what, remedy) in _BY_FIELD.items():
-        if name in fields and "v_template" not in fields:
+        if name in names and "v_template" not in names:
             raise refused(path, what, remedy=remedy)
     there = ", ".join(list(fields)[:8]) or "nothing"
     raise refused(path, f"no field {missing[0]!r} (it has {there})")
@@ -132,7 +137,7 @@ def _numbers(name: str, value: Any) -> np.ndarray:
 
 def _in_layout(path: Path, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Every array in SMPL's layout, whether it was turned over or flat."""
-    template, weights = arrays["v_template"], arrays["weights"]
+    template, weights = arrays["v_template"], np.squeeze(arrays["weights"])
     vertices = template.size // 3
     joints = weights.shape[-1] if weights.ndim == 2 else 0
     if weights.ndim == 2 and weights.shape[0] != vertices == weights.shape[1]:
@@ -160,6 +165,8 @@ def _fitted(array: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray | No
     """The array in a shape, of which one size may be open; None if it is of another."""
     if len(shape) <= 1:
         return array.ravel()
+    if array.ndim > len(shape) and len(array) == 1:  # a batch of one
+        return _fitted(array[0], shape)
     if any(size == 0 for size in array.shape):
         return None
     known = int(np.prod([size or 1 for size in shape], dtype=object))
@@ -240,7 +247,7 @@ def _text(fields: Mapping[str, Any], name: str) -> str:
 def _unreadable(path: Path, error: Exception) -> DsnetError:
     if isinstance(error, (FileNotFoundError, IsADirectoryError)):
         kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
-        expected = "a model file (.npz or .pkl), a folder of them, embedded:female or embedded:male"
+        expected = "a model file (.npz or .pkl), embedded:female or embedded:male"
         return refused(path, kind, expected, "Check the path")
     detail = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     cut = "ends early" in detail

@@ -35,12 +35,13 @@ SMPLH_JOINTS, SMPLX_JOINTS = 52, 55
 
 def write(path: Path, moving: MovingBody, joints: int | None = None) -> None:
     """Write `poses` (T, 3 * joints) and `trans` (T, 3), z up; `theta` (T, 69), y up; `offsets`
-    (T, V, 3). The joints are those of SMPL-X where the body is one, else of SMPL-H.
+    (T, V, 3). The joints are those of SMPL-X where body or motion are, else of SMPL-H.
 
     Beside these stand `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest
     position that the root turns about, and facts of the export as texts.
     """
-    joints = joints or (SMPLX_JOINTS if moving.body.kind == "smplx" else SMPLH_JOINTS)
+    with_face = moving.body.kind == "smplx" or moving.motion.all_joints.shape[1] == SMPLX_JOINTS
+    joints = joints or (SMPLX_JOINTS if with_face else SMPLH_JOINTS)
     shape = (len(moving), moving.body.vertex_count, 3)
     with zipfile.ZipFile(path, "w") as archive:
         for name, value in _parameters(moving, joints).items():

@@ -36,8 +36,9 @@ ROOT_KEYS, BODY_KEYS = ("root_orient", "global_orient"), ("pose_body", "body_pos
 TRANS_KEYS = ("trans", "transl", "smpl_trans", "bodyTranslation")
 BETAS_KEYS = ("betas", "shapeParameters")
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate", "frame_rate", "frameRate")
-PART_KEYS = ("pose_jaw", "pose_eye", "pose_hand")
-"""Beside root and body, in the order of SMPL-X's joints."""
+PART_KEYS = ("pose_jaw", "pose_eye", "pose_hand", "left_hand_pose")
+"""Beside root and body: AMASS's, in the order of SMPL-X's joints; smplx's hands, which may be
+relative to a mean or to components that only a model file has."""
 WANTED = (*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS, *TRANS_KEYS, *BETAS_KEYS, *RATE_KEYS,
           "gender", "dmpls", "smpl_scaling", "source", "body_model")  # fmt: skip
 MOST_BYTES = MOST_FRAMES * 8 * 9 * 55
@@ -188,17 +189,18 @@ def _by_joint(path: Path, arrays: Arrays, key: str) -> NDArray:
 def _others(
     path: Path, arrays: Arrays, frames: int, notes: list[str]
 ) -> tuple[str | None, NDArray[np.float64] | None]:
-    """Whose body a pose is of, and (T, 30 or 33, 3) of its hands and face, where they move.
-
-    Files whose hands are relative to a mean, or fewer numbers, have them under other names.
-    """
+    """Whose body a pose is of, and (T, 30 or 33, 3) of its hands and face, where they move."""
     if whole := _first(arrays, POSE_KEYS):
         joints = _by_joint(path, arrays, whole)
         kind, parts = _KINDS.get(joints.shape[1]), [joints[:, N_JOINTS:]]
         if joints.shape[1] not in _MOVING or joints.shape[2] == 6:
             return kind, None
     else:
-        given = {key: arrays[key] for key in PART_KEYS if key in arrays}
+        given = {key: arrays[key] for key in _PARTS if key in arrays}
+        if "left_hand_pose" in arrays:
+            notes.append(
+                f"{path} does not say what its 'left_hand_pose' is relative to: flat hands"
+            )
         kind = "smplh" if [*given] == ["pose_hand"] else "smplx" if given else None
         parts = [given.get(key, np.zeros((frames, width))) for key, width in _PARTS.items()]
         wide = [(frames, width) for width in _PARTS.values()]

@@ -12,7 +12,7 @@ from bridge.body import pose_vertices
 from bridge.export import smpl_npz
 from bridge.motion import load_motion_file, unpack_theta
 from bridge.runtime.moving_body import MovingBody, place_motion
-from tests.bridge.export.conftest import FRAMES
+from tests.bridge.export.conftest import FRAMES, moving_body
 
 
 @pytest.fixture(scope="module")
@@ -93,3 +93,16 @@ def test_fingers_jaw_and_eyes_are_kept(performed, tmp_path):
         assert read is not None
         turns = [Rotation.from_rotvec(one.reshape(-1, 3)) for one in (read, kept)]
         assert (turns[0].inv() * turns[1]).magnitude().max() < 1e-6
+
+
+def test_hands_are_kept_beside_the_body(character, tmp_path):
+    moving = moving_body(character, 8)
+    hands = np.random.default_rng(1).uniform(-1, 1, (8, 30, 3))
+    moving.motion = replace(moving.motion, hands_and_face=hands)
+    smpl_npz.write(tmp_path / "hands.npz", moving)
+    motion = place_motion(load_motion_file(tmp_path / "hands.npz"), moving.body)
+    assert motion.kind == "smplh"
+    assert motion.hands_and_face is not None
+    turns = [Rotation.from_rotvec(one.reshape(-1, 3)) for one in (motion.hands_and_face, hands)]
+    np.testing.assert_allclose(turns[0].as_matrix(), turns[1].as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(motion.trans_m, moving.motion.trans_m, atol=1e-9)
