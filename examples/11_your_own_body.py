@@ -13,7 +13,8 @@ import numpy as np
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import load_for_motion
 
-body_file, motion_file = (*sys.argv[1:], "sample:jumping_jacks")[:2]
+body_file = sys.argv[1] if len(sys.argv) > 1 else "embedded:male"
+motion_file = sys.argv[2] if len(sys.argv) > 2 else "sample:jumping_jacks"
 trained, motion = load_for_motion(None, None, Path(motion_file), body=body_file)
 moving = controlled_body(trained, motion, Controls())  # gains, loops, shapes: see Controls
 body = trained.body
