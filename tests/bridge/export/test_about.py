@@ -27,7 +27,9 @@ OPTIONS = (*GAINS, "--floor", "shift", "--shape", "heavy")
 
 @pytest.fixture(scope="module")
 def motion(tmp_path_factory) -> Path:
-    return save(tmp_path_factory.mktemp("given") / "a_poses.npz", smplh(3, 60.0), gender="female")
+    return save(
+        tmp_path_factory.mktemp("given") / "a_poses.npz", smplh(3, 60.0), source="synthetic"
+    )
 
 
 @pytest.fixture(scope="module")
