@@ -45,6 +45,13 @@ def _plugins_are_of_one_module() -> Iterator[None]:  # pyright: ignore[reportUnu
         os.environ["DSNET_PLUGINS"] = before
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> None:  # pyright: ignore[reportUnusedFunction]
+    """Neither a cache of bodies nor a body that is meant for always."""
+    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
+    os.environ.pop("DSNET_BODY", None)
+
+
 SHARES_NOTHING = "tests/tf_dsnet"
 """Folder whose files may go to different processes."""
 

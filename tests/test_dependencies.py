@@ -17,14 +17,14 @@ PROVIDES = {
     "tensorflow-cpu": "tensorflow",
     "usd-core": "pxr",
 }
-# Keras comes with TensorFlow, which fixes its version.
-COMES_WITH = {"keras": "tensorflow"}
+# Keras comes with TensorFlow, which fixes its version; `alembic3d` brings Imath's arrays.
+COMES_WITH = {"imath": "alembic3d", "keras": "tensorflow"}
 
 
 TEXTS = {"", ".cff", ".html", ".md", ".py", ".sh", ".toml", ".txt"}
 FRAMEWORKS = {"h5py", "tensorflow", "torch"}
 # What one format of `dsnet export` needs, or one command.
-OF_ONE_COMMAND = ("usd", "clip", "ray")
+OF_ONE_COMMAND = ("usd", "abc", "clip", "ray")
 EXTRAS = ("train", *OF_ONE_COMMAND)
 
 

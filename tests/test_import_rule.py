@@ -38,6 +38,8 @@ THIRD_PARTIES = {
     "fitting": {"numpy", "scipy"},
     "export": {
         "PIL",
+        "alembic3d",
+        "imath",
         "imageio_ffmpeg",
         "matplotlib",
         "numpy",
@@ -118,7 +120,10 @@ def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
         ("bridge.cli", "torch tensorflow keras"),
         ("bridge.exchange", "torch tensorflow keras"),
         ("bridge.runtime.stage_predict", "torch tensorflow keras"),
-        ("bridge.export.stage_export", "torch tensorflow keras pxr imageio_ffmpeg embreex"),
+        (
+            "bridge.export.stage_export",
+            "torch tensorflow keras pxr alembic3d imageio_ffmpeg embreex",
+        ),
         ("bridge.view.stage_view", "torch tensorflow keras onnxruntime"),
         ("torch_align_ae", "tensorflow keras"),
         ("tf_dsnet", "torch tensorflow keras"),

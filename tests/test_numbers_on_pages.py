@@ -123,10 +123,23 @@ def recordings() -> Iterator[str]:
     yield f"({again_smoothed})"
 
 
+def many_motions() -> Iterator[str]:
+    found = results("scaling/many_motions")["written"]["offsets"]
+    whole, half = found["amass"], results("scaling/many_motions")["written"]["offsets16"]["amass"]
+    rate = found["frames_an_hour_and_core"] / 1e6
+    yield f"One core writes {rate:.1f} million frames an hour"
+    yield f"take {whole['core_hours']:.1f} hours of one core"
+    yield f"{whole['hours_by_cores']['16']:.2f} on sixteen"
+    yield f"which takes {half['core_hours']:.1f} hours of one core"
+    yield f"{whole['bytes'] / 1e9:.0f} GB, {half['bytes'] / 1e9:.0f} as `offsets16`"
+    yield f"{whole['bytes_a_second_and_core'] / 1e6:.0f} MB a second for each core"
+
+
 SAID = {
     "alignment": (laws, steps),
     "data": (unlike,),
     "findings": (held_out,),
+    "motion_files": (many_motions,),
     "prediction": (tissues, strangers, recordings),
 }
 

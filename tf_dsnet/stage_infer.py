@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body import BodyModelData, load_body_model
+from bridge.body import BodyModelData, load_paper_body
 from bridge.exchange.dsnet import LATENTS_OF, code_of
 from bridge.motion import MotionSequence, subject_rows, to_manifest
 from bridge.motion.cuts import predict_between_cuts
@@ -79,7 +79,7 @@ class TrainedNetworks:
     def by_name(self) -> dict[str, PredictMotion]:
         from tf_dsnet.predictors import load_predictor
 
-        body = cache(lambda: load_body_model(str(self.body_path())))
+        body = cache(lambda: load_paper_body(str(self.body_path())))
         return {name: load_predictor(self.train, name, body) for name in self.names}
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -154,7 +154,7 @@ def infer_plus(config: InferConfig) -> Callable[[], Artifact]:
     """
     run = Run(config.run)
     trained, align = run.artifact(TRAIN_PLUS), best_alignment(run)
-    body, plus = load_body_model(str(body_model_path(run))), TrainedPlus.load(trained)
+    body, plus = load_paper_body(str(body_model_path(run))), TrainedPlus.load(trained)
     _ = align.array("theta"), align.array("betas")
     files = find_motions(run, config.amass, align)
 

@@ -13,7 +13,7 @@ import numpy as np
 from tqdm import tqdm
 from tyro.conf import Fixed
 
-from bridge.body import load_body_model
+from bridge.body import load_paper_body
 from bridge.errors import DsnetError, notify
 from bridge.exchange import save_weights
 from bridge.exchange.dsnet import DSNETS, CodeName, load_unpadded_clips
@@ -130,7 +130,7 @@ def _trainable(run: Run) -> list[str]:
 
 def _build_networks(run: Run, config: NetworksRecord, chosen: list[Predictor]) -> None:
     encoded = run.artifact("encode")
-    body = cache(lambda: load_body_model(str(body_model_path(run))))
+    body = cache(lambda: load_paper_body(str(body_model_path(run))))
 
     @cache
     def clips_of(code: CodeName) -> TrainingData:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from bridge.body import BodyModelData, load_body_model
+from bridge.body import BodyModelData, load_paper_body
 from bridge.errors import DsnetError
 from bridge.exchange import save_weights
 from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
@@ -259,7 +259,7 @@ def _make(
     body_path: Path,
 ) -> None:
     """One training, with a checkpoint after every round."""
-    body = load_body_model(str(body_path))
+    body = load_paper_body(str(body_path))
     nodes, people = TissueNodes.of(body, config.nodes), KnownPeople.of(align)
     clips = node_clips(align, body, nodes, people, "train")
     training = make_training(config, body, nodes, people, clips)

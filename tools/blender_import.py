@@ -24,7 +24,8 @@ Seen = dict[str, np.ndarray]
 
 def main(job: dict[str, Any]) -> None:
     """Do one job, and write its arrays to the `.npz` that it names."""
-    frames = list({"usd": usd, "cache": cache, "single": single}[job["how"]](job))
+    ways = {"usd": usd, "glb": glb, "abc": abc, "cache": cache, "single": single}
+    frames = list(ways[job["how"]](job))
     scene, bones = bpy.context.scene, [len(armature.bones) for armature in bpy.data.armatures]
     every: dict[str, Any] = {key: [frame[key] for frame in frames] for key in frames[0]}
     np.savez(job["out"], range=[scene.frame_start, scene.frame_end], bones=bones, **every)
@@ -38,6 +39,20 @@ def usd(job: dict[str, Any]) -> Iterator[Seen]:
     bpy.context.scene.render.fps = job["fps"]
     for seen in evaluated(the_mesh(), job["frames"]):
         yield {**seen, "imported_fps": np.array(imported_fps)}
+
+
+def glb(job: dict[str, Any]) -> Iterator[Seen]:
+    """*File > Import > glTF 2.0*, into a scene of the file's rate."""
+    new_scene(job["fps"])
+    bpy.ops.import_scene.gltf(filepath=job["path"])
+    yield from evaluated(the_mesh(), job["frames"])
+
+
+def abc(job: dict[str, Any]) -> Iterator[Seen]:
+    """*File > Import > Alembic*, into a scene of the file's rate."""
+    new_scene(job["fps"])
+    bpy.ops.wm.alembic_import(filepath=job["path"])
+    yield from evaluated(the_mesh(), job["frames"])
 
 
 def cache(job: dict[str, Any]) -> Iterator[Seen]:
@@ -76,8 +91,10 @@ def import_mesh(job: dict[str, Any], path: str) -> None:
 
 
 def the_mesh() -> Any:
-    """The one object that is a mesh."""
-    [body] = [thing for thing in bpy.data.objects if thing.type == "MESH"]
+    """The one object that is a mesh, but for what glTF's importer draws its bones as."""
+    armatures = [thing for thing in bpy.data.objects if thing.type == "ARMATURE"]
+    drawn = {bone.custom_shape for armature in armatures for bone in armature.pose.bones}
+    [body] = [thing for thing in bpy.data.objects if thing.type == "MESH" and thing not in drawn]
     return body
 
 

@@ -8,13 +8,11 @@ Python that it is built for. Where it cannot be had, one line says why and nothi
 that stands elsewhere than it should fails the command. One to three minutes.
 """
 
-# USD's modules are compiled and come without types.
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import json
 import re
+import struct
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
@@ -24,7 +22,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Usd
 
 from bridge.export.mesh_files import VertexNormals
 from tools.built_wheel import ROOT
@@ -50,7 +47,6 @@ ALLOWED = {
 }
 """What the page says besides where the vertices are, least and most."""
 AXES = r"\*Forward Axis\* (-?[XYZ]) and \*Up Axis\* (-?[XYZ])"
-SELECT = r'`python -c "(.+?)"`'
 UPRIGHT = ("height_m", "lowest_m")
 OF_USD = (*UPRIGHT, "rate_after_import", "frames_off")
 
@@ -109,13 +105,13 @@ def install(folder: Path) -> str | None:
 
 
 def make_files(folder: Path) -> None:
-    """Predict and export, two at a time; then select the skeleton by the page's command."""
-    exports = {"usd": "BODY.usd", **{name: name for name in ("pc2", "mdd", "obj", "ply")}}
+    """Predict and export, two at a time."""
+    exports = {to: f"BODY.{to}" for to in ("usd", "glb", "abc")}
+    exports |= {name: name for name in ("pc2", "mdd", "obj", "ply")}
     commands = [["export", "--to", to, "--out", str(folder / out)] for to, out in exports.items()]
     commands.append(["predict", "--out", str(folder / "predicted")])
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(lambda command: do([*DSNET, *command, *MOTION], ROOT), commands))
-    do([sys.executable, "-c", *told("USD", SELECT)], folder)
 
 
 def do(command: list[str], folder: Path) -> None:
@@ -144,11 +140,15 @@ def ways() -> list[BlenderImport]:
     pc2 = {**cache, "base": "pc2/body.obj", "path": "pc2/body.pc2"}
     mdd = {**cache, "base": "mdd/body.obj", "path": "mdd/body.mdd"}
     single = {"how": "single", "axes": told("OBJ, PLY", AXES), "fps": cache["fps"]}
-    skeleton, frame = {**usd, "path": "SKELETON.usd"}, "{0}/frame_{{:05d}}.{0}".format
+    frame = "{0}/frame_{{:05d}}.{0}".format
+    rate = r"Frame Rate\* to (\d+)"
+    glb = {"how": "glb", "path": "BODY.glb", "fps": int(*told("glTF", rate))}
+    abc = {"how": "abc", "path": "BODY.abc", "fps": int(*told("Alembic", rate))}
     normals, sizes = ("normals_off_deg",), ("offset_m_off",)
     return [
         BlenderImport("usd", {**usd, "path": "BODY.usd"}, (*OF_USD, *normals, *sizes)),
-        BlenderImport("usd, skeleton", skeleton, (*OF_USD, "bones")),
+        BlenderImport("glb", glb, (*UPRIGHT, "bones")),
+        BlenderImport("abc", abc, (*UPRIGHT, *normals, "frames_off")),
         BlenderImport("pc2", pc2),
         BlenderImport("mdd", mdd),
         BlenderImport("mdd, by time", {**mdd, "time_mode": "TIME", "fps": 24}),
@@ -185,11 +185,14 @@ def works(python: str, way: BlenderImport, folder: Path, truth: Truth) -> bool:
 
 def bound_mm(path: Path) -> float:
     """How far off a vertex may be: in a skeleton, as far as its file states, and a little more."""
-    if path.suffix != ".usd":
+    if path.suffix != ".glb":
         return BOUND_MM
-    stage = Usd.Stage.Open(str(path))
-    stated_mm = stage.GetDefaultPrim().GetCustomDataByKey("largest_error_mm")
-    return BOUND_MM if stated_mm is None else stated_mm + MARGIN_MM
+    with path.open("rb") as file:
+        (length,) = struct.unpack("<12xI4x", file.read(20))
+        return (
+            json.loads(file.read(length))["asset"]["extras"]["dsnet"]["largest_error_mm"]
+            + MARGIN_MM
+        )
 
 
 def judge(

@@ -21,7 +21,8 @@ Layout of an asset (plain arrays, no pickles):
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
@@ -35,26 +36,41 @@ from bridge.body.model_data import (
     BodyModelData,
 )
 from bridge.errors import DsnetError
+from bridge.paper import N_BETAS, N_VERTICES
 from bridge.runs.untrusted import UntrustedNpz, open_npz
 
 EMBEDDED_PREFIX = "embedded:"
 EMBEDDED_GENDERS = ("female", "male")
 
 
-def load_body_model(name_or_path: str | Path) -> BodyModelData:
-    """Load `embedded:female`, `embedded:male`, or a licensed SMPL `.npz` or `.pkl`.
+def load_body_model(
+    name_or_path: str | Path, gender: str | None = None, kind: str | None = None
+) -> BodyModelData:
+    """Load `embedded:female`, `embedded:male`, a model file of SMPL, SMPL-H or SMPL-X, or the file
+    of a folder that fits a motion's `gender` and `kind` (`smpl`, `smplh`, `smplx`).
+
+    `notes` of the result say which file was taken, and what else is odd about it.
 
     Raises
     ------
     DsnetError
-        If there is no such embedded body, or the file is missing, damaged or unsafe, or its faces
-        are no closed surface.
+        If there is no such embedded body, or none of that gender in the folder, or the file is
+        missing, damaged, unsafe, another model's, or no person in metres.
     """
     name = str(name_or_path)
     if not name.startswith(EMBEDDED_PREFIX):
-        from bridge.body.smpl_files import checked_surface, load_smpl_file
+        from bridge.body.smpl_files import load_smpl_file
 
-        return checked_surface(load_smpl_file(name_or_path))
+        is_folder = False
+        with suppress(OSError):  # a name that none can have
+            is_folder = Path(name).is_dir()
+        if not is_folder:
+            return load_smpl_file(name)
+        from bridge.body.body_folders import find_body_file
+
+        path, note = find_body_file(Path(name), gender, kind)
+        body = load_smpl_file(path)
+        return replace(body, notes=(note, *body.notes))
     gender = name.removeprefix(EMBEDDED_PREFIX)
     if gender not in EMBEDDED_GENDERS:
         raise DsnetError(
@@ -64,6 +80,36 @@ def load_body_model(name_or_path: str | Path) -> BodyModelData:
         )
     with _open_asset(gender) as archive:
         return unpack(gender, {name: archive.array(name) for name in archive})
+
+
+def load_paper_body(path: str | Path) -> BodyModelData:
+    """A body for meshes of Dyna and the paper's networks, which know SMPL's 6890 vertices by
+    number, with as many shapes as the paper has; `DsnetError` of another."""
+    if not str(path).startswith(EMBEDDED_PREFIX):
+        from bridge.body.smpl_files import load_smpl_file
+
+        body = load_smpl_file(path)
+    else:
+        body = load_body_model(path)
+    if body.kind != "smpl" or body.vertex_count != N_VERTICES:
+        raise DsnetError(
+            f"body model {path}: {body.kind} of {body.vertex_count} vertices",
+            f"SMPL's {JOINT_COUNT} joints and {N_VERTICES} vertices, as Dyna's meshes have them",
+            "Pass the SMPL model from smpl.is.tue.mpg.de",
+        )
+    return body.with_shapes(N_BETAS)
+
+
+def embedded_gender(gender: str) -> tuple[str, str | None]:
+    """`female` or `male` for a motion's gender; where it is neither, `female`, and for `neutral`,
+    which no embedded body is, a line that says so."""
+    if gender in EMBEDDED_GENDERS:
+        return gender, None
+    taken, other = EMBEDDED_GENDERS
+    line = (
+        f"a neutral body's motion is put on {EMBEDDED_PREFIX}{taken}: --body takes another, such "
+    )
+    return taken, f"{line}as {EMBEDDED_PREFIX}{other}" if gender == "neutral" else None
 
 
 def unpack(gender: str, arrays: Mapping[str, np.ndarray]) -> BodyModelData:

@@ -15,7 +15,7 @@ _OF_JOINTS = {
     "head": ("neck", "head"),
     "upper_arms": ("left_shoulder", "right_shoulder"),
     "forearms": ("left_elbow", "right_elbow"),
-    "hands": ("left_wrist", "right_wrist", "left_hand", "right_hand"),
+    "hands": ("left_wrist", "right_wrist"),
     "thighs": ("left_hip", "right_hip"),
     "calves": ("left_knee", "right_knee"),
     "feet": ("left_ankle", "right_ankle", "left_foot", "right_foot"),
@@ -40,7 +40,8 @@ _FADE = 0.025
 
 def part_weights(body: BodyModelData) -> NDArray[np.float64]:
     """(V, 11) how much each vertex belongs to each of `PARTS`: 0 to 1, rows sum to one."""
-    skin = dict(zip(SMPL_JOINT_NAMES, body.weights.T / body.weights.sum(axis=1), strict=True))
+    weights = body.body_weights.T / body.weights.sum(axis=1)
+    skin = dict(zip(SMPL_JOINT_NAMES, weights, strict=False))
     parts = {
         name: np.sum([skin[joint] for joint in joints], axis=0)
         for name, joints in _OF_JOINTS.items()

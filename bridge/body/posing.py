@@ -15,25 +15,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.body.model_data import JOINT_COUNT, BodyModelData
+from bridge.body.model_data import HAND_COUNT, BodyModelData
 from bridge.errors import DsnetError
+from bridge.paper import N_JOINTS
 
 _FRAMES_AT_ONCE = 64
 """A product for many rows costs each of them less; the others wait, so that memory is bounded."""
+_WITH_A_KIDS = 11
 
 
 def joint_transforms(
     rotations: np.ndarray, joints: np.ndarray, parents: np.ndarray, trans: np.ndarray
 ) -> np.ndarray:
-    """(B, 24, 4, 4) `T_world_rest`: each bone's homogeneous transform from the rest pose.
+    """(B, J, 4, 4) `T_world_rest`: each bone's homogeneous transform from the rest pose.
 
     The root turns about its own joint and is then moved by `trans`, as in SMPL.
 
     Parameters
     ----------
-    rotations : (B, 24, 3, 3) rotation of each joint relative to its parent.
-    joints : (B, 24, 3) joints of the rest pose, metres.
-    parents : (24,) parent of each joint, -1 for the root.
+    rotations : (B, J, 3, 3) rotation of each joint relative to its parent.
+    joints : (B, J, 3) joints of the rest pose, metres.
+    parents : (J,) parent of each joint, -1 for the root.
     trans : (B, 3) translation, metres.
     """
     T_world_joint = np.zeros((*rotations.shape[:2], 4, 4))
@@ -53,7 +55,7 @@ def joint_transforms(
 
 
 def pose_features(rotations: np.ndarray) -> np.ndarray:
-    """(B, 207) entries of R - I of joints 1..23, row by row, from (B, 24, 3, 3)."""
+    """(B, 9 (J - 1)) entries of R - I of all joints but the root, row by row, of (B, J, 3, 3)."""
     return (rotations[:, 1:] - np.eye(3)).reshape(len(rotations), -1)
 
 
@@ -68,8 +70,9 @@ def pose_vertices(
 
     Parameters
     ----------
-    betas : (B, 10) shape.
-    pose : (B, 22, 3) or (B, 24, 3) axis-angle, radians; missing hand joints stay at rest.
+    betas : (B, k) shape, the first of the body's or all.
+    pose : (B, J, 3) axis-angle, radians, or (B, 22, 3): hands and face stay at rest. SMPL's
+        (B, 24, 3) poses the first 22 of another kind.
     trans : (B, 3) translation, metres.
     offsets : (B, V, 3) displacement in the rest pose, or None.
     """
@@ -93,28 +96,80 @@ def rest_vertices(data: BodyModelData, betas: np.ndarray, pose: np.ndarray) -> n
 
 
 def shaped_vertices(data: BodyModelData, betas: np.ndarray) -> np.ndarray:
-    """(B, V, 3) template plus shape blend shapes, metres."""
+    """(B, V, 3) template plus shape blend shapes of betas (B, k), metres."""
     betas = np.asarray(betas, dtype=np.float64)
-    _check_shape("betas", betas, (len(betas), data.shapedirs.shape[-1]))
-    return data.v_template + np.einsum("vxs,bs->bvx", data.shapedirs, betas)
+    count = betas.shape[-1] if betas.ndim else 0
+    _check_shape("betas", betas, (len(betas), min(count, data.shapedirs.shape[-1])))
+    return data.v_template + np.einsum("vxs,bs->bvx", data.shapedirs[..., :count], betas)
 
 
 def shaped_joints(data: BodyModelData, betas: np.ndarray) -> np.ndarray:
-    """(B, 24, 3) joints of the shaped body in the rest pose, metres."""
+    """(B, J, 3) joints of the shaped body in the rest pose, metres."""
     return np.array([data.J_regressor @ vertices for vertices in shaped_vertices(data, betas)])
 
 
 def joint_rotations(data: BodyModelData, pose: np.ndarray) -> np.ndarray:
-    """(B, 24, 3, 3) rotation matrices; the hand joints of a 22-joint pose are the identity."""
-    pose = np.asarray(pose, dtype=np.float64)
-    if pose.ndim != 3 or pose.shape[1:] not in ((JOINT_COUNT - 2, 3), (JOINT_COUNT, 3)):
-        raise DsnetError(
-            f"pose has shape {pose.shape}", "(B, 22, 3) or (B, 24, 3)", "Pass axis-angle vectors"
-        )
-    padded = np.zeros((len(pose), JOINT_COUNT, 3))
-    padded[:, : pose.shape[1]] = pose
+    """(B, J, 3, 3) rotation matrices; of joints that `pose` lacks, the identity."""
+    pose, joints = np.asarray(pose, dtype=np.float64), len(data.parents)
+    if (
+        pose.ndim != 3
+        or pose.shape[1] not in (N_JOINTS, N_JOINTS + 2, joints)
+        or pose.shape[2] != 3
+    ):
+        shapes = f"(B, {N_JOINTS}, 3) or (B, {joints}, 3)"
+        raise DsnetError(f"pose has shape {pose.shape}", shapes, "Pass axis-angle vectors")
+    padded = np.zeros((len(pose), joints, 3))
+    given = joints if pose.shape[1] == joints else N_JOINTS
+    padded[:, :given] = pose[:, :given]
     matrices = Rotation.from_rotvec(padded.reshape(-1, 3)).as_matrix()
-    return matrices.reshape(len(pose), JOINT_COUNT, 3, 3)
+    return matrices.reshape(len(pose), joints, 3, 3)
+
+
+def fitted_betas(
+    data: BodyModelData, betas: NDArray[np.floating]
+) -> tuple[NDArray[np.float64], str | None]:
+    """(k,) the coefficients that a body has shapes for, of all that a file has, and what is to be
+    said of the others."""
+    betas = np.asarray(betas, np.float64)
+    shapes = data.shapedirs.shape[2]
+    if len(betas) == _WITH_A_KIDS < shapes:
+        return betas[:-1], "the last of 11 betas is left out: BEDLAM's and AGORA's is a kid's"
+    left = betas[shapes:]
+    if not left.any():
+        return betas[:shapes], None
+    return betas[:shapes], (
+        f"{len(left)} of {len(betas)} betas are left out: {data.name} has {shapes} shapes"
+    )
+
+
+def full_pose(
+    data: BodyModelData, pose: NDArray[np.floating], hands_and_face: NDArray[np.floating] | None
+) -> NDArray[np.floating]:
+    """(T, J, 3) of a body's 22 joints (T, 22, 3) and `bridge.motion.Motion.hands_and_face`; the 22
+    alone where no others move.
+
+    Fingers go to the fingers of SMPL-H or SMPL-X, jaw and eyes to SMPL-X's; what the body lacks is
+    left out, and what the motion lacks stays at rest.
+    """
+    if hands_and_face is None or data.kind == "smpl":
+        return pose[:, :N_JOINTS]
+    full = np.zeros((len(pose), len(data.parents), 3), pose.dtype)
+    full[:, :N_JOINTS] = pose[:, :N_JOINTS]
+    full[:, -HAND_COUNT:] = hands_and_face[:, -HAND_COUNT:]
+    if full.shape[1] - N_JOINTS == hands_and_face.shape[1]:
+        full[:, N_JOINTS:] = hands_and_face
+    return full
+
+
+def weights_of_the_body(data: BodyModelData) -> NDArray[np.float64]:
+    """(V, 22) skinning weights where hands and face are at rest: theirs are wrists' and head's."""
+    weights = np.array(data.weights[:, :N_JOINTS])
+    for joint in range(N_JOINTS, len(data.parents)):
+        above = joint
+        while above >= N_JOINTS:
+            above = data.parents[above]
+        weights[:, above] += data.weights[:, joint]
+    return weights
 
 
 def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
@@ -132,6 +187,7 @@ class Smpl:
     data : the body model.
     vertices : (K,) which; all when None.
     dtype : of what is done for each vertex; the bones are few and stay float64.
+    hands : whether fingers and faces of SMPL-H and SMPL-X are ever posed; else they cost nothing.
     """
 
     def __init__(
@@ -139,15 +195,19 @@ class Smpl:
         data: BodyModelData,
         vertices: NDArray[np.integer] | None = None,
         dtype: type[np.floating] = np.float32,
+        hands: bool = True,
     ) -> None:
         self.data, self.dtype = data, dtype
         self.vertices = np.arange(data.vertex_count) if vertices is None else vertices
-        by_pose = data.posedirs[self.vertices].transpose(2, 1, 0)  # (207, 3, K)
+        whole = hands or data.kind == "smpl"
+        self._joints = len(data.parents) if whole else N_JOINTS
+        by_pose = data.posedirs[self.vertices].transpose(2, 1, 0)[: 9 * (self._joints - 1)]
         self._posedirs = np.ascontiguousarray(by_pose, self.dtype).reshape(len(by_pose), -1)
-        self._weights = np.ascontiguousarray(data.weights[self.vertices].T, self.dtype)
+        weights = data.weights if whole else weights_of_the_body(data)
+        self._weights = np.ascontiguousarray(weights[self.vertices].T, self.dtype)
 
     def person(self, betas: NDArray) -> ShapedBody:
-        """A person of shape betas (10,)."""
+        """A person of shape betas (k,), the first of the body's or all."""
         shape = np.asarray(betas, np.float64)[None]
         rest_m = shaped_vertices(self.data, shape)[0, self.vertices].T
         return ShapedBody(
@@ -165,7 +225,7 @@ class Smpl:
 
         Parameters
         ----------
-        pose : (T, 22, 3) or (T, 24, 3) axis-angle, radians.
+        pose : (T, J, 3) or (T, 22, 3) axis-angle, radians; see `pose_vertices`.
         trans : (T, 3) translation, metres.
         offsets : (T, K, 3) displacement in the rest pose, metres; none when None.
         """
@@ -181,10 +241,11 @@ class Smpl:
         for start in range(0, len(pose), _FRAMES_AT_ONCE):
             part = slice(start, start + _FRAMES_AT_ONCE)
             some = people[part] if len(people) > 1 else people
-            rotations = joint_rotations(self.data, pose[part])
-            joints = np.concatenate([person.joints_m for person in some])
+            rotations = joint_rotations(self.data, pose[part])[:, : self._joints]
+            joints = np.concatenate([person.joints_m for person in some])[:, : self._joints]
             joints = np.broadcast_to(joints, (len(rotations), *joints.shape[1:]))
-            bones = joint_transforms(rotations, joints, self.data.parents, trans[part])
+            parents = self.data.parents[: self._joints]
+            bones = joint_transforms(rotations, joints, parents, trans[part])
             # Weights sum to 1 only up to rounding; blended this way, standing is no turn exactly.
             moved = (bones[:, :, :3] - np.eye(3, 4)).transpose(0, 2, 3, 1).astype(self.dtype)
             moved = moved.reshape(len(moved), 12, -1)
@@ -215,7 +276,7 @@ class ShapedBody:
     rest_m: NDArray[np.floating]
     """(3, K) vertices in the rest pose."""
     joints_m: NDArray[np.float64]
-    """(1, 24, 3) in the rest pose."""
+    """(1, J, 3) in the rest pose."""
 
     def pose(
         self, pose: NDArray, trans: NDArray, offsets: NDArray | None = None

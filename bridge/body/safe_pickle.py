@@ -14,7 +14,7 @@ import codecs
 import math
 import pickletools
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pickle import UnpicklingError
 from typing import IO, Any
@@ -22,8 +22,11 @@ from typing import IO, Any
 import numpy as np
 import scipy.sparse as sp
 
-MOST_BYTES = 1 << 27
-"""Of an array in a file of SMPL's: 300 shape components take 50 MB."""
+MOST_BYTES = 1 << 29
+"""Of an array in a body's file: SMPL-X's pose blend shapes take 122 MB, those of SMPL's surface cut
+four times as fine 137."""
+_MOST_MADE_BYTES = 1 << 27
+"""Of an array that is larger than what the file has of it: a sparse matrix, or a choice."""
 MOST_OPCODES = 200_000
 """SMPL's files have some thousands; each makes an object of up to 200 bytes."""
 _OPCODES = {operation.code: operation for operation in pickletools.opcodes}
@@ -31,7 +34,8 @@ _PLAIN = ("INT", "BININT", "LONG", "FLOAT", "BINFLOAT", "STRING", "BINSTRING", "
           "UNICODE", "BINUNICODE", "BINBYTES", "BYTEARRAY")  # fmt: skip
 """How opcodes of numbers and text begin."""
 _NUMBERS = re.compile(r"[biuf][1248]|[SU]\d{1,4}")
-_STORAGES = {"Half": "f2", "Float": "f4", "Double": "f8", "Int": "i4", "Long": "i8"}
+_SPARSE = re.compile(r"(csc|csr|coo)_(?:matrix|array)")
+STORAGES = {"Half": "f2", "Float": "f4", "Double": "f8", "Int": "i4", "Long": "i8"}
 _GLOBALS = {
     ("numpy", "ndarray"): "array",
     ("numpy", "dtype"): "dtype",
@@ -42,15 +46,15 @@ _GLOBALS = {
     ("collections", "OrderedDict"): "ordered",
     **{(module, "_reconstructor"): "new object" for module in ("copy_reg", "copyreg")},
     **{(module, "object"): "object" for module in ("__builtin__", "builtins")},
-    **{(module, "set"): "set" for module in ("__builtin__", "builtins")},
+    **{(module, name): name for module in ("__builtin__", "builtins") for name in ("set", "bytes")},
     ("joblib.numpy_pickle", "NumpyArrayWrapper"): "joblib",
     ("torch._utils", "_rebuild_tensor_v2"): "tensor",
-    **{("torch", f"{name}Storage"): code for name, code in _STORAGES.items()},
+    **{("torch", f"{name}Storage"): code for name, code in STORAGES.items()},
 }
 
 
 @dataclass(frozen=True)
-class _Global:
+class Global:
     """A name in a pickle that is known, in place of what it names."""
 
     kind: str
@@ -70,7 +74,7 @@ def load_restricted(
 ) -> Any:
     """Unpickle arrays, sparse matrices, chumpy objects and plain containers.
 
-    `of_torch`: the pickle in a torch file, whose tensors stay records: `tensor_parts`.
+    `of_torch`: the pickle in a torch file, whose tensors stay records: `bridge.body.torch_files`.
     """
     stack: list[Any] = []
     marked: list[list[Any]] = []  # stacks below each mark
@@ -155,7 +159,16 @@ def _operations(file: IO[bytes], most: int) -> Iterator[tuple[str, str, Any]]:
             text = file.readline().strip()[1:-1]
             yield code, operation.name, codecs.escape_decode(text)[0].decode("latin1")
         else:
-            yield code, operation.name, operation.arg and operation.arg.reader(file)
+            yield code, operation.name, operation.arg and _argument(operation.arg.reader, file)
+
+
+def _argument(reader: Callable[[IO[bytes]], Any], file: IO[bytes]) -> Any:
+    try:
+        return reader(file)
+    except ValueError as error:
+        if "bytes at once" in str(error) or not file.read(1):
+            raise UnpicklingError(f"it ends early: {error}") from error
+        raise
 
 
 def _append(target: Any, items: list[Any]) -> None:
@@ -172,35 +185,50 @@ def _set(target: Any, items: list[Any]) -> None:
     target.update(zip(items[::2], items[1::2], strict=True))
 
 
-def _found(module: Any, name: Any) -> _Global:
+def _found(module: Any, name: Any) -> Global:
     if not isinstance(module, str) or not isinstance(name, str):
         raise UnpicklingError("it asks to run what has no name")
     if module.split(".")[0] == "chumpy":
-        return _Global("chumpy")
-    if module.startswith("scipy.sparse") and name == "csc_matrix":
-        return _Global("csc")
+        return Global("chumpy")
+    if module.startswith("scipy.sparse") and (sparse := _SPARSE.fullmatch(name)):
+        return Global(sparse[1])
     if (module, name) not in _GLOBALS:
         raise UnpicklingError(f"it asks to run {module}.{name}")
-    return _Global(_GLOBALS[module, name])
+    return Global(_GLOBALS[module, name])
 
 
 def _made(function: Any, arguments: Any) -> Any:
     """What a known global makes of arguments: a record, or text."""
-    if not isinstance(function, _Global) or not isinstance(arguments, tuple):
+    if not isinstance(function, Global) or not isinstance(arguments, tuple):
         raise UnpicklingError("it asks to run something that it made")
     match function.kind, arguments:
-        case "new array", (_Global("array"), _, _):  # the state replaces what else there is
+        case "new array", (Global("array"), _, _):  # the state replaces what else there is
             return Record("array")
-        case "new object", (_Global("chumpy" | "csc" as kind), _Global("object"), None):
+        case "new object", (
+            Global("chumpy" | "csc" | "csr" | "coo" as kind),
+            Global("object"),
+            None,
+        ):
             return Record(kind)
         case "encode", (str(text),) | (str(text), "latin1"):
             return text  # protocol 2's way to write bytes; text holds one byte a character
         case "set", _:
             return None
+        case "bytes", ():  # protocol 2's way to write none
+            return ""
         case "ordered", ():
             return {}
         case (
-            "tensor" | "joblib" | "array" | "dtype" | "scalar" | "buffer" | "chumpy" | "csc"
+            "tensor"
+            | "joblib"
+            | "array"
+            | "dtype"
+            | "scalar"
+            | "buffer"
+            | "chumpy"
+            | "csc"
+            | "csr"
+            | "coo"
         ) as kind, _:
             return Record(kind, arguments)
     raise UnpicklingError("it asks to construct something else")
@@ -208,7 +236,7 @@ def _made(function: Any, arguments: Any) -> Any:
 
 def _joblib_array(file: IO[bytes], state: Any) -> np.ndarray:
     """An array whose numbers follow in the file, as joblib writes them."""
-    sizes, numbers = _whole_numbers(state["shape"]), _dtype(state["dtype"])
+    sizes, numbers = whole_numbers(state["shape"]), _dtype(state["dtype"])
     if state.get("numpy_array_alignment_bytes") is not None:
         file.read(file.read(1)[0])
     count = math.prod(sizes)
@@ -216,34 +244,16 @@ def _joblib_array(file: IO[bytes], state: Any) -> np.ndarray:
     return flat.reshape(sizes, order="F" if state["order"] == "F" else "C")
 
 
-def tensor_parts(value: Any) -> tuple[str, np.dtype, int, tuple[int, ...], tuple[int, ...]] | None:
-    """Of a tensor in a torch file: the name of its numbers, their type, where it begins, its shape
-    and strides; None of anything else."""
-    match value:
-        case Record(
-            "tensor",
-            (
-                Record("storage", ((_, _Global(code), str(name), _, _),)),
-                int(at),
-                shape,
-                strides,
-                *_,
-            ),
-        ) if code in _STORAGES.values():
-            return name, np.dtype(f"<{code}"), at, _whole_numbers(shape), _whole_numbers(strides)
-    return None
-
-
 def load_restricted_item(file: IO[bytes]) -> Any:
-    """Unpickle the object in an `.npy` that holds one, as NumPy stores what is no array."""
+    """Unpickle the object in an `.npy` that holds one, as NumPy stores what is no array; of several
+    the array of them, for `as_array`."""
     array = load_restricted(file)
     if not isinstance(array, Record) or array.kind != "array":
         raise UnpicklingError("no array")
     shape, dtype, _, items = _array_parts(array)
-    if shape != () or dtype.arguments[0] not in ("O8", "O4") or not isinstance(items, list):
+    if not _holds_objects(dtype) or not isinstance(items, list):
         raise UnpicklingError("an array of objects")
-    (item,) = items
-    return item
+    return items[0] if shape == () and len(items) == 1 else array
 
 
 def as_array(value: Any) -> np.ndarray:
@@ -257,8 +267,11 @@ def as_array(value: Any) -> np.ndarray:
     match value:
         case Record("array") | Record("buffer"):
             shape, dtype, is_fortran, raw = _array_parts(value)
-            sizes, numbers = _whole_numbers(shape), _dtype(dtype)
-            _check_size(sizes, numbers.itemsize)
+            sizes = whole_numbers(shape)
+            if _holds_objects(dtype):
+                return _of_objects(raw, sizes)
+            numbers = _dtype(dtype)
+            _check_size(sizes, numbers.itemsize, MOST_BYTES)
             flat = np.frombuffer(_raw_bytes(raw), numbers, math.prod(sizes))
             return flat.reshape(sizes, order="F" if is_fortran else "C")
         case Record("scalar", (Record("dtype") as dtype, raw)):
@@ -271,14 +284,39 @@ def as_array(value: Any) -> np.ndarray:
             return selected if shape is None else selected.reshape(shape)
         case Record("chumpy", _, {"x": x}):
             return as_array(x)
-        case Record("csc", _, dict(state)):
-            shape = _whole_numbers(state.get("_shape", state.get("shape")))
-            _check_size(shape, 8)
-            numbers, *indices = (as_array(state[key]) for key in ("data", "indices", "indptr"))
-            matrix = sp.csc_matrix((numbers.astype(np.float64), *indices), shape=shape)
-            matrix.check_format(full_check=True)  # SciPy's routines trust indices
-            return matrix.toarray()
+        case Record("csc" | "csr" | "coo", _, dict(state)):
+            return _dense(value.kind, state)
     raise UnpicklingError(f"a {type(value).__name__} in place of an array")
+
+
+def _holds_objects(dtype: Record) -> bool:
+    return dtype.arguments[0] in ("O8", "O4", "O")
+
+
+def _of_objects(items: Any, sizes: tuple[int, ...]) -> np.ndarray:
+    """Numbers that somebody stored as objects, one by one."""
+    numbers = isinstance(items, list) and all(isinstance(item, (int, float)) for item in items)
+    if not numbers or len(items) != math.prod(sizes):
+        raise UnpicklingError("an array of neither numbers nor text")
+    return np.array(items, np.float64).reshape(sizes)
+
+
+def _dense(kind: str, state: dict[Any, Any]) -> np.ndarray:
+    """What a sparse matrix of any SciPy stands for."""
+    shape = whole_numbers(state.get("_shape", state.get("shape")))
+    if len(shape) != 2:
+        raise UnpicklingError("a matrix that is none")
+    _check_size(shape, 8)
+    numbers = as_array(state["data"]).astype(np.float64)
+    if kind == "coo":
+        places = state.get("coords") or (state["row"], state["col"])
+        rows, columns = (as_array(indices) for indices in places)
+        return sp.coo_matrix((numbers, (rows, columns)), shape=shape).toarray()
+    made = sp.csc_matrix if kind == "csc" else sp.csr_matrix
+    indices, pointers = (as_array(state[key]) for key in ("indices", "indptr"))
+    matrix = made((numbers, indices, pointers), shape=shape)
+    matrix.check_format(full_check=True)  # SciPy's routines trust indices
+    return matrix.toarray()
 
 
 def _array_parts(record: Record) -> tuple[Any, Record, Any, Any]:
@@ -302,7 +340,7 @@ def _dtype(record: Record) -> np.dtype:
     return np.dtype(code).newbyteorder(order)
 
 
-def _whole_numbers(shape: Any) -> tuple[int, ...]:
+def whole_numbers(shape: Any) -> tuple[int, ...]:
     if (
         not isinstance(shape, (tuple, list))
         or len(shape) > 8
@@ -312,8 +350,8 @@ def _whole_numbers(shape: Any) -> tuple[int, ...]:
     return tuple(shape)
 
 
-def _check_size(shape: tuple[int, ...], item_bytes: int) -> None:
-    if math.prod(shape) * max(item_bytes, 1) > MOST_BYTES:
+def _check_size(shape: tuple[int, ...], item_bytes: int, most: int = _MOST_MADE_BYTES) -> None:
+    if math.prod(shape) * max(item_bytes, 1) > most:
         raise UnpicklingError(f"an array of shape {shape}")
 
 

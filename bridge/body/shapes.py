@@ -75,6 +75,7 @@ class MeasuredBody:
 
     def __init__(self, body: BodyModelData) -> None:
         self._body = body
+        self.shape_count = min(SHAPE_COUNT, body.shapedirs.shape[2])
         trunk = body.weights[:, [SMPL_JOINT_NAMES.index(name) for name in _TRUNK]].sum(axis=1) > 0.5
         self._trunk = body.faces[trunk[body.faces].all(axis=1)]
 
@@ -119,7 +120,8 @@ def find_shape(body: BodyModelData, words: Sequence[str]) -> NDArray[np.float64]
         once; a measurement counts more than what a name says of it.
     """
     named, stated = parse_shape(words)
-    measured, betas = MeasuredBody(body), np.zeros(SHAPE_COUNT)
+    measured = MeasuredBody(body)
+    betas = np.zeros(measured.shape_count)
     wanted: dict[str, float] = {}
     for factors in named:
         now = asdict(measured(betas))
@@ -181,14 +183,14 @@ def betas_that_measure(
     def residuals(betas: NDArray) -> NDArray:
         return np.concatenate([misses(betas) / CLOSE_ENOUGH, _PRIOR * betas])
 
-    first = np.zeros(SHAPE_COUNT) if start is None else start
+    first = np.zeros(measured.shape_count) if start is None else start
     limits = (-FARTHEST_BETA, FARTHEST_BETA)
     betas = least_squares(residuals, first, bounds=limits, xtol=1e-4, ftol=1e-6).x
     if np.abs(misses(betas)).max(initial=0.0) > CLOSE_ENOUGH:
         asked = " ".join(f"{name}={value:.1f}" for name, value in wanted.items())
         raise DsnetError(
             f"a shape of {asked}",
-            f"one that {SHAPE_COUNT} betas within {FARTHEST_BETA:g} give (the nearest has "
+            f"one that {measured.shape_count} betas within {FARTHEST_BETA:g} give (the nearest has "
             f"{measured(betas)})",
             "Ask for less, or for fewer measurements; --betas gives any shape.",
         )

@@ -1,156 +1,238 @@
-"""Read SMPL's model files, `.npz` and `.pkl`, and DMPL's directions, as their owners distribute
-them; what is no person's body in metres, or no closed surface, is refused."""
+"""Read body model files of SMPL, SMPL-H and SMPL-X as their owners distribute them and others save
+them again: fields by any of their names, arrays in any of their layouts.
+
+What is another model, a motion, or no person in metres, is refused by name.
+"""
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from bridge.body.body_checks import checked_person, checked_surface
+from bridge.body.containers import MODELS, read_fields, refused
 from bridge.body.model_data import (
-    FACE_COUNT,
     GENDER_FIELD,
-    JOINT_COUNT,
-    POSE_FEATURE_COUNT,
-    ROOT_PARENT_IN_FILE,
-    SHAPE_COUNT,
-    SMPL_JOINT_NAMES,
+    HAND_COUNT,
+    KIND_OF_JOINTS,
+    SHAPES_FIELD,
     SOURCE_FIELD,
     BodyModelData,
 )
-from bridge.body.safe_pickle import MOST_BYTES, as_array, load_restricted, load_restricted_item
+from bridge.body.safe_pickle import as_array
 from bridge.errors import DsnetError
-from bridge.paper import DMPL_DIRECTIONS, N_VERTICES
-from bridge.runs.untrusted import DAMAGE, NpyHeader, damage_refused, open_npz, open_regular, text_of
+from bridge.runs.untrusted import DAMAGE, damage_refused, text_of
 
-# Column counts of `weights` tell SMPL's relatives, which AMASS's readers also download.
-_RELATIVES = {16: "MANO", 52: "SMPL-H", 55: "SMPL-X"}
-_REMEDY = "Download the SMPL model (.npz or .pkl, 24 joints) again from smpl.is.tue.mpg.de"
-_DMPL_REMEDY = "Download DMPL (dmpls/<gender>/model.npz) again from smpl.is.tue.mpg.de."
-_MOST_FILE_BYTES, _MOST_TEXT_BYTES = 1 << 29, 1 << 12
-_TEXTS = (SOURCE_FIELD, GENDER_FIELD)
-_EXPECTED_SHAPES: dict[str, tuple[int | None, ...]] = {
-    "v_template": (N_VERTICES, 3),
-    "f": (FACE_COUNT, 3),
-    "weights": (N_VERTICES, JOINT_COUNT),
-    "shapedirs": (N_VERTICES, 3, None),
-    "posedirs": (N_VERTICES, 3, POSE_FEATURE_COUNT),
-    "J_regressor": (JOINT_COUNT, N_VERTICES),
-    "kintree_table": (2, JOINT_COUNT),
+GENDERS = ("female", "male", "neutral")
+
+
+class _Field(NamedTuple):
+    names: tuple[str, ...]
+    """In files, and as buffers of smplx's PyTorch module."""
+    shape: str
+    """V vertices, J joints, P = 9 (J - 1), any other letter what there is."""
+    needed: bool = True
+
+
+_FIELDS = {
+    "v_template": _Field(("v_template",), "V3"),
+    "weights": _Field(("weights", "lbs_weights"), "VJ"),
+    "f": _Field(("f", "faces_tensor", "faces"), "F3"),
+    "shapedirs": _Field(("shapedirs",), "V3S"),
+    "posedirs": _Field(("posedirs",), "V3P"),
+    "J_regressor": _Field(("J_regressor",), "JV"),
+    "kintree_table": _Field(("kintree_table", "parents"), "2J"),
+    "expr_dirs": _Field(("expr_dirs", "exprdirs"), "V3E", needed=False),
+    "hands_meanl": _Field(("hands_meanl", "left_hand_mean"), "H", needed=False),
+    "hands_meanr": _Field(("hands_meanr", "right_hand_mean"), "H", needed=False),
+    SHAPES_FIELD: _Field((SHAPES_FIELD,), "", needed=False),
 }
-_HEIGHT_M = (1.0, 2.5)
-_UNITS = {"millimetres": 1000.0, "centimetres": 100.0, "inches": 1 / 0.0254}
-_LARGEST_BLEND_M = 2.0
-"""What one beta, or one entry of R - I, may move a vertex by."""
-_JOINT_OUTSIDE_M = 0.1
-_WEIGHTS = (-0.01, 1.01)
-_LEFT, _RIGHT = (SMPL_JOINT_NAMES.index(f"{side}_shoulder") for side in ("left", "right"))
-
-
-def _refused(name: str | Path, received: str, expected: str, remedy: str = _REMEDY) -> DsnetError:
-    return DsnetError(f"body model {name}: {received}", expected, remedy)
+_WANTED = {name for field in _FIELDS.values() for name in field.names}
+_TEXTS = {SOURCE_FIELD, GENDER_FIELD}
+_BY_FIELD: dict[str, tuple[str, str]] = {
+    "eigvec": ("DMPL's directions of soft tissue", "Pass it to --dmpl"),
+    "skin_template_v": ("SKEL's, another skeleton", MODELS),
+    "vertices_template": ("SMPL++'s, with vertices_template and other names, faces from 1",
+                          "Pass the file that it was made from"),
+    "hands_components": ("MANO's, a hand", MODELS),
+    **dict.fromkeys(("components", "componentsl"), ("a prior of hands' poses", MODELS)),
+    **dict.fromkeys(
+        (
+            "poses", "fullpose", "pose_body", "body_pose", "pose", "smpl_poses", "pose_world",
+            "smpl_params_global", "trans",
+        ),
+        ("a motion", "Pass it to --motion"),
+    ),
+}  # fmt: skip
+"""What a file is that has such a field, and no model's."""
+_BY_JOINTS = {
+    5: "FLAME's, a head", 16: "MANO's, a hand", 33: "SMAL's, an animal",
+    35: "SMAL's, an animal", 36: "SMAL's, an animal", 75: "SUPR's",
+}  # fmt: skip
+_BY_POSEDIRS = {93: "STAR's, which poses otherwise"}
+_LAYOUTS = {20: 10, 400: 300}
+"""Of SMPL-X's columns, shapes before expressions; of others in between nobody can tell."""
+_SURELY_SHAPES = 10
 
 
 def load_smpl_file(path: str | Path) -> BodyModelData:
-    """Read an SMPL model; nothing that the file contains is executed.
-
-    Shape components beyond the first 10 are dropped. Chumpy is not needed.
+    """Read a model of SMPL, SMPL-H or SMPL-X; nothing that the file contains is executed.
 
     Raises
     ------
     DsnetError
-        If the file is missing, damaged, unsafe, not SMPL's, or no person in metres.
+        If the file is missing, damaged, unsafe, another model's, or no person in metres.
     """
     path = Path(path)
-    with damage_refused(partial(_unreadable, path), RecursionError):
-        fields = _read_fields(path)
-    arrays = {name: _numeric_array(path, fields, name) for name in _EXPECTED_SHAPES}
-    weights = arrays["weights"]
-    if relative := _RELATIVES.get(weights.shape[-1] if weights.ndim else 0):
-        raise _refused(path, f"{relative}'s", "SMPL's own")
-    for name, shape in _EXPECTED_SHAPES.items():
-        found = arrays[name].shape
-        fits = len(found) == len(shape) and all(
-            size == wanted or (wanted is None and size >= SHAPE_COUNT)
-            for size, wanted in zip(found, shape, strict=True)
-        )
-        if not fits:
-            text = ", ".join(str(size or f">= {SHAPE_COUNT}") for size in shape)
-            raise _refused(path, f"{name} has shape {found}", f"shape ({text})")
+    safely = partial(damage_refused, partial(_unreadable, path), RecursionError)
+    with safely():
+        fields = _own_names(read_fields(path, _WANTED, _TEXTS))
+    _check_what_it_is(path, fields)
+    with safely():
+        arrays = {name: _numbers(name, fields[name]) for name in _FIELDS if name in fields}
+    body = _in_layout(path, arrays)
+    data = _body(path, body, fields)
+    return checked_surface(checked_person(data))
+
+
+def _own_names(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields under the first of their names; of a checkpoint, whatever module they lie in."""
+    if "v_template" not in fields:
+        inner = (one for one in fields.values() if isinstance(one, dict) and "v_template" in one)
+        fields = next(inner, None) or {n.rpartition(".")[2]: v for n, v in fields.items()}
+    found = {str(name): value for name, value in fields.items()}
+    for own, field in _FIELDS.items():
+        for name in field.names[1:]:
+            if own not in found and name in found:
+                found[own] = found[name]
+    return found
+
+
+def _check_what_it_is(path: Path, fields: Mapping[str, Any]) -> None:
+    missing = [own for own, field in _FIELDS.items() if field.needed and own not in fields]
+    if not missing:
+        return
+    inner = (one for one in fields.values() if isinstance(one, dict))
+    names = {str(name) for one in (fields, *inner) for name in one}
+    for name, (what, remedy) in _BY_FIELD.items():
+        if name in names and "v_template" not in names:
+            raise refused(path, what, remedy=remedy)
+    there = ", ".join(list(fields)[:8]) or "nothing"
+    raise refused(path, f"no field {missing[0]!r} (it has {there})")
+
+
+def _numbers(name: str, value: Any) -> np.ndarray:
+    array = as_array(value)
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"field {name} is not numeric but {array.dtype}")
+    if array.dtype.byteorder == ">" or array.dtype == np.float16:
+        array = array.astype(np.float64)  # SciPy has no sparse matrices of every type of NumPy's
+    return array
+
+
+def _in_layout(path: Path, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Every array in SMPL's layout, whether it was turned over or flat."""
+    template, weights = arrays["v_template"], np.squeeze(arrays["weights"])
+    vertices = template.size // 3
+    joints = weights.shape[-1] if weights.ndim == 2 else 0
+    if weights.ndim == 2 and weights.shape[0] != vertices == weights.shape[1]:
+        joints = weights.shape[0]
+    last = arrays["posedirs"].shape[-1] if arrays["posedirs"].ndim == 3 else 0
+    if other := _BY_JOINTS.get(joints) or _BY_POSEDIRS.get(last):
+        raise refused(path, f"{other} ({joints} joints)")
+    if joints not in KIND_OF_JOINTS:
+        found = f"weights has shape {weights.shape}: a skeleton of {joints} joints"
+        raise refused(path, found, f"({vertices}, 24 or 52 or 55)")
+    sizes = {"V": vertices, "3": 3, "2": 2, "J": joints, "P": 9 * (joints - 1)}
+    found = {}
+    for name, array in arrays.items():
+        shape = tuple(sizes.get(letter) for letter in _FIELDS[name].shape)
+        if name == "kintree_table" and array.size == joints:  # parents alone
+            shape = (joints,)
+        if (fitted := _fitted(array, shape)) is None:
+            text = ", ".join(str(size or "any") for size in shape)
+            raise refused(path, f"{name} has shape {array.shape}", f"shape ({text})")
+        found[name] = fitted
+    return found
+
+
+def _fitted(array: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray | None:
+    """The array in a shape, of which one size may be open; None if it is of another."""
+    if len(shape) <= 1:
+        return array.ravel()
+    if array.ndim > len(shape) and len(array) == 1:  # a batch of one
+        return _fitted(array[0], shape)
+    if any(size == 0 for size in array.shape):
+        return None
+    known = int(np.prod([size or 1 for size in shape], dtype=object))
+    whole = tuple(size or array.size // known for size in shape)
+    if np.prod(whole, dtype=object) != array.size:
+        return None
+    if array.shape == whole or array.ndim == 1:
+        return array.reshape(whole)
+    rows = (int(np.prod(whole[:-1])), whole[-1])
+    if array.shape == rows:  # V 3 beside one another
+        return array.reshape(whole)
+    if array.reshape(len(array), -1).shape == rows[::-1]:  # turned over
+        return np.ascontiguousarray(array.reshape(len(array), -1).T).reshape(whole)
+    return None
+
+
+def _body(path: Path, arrays: dict[str, np.ndarray], fields: Mapping[str, Any]) -> BodyModelData:
     for name in ("f", "kintree_table"):
         if (arrays[name] % 1 != 0).any():
-            raise _refused(path, f"{name} has fractions", "whole numbers")
-    parents = arrays["kintree_table"][0].astype(np.int64)
-    data = BodyModelData(
+            raise refused(path, f"{name} has fractions", "whole numbers")
+    joints, dirs = arrays["weights"].shape[1], arrays["shapedirs"]
+    parents = arrays["kintree_table"].reshape(-1, joints)[0].astype(np.int64)
+    parents[0] = -1  # whatever a file has there, nobody reads it
+    shapes, notes = _shapes_of(path, arrays, joints)
+    left, right = (arrays.get(f"hands_mean{side}") for side in "lr")
+    hands = None
+    if left is not None and right is not None and left.size + right.size == 3 * HAND_COUNT:
+        hands = np.concatenate([left, right]).reshape(HAND_COUNT, 3)
+    return BodyModelData(
         name=path.name,
         source="synthetic" if _text(fields, SOURCE_FIELD) == "synthetic" else "licensed",
-        gender=_text(fields, GENDER_FIELD) or _gender_of_path(path),
+        gender=_text(fields, GENDER_FIELD) or gender_in_path(path),
         v_template=arrays["v_template"],
-        shapedirs=arrays["shapedirs"][:, :, :SHAPE_COUNT],
+        shapedirs=dirs[:, :, :shapes],
         posedirs=arrays["posedirs"],
-        # SciPy has no sparse matrices of every type that NumPy has.
         J_regressor=sp.csr_matrix(arrays["J_regressor"].astype(np.float64)),
-        weights=weights,
+        weights=arrays["weights"],
         faces=arrays["f"],
-        parents=np.where((parents == ROOT_PARENT_IN_FILE) | (parents < 0), -1, parents),
+        parents=parents,
+        expressiondirs=arrays.get("expr_dirs", dirs[:, :, shapes:]),
+        hands_mean=hands,
+        notes=notes,
     )
-    return checked_person(data)
 
 
-def _read_fields(path: Path) -> Mapping[str, Any]:
-    kind = path.suffix.lower()
-    if kind == ".npz":
-        return _read_npz(path)
-    with open_regular(path, _MOST_FILE_BYTES) as file:
-        if kind != ".pkl":
-            raise _refused(path, f"a file of type {path.suffix or 'unknown'}", ".npz or .pkl")
-        fields = load_restricted(file)
-    if not isinstance(fields, dict):
-        raise pickle.UnpicklingError(f"it holds a {type(fields).__name__}, not a dictionary")
-    return {
-        name.decode("latin1") if isinstance(name, bytes) else str(name): value
-        for name, value in fields.items()
-    }
+def _shapes_of(
+    path: Path, arrays: Mapping[str, np.ndarray], joints: int
+) -> tuple[int, tuple[str, ...]]:
+    """How many columns of `shapedirs` are shapes, and what is to be said of it."""
+    columns = arrays["shapedirs"].shape[2]
+    if SHAPES_FIELD in arrays and arrays[SHAPES_FIELD].size == 1:
+        return min(max(int(arrays[SHAPES_FIELD].item()), 1), columns), ()
+    if KIND_OF_JOINTS[joints] != "smplx" or "expr_dirs" in arrays or columns <= _SURELY_SHAPES:
+        return columns, ()
+    if columns in _LAYOUTS:
+        return _LAYOUTS[columns], ()
+    which = f"{path.name} has {columns} columns of shapes and expressions, and not 10 + 10 or "
+    return _SURELY_SHAPES, (f"{which}300 + 100: the first {_SURELY_SHAPES} are taken for shapes",)
 
 
-def _read_npz(path: Path) -> dict[str, Any]:
-    with open_npz(path, _MOST_FILE_BYTES) as archive:
-        there = [name for name in (*_EXPECTED_SHAPES, *_TEXTS) if name in archive]
-        pickled = {name for name in there if archive[name].dtype.hasobject}
-        for name in there:  # all, before any is read
-            if name not in pickled:
-                archive.check(name, MOST_BYTES if name in _EXPECTED_SHAPES else _MOST_TEXT_BYTES)
-        fields = {name: archive.array(name) for name in there if name not in pickled}
-        for name in pickled:
-            with archive.member(name) as stream:
-                NpyHeader.read(stream)
-                fields[name] = load_restricted_item(stream)
-        return fields
-
-
-def _numeric_array(path: Path, fields: Mapping[str, Any], name: str) -> np.ndarray:
-    if name not in fields:
-        raise _refused(path, f"no field {name!r}", "all of SMPL's fields")
-    with damage_refused(partial(_unreadable, path), RecursionError):
-        array = as_array(fields[name])
-        if array.dtype.kind not in "iuf":
-            raise TypeError(f"field {name} is not numeric but {array.dtype}")
-        return array
-
-
-def _gender_of_path(path: Path) -> str:
+def gender_in_path(path: Path) -> str:
     """SMPL's files do not say it: `SMPL_FEMALE`, `basicmodel_m_lbs_10_207_0`, `male/model`."""
     words = path.stem.lower().replace("-", "_").split("_")
     folder = path.absolute().parent.name.lower()
-    genders = ("female", "male", "neutral")
-    marked = (gender for gender in genders if gender in words or gender[0] in words)
-    return next(marked, folder if folder in genders else "unknown")
+    marked = (gender for gender in GENDERS if gender in words or gender[0] in words)
+    return next(marked, folder if folder in GENDERS else "unknown")
 
 
 def _text(fields: Mapping[str, Any], name: str) -> str:
@@ -165,85 +247,13 @@ def _text(fields: Mapping[str, Any], name: str) -> str:
 def _unreadable(path: Path, error: Exception) -> DsnetError:
     if isinstance(error, (FileNotFoundError, IsADirectoryError)):
         kind = "a folder" if isinstance(error, IsADirectoryError) else "no such file"
-        expected = "an SMPL model file (.npz or .pkl), embedded:female or embedded:male"
-        return _refused(path, kind, expected, "Check the path")
+        expected = "a model file (.npz or .pkl), embedded:female or embedded:male"
+        return refused(path, kind, expected, "Check the path")
     detail = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return _refused(path, f"cannot be read safely ({detail[:200]})", "an intact SMPL model file")
-
-
-def checked_person(data: BodyModelData) -> BodyModelData:
-    """The model itself, if its mean body is a person in metres: y up, +x the body's left."""
-    refused = partial(_refused, data.name, remedy="Use an intact SMPL model file")
-    size, template = np.ptp(data.v_template, axis=0), data.v_template
-    largest = size.max()
-    if not _HEIGHT_M[0] < largest < _HEIGHT_M[1]:
-        units = (u for u, per_m in _UNITS.items() if _HEIGHT_M[0] < largest / per_m < _HEIGHT_M[1])
-        unit = next(units, None)
-        remedy = f"It seems to be in {unit}: divide v_template, shapedirs and posedirs by it"
-        remedy = remedy if unit else "Convert it to metres"
-        raise refused(f"a body of {largest:.4g}", "a person in metres", remedy=remedy)
-    if size[2] > min(size[:2]):
-        measures = " x ".join(f"{side:.2f}" for side in size)
-        turn = "Turn it (from z up: (x, y, z) to (x, z, -y))"
-        raise refused(f"a body of {measures} m (x, y, z)", "y up, facing z", remedy=turn)
-    if data.joints[_LEFT, 0] <= data.joints[_RIGHT, 0]:
-        flaw = "a body whose left shoulder is not at +x of its right one"
-        turn = "It is mirrored or faces -z: turn it"
-        raise refused(flaw, "+x the body's left", remedy=turn)
-    low, high = data.weights.min(), data.weights.max()
-    if low < _WEIGHTS[0] or high > _WEIGHTS[1]:
-        raise refused(f"skinning weights of {low:.3g} to {high:.3g}", "0 to 1")
-    far = np.abs(data.joints - np.clip(data.joints, template.min(0), template.max(0)))
-    if far.max() > _JOINT_OUTSIDE_M:
-        raise refused(f"a joint {far.max():.3g} m outside of the body", "joints inside")
-    for field in ("shapedirs", "posedirs"):
-        if (moved := np.abs(getattr(data, field)).max()) > _LARGEST_BLEND_M:
-            bound = f"at most {_LARGEST_BLEND_M:g} m"
-            raise refused(f"{field} that move a vertex by {moved:.3g} m", bound)
-    return data
-
-
-def checked_surface(data: BodyModelData) -> BodyModelData:
-    """The model itself, if its faces are one closed surface, counter-clockwise from outside."""
-    # It takes half a second to import: more than the first frames of an embedded body.
-    import trimesh
-
-    mesh = trimesh.Trimesh(data.v_template, data.faces, process=False)
-    repeated = (np.diff(np.sort(data.faces, axis=1), axis=1) == 0).any(axis=1).sum()
-    if repeated:
-        flaw = f"{repeated} faces that repeat a vertex"
-    elif not mesh.is_watertight:
-        flaw = "faces that leave holes"
-    elif not mesh.is_winding_consistent:
-        flaw = "neighbouring faces that wind in opposite directions"
-    elif mesh.body_count != 1:
-        flaw = f"faces in {mesh.body_count} pieces"
-    elif mesh.volume <= 0:
-        flaw = "faces that wind clockwise seen from outside"
-    else:
-        return data
-    closed = "one closed surface, wound counter-clockwise seen from outside"
-    raise _refused(data.name, flaw, closed, "Use an intact SMPL model file")
-
-
-def load_dmpl_directions(path: str | Path) -> NDArray[np.float64]:
-    """The first 8 directions (6890, 3, 8) in which a soft body moves, of DMPL's
-    `dmpls/<gender>/model.npz`."""
-
-    def refusal(error: Exception | str) -> DsnetError:
-        detail = "no 'eigvec'" if isinstance(error, KeyError) else str(error)[:200]
-        shape = f"({N_VERTICES}, 3, {DMPL_DIRECTIONS} or more)"
-        expected = f"`eigvec` {shape} of directions that are not parallel"
-        return DsnetError(f"DMPL {path}: {detail}", expected, _DMPL_REMEDY)
-
-    with damage_refused(refusal), open_npz(path, _MOST_FILE_BYTES) as archive:
-        archive.check("eigvec", MOST_BYTES)
-        found = archive.array("eigvec")
-    fits = found.shape[:2] == (N_VERTICES, 3) and found.ndim == 3 and found.dtype.kind in "iuf"
-    if not fits or found.shape[2] < DMPL_DIRECTIONS:
-        raise refusal(f"eigvec of {found.dtype} in shape {found.shape}")
-    directions = found[..., :DMPL_DIRECTIONS].astype(np.float64)
-    columns = directions.reshape(-1, DMPL_DIRECTIONS)
-    if not np.isfinite(columns).all() or np.linalg.matrix_rank(columns) < DMPL_DIRECTIONS:
-        raise refusal("directions that are parallel, or not numbers")
-    return directions
+    cut = "ends early" in detail
+    return refused(
+        path,
+        f"{'cut short: it ' if cut else ''}cannot be read safely ({detail[:200]})",
+        "an intact model file",
+        "Download the file again" if cut else "Pass the model file as its owners distribute it",
+    )

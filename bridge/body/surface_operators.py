@@ -23,7 +23,7 @@ def vertex_areas_m2(vertices: ArrayLike, faces: NDArray[np.integer]) -> NDArray[
 
 
 def vertex_normals(vertices: ArrayLike, faces: NDArray[np.integer]) -> NDArray[np.floating]:
-    """(V, 3) outward normals: the mean of the triangles around, weighted by area."""
+    """(V, 3) outward normals: the mean of the triangles around, weighted by area; 0 where none."""
     corners = np.asarray(vertices)[faces]
     of_faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sums = [
@@ -31,7 +31,8 @@ def vertex_normals(vertices: ArrayLike, faces: NDArray[np.integer]) -> NDArray[n
         for component in of_faces.T
     ]
     normals = np.stack(sums, axis=1)
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / np.where(lengths > 0, lengths, 1.0)
 
 
 def cotangent_laplacian(vertices: ArrayLike, faces: NDArray[np.integer]) -> sp.csr_matrix:

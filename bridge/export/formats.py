@@ -47,7 +47,11 @@ FORMATS = {
     "mdd": Format("bridge.export.mesh_files.write_mdd"),
     "obj": Format("bridge.export.mesh_files.write_obj"),
     "ply": Format("bridge.export.mesh_files.write_ply"),
+    "glb": Format("bridge.export.glb.write", (".glb",)),
+    "abc": Format("bridge.export.alembic.write", (".abc",), "alembic3d", "abc"),
+    "bvh": Format("bridge.export.bvh.write", (".bvh",)),
     "npz": Format("bridge.export.smpl_npz.write", (".npz",)),
+    "npz55": Format("bridge.export.smpl_npz.write_smplx", (".npz",)),
     "gif": Format("bridge.export.clips.write_gif", (".gif",), several=True),
     "mp4": Format(
         "bridge.export.clips.write_mp4", (".mp4",), "imageio_ffmpeg", "clip", several=True

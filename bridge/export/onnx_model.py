@@ -26,7 +26,7 @@ from bridge.errors import DsnetError
 from bridge.exchange import load_weights
 from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.export.output import new_path, refuse_taken
-from bridge.paper import N_BETAS, N_JOINTS, THETA_SIZE
+from bridge.paper import N_JOINTS, THETA_SIZE
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.untrusted import damage_refused
@@ -137,7 +137,8 @@ class OnnxCharacters:
         """What the file says of itself."""
         if "state_layout" not in self.metadata:
             raise _foreign(path, "without a state_layout")
-        self._state_size = self._session.get_inputs()[2].shape[1]
+        _, betas, state = self._session.get_inputs()
+        self._beta_count, self._state_size = betas.shape[1], state.shape[1]
         self.reset()
 
     @property
@@ -154,10 +155,10 @@ class OnnxCharacters:
         """Posed vertices (B, V, 3), metres, of the poses theta (B, 69) of B characters (B, 10)."""
         theta, betas = np.asarray(theta, np.float32), np.asarray(betas, np.float32)
         count = len(theta) if theta.ndim else 0
-        if theta.shape != (count, THETA_SIZE) or betas.shape != (count, N_BETAS):
+        if theta.shape != (count, THETA_SIZE) or betas.shape != (count, self._beta_count):
             raise DsnetError(
                 f"theta {theta.shape} and betas {betas.shape}",
-                f"theta (B, {THETA_SIZE}) and betas (B, {N_BETAS})",
+                f"theta (B, {THETA_SIZE}) and betas (B, {self._beta_count})",
                 "Pass one row for each character, also for a single one.",
             )
         if len(self._state) not in (0, count):
@@ -177,7 +178,8 @@ def precision_error_mm(exact: onnx.ModelProto, reduced: onnx.ModelProto) -> dict
 
     Three different bodies hop and swing all of their joints for a second.
     """
-    betas = np.stack([np.full(N_BETAS, size) for size in (-1.0, 0.0, 1.0)])
+    count = GraphSession(exact).input_shapes["betas"][1]
+    betas = np.repeat([[-1.0], [0.0], [1.0]], count, axis=1)
     times_s = np.arange(FPS)[:, None, None] / FPS
     joint = np.arange(THETA_SIZE)
     phase = 2.4 * np.arange(len(betas))[:, None] + 1.7 * joint

@@ -1,8 +1,10 @@
 """SMPL parameters and skin offsets: an `.npz` with AMASS's keys, and those that AMASS lacks.
 
-`poses` and `trans` are AMASS's and have z up as all of AMASS, so that its readers, ours among them,
-find the body upright. `theta` is the paper's pose vector of the same motion with y up, as in
-everything else that is written here. Offsets lie in the rest pose, which no up axis turns.
+`poses` has the 52 joints of SMPL-H, as most of AMASS, or the 55 of SMPL-X, as its Blender add-on
+wants them; hands, jaw and eyes turn where the motion's do. `poses` and `trans` have z up as all of
+AMASS, so that its readers, ours among them, find the body upright. `theta` is the paper's pose
+vector of the same motion with y up, as in everything else that is written here. Offsets lie in the
+rest pose, which no up axis turns.
 """
 
 from __future__ import annotations
@@ -17,25 +19,32 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.body.model_data import JOINT_COUNT
+from bridge.body.model_data import HAND_COUNT
 from bridge.body.posing import shaped_joints
 from bridge.export.output import about
-from bridge.motion import unpack_theta
+from bridge.motion import Motion
+from bridge.paper import N_JOINTS
 from bridge.runtime.moving_body import MovingBody
 
 _TEXTS = ("data", "made_by", "predictor", "label", "model", "body_model", "motion")
 _R_ZUP_YUP = Rotation.from_euler("x", 90, degrees=True)
 
 
-def write(path: Path, moving: MovingBody) -> None:
-    """Write `poses` (T, 72) and `trans` (T, 3), z up; `theta` (T, 69), y up; `offsets` (T, V, 3).
+SMPLH_JOINTS, SMPLX_JOINTS = 52, 55
+
+
+def write(path: Path, moving: MovingBody, joints: int | None = None) -> None:
+    """Write `poses` (T, 3 * joints) and `trans` (T, 3), z up; `theta` (T, 69), y up; `offsets`
+    (T, V, 3). The joints are those of SMPL-X where body or motion are, else of SMPL-H.
 
     Beside these stand `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest
     position that the root turns about, and facts of the export as texts.
     """
+    with_face = moving.body.kind == "smplx" or moving.motion.all_joints.shape[1] == SMPLX_JOINTS
+    joints = joints or (SMPLX_JOINTS if with_face else SMPLH_JOINTS)
     shape = (len(moving), moving.body.vertex_count, 3)
     with zipfile.ZipFile(path, "w") as archive:
-        for name, value in _parameters(moving).items():
+        for name, value in _parameters(moving, joints).items():
             with archive.open(f"{name}.npy", "w") as file:
                 npy.write_array(file, np.asarray(value), allow_pickle=False)
         with archive.open("offsets.npy", "w", force_zip64=True) as file:
@@ -45,10 +54,15 @@ def write(path: Path, moving: MovingBody) -> None:
                 file.write(np.ascontiguousarray(posed.offsets_m, "<f4").tobytes())
 
 
-def _parameters(moving: MovingBody) -> dict[str, Any]:
+def write_smplx(path: Path, moving: MovingBody) -> None:
+    """The same with the joints of SMPL-X."""
+    write(path, moving, SMPLX_JOINTS)
+
+
+def _parameters(moving: MovingBody, joints: int) -> dict[str, Any]:
     facts, motion = about(moving), moving.motion
     root_joint_m = shaped_joints(moving.body, motion.betas[None])[0, 0]
-    poses, trans_m = _z_up(motion.theta, root_joint_m)
+    poses, trans_m = _z_up(motion, root_joint_m, joints)
     return {
         "poses": poses,
         "trans": trans_m,
@@ -66,14 +80,18 @@ def _parameters(moving: MovingBody) -> dict[str, Any]:
     }
 
 
-def _z_up(theta: NDArray, root_joint_m: NDArray) -> tuple[NDArray, NDArray]:
-    """AMASS's poses (T, 72) and translation (T, 3) of a motion (T, 69) with y up.
+def _z_up(motion: Motion, root_joint_m: NDArray, joints: int) -> tuple[NDArray, NDArray]:
+    """AMASS's poses (T, 3 * joints) and translation (T, 3) of a motion with y up.
 
     The root turns about its joint J, which lies at J + trans: turning the world turns that sum.
     """
-    pose, trans_m = unpack_theta(theta)
-    full = np.zeros((len(pose), JOINT_COUNT, 3))
-    full[:, : pose.shape[1]] = pose
+    pose, trans_m, others = motion.pose, motion.trans_m, motion.hands_and_face
+    full = np.zeros((len(pose), joints, 3))
+    full[:, :N_JOINTS] = pose
+    if others is not None:
+        full[:, -HAND_COUNT:] = others[:, -HAND_COUNT:]
+        if N_JOINTS + others.shape[1] == joints:  # jaw and eyes, too
+            full[:, N_JOINTS:] = others
     full[:, 0] = (_R_ZUP_YUP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
     turned_m = _R_ZUP_YUP.apply(trans_m + root_joint_m) - root_joint_m
     return full.reshape(len(pose), -1), turned_m

@@ -11,8 +11,9 @@ from bridge.export.formats import FORMATS, chosen_format
 from bridge.export.output import new_path, refuse_taken
 from bridge.runs import Run
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import find_model, load_for_motion
+from bridge.runtime.load_model import body_asked, find_model, load_for_motion
 from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.stepping import PlusModel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,8 +21,8 @@ class ExportConfig(Controls):
     """Write a body that performs a motion as a file for another tool: 60 fps, metres, y up."""
 
     to: str | None = None
-    """Format: usd, pc2, mdd, obj, ply, npz, gif, mp4 or html of a motion; or onnx, the predictor
-    with its body as one graph. docs/export.md says how to open each."""
+    """Format: usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, gif, mp4 or html of a motion; or
+    onnx, the predictor with its body as one graph. docs/export.md says how to open each."""
     motion: Path | None = None
     """One AMASS `.npz`, a BVH, or `sample:walking`; for all but onnx."""
     run: str | None = None
@@ -31,8 +32,6 @@ class ExportConfig(Controls):
     """Which of the run's; its best when left out. A gif, mp4 or html shows several."""
     precision: Literal["float32", "float16", "int8"] = "float32"
     """Of the large kernels of an onnx graph; what fewer bits cost is written into the file."""
-    gender: Literal["female", "male"] = "female"
-    """Of the packaged model, for onnx without --run."""
     out: Path | None = None
     """File to write, or for pc2, mdd, obj and ply a folder; it must not exist."""
 
@@ -78,10 +77,14 @@ def _export_predictor(config: ExportConfig, out: Path) -> None:
             "Leave out --motion, --gain, --betas and the like.",
         )
     run = None if config.run is None else Run(config.run)
-    chosen = find_model(run, next(iter(config.predictor), None), config.gender)
+    body = body_asked(config.body)
+    chosen = find_model(run, next(iter(config.predictor), None), body=body)
     notify(f"{chosen.name} ({chosen.label}) of {chosen.owner}: {chosen.why}")
+    model = chosen.other_body and chosen.model
     export_onnx(
-        load_exportable(chosen.artifacts, chosen.name),
+        model.trained
+        if isinstance(model, PlusModel)
+        else load_exportable(chosen.artifacts, chosen.name),
         chosen.body,
         out,
         origin=chosen.origin,
@@ -95,9 +98,9 @@ def _moving_bodies(config: ExportConfig) -> list[MovingBody]:
     if config.motion is None:
         raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
     run = None if config.run is None else Run(config.run)
-    how = config.how_read()
+    how, body = config.how_read(), body_asked(config.body)
     opened = [
-        load_for_motion(run, name, config.motion, config.motion_fps, config.smooth_hz, how)
+        load_for_motion(run, name, config.motion, config.motion_fps, config.smooth_hz, how, body)
         for name in config.predictor or (None,)
     ]
     return [controlled_body(trained, motion, config) for trained, motion in opened]

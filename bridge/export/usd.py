@@ -1,8 +1,7 @@
-"""OpenUSD: one mesh whose points move, and the same as a skeleton with blend shapes.
+"""OpenUSD: one mesh `/Body/Mesh` whose points move.
 
-The variant set `deformation` of the one root prim `/Body` chooses: `points` has the points, their
-normals, the extent and `primvars:offset_m`, the size of each skin offset, of every frame, exactly;
-`skeleton` (`usd_skeleton`) is small, can be retargeted, and a fraction of a millimetre off.
+It has the points, their normals, the extent and `primvars:offset_m`, the size of each skin offset,
+of every frame, exactly.
 """
 
 # USD's modules are compiled and come without types.
@@ -15,16 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
 from bridge.errors import DsnetError
 from bridge.export.mesh_files import VertexNormals
 from bridge.export.output import about, about_in_a_line
-from bridge.export.usd_skeleton import SkeletonVariant, vectors
 from bridge.runtime.moving_body import MovingBody
 
-ROOT, MESH, VARIANTS = "/Body", "/Body/Mesh", "deformation"
-POINTS, SKELETON = "points", "skeleton"
+ROOT, MESH = "/Body", "/Body/Mesh"
 
 
 def write(path: Path, moving: MovingBody) -> None:
@@ -52,7 +50,7 @@ def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
     layer = stage.GetRootLayer()
     layer.comment = about_in_a_line(moving)
     layer.customLayerData = {"dsnet": _custom_data(facts)}
-    root = stage.DefinePrim(ROOT)
+    root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
     stage.SetDefaultPrim(root)
     Usd.ModelAPI(root).SetKind("component")
     mesh, faces = UsdGeom.Mesh.Define(stage, MESH), moving.body.faces
@@ -77,33 +75,25 @@ def _custom_data(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _write_frames(stage: Usd.Stage, moving: MovingBody) -> None:
-    variants = stage.GetPrimAtPath(ROOT).GetVariantSets().AddVariantSet(VARIANTS)
-    for name in (POINTS, SKELETON):
-        variants.AddVariant(name)
-    skeleton, body = SkeletonVariant(moving), moving.body
-    normals_of = VertexNormals(body.faces, body.vertex_count)
-    variants.SetVariantSelection(POINTS)
-    with variants.GetVariantEditContext():
-        UsdGeom.Xform.Define(stage, ROOT)
-        mesh = UsdGeom.Mesh.Get(stage, MESH)
-        points, normals = mesh.CreatePointsAttr(), mesh.CreateNormalsAttr()
-        extent = mesh.CreateExtentAttr()
-        size = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
-            "offset_m", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex
-        )
-        for posed in moving.shown("usd"):
-            sizes_m = np.linalg.norm(posed.offsets_m, axis=-1)
-            for row, time in enumerate(range(posed.frames.start, posed.frames.stop)):
-                vertices_m = posed.vertices_m[row]
-                points.Set(vectors(vertices_m), time)
-                normals.Set(vectors(normals_of(vertices_m)), time)
-                corners = np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])
-                extent.Set(vectors(corners), time)
-                size.Set(Vt.FloatArray.FromNumpy(sizes_m[row]), time)
-            skeleton.add(posed)
-            # What is saved is no longer held in memory.
-            stage.Save()
-    variants.SetVariantSelection(SKELETON)
-    with variants.GetVariantEditContext():
-        skeleton.write(stage, ROOT, MESH)
-    variants.SetVariantSelection(POINTS)
+    normals_of = VertexNormals(moving.body.faces, moving.body.vertex_count)
+    mesh = UsdGeom.Mesh.Get(stage, MESH)
+    points, normals = mesh.CreatePointsAttr(), mesh.CreateNormalsAttr()
+    extent = mesh.CreateExtentAttr()
+    size = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        "offset_m", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex
+    )
+    for posed in moving.shown("usd"):
+        sizes_m = np.linalg.norm(posed.offsets_m, axis=-1)
+        for row, time in enumerate(range(posed.frames.start, posed.frames.stop)):
+            vertices_m = posed.vertices_m[row]
+            points.Set(_vectors(vertices_m), time)
+            normals.Set(_vectors(normals_of(vertices_m)), time)
+            extent.Set(_vectors(np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])), time)
+            size.Set(Vt.FloatArray.FromNumpy(sizes_m[row]), time)
+        # What is saved is no longer held in memory.
+        stage.Save()
+
+
+def _vectors(array: NDArray) -> Vt.Vec3fArray:
+    """(N, 3) as USD has it, in float32."""
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(array, np.float32))

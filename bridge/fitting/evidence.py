@@ -131,7 +131,7 @@ def read_take(path: Path, body: BodyModelData) -> Take:
         {label: points[frames] for label, points in registered.cloud.points_m.items()},
         {label: seen[frames] for label, seen in registered.cloud.seen.items()},
     )
-    motion = replace(motion, theta=np.asarray(motion.theta[frames], np.float64))
+    motion = replace(motion.frames(frames), theta=np.asarray(motion.theta[frames], np.float64))
     bony = bony_motion(body, motion, cloud, pose_of(body, motion))
     return Take(body, motion, bony, replace(registered, cloud=cloud))
 

@@ -42,7 +42,9 @@ class Registered:
     distance_mm: dict[str, float]
 
 
-def register(body: BodyModelData, motion: Motion, markers: Markers) -> Registered:
+def register(
+    body: BodyModelData, motion: Motion, markers: Markers, shortest_s: float = _SHORTEST_S
+) -> Registered:
     """Bring markers to the body by a turn about the vertical and a shift, the same for all frames:
     the body of the betas is not quite the person.
 
@@ -54,10 +56,10 @@ def register(body: BodyModelData, motion: Motion, markers: Markers) -> Registere
     body : that moves.
     motion : of T frames, y up, about the body's root joint.
     """
-    if motion.duration_s < _SHORTEST_S:
+    if motion.duration_s < shortest_s:
         raise DsnetError(
             f"{motion.source}, a motion of {motion.duration_s:.2f} s",
-            f"at least {_SHORTEST_S:g} s",
+            f"at least {shortest_s:g} s",
             "Pass a longer one.",
         )
     markers_s = (len(markers.points_m) - 1) / markers.fps
@@ -76,7 +78,9 @@ def register(body: BodyModelData, motion: Motion, markers: Markers) -> Registere
     turn, shift = _yaw_and_shift(points, skin, [KDTree(frame) for frame in skin])
     moved = {label: points_m @ turn.T + shift for label, points_m in cloud.points_m.items()}
     stated = markers.vertices if body.source == "licensed" else {}  # other bodies' count otherwise
-    vertices, distance = _vertices(body, skin, {k: v[some] for k, v in moved.items()}, stated)
+    vertices, distance = nearest_vertices(
+        body, skin, {k: v[some] for k, v in moved.items()}, stated
+    )
     if (off := float(np.median(list(distance.values())))) > _MOST_OFF_MM:
         raise DsnetError(
             f"{motion.source}, whose markers lie {off:.0f} mm off the body (median)",
@@ -152,7 +156,7 @@ def _yaw_and_shift(
     return turn, shift
 
 
-def _vertices(
+def nearest_vertices(
     body: BodyModelData, skin: NDArray, markers: dict[str, NDArray], stated: Mapping[str, int]
 ) -> tuple[dict[str, int], dict[str, float]]:
     """Of each marker (K, 3) the vertex that its file states, or that stays nearest, and how far

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body import BodyModelData, load_body_model
+from bridge.body import BodyModelData, load_paper_body
 from bridge.errors import notify
 from bridge.measure.alignment import alignment_errors
 from bridge.measure.comparison import Evaluation, SequenceErrors
@@ -47,7 +47,7 @@ def evaluate_run(run: Run) -> None:
         upstream["truth"] = run.artifact("truth")
     if absent := sorted(whole - set(upstream)):
         notify(f"run {run.name!r} is evaluated without {', '.join(absent)}, which it does not have")
-    body = load_body_model(str(body_model_path(run)))
+    body = load_paper_body(str(body_model_path(run)))
     run.build(
         "evaluate",
         Evaluated(run.name),

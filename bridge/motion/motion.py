@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -91,14 +91,23 @@ class Motion:
     theta: NDArray[np.floating]
     """(T, 69) pose vector of the paper: 22 x 3 axis-angle, radians, and translation, metres."""
     betas: NDArray[np.float64]
-    """(10,) first shape coefficients, zero where the file has none. Those of an SMPL-X file live in
-    SMPL-X's shape space."""
+    """(10,) first shape coefficients, zero where the file has none: of bodies of this `kind` and
+    `gender` alone."""
     gender: str
     """`female`, `male`, `neutral`, or `unknown` where the file does not say."""
     fps: float
     source_fps: float
     """Frames per second of the file; nan of one that does not say, before it is prepared."""
     source: Path
+    kind: str | None = None
+    """`smpl`, `smplh` or `smplx`: of whose body pose and betas are, where the file tells."""
+    more_betas: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    """(K,) the file's coefficients after the tenth, of which only bodies with more shapes make
+    use."""
+    hands_and_face: NDArray[np.floating] | None = None
+    """(T, J - 22, 3) axis-angle, radians, of SMPL-H's fingers (30, the left hand's first) or of
+    SMPL-X's jaw, left eye, right eye and fingers (33), where the file moves any; `full_pose` of
+    `bridge.body.posing` puts them on a body. Zero is a flat hand."""
     up: UpAxis = "y"
     """Vertical axis of `theta`'s root."""
     dmpls: NDArray[np.float64] | None = None
@@ -110,6 +119,8 @@ class Motion:
     trans_of: Literal["z", "y", "joint"] = "z"
     """What the file's translation is: SMPL's, where the world has z or y up, or the place of the
     root joint itself."""
+    embedded_betas: bool = False
+    """Whether the file says that its betas are an embedded body's, as those of this project do."""
     notes: tuple[str, ...] = ()
     """What was odd about the file, a line each."""
 
@@ -117,6 +128,28 @@ class Motion:
     def pose(self) -> NDArray[np.floating]:
         """(T, 22, 3) joint rotations, axis-angle, radians."""
         return unpack_theta(self.theta)[0]
+
+    @property
+    def all_joints(self) -> NDArray[np.floating]:
+        """(T, 22, 3) joint rotations, or (T, J, 3) where hands and face move."""
+        rest = [] if self.hands_and_face is None else [self.hands_and_face]
+        return np.concatenate([self.pose, *rest], axis=1)
+
+    def posed(self, all_joints: NDArray[np.floating], trans_m: ArrayLike, **changes: Any) -> Motion:
+        """The motion with other rotations (T, 22 or J, 3) and translations (T, 3), metres."""
+        rest = all_joints[:, N_JOINTS:] if self.hands_and_face is not None else None
+        theta = pack_theta(all_joints, trans_m)
+        return replace(self, theta=theta, hands_and_face=rest, **changes)
+
+    def frames(self, chosen: slice) -> Motion:
+        """Some of its frames."""
+        rest, dmpls = self.hands_and_face, self.dmpls
+        return replace(
+            self,
+            theta=self.theta[chosen],
+            hands_and_face=None if rest is None else rest[chosen],
+            dmpls=None if dmpls is None else dmpls[chosen],
+        )
 
     @property
     def trans_m(self) -> NDArray[np.floating]:

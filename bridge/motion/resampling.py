@@ -36,6 +36,7 @@ from bridge.motion.motion import (
 )
 from bridge.motion.readers import amass, read_motion_file
 from bridge.motion.smoothing import continuous_quaternions, smoothed
+from bridge.paper import N_JOINTS
 
 # Files store rates such as 120.00004577636719; a last frame must not be lost to that.
 _FRAME_TOLERANCE = 1e-3
@@ -124,9 +125,9 @@ def _prepared(
         turn = Y_UP_FROM_Z_UP if up == "y" else Y_UP_FROM_Z_UP.inv()
         pose[:, 0] = (turn * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
         trans_m = turn.apply(trans_m)
-    for piece in pieces_of(pose, trans_m):
+    for piece in pieces_of(pose[:, :N_JOINTS], trans_m):
         pose[piece] = continuous_rotations(pose[piece])
-    return replace(motion, theta=pack_theta(pose, trans_m), fps=float(fps), up=up, dmpls=dmpls)
+    return motion.posed(pose, trans_m, fps=float(fps), up=up, dmpls=dmpls)
 
 
 def resampled_frames(frame_count: int, source_fps: float, fps: float = DEFAULT_FPS) -> int:
@@ -143,13 +144,13 @@ def _resample(
     What is sampled between the last frame before a cut and the first after it goes on as the
     motion did before.
     """
-    whole, trans_m = unpack_theta(motion.theta)
+    whole, trans_m = motion.all_joints, motion.trans_m
     count = len(whole)
     lines = [trans_m, *([] if motion.dmpls is None else [motion.dmpls])]
     line = np.concatenate(lines, axis=1)  # (T, 3) or (T, 11)
     times_s = np.arange(resampled_frames(count, motion.fps, fps)) / fps
     times_s = np.minimum(times_s, (count - 1) / motion.fps)
-    pieces = pieces_of(whole, trans_m)
+    pieces = pieces_of(motion.pose, trans_m)
     first_times_s = np.array([piece.start for piece in pieces]) / motion.fps
     first_samples = np.searchsorted(times_s, first_times_s - _FRAME_TOLERANCE / fps)
     found = []

@@ -13,8 +13,6 @@ no one cutoff suits both (docs/prediction.md).
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
@@ -24,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.motion import Motion, SmoothHz, pack_theta
+from bridge.motion.motion import Motion, SmoothHz
 
 _PADDED_FRAMES = 9
 _BANK_HZ = (4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24)
@@ -53,7 +51,7 @@ def smoothed(motion: Motion, smooth_hz: SmoothHz) -> Motion:
             f"more than 0 and less than {motion.fps / 2:g} Hz, half its rate",
             "Pass auto, or 6 to 12.",
         )
-    pose, trans_m = motion.pose.copy(), motion.trans_m.copy()
+    pose, trans_m = motion.all_joints, motion.trans_m.copy()
     for piece in pieces_between_cuts(motion.theta):
         if smooth_hz == "auto":
             cutoff_hz = noise_cutoff_hz(pose[piece], trans_m[piece], motion.fps)
@@ -63,7 +61,7 @@ def smoothed(motion: Motion, smooth_hz: SmoothHz) -> Motion:
         rotations = Rotation.from_quat(turns.reshape(-1, 4))
         pose[piece] = rotations.as_rotvec().reshape(pose[piece].shape)
         trans_m[piece] = _calmed(trans_m[piece], cutoff_hz, motion.fps)
-    return replace(motion, theta=pack_theta(pose, trans_m), smooth_hz=smooth_hz)
+    return motion.posed(pose, trans_m, smooth_hz=smooth_hz)
 
 
 def described(smooth_hz: SmoothHz | None) -> str:

@@ -88,7 +88,7 @@ def _scene(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Any:
         raise DsnetError(
             "a picture of bodies without embreex, which has no wheel for this system",
             "Linux on x86-64, macOS or Windows",
-            "Pass --no-strip to predict, draw no pictures, or build embreex from its sources.",
+            "Predict with --write offsets,vertices, or build embreex from its sources.",
         ) from error
     scene = EmbreeScene()
     TriangleMesh(scene, vertices, faces)

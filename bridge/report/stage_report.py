@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from tyro.conf import Fixed
 
-from bridge.body import load_body_model
+from bridge.body import load_paper_body
 from bridge.errors import DsnetError
 from bridge.measure.pipelines import stages_of_pipelines
 from bridge.motion import MotionSequence
@@ -74,7 +74,7 @@ def main(config: ReportConfig) -> None:
     named.update(*(beside for stage, beside in _BESIDE.items() if stage in last))
     stages = run.artifacts(*(stage for stage in _ORDER if stage in named))
     _require_measured(run, stages, last)
-    body = load_body_model(str(body_model_path(run)))
+    body = load_paper_body(str(body_model_path(run)))
     scene = Scene(stages, body, config.panel_px)
     run.build(
         "report",

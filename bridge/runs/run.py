@@ -220,7 +220,7 @@ def check_chain(folder: Path, stages: Iterable[str]) -> None:
     def has_changed(artifact: Artifact, source: str) -> bool:
         recorded = artifact.manifest["upstream"][source]
         if given := artifact.manifest["provenance"].get("inputs", {}).get(source):
-            present = _present_sha256(artifact, source, folder / given) or recorded
+            present = present_sha256(artifact, source, folder / given) or recorded
         elif is_made(folder / source):
             if is_old(source):
                 return True
@@ -245,7 +245,7 @@ def check_chain(folder: Path, stages: Iterable[str]) -> None:
     )
 
 
-def _present_sha256(artifact: Artifact, source: str, path: Path) -> str | None:
+def present_sha256(artifact: Artifact, source: str, path: Path) -> str | None:
     """Digest of an input file as it is now, None if it is gone or has the stamp of then."""
     if not path.is_file():
         return None

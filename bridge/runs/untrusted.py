@@ -237,6 +237,7 @@ class UntrustedNpz:
 
     def __init__(self, archive: zipfile.ZipFile) -> None:
         self._archive = archive
+        self.others = [n for n in archive.namelist() if not n.endswith(".npy")]
         self._members = {
             info.filename.removesuffix(".npy"): info
             for info in archive.infolist()

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
+from bridge.body.posing import weights_of_the_body
 from bridge.paper import N_JOINTS, THETA_SIZE
 from bridge.runtime.onnx_graph import Graph, Precision, Value, product
 
@@ -165,9 +166,4 @@ def turned(columns: list[Value], shift: Value, rest: Value) -> Value:
 
 def bone_weights(body: BodyModelData) -> NDArray[np.float64]:
     """(V, 23) skinning weights of the joints that theta has, and zeros for the one at rest."""
-    weights = np.zeros((body.vertex_count, BONES))
-    for joint, column in enumerate(body.weights.T):
-        while joint >= N_JOINTS:
-            joint = body.parents[joint]
-        weights[:, joint] += column
-    return weights
+    return np.pad(weights_of_the_body(body), ((0, 0), (0, 1)))

@@ -29,6 +29,7 @@ from bridge.options import Bounds, PositiveFloat, check_options
 from bridge.paper import N_BETAS
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
+from bridge.runtime.whose_betas import with_own_shape
 
 Floor = Literal["keep", "shift", "scale"]
 GAINS = Bounds(0, 20)
@@ -55,6 +56,9 @@ class Controls:
     by measurement, in cm and kg: height=182 weight=80 chest=100 waist=90 hips=105; or both."""
     betas: str | None = None
     """Body shape in place of the motion file's: ten comma-separated coefficients."""
+    body: Path | None = None
+    """Another body than the predictor was trained on, or DSNET_BODY for always: an SMPL, SMPL-H or
+    SMPL-X model file, a folder of them, or `embedded:male`; for `dsnet_plus`."""
     pose: Literal["file", "bony"] = "file"
     """`bony`: the chest follows the file's markers on bone; a pose that was fitted to all of them,
     as AMASS's, holds part of the bounce, which predicted flesh would then count twice."""
@@ -91,8 +95,8 @@ class Controls:
         return [word for text in self.shape for word in text.replace(",", " ").split()]
 
     def given(self) -> dict[str, Any]:
-        """Those that are not left at their default, by name."""
-        own = {field.name: field.default for field in fields(Controls)}
+        """Those that are not left at their default, by name; the body is said elsewhere."""
+        own = {field.name: field.default for field in fields(Controls) if field.name != "body"}
         given = {n: getattr(self, n) for n, default in own.items() if getattr(self, n) != default}
         return {n: str(said) if isinstance(said, Path) else said for n, said in given.items()}
 
@@ -102,9 +106,10 @@ class Controls:
         return HowRead(self.up, names)
 
     def asked_betas(self, body: BodyModelData) -> NDArray[np.float64] | None:
-        """(10,) betas of the shape that is asked for; None where the motion's own is meant."""
+        """(S,) betas of the shape that is asked for; None where the motion's own is meant."""
         if self.betas is not None:
-            return _parsed_betas(self.betas)
+            given, count = _parsed_betas(self.betas), body.shapedirs.shape[-1]
+            return np.pad(given[:count], (0, max(0, count - N_BETAS)))
         if not self.shape:
             return None
         from bridge.body.shapes import find_shape
@@ -139,11 +144,13 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
             f"Read it by load_motion_file(path, smooth_hz={controls.smooth_hz!r}).",
         )
     body, gain = trained.body, controls.gain
+    asked = controls.asked_betas(body)
+    motion = with_own_shape(motion, body, told=asked is None)
     if controls.pose == "bony":
         motion = bony_pose(body, motion)
     if controls.part_gain:
         gain = blended_gain(body, gain, gains_of_parts(controls.part_gain))
-    placed = place_motion(motion, body, controls.asked_betas(body))
+    placed = place_motion(motion, body, asked)
     own = motion.about_root_joint(root_joint_m(body, motion.betas))
     placed, loop = stage_motion(placed, body, own, controls.floor, controls.loop)
     if loop is not None and loop.dropped:
@@ -171,7 +178,8 @@ def stage_motion(
             REMEDY,
         )
     closed = close_lap(placed.theta, root_joint_m(body, placed.betas))
-    return replace(placed, theta=closed.theta), closed
+    lap = placed.frames(slice(len(closed.theta)))  # the hands' too
+    return replace(lap, theta=closed.theta), closed
 
 
 def _parsed_betas(text: str) -> NDArray[np.float64]:

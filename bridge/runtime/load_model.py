@@ -6,24 +6,27 @@ stage's: `dsnet_plus` of the synthetic corpus, for the embedded body of one gend
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from bridge.body import BodyModelData, load_body_model
-from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX
-from bridge.errors import DsnetError, did_you_mean
+from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX, embedded_gender
+from bridge.errors import DsnetError, did_you_mean, notify
 from bridge.motion import Motion, load_motion_file
 from bridge.motion.motion import AS_IT_SAYS, HowRead
 from bridge.motion.smoothing import SmoothHz
+from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.run import TRAIN_MARKERS, TRAIN_PLUS, body_model_path
 from bridge.runs.untrusted import damage_refused
 from bridge.runtime.stepping import DsnetModel, Model, PlusModel, load_decoder
+from bridge.tissue.carry_cache import body_digest, carried_over
 from bridge.tissue.trained_plus import TrainedPlus
 
 PACKAGED = "packaged-model"
@@ -36,19 +39,30 @@ class Pipeline:
 
     stages: tuple[str, ...]
     """Whose artifacts are needed; the manifest of the first names the predictors and a default."""
-    open: Callable[[Mapping[str, Artifact], str, BodyModelData], Model]
-    """A predictor from these artifacts by stage, its name, and the body that it moves."""
+    open: Callable[[TrainedModel, BodyModelData], Model]
+    """A predictor on a body; `DsnetError` if it cannot move that one."""
 
 
-def _open_plus(artifacts: Mapping[str, Artifact], _: str, body: BodyModelData) -> Model:
-    (trained,) = artifacts.values()
-    return PlusModel(TrainedPlus.load(trained), body)
+def _open_plus(trained: TrainedModel, body: BodyModelData) -> Model:
+    (artifact,) = trained.artifacts.values()
+    plus = TrainedPlus.load(artifact)
+    if body is trained.other_body or body is not trained.own_body:
+        made_of = f"{trained.trained_on} {artifact.content_sha256}"
+        plus = carried_over(plus, made_of, lambda: trained.own_body, body)
+    return PlusModel(plus, body)
 
 
-def _open_dsnet(artifacts: Mapping[str, Artifact], name: str, _: BodyModelData) -> Model:
+def _open_dsnet(trained: TrainedModel, body: BodyModelData) -> Model:
     from bridge.exchange.dsnet import load_trained_dsnet
 
-    network = load_trained_dsnet(artifacts["train"], name)
+    if body is not trained.own_body and body_digest(body) != body_digest(trained.own_body):
+        raise DsnetError(
+            f"{trained.name} of {trained.owner} with the body {body.name}",
+            "the body that it was trained on: the paper's networks know its vertices by number",
+            "Leave --body and DSNET_BODY out, or take dsnet_plus, which moves any body.",
+        )
+    artifacts = trained.artifacts
+    network = load_trained_dsnet(artifacts["train"], trained.name)
     return DsnetModel(network, load_decoder(artifacts["train-ae"]))
 
 
@@ -74,9 +88,13 @@ class TrainedModel:
     """Whose it is, as in "run 'demo'"."""
     body_model: str
     """Of the body that it moves: `embedded:female`, or the path of an SMPL model file."""
+    trained_on: str
+    """The same of the body that it was trained on."""
     artifacts: Mapping[str, Artifact]
     """What it is made of, by stage."""
     pipeline: Pipeline
+    other_body: BodyModelData | None = None
+    """That it moves, if not the one that it was trained on."""
 
     @property
     def origin(self) -> DataOrigin:
@@ -88,13 +106,26 @@ class TrainedModel:
         """Digests of all that it is made of, by stage."""
         return {stage: artifact.content_sha256 for stage, artifact in self.artifacts.items()}
 
-    @cached_property
+    @property
     def body(self) -> BodyModelData:
-        return load_body_model(self.body_model)
+        """That it moves."""
+        return self.other_body or self.own_body
+
+    @cached_property
+    def own_body(self) -> BodyModelData:
+        """That it was trained on."""
+        return load_body_model(self.trained_on)
 
     @cached_property
     def model(self) -> Model:
         return self.open(self.body)
+
+    def on(self, body: BodyModelData, body_model: str) -> TrainedModel:
+        """The same, to move another body."""
+        if body_model == self.trained_on:
+            return self
+        why = f"{self.why}, on {body.name}"
+        return replace(self, body_model=body_model, other_body=body, why=why)
 
     def open(self, body: BodyModelData) -> Model:
         """The model on a body; DsnetError if what its training left does not fit together."""
@@ -108,17 +139,33 @@ class TrainedModel:
             )
 
         with damage_refused(refusal):
-            return self.pipeline.open(self.artifacts, self.name, body)
+            return self.pipeline.open(self, body)
+
+
+def body_asked(given: Path | str | None) -> str | None:
+    """The body model of `--body`, else of `DSNET_BODY`, which stands for always; None for the one
+    that a predictor was trained on."""
+    return str(given or os.environ.get("DSNET_BODY") or "") or None
 
 
 def load_model(
-    run: Run | None, predictor: str | None = None, gender: str = "unknown"
+    run: Run | None,
+    predictor: str | None = None,
+    gender: str = "unknown",
+    body: str | None = None,
+    kind: str | None = None,
+    more_betas: int = 0,
 ) -> TrainedModel:
     """A predictor of a run, the best there is if none is named; without a run, the package's for a
     body of `gender`, `female` where it is neither. DsnetError if there is no such predictor, what
     it is made of is no chain, or a file is damaged.
+
+    `body` is the model file of another body than it was trained on, or a folder, from which one of
+    the gender and `kind` is taken (`bridge.motion.Motion`); with `more_betas` than ten if it has.
     """
-    found = find_model(run, predictor, gender)
+    found = find_model(run, predictor, gender, body, kind, more_betas)
+    for note in () if found.other_body is None else found.other_body.notes:
+        notify(note)
     _ = found.model
     return found
 
@@ -130,15 +177,19 @@ def load_for_motion(
     motion_fps: float | None = None,
     smooth_hz: SmoothHz | None = None,
     how: HowRead = AS_IT_SAYS,
+    body: str | None = None,
+    load: Callable[..., TrainedModel] = load_model,
 ) -> tuple[TrainedModel, Motion]:
     """A predictor, and the motion of a file as it has it; without a run, of the motion's gender.
 
     A run that cannot predict is told before the file is read. `motion_fps` is the file's rate,
-    where it says none or a wrong one; what is faster than `smooth_hz` is left out.
+    where it says none or a wrong one; what is faster than `smooth_hz` is left out. Who has many
+    motions passes a `load` that remembers.
     """
-    trained = None if run is None else load_model(run, predictor)
+    trained = None if run is None or body else load(run, predictor)
     motion = load_motion_file(path, motion_fps, smooth_hz=smooth_hz, how=how)
-    return trained or load_model(None, predictor, motion.gender), motion
+    like = motion.gender, body, motion.kind, len(motion.more_betas)
+    return trained or load(run, predictor, *like), motion
 
 
 def packaged_folder(gender: str) -> Path:
@@ -146,10 +197,26 @@ def packaged_folder(gender: str) -> Path:
     return Path(str(resources.files("bridge.runtime"))) / "models" / gender
 
 
-def find_model(run: Run | None, asked: str | None = None, gender: str = "unknown") -> TrainedModel:
-    """As `load_model`, with nothing of it read yet but manifests."""
+def find_model(
+    run: Run | None,
+    asked: str | None = None,
+    gender: str = "unknown",
+    body: str | None = None,
+    kind: str | None = None,
+    more_betas: int = 0,
+) -> TrainedModel:
+    """As `load_model`, with nothing of it read yet but manifests and the body."""
+    if body is not None:
+        moved = load_body_model(body, gender, kind)
+        known = (one for one in (moved.gender, gender) if one in EMBEDDED_GENDERS)
+        shapes = N_BETAS + min(more_betas, max(moved.shapedirs.shape[-1] - N_BETAS, 0))
+        found = find_model(run, asked, next(known, "unknown"))
+        return found.on(moved.with_shapes(shapes), body)
     if run is None:
-        return _packaged(asked, gender if gender in EMBEDDED_GENDERS else EMBEDDED_GENDERS[0])
+        taken, line = embedded_gender(gender)
+        if line:
+            notify(line)
+        return _packaged(asked, taken)
     trained = {
         pipeline: read_artifact(run.path / pipeline.stages[0]).manifest
         for pipeline in PIPELINES
@@ -171,6 +238,7 @@ def find_model(run: Run | None, asked: str | None = None, gender: str = "unknown
                 why="the run's best" if asked is None else "as asked",
                 owner=f"run {run.name!r}",
                 body_model=_body_of(run, manifest),
+                trained_on=_body_of(run, manifest),
                 artifacts=run.artifacts(*pipeline.stages),
                 pipeline=pipeline,
             )
@@ -204,6 +272,7 @@ def _packaged(asked: str | None, gender: str) -> TrainedModel:
         why="no --run given",
         owner=f"the packaged model ({gender}, {artifact.origin})",
         body_model=EMBEDDED_PREFIX + gender,
+        trained_on=EMBEDDED_PREFIX + gender,
         artifacts={TRAIN_PLUS: artifact},
         pipeline=PIPELINES[1],
     )

@@ -5,9 +5,9 @@ What prediction, export and the viewer have in common; memory does not grow with
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import chain
 from typing import Any
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.body.posing import Smpl
+from bridge.body.posing import Smpl, full_pose
 from bridge.errors import DsnetError, notify
 from bridge.markers.poses import flesh_in_pose
 from bridge.motion import Motion, unpack_theta
@@ -24,6 +24,7 @@ from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
 from bridge.motion.motion import FARTHEST_M
 from bridge.motion.motion_checks import motion_warnings
+from bridge.paper import N_JOINTS
 from bridge.runs.workers import progress
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.stepping import Prediction, predict_loop, predict_whole
@@ -46,11 +47,15 @@ class MovedFrames:
     """Which of the motion's."""
     offsets_m: NDArray[np.float32]
     """(T', V, 3) in the rest pose, metres."""
-    vertices_m: NDArray[np.float32]
-    """(T', V, 3) in the world, metres, y up."""
+    posed: Callable[[MovedFrames], NDArray[np.float32]]
 
     def __len__(self) -> int:
         return len(self.offsets_m)
+
+    @cached_property
+    def vertices_m(self) -> NDArray[np.float32]:
+        """(T', V, 3) in the world, metres, y up; posed when they are asked for."""
+        return self.posed(self)
 
 
 class MovingBody:
@@ -91,6 +96,11 @@ class MovingBody:
         return self.trained.body
 
     @property
+    def pose(self) -> NDArray[np.floating]:
+        """(T, 22, 3) joint rotations, axis-angle, or all that the body has where others move."""
+        return full_pose(self.body, self.motion.pose, self.motion.hands_and_face)
+
+    @property
     def latents(self) -> NDArray[np.float32] | None:
         """(T, 100) codes that the offsets are decoded from, before any gain, if there are any."""
         found = [prediction.latents for prediction in self._predictions()]
@@ -106,19 +116,26 @@ class MovingBody:
         return [predict(theta[piece], betas) for piece in self.pieces]
 
     def __iter__(self) -> Iterator[MovedFrames]:
-        pose, trans = unpack_theta(self.motion.theta)
-        shaped, start = Smpl(self.body).person(self.motion.betas), 0
+        pose, trans = self.pose, self.motion.trans_m
+        smpl = Smpl(self.body, hands=pose.shape[1] > N_JOINTS)
+        shaped, start = smpl.person(self.motion.betas), 0
+
+        def finite(found_m: NDArray[np.float32], frames: slice) -> NDArray[np.float32]:
+            if np.isfinite(found_m).all():
+                return found_m
+            raise DsnetError(
+                f"{self.motion.source}, whose skin is not finite from frame {frames.start} on",
+                "a predictor that gives finite offsets",
+                "Train the run again, or pass another --run.",
+            )
+
+        def posed(moved: MovedFrames) -> NDArray[np.float32]:
+            frames = moved.frames
+            return finite(shaped.pose(pose[frames], trans[frames], moved.offsets_m), frames)
+
         for found_m in chain.from_iterable(found.offsets_m for found in self._predictions()):
             frames = slice(start, start + len(found_m))
-            offsets_m = found_m * self._gain
-            vertices_m = shaped.pose(pose[frames], trans[frames], offsets_m)
-            if not np.isfinite(vertices_m).all():
-                raise DsnetError(
-                    f"{self.motion.source}, whose vertices are not finite from frame {start} on",
-                    "a predictor that gives finite offsets",
-                    "Train the run again, or pass another --run.",
-                )
-            yield MovedFrames(frames, offsets_m, vertices_m)
+            yield MovedFrames(frames, finite(found_m * self._gain, frames), posed)
             start = frames.stop
 
     def shown(self, what: str) -> Iterator[MovedFrames]:
@@ -132,19 +149,24 @@ class MovingBody:
         """Say on stderr which predictor moves the body, and what is odd about the motion."""
         by = self.trained
         notify(f"{by.name} ({by.label}) of {by.owner} predicts: {by.why}")
-        flesh = [] if "pose" in self.controls else flesh_in_pose(self.motion)
-        for warning in (*motion_warnings(self.motion, self.pieces), *flesh):
-            notify(warning)
+        for oddity in self.oddities():
+            notify(oddity)
+
+    def oddities(self) -> list[str]:
+        """What is odd about the motion, a line each."""
+        found = motion_warnings(self.motion, self.pieces)
+        found = [*found, *([] if "pose" in self.controls else flesh_in_pose(self.motion))]
         if "floor" in self.controls:
-            return
+            return found
         sampled = self.motion.theta[:: max(1, len(self) // _FLOOR_FRAMES)]
         lowest_m = lowest_points_m(replace(self.motion, theta=sampled), self.body)
         if abs(low_m := np.percentile(lowest_m, SOLE_PERCENTILE)) > _TOLD_FLOOR_M:
             how = "floats above" if low_m > 0 else "sinks into"
-            notify(
+            found.append(
                 f"{self.motion.source} {how} the floor by {100 * abs(low_m):.0f} cm at its lowest: "
                 "--floor shift puts it there"
             )
+        return found
 
 
 def place_motion(

@@ -1,10 +1,11 @@
 """`dsnet_plus` as one ONNX graph: a pose in, the posed skin with its tissue out.
 
-Inputs `theta` (B, 69), `betas` (B, 10) and `state` (B, S); outputs `vertices` (B, V, 3), metres,
-and `next_state` (B, S). A character whose row of the state is zero has no past: she begins settled
-in the pose that she is given, which costs a few tens of milliseconds in that frame and nothing in
-later ones (`If` and `Loop`). So does one whose betas are others than a frame before. A row is all
-that is known of a character: rows may be added, removed and reordered from frame to frame.
+Inputs `theta` (B, 69), `betas` (B, 10), or as many as its body has, and `state` (B, S); outputs
+`vertices` (B, V, 3), metres, and `next_state` (B, S). A character whose row of the state is zero
+has no past: she begins settled in the pose that she is given, which costs a few tens of
+milliseconds in that frame and nothing in later ones (`If` and `Loop`). So does one whose betas are
+others than a frame before. A row is all that is known of a character: rows may be added, removed
+and reordered from frame to frame.
 
 Vertices are `latency_frames` old, pose and place included, as the model looks so far ahead.
 """
@@ -18,7 +19,7 @@ import numpy as np
 import onnx
 
 from bridge.body import BodyModelData
-from bridge.paper import N_BETAS, THETA_SIZE
+from bridge.paper import THETA_SIZE
 from bridge.runtime.body_graph import (
     BONES,
     TURNING,
@@ -46,7 +47,7 @@ def plus_layout(model: TrainedPlus, skin: bool = True) -> StateLayout:
     nodes, late = len(model.nodes), model.look_ahead
     shapes: dict[str, tuple[int, ...]] = {
         "age": (1,),
-        "betas": (N_BETAS,),
+        "betas": (model.beta_count,),
         **Springs.shapes(nodes),
         "known": (len(model.people_betas) * skin,),
         "now": (3, nodes),
@@ -82,7 +83,7 @@ def plus_graph(
     precision: Precision = "float32",
     in_parts: bool = False,
 ) -> onnx.ModelProto:
-    """The same step and the skin, on the body model that a `dsnet_plus` was trained with.
+    """The same step and the skin, on the body model that a `dsnet_plus` is for.
 
     Of its kernels only the pose blend shapes are large; `precision` is theirs. `in_parts`: the
     skin is not posed, for who wants SMPL alone beside it: instead of `vertices` outputs are `rest`
@@ -117,7 +118,7 @@ class _PlusStep:
         self.graph = graph = Graph()
         self._sheet = SheetGraph.of(graph, model)
         theta = graph.input("theta", ("B", THETA_SIZE))
-        self.betas = graph.input("betas", ("B", N_BETAS))
+        self.betas = graph.input("betas", ("B", model.beta_count))
         state = graph.input("state", ("B", layout.size))
         self.present = self._present(theta)
         self.past = layout.read(self._with_past(state))
@@ -159,7 +160,7 @@ class _PlusStep:
         """The state, where those without a past have been given one."""
         graph, betas = self.graph, self.betas
         with graph.section("past"):
-            age, betas_before = state.part(1, 0, 1), state.part(1, 1, 1 + N_BETAS)
+            age, betas_before = state.part(1, 0, 1), state.part(1, 1, 1 + self.model.beta_count)
             apart = graph.apply("Abs", betas - betas_before).max(1)
             new = graph.apply("Max", apart, 1.0 + -age) > 0.0  # (B, 1)
             count = graph.apply("Cast", new, to=1).max(0, 1).reshape()
@@ -242,8 +243,10 @@ def _skin(step: _PlusStep, shown: Arrays, precision: Precision) -> Value:
     graph, model = step.graph, step.model
     body, shape, constant_m = step.body, step.betas, None
     if model.static.by_pose_m.any():  # features are the same as of the pose blend shapes
-        by_pose_m = model.nodes.spread(model.static.by_pose_m)  # (207, V, 3)
-        body = replace(body, posedirs=body.posedirs + by_pose_m.transpose(1, 2, 0))
+        by_pose_m = model.nodes.spread(model.static.by_pose_m[:TURNING])  # (189, V, 3)
+        posedirs = body.posedirs.copy()
+        posedirs[..., :TURNING] += by_pose_m.transpose(1, 2, 0)
+        body = replace(body, posedirs=posedirs)
     if model.static.constant_m.any():
         shape = graph.concat([shape, step.past["known"]], 1)
         constant_m = model.static.constant_m

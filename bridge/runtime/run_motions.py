@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body import load_body_model
+from bridge.body import load_paper_body
 from bridge.errors import DsnetError, notify
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
@@ -55,7 +55,7 @@ class MotionSet:
 def find_motions(run: Run, amass: Path | None, encoded: Artifact) -> list[Path]:
     """AMASS files to predict: those below `amass`, or those of the run's own corpus, or none."""
     if amass is not None:
-        gender = load_body_model(str(body_model_path(run))).gender
+        gender = load_paper_body(str(body_model_path(run))).gender
         return find_motion_files(amass, gender, [s.name for s in sequences_of(encoded)])
     # A corpus in the run's folder is not its own if licensed meshes were aligned beside it.
     if encoded.origin != "synthetic" or not (run.path / "corpus").is_dir():
@@ -79,7 +79,7 @@ def gather(
     shapes = {subject: betas[row] for subject, row in subject_rows(sequences).items()}
     fitted, people, body = set(shapes), PeopleOfFolders(shapes), None
     for path in files:
-        body = body or load_body_model(str(body_model_path(run)))
+        body = body or load_paper_body(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
         motion = load_motion_file(path, source_fps)
         pieces, smoothing = pieces_between_cuts(motion.theta), "`dsnet predict --smooth-hz auto`"

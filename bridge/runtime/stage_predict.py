@@ -1,4 +1,4 @@
-"""`dsnet predict`: one motion to the files of a moving body; no framework, no training.
+"""`dsnet predict`: motions to the files of moving bodies; no framework, no training.
 
 From here to the arithmetic: `controlled_body` gives a `MovingBody`; iterating it, `predict_whole`
 repeats `Model.step`, which runs the deployable graph.
@@ -6,27 +6,31 @@ repeats `Model.step`, which runs the deployable graph.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.files import MANIFEST, exclusive, runs_root
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_for_motion
-from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.load_model import body_asked, load_for_motion
+from bridge.runtime.moving_body import MovedFrames, MovingBody
 
 KIND = "prediction"
+WRITABLE = ("offsets", "offsets16", "vertices", "latents", "strip")
+OF_ONE, OF_MANY = ("offsets", "vertices", "latents", "strip"), ("offsets",)
+"""What is written of one motion, and of each of a folder's, unless something else is asked for."""
 
 
 @dataclass(frozen=True)
 class PredictConfig(Controls):
-    """Predict how the skin of a body moves in one motion, and write offsets and vertices."""
+    """Predict how the skin of a body moves in one motion, or in all of a folder, and write it."""
 
     run: str | None = None
     """Run whose predictor moves the skin; the small model that comes with the package when left
@@ -34,35 +38,52 @@ class PredictConfig(Controls):
     predictor: str | None = None
     """Which of the run's; its best when left out: `dsnet_plus` if the run has it."""
     motion: Path | None = None
-    """One motion: AMASS `.npz`, BVH and others (docs/motion_files.md), or `sample:walking`."""
+    """One motion: AMASS `.npz`, BVH and others (docs/motion_files.md), or `sample:walking`. Or a
+    folder: every motion below it, which is not yet done (docs/motion_files.md)."""
     out: Path | None = None
-    """Folder to write: a new or empty one, or that of an earlier prediction."""
-    strip: bool = True
-    """Whether to draw `strip.png` too, a row of the motion's bodies."""
+    """Folder to write: a new or empty one, or that of an earlier prediction. For a folder of
+    motions, the one whose tree will be the same."""
+    write: tuple[str, ...] = ()
+    """Of offsets, vertices, latents and strip (a picture), or offsets16, half as large: by default
+    all of one motion, of a folder's the offsets."""
 
 
 PROFILES = {name: PredictConfig() for name in ("smoke", "demo", "paper")}
 
 
 def main(config: PredictConfig) -> None:
-    """Write the prediction."""
+    """Write the prediction, or those of a folder."""
     if config.motion is None:
         raise DsnetError(
             "predict without --motion",
-            "one motion",
+            "one motion, or a folder of them",
             "Pass --motion FILE, or run `dsnet infer` for a run's own sequences.",
         )
     if config.out is None:
         raise DsnetError("--motion without --out", "a folder to write", "Pass --out DIR.")
+    write = what_to_write(config.write, OF_MANY if config.motion.is_dir() else OF_ONE)
     run = None if config.run is None else Run(config.run)
-    predict_motion(
-        run,
-        config.motion,
-        config.out,
-        predictor=config.predictor,
-        controls=config,
-        strip=config.strip,
+    if config.motion.is_dir():
+        from bridge.runtime.many_motions import predict_folder as predict
+    else:
+        predict = predict_motion
+    predict(
+        run, config.motion, config.out, predictor=config.predictor, controls=config, write=write
     )
+
+
+def what_to_write(asked: Sequence[str], otherwise: Sequence[str]) -> tuple[str, ...]:
+    """The words of `--write`, each of `WRITABLE`, in that order."""
+    words = [word for text in asked for word in text.replace(",", " ").split()]
+    if unknown := [word for word in words if word not in WRITABLE]:
+        remedy = did_you_mean(unknown[0], WRITABLE, "Pass --write offsets,vertices.")
+        raise DsnetError(f"--write {unknown[0]}", f"of {', '.join(WRITABLE)}", remedy)
+    if {"offsets", "offsets16"} <= {*words}:
+        raise DsnetError("--write offsets,offsets16", "one of both", "Leave one out.")
+    if "strip" in words and not ("vertices" in words and {"offsets", "offsets16"} & {*words}):
+        remedy = "Pass --write offsets,vertices,strip."
+        raise DsnetError("--write strip", "it with offsets and vertices, which it shows", remedy)
+    return tuple(word for word in WRITABLE if word in (words or otherwise))
 
 
 def predict_motion(
@@ -72,7 +93,7 @@ def predict_motion(
     *,
     predictor: str | None = None,
     controls: Controls | None = None,
-    strip: bool = True,
+    write: Sequence[str] = OF_ONE,
 ) -> Artifact:
     """Predict how a body moves in one motion, at 60 fps with y up.
 
@@ -84,12 +105,11 @@ def predict_motion(
     run : whose body and predictor; None for those that come with the package, of the motion's
         gender.
     path : AMASS `.npz`, BVH, or `sample:NAME`.
-    out : folder to write, see `open_out_folder`: offsets (T, V, 3) in the rest pose and vertices
-        (T, V, 3), both in metres, latents (T, 100) if the predictor has them, `strip.png`,
-        `manifest.json`.
+    out : folder to write, see `open_out_folder`: what is asked for, and `manifest.json`.
     predictor : which of the run's; the run's best when None.
     controls : what an animator asks for; nothing when None.
-    strip : whether to draw `strip.png`.
+    write : of `WRITABLE`: offsets (T, V, 3) in the rest pose and vertices (T, V, 3), both in
+        metres, latents (T, 100) if the predictor has them, `strip.png`.
 
     Raises
     ------
@@ -97,47 +117,64 @@ def predict_motion(
         If the run lacks the predictor or its stages are no chain, the file is no motion of a
         body, `out` holds something else, and what `controlled_body` raises.
     """
-    path, out, controls = Path(path), Path(out), controls or Controls()
+    path, controls = Path(path), controls or Controls()
     controls.check()
     trained, motion = load_for_motion(
-        run, predictor, path, controls.motion_fps, controls.smooth_hz, controls.how_read()
+        run,
+        predictor,
+        path,
+        controls.motion_fps,
+        controls.smooth_hz,
+        controls.how_read(),
+        body_asked(controls.body),
     )
     moving = controlled_body(trained, motion, controls)
-    motion = moving.motion
-    with open_out_folder(out, trained.origin) as writer:
+    with open_out_folder(Path(out), trained.origin) as writer:
         moving.announce()
-        _write(moving, writer, strip=strip)
-        writer.record(
-            predictor=trained.name,
-            label=trained.label,
-            why=trained.why,
-            source=path.name,
-            source_fps=motion.source_fps,
-            fps=motion.fps,
-            up=motion.up,
-            betas=motion.betas.tolist(),
-            controls=moving.controls,
-            starts_anew_at=[piece.start for piece in moving.pieces[1:]],
-        )
-        return writer.finish(config={"run": run and run.name}, upstream=trained.upstream)
+        fill_prediction(writer, moving, write, moving.shown("predict"), source=path.name)
+        config = {"run": run and run.name, "write": [*write]}
+        return writer.finish(config=config, upstream=trained.upstream)
 
 
-def _write(moving: MovingBody, writer: ArtifactWriter, *, strip: bool) -> None:
-    """Write vertices and offsets (T, V, 3), latents if there are any, and the strip."""
-    if (latents := moving.latents) is not None:
+def fill_prediction(
+    writer: ArtifactWriter,
+    moving: MovingBody,
+    write: Sequence[str],
+    frames: Iterable[MovedFrames],
+    **facts: Any,
+) -> None:
+    """Write what is asked for of a body's frames, and record how it moves, with other facts."""
+    trained, motion, faces = moving.trained, moving.motion, moving.body.faces
+    if "latents" in write and (latents := moving.latents) is not None:
         writer.put("latents", latents, "latent unit")
-    shape = (len(moving), moving.body.vertex_count, 3)
-    offsets_m = writer.open_array("offsets", shape, np.float32, "m")
-    vertices_m = writer.open_array("vertices", shape, np.float32, "m")
-    for posed in moving.shown("predict"):
-        offsets_m[posed.frames] = posed.offsets_m
-        vertices_m[posed.frames] = posed.vertices_m
-    if strip:
+    shape, made = (len(moving), moving.body.vertex_count, 3), {}
+    for word in write:
+        if word in ("offsets", "offsets16", "vertices"):
+            dtype = np.float16 if word == "offsets16" else np.float32
+            name = word.removesuffix("16")
+            made[name] = writer.open_array(name, shape, dtype, "m")
+    for moved in frames:
+        for name, array in made.items():
+            array[moved.frames] = getattr(moved, f"{name}_m")
+    if "strip" in write:
         # Matplotlib takes longer to load than the first frames, which do not wait for it.
         from bridge.report.panels import draw_motion_strip
 
-        path, origin = writer.file_path("strip.png"), moving.trained.origin
-        draw_motion_strip(path, vertices_m, offsets_m, moving.body.faces, origin=origin)
+        drawn_m = made["vertices"], made["offsets"]
+        draw_motion_strip(writer.file_path("strip.png"), *drawn_m, faces, origin=trained.origin)
+    writer.record(
+        predictor=trained.name,
+        label=trained.label,
+        why=trained.why,
+        source_fps=motion.source_fps,
+        fps=motion.fps,
+        up=motion.up,
+        body_model=moving.body.name,
+        betas=motion.betas.tolist(),
+        controls=moving.controls,
+        starts_anew_at=[piece.start for piece in moving.pieces[1:]],
+        **facts,
+    )
 
 
 @contextmanager

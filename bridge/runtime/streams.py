@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import count
 from math import ceil, floor
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +29,7 @@ from bridge.motion.motion import FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_BETA
 from bridge.motion.resampling import between, going_on
 from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runs import Run
-from bridge.runtime.load_model import find_model
+from bridge.runtime.load_model import body_asked, find_model
 from bridge.runtime.moving_body import LARGEST_BODY_M
 from bridge.runtime.stepping import DsnetModel, Model, PlusModel, finished
 from bridge.tissue.oscillators import FPS
@@ -168,8 +169,9 @@ class StreamingBodies:
     run : name of a run with a trained predictor, or a loaded `TrainedPlus`, then with its `body`;
         None for the small model that comes with the package.
     predictor : which of the run's; the run's best when None.
-    body : the body model that moves; the run's when None.
-    gender : of the packaged model's body, `female` or `male`.
+    body : the body model that moves, or its file or folder; `DSNET_BODY`, else the run's, when
+        None.
+    gender : of the packaged model's body, and of a folder's, `female` or `male`.
     fps : frames per second of what comes and goes, 10 to 1000.
     """
 
@@ -178,20 +180,24 @@ class StreamingBodies:
         run: str | os.PathLike[str] | TrainedPlus | None = None,
         predictor: str | None = None,
         *,
-        body: BodyModelData | None = None,
+        body: BodyModelData | Path | str | None = None,
         gender: str = "female",
         fps: float = 60.0,
     ) -> None:
         self._clock = FrameClock(fps)
         if isinstance(run, TrainedPlus):
-            if body is None:
+            if not isinstance(body, BodyModelData):
                 raise DsnetError("a model without a body", "the body it moves", "Pass body=.")
             self._model: Model = PlusModel(run, body)
         else:
-            found = find_model(None if run is None else Run(os.fspath(run)), predictor, gender)
-            body = body or found.body
+            given = isinstance(body, BodyModelData)
+            path = None if given else body_asked(body)
+            found = find_model(
+                None if run is None else Run(os.fspath(run)), predictor, gender, path
+            )
+            body = body if given else found.body
             self._model = found.open(body)
-        self._body, self._skin = body, Smpl(body)
+        self._body, self._skin = body, Smpl(body, hands=False)
         self._characters: dict[int, _Character] = {}
         self._numbers = count()
         self.latency_frames = self._clock.latency_frames(self._model.look_ahead)
@@ -205,7 +211,8 @@ class StreamingBodies:
         return tuple(self._characters)
 
     def join(self, betas: ArrayLike) -> int:
-        """Let a person of shape betas (10,) in; the number is hers, and never anybody else's.
+        """Let a person of shape betas in, (10,) or as many as the body has; the number is hers, and
+        never anybody else's.
 
         Takes, with her first step, longer than the steps after it: her tissue is brought to rest.
         """
@@ -418,8 +425,9 @@ def _checked_pose(name: str, theta: ArrayLike) -> NDArray[np.float64]:
 def _checked_betas(betas: ArrayLike, body: BodyModelData) -> NDArray[np.float64]:
     """One person's shape (10,), whose body is of a person's size."""
     found = _numbers("betas", betas)
-    if found.shape != (N_BETAS,):
-        raise DsnetError(f"betas of shape {found.shape}", f"({N_BETAS},)", "Pass one person's.")
+    count = body.shapedirs.shape[-1]
+    if found.shape != (count,):
+        raise DsnetError(f"betas of shape {found.shape}", f"({count},)", "Pass one person's.")
     with np.errstate(over="ignore", invalid="ignore"):
         size_m = np.ptp(body.v_template + body.shapedirs @ found, axis=0).max()
     if not size_m < LARGEST_BODY_M:

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
+from bridge.paper import N_BETAS
 from bridge.runtime.onnx_graph import Graph, Value
 from bridge.tissue.oscillators import FPS, GRAVITY_M_S2, STEPS, SWEEPS, coupling
-from bridge.tissue.shape import LEAST_DEPTH_M, shape_measures
+from bridge.tissue.shape import LEAST_DEPTH_M, ends_of_bones, shape_measures
 from bridge.tissue.trained_plus import KERNEL_WIDTH, TrainedPlus, people_kernel
 
 _SETTLING = 400
@@ -207,7 +208,10 @@ def person_of(graph: Graph, body: BodyModelData, model: TrainedPlus, betas: Valu
         stature = volume_m3 / (height_m * height_m * height_m)
         depth_m = _depths(graph, body, vertices_m.gather(nodes, axis=1), betas)
         # What log W has besides the template's: by `shape_features`, and by `shares_of_people`.
-        template = shape_measures(body, np.zeros(10), nodes)  # (K, 3)
+        if model.elsewhere is None:
+            template = shape_measures(body, np.zeros(body.shapedirs.shape[-1]), nodes)  # (K, 3)
+        else:
+            template = model.elsewhere.template
         depth, girth, mass = (
             float(slope) * graph.apply("Log", measure / graph.array(f"template_{k}", column))
             for k, (slope, measure, column) in enumerate(
@@ -224,7 +228,7 @@ def person_of(graph: Graph, body: BodyModelData, model: TrainedPlus, betas: Valu
 def known_people(graph: Graph, model: TrainedPlus, betas: Value) -> Value:
     """(B, P) 1 for the person of exactly this shape, as `known_person`."""
     with graph.section("known"):
-        beside = betas.reshape(0, 1, 10)
+        beside = _of_trained(graph, model, betas).reshape(0, 1, N_BETAS)
         apart = graph.apply("Abs", graph.array("people", model.people_betas) - beside)
         allowed = 1e-5 + 1e-5 * graph.apply("Abs", beside)
         far = graph.apply("Cast", apart > allowed, to=1).max(2)
@@ -278,7 +282,7 @@ def _depths(graph: Graph, body: BodyModelData, points_m: Value, betas: Value) ->
     """(B, K, 1) distance of points (B, K, 3) to the nearest bone's axis."""
     by_shape = np.stack([body.J_regressor @ axis for axis in body.shapedirs.transpose(1, 0, 2)], 1)
     joints_m = _shaped(graph, "joints", body.joints, by_shape, betas)
-    with_parent = np.flatnonzero(body.parents >= 0)
+    with_parent = ends_of_bones(body.joints, body.parents)
     begins = joints_m.gather(body.parents[with_parent], axis=1)
     bones = (joints_m.gather(with_parent, axis=1) - begins).reshape(0, 1, -1, 3)
     from_begin = points_m.reshape(0, -1, 1, 3) - begins.reshape(0, 1, -1, 3)  # (B, K, 23, 3)
@@ -288,11 +292,19 @@ def _depths(graph: Graph, body: BodyModelData, points_m: Value, betas: Value) ->
     return graph.apply("Max", nearest, LEAST_DEPTH_M)
 
 
+def _of_trained(graph: Graph, model: TrainedPlus, betas: Value) -> Value:
+    """(B, 10) betas of the model's body as those of the body that it was trained on."""
+    told = model.elsewhere
+    if told is None:
+        return betas
+    return betas @ graph.array("to_betas", told.to_betas) + graph.array("shift", told.shift)
+
+
 def _taken_after(graph: Graph, model: TrainedPlus, betas: Value) -> Value:
     """(B, K) what log W has by `shares_of_people`."""
     people = model.people_betas.astype(np.float64)
     residual = np.linalg.solve(people_kernel(people), model.weights.residual[..., 0])
-    apart = graph.array("people", people) - betas.reshape(0, 1, 10)
+    apart = graph.array("people", people) - _of_trained(graph, model, betas).reshape(0, 1, N_BETAS)
     squared = (apart * apart).sum(2).reshape(0, -1)
     nearness = graph.apply("Exp", -1 / (2 * KERNEL_WIDTH**2) * squared)
     return nearness @ graph.array("residual", residual)

@@ -48,15 +48,28 @@ class TissueNodes:
     @classmethod
     def of(cls, body: BodyModelData, count: int) -> TissueNodes:
         """Spread `count` nodes evenly over the template, farthest point first."""
-        template, faces = np.asarray(body.v_template, np.float64), body.faces
-        vertices = farthest_points(template, count)
+        template = np.asarray(body.v_template, np.float64)
+        return cls.at(body, farthest_points(template, count), np.arange(len(template)))
+
+    @classmethod
+    def at(cls, body: BodyModelData, nodes: NDArray, skin: NDArray) -> TissueNodes:
+        """Nodes at vertices (K,) among those that have flesh, `skin`; the others keep still."""
+        template, faces = np.asarray(body.v_template, np.float64)[skin], body.faces
+        if len(skin) < body.vertex_count:
+            number = np.full(body.vertex_count, -1)
+            number[skin] = np.arange(len(skin))
+            faces = number[faces][(number[faces] >= 0).all(axis=1)]
+            nodes = number[nodes]
         areas_m2, laplacian = vertex_areas_m2(template, faces), cotangent_laplacian(template, faces)
         bending = laplacian @ sp.diags(1 / areas_m2) @ laplacian
-        owners, shares = _largest(_between(bending, vertices), _NODES_PER_VERTEX)
-        stretched = _largest(_between(laplacian, vertices), _NEIGHBOURS_PER_VERTEX)
-        edges, pulls_m2 = _node_laplacian(_as_matrix(*stretched, count), laplacian, areas_m2)
-        return cls(vertices.astype(np.int32), owners, shares, areas_m2.astype(np.float32),
-                   edges, pulls_m2)  # fmt: skip
+        owners, shares = _largest(_between(bending, nodes), _NODES_PER_VERTEX)
+        stretched = _largest(_between(laplacian, nodes), _NEIGHBOURS_PER_VERTEX)
+        edges, pulls_m2 = _node_laplacian(_as_matrix(*stretched, len(nodes)), laplacian, areas_m2)
+        owners, shares, areas_m2 = (
+            _among(body.vertex_count, skin, of_skin)
+            for of_skin in (owners, shares, areas_m2.astype(np.float32))
+        )
+        return cls(skin[nodes].astype(np.int32), owners, shares, areas_m2, edges, pulls_m2)
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> TissueNodes:
@@ -106,6 +119,13 @@ class TissueNodes:
         flat = right.transpose(1, 0, 2).reshape(len(self), -1).astype(np.float64)
         solved = (self._inverse @ flat).reshape(len(self), count, 3)
         return solved.transpose(1, 0, 2).astype(np.float32)
+
+
+def _among(count: int, rows: NDArray, values: NDArray) -> NDArray:
+    """(count, ...) the values of some rows, zeros in all others."""
+    whole = np.zeros((count, *values.shape[1:]), values.dtype)
+    whole[rows] = values
+    return whole
 
 
 def _per_frame(matrix: sp.csr_matrix, values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -47,12 +47,18 @@ def shape_measures(body: BodyModelData, betas: NDArray, nodes: NDArray) -> NDArr
 
 
 def distance_to_bones_m(points: NDArray, joints: NDArray, parents: NDArray) -> NDArray[np.floating]:
-    """(N,) distance of points (N, 3) to the nearest line from a joint (24, 3) to its parent."""
+    """(N,) distance of points (N, 3) to the nearest line from a joint (J, 3) to its parent."""
     nearest = np.full(len(points), np.inf)
-    for joint, parent in enumerate(parents):
-        if parent >= 0:
-            bone = joints[joint] - joints[parent]
-            along = np.clip((points - joints[parent]) @ bone / (bone @ bone), 0.0, 1.0)
-            away = points - joints[parent] - along[:, None] * bone
-            nearest = np.minimum(nearest, np.linalg.norm(away, axis=1))
+    for joint in ends_of_bones(joints, parents):
+        begin = joints[parents[joint]]
+        bone = joints[joint] - begin
+        along = np.clip((points - begin) @ bone / (bone @ bone), 0.0, 1.0)
+        away = points - begin - along[:, None] * bone
+        nearest = np.minimum(nearest, np.linalg.norm(away, axis=1))
     return nearest
+
+
+def ends_of_bones(joints: NDArray, parents: NDArray) -> NDArray[np.intp]:
+    """Which joints (J, 3) do not lie where their parents do, as some models' eyes and fingers."""
+    apart = np.linalg.norm(joints - joints[parents], axis=1)
+    return np.flatnonzero((parents >= 0) & (apart > 1e-6))

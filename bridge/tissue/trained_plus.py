@@ -46,6 +46,11 @@ _AXES: dict[str, tuple[int | str, ...]] = {
     "by_pose_m": ("F", "FK", 3),
     "look_ahead": (1,),
 }
+_ELSEWHERE: dict[str, tuple[int | str, ...]] = {
+    "elsewhere/to_betas": ("S", N_BETAS),
+    "elsewhere/shift": (N_BETAS,),
+    "elsewhere/template": ("K", 3),
+}
 """Shapes of a file's arrays: what has one name is one size."""
 
 
@@ -92,6 +97,18 @@ class StaticPart:
 
 
 @dataclass(frozen=True, eq=False)
+class Elsewhere:
+    """What shapes of another body than the trained one mean: see `bridge.tissue.carry`."""
+
+    to_betas: NDArray[np.floating]
+    """(S, 10) its betas in the trained body's shape space, up to `shift`."""
+    shift: NDArray[np.floating]
+    """(10,) its mean person there."""
+    template: NDArray[np.float64]
+    """(K, 3) `shape_measures` at the nodes that it would have as the trained body's mean person."""
+
+
+@dataclass(frozen=True, eq=False)
 class TrainedPlus:
     """Nodes, weights, the people they were learned from, and the static part."""
 
@@ -102,6 +119,13 @@ class TrainedPlus:
     """(P, 10)."""
     look_ahead: int
     """Frames after that of a step's load that the newest of these lies; 0 needs no later pose."""
+    elsewhere: Elsewhere | None = None
+    """None on the body that it was trained on."""
+
+    @property
+    def beta_count(self) -> int:
+        """How many betas its body takes."""
+        return N_BETAS if self.elsewhere is None else len(self.elsewhere.to_betas)
 
     @classmethod
     def load(cls, trained: Artifact) -> TrainedPlus:
@@ -120,10 +144,15 @@ class TrainedPlus:
         weights = Weights(base, **{name: arrays[name] for name in _LEARNED})
         static = StaticPart(arrays["constant_m"], arrays["by_pose_m"])
         nodes = TissueNodes.from_arrays(arrays)
-        return cls(nodes, weights, static, arrays["people_betas"], int(arrays["look_ahead"][0]))
+        ahead, told = int(arrays["look_ahead"][0]), None
+        if "elsewhere/shift" in arrays:
+            names = Elsewhere.__dataclass_fields__
+            told = Elsewhere(**{name: arrays[f"elsewhere/{name}"] for name in names})
+        return cls(nodes, weights, static, arrays["people_betas"], ahead, told)
 
     def arrays(self) -> dict[str, NDArray]:
         """Everything by name, for a safetensors file."""
+        told = self.elsewhere
         return {
             **self.nodes.arrays(),
             **{f"log_{name}": array for name, array in self.weights.base.items()},
@@ -132,6 +161,7 @@ class TrainedPlus:
             "people_betas": self.people_betas,
             "look_ahead": np.array([self.look_ahead], np.int32),
             "steps": np.array([STEPS], np.int32),
+            **({} if told is None else {f"elsewhere/{n}": a for n, a in vars(told).items()}),
         }
 
     def static_m(
@@ -147,7 +177,9 @@ class TrainedPlus:
         if static.constant_m.any():
             found += np.tensordot(known_person(betas, self.people_betas), static.constant_m, 1)
         if static.by_pose_m.any():
-            at_nodes = np.tensordot(static_features(body, theta), static.by_pose_m, 1)
+            # Other bodies have hands of more joints, which theta has not.
+            features = static_features(body, theta)[:, : len(static.by_pose_m)]
+            at_nodes = np.tensordot(features, static.by_pose_m, 1)
             found += self.nodes.spread(at_nodes)
         return found if found.any() else None
 
@@ -187,7 +219,8 @@ def _kernel(first: NDArray, second: NDArray) -> NDArray[np.floating]:
 def _check_arrays(arrays: Mapping[str, NDArray]) -> None:
     """Refuse arrays that are missing, do not fit one another or point outside."""
     sizes: dict[str, int] = {}
-    for name, axes in _AXES.items():
+    told = _ELSEWHERE if "elsewhere/shift" in arrays else {}
+    for name, axes in (_AXES | told).items():
         if name not in arrays:
             raise _refused(f"no {name!r}", "all of its arrays")
         found = arrays[name].shape

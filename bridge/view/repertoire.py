@@ -25,11 +25,11 @@ from bridge.motion.motion import AS_IT_SAYS, DEFAULT_FPS, HowRead, SmoothHz
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import subject_and_motion
 from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
-from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
 from bridge.runtime.load_model import PIPELINES, TrainedModel, load_model
 from bridge.runtime.moving_body import MovingBody, place_motion
+from bridge.runtime.whose_betas import with_own_shape
 
 AVERAGE = "average shape"
 TRUTH = "truth"
@@ -91,6 +91,7 @@ def open_repertoire(
     smooth_hz: SmoothHz | None = None,
     bony: bool = False,
     how: HowRead = AS_IT_SAYS,
+    body_model: str | None = None,
 ) -> Repertoire:
     """Everything that can be shown with a run's predictors, or with the packaged one.
 
@@ -99,13 +100,16 @@ def open_repertoire(
     path : a motion to be shown first, of any format that is read, or a sample.
     bony : its chest follows the file's markers on bone.
     how : what is said of the file besides.
+    body_model : of another body than the predictor was trained on; a run's own sequences and
+        people are of that one, and are left out.
     """
     given = None
     if path is not None:
         given = load_motion_file(path, motion_fps, smooth_hz=smooth_hz, how=how)
     gender = "unknown" if given is None else given.gender
-    best = load_model(run, None, gender)
+    best = load_model(run, None, gender, body_model)
     if given is not None:
+        given = with_own_shape(given, best.body)
         given = bony_pose(best.body, given) if bony else given
         flesh = [] if bony else flesh_in_pose(given)
         for warning in (*motion_warnings(given, pieces_between_cuts(given.theta)), *flesh):
@@ -120,9 +124,9 @@ def open_repertoire(
     if given is not None:
         placed = place_motion(given, body)  # refuses what is no person's motion before it is shown
         takes[given.source.stem.removeprefix(SAMPLE_PREFIX)] = ViewedMotion(lambda: placed)
-    labels, people = {best.name: best.label}, {AVERAGE: np.zeros(N_BETAS)}
+    labels, people = {best.name: best.label}, {AVERAGE: np.zeros(body.shapedirs.shape[-1])}
     found = partial(Repertoire, best.owner, origin, body, best.body_model, open=model)
-    if run is None:
+    if run is None or best.other_body is not None:
         samples = {name: _of_file(Path(SAMPLE_PREFIX + name), body) for name in SAMPLES}
         return found(predictors=labels, takes=takes | samples | takes, people=people)
     known, read = open_truth(run, origin)
@@ -184,7 +188,7 @@ def _labels_of(run: Run) -> dict[str, str]:
 
 
 def _of_file(path: Path, body: BodyModelData) -> ViewedMotion:
-    return ViewedMotion(lambda: place_motion(load_amass_motion(path), body))
+    return ViewedMotion(lambda: place_motion(with_own_shape(load_amass_motion(path), body), body))
 
 
 def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
@@ -168,7 +168,7 @@ class Scene:
         _, take = self._takes[number]
         motion = take.read()
         most = TRACK_FRAMES if self._tracks(take) else MOST_FRAMES
-        return replace(motion, theta=motion.theta[: min(most, take.frames or most)])
+        return motion.frames(slice(min(most, take.frames or most)))
 
     def _motion(self, number: int) -> bytes:
         name, take = self._takes[number]

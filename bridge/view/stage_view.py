@@ -23,6 +23,9 @@ class ViewConfig:
     run: str | None = None
     """Run whose predictors and motions are shown; the small model that comes with the package
     when left out, of the motion's gender."""
+    body: Path | None = None
+    """Another body than the predictor was trained on, or DSNET_BODY for always: an SMPL, SMPL-H or
+    SMPL-X model file, or a folder of them."""
     motion: Path | None = None
     """AMASS `.npz`, a BVH, or a sample such as `sample:walking`, that is shown first."""
     motion_fps: PositiveFloat | None = None
@@ -47,6 +50,7 @@ def main(config: ViewConfig) -> None:
     check_options(config)
     # Late: what moves bodies takes a second to load.
     from bridge.runtime.controls import Controls
+    from bridge.runtime.load_model import body_asked
     from bridge.view.repertoire import open_repertoire
     from bridge.view.scene import Scene
     from bridge.view.server import serving
@@ -54,7 +58,13 @@ def main(config: ViewConfig) -> None:
     run = None if config.run is None else Run(config.run)
     how = Controls(up=config.up, joint_map=config.joint_map).how_read()
     repertoire = open_repertoire(
-        run, config.motion, config.motion_fps, config.smooth_hz, config.pose == "bony", how
+        run,
+        config.motion,
+        config.motion_fps,
+        config.smooth_hz,
+        config.pose == "bony",
+        how,
+        body_asked(config.body),
     )
     with serving(Scene(repertoire), config.port) as address:
         notify(f"{repertoire.owner}: open {address} in a browser; Ctrl-C ends it")

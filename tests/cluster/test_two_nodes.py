@@ -11,6 +11,7 @@ import pytest
 
 from bridge.runs.artifact import read_artifact
 from tests.cluster.nodes import TwoNodes, ended_well, start_dsnet
+from tests.forged.many_motions import forge, tree
 
 pytestmark = pytest.mark.cluster
 pytest.importorskip("ray", reason="Ray is not installed: extra ray")
@@ -51,6 +52,17 @@ def test_a_node_killed_while_tissue_is_simulated_changes_no_bit_of_any_stage(run
     for name in MADE:
         here, there = (read_artifact(runs / run / name) for run in ("here", "there"))
         assert here.content_sha256 == there.content_sha256, name
+
+
+def test_a_folder_of_motions_is_the_same_on_nodes_of_which_one_is_killed(nodes, tmp_path):
+    given, command = forge(tmp_path / "given", 40, 30), ("predict", "--motion")
+    ended_well(start_dsnet(tmp_path, *command, str(given), "--out", str(tmp_path / "here")))
+    there = (*command, str(given), "--out", str(tmp_path / "there"), "--engine", "ray")
+    process = start_dsnet(tmp_path, *there, "--address", nodes.address)
+    _wait_for(tmp_path, "there/*/*/*/manifest.json", process)
+    nodes.kill_one()
+    ended_well(process)
+    assert tree(tmp_path / "there") == tree(tmp_path / "here")
 
 
 def _wait_for(folder: Path, pattern: str, process) -> None:

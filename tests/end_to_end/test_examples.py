@@ -23,6 +23,8 @@ SAYS = {
     "07_train_on_your_own_meshes.py": "",
     "08_verify.py": "65,140 parameters",
     "09_onnx_runtime_only.py": "",
+    "10_write_a_dataset.py": "walk_cycle/walk_cycle_poses: (",
+    "11_your_own_body.py": "smpl of 6890 vertices, male",
 }
 APART = ("05", "07", "08", "09")
 """Which take longer, or need what another test makes."""

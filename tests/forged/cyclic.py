@@ -41,4 +41,5 @@ def save_on_the_spot(path: Path, frames: int, lap: int = 30) -> Path:
     poses[:, 0] = np.pi / 2
     poses[:, 16 * 3 + 2] = -1.0 + 0.2 * np.sin(phase)
     trans[:, 2] = 0.9 + 0.03 * np.sin(phase)
-    return save(path, smplh(frames, 60.0), poses=poses, trans=trans)
+    changes = {"poses": poses, "trans": trans, "source": "synthetic"}
+    return save(path, smplh(frames, 60.0), **changes)

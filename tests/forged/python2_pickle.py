@@ -58,6 +58,7 @@ class Python2Pickler(_Pickler):
             Ch: "chumpy.ch Ch",
             Select: "chumpy.reordering Select",
             sp.csc_matrix: f"{scipy_module} csc_matrix",
+            sp.coo_matrix: f"{scipy_module.replace('csc', 'coo')} coo_matrix",
             np.zeros(0).__reduce__()[0]: "numpy.core.multiarray _reconstruct",
             np.float64(0).__reduce__()[0]: "numpy.core.multiarray scalar",
         }

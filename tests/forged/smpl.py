@@ -42,17 +42,18 @@ def smpl_fields(body: BodyModelData) -> Fields:
 
 
 def with_components(fields: Fields, count: int) -> Fields:
-    """Shape components beyond the first ten, which are large so that using one would show."""
-    more = np.full((6890, 3, count), 9.0, dtype=np.float32)
+    """Shape components beyond the first ten."""
+    more = np.full((6890, 3, count), 0.5, dtype=np.float32)
     more[:, :, :10] = fields["shapedirs"]
     return fields | {"shapedirs": more}
 
 
 def as_chumpy(fields: Fields) -> Fields:
     """As version 1.0.0 stores it: shapes are a slice of more, the template may be a `Ch`."""
-    more = np.concatenate([fields["shapedirs"], np.full((6890, 3, 2), 9.0)], axis=2)
+    shapes = fields["shapedirs"]
+    more = np.concatenate([shapes, np.full((*shapes.shape[:2], 2), 9.0)], axis=2)
     return fields | {
-        "shapedirs": sliced(Ch(more), more.shape, 10),
+        "shapedirs": sliced(Ch(more), more.shape, shapes.shape[2]),
         "v_template": Ch(fields["v_template"]),
     }
 

@@ -11,25 +11,16 @@ import numpy as np
 from hypothesis import strategies as st
 
 from bridge.body import load_body_model
+from tests.forged.bodies import LOADS, REFUSED, fields_of, forged, person
 from tests.forged.python2_pickle import python2_pickle
-from tests.forged.smpl import as_chumpy, smpl_fields
+from tests.forged.smpl import as_chumpy
 from tests.fuzz.mutations import Draw, Files, damaged, damaged_npz
 
 
 def _smpl_arrays() -> dict[str, np.ndarray]:
-    """A body whose blend shapes are zeros of one byte: five megabytes in place of fifty."""
-    body = load_body_model("embedded:female")
-    fields = smpl_fields(body)
-    return {
-        "v_template": body.v_template.astype(np.float32),
-        "f": fields["f"],
-        "weights": body.weights.astype(np.float32),
-        "shapedirs": np.zeros((6890, 3, 10), np.int8),
-        "posedirs": np.zeros((6890, 3, 207), np.int8),
-        "J_regressor": fields["J_regressor"].toarray().astype(np.float32),
-        "kintree_table": fields["kintree_table"],
-        "dsnet_source": np.array("synthetic"),
-    }
+    """Of a small SMPL-X, with expressions."""
+    fields = fields_of(person("smplx", expressions=10), np.float32)
+    return fields | {"dsnet_source": np.array("synthetic"), "dsnet_shapes": np.array(10)}
 
 
 @st.composite
@@ -76,9 +67,22 @@ def _pickles(arrays: dict[str, np.ndarray]) -> list[tuple[bytes, list[int]]]:
     return [(one, [int(place or 0) for _, _, place in pickletools.genops(one)]) for one in kinds]
 
 
+@st.composite
+def _any(draw: Draw, contents: list[bytes]) -> Files:
+    """Any container under any name, torn at any place; and what is taken for one."""
+    name = draw(st.sampled_from(("SMPL_F.npz", "SMPL_F.pkl", "a.npy", "a.pth", "a.safetensors")))
+    return {name: damaged(draw, draw(st.sampled_from(contents)))}
+
+
+def _other_files() -> st.SearchStrategy[Files]:
+    """Of every variety that loads, and every kind that is refused."""
+    loaded = [forged(name)[1] for name in LOADS if "300" not in name]
+    return _any([*loaded, *(content for _, content, _ in REFUSED.values())])
+
+
 def npz_files() -> st.SearchStrategy[Files]:
-    """Archives."""
-    return _smpl_npz(_smpl_arrays())
+    """Archives, and what else is taken for a body."""
+    return st.one_of(_smpl_npz(_smpl_arrays()), _other_files())
 
 
 def pickle_files() -> st.SearchStrategy[Files]:

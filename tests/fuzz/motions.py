@@ -10,8 +10,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from bridge.body import load_body_model
+from bridge.body.dmpl_files import load_dmpl_directions
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
-from bridge.body.smpl_files import load_dmpl_directions
 from bridge.motion import load_motion_file
 from tests.forged import amass, bvh
 from tests.forged.motion_kinds import KINDS

@@ -9,7 +9,7 @@ from typing import Literal
 
 from tyro.conf import Fixed
 
-from bridge.body import load_body_model
+from bridge.body import load_paper_body
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
 from bridge.motion.sequences import end_to_end
@@ -82,7 +82,7 @@ class _RobustRecord(_Record):
 def main(config: AlignConfig) -> None:
     run = Run(config.run)
     smpl_path, dyna_paths, upstream = _inputs(config, run)
-    data = load_body_model(smpl_path)
+    data = load_paper_body(smpl_path)
     artifacts = {ALIGNMENT: "sgd", ROBUST_ALIGNMENT: "robust"}
     if config.aligner != "both":
         artifacts = {ALIGNMENT: config.aligner}

@@ -62,7 +62,7 @@ def bone_transforms(
 
 
 class SMPL(nn.Module):
-    """A body model with constant parameters, V = 6890 vertices for SMPL.
+    """A body model with constant parameters: V vertices, J joints, S shapes; 6890, 24, 10 for SMPL.
 
     Pass `dtype` float64 here; `.double()` later would only widen values that were already rounded.
     """
@@ -81,11 +81,11 @@ class SMPL(nn.Module):
         joint_shapedirs = [data.J_regressor @ data.shapedirs[:, axis] for axis in range(3)]
         buffers = {
             "template": data.v_template.T,  # (3, V)
-            "shapedirs": data.shapedirs.transpose(2, 1, 0),  # (10, 3, V)
-            "posedirs": data.posedirs.transpose(2, 1, 0),  # (207, 3, V)
-            "weights": data.weights.T,  # (24, V)
-            "joint_template": data.joints,  # (24, 3)
-            "joint_shapedirs": np.stack(joint_shapedirs, 1).transpose(2, 0, 1),  # (10, 24, 3)
+            "shapedirs": data.shapedirs.transpose(2, 1, 0),  # (S, 3, V)
+            "posedirs": data.posedirs.transpose(2, 1, 0),  # (9 (J - 1), 3, V)
+            "weights": data.weights.T,  # (J, V)
+            "joint_template": data.joints,  # (J, 3)
+            "joint_shapedirs": np.stack(joint_shapedirs, 1).transpose(2, 0, 1),  # (S, J, 3)
         }
         for name, array in buffers.items():
             tensor = torch.from_numpy(np.ascontiguousarray(array)).to(dtype)
@@ -96,11 +96,12 @@ class SMPL(nn.Module):
         return self.template.shape[1]
 
     def moving_weights(self) -> Tensor:
-        """(22, V) skinning weights of the joints that theta moves: the hands' are the wrists'."""
-        weights = self.weights[:N_JOINTS].clone()
-        for hand in range(N_JOINTS, len(self.parents)):
-            weights[self.parents[hand]] += self.weights[hand]
-        return weights
+        """(22, V) skinning weights of the joints that theta moves: hands' are the wrists', a face's
+        the head's."""
+        weights = self.weights.clone()
+        for hand in range(len(self.parents) - 1, N_JOINTS - 1, -1):  # fingers end first
+            weights[self.parents[hand]] += weights[hand]
+        return weights[:N_JOINTS]
 
     def forward(
         self, betas: Tensor, pose: Tensor, trans: Tensor, offsets: Tensor | None = None
@@ -109,8 +110,8 @@ class SMPL(nn.Module):
 
         Parameters
         ----------
-        betas : (B, 10) shape.
-        pose : (B, 22, 3) or (B, 24, 3) axis-angle, radians; missing hand joints stay at rest.
+        betas : (B, k) shape, the first of the body's or all.
+        pose : (B, J, 3) or (B, 22, 3) axis-angle, radians; hands and a face stay at rest then.
         trans : (B, 3) translation, metres.
         offsets : (B, V, 3) displacement added in the rest pose, metres, or None.
         """
@@ -128,16 +129,16 @@ class SMPL(nn.Module):
         return self.planar_rest(betas, self.rotations(pose)).transpose(1, 2)
 
     def joints(self, betas: Tensor) -> Tensor:
-        """(B, 24, 3) joints of the shaped body in the rest pose, metres."""
-        _check_shape("betas", betas, (len(betas), len(self.shapedirs)))
-        return self.joint_template + torch.tensordot(betas, self.joint_shapedirs, dims=1)
+        """(B, J, 3) joints of the shaped body in the rest pose, metres."""
+        count = self._shape_count(betas)
+        return self.joint_template + torch.tensordot(betas, self.joint_shapedirs[:count], dims=1)
 
     def rotations(self, pose: Tensor) -> Tensor:
-        """(B, 24, 3, 3) rotation of each joint from (B, 22, 3) or (B, 24, 3) axis-angle."""
-        if pose.ndim != 3 or pose.shape[1:] not in ((22, 3), (24, 3)):
+        """(B, J, 3, 3) rotation of each joint from (B, J, 3) or (B, 22, 3) axis-angle."""
+        if pose.ndim != 3 or pose.shape[1:] not in ((N_JOINTS, 3), (len(self.parents), 3)):
             raise DsnetError(
                 f"pose of shape {tuple(pose.shape)}",
-                "(B, 22, 3) or (B, 24, 3)",
+                f"(B, {N_JOINTS}, 3) or (B, {len(self.parents)}, 3)",
                 "Pass axis-angle vectors, not the flat theta of 69 numbers.",
             )
         missing = len(self.parents) - pose.shape[1]
@@ -148,9 +149,13 @@ class SMPL(nn.Module):
         identity = torch.eye(3, dtype=rotations.dtype, device=rotations.device)
         features = (rotations[:, 1:] - identity).flatten(1)
         corrective = features @ self.posedirs.flatten(1)
-        _check_shape("betas", betas, (len(betas), len(self.shapedirs)))
-        shape = betas @ self.shapedirs.flatten(1)
+        shape = betas @ self.shapedirs[: self._shape_count(betas)].flatten(1)
         return self.template + shape.unflatten(1, (3, -1)) + corrective.unflatten(1, (3, -1))
+
+    def _shape_count(self, betas: Tensor) -> int:
+        count = min(betas.shape[-1], len(self.shapedirs))
+        _check_shape("betas", betas, (len(betas), count))
+        return count
 
     def blended_transforms(self, betas: Tensor, rotations: Tensor, trans: Tensor) -> Tensor:
         """Each vertex's weighted mean of the bones' transforms, (B, 3, 4, V), rest to world."""

@@ -83,6 +83,14 @@ def files_below(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.suffix.lower() in _suffixes())
 
 
+def stated_gender(path: Path) -> str | None:
+    """Whose motion one of these is; None of what holds none, as AMASS's `shape.npz`.
+
+    As few bytes as possible are read; `DsnetError` if the file is damaged.
+    """
+    return next((one.gender_of(path) for one in READERS.values() if one.sniff(path)), None)
+
+
 def _suffixes() -> list[str]:
     return [suffix for reader in READERS.values() for suffix in reader.SUFFIXES]
 
@@ -99,7 +107,7 @@ def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> l
     taken, motions, left_out = set(known), [], Counter[str]()
     for path in files_below(folder):
         name = "_".join(subject_and_motion(path))
-        stated = next(one.gender_of(path) for one in READERS.values() if one.sniff(path))
+        stated = stated_gender(path)
         if stated is None:
             # Other pickles and arrays than motions are everywhere.
             left_out.update(["without poses"] * (path.suffix in amass.SUFFIXES))

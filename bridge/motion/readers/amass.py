@@ -21,6 +21,7 @@ from bridge.motion.readers.smpl_arrays import (
     BETAS_KEYS,
     BODY_KEYS,
     MOST_BYTES,
+    PART_KEYS,
     POSE_KEYS,
     ROOT_KEYS,
     WANTED,
@@ -37,7 +38,7 @@ CYCLE = "walk_cycle"
 """The one that repeats, in place: its last frame is its first again."""
 SAMPLES = ("dancing", "jumping_jacks", CYCLE, "walking")
 
-_MOST_BYTES = dict.fromkeys((*POSE_KEYS, *ROOT_KEYS, *BODY_KEYS), MOST_BYTES)
+_MOST_BYTES = dict.fromkeys((*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS), MOST_BYTES)
 _MOST_BYTES |= dict.fromkeys(("trans", "transl", "bodyTranslation"), MOST_FRAMES * 24)
 _MOST_BYTES |= {"dmpls": MOST_FRAMES * 64} | dict.fromkeys(BETAS_KEYS, MOST_FRAMES * 128)
 _MOST_TEXT_BYTES = 1 << 12
@@ -57,7 +58,8 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     )
     refused = file_refused(path, unusable, "Download the file again.", missing=missing)
     with refused, open_npz(motion_path(path)) as archive:
-        arrays = _arrays(archive, WANTED)
+        whole = any(key in archive for key in POSE_KEYS)
+        arrays = _arrays(archive, [key for key in WANTED if not whole or key not in PART_KEYS])
     return motion_of(path, arrays, how)
 
 

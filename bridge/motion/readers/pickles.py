@@ -8,8 +8,6 @@ the space of a camera alone are refused: nobody knows there where the floor is.
 
 from __future__ import annotations
 
-import math
-import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body.safe_pickle import Record, as_array, load_restricted, tensor_parts
+from bridge.body.safe_pickle import Record, as_array, load_restricted
+from bridge.body.torch_files import load_torch
 from bridge.errors import DsnetError
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers.smpl_arrays import (
-    MOST_BYTES,
     POSE_KEYS,
     WANTED,
     holds_poses,
@@ -77,7 +75,7 @@ def _opened(path: Path) -> tuple[Any, list[Mapping[Any, Any]]]:
         with open_regular(path, _MOST_FILE_BYTES) as file:
             is_zip = file.read(2) == b"PK"
             file.seek(0)
-            found = _of_torch(file) if is_zip else load_restricted(file)
+            found = load_torch(file) if is_zip else load_restricted(file)
         return found, [*_people(found)]
 
 
@@ -115,37 +113,3 @@ def _arrays(person: Mapping[Any, Any]) -> dict[str, NDArray]:
 
 def _others(given: Mapping[str, Any]) -> dict[str, Any]:
     return {name: v for name, v in given.items() if name not in (*POSE_KEYS, "trans")}
-
-
-def _of_torch(file: Any) -> Any:
-    """What `torch.save` wrote, with arrays in place of tensors."""
-    with zipfile.ZipFile(file) as archive:
-        (inside,) = (name for name in archive.namelist() if name.endswith("data.pkl"))
-        if archive.getinfo(inside).file_size > MOST_BYTES:
-            raise ValueError("a pickle beyond all measure")
-        with archive.open(inside) as stream:
-            found = load_restricted(stream, of_torch=True)
-        return _filled(found, archive, inside.removesuffix("data.pkl"), depth=4)
-
-
-def _filled(value: Any, archive: zipfile.ZipFile, folder: str, depth: int) -> Any:
-    if isinstance(value, dict) and depth:
-        return {n: _filled(v, archive, folder, depth - 1) for n, v in value.items()}
-    if isinstance(value, list) and depth:
-        return [_filled(v, archive, folder, depth - 1) for v in value[:_MOST_PEOPLE]]
-    if (parts := tensor_parts(value)) is None:
-        return value
-    name, dtype, begin, shape, strides = parts
-    info = archive.getinfo(f"{folder}data/{name}")
-    if info.file_size > MOST_BYTES or info.compress_type != zipfile.ZIP_STORED:
-        raise ValueError(f"a tensor of {info.file_size} bytes")
-    if len(strides) != len(shape) or math.prod(shape) * dtype.itemsize > MOST_BYTES:
-        raise ValueError(f"a tensor of shape {shape}")
-    numbers = np.frombuffer(archive.read(info), dtype)
-    last = begin + sum((size - 1) * step for size, step in zip(shape, strides, strict=True))
-    if begin < 0 or (math.prod(shape) and last >= len(numbers)):
-        raise ValueError("a tensor beyond its numbers")
-    if not math.prod(shape):
-        return np.empty(shape, dtype)
-    steps = tuple(step * dtype.itemsize for step in strides)
-    return np.lib.stride_tricks.as_strided(numbers[begin:], shape, steps, writeable=False).copy()

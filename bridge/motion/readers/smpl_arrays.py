@@ -1,8 +1,8 @@
 """Poses of SMPL, SMPL-H and SMPL-X as arrays, under the names and in the layouts that people write.
 
 All begin with the root's rotation and the 21 body joints: the 22 joints of the paper's pose vector.
-Hands, jaw and eyes follow and are dropped. A file does not say which axis is its vertical, so the
-bodies tell: they stand along z as in AMASS, or along y as video models and generators write.
+Hands, jaw and eyes of SMPL-H and SMPL-X follow. A file does not say which axis is its vertical, so
+the bodies tell: they stand along z as in AMASS, or along y as video models and generators write.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from bridge.body.embedded import EMBEDDED_PREFIX
 from bridge.errors import DsnetError
 from bridge.motion.motion import (
     FARTHEST_M,
@@ -35,14 +36,22 @@ ROOT_KEYS, BODY_KEYS = ("root_orient", "global_orient"), ("pose_body", "body_pos
 TRANS_KEYS = ("trans", "transl", "smpl_trans", "bodyTranslation")
 BETAS_KEYS = ("betas", "shapeParameters")
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate", "frame_rate", "frameRate")
-WANTED = (*POSE_KEYS, *ROOT_KEYS, *BODY_KEYS, *TRANS_KEYS, *BETAS_KEYS, *RATE_KEYS, "gender",
-          "dmpls", "smpl_scaling")  # fmt: skip
+PART_KEYS = ("pose_jaw", "pose_eye", "pose_hand", "left_hand_pose")
+"""Beside root and body: AMASS's, in the order of SMPL-X's joints; smplx's hands, which may be
+relative to a mean or to components that only a model file has."""
+WANTED = (*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS, *TRANS_KEYS, *BETAS_KEYS, *RATE_KEYS,
+          "gender", "dmpls", "smpl_scaling", "source", "body_model")  # fmt: skip
 MOST_BYTES = MOST_FRAMES * 8 * 9 * 55
 """Of an array: matrices of SMPL-X's joints."""
 _WIDTHS = {66: "SMPL's 22 joints", 72: "SMPL", 156: "SMPL-H", 159: "SMPL-X without its jaw or eyes",
            165: "SMPL-X"}  # fmt: skip
+_KINDS = {24: "smpl", 52: "smplh", 53: "smplx", 55: "smplx"}
+"""By numbers of joints; of 53 nobody knows the order of the last 31."""
 _SIX = {132, 144}
 """Of 22 or 24 joints, the first two lines or columns of each matrix."""
+_MOVING = (52, 55)
+_PARTS: dict[str, int] = {"pose_jaw": 3, "pose_eye": 6, "pose_hand": 90}
+"""Numbers a frame."""
 _LEAST_KNEE_RAD = 0.02
 _GENDERS = {"f": "female", "m": "male", "n": "neutral", "0": "neutral", "1": "male", "2": "female"}
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
@@ -62,12 +71,16 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
     """
     notes: list[str] = []
     pose = _pose(path, arrays)
+    kind, others = _others(path, arrays, len(pose), notes)
     up = _vertical(path, pose, how, notes)
     trans_m = _trans(path, arrays, len(pose), up, notes)
     betas, fps = _betas(path, arrays, notes), _rate(path, arrays, usual_fps)
     return Motion(
         theta=pack_theta(pose, trans_m),
-        betas=betas,
+        betas=np.pad(betas, (0, max(N_BETAS - len(betas), 0)))[:N_BETAS],
+        more_betas=betas[N_BETAS:],
+        kind=kind,
+        hands_and_face=others,
         gender=gender_stored(arrays),
         fps=fps,
         source_fps=fps,
@@ -75,6 +88,8 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
         up=up,
         dmpls=_numbers(path, arrays, "dmpls", len(pose)) if "dmpls" in arrays else None,
         trans_of=up,
+        embedded_betas=_said(arrays, "source").startswith("synthetic")
+        or _said(arrays, "body_model").startswith(EMBEDDED_PREFIX),
         notes=tuple(notes),
     )
 
@@ -131,7 +146,18 @@ def _pose(path: Path, arrays: Arrays) -> NDArray[np.float64]:
 
 
 def _turns(path: Path, arrays: Arrays, key: str) -> NDArray[np.float64]:
-    """(T, J, 3) axis-angle of an array of any layout; hands and face go first, for memory."""
+    """(T, J, 3) axis-angle of an array of any layout, without hands and face."""
+    joints = _by_joint(path, arrays, key)
+    return _axis_angles(path, key, joints[:, :N_JOINTS])
+
+
+def _axis_angles(path: Path, key: str, joints: NDArray) -> NDArray[np.float64]:
+    chosen = _numbers(path, {key: joints}, key)
+    return chosen if chosen.shape[2:] == (3,) else _of_matrices(path, chosen)
+
+
+def _by_joint(path: Path, arrays: Arrays, key: str) -> NDArray:
+    """An array of any layout as (T, J, 3), (T, J, 6) or (T, J, 3, 3)."""
     array = arrays[key]
     if array.dtype.kind not in "iuf":
         raise unusable(path, f"whose {key!r} are not all finite numbers")
@@ -144,13 +170,13 @@ def _turns(path: Path, arrays: Arrays, key: str) -> NDArray[np.float64]:
         )
     match array.shape:
         case (count, width) if width in (3, 63, 69) if part else width in _WIDTHS:
-            chosen = array.reshape(count, width // 3, 3)[:, :N_JOINTS]
+            return array.reshape(count, width // 3, 3)
         case (_, joints, 3) if joints >= (1 if part else N_JOINTS):
-            chosen = array[:, :N_JOINTS]
+            return array
         case (_, _, 3, 3) | (_, _, 6):
-            chosen = array[:, :N_JOINTS]
+            return array
         case (count, width) if width in _SIX and not part:
-            chosen = array.reshape(count, width // 6, 6)[:, :N_JOINTS]
+            return array.reshape(count, width // 6, 6)
         case shape:
             known = ", ".join(f"{width} ({model})" for width, model in _WIDTHS.items())
             raise DsnetError(
@@ -158,8 +184,38 @@ def _turns(path: Path, arrays: Arrays, key: str) -> NDArray[np.float64]:
                 f"(frames, width) with a width of {known}, or (frames, joints, 3)",
                 "Pass poses of SMPL, SMPL-H or SMPL-X.",
             )
-    chosen = _numbers(path, {key: chosen}, key)
-    return chosen if chosen.shape[2:] == (3,) else _of_matrices(path, chosen)
+
+
+def _others(
+    path: Path, arrays: Arrays, frames: int, notes: list[str]
+) -> tuple[str | None, NDArray[np.float64] | None]:
+    """Whose body a pose is of, and (T, 30 or 33, 3) of its hands and face, where they move."""
+    if whole := _first(arrays, POSE_KEYS):
+        joints = _by_joint(path, arrays, whole)
+        kind, parts = _KINDS.get(joints.shape[1]), [joints[:, N_JOINTS:]]
+        if joints.shape[1] not in _MOVING or joints.shape[2] == 6:
+            return kind, None
+    else:
+        given = {key: arrays[key] for key in _PARTS if key in arrays}
+        if "left_hand_pose" in arrays:
+            notes.append(
+                f"{path} does not say what its 'left_hand_pose' is relative to: flat hands"
+            )
+        kind = "smplh" if [*given] == ["pose_hand"] else "smplx" if given else None
+        parts = [given.get(key, np.zeros((frames, width))) for key, width in _PARTS.items()]
+        wide = [(frames, width) for width in _PARTS.values()]
+        if "pose_hand" not in given or [part.shape for part in parts] != wide:
+            return kind, None
+        parts = [part.reshape(frames, -1, 3) for part in parts[2 if kind == "smplh" else 0 :]]
+    try:
+        turns = np.concatenate([_axis_angles(path, "hands", part) for part in parts], axis=1)
+        far_rad = np.abs(turns).max(initial=0.0)
+    except DsnetError:
+        turns, far_rad = None, np.inf
+    if far_rad > LARGEST_ANGLE_RAD:
+        notes.append(f"{path} has hands or a face that turn by {far_rad:.3g} rad: left at rest")
+        return kind, None
+    return kind, turns if far_rad else None
 
 
 def _of_matrices(path: Path, given: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -254,7 +310,7 @@ def _rate(path: Path, arrays: Arrays, usual_fps: float) -> float:
 
 
 def _betas(path: Path, arrays: Arrays, notes: list[str]) -> NDArray[np.float64]:
-    """(10,) the first coefficients, of frames that have their own the median."""
+    """(k,) coefficients, of frames that have their own the median."""
     key = _first(arrays, BETAS_KEYS)
     if key is None:
         notes.append(f"{path} has no betas: the mean shape is taken")
@@ -263,13 +319,17 @@ def _betas(path: Path, arrays: Arrays, notes: list[str]) -> NDArray[np.float64]:
     if betas.ndim not in (1, 2) or not betas.size:
         flaw = f"whose {key!r} have shape {betas.shape}"
         raise unusable(path, flaw, f"Store one vector of {N_BETAS} or more coefficients.")
-    betas = np.atleast_2d(betas)[:, :N_BETAS]
+    betas = np.atleast_2d(betas)
     if (largest := np.abs(betas).max()) > LARGEST_BETA:
         raise unusable(path, f"whose {key!r} reach {largest:.3g}", "Store a person's, within 5.")
-    if (far := np.ptp(betas, axis=0).max()) > _SAME_BETAS:
+    if (far := np.ptp(betas[:, :N_BETAS], axis=0).max()) > _SAME_BETAS:
         notes.append(f"{path} changes its shape by up to {far:.2g} betas: the median is taken")
-    found = np.median(betas, axis=0)
-    return np.pad(found, (0, N_BETAS - len(found)))
+    return np.median(betas, axis=0)
+
+
+def _said(arrays: Arrays, key: str) -> str:
+    stored = arrays.get(key, np.array(""))
+    return text_of(stored) if stored.size == 1 else ""
 
 
 def gender_stored(arrays: Arrays) -> str:

@@ -14,7 +14,8 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model
-from bridge.body.smpl_files import checked_person, load_smpl_file
+from bridge.body.body_checks import checked_person
+from bridge.body.smpl_files import load_smpl_file
 from tests.forged.smpl import Fields, npz, smpl_fields
 
 

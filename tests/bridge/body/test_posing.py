@@ -123,7 +123,7 @@ def test_bending_the_left_elbow_moves_the_left_forearm_only(female: BodyModelDat
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("betas", np.zeros((2, 9))),
+        ("betas", np.zeros((2, 11))),
         ("pose", np.zeros((2, 21, 3))),
         ("trans", np.zeros((1, 3))),
         ("offsets", np.zeros((2, 59, 3))),

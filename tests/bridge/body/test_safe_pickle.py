@@ -16,6 +16,12 @@ from bridge.body import BodyModelData, load_body_model
 from tests.forged.python2_pickle import Ch, python2_pickle
 from tests.forged.smpl import npz, smpl_fields
 
+_REST = b"}" + b"".join(
+    b"S'%s'\nI0\ns" % name.encode()
+    for name in ("weights", "f", "shapedirs", "posedirs", "J_regressor", "kintree_table")
+)
+"""The other fields of a model."""
+
 
 class Intruder:
     """Creates a folder when it is unpickled."""
@@ -70,9 +76,10 @@ def test_other_gadgets_are_refused(tmp_path: Path, payload: bytes) -> None:
         pytest.param(b"cnumpy\nndarray\n((L1000000000000000L\nttR.", id="petabytes"),
         pytest.param(b"(" * 5000, id="nested"),
         pytest.param(
-            b"}S'v_template'\ncchumpy.ch\nCh\n)\x81p0\n}S'a'\ng0\nsS'idxs'\nI0\nsbs.", id="loop"
+            _REST + b"S'v_template'\ncchumpy.ch\nCh\n)\x81p0\n}S'a'\ng0\nsS'idxs'\nI0\nsbs.",
+            id="loop",
         ),
-        pytest.param(b"}S'v_template'\ncchumpy.ch\nCh\n)\x81s.", id="stateless"),
+        pytest.param(_REST + b"S'v_template'\ncchumpy.ch\nCh\n)\x81s.", id="stateless"),
     ],
 )
 def test_exhausting_pickles_are_refused(tmp_path: Path, payload: bytes) -> None:

@@ -14,8 +14,9 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model
+from bridge.body.body_checks import checked_surface
+from bridge.body.dmpl_files import load_dmpl_directions
 from bridge.body.safe_pickle import as_array, load_restricted
-from bridge.body.smpl_files import checked_surface, load_dmpl_directions
 from tests.forged.dmpl import forged_directions, save_dmpl
 from tests.forged.python2_pickle import Ch, Select, python2_pickle, sliced
 from tests.forged.smpl import VARIETIES, forge_smpl, npz, smpl_fields
@@ -30,10 +31,11 @@ def test_every_variety_gives_the_same_body(
         np.testing.assert_array_equal(getattr(loaded, name), getattr(female, name))
     # Some varieties store these in float32.
     for name in ("shapedirs", "posedirs"):
-        np.testing.assert_allclose(getattr(loaded, name), getattr(female, name), atol=1e-8)
+        found, given = getattr(loaded, name), getattr(female, name)
+        np.testing.assert_allclose(found[..., : given.shape[2]], given, atol=1e-8)
     difference = loaded.J_regressor - female.J_regressor
     assert np.abs(difference.toarray()).max() == 0.0
-    assert loaded.shapedirs.shape == (6890, 3, 10)
+    assert loaded.shapedirs.shape[2] == (300 if "300" in variety or variety == "v1.1.0" else 10)
     assert (loaded.source, loaded.gender) == ("licensed", "female")
 
 
@@ -128,12 +130,13 @@ def flip_first(faces: np.ndarray) -> np.ndarray:
     ("edit", "words"),
     [
         (np.zeros_like, "13776 faces that repeat a vertex"),
-        (lambda faces: faces[:-1], "leave holes"),
+        (lambda faces: faces[::2], "leave holes, along [0-9]+ of [0-9]+ edges"),
+        (lambda faces: faces[faces.max(axis=1) < 6000], "[0-9]+ vertices without a face"),
         (lambda faces: faces[:, ::-1], "clockwise seen from outside"),
         (flip_first, "wind in opposite directions"),
     ],
 )
-def test_what_is_no_closed_surface_is_refused(
+def test_what_is_no_skin_is_refused(
     female: BodyModelData, edit: Callable[[np.ndarray], np.ndarray], words: str
 ) -> None:
     with pytest.raises(DsnetError, match=words):
@@ -142,6 +145,7 @@ def test_what_is_no_closed_surface_is_refused(
 
 def test_a_file_is_checked_when_it_is_loaded(female: BodyModelData, tmp_path: Path) -> None:
     assert checked_surface(female) is female
+    assert checked_surface(open_ := replace(female, faces=female.faces[:-20])) is open_
     replace(female, faces=female.faces[:, ::-1]).save_smpl_npz(tmp_path / "inside_out.npz")
     with pytest.raises(DsnetError, match=r"inside_out\.npz: faces that wind clockwise"):
         load_body_model(tmp_path / "inside_out.npz")

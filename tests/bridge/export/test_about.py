@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import struct
 import subprocess
 from html import unescape
 from pathlib import Path
@@ -20,19 +21,22 @@ from tests.forged.amass import save, smplh
 
 ASKED = {"gain": 1.5, "part_gain": ["belly=2", "arms=0.5"], "floor": "shift", "shape": ["heavy"]}
 GAINS = ("--gain", "1.5", "--part-gain", "belly=2", "arms=0.5")
+NEEDS = {"usd": "pxr", "abc": "alembic3d"}
 OPTIONS = (*GAINS, "--floor", "shift", "--shape", "heavy")
 
 
 @pytest.fixture(scope="module")
 def motion(tmp_path_factory) -> Path:
-    return save(tmp_path_factory.mktemp("given") / "a_poses.npz", smplh(3, 60.0), gender="female")
+    return save(
+        tmp_path_factory.mktemp("given") / "a_poses.npz", smplh(3, 60.0), source="synthetic"
+    )
 
 
 @pytest.fixture(scope="module")
 def predicted(motion, tmp_path_factory) -> dict:
     """The manifest of `dsnet predict` of the same motion, asked the same."""
     out = tmp_path_factory.mktemp("predicted")
-    main(["predict", "--motion", str(motion), "--out", str(out), "--no-strip", *OPTIONS])
+    main(["predict", "--motion", str(motion), "--out", str(out), "--write", "offsets", *OPTIONS])
     return json.loads((out / "manifest.json").read_text())
 
 
@@ -90,12 +94,13 @@ def test_nothing_asked_is_said_too(exported):
     assert "controls {};" in of_frame_0(exported("obj", "out") / "frame_00000.obj")
 
 
-@pytest.mark.parametrize("to", ["pc2", "npz", "usd"])
+@pytest.mark.parametrize("to", ["pc2", "npz", "usd", "glb", "abc"])
 def test_fields_are_those_of_the_prediction(exported, predicted, to):
-    if to == "usd":
-        pytest.importorskip("pxr")
-    out = exported(to, {"pc2": "out", "npz": "out.npz", "usd": "out.usda"}[to], *OPTIONS)
-    facts = {"pc2": of_json, "npz": of_npz, "usd": of_usd}[to](out)
+    if to in NEEDS:
+        pytest.importorskip(NEEDS[to])
+    out = exported(to, "out" if to == "pc2" else f"out.{to}", *OPTIONS)
+    readers = {"pc2": of_json, "npz": of_npz, "usd": of_usd, "glb": of_glb, "abc": of_abc}
+    facts = readers[to](out)
     assert facts["controls"] == predicted["controls"] == ASKED
     assert facts["model"] == "the packaged model (female, synthetic)"
     for key in ("predictor", "label", "betas"):
@@ -111,6 +116,18 @@ def of_npz(path: Path) -> dict:
         texts = {key: str(stored[key]) for key in ("model", "predictor", "label", "controls")}
         betas = stored["betas"].tolist()
     return texts | {"controls": json.loads(texts["controls"]), "betas": betas}
+
+
+def of_glb(path: Path) -> dict:
+    with path.open("rb") as file:
+        (length,) = struct.unpack("<12xI4x", file.read(20))
+        return json.loads(file.read(length))["asset"]["extras"]["dsnet"]
+
+
+def of_abc(path: Path) -> dict:
+    from alembic3d import Abc
+
+    return json.loads(Abc.GetArchiveInfo(Abc.IArchive(str(path)))["userDescription"])
 
 
 def of_usd(path: Path) -> dict:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from bridge.body import pose_vertices
 from bridge.export import smpl_npz
 from bridge.motion import load_motion_file, unpack_theta
-from bridge.runtime.moving_body import place_motion
-from tests.bridge.export.conftest import FRAMES
+from bridge.runtime.moving_body import MovingBody, place_motion
+from tests.bridge.export.conftest import FRAMES, moving_body
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +37,7 @@ def test_it_says_what_it_is(stored):
     texts = ("data", "up_axis", "theta_up_axis", "length_unit", "angle_unit", "gender")
     assert [str(stored[key]) for key in texts] == ["synthetic", "z", "y", "m", "rad", "female"]
     assert stored["mocap_framerate"] == 60.0
-    assert stored["poses"].shape == (FRAMES, 72)
+    assert stored["poses"].shape == (FRAMES, 156)  # SMPL-H's joints
     assert stored["offsets"].dtype == np.float32
 
 
@@ -47,7 +49,9 @@ def test_theta_and_offsets_give_the_body_with_y_up(performed, stored):
 
 def test_poses_and_offsets_give_the_body_with_z_up(performed, stored):
     body = performed.moving.body
-    vertices_m = posed(body, stored, stored["poses"].reshape(FRAMES, 24, 3), stored["trans"])
+    vertices_m = posed(
+        body, stored, stored["poses"].reshape(FRAMES, 52, 3)[:, :24], stored["trans"]
+    )
     x, y, z = np.moveaxis(performed.vertices_m, -1, 0)
     np.testing.assert_allclose(vertices_m, np.stack([x, -z, y], axis=-1), atol=1e-5)
 
@@ -60,3 +64,45 @@ def test_an_exported_motion_can_be_predicted_again(performed, path):
     np.testing.assert_allclose(turns[1], turns[0], atol=1e-9)
     np.testing.assert_array_equal(motion.betas, performed.moving.motion.betas)
     assert motion.gender == "female"
+
+
+def test_smplx_has_its_joints_and_nobody_elses_turns(performed, stored, tmp_path):
+    path = tmp_path / "walk.npz"
+    smpl_npz.write_smplx(path, performed.moving)
+    with np.load(path) as archive:
+        poses = archive["poses"]
+    assert poses.shape == (FRAMES, 165)
+    np.testing.assert_array_equal(poses[:, :66], stored["poses"][:, :66])
+    assert not poses[:, 66:].any()
+    assert not stored["poses"][:, 66:].any()
+    motion = place_motion(load_motion_file(path), performed.moving.body)
+    np.testing.assert_allclose(motion.trans_m, performed.moving.motion.trans_m, atol=1e-9)
+
+
+def test_fingers_jaw_and_eyes_are_kept(performed, tmp_path):
+    rng, moving = np.random.default_rng(3), performed.moving
+    others = rng.normal(0, 0.3, (FRAMES, 33, 3))
+    motion = replace(moving.motion, hands_and_face=others)
+    for joints, kept in ((52, others[:, 3:]), (55, others)):
+        path = tmp_path / f"{joints}.npz"
+        smpl_npz.write(path, MovingBody(moving.trained, motion), joints)
+        with np.load(path) as archive:
+            poses = archive["poses"].reshape(FRAMES, joints, 3)
+        np.testing.assert_array_equal(poses[:, 22:], kept)
+        read = load_motion_file(path).hands_and_face
+        assert read is not None
+        turns = [Rotation.from_rotvec(one.reshape(-1, 3)) for one in (read, kept)]
+        assert (turns[0].inv() * turns[1]).magnitude().max() < 1e-6
+
+
+def test_hands_are_kept_beside_the_body(character, tmp_path):
+    moving = moving_body(character, 8)
+    hands = np.random.default_rng(1).uniform(-1, 1, (8, 30, 3))
+    moving.motion = replace(moving.motion, hands_and_face=hands)
+    smpl_npz.write(tmp_path / "hands.npz", moving)
+    motion = place_motion(load_motion_file(tmp_path / "hands.npz"), moving.body)
+    assert motion.kind == "smplh"
+    assert motion.hands_and_face is not None
+    turns = [Rotation.from_rotvec(one.reshape(-1, 3)) for one in (motion.hands_and_face, hands)]
+    np.testing.assert_allclose(turns[0].as_matrix(), turns[1].as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(motion.trans_m, moving.motion.trans_m, atol=1e-9)

@@ -23,7 +23,7 @@ from tests.pages import python_blocks
 @pytest.fixture
 def motion(tmp_path: Path) -> Path:
     """An AMASS file of 3 frames at 60 fps."""
-    return save(tmp_path / "given" / "a_poses.npz", smplh(3, 60.0), gender="female")
+    return save(tmp_path / "given" / "a_poses.npz", smplh(3, 60.0), source="synthetic")
 
 
 @pytest.fixture

@@ -1,12 +1,10 @@
-"""USD as its own library reads it: metadata, points, normals, and the skeleton it skins itself."""
+"""USD as its own library reads it: metadata, points, normals."""
 
 # USD's modules are compiled and come without types.
 # pyright: reportAttributeAccessIssue=false
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +16,9 @@ from bridge.export.stage_export import ExportConfig, main
 from tests.bridge.export.conftest import FRAMES, moving_body
 
 pytest.importorskip("pxr")
-from pxr import Gf, Usd, UsdGeom, UsdSkel, UsdValidation
+from pxr import Usd, UsdGeom, UsdValidation
 
 from bridge.export import usd
-from bridge.export.usd_skeleton import ENOUGH_M, SkeletonVariant
-from tools.try_blender import SELECT, told
 
 
 @pytest.fixture(scope="module")
@@ -35,13 +31,6 @@ def path(performed, tmp_path_factory):
 @pytest.fixture
 def stage(path):
     return Usd.Stage.Open(str(path))
-
-
-def select(stage, variant):
-    stage.GetDefaultPrim().GetVariantSets().GetVariantSet("deformation").SetVariantSelection(
-        variant
-    )
-    return UsdGeom.Mesh(stage.GetPrimAtPath("/Body/Mesh"))
 
 
 def samples(attribute, times=range(FRAMES)):
@@ -59,9 +48,7 @@ def test_rate_units_axis_and_origin(stage):
     assert layer.customLayerData["dsnet"]["data"] == "synthetic"
 
 
-@pytest.mark.parametrize("variant", ["points", "skeleton"])
-def test_it_is_valid(stage, variant):
-    select(stage, variant)
+def test_it_is_valid(stage):
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     errors = UsdValidation.ValidationContext(validators).Validate(stage)
     assert validators
@@ -69,7 +56,7 @@ def test_it_is_valid(stage, variant):
 
 
 def test_points_normals_extent_and_offsets(performed, stage):
-    mesh = select(stage, "points")
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/Body/Mesh"))
     assert mesh.GetPrim().GetStage().GetDefaultPrim().GetTypeName() == "Xform"
     np.testing.assert_array_equal(samples(mesh.GetPointsAttr()), performed.vertices_m)
     faces = np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
@@ -90,44 +77,6 @@ def test_points_normals_extent_and_offsets(performed, stage):
     np.testing.assert_allclose(samples(size), expected_m, rtol=1e-6)
 
 
-def test_usds_own_skinning_gives_the_body_within_the_error_that_it_states(performed, stage):
-    mesh = select(stage, "skeleton")
-    root = stage.GetDefaultPrim()
-    stated_m = 1e-3 * root.GetCustomDataByKey("largest_error_mm")
-    assert root.GetTypeName() == "SkelRoot"
-    weights = samples(UsdSkel.Animation.Get(stage, "/Body/Animation").GetBlendShapeWeightsAttr())
-    assert (weights.min(), weights.max()) == (0.0, pytest.approx(1.0))
-    assert UsdSkel.BakeSkinning(UsdSkel.Root(root), Gf.Interval(0, FRAMES - 1))
-    baked = samples(mesh.GetPointsAttr())
-    error_m = np.linalg.norm(baked - performed.vertices_m, axis=-1)
-    assert stated_m < 2e-3
-    assert error_m.max() <= stated_m + 2e-5
-    moved_m = np.abs(np.diff(performed.vertices_m, axis=0)).max()
-    assert moved_m > 20 * stated_m
-
-
-def test_the_command_on_the_page_selects_the_skeleton(path, stage, tmp_path):
-    (tmp_path / "BODY.usd").symlink_to(path)
-    subprocess.run([sys.executable, "-c", *told("USD", SELECT)], cwd=tmp_path, check=True)
-    selected = Usd.Stage.Open(str(tmp_path / "SKELETON.usd"))
-    select(stage, "skeleton")
-    for opened in (selected, stage):
-        assert opened.GetDefaultPrim().GetTypeName() == "SkelRoot"
-    stated = [s.GetDefaultPrim().GetCustomDataByKey("largest_error_mm") for s in (selected, stage)]
-    assert stated[0] == stated[1] > 0
-
-
-def test_blend_shapes_are_orthonormal_and_all_that_a_short_motion_needs(character):
-    moving = moving_body(character, 12)
-    shapes = SkeletonVariant(moving)
-    products = shapes.directions @ shapes.directions.T
-    np.testing.assert_allclose(products, np.eye(len(products)), atol=1e-5)
-    (posed,) = moving
-    moved_m = shapes.displaced_m(posed)
-    assert shapes.error_m(moved_m, shapes.weights_m(moved_m)) <= ENOUGH_M
-    assert np.linalg.norm(moved_m - moved_m.mean(axis=0), axis=1).max() > 100 * ENOUGH_M
-
-
 def test_frames_go_to_the_disk_while_others_are_predicted(character, tmp_path, monkeypatch):
     monkeypatch.setattr("bridge.runtime.stepping.FRAMES_AT_ONCE", 4)
     moving, path, on_disk = moving_body(character, 12), tmp_path / "body.usd", []
@@ -140,7 +89,7 @@ def test_frames_go_to_the_disk_while_others_are_predicted(character, tmp_path, m
 
     monkeypatch.setattr(type(moving), "__iter__", watched)
     usd.write(path, moving)
-    _, _, *while_writing = on_disk[len(pieces) :]
+    _, *while_writing = on_disk
     assert np.diff([0, *while_writing]).min() > 100_000
 
 

@@ -106,7 +106,7 @@ def test_a_body_beside_the_picture_is_no_trouble():
 
 def test_without_embree_the_remedy_is_said(monkeypatch):
     monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
-    with pytest.raises(DsnetError, match="--no-strip"):
+    with pytest.raises(DsnetError, match="--write offsets,vertices"):
         render(GREY)
 
 

@@ -37,7 +37,7 @@ def on_terminal(*arguments: str | Path) -> str:
 @pytest.mark.parametrize(
     ("command", "what"),
     [
-        (("predict", "--no-strip"), "predict"),
+        (("predict", "--write", "offsets,vertices"), "predict"),
         (("export", "--to", "pc2"), "points"),
         (("export", "--to", "npz"), "npz"),
     ],
@@ -52,7 +52,15 @@ def test_a_terminal_sees_frames_rate_and_time_left(command, what, tmp_path):
 
 
 def test_a_pipe_sees_no_bar(tmp_path):
-    arguments = [*DSNET, "predict", "--no-strip", *OF_MOTION, "--out", str(tmp_path / "out")]
+    arguments = [
+        *DSNET,
+        "predict",
+        "--write",
+        "offsets,vertices",
+        *OF_MOTION,
+        "--out",
+        str(tmp_path / "out"),
+    ]
     done = subprocess.run(arguments, capture_output=True, text=True, check=True)
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "out" / "strip.png").exists()

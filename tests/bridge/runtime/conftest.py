@@ -89,8 +89,9 @@ def trained_run(aligned_run: Run, trained: TrainedDsnet) -> Run:
 
 @pytest.fixture
 def motion(tmp_path: Path) -> Path:
-    """An AMASS file of 31 frames at 60 fps."""
-    return save(tmp_path / "given" / "a_poses.npz", smplh(51, 100.0), gender="female")
+    """A file of 31 frames at 60 fps, in AMASS's format, of an embedded body."""
+    path = tmp_path / "given" / "a_poses.npz"
+    return save(path, smplh(51, 100.0), gender="female", source="synthetic")
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ def hopping(path: Path, frames: int = 151) -> Path:
     poses[:, 0] = np.pi / 2
     poses[:, 16 * 3 + 2] = -1.0 + 0.3 * np.sin(9 * times_s)
     trans[:, 2] = 0.9 + 0.1 * np.abs(np.sin(7 * times_s))
-    return save(path, smplh(frames, 60.0), poses=poses, trans=trans)
+    return save(path, smplh(frames, 60.0), poses=poses, trans=trans, source="synthetic")
 
 
 def theta_of(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -167,7 +167,9 @@ def cut_motion(tmp_path) -> tuple[Path, list[Path]]:
     with np.load(hopping(tmp_path / "hop.npz", 90)) as stored:
         poses, trans = stored["poses"], stored["trans"]
     trans[40:, 0] += 1.0
-    whole = save(tmp_path / "cut.npz", smplh(90, 60.0), poses=poses, trans=trans)
+    whole = save(
+        tmp_path / "cut.npz", smplh(90, 60.0), poses=poses, trans=trans, source="synthetic"
+    )
     parts = {"before": slice(0, 40), "after": slice(40, 90)}
     return whole, [
         save(
@@ -175,6 +177,7 @@ def cut_motion(tmp_path) -> tuple[Path, list[Path]]:
             smplh(len(poses[part]), 60.0),
             poses=poses[part],
             trans=trans[part],
+            source="synthetic",
         )
         for name, part in parts.items()
     ]

@@ -31,7 +31,7 @@ def test_vertices_are_the_references(trained_run, trained, tmp_path):
     """DSNet, decoder and SMPL once more, each by its float64 reference."""
     rng = np.random.default_rng(1)
     changes = {"poses": rng.normal(0, 0.2, (51, 156)), "trans": rng.normal(0, 0.05, (51, 3))}
-    path = save(tmp_path / "a_poses.npz", smplh(51, 100.0), **changes)
+    path = save(tmp_path / "a_poses.npz", smplh(51, 100.0) | {"source": "synthetic"}, **changes)
     made = predict_motion(trained_run, path, tmp_path / "out")
     made.verify()
 
@@ -113,7 +113,7 @@ def test_no_framework_is_loaded(trained_run, motion, tmp_path):
 def test_a_body_of_no_persons_size_or_place_is_one_line(
     trained_run, tmp_path, capsys, changes, betas
 ):
-    path = save(tmp_path / "a_poses.npz", smplh(51, 100.0), **changes)
+    path = save(tmp_path / "a_poses.npz", smplh(51, 100.0) | {"source": "synthetic"}, **changes)
     options = ["--run", "r", "--motion", str(path), "--out", str(tmp_path / "out")]
     with pytest.raises(SystemExit) as stopped:
         main(["predict", *options, *(["--betas", betas] if betas else [])])
@@ -142,7 +142,7 @@ def test_networks_that_give_no_numbers_are_one_line(trained_run, motion, tmp_pat
     ],
 )
 def test_betas_of_the_other_gender_are_told(tmp_path, capsys, gender, betas, said):
-    path = save(tmp_path / "a_poses.npz", smplh(), gender=gender)
+    path = save(tmp_path / "a_poses.npz", smplh(), gender=gender, source="synthetic")
     motion = place_motion(load_motion_file(path), load_body_model("embedded:female"), betas)
     printed = capsys.readouterr().err
     assert printed.endswith(said)

@@ -100,7 +100,7 @@ def test_matches_smplfitter(body, random_bodies, tmp_path):
 @pytest.mark.parametrize(
     ("shapes", "message"),
     [
-        (((2, 9), (2, 22, 3), (2, 3)), "betas"),
+        (((2, 11), (2, 22, 3), (2, 3)), "betas"),
         (((2, 10), (2, 69), (2, 3)), "pose"),
         (((2, 10), (2, 23, 3), (2, 3)), "pose"),
         (((2, 10), (2, 22, 3), (1, 3)), "trans"),

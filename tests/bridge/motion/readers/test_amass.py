@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion import load_amass_motion
+from bridge.motion import load_amass_motion, load_motion_file
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import close_lap
 from bridge.motion.motion import MOST_FRAMES
@@ -42,7 +42,7 @@ def test_every_layout_begins_with_the_papers_22_joints(
 
 
 def test_stageii_joints_are_those_of_its_own_parts(target: Path) -> None:
-    """The hands, jaw and eyes that follow the body in `poses` reach no joint."""
+    """The hands, jaw and eyes that follow the body in `poses` reach none of the 22."""
     rng = np.random.default_rng(1)
     parts = {key: rng.normal(size=smplx()[key].shape) for key in ("root_orient", "pose_body")}
     rest = rng.normal(size=(5, 99))
@@ -241,3 +241,64 @@ def test_an_unknown_one_is_refused_with_those_that_there_are():
 
 def test_other_paths_stay_what_they_are():
     assert motion_path("a/b.npz") == Path("a/b.npz")
+
+
+@pytest.mark.parametrize(("layout", "kind", "count"), [(smplh, "smplh", 30), (smplx, "smplx", 33)])
+def test_hands_and_face_are_kept(target: Path, layout: Layout, kind: str, count: int) -> None:
+    rng = np.random.default_rng(3)
+    poses = rng.uniform(-1, 1, (5, 66 + 3 * count))
+    stored = amass.read(save(target, layout(5, 60.0), poses=poses))
+    assert stored.kind == kind
+    assert stored.hands_and_face is not None
+    np.testing.assert_array_equal(stored.hands_and_face.reshape(5, -1), poses[:, 66:])
+    np.testing.assert_array_equal(stored.more_betas, layout()["betas"][10:])
+    still = amass.read(save(target, layout(5, 60.0)))
+    assert (still.kind, still.hands_and_face) == (kind, None)
+
+
+def test_hands_and_face_in_parts_are_smplxs_in_its_order(target: Path) -> None:
+    rng = np.random.default_rng(4)
+    parts = {
+        key: rng.uniform(-1, 1, (5, width))
+        for key, width in (("pose_jaw", 3), ("pose_eye", 6), ("pose_hand", 90))
+    }
+    whole = amass.read(save(target, smplx() | parts, poses=None))
+    assert whole.hands_and_face is not None
+    found = whole.hands_and_face.reshape(5, 99)
+    np.testing.assert_array_equal(found, np.concatenate([*parts.values()], axis=1))
+    no_face = {"poses": None, "pose_jaw": None, "pose_eye": None}
+    hands = amass.read(save(target, smplx() | parts, **no_face))
+    assert hands.kind == "smplh"
+    assert hands.hands_and_face is not None
+    np.testing.assert_array_equal(hands.hands_and_face.reshape(5, 90), parts["pose_hand"])
+
+
+@pytest.mark.parametrize("value", [np.nan, 1e9])
+def test_hands_that_no_body_has_stay_at_rest_and_are_told(target: Path, value: float) -> None:
+    poses = smplh()["poses"]
+    poses[3, 100] = value
+    stored = amass.read(save(target, smplh(), poses=poses))
+    assert stored.hands_and_face is None
+    assert any("left at rest" in note for note in stored.notes)
+
+
+def test_hands_are_resampled_and_smoothed_as_other_joints(target: Path) -> None:
+    """What a wrist does, a finger does too."""
+    turn = np.zeros((40, 156))
+    turn[:, 0], turn[:, 60] = np.pi / 2, np.sin(np.arange(40) / 3)
+    turn[:, 66] = turn[:, 60]
+    file = save(target, smplh(40, 120.0), poses=turn)
+    for smooth_hz in (None, 8.0):
+        motion = load_motion_file(file, smooth_hz=smooth_hz)
+        assert motion.hands_and_face is not None
+        assert motion.hands_and_face.shape == (20, 30, 3)
+        np.testing.assert_allclose(motion.hands_and_face[:, 0], motion.pose[:, 20], atol=1e-12)
+        assert np.abs(motion.pose[:, 20]).max() > 0.5
+
+
+def test_hands_relative_to_what_no_file_says_stay_flat_and_are_told(target: Path) -> None:
+    arrays = {"global_orient": np.tile([np.pi / 2, 0, 0], (5, 1)), "body_pose": np.zeros((5, 63))}
+    arrays |= {"transl": np.zeros((5, 3)), "left_hand_pose": np.ones((5, 12)), "fps": np.array(30)}
+    motion = amass.read(save(target, arrays))
+    assert motion.hands_and_face is None
+    assert any("'left_hand_pose' is relative to" in note for note in motion.notes)

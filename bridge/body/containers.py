@@ -1,0 +1,149 @@
+"""Named fields in a file of any of the containers in which bodies are kept, by its first bytes.
+
+Archives of NumPy, pickles, dictionaries in a `.npy`, torch files and safetensors are read; what
+people take for one of them (a web page, git-lfs's pointer, an archive to unpack) is told by name.
+"""
+
+from __future__ import annotations
+
+import math
+import pickle
+import re
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO, Any
+
+from bridge.body.safe_pickle import MOST_BYTES, load_restricted, load_restricted_item
+from bridge.body.torch_files import load_safetensors, load_torch
+from bridge.errors import DsnetError
+from bridge.runs.untrusted import NpyHeader, UntrustedNpz, open_npz, open_regular
+
+MOST_FILE_BYTES = 1 << 30
+_MOST_NUMBERS = 1 << 27
+"""Of all arrays that are read: as float64 they take a gigabyte."""
+_MOST_TEXT_BYTES = 1 << 12
+MODELS = "They are at smpl.is.tue.mpg.de, mano.is.tue.mpg.de and smpl-x.is.tue.mpg.de"
+_AGAIN = "Download the file again"
+_UNPACK = "Unpack it, and pass one body of it (.npz or .pkl, of one gender)"
+_PICKLE = rb"\x80[\0-\x05]|[(}\])cN]|P[^\n]*\n"
+_TEXT = rb"(?=[ -~]*[ :{])[\t\n\r -~]+\Z"
+_STRANGERS: tuple[tuple[bytes, str, str], ...] = (
+    (rb"\Z", "an empty file", _AGAIN),
+    (rb"\0{64}", "zeros, no body: a download that broke off", _AGAIN),
+    (rb"version https://git-lfs", "git-lfs's pointer to a file, not the file",
+     "Run `git lfs pull` in the repository that it lies in"),
+    (rb"/annex/objects/|[./]*/\.git/annex", "git-annex's pointer to a file, not the file",
+     "Run `git annex get` in the repository that it lies in"),
+    (rb"(\xef\xbb\xbf)?\s*<", "a web page, saved under the file's name",
+     "Sign in at the site that has it, and download it again"),
+    (rb"\x1f\x8b|x[\x01\x5e\x9c\xda]|BZh|\xfd7zXZ|7z\xbc\xaf|Rar!|.{257}ustar",
+     "an archive, not unpacked", _UNPACK),
+    (rb"Kaydara FBX|; FBX", "a scene (.fbx)", "Pass the model file that it was made from"),
+    (rb"glTF|BLENDER|ply|v -?\d|o \w|mtllib|# Blender", "a mesh or scene",
+     "Pass the model file that it was made from"),
+    (rb"\x89HDF", "an HDF5 file", "Meshes of Dyna and D-FAUST go to --dyna"),
+    (rb"\x80\x02\x8a\nl\xfc\x9cF", "an old file of PyTorch's", "Save its arrays as .npz"),
+    (rb"MATLAB", "a file of MATLAB's (.mat)", "Pass the .pkl or .npz for Python users"),
+)  # fmt: skip
+"""What begins so, what it is, and what helps."""
+
+
+def read_fields(path: Path, wanted: set[str], texts: set[str]) -> Mapping[str, Any]:
+    """All fields by name, those of `wanted` and `texts` with their values: arrays, or what
+    `bridge.body.safe_pickle.as_array` makes one of.
+
+    Raises
+    ------
+    DsnetError
+        If the file is of another kind; `bridge.runs.untrusted.DAMAGE` or `RecursionError` if it is
+        damaged.
+    """
+    with open_regular(path, MOST_FILE_BYTES) as file:
+        start = file.read(min(512, int(file.largest_read)))
+        file.seek(0)
+        if start[:2] == b"PK":
+            return _of_zip(path, file, wanted, texts)
+        if start[:6] == b"\x93NUMPY":
+            return _dictionary(path, _of_npy(path, file))
+        if start[8:9] == b"{" and start[7:8] == b"\0":
+            return load_safetensors(file)
+        for pattern, what, remedy in _STRANGERS:
+            if re.match(pattern, start, re.DOTALL | re.IGNORECASE):
+                raise refused(path, what, remedy=remedy)
+        if re.match(_TEXT, start):
+            line = start.splitlines()[0][:60].decode()
+            raise refused(path, f"text ({line!r}), as of an error page", remedy=_AGAIN)
+        if not re.match(_PICKLE, start):
+            raise refused(path, f"a file of no kind that is read (it begins with {start[:12]!r})")
+        return _dictionary(path, load_restricted(file))
+
+
+def refused(
+    name: str | Path,
+    received: str,
+    expected: str = "an SMPL, SMPL-H or SMPL-X model (.npz or .pkl)",
+    remedy: str = MODELS,
+) -> DsnetError:
+    """The line that says why a body is not taken."""
+    return DsnetError(f"body model {name}: {received}", expected, remedy)
+
+
+def _of_zip(path: Path, file: IO[bytes], wanted: set[str], texts: set[str]) -> Mapping[str, Any]:
+    try:
+        with open_npz(path, MOST_FILE_BYTES) as archive:
+            if len(archive):
+                return _of_npz(path, archive, wanted, texts)
+            names = [name for name in archive.others if not re.search(r"__MACOSX|/\._", name)]
+    except zipfile.BadZipFile as error:
+        raise refused(path, f"an archive that is cut short ({error})", remedy=_AGAIN) from error
+    if any(name.endswith("data.pkl") for name in names):
+        return _dictionary(path, load_torch(file))
+    if inside := [name for name in names if name.endswith((".npz", ".pkl"))]:
+        raise refused(path, "an archive, not unpacked", remedy=f"Unpack it, and pass {inside[0]}")
+    raise refused(path, f"an archive without a body model ({', '.join(names[:3])})")
+
+
+def _of_npz(
+    path: Path, archive: UntrustedNpz, wanted: set[str], texts: set[str]
+) -> Mapping[str, Any]:
+    if set(archive) == {"arr_0"} and archive["arr_0"].dtype.hasobject:
+        return _dictionary(path, _object(archive, "arr_0"))
+    there = [name for name in archive if name in wanted | texts]
+    pickled = {name for name in there if archive[name].dtype.hasobject}
+    total = 0
+    for name in there:  # all, before any is read
+        if name not in pickled:
+            archive.check(name, MOST_BYTES if name in wanted else _MOST_TEXT_BYTES)
+            total += math.prod(archive[name].shape)
+    if total > _MOST_NUMBERS:
+        raise ValueError(f"{total} numbers, not at most {_MOST_NUMBERS}")
+    fields = dict.fromkeys(archive)
+    for name in there:
+        fields[name] = _object(archive, name) if name in pickled else archive.array(name)
+    return fields
+
+
+def _object(archive: UntrustedNpz, name: str) -> Any:
+    with archive.member(name) as stream:
+        NpyHeader.read(stream)
+        return load_restricted_item(stream)
+
+
+def _of_npy(path: Path, file: IO[bytes]) -> Any:
+    header = NpyHeader.read(file)
+    if not header.dtype.hasobject:
+        raise refused(path, f"one array of shape {header.shape}, as of vertices alone")
+    return load_restricted_item(file)
+
+
+def _dictionary(path: Path, found: Any) -> Mapping[str, Any]:
+    if isinstance(found, list):
+        what = f"a list of {len(found)}, as results or fits are, and no model"
+        raise refused(path, what, remedy="A motion goes to --motion")
+    if not isinstance(found, dict):
+        raise pickle.UnpicklingError(f"it holds a {type(found).__name__}, not a dictionary")
+    return {
+        name.decode("latin1") if isinstance(name, bytes) else str(name): value
+        for name, value in found.items()
+    }

@@ -1,0 +1,141 @@
+"""Bodies that are the embedded one in other clothes: other numbering, mesh, shapes, place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+
+PELVIS_M = np.array([-0.002, -0.241, 0.029])
+"""Where real files have it."""
+
+
+def renumbered(body: BodyModelData, seed: int = 0) -> tuple[BodyModelData, NDArray[np.intp]]:
+    """The same surface, its vertices and faces shuffled; which old vertex each new one is."""
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(body.vertex_count)
+    number = np.empty_like(order)
+    number[order] = np.arange(len(order))
+    other = replace(
+        body,
+        name="renumbered",
+        v_template=body.v_template[order],
+        shapedirs=body.shapedirs[order],
+        posedirs=body.posedirs[order],
+        weights=body.weights[order],
+        J_regressor=body.J_regressor[:, order],
+        faces=rng.permutation(number[body.faces]),
+    )
+    return other, order
+
+
+def cut_finer(body: BodyModelData, count: int = 10_475, seed: int = 0) -> BodyModelData:
+    """The same surface of more vertices: the old ones, then middles of edges."""
+    rng = np.random.default_rng(seed)
+    faces = [tuple(face) for face in body.faces.tolist()]
+    of_edge: dict[tuple[int, int], list[int]] = {}
+    for number, face in enumerate(faces):
+        for one, two in zip(face, face[1:] + face[:1], strict=True):
+            of_edge.setdefault((min(one, two), max(one, two)), []).append(number)
+    ends: list[tuple[int, int]] = []
+    touched: set[int] = set()
+    left = count - body.vertex_count
+    edges = list(of_edge)
+    for index in rng.permutation(len(edges)):
+        edge = edges[index]
+        beside = of_edge[edge]
+        if len(ends) == left:
+            break
+        if len(beside) != 2 or touched.intersection(beside):
+            continue
+        touched.update(beside)
+        middle = body.vertex_count + len(ends)
+        ends.append(edge)
+        for number in beside:
+            face = faces[number]
+            apex = next(v for v in face if v not in edge)
+            at = face.index(apex)
+            _, one, two = face[at:] + face[:at]
+            faces[number] = (apex, one, middle)
+            faces.append((apex, middle, two))
+    assert len(ends) == left
+    halves = np.array(ends)
+
+    def more(values: NDArray) -> NDArray:
+        return np.concatenate([values, values[halves].mean(axis=1)])
+
+    regressor = sp.hstack(
+        [body.J_regressor, sp.csr_matrix((len(body.parents), left))], format="csr"
+    )
+    return replace(
+        body,
+        name="cut finer",
+        v_template=more(body.v_template),
+        shapedirs=more(body.shapedirs),
+        posedirs=more(body.posedirs),
+        weights=more(body.weights),
+        J_regressor=regressor,
+        faces=np.array(faces),
+    )
+
+
+def with_other_shapes(
+    body: BodyModelData, seed: int = 0
+) -> tuple[BodyModelData, NDArray[np.float64], NDArray[np.float64]]:
+    """The same people told by other numbers: betas of the body are `betas @ mix + mean` of the
+    old one."""
+    rng = np.random.default_rng(seed)
+    mix, _ = np.linalg.qr(rng.normal(size=(body.shapedirs.shape[2],) * 2))
+    mean = rng.uniform(-0.8, 0.8, len(mix))
+    other = replace(
+        body,
+        name="other shapes",
+        v_template=body.v_template + body.shapedirs @ mean,
+        shapedirs=body.shapedirs @ mix.T,
+    )
+    return other, mix, mean
+
+
+def with_pelvis_off(body: BodyModelData) -> BodyModelData:
+    """The same body, its pelvis where real files have it."""
+    return replace(body, name="pelvis off", v_template=body.v_template + PELVIS_M)
+
+
+def open_in_pieces(body: BodyModelData) -> BodyModelData:
+    """The same body with a hole under each foot, and two loose balls in its head."""
+    low = body.v_template[:, 1] < body.v_template[:, 1].min() + 0.004
+    faces = body.faces[~low[body.faces].any(axis=1)]
+    ball, ball_faces = _ball()
+    head = body.joints[15] + [0.0, 0.05, 0.03]
+    count, near = body.vertex_count, int(np.linalg.norm(body.v_template - head, axis=1).argmin())
+    places = [head + [side * 0.03, 0.0, 0.0] + 0.012 * ball for side in (1, -1)]
+    added = 2 * len(ball)
+    weights = np.zeros((added, body.weights.shape[1]))
+    weights[:, 15] = 1.0
+
+    def more(values: NDArray) -> NDArray:
+        return np.concatenate([values, np.repeat(values[near][None], added, 0)])
+
+    return replace(
+        body,
+        name="open, in pieces",
+        v_template=np.concatenate([body.v_template, *places]),
+        shapedirs=more(body.shapedirs),
+        posedirs=more(body.posedirs),
+        weights=np.concatenate([body.weights, weights]),
+        J_regressor=sp.hstack(
+            [body.J_regressor, sp.csr_matrix((len(body.parents), added))], format="csr"
+        ),
+        faces=np.concatenate([faces, count + ball_faces, count + len(ball) + ball_faces]),
+    )
+
+
+def _ball() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """An octahedron of unit radius."""
+    corners = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+    faces = [(0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5)]
+    return corners, np.array(faces)
