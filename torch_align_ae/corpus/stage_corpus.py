@@ -18,7 +18,7 @@ from bridge.motion.readers import find_motion_files
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.files import ArrayFile, arrays_sha256, is_written, mark_written
-from bridge.runs.workers import on_any_node, progress, worker_pool
+from bridge.runs.workers import on_any_node, progress
 from torch_align_ae.body import SMPL
 from torch_align_ae.corpus.corpus_motions import CorpusMotions
 from torch_align_ae.corpus.dyna_files import FPS, write_dyna
@@ -33,6 +33,7 @@ from torch_align_ae.corpus.recordings import (
 from torch_align_ae.corpus.simulation import body_in_double, posed_meshes
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
 from torch_align_ae.corpus.tissue_laws import form_named, tissue_named
+from torch_align_ae.workers import torch_workers
 
 _NOTICE = """\
 Synthetic data. Bodies, motions and soft tissue are computed; no skin was measured.
@@ -218,10 +219,10 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, plan: CorpusPlan) 
         gravity=config.gravity,
     )
     work = _TissueWork(config, sequences, thetas, offsets, writer.checkpoints.resolve())
-    # A subject a core: the sparse solves release Python's lock, and no subject needs another.
+    # A subject a core; threads would wait for Python's lock, which half of a step needs.
     with (
         progress(what="soft tissue", unit="frame", total=frames) as bar,
-        worker_pool(on_any_node("threads"), smpl) as pool,
+        torch_workers(on_any_node("processes"), smpl) as pool,
     ):
         for done in pool.map(work.simulate, subjects):
             bar.update(done)
