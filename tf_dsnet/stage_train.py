@@ -77,7 +77,7 @@ class TrainConfig(NetworksRecord):
 PROFILES: dict[str, TrainConfig] = {
     "smoke": TrainConfig(run="smoke", epochs=20, rounds=4, plus=PlusSettings(steps=8, nodes=300)),
     "demo": TrainConfig(run="demo"),
-    "paper": TrainConfig(run="paper", epochs=10_000, checkpoint_every=500, rounds=24),
+    "paper": TrainConfig(run="paper", epochs=5000, checkpoint_every=250, rounds=24),
 }
 
 

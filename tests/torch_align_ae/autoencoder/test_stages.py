@@ -87,6 +87,22 @@ def test_training_records_what_it_did(run):
     assert not summary["include_held_out"]
 
 
+@pytest.mark.parametrize("fast", [False, True])
+def test_the_processor_decides_the_precision_unless_told(run, monkeypatch, fast):
+    monkeypatch.setattr(stage_train_ae, "multiplies_bfloat16", lambda: fast)
+    found = {}
+    for asked in ("auto", "bfloat16" if fast else "float32", "float32"):
+        config = replace(CONFIG, run=f"{asked}_{fast}", precision=asked)
+        _write_align(Run(config.run))
+        stage_train_ae.main(config)
+        artifact = Run(config.run).artifact("train-ae")
+        found[asked] = artifact.manifest["autoencoder"]["precision"], artifact.digests[WEIGHTS_FILE]
+    assert found["auto"] == found["bfloat16" if fast else "float32"]
+    assert found["auto"][0] == ("bfloat16" if fast else "float32")
+    assert found["float32"][0] == "float32"
+    assert (found["float32"][1] != found["auto"][1]) is fast
+
+
 @pytest.mark.slow
 def test_comparisons_may_be_shorter(run):
     config = replace(CONFIG, run="compared", comparisons=("literal",), comparison_epochs=1)
