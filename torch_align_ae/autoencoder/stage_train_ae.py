@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -26,7 +26,7 @@ from bridge.motion.splits import (
     split_autoencoder_frames,
 )
 from bridge.options import NonNegativeInt, PositiveInt, Seed
-from bridge.paper import ALTERNATIVE_WIDTHS, CASAS_OTADUY_WIDTHS, INFERRED_WIDTHS, LATENT_SIZE
+from bridge.paper import ALTERNATIVE_WIDTHS, CASAS_OTADUY_WIDTHS, LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.codes import (
     WEIGHTS_FILE,
@@ -45,6 +45,7 @@ from torch_align_ae.autoencoder.mesh_autoencoder import (
     parameter_count,
 )
 from torch_align_ae.autoencoder.training import (
+    Schedule,
     Training,
     TrainingPlan,
     keep_freed_memory,
@@ -58,7 +59,7 @@ TrialName = Literal["literal", "measured", "short", "sequence_split", "all_frame
 
 
 @dataclass(frozen=True)
-class TrainingPreset:
+class TrainingPreset(Schedule):
     """What the paper leaves open about the autoencoder's training, decided one way."""
 
     normalisation: NormalisationName
@@ -68,12 +69,6 @@ class TrainingPreset:
     """Where this preset leaves the paper's words or its plainest meaning."""
     activation: ActivationName = "leaky_relu"
     negative_slope: float = 0.1
-    learning_rate: float = 1e-4
-    """Adam's; the paper's is 1e-4."""
-    warmup_steps: int = 0
-    """As the next two, see `TrainingPlan`."""
-    cosine_decay: bool = False
-    learning_rate_of_loss: float = 0.0
 
 
 _OF_LINEAR_CODE = (
@@ -127,8 +122,6 @@ class TrainAutoencoderConfig:
     """Folder under runs/ that holds the aligned offsets."""
     seed: Seed = 0
     """Decides the split, the weights' beginning and the order of frames."""
-    architecture: Fixed[Literal["inferred", "alternative"]] = "inferred"
-    """Widths 2000-1300-300-30, or 2000-1250-400-20: the same number of parameters."""
     precision: PrecisionName = "auto"
     """Of the matrix products of training steps: `bfloat16`, `float32`, or by `auto` the first where
     the processor has instructions for it. Weights, their sums and all scores are float32."""
@@ -267,10 +260,9 @@ def _beginning(trial: _Trial, align: Artifact) -> tuple[Codec, FrameSplit]:
     config, preset = trial.config, PRESETS[trial.config.preset]
     offsets_m, split = align.array("offsets"), _split_of(config, align)
     normaliser = fit_normaliser(preset.normalisation, offsets_m, split.train)
-    widths = INFERRED_WIDTHS if config.architecture == "inferred" else ALTERNATIVE_WIDTHS
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
-        model = MeshAutoencoder(widths, preset.activation, preset.negative_slope)
+        model = MeshAutoencoder(activation=preset.activation, negative_slope=preset.negative_slope)
     if preset.initialisation == "modes":
         sample = torch.from_numpy(mode_sample(offsets_m, split, config.seed))
         initialise_with_modes(model, normaliser.normalise(sample), config.seed)
@@ -289,15 +281,12 @@ def _training(
     plan = TrainingPlan(
         steps=config.steps or config.epochs * per_epoch,
         batch_size=config.batch_size,
-        learning_rate=preset.learning_rate,
-        learning_rate_of_loss=preset.learning_rate_of_loss,
-        warmup_steps=preset.warmup_steps,
-        cosine_decay=preset.cosine_decay,
         validate_every=config.validate_every,
         patience=config.patience,
         validation_frames=config.validation_frames,
         seed=config.seed,
         bfloat16=config.precision == "bfloat16",
+        **{one.name: getattr(preset, one.name) for one in fields(Schedule)},
     )
     model = codec.model.to("cuda" if torch.cuda.is_available() else "cpu")
     label = f"train-ae {trial.name}"

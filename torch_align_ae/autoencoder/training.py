@@ -39,20 +39,26 @@ Network = TypeVar("Network", bound=nn.Module)
 """Reconstructs normalised offsets (B, V, 3)."""
 
 
-@dataclass(frozen=True)
-class TrainingPlan:
-    steps: int
-    """Optimiser steps in all; the last epoch may be a part of one."""
-    batch_size: int = 64
-    """Frames a step; the paper's is 64."""
+@dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """Adam's learning rate over a training."""
+
     learning_rate: float = 1e-4
-    """Adam's largest learning rate; the paper's is 1e-4."""
+    """The largest; the paper's is 1e-4."""
     learning_rate_of_loss: float = 0.0
     """If not 0, the largest rate is this times the validation loss before the first step."""
     warmup_steps: int = 0
     """Steps over which the learning rate rises linearly."""
     cosine_decay: bool = False
     """Whether the learning rate then falls to zero along a cosine."""
+
+
+@dataclass(frozen=True)
+class TrainingPlan(Schedule):
+    steps: int
+    """Optimiser steps in all; the last epoch may be a part of one."""
+    batch_size: int = 64
+    """Frames a step; the paper's is 64."""
     validate_every: int = 0
     """Steps between two validation losses; 0: an epoch."""
     patience: int = 0
