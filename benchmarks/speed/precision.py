@@ -60,7 +60,7 @@ def main(config: PrecisionConfig) -> None:
     found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {"codes": {}}
     for name in config.codes:
         found["codes"][name] = measure(name, config, data, path.parent)
-        about = {"steps": config.steps, "seed": config.seed, "threads": torch.get_num_threads()}
+        about = {"seed": config.seed, "threads": torch.get_num_threads()}
         instructions = {"avx512_bf16": multiplies_bfloat16()}
         write_results(
             config.run, "precision", {**found, **about, **instructions, "machine": machine()}
@@ -76,6 +76,7 @@ def measure(
     scores = {one: trained_r2(name, one, config, data, folder) for one in PRECISIONS}
     median = {one: statistics.median(seconds[one]) for one in PRECISIONS}
     return {
+        "steps": config.steps,
         "step_cpu_s": seconds,
         "median_step_cpu_s": median,
         "step_to_float32": median["bfloat16"] / median["float32"],
