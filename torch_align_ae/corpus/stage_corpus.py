@@ -35,6 +35,8 @@ from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
 from torch_align_ae.corpus.tissue_laws import form_named, tissue_named
 from torch_align_ae.workers import torch_workers
 
+# For fewer, some ten seconds of one core, processes are not worth their start.
+_FRAMES_WORTH_PROCESSES = 1500
 _NOTICE = """\
 Synthetic data. Bodies, motions and soft tissue are computed; no skin was measured.
 The files have the formats of SMPL, Dyna and AMASS, but are none of these data sets.
@@ -220,10 +222,11 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, plan: CorpusPlan) 
         gravity=config.gravity,
     )
     work = _TissueWork(config, sequences, thetas, offsets, writer.checkpoints.resolve())
-    # A subject a core; threads would wait for Python's lock, which half of a step needs.
+    # A subject a core. Threads wait for Python's lock, which half of a step needs.
+    kind = "threads" if frames < _FRAMES_WORTH_PROCESSES else "processes"
     with (
         progress(what="soft tissue", unit="frame", total=frames) as bar,
-        torch_workers(on_any_node("processes"), smpl) as pool,
+        torch_workers(on_any_node(kind), smpl) as pool,
     ):
         for done in pool.map(work.simulate, subjects):
             bar.update(done)
