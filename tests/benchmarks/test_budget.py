@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.budget import Work, expected_s, table
+from benchmarks.budget import BudgetConfig, Work, expected_s, main, table
+from tests.sources import ROOT
 
 DONE = Work(
     aligned=100,
@@ -50,3 +51,12 @@ def test_more_of_one_thing_takes_more_of_what_does_it(change, times):
 
 def test_a_steps_time_can_be_given():
     assert expected_s(STAGES, DONE, DONE, 0.2)["train-ae"] == pytest.approx(50 * 0.2 + 4.0)
+
+
+def test_the_paper_fits_into_three_hours_with_a_fifth_to_spare(capsys):
+    """By the stage times of the committed `demo`; the page has the number."""
+    main(BudgetConfig(results=ROOT / "docs" / "results" / "demo" / "results.json", step_s=0.4))
+    minutes = int(capsys.readouterr().out.split()[-2])
+    assert minutes <= 180 / 1.2
+    page = (ROOT / "docs" / "paper.md").read_text()
+    assert f"in bfloat16, {minutes} from [the last one's]" in page

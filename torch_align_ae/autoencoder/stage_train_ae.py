@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import asdict, dataclass, fields, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,8 +25,9 @@ from bridge.motion.splits import (
     split_autoencoder_frames,
 )
 from bridge.options import NonNegativeInt, PositiveInt, Seed
-from bridge.paper import ALTERNATIVE_WIDTHS, CASAS_OTADUY_WIDTHS, LATENT_SIZE
+from bridge.paper import ALTERNATIVE_WIDTHS, LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
+from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder.codes import (
     WEIGHTS_FILE,
     Codec,
@@ -225,8 +225,7 @@ def _make(
         save_weights(writer.file_path(LINEAR_FILES[code]), vars(fitted))
         kept = {
             "components": len(fitted.components),
-            "r2_validation": reconstruction_r2(fitted, offsets_m, split.validation),
-            "r2_held_out": _r2_held_out(fitted, align, offsets_m),
+            **_scores(fitted, align, offsets_m, split),
         }
         writer.record(**{code: kept})
     compared = []
@@ -336,9 +335,8 @@ def _trained(
         "loss_initial": float(result.validation_losses[0]),
         "loss_best": float(result.validation_losses[result.best]),
         "r2_initial": initial_r2,
-        "r2_validation": reconstruction_r2(codec, offsets_m, split.validation),
         "include_held_out": config.include_held_out,
-        "r2_held_out": _r2_held_out(codec, align, offsets_m),
+        **_scores(codec, align, offsets_m, split),
     }
 
 
@@ -357,22 +355,23 @@ def mode_sample(
     return np.asarray(offsets_m[np.sort(frames)], dtype=np.float32)
 
 
-def _r2_held_out(
-    codec: OffsetCodec, align: Artifact, offsets_m: NDArray[np.float32]
-) -> float | None:
-    """R2 on the sequences that are held out; None if there are none."""
-    frames = held_out_frames(sequences_of(align))
-    return reconstruction_r2(codec, offsets_m, frames) if len(frames) else None
+def _scores(
+    codec: OffsetCodec, align: Artifact, offsets_m: NDArray[np.float32], split: FrameSplit
+) -> dict[str, float | None]:
+    """R2 on validation frames, and on the sequences that are held out; None if there are none."""
+    held_out = held_out_frames(sequences_of(align))
+    return {
+        "r2_validation": reconstruction_r2(codec, offsets_m, split.validation),
+        "r2_held_out": reconstruction_r2(codec, offsets_m, held_out) if len(held_out) else None,
+    }
 
 
 def parameter_counts() -> dict[str, int]:
-    """Trainable parameters (Section 5): of the built models, without allocating them, and of the
-    dense layers of Casas and Otaduy's.
-    """
-    chain = CASAS_OTADUY_WIDTHS + CASAS_OTADUY_WIDTHS[-2::-1]
+    """Trainable parameters (Section 5), counted without allocating them."""
     with torch.device("meta"):
-        return {
-            "mesh_autoencoder": parameter_count(MeshAutoencoder()),
-            "mesh_autoencoder_alternative": parameter_count(MeshAutoencoder(ALTERNATIVE_WIDTHS)),
-            "casas_otaduy": sum((inner + 1) * outer for inner, outer in pairwise(chain)),
+        models = {
+            "mesh_autoencoder": MeshAutoencoder(),
+            "mesh_autoencoder_alternative": MeshAutoencoder(ALTERNATIVE_WIDTHS),
+            "casas_otaduy": CasasOtaduyAutoencoder(),
         }
+    return {name: parameter_count(model) for name, model in models.items()}
