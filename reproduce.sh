@@ -215,7 +215,7 @@ share_alignment() {
     local stage
     mkdir -p "$2"
     for stage in corpus truth align align_robust train-ae encode; do
-        [[ ! -e $1/$stage ]] || ln -sfn "../${1##*/}/$stage" "$2/$stage"
+        [[ ! -e $1/$stage || -e $2/$stage ]] || ln -sfn "../${1##*/}/$stage" "$2/$stage"
     done
 }
 
