@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # One command from body model to report; see README.md.
 #   ./reproduce.sh [--profile smoke|demo|paper] [--run NAME] [--seed N] [--aligner sgd|robust|both]
+#                  [--seeds N]      (N trainings of the predictors from seeds that follow: 3 in `paper`, else 1)
 #                  [--gender female|male]              (of the synthetic people; men: run <profile>_male)
 #                  [--engine ray [--address HOST:PORT]]       (on a cluster: docs/scaling.md)
 #                  [--smpl FILE --dyna FILE.h5 ... [--amass DIR [--amass-fps N]] [--dmpl FILE]]  (licensed: docs/data.md)
@@ -105,11 +106,11 @@ existing() {
 }
 
 run_stages() {
-    local profile=demo run="" seed=0 gender="" corpus=() align=() dyna=() infer=() licensed="" path
+    local profile=demo run="" seed=0 seeds="" gender="" corpus=() align=() dyna=() infer=() licensed="" path
     local aligner="" engine=() train_ae=() train=()
     while (($#)); do
         case $1 in
-            --profile | --run | --seed | --gender | --aligner | --smpl | --dyna | --amass | --amass-fps | --dmpl | --engine | --address) ;;
+            --profile | --run | --seed | --seeds | --gender | --aligner | --smpl | --dyna | --amass | --amass-fps | --dmpl | --engine | --address) ;;
             *) refuse "unknown option $1; see ./reproduce.sh --help." ;;
         esac
         [[ -n ${2-} ]] || refuse "$1 needs a value."
@@ -117,6 +118,10 @@ run_stages() {
             --profile) profile=$2 ;;
             --run) run=$2 ;;
             --seed) seed=$2 ;;
+            --seeds)
+                [[ $2 =~ ^[1-9]$ ]] || refuse "--seeds $2; expected 1 to 9."
+                seeds=$2
+                ;;
             --engine | --address) engine+=("$1" "$2") ;;
             --gender)
                 [[ $2 == female || $2 == male ]] || refuse "--gender $2; expected female or male."
@@ -159,21 +164,59 @@ run_stages() {
     [[ -n $gender && -n $licensed ]] &&
         refuse "--gender $gender with licensed files; expected one of the two. The body model of --smpl has its gender."
     [[ -n $run ]] || run=$profile$([[ $gender != male ]] || echo _male)
-    local common=(--profile "$profile" --run "$run" --seed "$seed" ${engine[@]+"${engine[@]}"})
+    [[ -n $seeds ]] || seeds=$([[ $profile == paper ]] && echo 3 || echo 1)
     ((${#train[@]})) && [[ $aligner != sgd ]] && train+=(dsnet_plus)
-    for stage in corpus align train-ae encode train infer decode evaluate report; do
-        [[ $stage == corpus && -n $licensed ]] && continue
-        echo "== dsnet $stage" >&2
-        case $stage in
-            corpus) .venv/bin/dsnet corpus "${common[@]}" ${corpus[@]+"${corpus[@]}"} ;;
-            align) .venv/bin/dsnet align "${common[@]}" ${align[@]+"${align[@]}"} ;;
-            train-ae) .venv/bin/dsnet train-ae "${common[@]}" ${train_ae[@]+"${train_ae[@]}"} ;;
-            train) .venv/bin/dsnet train "${common[@]}" ${train[@]+"${train[@]}"} ;;
-            infer) .venv/bin/dsnet infer "${common[@]}" ${infer[@]+"${infer[@]}"} ;;
-            *) .venv/bin/dsnet "$stage" "${common[@]}" ;;
-        esac
+    local stage again root=${DSNET_RUNS:-runs}
+    for stage in corpus align train-ae encode train infer decode evaluate; do
+        [[ $stage == corpus && -n $licensed ]] || run_stage "$stage" "$run" "$seed"
     done
+    for ((again = 1; again < seeds; again++)); do
+        share_alignment "$root/$run" "$root/$run-seed$((seed + again))"
+        for stage in train infer decode evaluate; do
+            run_stage "$stage" "$run-seed$((seed + again))" $((seed + again))
+        done
+    done
+    run_stage report "$run" "$seed"
     echo "report: runs/$run/report/report.html" >&2
+}
+
+# With the options that `run_stages` has found.
+run_stage() {
+    local stage=$1 common=(--profile "$profile" --run "$2" --seed "$3" ${engine[@]+"${engine[@]}"})
+    echo "== dsnet $stage$([[ $2 == "$run" ]] || echo " --run $2")" >&2
+    case $stage in
+        corpus) .venv/bin/dsnet corpus "${common[@]}" ${corpus[@]+"${corpus[@]}"} ;;
+        align) .venv/bin/dsnet align "${common[@]}" ${align[@]+"${align[@]}"} ;;
+        train-ae) .venv/bin/dsnet train-ae "${common[@]}" ${train_ae[@]+"${train_ae[@]}"} ;;
+        train) train_both "$2" ;;
+        infer) .venv/bin/dsnet infer "${common[@]}" ${infer[@]+"${infer[@]}"} ;;
+        *) .venv/bin/dsnet "$stage" "${common[@]}" ;;
+    esac
+}
+
+# The oscillators keep one core busy and share nothing with the networks: two processes, where a run has both.
+train_both() {
+    local of=${DSNET_RUNS:-runs}/$1
+    if ((${#train[@]})) || [[ ! -d $of/encode || ! -d $of/align_robust ]]; then
+        .venv/bin/dsnet train "${common[@]}" ${train[@]+"${train[@]}"}
+        return
+    fi
+    .venv/bin/dsnet train "${common[@]}" --predictors dsnet_plus &
+    beside=$!
+    .venv/bin/dsnet train "${common[@]}" --predictors dsnet_standardised dsnet_faithful
+    wait "$beside"
+    beside=""
+}
+beside=""
+trap '[[ -z $beside ]] || kill "$beside" 2>/dev/null || true' EXIT
+
+# A run of other seeds learns from the same alignment and codes: its own are links.
+share_alignment() {
+    local stage
+    mkdir -p "$2"
+    for stage in corpus truth align align_robust train-ae encode; do
+        [[ ! -e $1/$stage || -e $2/$stage ]] || ln -sfn "../${1##*/}/$stage" "$2/$stage"
+    done
 }
 
 print_head() {

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 
 import pytest
 
 from tests.sources import ROOT, defined_names
+from torch_align_ae.alignment.stage_align import PROFILES as ALIGN
+from torch_align_ae.autoencoder.stage_train_ae import PROFILES as TRAIN_AE
 
 PAGE = ROOT / "docs" / "paper.md"
-RESULTS = ROOT / "docs" / "results" / "paper" / "results.json"
 LINK = re.compile(r"\[`(?P<name>[\w.]+)`\]\((?P<path>[\w./]+\.py)\)")
 
 
@@ -45,10 +45,13 @@ def test_the_readme_leads_to_the_page() -> None:
     assert "(docs/paper.md)" in (ROOT / "README.md").read_text()
 
 
-def test_the_commands_of_the_run_say_where_it_was_cut() -> None:
-    stages = json.loads(RESULTS.read_text())["stages"]
-    code, network = (stages[stage]["config"] for stage in ("train-ae", "train"))
-    cut = f"stop_epoch={code['stop_epoch']}, comparison_epochs={code['comparison_epochs']}"
+def test_the_lengths_of_trainings_are_the_profiles() -> None:
     text = PAGE.read_text()
-    assert f"main(['train-ae', '--profile', 'paper'], {cut})" in text
-    assert f"dsnet train --profile paper --epochs {network['epochs']}\n" in text
+    code, steps = TRAIN_AE["paper"], ALIGN["paper"].steps
+    assert f"| autoencoder | {code.epochs} epochs of 236 steps |" in text
+    assert f"preset `{code.comparisons[0]}` | {code.comparison_epochs} epochs, only" in text
+    assert f"| {steps} steps a frame |" in text
+    networks = (ROOT / "tf_dsnet" / "stage_train.py").read_text()  # TensorFlow stays out of here
+    epochs, rounds = re.findall(r'run="paper", epochs=(\d+), .*rounds=(\d+)\)', networks)[0]
+    assert f"| DSNet, both presets | {int(epochs):,} epochs of 5 batches" in text
+    assert f"| `dsnet_plus` | {rounds} rounds of" in text

@@ -71,10 +71,52 @@ def test_every_stage_in_order_by_default(reproduce: Reproduce) -> None:
     assert set(called.values()) == {"--profile demo --run demo --seed 0"}
 
 
+@pytest.mark.parametrize("options", [("--profile", "paper"), ("--seeds", "3", "--run", "paper")])
+def test_other_seeds_learn_from_the_same_alignment(
+    reproduce: Reproduce, tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    """Three in `paper`: their runs have the first one's stages, and its report comes last."""
+    runs = tmp_path / "project" / "runs"
+    (runs / "paper" / "align_robust").mkdir(parents=True)
+    done = reproduce(*options, "--seed", "4")
+    assert done.returncode == 0, done.stderr
+    called = [line.split() for line in done.stdout.splitlines()]
+    own = ["train", "infer", "decode", "evaluate"]
+    assert [words[0] for words in called] == [*STAGES[:-1], *own, *own, "report"]
+    of = [(words[words.index("--run") + 1], words[-1]) for words in called]
+    first, last = [("paper", "4")] * 8, ("paper", "4")
+    assert of == [*first, *[("paper-seed5", "5")] * 4, *[("paper-seed6", "6")] * 4, last]
+    for other in ("paper-seed5", "paper-seed6"):
+        assert [path.name for path in (runs / other).iterdir()] == ["align_robust"]
+        assert (runs / other / "align_robust").samefile(runs / "paper" / "align_robust")
+
+
+def test_networks_and_oscillators_are_trained_at_the_same_time(
+    reproduce: Reproduce, tmp_path: Path
+) -> None:
+    """Where the run has what both learn from; what either fails with is the command's."""
+    project = tmp_path / "project"
+    for stage in ("encode", "align_robust"):
+        (project / "runs" / "demo" / stage).mkdir(parents=True)
+    common = "train --profile demo --run demo --seed 0 --predictors"
+    trained = [line for line in reproduce().stdout.splitlines() if line.startswith("train ")]
+    assert sorted(trained) == [
+        f"{common} dsnet_plus",
+        f"{common} dsnet_standardised dsnet_faithful",
+    ]
+    for fails in ("dsnet_plus", "dsnet_standardised"):
+        script = f'echo "$@"; case "$*" in *{fails}*) exit 3 ;; esac'
+        write_command(project, "dsnet", script)
+        done = reproduce()
+        assert done.returncode == 3
+        assert not [line for line in done.stdout.splitlines() if line.startswith("infer")]
+
+
 def test_licensed_files_take_the_corpus_place(reproduce: Reproduce, tmp_path: Path) -> None:
     files = ("--smpl", "body f.pkl", "--dyna", "women.h5", "men.h5", "--amass", "amass")
     files += ("--amass-fps", "60")
-    called = stages(reproduce("--profile", "paper", *files, "--run", "x", "--seed", "3"))
+    options = ("--profile", "paper", "--seeds", "1", "--run", "x", "--seed", "3")
+    called = stages(reproduce(*options, *files))
     assert list(called) == STAGES[1:]
     common, at = "--profile paper --run x --seed 3", tmp_path / "caller"
     meshes = f"--dyna {at}/women.h5 {at}/men.h5"
@@ -120,6 +162,7 @@ def test_men_are_a_run_of_their_own(reproduce: Reproduce) -> None:
         (["--amass", "nowhere"], "nowhere does not exist"),
         (["--smpl"], "--smpl needs a value"),
         (["--dynamics"], "unknown option --dynamics"),
+        (["--seeds", "0"], "--seeds 0; expected 1 to 9"),
         (["--aligner", "x"], "--aligner x; expected sgd, robust or both"),
     ],
 )

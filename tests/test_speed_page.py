@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tools.speed_page import PARTS, WHOLE, peers_block, runtime_block
+from tools.speed_page import PARTS, WHOLE, peers_block, precision_block, runtime_block
 
 
 def shares(ms: float, **others: float) -> dict[str, float]:
@@ -34,3 +34,15 @@ def test_peers_that_are_there_have_a_row_each():
     assert "| the paper's decoder, ONNX Runtime | 1.0, 1.0 ms |" in found
     assert "smplfitter" not in found
     assert peers_block(None) == "Not measured.\n"
+
+
+def test_both_precisions_stand_in_a_row():
+    r2 = {
+        "float32": {"validation": 0.95671, "held_out": 0.94},
+        "bfloat16": {"validation": 0.95652, "held_out": 0.9398},
+    }
+    code = {"steps": 120, "step_to_float32": 0.494, "r2": r2}
+    bench = {"machine": "M", "threads": 1, "seed": 0, "codes": {"casas_otaduy": code}}
+    found = precision_block(bench)
+    assert "on M, 1 thread, seed 0:" in found
+    assert "| Casas-Otaduy's network | 0.49 | 120 | 0.9567, 0.9565 | 0.9400, 0.9398 |" in found

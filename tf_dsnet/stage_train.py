@@ -79,7 +79,7 @@ PROFILES: dict[str, TrainConfig] = {
         run="smoke", epochs=20, rounds=4, plus=TrainPlusConfig(steps=8, nodes=300)
     ),
     "demo": TrainConfig(run="demo"),
-    "paper": TrainConfig(run="paper", epochs=10_000, checkpoint_every=500, rounds=24),
+    "paper": TrainConfig(run="paper", epochs=5000, checkpoint_every=250, rounds=24),
 }
 
 

@@ -36,6 +36,11 @@ DECODING = {
     "casas_otaduy_onnx": "Casas-Otaduy's decoder, ONNX Runtime",
     "casas_otaduy_torch": "the same, PyTorch",
 }
+CODES = {
+    "mesh_measured": "the mesh autoencoder, preset `measured`",
+    "mesh_literal": "the same, preset `literal`",
+    "casas_otaduy": "Casas-Otaduy's network",
+}
 Shares = dict[str, float]
 
 
@@ -72,7 +77,23 @@ def _training(bench: dict[str, Any]) -> str:
         ("DSNet, one streamed frame of 16 characters", f"{tensorflow['step_us']['16']:.0f} µs"),
     ]
     table = _table(["what", "measured"], rows)
-    return f"Medians on {torch['machine']}, {torch['threads']} threads.\n\n{table}"
+    table = f"Medians on {torch['machine']}, {torch['threads']} threads.\n\n{table}"
+    return table + (f"\n{precision_block(bench['precision'])}" if "precision" in bench else "")
+
+
+def precision_block(bench: dict[str, Any]) -> str:
+    """Codes trained by bfloat16 products beside the same in float32."""
+    rows = []
+    for name, code in bench["codes"].items():
+        exact, rounded = (code["r2"][one] for one in ("float32", "bfloat16"))
+        both = [f"{exact[frames]:.4f}, {rounded[frames]:.4f}" for frames in exact]
+        rows.append([CODES[name], f"{code['step_to_float32']:.2f}", str(code["steps"]), *both])
+    titles = ["float32, bfloat16 products", "ratio of a step's time", "steps", "R² of validation"]
+    threads = _counted(str(bench["threads"]), "thread")
+    return (
+        f"Trained in both precisions, on {bench['machine']}, {threads}, seed {bench['seed']}:\n\n"
+        f"{_table([*titles, 'R² held out'], rows)}"
+    )
 
 
 def runtime_block(bench: dict[str, Any]) -> str:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -68,11 +68,12 @@ def measure(config: TorchBenchConfig) -> dict[str, Any]:
     # All forms of a network share weights and moments: copies would cost gigabytes.
     mesh_adam, casas_adam = _adam(mesh), _adam(casas)
     contenders: dict[str, Callable[[], object]] = {
-        "mesh_autoencoder": _training_step(mesh_adam, mesh, offsets),
-        "mesh_autoencoder_conv1d": _training_step(mesh_adam, conv1d, offsets),
-        "mesh_autoencoder_plain_adam": _training_step(mesh_adam, mesh, offsets, fused=False),
-        "casas_otaduy": _training_step(casas_adam, casas, offsets),
-        "casas_otaduy_plain_adam": _training_step(casas_adam, casas, offsets, fused=False),
+        "mesh_autoencoder": training_step(mesh_adam, mesh, offsets),
+        "mesh_autoencoder_bfloat16": training_step(mesh_adam, mesh, offsets, bfloat16=True),
+        "mesh_autoencoder_conv1d": training_step(mesh_adam, conv1d, offsets),
+        "mesh_autoencoder_plain_adam": training_step(mesh_adam, mesh, offsets, fused=False),
+        "casas_otaduy": training_step(casas_adam, casas, offsets),
+        "casas_otaduy_plain_adam": training_step(casas_adam, casas, offsets, fused=False),
         "gemm": lambda: square @ square,
     }
     seconds = interleaved_seconds(contenders, config.rounds, device)
@@ -85,6 +86,7 @@ def measure(config: TorchBenchConfig) -> dict[str, Any]:
         "mesh_to_casas_otaduy_plain_adam": (
             medians["mesh_autoencoder_plain_adam"] / medians["casas_otaduy_plain_adam"]
         ),
+        "bfloat16_to_float32": medians["mesh_autoencoder_bfloat16"] / medians["mesh_autoencoder"],
         "gemm_to_conv1d": medians["mesh_autoencoder"] / medians["mesh_autoencoder_conv1d"],
         "gflops": _gflops(mesh, casas, config.batch_size, medians),
         "parameters": {
@@ -98,31 +100,39 @@ def measure(config: TorchBenchConfig) -> dict[str, Any]:
 
 
 def interleaved_seconds(
-    contenders: dict[str, Callable[[], object]], rounds: int, device: torch.device
+    contenders: Mapping[str, Callable[[], object]],
+    rounds: int,
+    device: torch.device,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, list[float]]:
     """Seconds of `rounds` calls each, turn by turn, so that other load hits all alike."""
     seconds: dict[str, list[float]] = {name: [] for name in contenders}
     for turn in range(rounds + 1):
         for name, call in contenders.items():
-            started = time.perf_counter()
+            started = clock()
             call()
             if device.type == "cuda":
                 torch.cuda.synchronize()
             if turn > 0:
-                seconds[name].append(time.perf_counter() - started)
+                seconds[name].append(clock() - started)
     return seconds
 
 
-def _training_step(
+def training_step(
     adam: torch.optim.Adam,
     forward: Callable[[Tensor], Tensor],
     offsets: Tensor,
     *,
     fused: bool = True,
+    bfloat16: bool = False,
 ) -> Callable[[], None]:
+    """A step of `Training` on one batch of normalised offsets (B, V, 3)."""
+
     def step() -> None:
         adam.param_groups[0]["fused"] = fused
-        nn.functional.mse_loss(forward(offsets), offsets).backward()
+        with torch.autocast(offsets.device.type, torch.bfloat16, enabled=bfloat16):
+            loss = nn.functional.mse_loss(forward(offsets), offsets)
+        loss.backward()
         adam.step()
         # Gradients kept between turns would cost another gigabyte.
         adam.zero_grad()

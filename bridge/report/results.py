@@ -21,20 +21,23 @@ from bridge.report.paper_table import (
     parameter_counts,
     validation_result,
 )
+from bridge.report.seeds import spread_over
 from bridge.runs import Artifact
 from bridge.runs.run import TRAIN_PLUS
 
 _FORWARD = ("layers", "loss", "losses")
 _PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}
-_OF_EVERY_STAGE = ("command", "finished_utc", "sha256", "stamps", "input_stamps")
-_SHOWN_OF_STAGES = ("wall_time_s", "peak_memory_mb", "machine", "versions")
+_OF_EVERY_STAGE = ("command", "sha256", "stamps", "input_stamps")
+_SHOWN_OF_STAGES = ("wall_time_s", "finished_utc", "peak_memory_mb", "machine", "versions")
 
 
-def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
+def summarise(
+    stages: Stages, run_name: str, gender: str, others: Mapping[int, Artifact] | None = None
+) -> dict[str, Any]:
     """The contents of `results.json`; lengths in millimetres where the key says so.
 
     What belongs to the paper's pipeline is None in a run without it. `gender` is that of the run's
-    body model.
+    body model; `others` are `evaluate` of trainings from other seeds, by seed.
     """
     evaluate = stages["evaluate"].manifest
     validation = validation_result(stages["evaluate"])
@@ -55,6 +58,7 @@ def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
         "data": stages["evaluate"].origin,
         "validation": validation,
         **{key: evaluate[key] for key in measured},
+        "seeds": _seeds(stages, others) if others else None,
         "cell_titles": {key: text for key, text in titles.items() if key in evaluate["cells"]},
         "sequences": evaluate["per_sequence"],
         **_papers_pipeline(stages, gender),
@@ -62,6 +66,20 @@ def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
         "stages": {name: _stage(artifact.manifest) for name, artifact in stages.items()},
     }
     return _without_nan(summary)
+
+
+def _seeds(stages: Stages, others: Mapping[int, Artifact]) -> dict[str, Any]:
+    """Mean and spread of the trained predictors' errors over seeds."""
+    evaluate = stages["evaluate"]
+    trained = stages["train" if "train" in stages else TRAIN_PLUS]
+    names = [
+        n for pipeline in evaluate.manifest["pipelines"].values() for n in pipeline["predictors"]
+    ]
+    cells = (one.manifest["cells"] for one in (evaluate, *others.values()))
+    return {
+        "seeds": [trained.manifest["config"]["seed"], *others],
+        "cells": spread_over(cells, names),
+    }
 
 
 def _papers_pipeline(stages: Stages, gender: str) -> dict[str, Any]:

@@ -36,6 +36,7 @@ from bridge.report.results import (
     render_markdown,
     summarise,
 )
+from bridge.report.seeds import of_other_seeds
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import INFER, INFER_PLUS, TRAIN_PLUS, body_model_path
 from bridge.runs.workers import progress
@@ -76,12 +77,13 @@ def main(config: ReportConfig) -> None:
     _require_measured(run, stages, last)
     body = load_paper_body(str(body_model_path(run)))
     scene = Scene(stages, body, config.panel_px)
+    others = of_other_seeds(run, stages["evaluate"])
     run.build(
         "report",
         config,
-        lambda writer: _make(writer, scene, config.run),
+        lambda writer: _make(writer, scene, config.run, others),
         data=scene.origin,
-        upstream=stages,
+        upstream=stages | {f"seed_{seed}": evaluate for seed, evaluate in others.items()},
     )
 
 
@@ -98,11 +100,13 @@ def _require_measured(run: Run, stages: Mapping[str, Artifact], last: Sequence[s
         )
 
 
-def _make(writer: ArtifactWriter, scene: Scene, run_name: str) -> None:
+def _make(
+    writer: ArtifactWriter, scene: Scene, run_name: str, others: Mapping[int, Artifact]
+) -> None:
     plans = plan_figures(scene)
     for plan in progress(plans, what="figures", unit="figure"):
         plan.draw(writer.file_path(f"figures/{plan.name}.png"))
-    results = summarise(scene.stages, run_name, scene.body.gender)
+    results = summarise(scene.stages, run_name, scene.body.gender, others)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"
     writer.file_path("results.json").write_text(text, encoding="utf-8")
     notice = FOOTERS[scene.origin]

@@ -39,35 +39,37 @@ Network = TypeVar("Network", bound=nn.Module)
 """Reconstructs normalised offsets (B, V, 3)."""
 
 
-@dataclass(frozen=True)
-class TrainingPlan:
-    steps: int
-    """Optimiser steps in all; the last epoch may be a part of one."""
-    batch_size: int = 64
-    """Frames a step; the paper's is 64."""
+@dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """Adam's learning rate over a training."""
+
     learning_rate: float = 1e-4
-    """Adam's largest learning rate; the paper's is 1e-4."""
+    """The largest; the paper's is 1e-4."""
     learning_rate_of_loss: float = 0.0
     """If not 0, the largest rate is this times the validation loss before the first step."""
     warmup_steps: int = 0
     """Steps over which the learning rate rises linearly."""
     cosine_decay: bool = False
     """Whether the learning rate then falls to zero along a cosine."""
+
+
+@dataclass(frozen=True)
+class TrainingPlan(Schedule):
+    steps: int
+    """Optimiser steps in all; the last epoch may be a part of one."""
+    batch_size: int = 64
+    """Frames a step; the paper's is 64."""
     validate_every: int = 0
     """Steps between two validation losses; 0: an epoch."""
     patience: int = 0
     """Validation losses without a better one after which training stops; 0: never."""
-    stop: int = 0
-    """Step after which to end all the same, at the learning rate of the whole plan; 0: never."""
     validation_frames: int = 0
     """Validation frames scored each time, evenly spaced; 0: all."""
     seed: int = 0
     """Decides the order of frames."""
-
-    @property
-    def taken(self) -> int:
-        """Optimiser steps that are taken of the plan, if patience allows."""
-        return min(self.stop or self.steps, self.steps)
+    bfloat16: bool = False
+    """Whether a step multiplies bfloat16 matrices; weights, their sums and validation, by which the
+    best ones are chosen, stay float32."""
 
     def share_at(self, step: int) -> float:
         """Share of the largest learning rate that the step with this number, from 0, takes."""
@@ -129,7 +131,7 @@ class Training(Generic[Network]):
         if self.plan.learning_rate_of_loss:
             self.learning_rate = self.plan.learning_rate_of_loss * result.validation_losses[0]
         done = int(result.steps[-1])
-        end = self.plan.taken
+        end = self.plan.steps
         bar = tqdm(total=end, initial=done, desc=self.label, unit="step", disable=None)
         with bar, reproducible():
             while done < end and not 0 < self.plan.patience <= len(result.losses) - result.best:
@@ -186,7 +188,8 @@ class Training(Generic[Network]):
                 group["lr"] = self.learning_rate * self.plan.share_at(step)
             self._adam.zero_grad()
             part, factor = self.processes.part(batch)
-            loss = factor * self._loss(self._network, part)
+            with torch.autocast(self._device.type, torch.bfloat16, enabled=self.plan.bfloat16):
+                loss = factor * self._loss(self._network, part)
             loss.backward()
             self._adam.step()
             total += loss.detach()
@@ -294,6 +297,14 @@ def reproducible() -> Iterator[None]:
     finally:
         torch.use_deterministic_algorithms(before[0])
         settings.fill_uninitialized_memory = before[1]
+
+
+def multiplies_bfloat16() -> bool:
+    """Whether this processor has instructions for products of bfloat16 matrices (`avx512_bf16`):
+    without them they would take longer than those of float32.
+    """
+    cpuinfo = Path("/proc/cpuinfo")
+    return cpuinfo.is_file() and " avx512_bf16 " in cpuinfo.read_text(encoding="utf-8")
 
 
 def keep_freed_memory() -> None:

@@ -87,6 +87,23 @@ def test_training_records_what_it_did(run):
     assert not summary["include_held_out"]
 
 
+def test_the_processor_decides_the_precision_unless_told(run, monkeypatch):
+    found = {}
+    for asked, fast in (("auto", True), ("auto", False), ("float32", True)):
+        monkeypatch.setattr(stage_train_ae, "multiplies_bfloat16", lambda fast=fast: fast)
+        config = replace(CONFIG, run=f"{asked}_{fast}", precision=asked)
+        _write_align(Run(config.run))
+        stage_train_ae.main(config)
+        trained = Run(config.run).artifact("train-ae")
+        summary = trained.manifest["autoencoder"]
+        found[asked, fast] = summary["precision"], float(trained.array("loss")[0])
+    rounded, *exact = found.values()
+    assert exact[0] == exact[1]
+    assert (rounded[0], exact[0][0]) == ("bfloat16", "float32")
+    assert rounded[1] != exact[0][1]
+    assert rounded[1] == pytest.approx(exact[0][1], abs=1e-3)  # of offsets of unit variance
+
+
 @pytest.mark.slow
 def test_comparisons_may_be_shorter(run):
     config = replace(CONFIG, run="compared", comparisons=("literal",), comparison_epochs=1)

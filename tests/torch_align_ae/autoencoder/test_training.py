@@ -73,9 +73,13 @@ class _KilledError(Exception):
     pass
 
 
+@pytest.mark.parametrize("bfloat16", [False, True])
 @pytest.mark.parametrize(("every", "killed_after"), [(0, 3), (0, 9), (2, 4), (5, 5)])
-def test_a_killed_training_resumes_with_the_same_bits(tmp_path, monkeypatch, every, killed_after):
+def test_a_killed_training_resumes_with_the_same_bits(
+    tmp_path, monkeypatch, every, killed_after, bfloat16
+):
     plan = TrainingPlan(
+        bfloat16=bfloat16,
         steps=12,
         batch_size=64,
         learning_rate=1e-3,
@@ -158,18 +162,25 @@ def test_patience_stops(tmp_path, monkeypatch):
     assert len(job.run().validation_losses) == 4
 
 
-def test_a_plan_that_is_stopped_can_be_gone_on_with(tmp_path):
-    """The part is the whole so far, to the bit: its learning rate is on the whole plan's curve."""
-    whole = TrainingPlan(steps=6, batch_size=70, learning_rate=1e-3, cosine_decay=True)
-    (tmp_path / "whole").mkdir()
-    expected = training(tmp_path / "whole", whole).run()
-    part = training(tmp_path, replace(whole, stop=4)).run()
-    assert part.steps[-1] == 4
-    np.testing.assert_array_equal(
-        part.validation_losses, expected.validation_losses[: len(part.steps)]
-    )
-    gone_on = training(tmp_path, whole).run()
-    np.testing.assert_array_equal(gone_on.validation_losses, expected.validation_losses)
+def test_steps_of_bfloat16_products_go_where_those_of_float32_go(tmp_path):
+    """A bfloat16 has 8 digits: products of them, added in float32, are right to half a percent."""
+    plan = TrainingPlan(steps=6, batch_size=64, learning_rate=1e-3)
+    exact, rounded = (training(tmp_path, replace(plan, bfloat16=b)) for b in (False, True))
+    slopes = []
+    for job in (exact, rounded):
+        batch = next(iter(job._batches(0)))
+        with torch.autocast("cpu", torch.bfloat16, enabled=job.plan.bfloat16):
+            loss = job._loss(job.model, batch)
+        by_weight = torch.autograd.grad(loss, list(job.model.parameters()))
+        slopes.append(torch.cat([slope.flatten() for slope in by_weight]))
+    assert not torch.equal(*slopes)
+    assert slopes[1].dtype == torch.float32
+    assert (slopes[1] - slopes[0]).norm() < 0.02 * slopes[0].norm()
+    rounded.checkpoint = tmp_path / "rounded.safetensors"
+    losses = [job.run().validation_losses for job in (exact, rounded)]
+    np.testing.assert_allclose(losses[1], losses[0], rtol=5e-3)
+    assert losses[1][0] == losses[0][0]  # validation is float32
+    assert {value.dtype for value in weights(rounded).values()} == {np.dtype(np.float32)}
 
 
 @pytest.mark.parametrize("steps", [2, 5])
