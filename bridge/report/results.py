@@ -13,11 +13,14 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 
-from bridge.motion.splits import CELLS
+from bridge.measure.pipelines import SMPL
+from bridge.motion import sequences_of
+from bridge.motion.splits import CELLS, kind_of
 from bridge.report.paper_table import (
     Stages,
     compare,
     measure,
+    mosh_rate,
     parameter_counts,
     validation_result,
 )
@@ -55,6 +58,7 @@ def summarise(stages: Stages, run_name: str, gender: str) -> dict[str, Any]:
         "data": stages["evaluate"].origin,
         "validation": validation,
         **{key: evaluate[key] for key in measured},
+        "table_1": _table_1(stages),
         "cell_titles": {key: text for key, text in titles.items() if key in evaluate["cells"]},
         "sequences": evaluate["per_sequence"],
         **_papers_pipeline(stages, gender),
@@ -87,6 +91,82 @@ def _papers_pipeline(stages: Stages, gender: str) -> dict[str, Any]:
         },
         "paper": compare(measure(stages, gender)),
     }
+
+
+def _table_1(stages: Stages) -> list[dict[str, Any]]:
+    """The paper's Table 1 of this run: what was aligned, and what was only predicted."""
+    evaluate = stages["evaluate"]
+    first = next(iter(evaluate.manifest["pipelines"].values()))
+    aligned = sequences_of(stages[first["alignment"]])
+    tested = [one for one in sequences_of(evaluate) if one.split == "test"]
+    mosh_fps = mosh_rate(stages.get("corpus")).value
+    made = evaluate.origin == "synthetic"
+    return [
+        {
+            "dataset": f"in place of {name}" if made else name,
+            "people": len({one.subject for one in sequences}),
+            "motions": ", ".join(sorted({kind_of(one.motion) for one in sequences})),
+            "fps": fps,
+            "sequences": len(sequences),
+        }
+        for name, sequences, fps in (
+            ("Dyna", aligned, aligned[0].fps),
+            ("Mosh", tested, mosh_fps),
+        )
+        if sequences
+    ]
+
+
+def main_table(results: Mapping[str, Any]) -> str:
+    """Each pipeline's predictors, and its own SMPL alone, in every test group; Markdown.
+
+    A column has one reference: the mesh that was registered, of test motions the true one.
+    """
+    cells = {
+        cell: title
+        for cell, title in results["cell_titles"].items()
+        if cell in ("validation", *CELLS)
+        and any("mesh" in errors for errors in results["cells"][cell].values())
+    }
+    against = dict.fromkeys(CELLS, "true mesh") | {"validation": "registered mesh"}
+    heads = [f"{title}, against the {against[cell]}" for cell, title in cells.items()]
+    rows = ["| mean error, R² | " + " | ".join(heads) + " |", "|---" + "|---:" * len(cells) + "|"]
+    for pipeline in results["pipelines"].values():
+        own = {name: results["predictors"][name] for name in pipeline["predictors"]}
+        own[smpl_of(results, pipeline)] = f"*SMPL alone, as `{pipeline['aligner']}` fitted it*"
+        for name, label in own.items():
+            found = [_mm_and_r2(results["cells"][cell].get(name, {})) for cell in cells]
+            rows.append(f"| {label} | " + " | ".join(found) + " |")
+    return "\n".join(rows)
+
+
+def verdict_lines(results: Mapping[str, Any]) -> list[str]:
+    """For each pipeline a sentence: what it leaves of SMPL's error where it was tested."""
+    lines = []
+    for pipeline in results["pipelines"].values():
+        name, smpl = pipeline["default"], smpl_of(results, pipeline)
+        found = []
+        for cell, title in results["cell_titles"].items():
+            errors = results["cells"][cell]
+            if cell in ("validation", *CELLS) and "mesh" in errors.get(name, {}):
+                mesh, beside = errors[name]["mesh"], errors[smpl]["mesh"]["mean_mm"]
+                found.append(
+                    f"{title}: {_decimals(mesh['mean_mm'], 2)} of {_decimals(beside, 2)} mm "
+                    f"(R² {_decimals(mesh['r2'], 2)})"
+                )
+        lines.append(f"**{results['predictors'][name]}**, {'; '.join(found)}.")
+    return lines
+
+
+def smpl_of(results: Mapping[str, Any], pipeline: Mapping[str, Any]) -> str:
+    """What SMPL alone is called in a pipeline's own motions."""
+    key = next(key for key, one in results["pipelines"].items() if one == pipeline)
+    return f"{SMPL}_{key}" if f"{SMPL}_{key}" in results["predictors"] else SMPL
+
+
+def _mm_and_r2(errors: Mapping[str, Any]) -> str:
+    mesh = errors.get("mesh")
+    return f"{_decimals(mesh['mean_mm'], 2)} mm, {_decimals(mesh['r2'], 2)}" if mesh else "-"
 
 
 def departures(stages: Stages) -> list[str]:
@@ -180,7 +260,18 @@ _ENVIRONMENT.filters |= {"decimals": _decimals, "exponent": _exponent}
 
 
 def render_markdown(context: Mapping[str, Any]) -> str:
-    return _ENVIRONMENT.get_template("report.md.j2").render(context)
+    """The page, with a line of links to its sections where the template says so."""
+    results = context["results"]
+    made = {"table": main_table(results), "verdict": verdict_lines(results)}
+    page = _ENVIRONMENT.get_template("report.md.j2").render(context, **made)
+    titles = re.findall(r"^## (.+)$", page, re.MULTILINE)
+    links = " · ".join(f"[{title}](#{_anchor(title)})" for title in titles)
+    return page.replace("[contents]", links, 1)
+
+
+def _anchor(title: str) -> str:
+    """As GitHub makes one of a heading."""
+    return re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
 
 
 def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
@@ -194,6 +285,13 @@ def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
     body = re.sub(r'src="(figures/[\w.-]+\.png)"', picture, body)
     # A name that is a picture from elsewhere would have it fetched by whoever reads the page.
     body = re.sub(r'<img (?!src="data:)[^>]*>', "", body)
+    body = re.sub(r"<h2>(.*?)</h2>", lambda h: f'<h2 id="{_anchor(h[1])}">{h[1]}</h2>', body)
+    # Of all HTML these alone are let through: what is behind a fold.
+    body = re.sub(
+        r"<p>&lt;details&gt;&lt;summary&gt;(.*?)&lt;/summary&gt;</p>",
+        r"<details><summary>\1</summary>",
+        body,
+    ).replace("<p>&lt;/details&gt;</p>", "</details>")
     # Tables scroll by themselves on a narrow screen, the page does not.
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")
