@@ -10,10 +10,10 @@ from benchmarks.claims.results import ROOT, Results
 PAGE = ROOT / "docs" / "claims.md"
 _HEAD = """# The paper's claims
 
-Every claim of the [paper](../README.md#the-papers-claims), what was measured of it, and whether it
-holds: {counts}. Body, motions and flesh are [synthetic](data.md), so a verdict is of the method, not
-of people; it is a rule on the number (`benchmarks/claims/claims.py`). ± is the standard deviation
-over training seeds.
+Every claim of the [paper](../README.md), what was measured of it, and whether it
+holds: {counts}. Body, motions and flesh are [synthetic](data.md), so a verdict is of the method,
+not of people; it is a rule on the number (`benchmarks/claims/claims.py`). ± is the standard
+deviation over training seeds.
 
 Rows with *standardised* and *faithful* are of the paper's whole pipeline, from its aligner to its
 decoder ([the two](../README.md#run-it)). The others ask of the network alone, on data that its

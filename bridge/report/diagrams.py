@@ -23,10 +23,9 @@ Box = tuple[str, str, str]
 
 def draw_figure3(path: Path, train_ae: Artifact) -> None:
     """Figure 3: the autoencoder's data, as grey boxes of vertices by features, and its layers."""
-    widths = train_ae.manifest["architecture"]["widths"]
-    sizes = [(widths[0], features) for features in FEATURES]
-    sizes += [(vertices, FEATURES[-1]) for vertices in widths[1:]]
-    layers = ["linear"] * (len(FEATURES) - 1) + ["Conv1d"] * (len(widths) - 1)
+    sizes = sizes_of(train_ae.manifest["architecture"]["widths"])
+    linear = len(FEATURES) - 1
+    layers = ["linear"] * linear + ["Conv1d"] * (len(sizes) - 1 - linear)
     mirrored = [*sizes, None, *sizes[::-1]]
     named = [*layers, "linear", "linear", *layers[::-1]]
     count = train_ae.manifest["parameters"]["mesh_autoencoder"]
@@ -50,6 +49,13 @@ def draw_figure3(path: Path, train_ae: Artifact) -> None:
         axes.text(where, 0.68, word, ha="center", fontsize=10, weight="semibold")
     _plain(axes, (-0.6, len(mirrored) - 0.4), (-0.72, 0.8))
     save_figure(figure, path)
+
+
+def sizes_of(widths: Sequence[int]) -> list[tuple[int, int]]:
+    """Vertices and features of the encoder's data, from the mesh to what its last layer is given;
+    the decoder's are the same backwards."""
+    sizes = [(widths[0], features) for features in FEATURES]
+    return [*sizes, *((vertices, FEATURES[-1]) for vertices in widths[1:])]
 
 
 def draw_figure5(path: Path, train: Artifact) -> None:
