@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.measure.pipelines import MotionArrays
@@ -39,145 +39,66 @@ from bridge.runs.run import TRAIN_PLUS
 
 
 class FigurePlan(NamedTuple):
-    """A figure of the report: its file's name below `figures/`, without extension."""
+    """A figure of the report; its caption stands in the page's template."""
 
     name: str
-    caption: str
+    """Its file's below `figures/`, without extension; the paper's begin with `figure`."""
+    of: str
+    """The sequence that it shows, if it is one."""
     draw: Callable[[Path], None]
 
 
 def plan_figures(scene: Scene) -> list[FigurePlan]:
     """The figures that this run's data allow: the paper's by number, then what else it shows."""
-    return [*_papers_figures(scene), *_other_figures(scene)]
-
-
-def _papers_figures(scene: Scene) -> list[FigurePlan]:
-    stages, evaluate, plans = scene.stages, scene.stages["evaluate"], list[FigurePlan]()
-    held_out, of_paper = validation_result(evaluate), "decode" in stages
+    stages, evaluate = scene.stages, scene.stages["evaluate"]
+    held_out, papers = validation_result(evaluate), "decode" in stages
     clip = scene.predicted()[held_out["name"]] if held_out else None
-    shown = " and ".join(scene.shown.values())
-
-    def add(name: str, caption: str, draw: Callable[[Path], None]) -> None:
-        number = re.match(r"figure(\d+)", name)
-        assert number
-        plans.append(FigurePlan(name, f"Figure {number[1]}. {caption}", draw))
-
-    if test := _unseen(scene):
-        add(
-            "figure1_strip",
-            f"Offsets predicted by {shown} for {test.name}, which nothing was trained on.",
-            lambda path: draw_figure1(path, scene, test),
-        )
-    if clip:
-        add(
-            "figure2_alignment",
-            "The skin offset is what is left, at rest, of the mesh S when SMPL is aligned to it: "
-            "Δ = W⁻¹(S) - M(β, θ). (a) The mesh, (b) unposed, (c) SMPL's shape, (d) its pose, "
-            "(e) with the offset, coloured by its size.",
-            lambda path: draw_figure2(path, scene, clip),
-        )
-    if of_paper:
-        add(
-            "figure3_autoencoder",
-            "The autoencoder: grey boxes are data, vertices above and features below (heights by "
-            "the logarithm); the convolutions take vertices as channels.",
-            lambda path: draw_figure3(path, stages["train-ae"]),
-        )
-        if clip:
-            add(
-                "figure4_autoencoder",
-                "The original mesh, its reconstruction through 100 numbers, and the distance "
-                "between the two in centimetres.",
-                lambda path: draw_figure4(path, scene, clip),
-            )
-        add(
-            "figure5_dsnet",
-            "The network unrolled; beside the arrows, how many numbers pass.",
-            lambda path: draw_figure5(path, stages["train"]),
-        )
-    add(
-        "figure6_lengths",
-        "Sequence lengths; shorter ones are padded with zeros, longer ones clipped.",
-        lambda path: draw_figure6(path, scene.pipelines[0].align.artifact),
-    )
-    if clip and held_out:
-        add(
-            "figure7_validation",
-            "(a) Ground truth, (b) SMPL from beta and theta, and for each pipeline SMPL with the "
-            "predicted offset and what the predictor contributes, in centimetres.",
-            lambda path: draw_figure7(path, scene, clip),
-        )
-        add(
-            "figure8_error",
-            "Mean distance of the posed mesh's vertices from the registered mesh in each frame.",
-            lambda path: draw_figure8(path, evaluate, held_out),
-        )
-    if of_paper and (people := _people_of_figure9(scene)):
-        add(
-            "figure9_people",
-            "Offsets predicted for known people and (framed) new ones, in observed and unobserved "
-            "motions.",
-            lambda path: draw_figure9(path, scene, people),
-        )
-    if turning := _turning(scene):
-        add(
-            "figure10_spine2",
-            f"Rotation vector of {ABSORBING_JOINT} over time, as each aligner fits it: what turns "
-            "more than the true pose took over what the flesh did.",
-            lambda path: _draw_figure10(path, scene, turning),
-        )
-    return plans
-
-
-def _other_figures(scene: Scene) -> list[FigurePlan]:
-    stages, evaluate, plans = scene.stages, scene.stages["evaluate"], list[FigurePlan]()
+    train_ae, train = (stages[name] if papers else None for name in ("train-ae", "train"))
+    plus, people = stages.get(TRAIN_PLUS), papers and _people_of_figure9(scene)
     # Nothing moves without test sequences whose true offsets are known.
-    if stopping := stopping_sequence(evaluate):
-        decay = (
-            f"How the offsets swing and die away, {stopping['name']}: their mean length in each "
-            "frame. Shaded: the body stands still."
-        )
-        plans += [
-            FigurePlan("decay", decay, lambda path: draw_offset_size(path, evaluate, stopping)),
-            FigurePlan(
-                "spectrum",
-                "How fast the offsets move, over all test sequences: root mean square in each half "
-                "hertz.",
-                lambda path: draw_spectrum(path, evaluate),
-            ),
-        ]
-    if "decode" in stages:
-        plans += [
-            FigurePlan(
-                "loss_autoencoder",
-                "Loss of the autoencoder; epoch 0 is before the first step.",
-                lambda path: draw_autoencoder_loss(path, stages["train-ae"]),
-            ),
-            FigurePlan(
-                "loss_dsnet",
-                "Loss of each predictor. The latents' scales differ, so the values do too.",
-                lambda path: draw_dsnet_loss(path, stages["train"]),
-            ),
-        ]
-    if TRAIN_PLUS in stages and plus_losses(stages[TRAIN_PLUS]):
-        plus = "Loss of this repository's predictors."
-        plans.append(
-            FigurePlan("loss_plus", plus, lambda path: draw_plus_loss(path, stages[TRAIN_PLUS]))
-        )
-    return plans
+    stopping = stopping_sequence(evaluate)
+    candidates: tuple[tuple[str, Any, Callable[[Path, Any], None]], ...] = (
+        ("figure1_strip", _unseen(scene), lambda path, one: draw_figure1(path, scene, one)),
+        ("figure2_alignment", clip, lambda path, one: draw_figure2(path, scene, one)),
+        ("figure3_autoencoder", train_ae, draw_figure3),
+        ("figure4_autoencoder", papers and clip, lambda path, one: draw_figure4(path, scene, one)),
+        ("figure5_dsnet", train, draw_figure5),
+        ("figure6_lengths", scene.pipelines[0].align.artifact, draw_figure6),
+        ("figure7_validation", clip, lambda path, one: draw_figure7(path, scene, one)),
+        ("figure8_error", held_out, lambda path, one: draw_figure8(path, evaluate, one)),
+        ("figure9_people", people, lambda path, one: draw_figure9(path, scene, one)),
+        ("figure10_spine2", _turning(scene), lambda path, one: _draw_figure10(path, scene, one)),
+        ("decay", stopping, lambda path, one: draw_offset_size(path, evaluate, one)),
+        ("spectrum", stopping, lambda path, _: draw_spectrum(path, evaluate)),
+        ("loss_autoencoder", train_ae, draw_autoencoder_loss),
+        ("loss_dsnet", train, draw_dsnet_loss),
+        ("loss_plus", plus if plus and plus_losses(plus) else None, draw_plus_loss),
+    )
+    return [
+        FigurePlan(name, _name_of(subject), partial(_draw, draw, subject))
+        for name, subject, draw in candidates
+        if subject
+    ]
+
+
+def _draw(draw: Callable[[Path, Any], None], subject: Any, path: Path) -> None:
+    draw(path, subject)
+
+
+def _name_of(subject: Any) -> str:
+    found = subject.get("name") if isinstance(subject, dict) else getattr(subject, "name", "")
+    return str(found or "")
 
 
 def _unseen(scene: Scene) -> MotionSequence | None:
     """The first test sequence of the hardest group that the run has."""
-    hardest_first = list(reversed(CELLS))
-    predicted = scene.predicted()
+    predicted, hardest_first = scene.predicted(), list(reversed(CELLS))
     tested = [
-        one
-        for one in scene.stages["evaluate"].manifest["per_sequence"]
+        (hardest_first.index(one["cell"]), place, one["name"])
+        for place, one in enumerate(scene.stages["evaluate"].manifest["per_sequence"])
         if one["split"] == "test" and one["name"] in predicted
     ]
-    found = min(tested, key=lambda one: hardest_first.index(one["cell"]), default=None)
-    return None if found is None else predicted[found["name"]]
+    return predicted[min(tested)[-1]] if tested else None
 
 
 def _people_of_figure9(scene: Scene) -> dict[str, tuple[MotionSequence | None, ...]]:

@@ -141,20 +141,19 @@ def main_table(results: Mapping[str, Any]) -> str:
 
 
 def verdict_lines(results: Mapping[str, Any]) -> list[str]:
-    """For each pipeline a sentence: what it leaves of SMPL's error where it was tested."""
+    """For each pipeline a sentence: in which test groups it does better than its SMPL alone."""
     lines = []
     for pipeline in results["pipelines"].values():
         name, smpl = pipeline["default"], smpl_of(results, pipeline)
-        found = []
+        better, worse = [], []
         for cell, title in results["cell_titles"].items():
             errors = results["cells"][cell]
             if cell in ("validation", *CELLS) and "mesh" in errors.get(name, {}):
-                mesh, beside = errors[name]["mesh"], errors[smpl]["mesh"]["mean_mm"]
-                found.append(
-                    f"{title}: {_decimals(mesh['mean_mm'], 2)} of {_decimals(beside, 2)} mm "
-                    f"(R² {_decimals(mesh['r2'], 2)})"
-                )
-        lines.append(f"**{results['predictors'][name]}**, {'; '.join(found)}.")
+                less = errors[name]["mesh"]["mean_mm"] < errors[smpl]["mesh"]["mean_mm"]
+                (better if less else worse).append(title)
+        said = f"**{results['predictors'][name]}** is nearer to the mesh than SMPL alone in: "
+        said += "; ".join(better) or "no test group"
+        lines.append(f"{said}. Farther in: {'; '.join(worse)}." if worse else f"{said}.")
     return lines
 
 
