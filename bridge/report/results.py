@@ -261,7 +261,12 @@ _ENVIRONMENT.filters |= {"decimals": _decimals, "exponent": _exponent}
 def render_markdown(context: Mapping[str, Any]) -> str:
     """The page, with a line of links to its sections where the template says so."""
     results = context["results"]
-    made = {"table": main_table(results), "verdict": verdict_lines(results)}
+    shown = [results["predictors"][one["default"]] for one in results["pipelines"].values()]
+    made = {
+        "table": main_table(results),
+        "verdict": verdict_lines(results),
+        "shown": " and ".join(shown),
+    }
     page = _ENVIRONMENT.get_template("report.md.j2").render(context, **made)
     titles = re.findall(r"^## (.+)$", page, re.MULTILINE)
     links = " · ".join(f"[{title}](#{_anchor(title)})" for title in titles)
