@@ -84,8 +84,9 @@ def _network(results: Results) -> Iterator[Claim]:
 
     def beside(system: str, name: str) -> str:
         text = (
-            f"R² in known motions of known people {said(_DSNET)}, {name} {said(system)}; in unseen "
-            f"motions {said(_DSNET, UNSEEN)} and {said(system, UNSEEN)}"
+            f"R² in known motions of known people {said(_DSNET)}, {name} {said(system)}; of new "
+            f"people {said(_DSNET, NEW)} and {said(system, NEW)}; in unseen motions "
+            f"{said(_DSNET, UNSEEN)} and {said(system, UNSEEN)}"
         )
         clip = [
             mean_sd(found)
@@ -152,7 +153,7 @@ def _network(results: Results) -> Iterator[Claim]:
         "4.3",
         f"R² of the pose's velocity by a linear probe: of the input {mean_sd(probe['input'])}, "
         f"behind the first layers {mean_sd(probe['fc_enc_2'])}, behind the LSTM "
-        f"{mean_sd(probe['lstm'])}. They see one pose; the LSTM does it",
+        f"{mean_sd(probe['lstm'])}; the first layers see one pose at a time",
         rule(
             np.mean(probe["fc_enc_2"]) > 0.5, np.mean(probe["lstm"]) > np.mean(probe["input"]) + 0.1
         ),
@@ -185,7 +186,7 @@ def _batch_norm(results: Results) -> Claim:
     return Claim(
         "Batch normalisation helps convergence",
         "5",
-        f"loss after {seeds[0]['epochs'] // 10} epochs at one rate: with it "
+        f"loss after {seeds[0]['epochs'] // 10} epochs at rate 0.001: with it "
         f"{mean_sd(early[_DSNET], 0)}, without {mean_sd(early[without], 0)}; least on the held-out "
         f"clip {mean_sd(best[_DSNET], 0)} and {mean_sd(best[without], 0)}",
         rule(faster and better, faster or better),

@@ -44,7 +44,7 @@ class Reference:
 
 
 @dataclass(frozen=True, eq=False)
-class Tested:
+class ScoredMotion:
     """A sequence to predict: motion, shape and the offsets that are right."""
 
     name: str
@@ -100,7 +100,7 @@ class StudyData:
             for name in names
         ]
 
-    def tested(self) -> list[Tested]:
+    def tested(self) -> list[ScoredMotion]:
         """The held-out clip against its aligned offsets, as the paper has it; test motions against
         the true ones."""
         found = []
@@ -109,7 +109,7 @@ class StudyData:
                 arrays = self._aligned if cell == VALIDATION else self._truth
                 theta = self._motions.frames("theta", name, slice(None))
                 reference = self.reference(arrays, name)
-                found.append(Tested(name, cell, theta, self._motions.betas(name), reference))
+                found.append(ScoredMotion(name, cell, theta, self._motions.betas(name), reference))
         return found
 
     @staticmethod

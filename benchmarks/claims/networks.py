@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.claims.data import MOTIONS, VALIDATION, StudyData, Tested, r2
+from benchmarks.claims.data import MOTIONS, VALIDATION, ScoredMotion, StudyData, r2
 from benchmarks.plugin import predictors
 from benchmarks.prediction.corpora import check_names
 from benchmarks.systems.dsnet_variants import DsnetVariant
@@ -83,7 +83,7 @@ def main(config: NetworksConfig) -> None:
 def _study(
     config: NetworksConfig,
     data: TrainingData,
-    tested: Sequence[Tested],
+    tested: Sequence[ScoredMotion],
     seed: int,
     kept: dict[str, Any],
 ) -> dict[str, Any]:
@@ -137,7 +137,7 @@ def _trained(
         return described, training.arrays()
 
 
-def _by_cell(predict: PredictMotion, tested: Sequence[Tested]) -> dict[str, float]:
+def _by_cell(predict: PredictMotion, tested: Sequence[ScoredMotion]) -> dict[str, float]:
     """R2 of the offsets in each test group."""
     found = {}
     for cell in (VALIDATION, *CELLS):
@@ -148,12 +148,14 @@ def _by_cell(predict: PredictMotion, tested: Sequence[Tested]) -> dict[str, floa
     return found
 
 
-def _pooled(errors: Sequence[NDArray], tested: Sequence[Tested]) -> float:
+def _pooled(errors: Sequence[NDArray], tested: Sequence[ScoredMotion]) -> float:
     squares = [one.reference.squares for one in tested]
     return round(r2(np.concatenate(errors), np.concatenate(squares)), 5)
 
 
-def _exchanged(predict: PredictMotion, tested: Sequence[Tested]) -> dict[str, dict[str, float]]:
+def _exchanged(
+    predict: PredictMotion, tested: Sequence[ScoredMotion]
+) -> dict[str, dict[str, float]]:
     """R2 with everybody's own betas, and with those of each other person that was trained on."""
     known = {one.name.split("_")[0]: one.betas for one in tested if "new" not in one.cell}
     found = {}
@@ -184,7 +186,7 @@ def _inside(
     variant: DsnetVariant,
     arrays: dict[str, NDArray],
     data: TrainingData,
-    tested: Sequence[Tested],
+    tested: Sequence[ScoredMotion],
 ) -> dict[str, Any]:
     """Error with a shorter history, and what a linear probe finds in each layer."""
     trained = TrainedDsnet.from_arrays(variant.name, arrays)
@@ -214,7 +216,7 @@ def _inside(
 
 
 def _histories(
-    model: keras.Model, trained: TrainedDsnet, tested: Sequence[Tested]
+    model: keras.Model, trained: TrainedDsnet, tested: Sequence[ScoredMotion]
 ) -> dict[str, dict[str, float]]:
     """R2, by test group and frames seen, over frames that have the longest history."""
     first = max(HISTORIES) - 1
@@ -257,7 +259,7 @@ def _probe(fitted: Sequence[Any], judged: Sequence[Any], order: int) -> float:
     return round(float(1 - error / np.square(wanted).sum()), 5)
 
 
-def _components(tested: Sequence[Tested]) -> dict[str, float]:
+def _components(tested: Sequence[ScoredMotion]) -> dict[str, float]:
     """R2 of the held-out clip's offsets in the leading components."""
     own = [one.reference for one in tested if one.cell == VALIDATION]
     return {

@@ -81,7 +81,8 @@ class Results:
 def mean_sd(values: Iterable[float], digits: int = 2) -> str:
     """Mean, and the spread over seeds where there are several."""
     array = np.array(list(values))
-    mean = f"{array.mean() + 0.0:.{digits}f}"
+    # Adding 0 turns the negative zero of rounding into zero.
+    mean = f"{round(array.mean(), digits) + 0.0:.{digits}f}"
     return mean if len(array) < 2 else f"{mean} ± {array.std(ddof=1):.{digits}f}"
 
 
