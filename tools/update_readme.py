@@ -19,7 +19,7 @@ from typing import Any
 from benchmarks.claims.__main__ import PAGE, counted, page
 from benchmarks.claims.claims import PAPER_RUN, claims
 from benchmarks.claims.results import KNOWN, NEW, NEW_UNSEEN, UNSEEN, Results, mean_sd, r2_of
-from bridge.report.results import main_table, smpl_of
+from bridge.report.pages import main_table, smpl_of
 from bridge.runs import Run
 from bridge.runs.run import TRAIN_PLUS
 from tools.speed_page import speed_page

@@ -37,7 +37,11 @@ def page(results: Results | None = None) -> str:
         ]
         parts += [_row(row) for row in rows]
         parts.append("")
-    return "\n".join(parts).rstrip() + "\n" + _TAIL
+    parts += ["## Made by\n", "| results | command |", "|---|---|"]
+    parts += [
+        f"| [{name}]({source}) | `{command}` |" for source, (name, command) in COMMANDS.items()
+    ]
+    return "\n".join(parts) + "\n" + _TAIL
 
 
 def counted(found: dict[str, list[Claim]]) -> str:
@@ -53,7 +57,7 @@ def counted(found: dict[str, list[Claim]]) -> str:
 
 
 def _row(row: Claim) -> str:
-    by = ", ".join(f"[`{COMMANDS[source]}`]({source})" for source in row.sources)
+    by = ", ".join(f"[{COMMANDS[source][0]}]({source})" for source in row.sources)
     return f"| {row.claim} | {row.place} | {row.measured} | **{row.verdict}** | {by} |"
 
 

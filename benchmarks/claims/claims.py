@@ -19,8 +19,8 @@ from benchmarks.claims.results import (
     mean_sd,
     r2_of,
 )
+from bridge.report.pages import smpl_of
 from bridge.report.paper_table import format_value
-from bridge.report.results import smpl_of
 
 Verdict = Literal["holds", "in part", "does not hold here", "needs the licensed data"]
 HOLDS: Verdict = "holds"
@@ -35,15 +35,16 @@ COMPARISON, SUBSPACES, SPEED = (
 )
 STUDY, GAINS = "results/claims/align_robust-0.json", "results/claims/alignment.json"
 COMMANDS = {
-    DEMO: "./reproduce.sh",
-    PAPER_RUN: "./reproduce.sh --profile paper",
-    COMPARISON: "python -m benchmarks.prediction.comparison --out DIR",
-    SUBSPACES: "python -m benchmarks.subspaces --out DIR",
-    SPEED: "python -m benchmarks.speed --run demo",
-    STUDY: "python -m benchmarks.claims.networks --out DIR --seeds 0 1 2",
-    GAINS: "python -m benchmarks.claims.alignment --out FILE",
-    "markers.md": "dsnet evaluate --markers FILE --out DIR",
+    DEMO: ("demo", "./reproduce.sh"),
+    PAPER_RUN: ("paper", "./reproduce.sh --profile paper"),
+    STUDY: ("networks", "python -m benchmarks.claims.networks --out DIR --seeds 0 1 2"),
+    GAINS: ("alignment", "python -m benchmarks.claims.alignment --out FILE"),
+    COMPARISON: ("comparison", "python -m benchmarks.prediction.comparison --out DIR"),
+    SUBSPACES: ("subspaces", "python -m benchmarks.subspaces --out DIR"),
+    SPEED: ("speed", "python -m benchmarks.speed --run demo"),
+    "markers.md": ("markers", "dsnet evaluate --markers FILE --out DIR"),
 }
+"""What each page or file of results is called in the table, and what makes it."""
 _DSNET = "dsnet_pca"
 
 

@@ -13,14 +13,10 @@ from bridge.errors import DsnetError
 from bridge.measure.pipelines import stages_of_pipelines
 from bridge.options import PositiveInt
 from bridge.report.bodies import Scene
+from bridge.report.pages import render_html, render_markdown
 from bridge.report.panels import FOOTERS
 from bridge.report.plan import plan_figures
-from bridge.report.results import (
-    departures,
-    render_html,
-    render_markdown,
-    summarise,
-)
+from bridge.report.results import departures, summarise
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import INFER, INFER_PLUS, TRAIN_PLUS, body_model_path
 from bridge.runs.workers import progress

@@ -15,9 +15,9 @@ from bridge import DsnetError
 from bridge.measure.evaluation import evaluate_run
 from bridge.report import plan, stage_report
 from bridge.report.diagrams import sizes_of
+from bridge.report.pages import render_html, render_markdown
 from bridge.report.panels import FOOTERS, new_figure
 from bridge.report.paper_table import compare, measure
-from bridge.report.results import render_html, render_markdown
 from bridge.runs import Run, read_artifact
 from tests.forged.best_pipeline import write_best_pipeline
 
