@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 
-from benchmarks.claims.claims import COMMANDS, Claim, claims
+from benchmarks.claims.claims import COMMANDS, GAINS, STUDY, Claim, claims
 from benchmarks.claims.results import ROOT, Results
 
 PAGE = ROOT / "docs" / "claims.md"
@@ -27,7 +28,12 @@ Written by `python -m benchmarks.claims` from `docs/results/`, never by hand.
 
 def page(results: Results | None = None) -> str:
     """The page's text."""
-    found = claims(results or Results())
+    results = results or Results()
+    found = claims(results)
+    remarks = {
+        STUDY: results.of_another_run(results.networks[0]),
+        GAINS: results.of_another_run(results.alignment),
+    }
     parts = [_HEAD.format(counts=counted(found))]
     for subject, rows in found.items():
         parts += [
@@ -35,7 +41,7 @@ def page(results: Results | None = None) -> str:
             "| claim | place | measured | verdict | by |",
             "|---|---|---|---|---|",
         ]
-        parts += [_row(row) for row in rows]
+        parts += [_row(row, remarks) for row in rows]
         parts.append("")
     parts += ["## Made by\n", "| results | command |", "|---|---|"]
     parts += [
@@ -56,8 +62,10 @@ def counted(found: dict[str, list[Claim]]) -> str:
     return ", ".join(said.format(counts[verdict]) for verdict, said in words.items())
 
 
-def _row(row: Claim) -> str:
-    by = ", ".join(f"[{COMMANDS[source][0]}]({source})" for source in row.sources)
+def _row(row: Claim, remarks: Mapping[str, str]) -> str:
+    by = ", ".join(
+        f"[{COMMANDS[source][0]}]({source}){remarks.get(source, '')}" for source in row.sources
+    )
     return f"| {row.claim} | {row.place} | {row.measured} | **{row.verdict}** | {by} |"
 
 

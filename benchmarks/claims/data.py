@@ -6,7 +6,7 @@ against the true offsets in minutes, without decoding a mesh.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bridge.exchange.dsnet import UnpaddedClip, join_inputs
 from bridge.measure.pipelines import MotionArrays
 from bridge.motion.splits import CELLS
-from bridge.paper import LATENT_SIZE
+from bridge.paper import LATENT_SIZE, N_VERTICES
 from bridge.runs import Run
 
 VALIDATION = "validation"
@@ -116,6 +116,12 @@ class StudyData:
     def _flat(arrays: MotionArrays, name: str) -> NDArray[np.float32]:
         offsets_m = arrays.frames("offsets", name, slice(None))
         return np.array(offsets_m).reshape(len(offsets_m), -1)
+
+
+def root_mean_square_mm(tested: Sequence[ScoredMotion], cell: str) -> float:
+    """Of a test group's true offsets: what tells the data of one run from another's."""
+    squares = np.concatenate([one.reference.squares for one in tested if one.cell == cell])
+    return round(1e3 * float(np.sqrt(squares.mean() / N_VERTICES)), 4)
 
 
 def r2(errors: NDArray, squares: NDArray) -> float:

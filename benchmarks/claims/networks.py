@@ -18,7 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.claims.data import MOTIONS, VALIDATION, ScoredMotion, StudyData, r2
+from benchmarks.claims.data import (
+    MOTIONS,
+    VALIDATION,
+    ScoredMotion,
+    StudyData,
+    r2,
+    root_mean_square_mm,
+)
 from benchmarks.plugin import predictors
 from benchmarks.prediction.corpora import check_names
 from benchmarks.systems.dsnet_variants import DsnetVariant
@@ -40,6 +47,7 @@ SYSTEMS = (
 )  # fmt: skip
 HISTORIES = (1, 2, 3, 5, 10, 20, 40, 80)
 """Frames that the LSTM sees, this one included."""
+KNOWN = "known_person_known_motion"
 _COMPONENTS = (8, 25, 100)
 _RIDGE = 1e-2
 _VALIDATE_EVERY = 10
@@ -47,7 +55,7 @@ _VALIDATE_EVERY = 10
 
 @dataclass(frozen=True)
 class NetworksConfig:
-    """Train and score on one alignment of a finished run; what a file has already is kept."""
+    """Train and score on one alignment of a finished run; what a file has of the same data is kept."""
 
     out: Path
     """Folder that receives <alignment>-<seed>.json."""
@@ -76,6 +84,8 @@ def main(config: NetworksConfig) -> None:
     for seed in config.seeds:
         path = config.out / f"{config.alignment}-{seed}.json"
         kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        if kept.get("true_mm") != root_mean_square_mm(tested, KNOWN):
+            kept = {}
         found = _study(config, training, tested, seed, kept)
         write_text_atomically(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
 
@@ -110,6 +120,7 @@ def _study(
         "alignment": config.alignment,
         "seed": seed,
         "epochs": config.epochs,
+        "true_mm": root_mean_square_mm(tested, KNOWN),
         "components_r2": _components(tested),
         "systems": systems,
         **looked_into,
@@ -159,7 +170,7 @@ def _exchanged(
     """R2 with everybody's own betas, and with those of each other person that was trained on."""
     known = {one.name.split("_")[0]: one.betas for one in tested if "new" not in one.cell}
     found = {}
-    for cell in (VALIDATION, "known_person_known_motion", "new_person_known_motion"):
+    for cell in (VALIDATION, KNOWN, "new_person_known_motion"):
         own = [one for one in tested if one.cell == cell]
         pairs = [
             (one, betas)
@@ -202,7 +213,7 @@ def _inside(
     judged = [
         (of_layers(join_inputs(one.theta, one.betas)), one.theta)
         for one in tested
-        if one.cell == "known_person_known_motion"
+        if one.cell == KNOWN
     ]
     probes: dict[str, dict[str, float]] = {}
     for place, layer in enumerate(("input", "fc_enc_2", "lstm")):
@@ -221,7 +232,7 @@ def _histories(
     """R2, by test group and frames seen, over frames that have the longest history."""
     first = max(HISTORIES) - 1
     found: dict[str, dict[str, float]] = {}
-    for cell in ("known_person_known_motion", "known_person_unseen_motion"):
+    for cell in (KNOWN, "known_person_unseen_motion"):
         own = [one for one in tested if one.cell == cell]
         found[cell] = {}
         for seen in HISTORIES:

@@ -77,6 +77,11 @@ class Results:
         """A remark where `docs/data.md` counts a page among those of the older body and law."""
         return " *(body and law of before)*" if f"({page})" in self._older else ""
 
+    def of_another_run(self, study: dict[str, Any]) -> str:
+        """A remark where a study's true offsets are not those of the run that is shown."""
+        now_mm = self.demo["cells"][KNOWN]["smpl"]["offsets"]["rms_mm"]
+        return "" if abs(study["true_mm"] / now_mm - 1) < 1e-3 else " *(data of an earlier run)*"
+
 
 def mean_sd(values: Iterable[float], digits: int = 2) -> str:
     """Mean, and the spread over seeds where there are several."""

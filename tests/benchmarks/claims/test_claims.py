@@ -38,7 +38,7 @@ def test_every_claim_has_place_number_verdict_and_a_command_that_exists(results:
         assert any(letter.isdigit() for letter in row.measured) or row.verdict == rows.LICENSED
         for source in row.sources:
             assert (ROOT / "docs" / source).exists()
-            assert COMMANDS[source]
+            assert source in COMMANDS
     assert counted(claims(results)).count(",") == 3
 
 
@@ -63,6 +63,12 @@ def test_what_was_made_with_the_body_of_before_is_named(results: Results) -> Non
     before._older = text.partition("\n\n")[0]
     assert before.of_before("results/a.md")
     assert not before.of_before("results/b.md")
+
+
+def test_a_study_of_other_data_than_the_runs_is_named(results: Results) -> None:
+    study = results.networks[0]
+    assert not results.of_another_run(study)
+    assert "earlier run" in results.of_another_run({"true_mm": 1.1 * study["true_mm"]})
 
 
 def test_an_error_of_coefficients_is_that_of_the_offsets_they_stand_for() -> None:
