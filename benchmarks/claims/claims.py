@@ -268,8 +268,8 @@ def _cost(results: Results) -> Iterator[Claim]:
         "It saves much computing time",
         "abstract, 7",
         f"a frame takes {bench['step_us']['1']:.0f} µs in DSNet and {ours_ms:.1f} ms in its "
-        f"decoder, Casas and Otaduy's decoder {others_ms:.1f} ms, on two CPU cores; DSNet+ from pose "
-        f"to posed mesh {runtime['characters_1']['dsnet_plus']['ms']:.1f} ms, DSNet "
+        f"decoder, Casas and Otaduy's decoder {others_ms:.1f} ms, on two CPU cores; DSNet+ from "
+        f"pose to posed mesh {runtime['characters_1']['dsnet_plus']['ms']:.1f} ms, DSNet "
         f"{runtime['characters_1']['dsnet']['ms']:.1f}",
         rule(ours_ms < 0.5 * others_ms, ours_ms < others_ms),
         (SPEED,),

@@ -55,7 +55,7 @@ _VALIDATE_EVERY = 10
 
 @dataclass(frozen=True)
 class NetworksConfig:
-    """Train and score on one alignment of a finished run; what a file has of the same data is kept."""
+    """Train and score on one alignment of a finished run; a file's systems of the same data are kept."""
 
     out: Path
     """Folder that receives <alignment>-<seed>.json."""
@@ -84,7 +84,8 @@ def main(config: NetworksConfig) -> None:
     for seed in config.seeds:
         path = config.out / f"{config.alignment}-{seed}.json"
         kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-        if kept.get("true_mm") != root_mean_square_mm(tested, KNOWN):
+        now_mm = root_mean_square_mm(tested, KNOWN)
+        if kept.get("true_mm", now_mm) != now_mm:
             kept = {}
         found = _study(config, training, tested, seed, kept)
         write_text_atomically(path, json.dumps(found, indent=1, allow_nan=False) + "\n")
