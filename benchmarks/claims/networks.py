@@ -55,7 +55,7 @@ _VALIDATE_EVERY = 10
 
 @dataclass(frozen=True)
 class NetworksConfig:
-    """Train and score on one alignment of a finished run; a file's systems of the same data are kept."""
+    """Train and score on an alignment of a run; a file's systems of the same data are kept."""
 
     out: Path
     """Folder that receives <alignment>-<seed>.json."""
