@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.claims.__main__ import PAGE, counted, page
-from benchmarks.claims.claims import PAPER_RUN, claims
+from benchmarks.claims.claims import claims
 from benchmarks.claims.results import KNOWN, NEW, NEW_UNSEEN, UNSEEN, Results, mean_sd, r2_of
+from benchmarks.claims.row import PAPER_RUN
 from bridge.report.pages import main_table, smpl_of
 from bridge.runs import Run
 from bridge.runs.run import TRAIN_PLUS

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
-from benchmarks.claims.claims import COMMANDS, GAINS, STUDY, Claim, claims
+from benchmarks.claims.claims import claims
 from benchmarks.claims.results import ROOT, Results
+from benchmarks.claims.row import COMMANDS, GAINS, STUDY, Claim
 
 PAGE = ROOT / "docs" / "claims.md"
 _HEAD = """# The paper's claims
 
 Every claim of the [paper](../README.md), what was measured of it, and whether it
 holds: {counts}. Body, motions and flesh are [synthetic](data.md), so a verdict is of the method,
-not of people; it is a rule on the number (`benchmarks/claims/claims.py`). ± is the standard
+not of people; it is a rule on the number (`benchmarks/claims/row.py`). ± is the standard
 deviation over training seeds.
 
 Rows with *standardised* and *faithful* are of the paper's whole pipeline, from its aligner to its

@@ -7,12 +7,12 @@ import copy
 import numpy as np
 import pytest
 
-from benchmarks.claims import claims as rows
 from benchmarks.claims.__main__ import PAGE, counted, page
 from benchmarks.claims.alignment import GAINS, _gains
-from benchmarks.claims.claims import COMMANDS, FAILS, HOLDS, claims
+from benchmarks.claims.claims import claims
 from benchmarks.claims.data import Reference, r2
 from benchmarks.claims.results import ROOT, Results
+from benchmarks.claims.row import COMMANDS, FAILS, HOLDS, LICENSED, Claim
 from bridge.motion import MotionSequence
 
 
@@ -21,7 +21,7 @@ def results() -> Results:
     return Results()
 
 
-def all_claims(results: Results) -> dict[str, rows.Claim]:
+def all_claims(results: Results) -> dict[str, Claim]:
     return {row.claim: row for of_subject in claims(results).values() for row in of_subject}
 
 
@@ -35,7 +35,7 @@ def test_every_claim_has_place_number_verdict_and_a_command_that_exists(results:
     assert len(found) >= 25
     for row in found.values():
         assert row.place
-        assert any(letter.isdigit() for letter in row.measured) or row.verdict == rows.LICENSED
+        assert any(letter.isdigit() for letter in row.measured) or row.verdict == LICENSED
         for source in row.sources:
             assert (ROOT / "docs" / source).exists()
             assert source in COMMANDS
