@@ -11,9 +11,9 @@ from benchmarks.claims.results import KNOWN, UNSEEN, Results, mean_sd, r2_of
 from benchmarks.claims.row import (
     COMPARISON,
     DEMO,
+    DSNET,
     PAPER_RUN,
     SPEED,
-    DSNET,
     STUDY,
     SUBSPACES,
     Claim,

@@ -9,10 +9,10 @@ import numpy as np
 from benchmarks.claims.results import KNOWN, NEW, NEW_UNSEEN, UNSEEN, Results, mean_sd, r2_of
 from benchmarks.claims.row import (
     DEMO,
+    DSNET,
     GAINS,
     LICENSED,
     PAPER_RUN,
-    DSNET,
     STUDY,
     Claim,
     best_r2,
@@ -55,7 +55,8 @@ def of_people(results: Results) -> Iterator[Claim]:
             claim,
             "6, Figure 9",
             f"against the true mesh {left_of(demo, cell)}; at the paper's size "
-            f"{left_of(full, cell)}{before}. On the offsets of an aligner that loses nothing, R² {mean_sd(fair)}",
+            f"{left_of(full, cell)}{before}. On the offsets of an aligner that loses "
+            f"nothing, R² {mean_sd(fair)}",
             rule(best_r2(demo, cell) > 0.5, best_r2(demo, cell) > 0 or np.mean(fair) > 0.5),
             (DEMO, PAPER_RUN, STUDY),
         )
