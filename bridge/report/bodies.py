@@ -14,12 +14,13 @@ from bridge.body import BodyModelData, pose_vertices
 from bridge.body.posing import rest_vertices, shaped_vertices
 from bridge.measure.pipelines import AUTOENCODER, MotionArrays, Pipeline, pipeline_of, pipelines_of
 from bridge.motion import MotionSequence, unpack_theta
-from bridge.report.panels import draw_panels, draw_row_of_bodies, magnitude_colours, scale_top_m
+from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import Camera, frame_camera, render_bodies
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
 
-_STRIP_BODIES = 8
+_ALONG = 7
+"""Bodies of one motion in Figure 1."""
 _OF_A_PERSON = 3
 """Bodies of one person in a row of Figure 9."""
 Column = tuple[str, NDArray[np.float64], "NDArray[np.floating] | None"]
@@ -46,11 +47,6 @@ class Scene:
         """The paper's first."""
         return pipelines_of(self.stages)
 
-    @property
-    def shown(self) -> dict[str, str]:
-        """Predictors that are drawn, one a pipeline, with their labels."""
-        return {one.default: one.predictors[one.default] for one in self.pipelines}
-
     def predicted(self) -> dict[str, MotionSequence]:
         """Sequences that every pipeline has predicted, by name."""
         first, *others = (pipeline.offsets.places for pipeline in self.pipelines)
@@ -75,6 +71,21 @@ class Scene:
     ) -> NDArray[np.uint8]:
         """One body (V, 3), perhaps in colours (V, 3)."""
         return render_bodies([body], self.body.faces, camera=camera, colours=[colours])
+
+
+def draw_figure1(path: Path, scene: Scene, sequence: MotionSequence) -> None:
+    """Figure 1: a motion, and if possible a subject, that no network has seen, along the time; the
+    bodies that skeleton and shape give, and what each pipeline makes of them."""
+    frames = np.linspace(0, sequence.length - 1, _ALONG + 1).round().astype(int)[1:]
+    name, first = sequence.name, scene.pipelines[0]
+    shown: list[Column] = [("SMPL", scene.pose(first.motions, name, frames, None), None)]
+    for pipeline in scene.pipelines:
+        part_m = scene.offsets_m(pipeline.default, name, frames)
+        moved = scene.pose(pipeline.motions, name, frames, part_m)
+        label = pipeline.predictors[pipeline.default]
+        shown.append((label, moved, np.linalg.norm(part_m, axis=-1)))
+    title, times = f"Figure 1: skin offsets of an unseen motion, {name}", _times(sequence, frames)
+    _draw_columns(path, scene, times, shown, title, "skin offset", 10.0, across=True)
 
 
 def draw_figure2(path: Path, scene: Scene, sequence: MotionSequence) -> None:
@@ -198,8 +209,11 @@ def _draw_columns(
     title: str,
     colour_label: str,
     width_in: float,
+    *,
+    across: bool = False,
 ) -> None:
-    """A picture for each time and column, on one scale of colour."""
+    """A picture for each time and column, on one scale of colour; times from left to right if
+    `across`."""
     top_m = scale_top_m([sizes_m for *_, sizes_m in columns if sizes_m is not None])
     everything = np.concatenate([posed for _, posed, _ in columns])
     camera = frame_camera(list(everything), height_px=scene.panel_px)
@@ -208,45 +222,17 @@ def _draw_columns(
         colours = [None if m is None else magnitude_colours(m[row], top_m) for *_, m in columns]
         bodies = [posed[row] for _, posed, _ in columns]
         rows.append([scene.picture(camera, *one) for one in zip(bodies, colours, strict=True)])
+    titles = [column_title for column_title, *_ in columns]
     draw_panels(
         path,
-        rows,
+        [*zip(*rows, strict=True)] if across else rows,
         title=title,
         origin=scene.origin,
-        column_titles=[column_title for column_title, *_ in columns],
-        row_titles=times,
+        column_titles=times if across else titles,
+        row_titles=titles if across else times,
         colour_top_m=top_m,
         colour_label=colour_label,
         width_in=width_in,
-    )
-
-
-def draw_figure1(path: Path, scene: Scene, sequence: MotionSequence) -> None:
-    """Figure 1: a motion, and if possible a subject, that no network has seen.
-
-    With two pipelines, both at each moment side by side, on one scale of colour.
-    """
-    titles = list(scene.shown.values())
-    frames = np.linspace(0, sequence.length - 1, _STRIP_BODIES // len(titles)).round().astype(int)
-    bodies, magnitudes_m = [], []
-    for pipeline in scene.pipelines:
-        offsets_m = scene.offsets_m(pipeline.default, sequence.name, frames)
-        bodies.append(scene.pose(pipeline.motions, sequence.name, frames, offsets_m))
-        magnitudes_m.append(np.linalg.norm(offsets_m, axis=-1))
-    labels = _times(sequence, frames)
-    shown = titles[0]
-    if len(titles) > 1:
-        labels = [f"{time}\n{title}" for time in labels for title in titles]
-        shown = "both pipelines"
-    draw_row_of_bodies(
-        path,
-        np.concatenate(np.stack(bodies, axis=1)),
-        np.concatenate(np.stack(magnitudes_m, axis=1)),
-        scene.body.faces,
-        labels=labels,
-        origin=scene.origin,
-        title=f"Figure 1: skin offsets of an unseen motion, {sequence.name}: {shown}",
-        width_px=int(4.4 * scene.panel_px),
     )
 
 
