@@ -11,6 +11,7 @@ from benchmarks.claims.row import (
     DSNET,
     STUDY,
     Claim,
+    clearly_less,
     rule,
 )
 
@@ -124,7 +125,7 @@ def _batch_norm(results: Results) -> Claim:
         for name in (DSNET, without)
     }
     best = {name: [min(one["systems"][name]["validation_loss"]) for one in seeds] for name in early}
-    faster, better = (np.mean(x[DSNET]) < np.mean(x[without]) for x in (early, best))
+    faster, better = (clearly_less(x[DSNET], x[without]) for x in (early, best))
     return Claim(
         "Batch normalisation helps convergence",
         "5",

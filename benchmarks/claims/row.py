@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -48,6 +49,12 @@ class Claim(NamedTuple):
 def rule(good: bool | np.bool_, half: bool | np.bool_ = False) -> Verdict:
     """Holds, holds in part, or does not."""
     return HOLDS if good else PART if half else FAILS
+
+
+def clearly_less(ones: Sequence[float], others: Sequence[float]) -> bool:
+    """Whether the means of seeds are farther apart than the mean of their spreads."""
+    spreads = [np.std(values, ddof=1) if len(values) > 1 else 0.0 for values in (ones, others)]
+    return bool(np.mean(ones) + np.mean(spreads) < np.mean(others))
 
 
 def default_of(run: dict[str, Any]) -> str:

@@ -12,7 +12,7 @@ from benchmarks.claims.alignment import GAINS, _gains
 from benchmarks.claims.claims import claims
 from benchmarks.claims.data import Reference, r2
 from benchmarks.claims.results import ROOT, Results
-from benchmarks.claims.row import COMMANDS, FAILS, HOLDS, LICENSED, Claim
+from benchmarks.claims.row import COMMANDS, FAILS, HOLDS, LICENSED, Claim, clearly_less
 from bridge.motion import MotionSequence
 
 
@@ -55,6 +55,12 @@ def test_verdicts_turn_with_the_numbers(results: Results) -> None:
     assert of_start.verdict == FAILS
     assert "0.99" in of_start.measured or "1.00" in of_start.measured
     assert found["More LSTM layers do not improve it"].verdict == HOLDS
+
+
+def test_less_within_the_spread_is_not_clearly_less() -> None:
+    assert clearly_less([1.0, 2.0], [3.0, 4.0])
+    assert not clearly_less([1.0, 3.0], [1.5, 3.5])
+    assert clearly_less([1.0], [1.1])
 
 
 def test_what_was_made_with_the_body_of_before_is_named(results: Results) -> None:
