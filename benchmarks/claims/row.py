@@ -53,7 +53,7 @@ def rule(good: bool | np.bool_, half: bool | np.bool_ = False) -> Verdict:
 
 def clearly_less(ones: Sequence[float], others: Sequence[float]) -> bool:
     """Whether the means of seeds are farther apart than the mean of their spreads."""
-    spreads = [np.std(values, ddof=1) if len(values) > 1 else 0.0 for values in (ones, others)]
+    spreads = [float(np.std(v, ddof=1)) if len(v) > 1 else 0.0 for v in (ones, others)]
     return bool(np.mean(ones) + np.mean(spreads) < np.mean(others))
 
 
