@@ -32,6 +32,12 @@ CLIP_FRAMES = 300
 """Frames to which motions are padded or clipped (Section 5)."""
 VALIDATION_SEQUENCE = "50004_one_leg_jump"
 """The sequence that the paper shows and never trains on (Section 6)."""
+FIGURE9_MOTIONS = (
+    "one_leg_jump", "jumping_jacks", "basketball_dribble_and_shoot", "side_to_side_hopping",
+)  # fmt: skip
+"""Observed and unobserved motions of known and unknown people (Figure 9)."""
+ABSORBING_JOINT, ABSORBING_SEQUENCE = "spine2", "50025_jiggle_on_toes"
+"""Whose turning took over what the flesh did, and where (Section 6, Figure 10)."""
 
 Value = int | float | str | tuple[int | float, ...]
 

@@ -32,14 +32,16 @@ from bridge.runs import Run
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import load_for_motion
 from bridge.runtime.moving_body import MovingBody
-from tools.gallery.laps import closed_lap
+from tools.gallery.laps import best_lap, closed, closed_lap
 from tools.gallery.performed import (
     Performed,
+    TrueBody,
     motion_of_kind,
     performed,
     sequence_of,
     shown_dsnet,
     true_performance,
+    truth_of,
 )
 from tools.gallery.stills import Look, Moment, draw_lying, draw_upright
 
@@ -103,10 +105,16 @@ def _make(config: Gallery, path: Path, maker: Callable[[Gallery, Path], None]) -
 
 
 def jumping_jacks(config: Gallery, path: Path, kind: str = "jumping_jacks") -> None:
-    """A clip of one round of a motion: SMPL alone, the run's DSNet, its best predictor."""
-    file = motion_of_kind(Run(config.run), kind)
+    """A clip of one round of a motion: SMPL alone, the run's DSNet, its best predictor, truth."""
+    run = Run(config.run)
+    file = motion_of_kind(run, kind)
     lap = partial(closed_lap, multiple=_FRAMES_A_PICTURE)
-    write_gif(path, *_moved(config, file, lap, Controls(loop=True)), body_px=config.look.body_px)
+    moving = _moved(config, file, lap, Controls(loop=True))
+    truth = truth_of(run, sequence_of(file))
+    round_m = closed(truth.offsets_m, best_lap(truth.theta, _FRAMES_A_PICTURE))
+    # Four bodies are as wide as three were.
+    body_px = config.look.body_px * 3 // 8 * 2
+    write_gif(path, *moving, TrueBody(moving[0], round_m), body_px=body_px)
 
 
 def recorded_jumps(config: Gallery, path: Path) -> None:

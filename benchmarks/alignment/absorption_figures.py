@@ -1,4 +1,4 @@
-"""Figure 10 of the paper redrawn, and what aligners take from the offsets, as bars and bodies."""
+"""What aligners take from the offsets, as bars and bodies."""
 
 from __future__ import annotations
 
@@ -42,41 +42,6 @@ class Drawn:
     """Of its lines and bars."""
     line: str = "-"
     """Line style."""
-
-
-def draw_figure10(
-    path: Path,
-    pose: NDArray[np.floating],
-    found: Mapping[Drawn, NDArray[np.floating]],
-    *,
-    fps: float,
-    joint: str,
-    sequence: str,
-    origin: DataOrigin,
-) -> None:
-    """Figure 10: components of one joint's rotation vector over time, true and as aligners find.
-
-    Parameters
-    ----------
-    pose : (T, 3) true axis-angle of the joint, radians.
-    found : (T, 3) of each aligner.
-    joint, sequence : names for the title.
-    """
-    title = f"Figure 10: rotation vector of {joint}, {sequence}"
-    figure = new_figure(8.0, 6.0, title=title, origin=origin)
-    times_s = np.arange(len(pose)) / fps
-    for component, axes in enumerate(figure.subplots(3, 1, sharex=True, sharey=True)):
-        true_deg = np.degrees(pose[:, component])
-        # Beneath the others and broad, so that a curve on top of it is seen to be there.
-        axes.plot(times_s, true_deg, color="#999999", linewidth=5, alpha=0.6, label="true pose")
-        for one, vectors in found.items():
-            found_deg = np.degrees(vectors[:, component])
-            axes.plot(times_s, found_deg, one.line, color=one.colour, lw=1.3, label=one.label)
-        _tidy(axes, f"{'xyz'[component]} [deg]")
-        if component == 0:
-            axes.legend(**_LEGEND_ABOVE)
-    figure.get_axes()[-1].set_xlabel("time [s]", fontsize=9)
-    save_figure(figure, path)
 
 
 def draw_absorption(

@@ -13,7 +13,6 @@ from benchmarks.alignment.absorption_figures import (
     Drawn,
     draw_absorption,
     draw_error_bodies,
-    draw_figure10,
 )
 from benchmarks.alignment.contenders import Estimate
 from benchmarks.alignment.gravity import banner
@@ -22,6 +21,7 @@ from benchmarks.alignment.scores import Scores, body_of
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import pose_vertices
 from bridge.motion import unpack_theta
+from bridge.report.curves import TRUE_POSE, draw_figure10
 from torch_align_ae.corpus.dyna_files import FPS
 
 # The paper's example; its subject there is 50025, who is lean in the synthetic corpus.
@@ -100,14 +100,14 @@ def draw_figures(
         return
     for row, one in enumerate(known):
         if one.recording.name == _FIGURE10_SEQUENCE:
-            found = {drawn[name]: _rotation(estimates[name][row].theta) for name in drawn}
+            found = {
+                look.label: _rotation(estimates[name][row].theta) for name, look in drawn.items()
+            }
             draw_figure10(
                 folder / f"figure10_{suite_name}.png",
-                _rotation(one.theta),
-                found,
+                {TRUE_POSE: _rotation(one.theta), **found},
                 fps=FPS,
-                joint=_FIGURE10_JOINT,
-                sequence=one.recording.name,
+                title=f"Figure 10: rotation vector of {_FIGURE10_JOINT}, {one.recording.name}",
                 origin="synthetic",
             )
     draw_absorption(

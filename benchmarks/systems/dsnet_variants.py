@@ -35,6 +35,10 @@ class DsnetVariant(SearchedNetwork):
     """From betas and theta (T, 79) to what it is told (T, I); the paper's is both."""
     lstm_layers: int = 1
     """Each followed by a batch normalisation (Section 5)."""
+    batch_norm: bool = True
+    """Whether one follows the LSTM."""
+    past_frames: int | None = None
+    """In place of the LSTM, a layer of as many units that sees so many frames before this one."""
     shape_as_state: bool = False
     """Betas give the LSTM's initial state and are not told at every frame."""
     change: str = ""
@@ -59,10 +63,18 @@ class DsnetVariant(SearchedNetwork):
         hidden = keras.layers.Dense(units["fc_enc_2"], activation="tanh", name="fc_enc_2")(hidden)
         for layer in range(self.lstm_layers):
             number = "" if layer == 0 else f"_{layer + 1}"
-            lstm = BlockLSTM(units["lstm"], return_sequences=True, name=f"lstm{number}")
-            hidden = lstm(hidden, initial_state=state if layer == 0 else None)
-            norm = keras.layers.BatchNormalization(name=f"batch_norm{number}")
-            hidden = norm(hidden, mask=real)
+            if self.past_frames is None:
+                lstm = BlockLSTM(units["lstm"], return_sequences=True, name=f"lstm{number}")
+                hidden = lstm(hidden, initial_state=state if layer == 0 else None)
+            else:
+                window = keras.layers.Conv1D(
+                    units["lstm"], self.past_frames + 1,
+                    padding="causal", activation="tanh", name=f"window{number}",
+                )  # fmt: skip
+                hidden = window(hidden)
+            if self.batch_norm:
+                norm = keras.layers.BatchNormalization(name=f"batch_norm{number}")
+                hidden = norm(hidden, mask=real)
         latents = keras.layers.Dense(units["fc_enc_3"], name="fc_enc_3")(hidden)
         return keras.Model([motion, real] if masked else motion, latents, name=self.name)
 
@@ -108,6 +120,15 @@ VARIANTS = (
     DsnetVariant(
         "dsnet_three_lstm", "DSNet on PCA latents, 3 LSTM layers",
         lstm_layers=3, change="three LSTM layers (Section 4.3; 60 units each are ours)",
+    ),
+    DsnetVariant(
+        "dsnet_no_batch_norm", "DSNet on PCA latents, without batch normalisation",
+        batch_norm=False, change="no batch normalisation (Section 5)",
+    ),
+    DsnetVariant(
+        "dsnet_two_frames", "DSNet on PCA latents, two past frames for the LSTM",
+        past_frames=2,
+        change="in place of the LSTM a tanh layer of 60 units that sees three frames (Section 4.2)",
     ),
     DsnetVariant(
         "dsnet_pca_differences", "DSNet on PCA latents, pose differences",

@@ -1,4 +1,4 @@
-"""Figures 4 and 7 of the paper, and a test motion, as rendered bodies."""
+"""Figures 1, 2, 4, 7 and 9 of the paper, as rendered bodies."""
 
 from __future__ import annotations
 
@@ -11,14 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, pose_vertices
-from bridge.measure.pipelines import AUTOENCODER, Pipeline, pipeline_of, pipelines_of
+from bridge.body.posing import rest_vertices, shaped_vertices
+from bridge.measure.pipelines import AUTOENCODER, MotionArrays, Pipeline, pipeline_of, pipelines_of
 from bridge.motion import MotionSequence, unpack_theta
-from bridge.report.panels import draw_panels, draw_row_of_bodies, magnitude_colours, scale_top_m
+from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import Camera, frame_camera, render_bodies
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
 
-_STRIP_BODIES = 8
+_ALONG = 7
+"""Bodies of one motion in Figure 1."""
+_OF_A_PERSON = 3
+"""Bodies of one person in a row of Figure 9."""
 Column = tuple[str, NDArray[np.float64], "NDArray[np.floating] | None"]
 """Title, posed bodies (N, V, 3), and if they are coloured by it, a size (N, V); metres."""
 
@@ -43,11 +47,6 @@ class Scene:
         """The paper's first."""
         return pipelines_of(self.stages)
 
-    @property
-    def shown(self) -> dict[str, str]:
-        """Predictors that are drawn, one a pipeline, with their labels."""
-        return {one.default: one.predictors[one.default] for one in self.pipelines}
-
     def predicted(self) -> dict[str, MotionSequence]:
         """Sequences that every pipeline has predicted, by name."""
         first, *others = (pipeline.offsets.places for pipeline in self.pipelines)
@@ -60,10 +59,9 @@ class Scene:
         return pipeline.offsets.frames(f"offsets_{predictor}", name, frames)
 
     def pose(
-        self, pipeline: Pipeline, name: str, frames: NDArray, offsets_m: NDArray | None
+        self, motions: MotionArrays, name: str, frames: NDArray, offsets_m: NDArray | None
     ) -> NDArray[np.float64]:
-        """(N, V, 3) bodies in a pipeline's motion, without their travel along the floor."""
-        motions = pipeline.motions
+        """(N, V, 3) bodies of a motion and shape, without their travel along the floor."""
         pose, trans = unpack_theta(motions.frames("theta", name, frames))
         shapes = np.repeat(motions.betas(name)[None], len(frames), axis=0)
         return pose_vertices(self.body, shapes, pose, trans * [0.0, 1.0, 0.0], offsets_m)
@@ -75,12 +73,101 @@ class Scene:
         return render_bodies([body], self.body.faces, camera=camera, colours=[colours])
 
 
+def draw_figure1(path: Path, scene: Scene, sequence: MotionSequence) -> None:
+    """Figure 1: a motion, and if possible a subject, that no network has seen, along the time; the
+    bodies that skeleton and shape give, and what each pipeline makes of them."""
+    frames = np.linspace(0, sequence.length - 1, _ALONG + 1).round().astype(int)[1:]
+    name, first = sequence.name, scene.pipelines[0]
+    shown: list[Column] = [("SMPL", scene.pose(first.motions, name, frames, None), None)]
+    for pipeline in scene.pipelines:
+        part_m = scene.offsets_m(pipeline.default, name, frames)
+        moved = scene.pose(pipeline.motions, name, frames, part_m)
+        label = pipeline.predictors[pipeline.default]
+        shown.append((label, moved, np.linalg.norm(part_m, axis=-1)))
+    title, times = f"Figure 1: skin offsets of an unseen motion, {name}", _times(sequence, frames)
+    _draw_columns(path, scene, times, shown, title, "skin offset", 10.0, across=True)
+
+
+def draw_figure2(path: Path, scene: Scene, sequence: MotionSequence) -> None:
+    """Figure 2: a mesh, unposed, SMPL's shape, its pose, and what is left over as the offset."""
+    frames, first, name = _lively_frames(scene, sequence, 2), scene.pipelines[0], sequence.name
+    offsets_m = first.align.frames("offsets", name, frames)
+    fitted, plain = (scene.pose(first.align, name, frames, given) for given in (offsets_m, None))
+    pose, _ = unpack_theta(first.align.frames("theta", name, frames))
+    shapes = np.repeat(first.align.betas(name)[None], len(frames), axis=0)
+    unposed = rest_vertices(scene.body, shapes, pose) + offsets_m
+    shaped = shaped_vertices(scene.body, shapes)
+    # The rest pose stands on the floor of the others.
+    rise_m = np.array([0.0, fitted[..., 1].min() - shaped[..., 1].min(), 0.0])
+    size_m = np.linalg.norm(offsets_m, axis=-1)
+    columns: list[Column] = [
+        ("(a) S", fitted, None),
+        ("(b) W⁻¹(S)", unposed + rise_m, None),
+        ("(c) M(β)", shaped + rise_m, None),
+        ("(d) M(β, θ)", plain, None),
+        ("(e) M(β, θ) + Δ", fitted, size_m),
+    ]
+    title = f"Figure 2: alignment of {name}"
+    _draw_columns(path, scene, _times(sequence, frames), columns, title, "Δ", 10.0)
+
+
+def draw_figure9(
+    path: Path, scene: Scene, shown: Mapping[str, Sequence[MotionSequence | None]]
+) -> None:
+    """Figure 9: motions, observed ones first, by a known person and by a new one, who is framed.
+
+    Parameters
+    ----------
+    shown : by title of a row, the known person's sequence and the new person's, where there is one.
+    """
+    pipeline = scene.pipelines[0]
+    posed: list[NDArray] = []
+    sizes_m: list[NDArray] = []
+    for one in (one for pair in shown.values() for one in pair if one):
+        frames = np.linspace(0, one.length - 1, _OF_A_PERSON + 2).round().astype(int)[1:-1]
+        part_m = scene.offsets_m(pipeline.default, one.name, frames)
+        posed.append(scene.pose(pipeline.motions, one.name, frames, part_m))
+        sizes_m.append(np.linalg.norm(part_m, axis=-1))
+    top_m = scale_top_m(np.concatenate(sizes_m))
+    camera = frame_camera(list(np.concatenate(posed)), height_px=scene.panel_px)
+    blank = np.full((camera.height_px, camera.width_px, 3), 255, np.uint8)
+    drawn = iter(
+        [
+            scene.picture(camera, *one)
+            for one in zip(bodies, magnitude_colours(size, top_m), strict=True)
+        ]
+        for bodies, size in zip(posed, sizes_m, strict=True)
+    )
+    rows = [
+        [picture for one in pair for picture in (next(drawn) if one else [blank] * _OF_A_PERSON)]
+        for pair in shown.values()
+    ]
+    framed = [
+        (row, column)
+        for row, (_, new) in enumerate(shown.values())
+        for column in range(_OF_A_PERSON, 2 * _OF_A_PERSON)
+        if new
+    ]
+    draw_panels(
+        path,
+        rows,
+        title=f"Figure 9: {pipeline.predictors[pipeline.default]}, known and (framed) new people",
+        origin=scene.origin,
+        column_titles=["", "known", "", "", "new", ""],
+        row_titles=list(shown),
+        colour_top_m=top_m,
+        colour_label="skin offset",
+        width_in=9.0,
+        framed=framed,
+    )
+
+
 def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     """Figure 4: aligned meshes, what the autoencoder makes of them, and its error."""
     frames, first, name = _lively_frames(scene, sequence, 2), scene.pipelines[0], sequence.name
     aligned_m = first.align.frames("offsets", name, frames)
     rebuilt_m = scene.offsets_m(AUTOENCODER, name, frames)
-    original, rebuilt = (scene.pose(first, name, frames, o) for o in (aligned_m, rebuilt_m))
+    original, rebuilt = (scene.pose(first.motions, name, frames, o) for o in (aligned_m, rebuilt_m))
     error_m = np.linalg.norm(rebuilt - original, axis=-1)
     columns: list[Column] = [
         ("original mesh", original, None),
@@ -99,12 +186,12 @@ def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     frames = _lively_frames(scene, sequence, 4 - len(scene.pipelines))
     name, first = sequence.name, scene.pipelines[0]
     aligned_m = first.align.frames("offsets", name, frames)
-    truth, plain = (scene.pose(first, name, frames, o) for o in (aligned_m, None))
+    truth, plain = (scene.pose(first.motions, name, frames, o) for o in (aligned_m, None))
     letters = iter("cdef")
     columns: list[Column] = [("(a) ground truth", truth, None), ("(b) SMPL", plain, None)]
     for pipeline in scene.pipelines:
         part_m = scene.offsets_m(pipeline.default, name, frames)
-        moved = scene.pose(pipeline, name, frames, part_m)
+        moved = scene.pose(pipeline.motions, name, frames, part_m)
         label = pipeline.predictors[pipeline.default]
         columns.append((f"({next(letters)}) SMPL + {label}", moved, None))
         part = np.linalg.norm(part_m, axis=-1)
@@ -122,8 +209,11 @@ def _draw_columns(
     title: str,
     colour_label: str,
     width_in: float,
+    *,
+    across: bool = False,
 ) -> None:
-    """A picture for each time and column, on one scale of colour."""
+    """A picture for each time and column, on one scale of colour; times from left to right if
+    `across`."""
     top_m = scale_top_m([sizes_m for *_, sizes_m in columns if sizes_m is not None])
     everything = np.concatenate([posed for _, posed, _ in columns])
     camera = frame_camera(list(everything), height_px=scene.panel_px)
@@ -132,45 +222,17 @@ def _draw_columns(
         colours = [None if m is None else magnitude_colours(m[row], top_m) for *_, m in columns]
         bodies = [posed[row] for _, posed, _ in columns]
         rows.append([scene.picture(camera, *one) for one in zip(bodies, colours, strict=True)])
+    titles = [column_title for column_title, *_ in columns]
     draw_panels(
         path,
-        rows,
+        [*zip(*rows, strict=True)] if across else rows,
         title=title,
         origin=scene.origin,
-        column_titles=[column_title for column_title, *_ in columns],
-        row_titles=times,
+        column_titles=times if across else titles,
+        row_titles=titles if across else times,
         colour_top_m=top_m,
         colour_label=colour_label,
         width_in=width_in,
-    )
-
-
-def draw_test_strip(path: Path, scene: Scene, sequence: MotionSequence) -> None:
-    """A motion, and if possible a subject, that no network has seen (compare Figure 9).
-
-    With two pipelines, both at each moment side by side, on one scale of colour.
-    """
-    titles = list(scene.shown.values())
-    frames = np.linspace(0, sequence.length - 1, _STRIP_BODIES // len(titles)).round().astype(int)
-    bodies, magnitudes_m = [], []
-    for pipeline in scene.pipelines:
-        offsets_m = scene.offsets_m(pipeline.default, sequence.name, frames)
-        bodies.append(scene.pose(pipeline, sequence.name, frames, offsets_m))
-        magnitudes_m.append(np.linalg.norm(offsets_m, axis=-1))
-    labels = _times(sequence, frames)
-    shown = titles[0]
-    if len(titles) > 1:
-        labels = [f"{time}\n{title}" for time in labels for title in titles]
-        shown = "both pipelines"
-    draw_row_of_bodies(
-        path,
-        np.concatenate(np.stack(bodies, axis=1)),
-        np.concatenate(np.stack(magnitudes_m, axis=1)),
-        scene.body.faces,
-        labels=labels,
-        origin=scene.origin,
-        title=f"Predicted skin offsets of an unseen motion, {sequence.name}: {shown}",
-        width_px=int(4.4 * scene.panel_px),
     )
 
 

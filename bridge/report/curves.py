@@ -1,4 +1,4 @@
-"""Figures 6 and 8 of the paper, losses, and how offsets move."""
+"""Figures 6, 8 and 10 of the paper, losses, and how offsets move."""
 
 from __future__ import annotations
 
@@ -28,6 +28,8 @@ _TRAINED = ("#0072B2", "#56B4E9", "#CC79A7", "#009E73", "#D55E00", "#F0E442")
 _LINES = ("-", "-.", ":")
 _UNTRAINED = {PERSON_MEAN: ("#E69F00", "--"), SMPL: ("#777777", "-")}
 _TRUE_STYLE = ("#000000", "-")
+TRUE_POSE = "true pose"
+_ALIGNED = ("#D55E00", "#0072B2", "#009E73")
 _LOSSES = {"training": ("#0072B2", "-"), "validation": ("#D55E00", "--")}
 Curves = Mapping[str, tuple[NDArray, NDArray]]
 """Places along the axis and values, by label."""
@@ -77,6 +79,31 @@ def draw_figure8(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]) ->
     styles = dict(reversed((trained_styles(evaluate) | _UNTRAINED).items()))
     with _drawn_axes(path, title, evaluate.origin, "time [s]", "mean vertex error [mm]") as axes:
         _draw_over_time(axes, evaluate, MESH_ERROR, sequence, styles)
+
+
+def draw_figure10(
+    path: Path, turns: Mapping[str, NDArray], *, fps: float, title: str, origin: DataOrigin
+) -> None:
+    """Figure 10: rotation vectors (T, 3) of one joint over time, radians, by label.
+
+    One that is called `true pose` lies beneath the others and broad, so that a curve on top of it
+    is seen to be there.
+    """
+    figure = new_figure(8.0, 5.4, title=title, origin=origin)
+    for component, axes in enumerate(figure.subplots(3, 1, sharex=True, sharey=True)):
+        colours = zip(cycle(_ALIGNED), cycle(_LINES), strict=False)
+        for label, turn in turns.items():
+            degrees, times_s = np.degrees(turn[:, component]), np.arange(len(turn)) / fps
+            if label == TRUE_POSE:
+                axes.plot(times_s, degrees, color="#999999", linewidth=5, alpha=0.6, label=label)
+                continue
+            colour, line = next(colours)
+            axes.plot(times_s, degrees, line, color=colour, linewidth=1.3, label=label)
+        finish_axes(axes, "", f"{'xyz'[component]} [deg]", legend=False)
+    first, *_, last = figure.get_axes()
+    first.legend(fontsize=8, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0, 1))
+    last.set_xlabel("time [s]", fontsize=9)
+    save_figure(figure, path)
 
 
 def draw_offset_size(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from textwrap import fill
 
@@ -71,8 +71,12 @@ def draw_panels(
     colour_top_m: float | None = None,
     colour_label: str = "",
     width_in: float = 9.0,
+    framed: Collection[tuple[int, int]] = (),
 ) -> None:
-    """Write a grid of pictures, with a colour bar in centimetres when `colour_top_m` is given."""
+    """Write a grid of pictures, with a colour bar in centimetres when `colour_top_m` is given.
+
+    Those in the rows and columns that are `framed` stand in boxes.
+    """
     rows, columns = len(pictures), len(pictures[0])
     height, width = pictures[0][0].shape[:2]
     panel_in = (width_in - 1.5) / columns
@@ -81,11 +85,11 @@ def draw_panels(
     axes = figure.subplots(rows, columns, squeeze=False)
     for row, line in enumerate(pictures):
         for column, picture in enumerate(line):
-            _show(axes[row, column], picture)
+            _show(axes[row, column], picture, framed=(row, column) in framed)
             if row == 0:
                 axes[row, column].set_title(fill(column_titles[column], 18), fontsize=9)
         if row_titles:
-            axes[row, 0].set_ylabel(row_titles[row], fontsize=9)
+            axes[row, 0].set_ylabel(fill(row_titles[row], 18), fontsize=9)
     if colour_top_m is not None:
         _add_colour_bar(figure, list(axes.flat), colour_top_m, colour_label)
     save_figure(figure, path)
@@ -175,9 +179,9 @@ def _add_colour_bar(figure: Figure, axes: Sequence[Axes], top_m: float, label: s
     bar.ax.tick_params(labelsize=8)
 
 
-def _show(axes: Axes, picture: NDArray[np.uint8]) -> None:
+def _show(axes: Axes, picture: NDArray[np.uint8], *, framed: bool = False) -> None:
     axes.imshow(picture, interpolation="antialiased")
     axes.set_xticks([])
     axes.set_yticks([])
     for spine in axes.spines.values():
-        spine.set_visible(False)
+        spine.set_visible(framed)

@@ -116,7 +116,7 @@ def _data(stages: Stages, gender: str) -> dict[str, Measured]:
         "subjects_total": Measured(len(per_subject), _ONE_GENDER),
         "motions_per_subject": Measured((min(per_subject), max(per_subject)), smaller),
         "dyna_fps": Measured(sequences[0].fps, "the files' rate"),
-        "mosh_fps": _mosh_rate(stages.get("corpus")),
+        "mosh_fps": mosh_rate(stages.get("corpus")),
         "duration_s": Measured(
             (round(min(durations_s), 1), round(max(durations_s), 1)), "this run's corpus"
         ),
@@ -140,7 +140,8 @@ def _data(stages: Stages, gender: str) -> dict[str, Measured]:
     return found
 
 
-def _mosh_rate(corpus: Artifact | None) -> Measured:
+def mosh_rate(corpus: Artifact | None) -> Measured:
+    """Frames a second that the files of test motions have, where a corpus was made of them."""
     if corpus is None:
         return Measured(None, "the files' own rates, each resampled to 60")
     # Real motions, of `dsnet corpus --amass`, keep their own rate.

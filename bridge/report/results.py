@@ -1,23 +1,19 @@
-"""What a report says: `results.json`, every number of a run's manifests, and the pages of it."""
+"""What a report says: `results.json`, every number of a run's manifests."""
 
 from __future__ import annotations
 
-import base64
 import json
 import math
-import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markdown_it import MarkdownIt
-
-from bridge.motion.splits import CELLS
+from bridge.motion import sequences_of
+from bridge.motion.splits import CELLS, kind_of
 from bridge.report.paper_table import (
     Stages,
     compare,
     measure,
+    mosh_rate,
     parameter_counts,
     validation_result,
 )
@@ -59,6 +55,7 @@ def summarise(
         "validation": validation,
         **{key: evaluate[key] for key in measured},
         "seeds": _seeds(stages, others) if others else None,
+        "table_1": _table_1(stages),
         "cell_titles": {key: text for key, text in titles.items() if key in evaluate["cells"]},
         "sequences": evaluate["per_sequence"],
         **_papers_pipeline(stages, gender),
@@ -105,6 +102,30 @@ def _papers_pipeline(stages: Stages, gender: str) -> dict[str, Any]:
         },
         "paper": compare(measure(stages, gender)),
     }
+
+
+def _table_1(stages: Stages) -> list[dict[str, Any]]:
+    """The paper's Table 1 of this run: what was aligned, and what was only predicted."""
+    evaluate = stages["evaluate"]
+    first = next(iter(evaluate.manifest["pipelines"].values()))
+    aligned = sequences_of(stages[first["alignment"]])
+    tested = [one for one in sequences_of(evaluate) if one.split == "test"]
+    mosh_fps = mosh_rate(stages.get("corpus")).value
+    made = evaluate.origin == "synthetic"
+    return [
+        {
+            "dataset": f"in place of {name}" if made else name,
+            "people": len({one.subject for one in sequences}),
+            "motions": ", ".join(sorted({kind_of(one.motion) for one in sequences})),
+            "fps": fps,
+            "sequences": len(sequences),
+        }
+        for name, sequences, fps in (
+            ("Dyna", aligned, aligned[0].fps),
+            ("Mosh", tested, mosh_fps),
+        )
+        if sequences
+    ]
 
 
 def departures(stages: Stages) -> list[str]:
@@ -174,46 +195,3 @@ def _without_nan(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_without_nan(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _decimals(value: float | None, digits: int) -> str:
-    # Adding 0 turns the negative zero of rounding into zero.
-    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
-
-
-def _exponent(value: float | None) -> str:
-    return "-" if value is None else f"{value:.0e}" if value else "0"
-
-
-_ENVIRONMENT = Environment(
-    loader=PackageLoader("bridge.report"),
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-    # Markdown escapes for itself; the HTML page marks what comes rendered.
-    autoescape=lambda name: bool(name and name.endswith(".html.j2")),
-)
-_ENVIRONMENT.filters |= {"decimals": _decimals, "exponent": _exponent}
-
-
-def render_markdown(context: Mapping[str, Any]) -> str:
-    return _ENVIRONMENT.get_template("report.md.j2").render(context)
-
-
-def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
-    """A page that needs no other file: pictures named in `markdown` are read from `folder`."""
-
-    def picture(found: re.Match[str]) -> str:
-        encoded = base64.b64encode((folder / found[1]).read_bytes()).decode("ascii")
-        return f'src="data:image/png;base64,{encoded}"'
-
-    body = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
-    body = re.sub(r'src="(figures/[\w.-]+\.png)"', picture, body)
-    # A name that is a picture from elsewhere would have it fetched by whoever reads the page.
-    body = re.sub(r'<img (?!src="data:)[^>]*>', "", body)
-    # Tables scroll by themselves on a narrow screen, the page does not.
-    body = body.replace("<table>", '<div class="wide"><table>')
-    body = body.replace("</table>", "</table></div>")
-    page = _ENVIRONMENT.get_template("page.html.j2")
-    return page.render(title=title, banner=banner, body=body)

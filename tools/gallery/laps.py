@@ -23,10 +23,14 @@ def closed_lap(theta: NDArray, multiple: int) -> NDArray[np.float64]:
     ----------
     multiple : T' is one of it: the frames from one picture of the clip to the next.
     """
-    lap = best_lap(theta, multiple)
-    done = np.linspace(0.0, 1.0, lap.stop - lap.start, endpoint=False)[:, None]
-    exact = np.asarray(theta, np.float64)
-    return exact[lap] + done * (exact[lap.start] - exact[lap.stop])
+    return closed(np.asarray(theta, np.float64), best_lap(theta, multiple))
+
+
+def closed(values: NDArray, lap: slice) -> NDArray:
+    """Those of a round (T', ...), what is left between its two ends spread evenly over it."""
+    done = np.linspace(0.0, 1.0, lap.stop - lap.start, endpoint=False)
+    spread = np.multiply.outer(done, values[lap.start] - values[lap.stop])
+    return values[lap] + spread.astype(values.dtype)
 
 
 def best_lap(theta: NDArray, multiple: int) -> slice:

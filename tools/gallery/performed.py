@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,11 @@ from bridge.motion import unpack_theta
 from bridge.motion.splits import kind_of
 from bridge.runs import Run
 from bridge.runtime.moving_body import MovingBody
-from bridge.view.repertoire import open_truth
+from bridge.runtime.stepping import Prediction
+from bridge.view.repertoire import TrueMotion, open_truth
 
 TAIL = "_poses.npz"
+TRUTH = "truth (simulated)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +45,27 @@ def performed(label: str, moving: MovingBody) -> Performed:
     )
 
 
+class TrueBody(MovingBody):
+    """A moving body beside another, by offsets (T, V, 3) that are known and not predicted."""
+
+    def __init__(self, beside: MovingBody, offsets_m: NDArray[np.float32]) -> None:
+        super().__init__(replace(beside.trained, label=TRUTH), beside.motion)
+        self._offsets_m = offsets_m
+
+    def _predictions(self) -> list[Prediction]:
+        return [Prediction(iter([self._offsets_m]))]
+
+
 def true_performance(run: Run, name: str, body: BodyModelData) -> Performed:
-    """How a sequence of a synthetic run's corpus really went.
+    """How a sequence of a synthetic run's corpus really went; see `truth_of`."""
+    truth = truth_of(run, name)
+    pose, trans_m = unpack_theta(truth.theta)
+    vertices_m = Smpl(body).person(truth.betas).pose(pose, trans_m, truth.offsets_m)
+    return Performed(TRUTH, vertices_m, np.linalg.norm(truth.offsets_m, axis=-1))
+
+
+def truth_of(run: Run, name: str) -> TrueMotion:
+    """What really moved in a sequence of a synthetic run's corpus.
 
     Raises
     ------
@@ -58,10 +79,7 @@ def true_performance(run: Run, name: str, body: BodyModelData) -> Performed:
             "a run of the synthetic corpus",
             "Name the run of `./reproduce.sh`.",
         )
-    truth = read(name)
-    pose, trans_m = unpack_theta(truth.theta)
-    vertices_m = Smpl(body).person(truth.betas).pose(pose, trans_m, truth.offsets_m)
-    return Performed("truth (simulated)", vertices_m, np.linalg.norm(truth.offsets_m, axis=-1))
+    return read(name)
 
 
 def motion_of_kind(run: Run, kind: str) -> Path:

@@ -11,7 +11,6 @@ from benchmarks.alignment.absorption_figures import (
     Drawn,
     draw_absorption,
     draw_error_bodies,
-    draw_figure10,
 )
 from bridge.body import load_body_model
 from bridge.measure.alignment import Absorption
@@ -30,25 +29,6 @@ def drawn(monkeypatch) -> list[Figure]:
         lambda figure, path: (figures.append(figure), save(figure, path)),
     )
     return figures
-
-
-def test_figure10_shows_three_components_of_every_pose(tmp_path, drawn):
-    pose = np.radians(np.random.default_rng(0).normal(size=(20, 3)))
-    draw_figure10(
-        tmp_path / "figure10.png",
-        pose,
-        {ONE: pose + 0.01, OTHER: pose - 0.01},
-        fps=60.0,
-        joint="spine2",
-        sequence="50004_jiggle_on_toes",
-        origin="synthetic",
-    )
-    panels = drawn[0].get_axes()
-    assert [len(axes.get_lines()) for axes in panels] == [3, 3, 3]
-    for component, axes in enumerate(panels):
-        truth = np.asarray(axes.get_lines()[0].get_ydata())
-        np.testing.assert_allclose(truth, np.degrees(pose[:, component]))
-    assert (tmp_path / "figure10.png").stat().st_size > 10_000
 
 
 def test_bars_show_the_parts_that_move(tmp_path, drawn):

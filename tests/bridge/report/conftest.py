@@ -15,7 +15,7 @@ from bridge.runs import ArtifactWriter, Run, write_artifact
 ALIGNED = [
     MotionSequence("50004_one_leg_jump", "50004", "one_leg_jump", 0, 9, 60.0, "validation"),
     MotionSequence("50004_hips", "50004", "hips", 9, 7, 60.0),
-    MotionSequence("50020_hips", "50020", "hips", 16, 6, 60.0),
+    MotionSequence("50020_jiggle_on_toes", "50020", "jiggle_on_toes", 16, 6, 60.0),
 ]
 TEST = [
     MotionSequence("50004_kicking", "50004", "kicking", 22, 4, 60.0, "test"),

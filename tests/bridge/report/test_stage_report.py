@@ -6,27 +6,34 @@ import base64
 import json
 import re
 import shutil
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from bridge import DsnetError
 from bridge.measure.evaluation import evaluate_run
-from bridge.report import stage_report
+from bridge.report import plan, stage_report
+from bridge.report.diagrams import sizes_of
+from bridge.report.pages import render_html, render_markdown
 from bridge.report.panels import FOOTERS, new_figure
 from bridge.report.paper_table import compare, measure
-from bridge.report.results import render_html, render_markdown
 from bridge.runs import Run, read_artifact
 from tests.forged.best_pipeline import write_best_pipeline
 
 FIGURES = (
+    "figure1_strip",
+    "figure2_alignment",
+    "figure3_autoencoder",
+    "figure4_autoencoder",
+    "figure5_dsnet",
+    "figure6_lengths",
     "figure7_validation",
     "figure8_error",
-    "figure4_autoencoder",
-    "test_strip",
+    "figure9_people",
+    "figure10_spine2",
     "decay",
     "spectrum",
-    "figure6_lengths",
     "loss_autoencoder",
     "loss_dsnet",
     "loss_plus",
@@ -50,7 +57,7 @@ def folder(forged_runs, tmp_path_factory):
 def test_every_figure_is_shown_and_every_shown_one_exists(folder):
     shown = re.findall(r"\(figures/([\w.-]+)\)", (folder / "report.md").read_text())
     drawn = sorted(path.name for path in (folder / "figures").iterdir())
-    assert sorted(shown) == drawn
+    assert shown == [f"{name}.png" for name in FIGURES]
     assert drawn == sorted(f"{name}.png" for name in FIGURES)
 
 
@@ -68,7 +75,7 @@ def test_figures_say_synthetic():
 
 def test_html_needs_no_other_file(folder):
     page = (folder / "report.html").read_text()
-    sources = re.findall(r'(?:src|href)="([^"]{0,40})', page)
+    sources = re.findall(r'(?:src|href)="([^"#][^"]{0,40})', page)
     assert len(sources) == len(FIGURES)
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     encoded = re.findall(r"base64,([^\"]+)", page)
@@ -120,29 +127,56 @@ def test_tables_are_the_results(folder):
                 assert f"| {label} | {cell[name]['mesh']['r2'] + 0.0:.3f} |" in markdown
 
 
+def test_contents_lead_to_every_section_and_raw_tables_are_folded(folder):
+    page = (folder / "report.html").read_text()
+    led_to = re.findall(r'href="#([^"]+)"', page)
+    assert led_to == re.findall(r'<h2 id="([^"]+)"', page)
+    assert led_to[0] == "verdict"
+    behind = re.sub(r"<details>.*?</details>", "", page, flags=re.DOTALL)
+    assert "Errors in every test group" not in behind
+    assert "against the true offsets" not in behind
+    assert page.count("<details><summary>") == page.count("</details>") == 3
+
+
+def test_table_1_counts_what_was_aligned_and_what_was_predicted(folder):
+    page = (folder / "report.md").read_text()
+    table = page.partition("**Table 1.**")[2]
+    assert "| in place of Dyna | 2 | hips, jiggle on toes, one leg jump | 60.0 | 3 |" in table
+    assert "| in place of Mosh | 2 | kicking | 100.0 | 2 |" in table
+
+
+def test_the_autoencoders_figure_has_the_built_widths(folder):
+    manifest = read_artifact(folder.parent / "train-ae").manifest
+    sizes = sizes_of(manifest["architecture"]["widths"])
+    assert sizes[:3] == [(6890, 3), (6890, 4), (6890, 9)]
+    linear = sum(a * b + b for (_, a), (_, b) in pairwise(sizes[:3]))
+    thinning = sum(a * b + b for (a, _), (b, _) in pairwise(sizes[2:]))
+    widening = sum(a * b + a for (a, _), (b, _) in pairwise(sizes[2:]))
+    backwards = sum(a * b + a for (_, a), (_, b) in pairwise(sizes[:3]))
+    code = sizes[-1][0] * sizes[-1][1]
+    latent = 100 * code + 100 + 100 * code + code
+    total = linear + thinning + widening + backwards + latent
+    assert total == manifest["parameters"]["mesh_autoencoder"]
+
+
 def test_both_pipelines_stand_side_by_side_first(folder):
     results = json.loads((folder / "results.json").read_text())
-    first = (folder / "report.md").read_text().partition("\n|")[2].partition("\n\n")[0].splitlines()
-    names = ["dsnet_plus", "dsnet_small", "dsnet_other", "person_mean", "smpl"]
-    labels = [results["predictors"][name] for name in names]
-    assert first[0] == f" | {' | '.join(labels)} |"
-    shown = {row.split(" | ")[0].strip("| "): row.split(" | ")[1:] for row in first[2:]}
-    assert list(shown) == [
-        "held out, `50004_one_leg_jump`",
-        "known person, unseen motion",
-        "new person, unseen motion",
+    page = (folder / "report.md").read_text()
+    table = page.partition("## Verdict")[2].partition("\n|")[2].partition("\n\n")[0]
+    head, _, *rows = table.splitlines()
+    assert [text.strip() for text in head.split(" | ")[1:]] == [
+        "held out, `50004_one_leg_jump`, against the registered mesh",
+        "known person, unseen motion, against the true mesh",
+        "new person, unseen motion, against the true mesh |",
     ]
-    for title, cell in zip(
-        shown,
-        ("validation", "known_person_unseen_motion", "new_person_unseen_motion"),
-        strict=True,
-    ):
-        expected = [
-            f"{results['cells'][cell][name]['offsets']['r2'] + 0.0:.2f}, "
-            f"{results['cells'][cell][name]['mesh']['mean_mm']:.2f} mm"
-            for name in names
-        ]
-        assert [text.strip("| ") for text in shown[title]] == expected
+    cells = ("validation", "known_person_unseen_motion", "new_person_unseen_motion")
+    names = ["dsnet_small", "dsnet_other", "smpl", "dsnet_plus", "smpl_best"]
+    assert len(rows) == len(names)
+    for row, name in zip(rows, names, strict=True):
+        label, *shown = row.strip("| ").split(" | ")
+        assert label == results["predictors"][name] or label.startswith("*SMPL alone, as `")
+        found = [results["cells"][cell][name]["mesh"] for cell in cells]
+        assert shown == [f"{one['mean_mm']:.2f} mm, {one['r2'] + 0.0:.2f}" for one in found]
 
 
 def test_the_page_names_law_form_gravity_and_bodies(folder):
@@ -162,7 +196,7 @@ def test_the_page_names_law_form_gravity_and_bodies(folder):
 
     page = page_of(folder, capture)
     assert "law `second`, form `captured`, without gravity, male bodies." in page
-    part = page.partition("## Static and moving part")[2].partition("## Figures")[0]
+    part = page.partition("## Static and moving part")[2].partition("## Alignment")[0]
     assert "| new person, unseen motion | 0.99, 0.81, 0.72 | 0.89, 0.81, - |" in part
     assert "### New person, unseen motion: against the true static part, at rest" in page
     assert "Static and moving" not in (folder / "report.md").read_text()
@@ -213,7 +247,9 @@ def page_of(folder, edit):
     """`report.md` as it would be with other results."""
     results = json.loads((folder / "results.json").read_text())
     edit(results)
-    return render_markdown({"results": results, "figures": [], "departures": [], "notice": ""})
+    return render_markdown(
+        {"results": results, "figures": [], "more": [], "departures": [], "notice": ""}
+    )
 
 
 def test_an_autoencoder_that_learned_nothing_is_called_so(folder):
@@ -264,15 +300,15 @@ def test_the_best_pipeline_alone_has_a_report(own_alignment, forged_runs, tmp_pa
         shutil.copytree(forged_runs / "forged" / stage, runs / "best" / stage)
     write_best_pipeline(runs / "best", own_alignment=own_alignment)
     monkeypatch.setenv("DSNET_RUNS", str(runs))
-    monkeypatch.setattr(stage_report, "draw_figure7", lambda path, *_: path.write_bytes(b"x"))
-    monkeypatch.setattr(stage_report, "draw_test_strip", lambda path, *_: path.write_bytes(b"x"))
+    monkeypatch.setattr(plan, "draw_figure7", lambda path, *_: path.write_bytes(b"x"))
+    monkeypatch.setattr(plan, "draw_figure1", lambda path, *_: path.write_bytes(b"x"))
     evaluate_run(Run("best"))
     stage_report.main(stage_report.ReportConfig(run="best"))
     page = (runs / "best" / "report" / "report.md").read_text()
     drawn = {path.stem for path in (runs / "best" / "report" / "figures").iterdir()}
     assert drawn == {
-        "figure7_validation", "figure8_error", "test_strip", "decay", "spectrum",
-        "figure6_lengths", "loss_plus",
+        "figure1_strip", "figure2_alignment", "figure6_lengths", "figure7_validation",
+        "figure8_error", "figure10_spine2", "decay", "spectrum", "loss_plus",
     }  # fmt: skip
     assert "DSNet plus" in page
     assert "autoencoder" not in page.partition("## Every test group")[0]

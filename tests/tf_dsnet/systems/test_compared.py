@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks import plugin
 from benchmarks.systems import dyna_like
+from benchmarks.systems.dsnet_variants import VARIANTS
 from benchmarks.systems.loads import loads_on_skin
 from benchmarks.systems.rate_search import RATES, RateSearch
 from bridge import DsnetError
@@ -102,6 +103,18 @@ def test_the_variants_differ_in_what_they_say(trained):
     assert parameters["dsnet_two_lstm"] == 65_140 + layer
     assert parameters["dsnet_three_lstm"] == 65_140 + 2 * layer
     assert parameters["dsnet_no_betas"] == 65_140 - 10 * 64
+
+
+def test_what_stands_in_a_layers_place_has_its_parameters():
+    built = {one.name: one.build(input_size=79) for one in VARIANTS if "rbf" not in one.name}
+    assert built["dsnet_no_batch_norm"].count_params() == 65_140 - 4 * 60
+    lstm, window = 4 * 60 * (128 + 60 + 1), 60 * (3 * 128 + 1)
+    assert built["dsnet_two_frames"].count_params() == 65_140 - lstm + window
+    told = np.random.default_rng(0).normal(size=(1, 9, 79)).astype(np.float32)
+    other = told.copy()
+    other[:, 3] += 1
+    moved = np.abs(built["dsnet_two_frames"](told) - built["dsnet_two_frames"](other)).max(axis=2)
+    assert np.flatnonzero(moved[0]).tolist() == [3, 4, 5]
 
 
 def test_loads_are_none_where_the_body_stands_as_it_was_scanned():

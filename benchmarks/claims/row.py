@@ -1,0 +1,82 @@
+"""A row of the table of claims: its verdict by rule, and where its numbers come from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from bridge.report.pages import smpl_of
+
+Verdict = Literal["holds", "in part", "does not hold here", "needs the licensed data"]
+HOLDS: Verdict = "holds"
+PART: Verdict = "in part"
+FAILS: Verdict = "does not hold here"
+LICENSED: Verdict = "needs the licensed data"
+DEMO, PAPER_RUN = "results/demo/report.md", "results/paper/report.md"
+COMPARISON, SUBSPACES, SPEED = (
+    "results/comparison.md",
+    "results/subspaces/subspaces.md",
+    "results/demo/speed.md",
+)
+STUDY, GAINS = "results/claims/align_robust-0.json", "results/claims/alignment.json"
+COMMANDS = {
+    DEMO: ("demo", "./reproduce.sh"),
+    PAPER_RUN: ("paper", "./reproduce.sh --profile paper"),
+    STUDY: ("networks", "python -m benchmarks.claims.networks --out DIR --seeds 0 1 2"),
+    GAINS: ("alignment", "python -m benchmarks.claims.alignment --out FILE"),
+    COMPARISON: ("comparison", "python -m benchmarks.prediction.comparison --out DIR"),
+    SUBSPACES: ("subspaces", "python -m benchmarks.subspaces --out DIR"),
+    SPEED: ("speed", "python -m benchmarks.speed --run demo"),
+    "markers.md": ("markers", "dsnet evaluate --markers FILE --out DIR"),
+}
+"""What each page or file of results is called in the table, and what makes it."""
+DSNET = "dsnet_pca"
+"""The network whose layers and changes are studied."""
+
+
+class Claim(NamedTuple):
+    """A row of the table."""
+
+    claim: str
+    place: str
+    measured: str
+    verdict: Verdict
+    sources: tuple[str, ...]
+
+
+def rule(good: bool | np.bool_, half: bool | np.bool_ = False) -> Verdict:
+    """Holds, holds in part, or does not."""
+    return HOLDS if good else PART if half else FAILS
+
+
+def clearly_less(ones: Sequence[float], others: Sequence[float]) -> bool:
+    """Whether the means of seeds are farther apart than the mean of their spreads."""
+    spreads = [float(np.std(v, ddof=1)) if len(v) > 1 else 0.0 for v in (ones, others)]
+    return bool(np.mean(ones) + np.mean(spreads) < np.mean(others))
+
+
+def default_of(run: dict[str, Any]) -> str:
+    return run["pipelines"]["paper"]["default"]
+
+
+def smpl_mm(run: dict[str, Any], cell: str) -> float:
+    return run["cells"][cell][smpl_of(run, run["pipelines"]["paper"])]["mesh"]["mean_mm"]
+
+
+def best_r2(run: dict[str, Any], cell: str) -> float:
+    """The better of the paper pipeline's networks."""
+    return max(
+        run["cells"][cell][name]["mesh"]["r2"] for name in run["pipelines"]["paper"]["predictors"]
+    )
+
+
+def left_of(run: dict[str, Any], cell: str) -> str:
+    """What each of the paper pipeline's networks leaves of SMPL's error."""
+    found = []
+    for name in run["pipelines"]["paper"]["predictors"]:
+        mesh, label = run["cells"][cell][name]["mesh"], run["predictors"][name]
+        word = label.partition(", ")[2] or label
+        found.append(f"{word} {mesh['mean_mm']:.2f} mm (R² {mesh['r2'] + 0.0:.2f})")
+    return f"{', '.join(found)}, SMPL alone {smpl_mm(run, cell):.2f}"

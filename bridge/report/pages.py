@@ -1,0 +1,132 @@
+"""The report's pages, in Markdown and HTML, of what `results.json` says."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markdown_it import MarkdownIt
+
+from bridge.measure.pipelines import SMPL
+from bridge.motion.splits import CELLS
+
+
+def main_table(results: Mapping[str, Any]) -> str:
+    """Each pipeline's predictors, and its own SMPL alone, in every test group; Markdown.
+
+    A column has one reference: the mesh that was registered, of test motions the true one.
+    """
+    cells = {
+        cell: title
+        for cell, title in results["cell_titles"].items()
+        if cell in ("validation", *CELLS)
+        and any("mesh" in errors for errors in results["cells"][cell].values())
+    }
+    against = dict.fromkeys(CELLS, "true mesh") | {"validation": "registered mesh"}
+    heads = [f"{title}, against the {against[cell]}" for cell, title in cells.items()]
+    rows = ["| mean error, R² | " + " | ".join(heads) + " |", "|---" + "|---:" * len(cells) + "|"]
+    for pipeline in results["pipelines"].values():
+        own = {name: results["predictors"][name] for name in pipeline["predictors"]}
+        own[smpl_of(results, pipeline)] = f"*SMPL alone, as `{pipeline['aligner']}` fitted it*"
+        for name, label in own.items():
+            found = [_mm_and_r2(results["cells"][cell].get(name, {})) for cell in cells]
+            rows.append(f"| {label} | " + " | ".join(found) + " |")
+    return "\n".join(rows)
+
+
+def verdict_lines(results: Mapping[str, Any]) -> list[str]:
+    """For each pipeline a sentence: in which test groups it does better than its SMPL alone."""
+    lines = []
+    for pipeline in results["pipelines"].values():
+        name, smpl = pipeline["default"], smpl_of(results, pipeline)
+        better, worse = [], []
+        for cell, title in results["cell_titles"].items():
+            errors = results["cells"][cell]
+            if cell in ("validation", *CELLS) and "mesh" in errors.get(name, {}):
+                less = errors[name]["mesh"]["mean_mm"] < errors[smpl]["mesh"]["mean_mm"]
+                (better if less else worse).append(title)
+        said = f"**{results['predictors'][name]}** is nearer to the mesh than SMPL alone in: "
+        said += "; ".join(better) or "no test group"
+        lines.append(f"{said}. Farther in: {'; '.join(worse)}." if worse else f"{said}.")
+    return lines
+
+
+def smpl_of(results: Mapping[str, Any], pipeline: Mapping[str, Any]) -> str:
+    """What SMPL alone is called in a pipeline's own motions."""
+    key = next(key for key, one in results["pipelines"].items() if one == pipeline)
+    return f"{SMPL}_{key}" if f"{SMPL}_{key}" in results["predictors"] else SMPL
+
+
+def _mm_and_r2(errors: Mapping[str, Any]) -> str:
+    mesh = errors.get("mesh")
+    return f"{_decimals(mesh['mean_mm'], 2)} mm, {_decimals(mesh['r2'], 2)}" if mesh else "-"
+
+
+def _decimals(value: float | None, digits: int) -> str:
+    # Adding 0 turns the negative zero of rounding into zero.
+    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
+
+
+def _exponent(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0e}" if value else "0"
+
+
+_ENVIRONMENT = Environment(
+    loader=PackageLoader("bridge.report"),
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+    # Markdown escapes for itself; the HTML page marks what comes rendered.
+    autoescape=lambda name: bool(name and name.endswith(".html.j2")),
+)
+_ENVIRONMENT.filters |= {"decimals": _decimals, "exponent": _exponent}
+
+
+def render_markdown(context: Mapping[str, Any]) -> str:
+    """The page, with a line of links to its sections where the template says so."""
+    results = context["results"]
+    shown = [results["predictors"][one["default"]] for one in results["pipelines"].values()]
+    made = {
+        "table": main_table(results),
+        "verdict": verdict_lines(results),
+        "shown": " and ".join(shown),
+    }
+    page = _ENVIRONMENT.get_template("report.md.j2").render(context, **made)
+    titles = re.findall(r"^## (.+)$", page, re.MULTILINE)
+    links = " · ".join(f"[{title}](#{_anchor(title)})" for title in titles)
+    return page.replace("[contents]", links, 1)
+
+
+def _anchor(title: str) -> str:
+    """As GitHub makes one of a heading."""
+    return re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
+
+
+def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
+    """A page that needs no other file: pictures named in `markdown` are read from `folder`."""
+
+    def picture(found: re.Match[str]) -> str:
+        encoded = base64.b64encode((folder / found[1]).read_bytes()).decode("ascii")
+        return f'src="data:image/png;base64,{encoded}"'
+
+    body = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
+    body = re.sub(r'src="(figures/[\w.-]+\.png)"', picture, body)
+    # A name that is a picture from elsewhere would have it fetched by whoever reads the page.
+    body = re.sub(r'<img (?!src="data:)[^>]*>', "", body)
+    body = re.sub(r"<h2>(.*?)</h2>", lambda h: f'<h2 id="{_anchor(h[1])}">{h[1]}</h2>', body)
+    # Of all HTML these alone are let through: what is behind a fold.
+    body = re.sub(
+        r"<p>&lt;details&gt;&lt;summary&gt;(.*?)&lt;/summary&gt;</p>",
+        r"<details><summary>\1</summary>",
+        body,
+    ).replace("<p>&lt;/details&gt;</p>", "</details>")
+    # Tables scroll by themselves on a narrow screen, the page does not.
+    body = body.replace("<table>", '<div class="wide"><table>')
+    body = body.replace("</table>", "</table></div>")
+    page = _ENVIRONMENT.get_template("page.html.j2")
+    return page.render(title=title, banner=banner, body=body)

@@ -1,0 +1,116 @@
+"""The table of claims is made of the results files, and a verdict follows its numbers."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+
+from benchmarks.claims.__main__ import PAGE, counted, page
+from benchmarks.claims.alignment import GAINS, _gains
+from benchmarks.claims.claims import claims
+from benchmarks.claims.data import Reference, r2
+from benchmarks.claims.results import ROOT, Results
+from benchmarks.claims.row import COMMANDS, FAILS, HOLDS, LICENSED, Claim, clearly_less
+from bridge.motion import MotionSequence
+
+
+@pytest.fixture(scope="module")
+def results() -> Results:
+    return Results()
+
+
+def all_claims(results: Results) -> dict[str, Claim]:
+    return {row.claim: row for of_subject in claims(results).values() for row in of_subject}
+
+
+def test_the_page_is_made_of_the_results() -> None:
+    """After a change: python -m benchmarks.claims."""
+    assert PAGE.read_text(encoding="utf-8") == page()
+
+
+def test_every_claim_has_place_number_verdict_and_a_command_that_exists(results: Results) -> None:
+    found = all_claims(results)
+    assert len(found) >= 25
+    for row in found.values():
+        assert row.place
+        assert any(letter.isdigit() for letter in row.measured) or row.verdict == LICENSED
+        for source in row.sources:
+            assert (ROOT / "docs" / source).exists()
+            assert source in COMMANDS
+    assert counted(claims(results)).count(",") == 3
+
+
+def test_verdicts_turn_with_the_numbers(results: Results) -> None:
+    changed = Results()
+    changed.networks = copy.deepcopy(results.networks)
+    for one in changed.networks:
+        systems = one["systems"]
+        systems["dsnet_rbf"]["r2"] = dict.fromkeys(systems["dsnet_rbf"]["r2"], 0.999)
+        for name in ("dsnet_two_lstm", "dsnet_three_lstm"):
+            systems[name]["r2"] = dict.fromkeys(systems[name]["r2"], -1.0)
+    found = all_claims(changed)
+    of_start = next(row for claim, row in found.items() if "initial state" in claim)
+    assert of_start.verdict == FAILS
+    assert "0.99" in of_start.measured or "1.00" in of_start.measured
+    assert found["More LSTM layers do not improve it"].verdict == HOLDS
+
+
+def test_less_within_the_spread_is_not_clearly_less() -> None:
+    assert clearly_less([1.0, 2.0], [3.0, 4.0])
+    assert not clearly_less([1.0, 3.0], [1.5, 3.5])
+    assert clearly_less([1.0], [1.1])
+
+
+def test_what_was_made_with_the_body_of_before_is_named(results: Results) -> None:
+    text = "**Older numbers.** Made before: [a](results/a.md).\n\nNot [b](results/b.md)."
+    before = Results()
+    before._older = text.partition("\n\n")[0]
+    assert before.of_before("results/a.md")
+    assert not before.of_before("results/b.md")
+
+
+def test_a_study_of_other_data_than_the_runs_is_named(results: Results) -> None:
+    study = results.networks[0]
+    assert not results.of_another_run(study)
+    assert "earlier run" in results.of_another_run({"true_mm": 1.1 * study["true_mm"]})
+
+
+def test_an_error_of_coefficients_is_that_of_the_offsets_they_stand_for() -> None:
+    rng = np.random.default_rng(0)
+    offsets, mean = rng.normal(size=(5, 30)), rng.normal(size=30)
+    directions = np.linalg.qr(rng.normal(size=(30, 4)))[0].T
+    codes, predicted = (offsets - mean) @ directions.T, rng.normal(size=(5, 4))
+    left_out = np.square(offsets - mean).sum(axis=1) - np.square(codes).sum(axis=1)
+    reference = Reference(codes, left_out, np.square(offsets).sum(axis=1))
+    restored = mean + predicted @ directions
+    expected = np.square(restored - offsets).sum(axis=1)
+    np.testing.assert_allclose(reference.errors(predicted), expected)
+    assert r2(expected, expected) == 0.0
+    assert r2(0 * expected, reference.squares) == 1.0
+
+
+class Held:
+    """Arrays of one sequence."""
+
+    def __init__(self, offsets_m: np.ndarray) -> None:
+        self.offsets_m = offsets_m
+        self.places = {"one": MotionSequence("one", "a", "b", 0, len(offsets_m), 60.0)}
+
+    def frames(self, array: str, name: str, frames: slice) -> np.ndarray:
+        return self.offsets_m[frames]
+
+
+def test_the_best_gain_undoes_what_was_taken_in_proportion() -> None:
+    true_m = np.random.default_rng(0).normal(size=(70, 4, 3))
+    found = _gains(Held(true_m / 2), "offsets", ["one"], Held(true_m))  # pyright: ignore
+    assert found["best_gain"] == 2.0
+    assert found["best_r2"] == 1.0
+    assert found["r2"]["1"] == pytest.approx(0.75)
+    assert list(found["r2"]) == [f"{gain:g}" for gain in GAINS]
+
+
+def test_the_page_is_on_readmes_first_screen() -> None:
+    first = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Three doors")[0]
+    assert "(docs/claims.md)" in first
