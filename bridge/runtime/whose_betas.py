@@ -30,7 +30,7 @@ def with_own_shape(motion: Motion, body: BodyModelData, told: bool = True) -> Mo
     if given.any() and (whose := _strange_space(motion, body)):
         betas, how = _of_markers(motion, body)
         note = f"the betas of {motion.source} are {whose}: {how}; {_REMEDY}"
-    if note and told:
+    if note and told and not motion.embedded_betas:
         notify(note)
     padded = np.pad(betas, (0, body.shapedirs.shape[-1] - len(betas)))
     return replace(motion, betas=padded, more_betas=np.zeros(0))
