@@ -53,9 +53,9 @@ class PredictorSettings:
     """Epochs of each predictor (the paper does not say how many)."""
     seed: Seed = 0
     """Seed of the initial weights and of the order of the clips."""
-    frames: PositiveInt = 300
+    frames: Fixed[PositiveInt] = 300
     """Length to which sequences are padded or clipped (paper: 300)."""
-    batch_size: PositiveInt = 16
+    batch_size: Fixed[PositiveInt] = 16
     """Sequences in a batch (paper: 16)."""
     lr_faithful: PositiveFloat = 1e-4
     """Adam's learning rate for `dsnet_faithful` (paper: 0.0001)."""

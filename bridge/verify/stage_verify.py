@@ -14,6 +14,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from tyro.conf import Fixed
+
 from bridge.errors import DsnetError
 from bridge.options import Seed
 from bridge.runs import ArtifactWriter, Run
@@ -42,7 +44,7 @@ class VerifyConfig:
     """Seed of the random weights and inputs."""
     trained: bool = True
     """Compare the run's trained weights; without them no run needs to be there."""
-    full_size: bool = True
+    full_size: Fixed[bool] = True
     """Compare the autoencoder of random weights at its 33,626,606 parameters."""
 
 

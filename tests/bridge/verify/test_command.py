@@ -19,7 +19,7 @@ def verified(tmp_path_factory: pytest.TempPathFactory):
     """The command on random weights of small networks: its process, and the rows it wrote."""
     runs = tmp_path_factory.mktemp("runs")
     code = "from bridge.cli import main; main()"
-    arguments = ["verify", "--run", "r", "--no-trained", "--no-full-size"]
+    arguments = ["verify", "--run", "r", "--no-trained", "--profile", "smoke"]
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments],
         env={**os.environ, "DSNET_RUNS": str(runs)},
