@@ -36,7 +36,7 @@ def draw_clips(path: Path, run: Run, name: str) -> None:
     rows |= {labels[s]: scene.offsets_m(s, name, frames) for s in SHOWN if s in labels}
     top_m = scale_top_m(np.linalg.norm(true_m, axis=-1))
     posed = {
-        label: scene.pose(scene.pipelines[-1], name, frames, rows_m)
+        label: scene.pose(scene.pipelines[-1].motions, name, frames, rows_m)
         for label, rows_m in rows.items()
     }
     camera = frame_camera(list(posed[_TRUE]), height_px=scene.panel_px)

@@ -250,6 +250,9 @@ class UntrustedNpz:
     def __contains__(self, name: object) -> bool:
         return name in self._members
 
+    def __len__(self) -> int:
+        return len(self._members)
+
     def __getitem__(self, name: str) -> NpyHeader:
         with self.member(name) as stream:
             return NpyHeader.read(stream)
