@@ -112,7 +112,8 @@ def test_another_body_is_another_prediction(given, tmp_path, capsys):
     """Told from one of the same name by its size: a file of one's own, or embedded."""
     load_body_model("embedded:male").save_smpl_npz(tmp_path / "mine.npz")
     for body, said in (("embedded:male", "0 motions"), (None, "0"), (tmp_path / "mine.npz", "0")):
-        predict_folder(None, given, tmp_path / "out", controls=Controls(body=Path(body) if body else None))
+        controls = Controls(body=Path(body) if body else None)
+        predict_folder(None, given, tmp_path / "out", controls=controls)
         assert f"dsnet: {said}" in capsys.readouterr().err
     predict_folder(None, given, tmp_path / "out", controls=Controls(body=tmp_path / "mine.npz"))
     assert "5 motions are done" in capsys.readouterr().err
