@@ -20,6 +20,7 @@ from bridge.runs import Run
 from bridge.runtime.load_model import load_for_motion
 from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.runtime.stage_predict import open_out_folder
+from bridge.runtime.whose_betas import with_own_shape
 
 _OF_FILE, _BONY = "pose of the file", "pose whose chest follows markers on bone"
 
@@ -72,7 +73,7 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     run = None if config.run is None else Run(config.run)
     how = HowRead(up="z")
     trained, motion = load_for_motion(run, None, pose_file(markers), config.motion_fps, how=how)
-    motion = place_motion(motion, trained.body)
+    motion = place_motion(with_own_shape(motion, trained.body), trained.body)
     moving = MovingBody(trained, motion)
     found = read_markers(markers, motion.source_fps, motion.duration_s)
     if found.note:
