@@ -58,6 +58,6 @@ def test_arms_do_not_count(female):
     assert [found[name] for name in girths] == pytest.approx([before[name] for name in girths])
 
 
-def test_other_than_ten_betas_are_refused(female):
+def test_more_betas_than_the_body_has_are_refused(female):
     with pytest.raises(DsnetError, match="betas has shape"):
-        MeasuredBody(female)(np.zeros(9))
+        MeasuredBody(female)(np.zeros(11))

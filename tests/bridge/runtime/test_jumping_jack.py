@@ -61,8 +61,8 @@ def test_it_peaks_at_a_landing(mean_mm, motion):
     landings = np.flatnonzero(pelvis_acceleration_g(motion) > 4 * (motion.source_fps / 120) ** 2)
     assert len(landings) > 3
     after = mean_mm.argmax() - landings
-    # 0.17 s: half a vibration of 3 Hz, as flesh swings that hangs.
-    assert after[after >= 0].min() <= 10
+    # 0.2 s: half a vibration of 2.5 Hz, as a large bust swings that hangs.
+    assert after[after >= 0].min() <= 12
 
 
 def test_it_dies_away_as_she_stands(mean_mm):
