@@ -35,7 +35,8 @@ class Results:
 
     def seeds(self, pattern: str) -> list[dict[str, Any]]:
         """All JSON files of a name, by seed."""
-        return [json.loads(p.read_text("utf-8")) for p in sorted(self.folder.glob(pattern))]
+        files = sorted(self.folder.glob(pattern))
+        return [json.loads(path.read_text(encoding="utf-8")) for path in files]
 
     @cached_property
     def demo(self) -> dict[str, Any]:
