@@ -1,4 +1,4 @@
-"""The simulated truth is made by the corpus stage and read by evaluation; view and report show it."""
+"""The simulated truth is made by the corpus stage, read by evaluation, shown by view and report."""
 
 from __future__ import annotations
 
