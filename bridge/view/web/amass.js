@@ -32,7 +32,7 @@ function readNpy(bytes, name) {
 
 export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   if (bytes[0] !== 0x50 || bytes[1] !== 0x4b) refuse("this is no .npz; BVH and other formats need Python: dsnet view --motion FILE");
-  const rates = ["mocap_framerate", "mocap_frame_rate"], wanted = ["poses", "trans", "betas", "gender", ...rates];
+  const rates = ["mocap_framerate", "mocap_frame_rate"], wanted = ["poses", "trans", "betas", "gender", "source", "body_model", ...rates];
   let files;
   try {
     files = unzipSync(bytes, { filter: ({ name, originalSize }) => {
@@ -62,9 +62,10 @@ export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   if (first.some((beta) => !(Math.abs(beta) <= 100))) refuse("'betas' are no person's");
   const count = Math.floor(((frames - 1) / rate) * FPS + 1e-3) + 1;
   if (count > Math.min(MOST_FRAMES, mostFrames)) refuse(`a motion of ${count} frames; a page shows ${mostFrames}: cut it into several files`);
-  const theta = atSixty(poses.data, trans.data, frames, width, rate, count), gender = array("gender")?.text?.trim().toLowerCase();
+  const theta = atSixty(poses.data, trans.data, frames, width, rate, count), said = (name) => array(name)?.text?.trim() ?? "";
+  const gender = said("gender").toLowerCase(), embedded = said("source").startsWith("synthetic") || said("body_model").startsWith("embedded:");
   return { theta, frames: count, first: 0, count, starts: [0], of_file: true, unplaced: true, betas: first, fps: FPS,
-           gender: ["female", "male", "neutral"].includes(gender) ? gender : "unknown", says: [] };
+           gender: ["female", "male", "neutral"].includes(gender) ? gender : "unknown", embedded, says: [] };
 }
 
 const quaternion = (v) => {

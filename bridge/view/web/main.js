@@ -157,7 +157,12 @@ function person(next) { // another shape, from where she is
 async function take(file) {
   try {
     if (scene.baked) throw new Error("this page holds no model, only what was baked into it: dsnet view --motion FILE");
-    own = ready({ ...readAmass(new Uint8Array(await file.arrayBuffer()), scene.most_frames), name: file.name });
+    const read = readAmass(new Uint8Array(await file.arrayBuffer()), scene.most_frames);
+    if (!read.embedded && read.betas.some((beta) => beta !== 0)) {
+      read.betas = read.betas.map(() => 0);
+      read.says.push("Its betas are another body model's: the mean shape is taken. By its markers: dsnet view --motion FILE.");
+    }
+    own = ready({ ...read, name: file.name });
     $("motion").options[scene.motions.length]?.remove();
     $("motion").add(new Option(`${file.name} (yours)`, scene.motions.length));
     motion = null;

@@ -229,12 +229,16 @@ def test_a_file_is_read_as_python_reads_it(dancing, tmp_path, rate):
     assert found["gender"] == expected.gender
 
 
-def test_a_dropped_motion_plays_as_predicted(browser, tmp_path):
+@pytest.mark.parametrize("source", ["synthetic", "a stranger's"])
+def test_a_dropped_motion_plays_as_predicted(browser, tmp_path, source):
+    """On the body of its betas, or, where they are another body model's, of the mean shape."""
     with np.load(sample_path("walking")) as sample:
-        np.savez(tmp_path / "mine.npz", **{**sample, "mocap_framerate": np.array(100)})
+        changed = {"mocap_framerate": 100, "betas": np.linspace(-1, 1, 16), "source": source}
+        np.savez(tmp_path / "mine.npz", **{**sample, **changed})
     with served(browser, packaged()) as shown:
         shown.page.set_input_files("#file", str(tmp_path / "mine.npz"))
         shown.until("page.motion?.name === 'mine.npz'")
+        assert ("another body model's" in shown.page.inner_text("#odd")) == (source != "synthetic")
         expected_m = predicted_m(tmp_path / "mine.npz")
         for frame in (len(expected_m) - 1, 0):
             found_m = shown.vertices_m("dsnet_plus", frame)
