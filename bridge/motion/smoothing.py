@@ -24,6 +24,8 @@ from bridge.errors import DsnetError
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import Motion, SmoothHz
 
+LEAST_HZ = 0.1
+"""Slower, nothing of a motion is left, and a filter's numbers fall below what floats can hold."""
 _PADDED_FRAMES = 9
 _BANK_HZ = (4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24)
 _TRUNK = (0, 1, 2, 3, 6, 9)
@@ -45,10 +47,10 @@ def smoothed(motion: Motion, smooth_hz: SmoothHz) -> Motion:
 
     Rotations are filtered as quaternions, which are made unit quaternions again.
     """
-    if smooth_hz != "auto" and not 0 < smooth_hz < motion.fps / 2:
+    if smooth_hz != "auto" and not LEAST_HZ <= smooth_hz < motion.fps / 2:
         raise DsnetError(
             f"a motion of {motion.fps:g} frames a second, smoothed at {smooth_hz:g} Hz",
-            f"more than 0 and less than {motion.fps / 2:g} Hz, half its rate",
+            f"{LEAST_HZ:g} or more and less than {motion.fps / 2:g} Hz, half its rate",
             "Pass auto, or 6 to 12.",
         )
     pose, trans_m = motion.all_joints, motion.trans_m.copy()

@@ -138,7 +138,7 @@ def test_auto_takes_the_slowest_and_the_fastest(fps: float) -> None:
         np.testing.assert_allclose(found.trans_m, whole.trans_m, atol=1e-12)
 
 
-@pytest.mark.parametrize("cutoff_hz", [0.0, 60.0, np.nan])
+@pytest.mark.parametrize("cutoff_hz", [0.0, 1e-320, 60.0, np.nan])
 def test_a_rate_that_the_motion_lacks_is_refused(cutoff_hz: float) -> None:
     with pytest.raises(DsnetError, match="120 frames a second, smoothed at"):
         smoothed(slow(), cutoff_hz)

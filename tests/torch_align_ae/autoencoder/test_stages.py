@@ -87,6 +87,7 @@ def test_training_records_what_it_did(run):
     assert not summary["include_held_out"]
 
 
+@pytest.mark.slow
 def test_the_processor_decides_the_precision_unless_told(run, monkeypatch):
     found = {}
     for asked, fast in (("auto", True), ("auto", False), ("float32", True)):
