@@ -56,9 +56,11 @@ def test_a_node_killed_while_tissue_is_simulated_changes_no_bit_of_any_stage(run
 
 def test_a_folder_of_motions_is_the_same_on_nodes_of_which_one_is_killed(nodes, tmp_path):
     given, command = forge(tmp_path / "given", 40, 30), ("predict", "--motion")
-    ended_well(start_dsnet(tmp_path, *command, str(given), "--out", str(tmp_path / "here")))
+    runs = tmp_path / "runs"
+    runs.mkdir()
+    ended_well(start_dsnet(runs, *command, str(given), "--out", str(tmp_path / "here")))
     there = (*command, str(given), "--out", str(tmp_path / "there"), "--engine", "ray")
-    process = start_dsnet(tmp_path, *there, "--address", nodes.address)
+    process = start_dsnet(runs, *there, "--address", nodes.address)
     _wait_for(tmp_path, "there/*/*/*/manifest.json", process)
     nodes.kill_one()
     ended_well(process)
