@@ -188,27 +188,11 @@ run_stage() {
         corpus) .venv/bin/dsnet corpus "${common[@]}" ${corpus[@]+"${corpus[@]}"} ;;
         align) .venv/bin/dsnet align "${common[@]}" ${align[@]+"${align[@]}"} ;;
         train-ae) .venv/bin/dsnet train-ae "${common[@]}" ${train_ae[@]+"${train_ae[@]}"} ;;
-        train) train_both "$2" ;;
+        train) .venv/bin/dsnet train "${common[@]}" ${train[@]+"${train[@]}"} ;;
         infer) .venv/bin/dsnet infer "${common[@]}" ${infer[@]+"${infer[@]}"} ;;
         *) .venv/bin/dsnet "$stage" "${common[@]}" ;;
     esac
 }
-
-# The oscillators keep one core busy and share nothing with the networks: two processes, where a run has both.
-train_both() {
-    local of=${DSNET_RUNS:-runs}/$1
-    if ((${#train[@]})) || [[ ! -d $of/encode || ! -d $of/align_robust ]]; then
-        .venv/bin/dsnet train "${common[@]}" ${train[@]+"${train[@]}"}
-        return
-    fi
-    .venv/bin/dsnet train "${common[@]}" --predictors dsnet_plus &
-    beside=$!
-    .venv/bin/dsnet train "${common[@]}" --predictors dsnet_standardised dsnet_faithful
-    wait "$beside"
-    beside=""
-}
-beside=""
-trap '[[ -z $beside ]] || kill "$beside" 2>/dev/null || true' EXIT
 
 # A run of other seeds learns from the same alignment and codes: its own are links.
 share_alignment() {

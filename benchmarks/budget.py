@@ -117,8 +117,7 @@ def expected_s(
 
 
 def table(expected: dict[str, float], seeds: int) -> str:
-    """Markdown: minutes of every stage and of all; stages are added up, none is at the same time
-    as another."""
+    """Markdown: minutes of every stage, and of all, one after another."""
     times = {name: seeds if name in _AGAIN else 1 for name in expected}
     lines = ["| stage | times | minutes |", "|---|---:|---:|"]
     lines += [f"| `{n}` | {times[n]} | {times[n] * s / 60:.1f} |" for n, s in expected.items()]

@@ -83,10 +83,10 @@ def done(code: str, *arguments: object) -> tuple[str, int]:
 
 
 def test_a_motion_moves(tmp_path: Path):
-    motion, out = save(tmp_path / "a_poses.npz", smplh(12, 60.0), gender="female"), tmp_path / "out"
+    given = {"gender": "female", "source": "synthetic"}
+    motion, out = save(tmp_path / "a_poses.npz", smplh(12, 60.0), **given), tmp_path / "out"
     said, status = done(PREDICTS, "predict", "--motion", motion, "--out", out)
-    assert status == 0, said
-    assert all(line.startswith("dsnet: ") for line in said.splitlines()), said
+    assert (status, said.count("\n")) == (0, 1), said
     assert np.isfinite(read_artifact(out, "prediction").array("vertices")).all()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a_poses.npz", "out"]
 

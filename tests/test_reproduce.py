@@ -91,27 +91,6 @@ def test_other_seeds_learn_from_the_same_alignment(
         assert (runs / other / "align_robust").samefile(runs / "paper" / "align_robust")
 
 
-def test_networks_and_oscillators_are_trained_at_the_same_time(
-    reproduce: Reproduce, tmp_path: Path
-) -> None:
-    """Where the run has what both learn from; what either fails with is the command's."""
-    project = tmp_path / "project"
-    for stage in ("encode", "align_robust"):
-        (project / "runs" / "demo" / stage).mkdir(parents=True)
-    common = "train --profile demo --run demo --seed 0 --predictors"
-    trained = [line for line in reproduce().stdout.splitlines() if line.startswith("train ")]
-    assert sorted(trained) == [
-        f"{common} dsnet_plus",
-        f"{common} dsnet_standardised dsnet_faithful",
-    ]
-    for fails in ("dsnet_plus", "dsnet_standardised"):
-        script = f'echo "$@"; case "$*" in *{fails}*) exit 3 ;; esac'
-        write_command(project, "dsnet", script)
-        done = reproduce()
-        assert done.returncode == 3
-        assert not [line for line in done.stdout.splitlines() if line.startswith("infer")]
-
-
 def test_licensed_files_take_the_corpus_place(reproduce: Reproduce, tmp_path: Path) -> None:
     files = ("--smpl", "body f.pkl", "--dyna", "women.h5", "men.h5", "--amass", "amass")
     files += ("--amass-fps", "60")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.claims.results import Results
-from tools.update_readme import results_block, times_block, verdict_block
+from tools.update_readme import results_block, verdict_block
 
 PIPELINES = {
     "paper": {"predictors": ["dsnet"], "aligner": "sgd"},
@@ -102,22 +102,3 @@ def test_licensed_data_name_no_test_bed():
     block = results_block(results(data="licensed", test_bed=None))
     assert "licensed data; every number" in block
     assert "law" not in block
-
-
-def test_stages_at_the_same_time_and_pauses_count_once():
-    def took(*stages: tuple[str, float]) -> str:
-        made = {
-            str(row): {
-                "wall_time_s": seconds,
-                "finished_utc": f"2026-01-31T{end}Z",
-                "peak_memory_mb": 1500,
-                "machine": "one",
-            }
-            for row, (end, seconds) in enumerate(stages)
-        }
-        one = {"stages": made, "disk": {"run": 5e9, "environment": 2.7e9}}
-        return times_block(one, one)
-
-    assert "took 3 minutes, 1.5 GB" in took(("00:01:00", 60), ("10:00:00", 120))
-    assert "took 4 minutes" in took(("10:04:00", 240), ("10:02:00", 60), ("10:03:30", 120))
-    assert "took 4 minutes" in took(("10:03:00", 120), ("10:05:00", 240), ("10:00:30", 30))

@@ -9,13 +9,9 @@ The blocks between `<!-- NAME: ... -->` and `<!-- end -->` are generated, never 
 from __future__ import annotations
 
 import json
-import math
 import re
 import shutil
 import sys
-import time
-from calendar import timegm
-from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -99,27 +95,13 @@ def times_block(demo: dict[str, Any], paper: dict[str, Any]) -> str:
 def _times(run: str, results: dict[str, Any]) -> str:
     # Verification is a command of its own, no stage of ./reproduce.sh.
     stages = [stage for name, stage in results["stages"].items() if name != "verify"]
-    minutes = _busy_s(stages) / 60
+    minutes = sum(stage["wall_time_s"] for stage in stages) / 60
     memory = max(stage["peak_memory_mb"] for stage in stages) / 1000
     return (
         f"[`{run}`](docs/results/{run}/report.md#how-it-was-made) took {minutes:.0f} minutes, "
         f"{memory:.1f} GB of memory and {results['disk']['run'] / 1e9:.1f} GB of disk "
         f"({stages[0]['machine']})"
     )
-
-
-def _busy_s(stages: Sequence[Mapping[str, Any]]) -> float:
-    """Seconds in which a stage was at work: some are at the same time, and a run may pause."""
-    if any("finished_utc" not in stage for stage in stages):
-        return sum(stage["wall_time_s"] for stage in stages)
-    times = [time.strptime(stage["finished_utc"], "%Y-%m-%dT%H:%M:%SZ") for stage in stages]
-    ends = [timegm(one) for one in times]
-    spans = sorted((end - one["wall_time_s"], end) for one, end in zip(stages, ends, strict=True))
-    busy, until = 0.0, -math.inf
-    for start, end in spans:
-        busy += max(0.0, end - max(start, until))
-        until = max(until, end)
-    return busy
 
 
 def verdict_block(demo: dict[str, Any], paper: dict[str, Any], studied: Results) -> str:

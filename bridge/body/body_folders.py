@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bridge.body.containers import refused
-from bridge.body.model_data import KIND_OF_JOINTS, Kind
-from bridge.body.smpl_files import GENDERS, gender_in_path, load_smpl_file
+from bridge.body.model_data import GENDERS, KIND_OF_JOINTS, Kind
+from bridge.body.smpl_files import gender_in_path, load_smpl_file
 from bridge.runs.untrusted import DAMAGE, open_npz
 
 _SUFFIXES = (".npz", ".pkl", ".npy")
@@ -32,8 +32,9 @@ _NEXT_BEST: dict[str | None, tuple[Kind, ...]] = {
     "smplh": ("smplh", "smpl", "smplx"),  # of one space of shapes
     "smplx": ("smplx", "smplh", "smpl"),
 }
-_KIND_WORDS: dict[str, Kind] = {"smpl": "smpl", "basicmodel": "smpl", "smplh": "smplh"}
-_KIND_WORDS |= {"smplx": "smplx"}
+_KIND_WORDS: dict[str, Kind] = {
+    "smpl": "smpl", "basicmodel": "smpl", "smplh": "smplh", "smplx": "smplx",
+}  # fmt: skip
 
 
 class _Body(NamedTuple):

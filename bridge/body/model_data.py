@@ -28,6 +28,7 @@ ROOT_PARENT_IN_FILE = 2**32 - 1
 # SMPL's readers ignore these; they keep a synthetic body from passing for a licensed one, and say
 # where expressions begin behind shapes.
 SOURCE_FIELD, GENDER_FIELD, SHAPES_FIELD = "dsnet_source", "dsnet_gender", "dsnet_shapes"
+GENDERS = ("female", "male", "neutral")
 
 # fmt: off
 SMPL_PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21)

@@ -161,17 +161,6 @@ def full_pose(
     return full
 
 
-def weights_of_the_body(data: BodyModelData) -> NDArray[np.float64]:
-    """(V, 22) skinning weights where hands and face are at rest: theirs are wrists' and head's."""
-    weights = np.array(data.weights[:, :N_JOINTS])
-    for joint in range(N_JOINTS, len(data.parents)):
-        above = joint
-        while above >= N_JOINTS:
-            above = data.parents[above]
-        weights[:, above] += data.weights[:, joint]
-    return weights
-
-
 def _check_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
     if np.shape(array) != shape:
         raise DsnetError(
@@ -203,7 +192,7 @@ class Smpl:
         self._joints = len(data.parents) if whole else N_JOINTS
         by_pose = data.posedirs[self.vertices].transpose(2, 1, 0)[: 9 * (self._joints - 1)]
         self._posedirs = np.ascontiguousarray(by_pose, self.dtype).reshape(len(by_pose), -1)
-        weights = data.weights if whole else weights_of_the_body(data)
+        weights = data.weights if whole else data.body_weights
         self._weights = np.ascontiguousarray(weights[self.vertices].T, self.dtype)
 
     def person(self, betas: NDArray) -> ShapedBody:

@@ -18,6 +18,7 @@ from bridge.body.body_checks import checked_person, checked_surface
 from bridge.body.containers import MODELS, read_fields, refused
 from bridge.body.model_data import (
     GENDER_FIELD,
+    GENDERS,
     HAND_COUNT,
     KIND_OF_JOINTS,
     SHAPES_FIELD,
@@ -27,8 +28,6 @@ from bridge.body.model_data import (
 from bridge.body.safe_pickle import as_array
 from bridge.errors import DsnetError
 from bridge.runs.untrusted import DAMAGE, damage_refused, text_of
-
-GENDERS = ("female", "male", "neutral")
 
 
 class _Field(NamedTuple):

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData
-from bridge.body.posing import joint_rotations, shaped_joints
+from bridge.body.posing import shaped_joints
 from bridge.export.blend_shapes import BlendShapes
 from bridge.export.mesh_files import VertexNormals
 from bridge.export.output import about
+from bridge.motion.smoothing import continuous_quaternions
 from bridge.runtime.moving_body import MovingBody
 
 _SET = 4
@@ -125,10 +125,10 @@ def _animation(
     buffer: _Buffer, moving: MovingBody, joints_m: NDArray, shapes: BlendShapes
 ) -> dict[str, Any]:
     time = buffer.add(_f4(np.arange(len(moving)) / moving.motion.fps), bounds=True)
-    turns = joint_rotations(moving.body, moving.pose)
+    turns = continuous_quaternions(moving.pose)
     followed = [(0, "translation", joints_m[0] + moving.motion.trans_m)]
     for joint in range(turns.shape[1]):
-        followed.append((joint, "rotation", _continuous(turns[:, joint])))
+        followed.append((joint, "rotation", turns[:, joint]))
     if shapes.names:
         followed.append((len(joints_m), "weights", shapes.weights.ravel()))
     samplers, channels = [], []
@@ -136,11 +136,3 @@ def _animation(
         channels.append({"sampler": len(samplers), "target": {"node": node, "path": what}})
         samplers.append({"input": time, "output": buffer.add(_f4(values))})
     return {"name": moving.motion.source.stem, "samplers": samplers, "channels": channels}
-
-
-def _continuous(rotations: NDArray) -> NDArray[np.float64]:
-    """(T, 4) x, y, z, w of rotations (T, 3, 3), without jumps to the opposite signs."""
-    found = Rotation.from_matrix(rotations).as_quat()
-    signs = np.sign((found[1:] * found[:-1]).sum(axis=1))
-    found[1:] *= np.cumprod(np.where(signs < 0, -1, 1))[:, None]
-    return found

@@ -23,8 +23,8 @@ from bridge.runs.run import TRAIN_PLUS
 
 _FORWARD = ("layers", "loss", "losses")
 _PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}
-_OF_EVERY_STAGE = ("command", "sha256", "stamps", "input_stamps")
-_SHOWN_OF_STAGES = ("wall_time_s", "finished_utc", "peak_memory_mb", "machine", "versions")
+_OF_EVERY_STAGE = ("command", "finished_utc", "sha256", "stamps", "input_stamps")
+_SHOWN_OF_STAGES = ("wall_time_s", "peak_memory_mb", "machine", "versions")
 
 
 def summarise(

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.posing import weights_of_the_body
 from bridge.paper import N_JOINTS, THETA_SIZE
 from bridge.runtime.onnx_graph import Graph, Precision, Value, product
 
@@ -166,4 +165,4 @@ def turned(columns: list[Value], shift: Value, rest: Value) -> Value:
 
 def bone_weights(body: BodyModelData) -> NDArray[np.float64]:
     """(V, 23) skinning weights of the joints that theta has, and zeros for the one at rest."""
-    return np.pad(weights_of_the_body(body), ((0, 0), (0, 1)))
+    return np.pad(body.body_weights, ((0, 0), (0, 1)))

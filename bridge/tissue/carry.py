@@ -20,12 +20,11 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.body.posing import weights_of_the_body
 from bridge.body.surface_operators import vertex_areas_m2, vertex_normals
+from bridge.motion.directions import shortest_turn
 from bridge.paper import N_JOINTS
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.shape import shape_measures
@@ -246,7 +245,7 @@ class _Frame:
                 for name in (joint, *behind):
                     if limb_of[index[f"{side}_{name}"]] < 0 or name == joint:
                         limb_of[index[f"{side}_{name}"]] = limb
-        weights = weights_of_the_body(body)
+        weights = body.body_weights
         return cls(weights / weights.sum(1, keepdims=True), limb_of, ends)
 
     def turns(self, joints: NDArray, others: NDArray) -> NDArray[np.float64]:
@@ -254,13 +253,8 @@ class _Frame:
         turns = np.eye(3)[None].repeat(N_JOINTS, 0)
         for joint, limb in enumerate(self.limb_of):
             if limb >= 0:
-                one, two = (at[self.ends[limb]] - at[limb] for at in (joints, others))
-                one, two = one / np.linalg.norm(one), two / np.linalg.norm(two)
-                axis = np.cross(one, two)
-                sine = np.linalg.norm(axis)
-                if sine > 1e-9:
-                    axis *= np.arctan2(sine, one @ two) / sine
-                    turns[joint] = Rotation.from_rotvec(axis).as_matrix()
+                bones = (at[self.ends[limb]] - at[limb] for at in (joints, others))
+                turns[joint] = shortest_turn(*bones)
         return turns
 
     def about_trunk(self, joints: NDArray) -> NDArray[np.float64]:

@@ -90,7 +90,9 @@ def test_predict_reads_a_real_amass_file(smoke_runs, tmp_path, execute, asked):
     command += ["--predictor", asked] if asked else []
     done = execute([".venv/bin/dsnet", *command], smoke_runs)
     assert done.returncode == 0, done.stderr
-    assert f"dsnet: {asked or 'dsnet_plus'} (" in done.stderr
+    lines = done.stderr.splitlines()
+    assert lines[0].startswith(f"dsnet: the betas of {SAMPLE} are another body model's: ")
+    assert lines[1].startswith(f"dsnet: {asked or 'dsnet_plus'} (")
     assert_is_a_standing_body(out, frames=(117, 118), floor_m=0.1)
     if not asked:
         assert_dies_away(read_artifact(out).array("offsets"))

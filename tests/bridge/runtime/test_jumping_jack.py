@@ -40,7 +40,9 @@ def mean_mm(plus_run, motion, tmp_path, monkeypatch) -> np.ndarray:
     monkeypatch.setattr(
         "bridge.report.panels.draw_motion_strip", lambda path, *_, **__: path.touch()
     )
-    controls = Controls(motion_fps=motion.source_fps)
+    # Of the shape that her file says: a larger bust, as her markers have it, swings slower.
+    betas = ",".join(map(str, motion.betas))
+    controls = Controls(motion_fps=motion.source_fps, betas=betas)
     made = predict_motion(plus_run, SAMPLE, tmp_path / "out", controls=controls)
     assert made.manifest["starts_anew_at"] == []
     return 1e3 * np.linalg.norm(made.array("offsets"), axis=-1).mean(axis=1)
@@ -61,8 +63,8 @@ def test_it_peaks_at_a_landing(mean_mm, motion):
     landings = np.flatnonzero(pelvis_acceleration_g(motion) > 4 * (motion.source_fps / 120) ** 2)
     assert len(landings) > 3
     after = mean_mm.argmax() - landings
-    # 0.2 s: half a vibration of 2.5 Hz, as a large bust swings that hangs.
-    assert after[after >= 0].min() <= 12
+    # 0.17 s: half a vibration of 3 Hz, as flesh swings that hangs.
+    assert after[after >= 0].min() <= 10
 
 
 def test_it_dies_away_as_she_stands(mean_mm):

@@ -174,6 +174,14 @@ class TestWhoseBetas:
         assert not with_own_shape(motion, of_others(HOME)).betas.any()
         assert "are SMPL-X's, the body SMPL's" in capsys.readouterr().err
 
+    @pytest.mark.parametrize("ours", [False, True])
+    def test_of_another_gender_are_no_ones(self, tmp_path, capsys, ours):
+        """Of a woman's file on a man's body, a user's own or the embedded one."""
+        male = load_body_model("embedded:male")
+        body, source = (male, {"source": "synthetic"}) if ours else (of_others(male), {})
+        assert not self.shaped(tmp_path, body, **source).any()
+        assert "are a female body's, the body is male" in capsys.readouterr().err
+
 
 def test_a_runs_own_model_is_carried_over_too(plus_run: Run, body_file):
     trained, motion = load_for_motion(plus_run, None, Path(SAMPLE), body=str(body_file))
