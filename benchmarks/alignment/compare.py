@@ -35,8 +35,8 @@ from benchmarks.alignment.known_sequences import (
 from benchmarks.alignment.scores import Scores, body_of, loads_of
 from bridge.errors import DsnetError
 from bridge.processes import run_as_process
-from bridge.runs.artifact import machine
 from bridge.runs.files import write_text_atomically
+from bridge.runs.writer import machine
 from torch_align_ae.alignment.sgd import Descent
 
 

@@ -42,7 +42,7 @@ from bridge.errors import DsnetError
 from bridge.options import PositiveInt, Seed
 from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
 from bridge.processes import run_as_process
-from bridge.runs.artifact import machine
+from bridge.runs.writer import machine
 from bridge.runtime.onnx_graph import Graph, Value
 from torch_align_ae import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder import MeshAutoencoder

@@ -26,7 +26,7 @@ from bridge.options import PositiveInt, Seed
 from bridge.paper import LATENT_SIZE
 from bridge.processes import run_as_process
 from bridge.runs import Run
-from bridge.runs.artifact import machine
+from bridge.runs.writer import machine
 from torch_align_ae.autoencoder.training import keep_freed_memory, multiplies_bfloat16
 
 CodeName = Literal["mesh_measured", "mesh_literal", "casas_otaduy"]

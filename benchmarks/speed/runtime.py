@@ -20,7 +20,7 @@ from benchmarks.speed.limits import Clock, GraphCall, measured, operations_bytes
 from benchmarks.speed.results import write_results
 from bridge.options import PositiveInt, Seed
 from bridge.processes import run_as_process
-from bridge.runs.artifact import machine
+from bridge.runs.writer import machine
 
 
 @dataclass(frozen=True)

@@ -30,11 +30,11 @@ class Config:
 
 def make(writer: ArtifactWriter, value: float, log: Path) -> None:
     """Three parts with a checkpoint each, a small array, a file with a writer's temporary file."""
-    array = writer.open_array("x", (PARTS, 20_000), np.float64, "m")
+    array = writer.array_file("x", (PARTS, 20_000), np.float64, "m")
     for part in range(PARTS):
         done = writer.checkpoints / f"part-{part}"
         if not done.exists():
-            array[part] = value + part
+            array.write(part, np.full((1, 20_000), value + part))
             done.touch()
             note(log, f"part {part}")
     writer.put("y", [value], "m")

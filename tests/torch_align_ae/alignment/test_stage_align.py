@@ -112,7 +112,7 @@ def test_interrupted_run_ends_bit_identical(runs, config, monkeypatch, damaged):
     partial = runs / "again" / ".align.partial"
     assert [path.name for path in partial.glob("checkpoints/*.done")] == ["0.done"]
     if damaged:
-        np.load(partial / "offsets.npy", mmap_mode="r+")[3] += 1
+        np.load(partial / "made" / "offsets.npy", mmap_mode="r+")[3] += 1
     starts, fit = [], SgdFit.fit
 
     def noted(self, learned, groups, files):
