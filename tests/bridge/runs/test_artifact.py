@@ -335,7 +335,6 @@ def forge(folder: Path, change: Callable[[Manifest], object]) -> None:
         (lambda m: m["provenance"].update(sha256=1), "provenance"),
         (lambda m: m["provenance"].update(sha256=[]), "provenance"),
         (lambda m: m["provenance"].update(stamps=[]), "provenance"),
-        (lambda m: m["provenance"].update(input_stamps=1), "provenance"),
         (lambda m: m.update(sequences={}), "sequences"),
         (lambda m: m.update(predictors=["a"]), "predictors"),
         (lambda m: m.update(predictors={"../a": {}}), "predictors"),

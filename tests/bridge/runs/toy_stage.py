@@ -84,7 +84,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def main(root: Path, replacing: bool) -> int:
-    step, expected = 0, None
+    step, expected, gaps = 0, None, 0
     while True:
         home = root / str(step)
         home.mkdir()
@@ -95,8 +95,9 @@ def main(root: Path, replacing: bool) -> int:
         killed = killed_before(step, lambda log=log: build(log, 2.0))
         made = log.exists() and "made" in log.read_text()
         seen = Run("r").finished("toy")
-        if replacing:
-            assert seen, f"step {step}: neither old nor new"
+        if replacing and not seen:
+            gaps += 1  # between two renames: a folder cannot be renamed over a full one
+        elif replacing:
             value = Run("r").artifact("toy").array("y")[0]
             assert value in ([1.0, 2.0] if made else [1.0]), f"step {step}: {value}"
         build(log, 2.0)
@@ -107,10 +108,10 @@ def main(root: Path, replacing: bool) -> int:
         found = contents(home / "r" / "toy")
         expected = expected or {**found}
         assert found == expected, f"step {step}: other bytes"
-        # A lock is an empty file that the next one who writes the folder takes along.
-        left = {path.name for path in (home / "r").iterdir()} - {".toy.lock"}
+        left = {path.name for path in (home / "r").iterdir()}
         assert left == {"toy"}, f"step {step}: {left}"
         if not killed:
+            assert gaps <= 1
             return step
         step += 1
 
