@@ -14,15 +14,12 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from types import FrameType
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn
 
-from bridge.errors import DsnetError, InterruptedWorkError
-from bridge.installation import require_packages_of
-
-Config = TypeVar("Config")
+from bridge.errors import DsnetError
 
 _ROOM = "room on the disk", "Make room and run the same command: it goes on where it was."
 _ALLOWED = "a path that may be read and written", "Change its permissions, or name another path."
@@ -169,41 +166,22 @@ def interrupts_withheld() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def run_module(module: str, *arguments: str) -> None:
-    """Run `python -m module arguments`; a child that failed has said why, so pass on its status."""
-    require_packages_of(module)
-    status, _ = outcome_of_module(module, *arguments, quiet=False)
-    if status == -signal.SIGTERM:
-        raise Terminated
-    if status < 0:
-        raise InterruptedWorkError(
-            f"a process that the system ended with signal {-status}",
-            "enough memory for it",
-            "Free memory and run the same command: it goes on where it was.",
-        )
-    if status:
-        sys.exit(status)
-
-
-def run_dsnet(command: str, *arguments: str) -> None:
-    run_module("bridge.cli", command, *arguments)
-
-
 _CHILD = """
 import runpy
 from bridge.processes import end_with_parent
 end_with_parent()
 runpy.run_module({!r}, run_name="__main__", alter_sys=True)
 """
-_QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
 
 
 def outcome_of_module(module: str, *arguments: str, quiet: bool = True) -> tuple[int, str]:
     """Exit status and, if it is `quiet`, stderr of `python -m module arguments`."""
     command = [sys.executable, "-c", _CHILD.format(module), *arguments]
+    stdout, stderr = (subprocess.DEVNULL, subprocess.PIPE) if quiet else (None, None)
     with interrupts_withheld():
-        streams = _QUIET if quiet else {}
-        child = subprocess.Popen(command, stdin=subprocess.PIPE, encoding="locale", **streams)
+        child = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, encoding="locale"
+        )
     with child:
         try:
             said = child.stderr.read() if child.stderr else ""
@@ -223,11 +201,3 @@ def end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-def run_as_process(config_type: type[Config], main: Callable[[Config], Any]) -> None:
-    """The other end of `run_module`: a `main` whose configuration's fields are the options."""
-    import tyro  # late: not every process that ends here has options
-
-    with exit_with_one_line(answer_signals=False):
-        main(tyro.cli(config_type))

@@ -23,10 +23,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from benchmarks.processes import run_as_process
 from benchmarks.speed.results import write_results
 from bridge.options import PositiveInt, Seed
 from bridge.paper import FEATURES, N_VERTICES
-from bridge.processes import run_as_process
 from bridge.runs.writer import machine
 from torch_align_ae import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder import MeshAutoencoder, parameter_count

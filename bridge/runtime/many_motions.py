@@ -199,8 +199,8 @@ def _is_done(one: Found, asked: Asked, models: Sequence[dict[str, str]]) -> bool
     except DsnetError:  # damaged, and about to be made again
         return False
     upstream = dict(made.manifest["upstream"])
-    motion = upstream.pop("motion", None)
-    same = made.manifest["config"] == asked.config and upstream in models and motion is not None
+    motion = upstream.pop("motion", "")
+    same = made.manifest["config"] == asked.config and upstream in models
     return same and made.present_sha256(one.path, str(one.path), motion) == motion
 
 

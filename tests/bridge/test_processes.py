@@ -128,7 +128,7 @@ def test_an_interrupt_of_all_is_answered_by_the_first_alone(tmp_path: Path):
 import sys
 sys.path.insert(0, {str(Path.cwd())!r})
 from bridge.processes import exit_with_one_line
-from bridge.processes import run_module
+from benchmarks.processes import run_module
 with exit_with_one_line():
     run_module("waits", "begun")
 """

@@ -30,7 +30,7 @@ def children_of(process: int) -> list[int]:
 
 INFER = f"""
 from bridge.processes import exit_with_one_line
-from bridge.processes import run_dsnet
+from benchmarks.processes import run_dsnet
 with exit_with_one_line():
     run_dsnet("infer", "--run", {RUN!r})
 """
