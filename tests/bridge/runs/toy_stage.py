@@ -2,7 +2,8 @@
 
     python toy_stage.py FOLDER fresh|replacing
 
-Prints how many kills there were. Every stage is made in a process of its own.
+Where nothing is replaced, before every fourth. Prints how many kills there were. Every stage is
+made in a process of its own.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ def main(root: Path, replacing: bool) -> int:
         if not killed:
             assert gaps <= 1
             return step
-        step += 1
+        step += 1 if replacing else 4
 
 
 if __name__ == "__main__":
