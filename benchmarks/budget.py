@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from benchmarks.processes import run_as_process
 from bridge.options import PositiveFloat, PositiveInt
-from bridge.processes import run_as_process
 from torch_align_ae.alignment.stage_align import PROFILES as ALIGN
 from torch_align_ae.autoencoder.stage_train_ae import PROFILES as TRAIN_AE
 from torch_align_ae.corpus.stage_corpus import PROFILES as CORPUS

@@ -21,8 +21,8 @@ from typing import Any
 import tyro
 
 from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
-from bridge.runs.artifact import provenance
 from bridge.runs.files import MANIFEST, arrays_sha256
+from bridge.runs.writer import provenance
 
 MARKED = {"truth": ("offsets",), "align": ("offsets", "theta", "frame_error")}
 MARKED["align_robust"] = MARKED["align"]
@@ -75,7 +75,7 @@ def _finish_s(artifact: Artifact) -> float:
             path = writer.file_path(name)
             path.hardlink_to(artifact.path / name)
         for name, entry in artifact.manifest["arrays"].items():
-            writer.open_array(name, tuple(entry["shape"]), entry["dtype"], entry["unit"])
+            writer.array_file(name, tuple(entry["shape"]), entry["dtype"], entry["unit"])
         seconds = _seconds(writer.finish)
         read_artifact(place)
     finally:

@@ -28,8 +28,8 @@ import tyro
 from benchmarks.many_sequences import LITTLE, Little, run_stage, stage_command
 from benchmarks.scaling.smooth_corpus import SmoothCorpus
 from bridge.runs import Run, read_artifact
-from bridge.runs.artifact import provenance
 from bridge.runs.files import MANIFEST, runs_root, write_text_atomically
+from bridge.runs.writer import provenance
 from torch_align_ae.corpus.motions import DYNA_MOTIONS
 from torch_align_ae.corpus.recordings import dyna_recordings
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of
-from bridge.processes import run_as_process
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from bridge.motion.readers.amass import sample_path
 from bridge.paper import N_VERTICES
-from bridge.runs.artifact import machine
+from bridge.runs.writer import machine
 
 FOLDERS = ((2, 2), (42, 2), (8, 780))
 """Motions, and frames of each; AMASS's last 13 seconds in the mean."""

@@ -26,8 +26,8 @@ from bridge.cli import COMMANDS
 from bridge.errors import DsnetError
 from bridge.motion.motion import MOST_FRAMES
 from bridge.runs import Run
-from bridge.runs.artifact import provenance
 from bridge.runs.files import runs_root
+from bridge.runs.writer import provenance
 
 TOO_STEEP = 2.6
 """Growth of the time at twice as many sequences: 2 is in proportion, 4 is quadratic."""

@@ -23,7 +23,7 @@ from pathlib import Path
 import tyro
 
 from bridge.options import PositiveInt
-from bridge.runs.artifact import provenance
+from bridge.runs.writer import provenance
 
 _HERE = Path(__file__).parents[1]
 _MOTION = ("--motion", "sample:jumping_jacks")

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import plugin
+from benchmarks.processes import run_as_process
 from bridge.body import BodyModelData, load_body_model
-from bridge.processes import run_as_process
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import frame_camera, render_bodies
 from bridge.runs.files import write_text_atomically

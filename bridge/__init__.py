@@ -8,7 +8,7 @@ from bridge.errors import DsnetError
 
 if TYPE_CHECKING:
     from bridge.motion.resampling import load_motion_file as load_motion
-    from bridge.runs.artifact import read_artifact, write_artifact
+    from bridge.runs import read_artifact, write_artifact
 
 # Read when ONNX Runtime is imported, which else reports to its maker and leaves files behind.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
@@ -18,8 +18,8 @@ __version__ = "0.1.0"
 
 _LOADED_LATE = {
     "load_motion": ("bridge.motion.resampling", "load_motion_file"),
-    "read_artifact": ("bridge.runs.artifact", "read_artifact"),
-    "write_artifact": ("bridge.runs.artifact", "write_artifact"),
+    "read_artifact": ("bridge.runs", "read_artifact"),
+    "write_artifact": ("bridge.runs", "write_artifact"),
 }
 
 

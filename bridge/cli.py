@@ -10,14 +10,14 @@ import importlib
 import os
 import shutil
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from bridge import __version__
 from bridge.errors import DsnetError, did_you_mean
 from bridge.installation import require_packages_of
-from bridge.processes import ends_at_once, exit_with_one_line
+from bridge.processes import exit_with_one_line
 
 COMMANDS = {
     "corpus": ("torch_align_ae.corpus.stage_corpus", "Make a synthetic corpus in real formats."),
@@ -46,18 +46,16 @@ def main(arguments: Sequence[str] | None = None, **settings: Any) -> None:
     A study may give `settings`: fields of the configuration, by name, that are no options.
     """
     with exit_with_one_line():
-        with ends_at_once():
-            work = _asked_for(list(sys.argv[1:] if arguments is None else arguments), settings)
-        work()
+        given = sys.argv[1:] if arguments is None else arguments
+        if not given or given[0] in ("-h", "--help"):
+            print(_overview())  # noqa: T201
+        elif [*given] == ["--version"]:
+            print(f"dsnet {__version__}")  # noqa: T201
+        else:
+            _run(given[0], [*given[1:]], settings)
 
 
-def _asked_for(arguments: list[str], settings: Mapping[str, Any]) -> Callable[[], None]:
-    """What the command line asks for, to be called; nothing is begun before."""
-    if not arguments or arguments[0] in ("-h", "--help"):
-        return lambda: print(_overview())  # noqa: T201
-    if arguments == ["--version"]:
-        return lambda: print(f"dsnet {__version__}")  # noqa: T201
-    command, *options = arguments
+def _run(command: str, options: list[str], settings: Mapping[str, Any]) -> None:
     if command not in COMMANDS:
         remedy = did_you_mean(command, COMMANDS, "See dsnet --help.")
         raise DsnetError(f"command {command!r}", f"one of {', '.join(COMMANDS)}", remedy)
@@ -91,12 +89,8 @@ def _asked_for(arguments: list[str], settings: Mapping[str, Any]) -> Callable[[]
         type(default), args=options, default=default, prog=prog, config=(tyro.conf.SuppressFixed,)
     )
     check_options(config)
-
-    def work() -> None:
-        with use_engine("local" if engine is None else engine, address):
-            module.main(config)
-
-    return work
+    with use_engine("local" if engine is None else engine, address):
+        module.main(config)
 
 
 def _with(config: Any, settings: Mapping[str, Any]) -> Any:

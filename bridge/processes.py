@@ -14,15 +14,12 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from types import FrameType
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn
 
-from bridge.errors import DsnetError, InterruptedWorkError
-from bridge.installation import require_packages_of
-
-Config = TypeVar("Config")
+from bridge.errors import DsnetError
 
 _ROOM = "room on the disk", "Make room and run the same command: it goes on where it was."
 _ALLOWED = "a path that may be read and written", "Change its permissions, or name another path."
@@ -39,16 +36,13 @@ _EXPECTED = {
     errno.EIO: ("a disk without faults", "Check the disk; `dsnet check` names damaged files."),
 }
 """What a user can mend of what the system refuses: what was expected, and how."""
-_ENDING: dict[int, str] = {
-    signal.SIGINT: "interrupted; run the same command to go on",
-    signal.SIGTERM: "terminated; run the same command to go on",
-}
+_ENDING: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 """What is answered, by signal."""
 _PAUSE_S = 0.1
 _PATIENCE_S = 10.0
 
 
-class Terminated(BaseException):
+class Terminated(KeyboardInterrupt):
     """The system asked the process to end (SIGTERM)."""
 
 
@@ -60,11 +54,7 @@ def exit_with_one_line(*, answer_signals: bool = True) -> Iterator[None]:
     130 and SIGTERM with 143; who stops reading what is printed needs no line. A process that
     another one began leaves the signals to that one.
     """
-    with ExitStack() as opened:
-        if answer_signals:
-            opened.enter_context(_answered_by(_undoing_work()))
-            # Nothing is left to interrupt but the interpreter's own end, which would not be silent.
-            opened.callback(atexit.register, _be_deaf)
+    with _signals_answered() if answer_signals else nullcontext():
         try:
             try:
                 yield
@@ -86,17 +76,19 @@ def exit_with_one_line(*, answer_signals: bool = True) -> Iterator[None]:
             # Libraries put a paragraph of their own into `error.strerror`.
             said = f"{place}{os.strerror(error.errno)}"
             _end(DsnetError(said, *_EXPECTED[error.errno]), 2)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
             _be_deaf()
-            _end(_ENDING[signal.SIGINT], 128 + signal.SIGINT)
-        except Terminated:
-            _be_deaf()
-            _end(_ENDING[signal.SIGTERM], 128 + signal.SIGTERM)
+            number = signal.SIGTERM if isinstance(error, Terminated) else signal.SIGINT
+            _end(_line_of(number), 128 + number)
 
 
 def _end(said: object, status: int) -> NoReturn:
     print(f"dsnet: {said}", file=sys.stderr)  # noqa: T201
     sys.exit(status)
+
+
+def _line_of(number: int) -> str:
+    return f"{_ENDING[number]}; run the same command to go on"
 
 
 def _is_printed(text: str = "") -> bool:
@@ -116,46 +108,13 @@ def _be_deaf() -> None:
 
 
 @contextmanager
-def ends_at_once() -> Iterator[None]:
-    """A signal in this block ends the process, which has begun nothing, with its line.
+def _signals_answered() -> Iterator[None]:
+    """For SIGINT and SIGTERM, unless they are ignored, the work under way is undone, once.
 
-    Libraries that load swallow an exception, or turn it into another; what they print may be held
-    back meanwhile.
+    While a library loads, which may swallow an exception, they come again a little later. Who has
+    waited in vain for the work to be undone ends the process at once.
     """
-    stderr = os.dup(2)
-    try:
-        with _answered_by(lambda number, _frame: _end_at_once(number, stderr)):
-            yield
-    finally:
-        os.close(stderr)
-
-
-def _end_at_once(number: int, stderr: int) -> NoReturn:
-    os.write(stderr, f"dsnet: {_ENDING[number]}\n".encode())
-    os._exit(128 + number)
-
-
-@contextmanager
-def _answered_by(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
-    """Answer SIGINT and SIGTERM so, unless they are ignored or another thread's."""
-    before: dict[int, signal._HANDLER] = {}
-    if threading.current_thread() is threading.main_thread():
-        for one in _ENDING:
-            if signal.getsignal(one) not in (signal.SIG_IGN, None):
-                before[one] = signal.signal(one, handler)
-    try:
-        yield
-    finally:
-        for one, earlier in before.items():
-            signal.signal(one, earlier)
-
-
-def _undoing_work() -> Callable[[int, FrameType | None], None]:
-    """A handler of signals, for which the work under way is undone, once however often they come.
-
-    Where a library loads they come again a little later. Who has waited in vain for the work to be
-    undone ends the process at once.
-    """
+    before: dict[int, Any] = {}
     began: list[float] = []
 
     def answer(number: int, frame: FrameType | None) -> None:
@@ -167,9 +126,20 @@ def _undoing_work() -> Callable[[int, FrameType | None], None]:
             began.append(time.monotonic())
             raise KeyboardInterrupt if number == signal.SIGINT else Terminated
         elif time.monotonic() > began[0] + _PATIENCE_S:
-            _end_at_once(number, 2)
+            os.write(2, f"dsnet: {_line_of(number)}\n".encode())
+            os._exit(128 + number)
 
-    return answer
+    if threading.current_thread() is threading.main_thread():
+        for one in _ENDING:
+            if signal.getsignal(one) not in (signal.SIG_IGN, None):
+                before[one] = signal.signal(one, answer)
+    try:
+        yield
+    finally:
+        for one, earlier in before.items():
+            signal.signal(one, earlier)
+        # Nothing is left to interrupt but the interpreter's own end, which would not be silent.
+        atexit.register(_be_deaf)
 
 
 def _is_loading(frame: FrameType | None) -> bool:
@@ -196,31 +166,6 @@ def interrupts_withheld() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def run_module(module: str, *arguments: str) -> None:
-    """Run `python -m module arguments`; a child that failed has said why, so pass on its status."""
-    require_packages_of(module)
-    status, _ = _outcome(module, arguments)
-    if status == -signal.SIGTERM:
-        raise Terminated
-    if status < 0:
-        raise InterruptedWorkError(
-            f"a process that the system ended with signal {-status}",
-            "enough memory for it",
-            "Free memory and run the same command: it goes on where it was.",
-        )
-    if status:
-        sys.exit(status)
-
-
-def run_dsnet(command: str, *arguments: str) -> None:
-    run_module("bridge.cli", command, *arguments)
-
-
-def outcome_of_module(module: str, *arguments: str) -> tuple[int, str]:
-    """Exit status and stderr of `python -m module arguments`, which prints nothing of its own."""
-    return _outcome(module, arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-
-
 _CHILD = """
 import runpy
 from bridge.processes import end_with_parent
@@ -229,26 +174,21 @@ runpy.run_module({!r}, run_name="__main__", alter_sys=True)
 """
 
 
-def _outcome(
-    module: str, arguments: Sequence[str], stdout: int | None = None, stderr: int | None = None
-) -> tuple[int, str]:
+def outcome_of_module(module: str, *arguments: str, quiet: bool = True) -> tuple[int, str]:
+    """Exit status and, if it is `quiet`, stderr of `python -m module arguments`."""
     command = [sys.executable, "-c", _CHILD.format(module), *arguments]
-    reading, writing = os.pipe()
-    try:
-        with interrupts_withheld():
-            child = subprocess.Popen(
-                command, stdin=reading, stdout=stdout, stderr=stderr, encoding="locale"
-            )
+    stdout, stderr = (subprocess.DEVNULL, subprocess.PIPE) if quiet else (None, None)
+    with interrupts_withheld():
+        child = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, encoding="locale"
+        )
+    with child:
         try:
-            _, said = child.communicate()
+            said = child.stderr.read() if child.stderr else ""
+            child.wait()
         except BaseException:
             child.kill()
             raise
-        finally:
-            child.wait()
-    finally:
-        os.close(reading)
-        os.close(writing)
     return child.returncode, said
 
 
@@ -261,11 +201,3 @@ def end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-def run_as_process(config_type: type[Config], main: Callable[[Config], Any]) -> None:
-    """The other end of `run_module`: a `main` whose configuration's fields are the options."""
-    import tyro  # late: not every process that ends here has options
-
-    with exit_with_one_line(answer_signals=False):
-        main(tyro.cli(config_type))

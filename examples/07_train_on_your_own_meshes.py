@@ -7,17 +7,24 @@ D-FAUST's files do, (V, 3, T) metres at 60 frames a second: docs/data.md. What t
 lies in runs/mine; stopped ones go on where they were.
 """
 
+import subprocess
 import sys
 
-from bridge.processes import exit_with_one_line, run_dsnet
+from bridge.processes import exit_with_one_line
 from bridge.runs import Run
 from bridge.runtime.stage_predict import predict_motion
 
 
+def dsnet(*command: str) -> None:
+    """A stage, which is a process of its own; one that fails has said why."""
+    if status := subprocess.call([sys.executable, "-m", "bridge.cli", *command]):
+        sys.exit(status)
+
+
 def main(smpl: str, *meshes: str) -> None:
     """Meshes to offsets, offsets to a predictor, a motion to a moving body."""
-    run_dsnet("align", "--run", "mine", "--aligner", "robust", "--smpl", smpl, "--dyna", *meshes)
-    run_dsnet("train", "--run", "mine", "--predictors", "dsnet_plus")
+    dsnet("align", "--run", "mine", "--aligner", "robust", "--smpl", smpl, "--dyna", *meshes)
+    dsnet("train", "--run", "mine", "--predictors", "dsnet_plus")
     predict_motion(Run("mine"), "sample:walking", "runs/mine_walking")
 
 

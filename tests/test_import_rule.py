@@ -115,22 +115,22 @@ def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("module", "absent"),
+    ("modules", "absent"),
     [
-        ("bridge.cli", "torch tensorflow keras"),
-        ("bridge.exchange", "torch tensorflow keras"),
-        ("bridge.runtime.stage_predict", "torch tensorflow keras"),
+        (
+            "bridge.cli, bridge.exchange, bridge.runtime.stage_predict, tf_dsnet,"
+            " tf_dsnet.stage_infer",
+            "torch tensorflow keras",
+        ),
         (
             "bridge.export.stage_export",
             "torch tensorflow keras pxr alembic3d imageio_ffmpeg embreex",
         ),
         ("bridge.view.stage_view", "torch tensorflow keras onnxruntime"),
         ("torch_align_ae", "tensorflow keras"),
-        ("tf_dsnet", "torch tensorflow keras"),
-        ("tf_dsnet.stage_infer", "torch tensorflow keras"),
         ("tf_dsnet.stage_train", "torch"),
     ],
 )
-def test_importing_loads_only_its_own_framework(module: str, absent: str) -> None:
-    code = f"import sys, {module}; sys.exit(bool(set({absent.split()!r}) & set(sys.modules)))"
+def test_importing_loads_only_its_own_framework(modules: str, absent: str) -> None:
+    code = f"import sys, {modules}; sys.exit(bool(set({absent.split()!r}) & set(sys.modules)))"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -24,10 +24,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError
 from bridge.export.clips import write_gif
 from bridge.motion import load_motion_file
-from bridge.processes import run_as_process
 from bridge.runs import Run
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import load_for_motion

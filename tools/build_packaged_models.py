@@ -16,8 +16,8 @@ from pathlib import Path
 
 import tyro
 
+from benchmarks.processes import run_dsnet
 from bridge.exchange import save_weights
-from bridge.processes import run_dsnet
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runtime.load_model import PACKAGED, packaged_folder
 from bridge.tissue.trained_plus import NAME, StaticPart, TrainedPlus

@@ -9,8 +9,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError
-from bridge.processes import run_as_process
 from bridge.runs import Run
 from bridge.view.repertoire import open_repertoire
 from bridge.view.scene import Scene

@@ -33,10 +33,10 @@ from benchmarks.alignment.known_sequences import (
     known_sequences,
 )
 from benchmarks.alignment.scores import Scores, body_of, loads_of
+from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError
-from bridge.processes import run_as_process
-from bridge.runs.artifact import machine
 from bridge.runs.files import write_text_atomically
+from bridge.runs.writer import machine
 from torch_align_ae.alignment.sgd import Descent
 
 

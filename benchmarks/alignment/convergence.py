@@ -21,10 +21,10 @@ from tqdm import tqdm
 from benchmarks.alignment.descent_rules import ClipSet, Rule, track
 from benchmarks.alignment.gravity import RECORDED
 from benchmarks.alignment.known_clips import KnownClips, load_clips
-from bridge.processes import run_as_process
+from benchmarks.processes import run_as_process
 from bridge.runs import Run
-from bridge.runs.artifact import provenance
 from bridge.runs.files import write_text_atomically
+from bridge.runs.writer import provenance
 from torch_align_ae.alignment.mesh_distance import MeshDistance
 from torch_align_ae.alignment.sgd import Descent, fit_shape_and_pose, rigid_start
 from torch_align_ae.body import SMPL

@@ -23,12 +23,12 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from benchmarks.processes import run_as_process
 from bridge.body import load_body_model
 from bridge.options import PositiveInt
 from bridge.paper import N_JOINTS
-from bridge.processes import run_as_process
-from bridge.runs.artifact import machine
 from bridge.runs.files import write_text_atomically
+from bridge.runs.writer import machine
 from torch_align_ae.alignment.gauss_newton import moved
 from torch_align_ae.alignment.mesh_distance import Bones, MeshDistance
 from torch_align_ae.alignment.skin_sample import Pose, SkinSample, linearise

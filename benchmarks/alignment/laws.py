@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.processes import run_as_process
 from bridge.measure.metrics import ErrorSums
 from bridge.motion import sequences_of
-from bridge.processes import run_as_process
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 from bridge.runs.run import best_alignment

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.processes import run_as_process
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.measure.evaluation import MESH_ERROR, frames_m
 from bridge.measure.pipelines import SMPL, MotionArrays, Pipeline, pipelines_of
 from bridge.motion import unpack_theta
 from bridge.motion.splits import CELLS
 from bridge.paper import ABSORBING_JOINT, ABSORBING_SEQUENCE
-from bridge.processes import run_as_process
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
 

@@ -28,11 +28,11 @@ from benchmarks.claims.data import (
 )
 from benchmarks.plugin import predictors
 from benchmarks.prediction.corpora import check_names
+from benchmarks.processes import run_as_process
 from benchmarks.systems.dsnet_variants import DsnetVariant
 from bridge.body import load_body_model
 from bridge.exchange.dsnet import TrainedDsnet, join_inputs
 from bridge.motion.splits import CELLS
-from bridge.processes import run_as_process
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 from bridge.runs.run import body_model_path

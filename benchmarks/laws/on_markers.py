@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.plugin import tissues
+from benchmarks.processes import run_as_process
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
@@ -19,7 +20,6 @@ from bridge.markers.page import write_comparisons
 from bridge.markers.predicted import compare_offsets, pose_of, register
 from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat
-from bridge.processes import run_as_process
 from torch_align_ae.corpus.dyna_files import FPS
 from torch_align_ae.corpus.simulation import TissueSimulator
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.prediction.corpora import CORPORA, check_names, dsnet, prepare, scores, train_plus
+from benchmarks.processes import run_as_process, run_module
 from bridge.motion.splits import CELLS
-from bridge.processes import run_as_process, run_module
 from bridge.runs.files import write_text_atomically
 
 VARIANTS: dict[str, tuple[str, ...]] = {

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.processes import run_as_process
 from bridge.motion import Motion, MotionSequence, sequences_of
 from bridge.motion.motion_checks import find_pops
 from bridge.motion.sequences import is_real_motion
 from bridge.paper import N_BETAS
-from bridge.processes import run_as_process
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
 

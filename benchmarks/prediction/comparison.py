@@ -29,7 +29,7 @@ from benchmarks.prediction.corpora import (
     train_plus,
     write_index,
 )
-from bridge.processes import run_as_process
+from benchmarks.processes import run_as_process
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 

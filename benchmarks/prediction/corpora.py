@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import plugin
+from benchmarks.processes import run_dsnet
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import DMPL
 from bridge.motion.splits import CELLS
-from bridge.processes import run_dsnet
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.processes import run_as_process
+from benchmarks.processes import run_as_process
 from bridge.tissue.trained_plus import NODE_FIELDS, Weights
 from tf_dsnet import stage_train, stage_train_plus
 from tf_dsnet.oscillators import OscillatorLayer

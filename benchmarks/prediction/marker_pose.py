@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from benchmarks.processes import run_as_process
 from bridge.body import BodyModelData
 from bridge.body.posing import Smpl, shaped_joints
 from bridge.markers.poses import bony_pose
@@ -25,7 +26,6 @@ from bridge.markers.segments import faster
 from bridge.motion import Motion, load_motion_file, pack_theta, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.motion.readers.amass import motion_path
-from bridge.processes import run_as_process
 from bridge.runs.files import write_text_atomically
 from bridge.runtime.load_model import TrainedModel, load_for_motion
 from bridge.runtime.moving_body import MovingBody, place_motion

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.prediction.recorded_noise import FASTER_THAN_HZ, WHITE_DEG, WHITE_M, Noise
+from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError, notify
 from bridge.motion import Motion, MotionSequence, sequences_of, subject_rows
 from bridge.motion.motion import pack_theta, unpack_theta
@@ -28,7 +29,6 @@ from bridge.motion.motion_checks import tremor_mm
 from bridge.motion.resampling import continuous_rotations
 from bridge.motion.sequences import is_real_motion
 from bridge.motion.smoothing import SmoothHz, smoothed
-from bridge.processes import run_as_process
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
 from bridge.runtime.load_model import load_model

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.laws.second_tissue_simulation import PARABOLA_FRAMES, SecondTissueSimulator
+from benchmarks.processes import run_as_process
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.measure.metrics import ErrorSums
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.sequences import is_real_motion
-from bridge.processes import run_as_process
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
 

@@ -18,8 +18,8 @@ from typing import Any
 from benchmarks.prediction import bands, readings
 from benchmarks.prediction.corpora import read_index
 from benchmarks.prediction.over_seeds import is_real
+from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError
-from bridge.processes import run_as_process
 from bridge.runs.files import write_text_atomically
 
 GOAL_R2 = 0.85

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.processes import run_as_process
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.parts import PARTS, part_weights
 from bridge.paper import N_BETAS
-from bridge.processes import run_as_process
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 from bridge.runtime.onnx_graph import Graph, GraphSession

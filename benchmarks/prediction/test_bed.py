@@ -25,8 +25,8 @@ from benchmarks.prediction.corpora import (
     write_index,
 )
 from benchmarks.prediction.over_seeds import is_real, r2_of, summary, without_real
+from benchmarks.processes import run_as_process
 from bridge.motion.splits import CELLS
-from bridge.processes import run_as_process
 from bridge.runs.files import write_text_atomically
 
 _INDEX = "test_bed.json"

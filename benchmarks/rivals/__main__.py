@@ -16,12 +16,12 @@ from typing import Any
 
 from benchmarks.prediction.comparison_rivals import rival_path
 from benchmarks.prediction.corpora import CORPORA, check_names
+from benchmarks.processes import run_as_process
 from benchmarks.rivals.rival import Rival
 from benchmarks.rivals.scoring import score_rival, validation_clips
 from benchmarks.rivals.sds import SpringDecomposedSkinning
 from bridge.body import BodyModelData, load_body_model
 from bridge.errors import DsnetError
-from bridge.processes import run_as_process
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 from bridge.runs.run import best_alignment, body_model_path

@@ -62,12 +62,12 @@ def _predict(path: Path, rival: Rival, motions: Artifact, body: BodyModelData) -
     placed, given = end_to_end(chosen), MotionArrays.of(motions)
     writer = ArtifactWriter(path, "rival", data=motions.origin)
     frames = sum(one.length for one in placed)
-    offsets = writer.open_array(
+    offsets = writer.array_file(
         f"offsets_{rival.name}", (frames, len(body.v_template), 3), np.float32, "m"
     )
     for one in tqdm(placed, desc=rival.name, unit="sequence", disable=None):
         theta = given.frames("theta", one.name, slice(0, one.length))
-        offsets[one.frames] = rival.offsets_m(given.betas(one.name), theta, one.fps)
+        offsets.write(one.start, rival.offsets_m(given.betas(one.name), theta, one.fps))
     _put_motions(writer, chosen, given)
     writer.record(
         sequences=to_manifest(placed), predictors={rival.name: rival.label}, default=rival.name

@@ -27,7 +27,8 @@ import tyro
 from benchmarks.scaling.model import predicted_and_measured
 from benchmarks.scaling.overhead import overheads
 from bridge.options import PositiveInt
-from bridge.runs.artifact import provenance, read_artifact
+from bridge.runs.artifact import read_artifact
+from bridge.runs.writer import provenance
 
 MOTIONS = ("hips", "one_leg_jump", "shake_arms", "jumping_jacks", "jiggle_on_toes",
            "shake_hips", "running_on_spot", "light_hopping_loose")  # fmt: skip

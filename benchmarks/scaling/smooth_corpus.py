@@ -147,11 +147,11 @@ class SmoothCorpus:
     def _put(self, writer: ArtifactWriter, sequences: list[MotionSequence]) -> None:
         frames = sum(sequence.length for sequence in sequences)
         vertices = self._bodies[0].offsets_m.shape[1]
-        offsets = writer.open_array("offsets", (frames, vertices, 3), np.float32, "m")
+        offsets = writer.array_file("offsets", (frames, vertices, 3), np.float32, "m")
         theta = np.empty((frames, self._bodies[0].theta.shape[1]), np.float32)
         for sequence in sequences:
             body, part = self._part(sequence)
-            offsets[sequence.frames] = body.offsets_m[part]
+            offsets.write(sequence.start, body.offsets_m[part])
             theta[sequence.frames] = body.theta[part]
         writer.put("theta", theta, "rad, last three m")
         betas = [self.body_of(subject).betas for subject in subjects_of(sequences)]

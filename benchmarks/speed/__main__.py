@@ -7,9 +7,9 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.processes import run_as_process, run_module
 from benchmarks.speed.results import results_folder
 from bridge.options import Seed
-from bridge.processes import run_as_process, run_module
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from benchmarks.processes import run_as_process
 from benchmarks.speed.results import write_results
 from bridge.options import PositiveInt, Seed
 from bridge.paper import FEATURES, N_VERTICES
-from bridge.processes import run_as_process
-from bridge.runs.artifact import machine
+from bridge.runs.writer import machine
 from torch_align_ae import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder import MeshAutoencoder, parameter_count
 from torch_align_ae.autoencoder.mesh_autoencoder import VertexConv

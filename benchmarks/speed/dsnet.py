@@ -12,10 +12,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.processes import run_as_process
 from benchmarks.speed.results import write_results
 from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
-from bridge.processes import run_as_process
 from bridge.runtime.streams import StreamingPredictor
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.model import BlockLSTM, build_dsnet, named_weights

@@ -24,6 +24,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from benchmarks.processes import run_as_process
 from benchmarks.speed.graphs import (
     ARCHITECTURE,
     Contender,
@@ -41,8 +42,7 @@ from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.options import PositiveInt, Seed
 from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
-from bridge.processes import run_as_process
-from bridge.runs.artifact import machine
+from bridge.runs.writer import machine
 from bridge.runtime.onnx_graph import Graph, Value
 from torch_align_ae import CasasOtaduyAutoencoder
 from torch_align_ae.autoencoder import MeshAutoencoder

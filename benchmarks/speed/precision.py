@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import torch
 
+from benchmarks.processes import run_as_process
 from benchmarks.speed.autoencoder import interleaved_seconds, training_step
 from benchmarks.speed.results import results_folder, write_results
 from benchmarks.subspaces.codes import CODES, new_network
@@ -24,9 +25,8 @@ from benchmarks.subspaces.scores import NetworkCodec, errors
 from benchmarks.subspaces.trainings import Budget, UntrainedCode, remove_all
 from bridge.options import PositiveInt, Seed
 from bridge.paper import LATENT_SIZE
-from bridge.processes import run_as_process
 from bridge.runs import Run
-from bridge.runs.artifact import machine
+from bridge.runs.writer import machine
 from torch_align_ae.autoencoder.training import keep_freed_memory, multiplies_bfloat16
 
 CodeName = Literal["mesh_measured", "mesh_literal", "casas_otaduy"]

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 import onnxruntime
 
+from benchmarks.processes import run_as_process
 from benchmarks.speed.graphs import Contender, make_contenders
 from benchmarks.speed.limits import Clock, GraphCall, measured, operations_bytes
 from benchmarks.speed.results import write_results
 from bridge.options import PositiveInt, Seed
-from bridge.processes import run_as_process
-from bridge.runs.artifact import machine
+from bridge.runs.writer import machine
 
 
 @dataclass(frozen=True)

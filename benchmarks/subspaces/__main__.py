@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from benchmarks.processes import run_as_process
 from benchmarks.subspaces.comparison import SubspacesConfig, main
-from bridge.processes import run_as_process
 
 if __name__ == "__main__":
     run_as_process(SubspacesConfig, main)

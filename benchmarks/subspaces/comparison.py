@@ -28,9 +28,9 @@ from bridge.motion.splits import SplitName
 from bridge.options import PositiveFloat, PositiveInt, Seed, check_options
 from bridge.paper import LATENT_SIZE
 from bridge.runs import Artifact, Run
-from bridge.runs.artifact import provenance
 from bridge.runs.files import exclusive, write_text_atomically
 from bridge.runs.run import best_alignment
+from bridge.runs.writer import provenance
 from torch_align_ae.autoencoder.training import keep_freed_memory
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from bridge.errors import DsnetError
-from bridge.runs.files import exclusive, partial_folder, runs_root
+from bridge.runs.files import exclusive, runs_root
 from bridge.runtime.moving_body import MovingBody
 
 
@@ -24,17 +23,13 @@ def new_path(out: Path, flag: str = "--out") -> Iterator[Path]:
     """
     refuse_taken(out, flag)
     out = out.resolve()
-    partial = partial_folder(out)
+    what, remedy = f"{flag} {out}", "Wait until it has ended, or name another path."
     try:
-        with exclusive(out, f"{flag} {out}", "Wait until it has ended, or name another path."):
+        with exclusive(out, what, remedy) as work:
             refuse_taken(out, flag)  # once more: it may have been made before we were alone
-            shutil.rmtree(partial, ignore_errors=True)  # of a process that was killed
-            partial.mkdir()
-            try:
-                yield partial / out.name
-                os.replace(partial / out.name, out)
-            finally:
-                shutil.rmtree(partial)
+            (made := work / "made").mkdir()  # the lock beside it has a name, too
+            yield made / out.name
+            os.replace(made / out.name, out)
     except OSError as error:
         raise DsnetError(
             f"{flag} {out}, which cannot be written ({error.strerror or error})",

@@ -1,7 +1,7 @@
 """Files and folders that come into place whole, that one process at a time writes, and digests.
 
-An artifact grows in `.<name>.partial` beside its folder. Once a manifest lies there it is complete:
-`settle` puts it into place, now or, after a kill at any moment, when the folder is next asked for.
+What will be `NAME` is made in the folder `.NAME.partial` beside it, and renamed when it is whole.
+All else goes with that folder, also what a killed process left there.
 """
 
 from __future__ import annotations
@@ -12,29 +12,23 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from filelock import lock_descriptor
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, InterruptedWorkError
 from bridge.runs.untrusted import is_of_the_machine, map_npy
 
-try:
-    import fcntl
-except ModuleNotFoundError:  # Windows
-    fcntl = None
-
 MANIFEST = "manifest.json"
-CHECKPOINTS = "checkpoints"
-_flush_data = getattr(os, "fdatasync", os.fsync)
+_LOCK = "lock"
 # A file system's clock ticks every few ms: what was changed just now may change again unseen.
 _SETTLED_NS = 50_000_000
-_known: dict[Path, tuple[list[int], str]] = {}
 
 
 def runs_root() -> Path:
@@ -53,75 +47,67 @@ def write_text_atomically(path: Path, text: str) -> None:
     os.replace(partial, path)
 
 
-def partial_folder(folder: Path) -> Path:
-    """Where the artifact `folder` is while it is being written."""
-    return folder.with_name(f".{folder.name}.partial")
+def work_folder(path: Path) -> Path:
+    """Where what will be `path` is made."""
+    return path.with_name(f".{path.name}.partial")
 
 
-def is_unsettled(folder: Path) -> bool:
-    """Whether a process that was killed left something for `settle` to do."""
-    return is_finished(partial_folder(folder)) or (folder / CHECKPOINTS).exists()
-
-
-def settle(folder: Path) -> None:
-    """Put a complete partial folder into place and remove what it replaces.
-
-    Each step leaves a state from which the next call goes on, and one of the old and the new
-    artifact is there throughout. Only the process that may write `folder` may call it.
-    """
-    partial = partial_folder(folder)
-    if is_finished(partial):
-        shutil.rmtree(partial / CHECKPOINTS, ignore_errors=True)
-        # A folder cannot be renamed over a full one, so the old one steps aside first.
-        if folder.exists():
-            folder.rename(partial / CHECKPOINTS)
-        partial.rename(folder)
-    shutil.rmtree(folder / CHECKPOINTS, ignore_errors=True)
-
-
-def lock_of(folder: Path) -> Path:
-    """The file whose lock keeps others out of `folder`."""
-    return folder.with_name(f".{folder.name}.lock")
+def remove_work(path: Path) -> None:
+    """Remove what lies in the work folder of `path`, and that folder if nobody holds its lock."""
+    work = work_folder(path)
+    for one in work.iterdir() if work.is_dir() else ():
+        if one.is_dir() and not one.is_symlink():
+            shutil.rmtree(one, ignore_errors=True)
+        elif one.name != _LOCK:
+            one.unlink(missing_ok=True)
+    with suppress(OSError):
+        work.rmdir()
 
 
 @contextmanager
-def exclusive(folder: Path, what: str, remedy: str) -> Iterator[None]:
-    """Keep other processes out of `folder`, which need not exist yet, or be refused.
+def exclusive(path: Path, what: str, remedy: str, *, resumed: bool = False) -> Iterator[Path]:
+    """The work folder of `path`, which need not exist yet, for one process; others are refused.
 
-    The refusal names `what`, such as "stage 'align' of run 'demo'", and the remedy. The system lets
-    go when a process is killed; the lock, a file beside the folder, goes with the next one.
+    The refusal names `what`, such as "stage 'align' of run 'demo'", and the remedy. The folder is
+    empty, and goes at the end; where work is `resumed`, it is as a process left it that was killed,
+    and stays when anything but a refusal ends the block.
     """
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    path = lock_of(folder)
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-    try:
-        if not _locked(descriptor, path):
-            raise DsnetError(
-                f"{what}, which another process is making", "one process at a time", remedy
-            )
+    work = work_folder(path)
+    work.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as opened:
+        if not _is_taken(work / _LOCK, opened):
+            received = f"{what}, which another process is making"
+            raise DsnetError(received, "one process at a time", remedy)
         try:
-            yield
-        finally:
-            if fcntl is not None:
-                path.unlink(missing_ok=True)
-    finally:
-        os.close(descriptor)
-        if fcntl is None:  # on Windows an open file stays, also one that another has opened since
-            with suppress(OSError):
-                path.unlink()
+            if not resumed:
+                remove_work(path)
+            yield work
+        except BaseException as error:
+            refused = isinstance(error, DsnetError) and not isinstance(error, InterruptedWorkError)
+            if refused or not resumed:
+                _leave(path)
+            raise
+        _leave(path)
 
 
-def _locked(descriptor: int, path: Path) -> bool:
+def _is_taken(path: Path, opened: ExitStack) -> bool:
+    """Whether this process has a lock from now on; the system lets go when the process ends."""
     try:
-        if fcntl is None:
-            from filelock import lock_descriptor
-
-            return lock_descriptor(descriptor, blocking=False)
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock = opened.enter_context(path.open("ab"))
         # Whom it belonged to may have removed the file since it was opened.
-        return os.path.samestat(os.fstat(descriptor), path.stat())
-    except (BlockingIOError, FileNotFoundError):
+        return lock_descriptor(lock.fileno(), blocking=False) and os.path.samestat(
+            os.fstat(lock.fileno()), path.stat()
+        )
+    except FileNotFoundError:
         return False
+
+
+def _leave(path: Path) -> None:
+    """The lock goes last: whoever takes it finds an empty folder."""
+    remove_work(path)
+    with suppress(OSError):  # Windows keeps what is open
+        (work_folder(path) / _LOCK).unlink()
+        work_folder(path).rmdir()
 
 
 def file_sha256(path: Path) -> str:
@@ -144,12 +130,12 @@ def stamp_of(path: Path) -> list[int] | None:
 def sha256_of(path: Path) -> str:
     """As `file_sha256`; this process reads a file that stays the same only once."""
     stamp = stamp_of(path)
-    known, digest = _known.get(path, (None, ""))
-    if stamp is None or known != stamp:
-        digest = file_sha256(path)
-        if stamp is not None:
-            _known[path] = stamp, digest
-    return digest
+    return file_sha256(path) if stamp is None else _known_sha256(path, *stamp)
+
+
+@cache
+def _known_sha256(path: Path, *_stamp: int) -> str:
+    return file_sha256(path)
 
 
 def json_sha256(value: Any) -> str:
@@ -177,47 +163,13 @@ def is_written(mark: Path, digest: Callable[[], str]) -> bool:
     return mark.is_file() and mark.read_bytes() == digest().encode()
 
 
-def save_array(path: Path, array: ArrayLike) -> None:
-    """Write a whole array; a full disk is an OSError that says so."""
-    with open(path, "wb") as stream:
-        # Into what it takes for a file, NumPy does not say why it could not write all.
-        anything: Any = SimpleNamespace(write=stream.write)
-        np.save(anything, np.ascontiguousarray(array), allow_pickle=False)
-
-
-def map_array(path: Path, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Memory-map an array for writing: the one that is there if it is such a one, or a new one.
-
-    Room for all of a new one is taken before it is mapped: a mapped file without room kills the
-    process without a word (SIGBUS) when it is written to.
-    """
-    try:
-        found = map_npy(path, "r+")
-        if (found.shape, found.dtype) == (shape, np.dtype(dtype)):
-            return found
-    except (OSError, ValueError) as error:  # none, or a damaged one
-        if is_of_the_machine(error):
-            raise
-    # Under its name only when it is whole, or a killed stage would go on with half of it.
-    new = path.with_suffix(".new")
-    np.lib.format.open_memmap(new, mode="w+", dtype=np.dtype(dtype), shape=shape)  # reads nothing
-    try:
-        if hasattr(os, "posix_fallocate"):  # Linux; elsewhere a full disk may end the process
-            with open(new, "r+b") as stream:
-                os.posix_fallocate(stream.fileno(), 0, new.stat().st_size)
-    except OSError as error:
-        new.unlink()
-        raise OSError(error.errno, error.strerror, str(new)) from error
-    new.replace(path)
-    return map_npy(path, "r+")
-
-
 @dataclass(frozen=True)
 class ArrayFile:
     """An `.npy` file that processes fill together, on any machine that sees its absolute path.
 
     Pieces are written at their place in the file, not through memory maps: of a page that two
-    machines have mapped the later one to write it back wins whole.
+    machines have mapped the later one to write it back wins whole, and a mapped file without room
+    on the disk kills the process without a word.
     """
 
     path: Path
@@ -225,11 +177,30 @@ class ArrayFile:
     dtype: str
     header_bytes: int
 
+    @classmethod
+    def at(cls, path: Path, shape: tuple[int, ...], dtype: DTypeLike) -> ArrayFile:
+        """The array that is there if it is such a one, or a new one of zeros.
+
+        Room for all of a new one is taken at once, so that a full disk is told before the work.
+        """
+        path, wanted = path.resolve(), np.dtype(dtype)
+        try:
+            found = map_npy(path)
+            if (found.shape, found.dtype) != (shape, wanted):
+                raise ValueError("another array")
+        except (OSError, ValueError) as error:  # or none, or a damaged one
+            if is_of_the_machine(error):
+                raise
+            _begin_array(path, shape, wanted)
+            found = map_npy(path)
+        # Without an element there is no map, and nothing will be written.
+        return cls(path, shape, wanted.str, getattr(found, "offset", 0))
+
     def read(self, rows: slice) -> NDArray[Any]:
-        return np.array(np.memmap(self.path, self.dtype, "r", self.header_bytes, self.shape)[rows])
+        return np.array(map_npy(self.path)[rows])
 
     def write(self, start: int, rows: ArrayLike) -> None:
-        """Store rows (n, ...) from row `start` on; they are on the disk when this returns."""
+        """Store rows (n, ...) from row `start` on."""
         values = np.ascontiguousarray(rows, self.dtype)
         if values.shape[1:] != self.shape[1:] or not 0 <= start <= self.shape[0] - len(values):
             raise ValueError(f"rows {start} of shape {values.shape} for {self.path} {self.shape}")
@@ -239,4 +210,19 @@ class ArrayFile:
             file.seek(self.header_bytes + start * row_bytes)
             while left:
                 left = left[file.write(left) :]
-            _flush_data(file.fileno())
+
+
+def _begin_array(path: Path, shape: tuple[int, ...], dtype: np.dtype) -> None:
+    """Under its name only when it is whole, or a killed stage would go on with half of it."""
+    header = {"descr": dtype.str, "fortran_order": False, "shape": shape}
+    new = path.with_suffix(".new")
+    with open(new, "wb", buffering=0) as stream:
+        np.lib.format.write_array_header_1_0(stream, header)
+        size = stream.tell() + dtype.itemsize * int(np.prod(shape, dtype=np.int64))
+        stream.truncate(size)
+        if hasattr(os, "posix_fallocate"):  # Linux
+            try:
+                os.posix_fallocate(stream.fileno(), 0, size)
+            except OSError as error:
+                raise OSError(error.errno, error.strerror, str(new)) from error
+    os.replace(new, path)

@@ -9,27 +9,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bridge.errors import DsnetError, InterruptedWorkError, did_you_mean
-from bridge.runs.artifact import (
-    SCHEMA_VERSION,
-    Artifact,
-    ArtifactWriter,
-    DataOrigin,
-    read_artifact,
-)
+from bridge.errors import DsnetError, did_you_mean
+from bridge.runs.artifact import SCHEMA_VERSION, Artifact, DataOrigin, read_artifact
 from bridge.runs.files import (
     MANIFEST,
     exclusive,
     is_finished,
-    is_unsettled,
     json_sha256,
-    lock_of,
-    partial_folder,
     runs_root,
-    settle,
     sha256_of,
     stamp_of,
+    work_folder,
 )
+from bridge.runs.writer import ArtifactWriter
 
 ALIGNMENT = "align"
 # Beside the paper's aligner's, of the same meshes.
@@ -66,17 +58,12 @@ class Run:
 
     def finished(self, stage: str) -> bool:
         """Whether there is an artifact of `stage`, current or not; as `is_made`."""
-        if is_unsettled(self.path / stage):
-            # Left by a process that was killed while it put the artifact into place; if another
-            # one holds the stage, it is alive and does so itself.
-            with suppress(DsnetError, OSError), self.alone(stage):
-                settle(self.path / stage)
         return is_made(self.path / stage)
 
     def refuse_interrupted(self, *stages: str) -> None:
         """Refuse to go on without a stage whose making was begun and not ended."""
         for stage in stages:
-            if not self.finished(stage) and partial_folder(self.path / stage).exists():
+            if not self.finished(stage) and work_folder(self.path / stage).exists():
                 raise self._without(stage)
 
     def artifact(self, stage: str) -> Artifact:
@@ -111,68 +98,56 @@ class Run:
     ) -> Artifact:
         """Make the artifact of `stage` unless one of the same inputs and configuration exists.
 
-        `make` fills the writer; when it is interrupted, its partial folder stays, and the next call
-        with the same inputs finds its checkpoints there. `config`, a dataclass, is saved without
-        `run`, so a renamed run stays current. `upstream` are artifacts and paths of input files:
-        their digests decide whether the stage is current.
+        `make` fills the writer; when it is interrupted, its work stays, and the next call with the
+        same inputs finds its checkpoints there. `config`, a dataclass, is saved without `run`, so a
+        renamed run stays current. `upstream` are artifacts and paths of input files: their digests
+        decide whether the stage is current.
         """
         # As it will be read back, to compare equal.
         settings = json.loads(json.dumps(asdict(config), default=str))
         settings.pop("run", None)
         files = {name: source for name, source in upstream.items() if isinstance(source, Path)}
-        stamps = {name: stamp_of(path) for name, path in files.items()}
+        places = {name: self._place(path) for name, path in files.items()}
+        stamps = {places[name]: stamp_of(path) for name, path in files.items()}
         digests = {
             name: source.content_sha256 if isinstance(source, Artifact) else sha256_of(source)
             for name, source in upstream.items()
         }
         if current := self._current(stage, settings, digests):
-            if lock_of(current.path).exists():  # of a process that was killed, or is at work
-                with suppress(DsnetError, OSError), self.alone(stage):
+            if work_folder(current.path).exists():  # of a process that was killed, or is at work
+                with suppress(DsnetError, OSError), self._alone(stage):
                     pass
             return current
-        with self.alone(stage):
-            settle(self.path / stage)
+        with self._alone(stage):
             # Another process may have made it since.
             if current := self._current(stage, settings, digests):
                 return current
             fingerprint = json_sha256([SCHEMA_VERSION, stage, settings, digests])
             writer = ArtifactWriter(self.path / stage, stage, data=data, fingerprint=fingerprint)
-            try:
-                make(writer)
-            except InterruptedWorkError:
-                raise
-            except DsnetError:
-                writer.discard()
-                raise
-            # In the run, which may be moved, or anywhere else.
-            home = self.path.resolve()
-            paths = {name: path.resolve() for name, path in files.items()}
-            inputs = {
-                name: str(path.relative_to(home) if path.is_relative_to(home) else path)
-                for name, path in paths.items()
-            }
-            writer.record_measured(inputs=inputs, input_stamps=stamps)
+            make(writer)
+            writer.record_inputs(places, stamps)
             return writer.finish(config=settings, upstream=digests)
+
+    def _place(self, path: Path) -> str:
+        """Of an input file: in the run, which may be moved, or anywhere else."""
+        whole, home = path.resolve(), self.path.resolve()
+        return str(whole.relative_to(home) if whole.is_relative_to(home) else whole)
 
     def _current(
         self, stage: str, settings: dict[str, Any], digests: dict[str, str]
     ) -> Artifact | None:
         """The finished artifact of `stage`, if it was made from the same."""
         try:
-            if not self.finished(stage):
-                return None
             finished = read_artifact(self.path / stage)
-        except DsnetError:  # damaged, and about to be made again
+        except DsnetError:  # none, or damaged and about to be made again
             return None
         made_from = finished.manifest["config"], finished.manifest["upstream"]
         return finished if made_from == (settings, digests) else None
 
-    def alone(self, stage: str) -> AbstractContextManager[None]:
-        return exclusive(
-            self.path / stage,
-            f"stage {stage!r} of run {self.name!r}",
-            "Wait until it has ended, or pass another --run.",
-        )
+    def _alone(self, stage: str) -> AbstractContextManager[Path]:
+        what = f"stage {stage!r} of run {self.name!r}"
+        remedy = "Wait until it has ended, or pass another --run."
+        return exclusive(self.path / stage, what, remedy, resumed=True)
 
 
 def is_made(folder: Path) -> bool:
@@ -180,11 +155,10 @@ def is_made(folder: Path) -> bool:
 
     One that has lost its manifest is refused: damage, not a stage that was never made.
     """
-    for _ in range(2):  # another process may have put it into place between the two questions
-        if is_finished(folder):
-            return True
-        if not folder.exists():
-            return False
+    if is_finished(folder) or not folder.exists():
+        return is_finished(folder)
+    if is_finished(folder):  # put into place between the two questions
+        return True
     command = command_of(folder.name)
     raise DsnetError(
         f"{folder}, which has lost its {MANIFEST}",
@@ -200,35 +174,33 @@ def check_chain(folder: Path, stages: Iterable[str]) -> None:
     run again, in order.
     """
     seen: dict[str, bool] = {}
-    entered: set[str] = set()
     newer: list[str] = []
 
-    def is_old(stage: str) -> bool:
+    def is_old(stage: str, *later: str) -> bool:
+        if stage in later:
+            raise DsnetError(
+                f"stage {stage!r} of {folder}, which was made from itself",
+                "one chain",
+                "Delete its folder and run its stage again.",
+            )
         if stage not in seen:
-            if stage in entered:
-                raise DsnetError(
-                    f"stage {stage!r} of {folder}, which was made from itself",
-                    "one chain",
-                    "Delete its folder and run its stage again.",
-                )
-            entered.add(stage)
             artifact = read_artifact(folder / stage)
-            changed = [has_changed(artifact, name) for name in artifact.manifest["upstream"]]
+            sources = artifact.manifest["upstream"]
+            changed = [has_changed(artifact, source, stage, *later) for source in sources]
             seen[stage] = any(changed)  # each source was looked at, so that each is named
         return seen[stage]
 
-    def has_changed(artifact: Artifact, source: str) -> bool:
-        recorded = artifact.manifest["upstream"][source]
-        if given := artifact.manifest["provenance"].get("inputs", {}).get(source):
-            present = present_sha256(artifact, source, folder / given) or recorded
-        elif is_made(folder / source):
-            if is_old(source):
+    def has_changed(artifact: Artifact, source: str, *later: str) -> bool:
+        present = recorded = artifact.manifest["upstream"][source]
+        place = artifact.manifest["provenance"].get("inputs", {}).get(source)
+        if place and (folder / place).is_file():
+            present = artifact.present_sha256(folder / place, place, recorded)
+        elif not place and is_made(folder / source):
+            if is_old(source, *later):
                 return True
             present = read_artifact(folder / source).content_sha256
-        else:
-            return False
         if present != recorded:
-            newer.append(given or source)
+            newer.append(place or source)
         return present != recorded
 
     for stage in stages:
@@ -243,15 +215,6 @@ def check_chain(folder: Path, stages: Iterable[str]) -> None:
         "one chain",
         f"Run {', '.join(dict.fromkeys(commands))} again, with the options they had.",
     )
-
-
-def present_sha256(artifact: Artifact, source: str, path: Path) -> str | None:
-    """Digest of an input file as it is now, None if it is gone or has the stamp of then."""
-    if not path.is_file():
-        return None
-    stamps = artifact.manifest["provenance"].get("input_stamps", {})
-    stamp = stamp_of(path)
-    return None if stamp and stamp == stamps.get(source) else sha256_of(path)
 
 
 def best_alignment_of(run: Run) -> str | None:

@@ -21,10 +21,10 @@ import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, suppress
-from functools import cache, lru_cache
+from contextlib import AbstractContextManager, contextmanager
+from functools import cache, lru_cache, partial
 from types import ModuleType
 from typing import Any, Generic, Literal, TypeVar
 
@@ -59,34 +59,25 @@ _tools_of_this_process: Any = None
 class WorkerPool(Generic[Tools]):
     """Does work with its tools; made by `worker_pool`.
 
-    A kind of pool is a way to begin a piece of work, to take its result and to cancel it.
+    `begin` begins a piece of work and gives what waits for its result; so many may be `ahead` of
+    the one whose result is taken.
     """
 
-    def __init__(
-        self,
-        begin: Callable[[Work, Any], Any],
-        ahead: int,
-        take: Callable[[Any], Any] = Future.result,
-        cancel: Callable[[Any], object] = Future.cancel,
-    ) -> None:
-        self._begin, self._ahead, self._take, self._cancel = begin, ahead, take, cancel
+    def __init__(self, begin: Callable[[Work, Any], Callable[[], Any]], ahead: int) -> None:
+        self._begin, self._ahead = begin, ahead
 
     def map(self, work: Callable[[Tools, Item], Result], items: Iterable[Item]) -> Iterator[Result]:
         """`work(tools, item)` of every item, in their order; a few more are begun than are taken.
 
         Processes need `work` to be a function of a module; items and results are pickled then.
         """
-        begun: deque[Any] = deque()
-        try:
-            for item in items:
-                begun.append(self._begin(work, item))
-                if len(begun) > self._ahead:
-                    yield self._take(begun.popleft())
-            while begun:
-                yield self._take(begun.popleft())
-        finally:
-            for piece in begun:
-                self._cancel(piece)
+        begun: deque[Callable[[], Any]] = deque()
+        for item in items:
+            begun.append(self._begin(work, item))
+            if len(begun) > self._ahead:
+                yield begun.popleft()()
+        while begun:
+            yield begun.popleft()()
 
 
 def use_workers(count: int) -> None:
@@ -120,7 +111,7 @@ def worker_pool(
 def _serial(tools: Tools, initializer: Initializer) -> Iterator[WorkerPool[Tools]]:
     if initializer:
         initializer()
-    yield WorkerPool(lambda work, item: work(tools, item), ahead=0, take=lambda result: result)
+    yield WorkerPool(lambda work, item: partial(work, tools, item), ahead=0)
 
 
 @contextmanager
@@ -129,7 +120,8 @@ def _threads(tools: Tools, count: int, initializer: Initializer) -> Iterator[Wor
     with threadpool_limits(1, user_api="blas"):
         try:
             yield WorkerPool(
-                lambda work, item: executor.submit(work, tools, item), _AHEAD_PER_WORKER * count
+                lambda work, item: executor.submit(work, tools, item).result,
+                _AHEAD_PER_WORKER * count,
             )
         finally:
             executor.shutdown(cancel_futures=True)
@@ -144,14 +136,13 @@ def _processes(tools: Tools, count: int, initializer: Initializer) -> Iterator[W
     context = multiprocessing.get_context("spawn")
     executor = ProcessPoolExecutor(count, context, _begin_process, begins_with)
 
-    def begin(work: Work, item: Any) -> Future[bytes]:
+    def begin(work: Work, item: Any) -> Callable[[], Any]:
         with interrupts_withheld():  # the executor begins its processes when it is given work
-            return executor.submit(_do_in_process, pickle.dumps((work, item)))
+            done = executor.submit(_do_in_process, pickle.dumps((work, item)))
+        return lambda: pickle.loads(done.result())
 
     try:
-        yield WorkerPool(
-            begin, _AHEAD_PER_WORKER * count, take=lambda future: pickle.loads(future.result())
-        )
+        yield WorkerPool(begin, _AHEAD_PER_WORKER * count)
     except BaseException as error:
         # Nobody will take what they are at: an interrupt does not wait for it.
         for process in set(multiprocessing.active_children()) - others:
@@ -272,17 +263,11 @@ def _cluster(tools: Tools, initializer: Initializer) -> Iterator[WorkerPool[Tool
         """What all pieces need goes to each node once."""
         return ray.put((work, tools, initializer))
 
-    def cancel(piece: Any) -> None:
-        with suppress(exceptions.RayError):
-            ray.cancel(piece)
-
     try:
         yield WorkerPool(
             # In a list, or Ray would unpack it anew for every task.
-            lambda work, item: task.remote([sent(work)], item),
+            lambda work, item: partial(ray.get, task.remote([sent(work)], item)),
             _AHEAD_PER_CORE * max(cores, 1),
-            take=ray.get,
-            cancel=cancel,
         )
     except exceptions.RayTaskError as error:
         raise error.cause from None

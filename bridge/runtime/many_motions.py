@@ -32,7 +32,6 @@ from bridge.runs.files import (
     stamp_of,
     write_text_atomically,
 )
-from bridge.runs.run import present_sha256
 from bridge.runs.workers import WorkerPool, on_any_node, progress, worker_pool
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import (
@@ -200,9 +199,9 @@ def _is_done(one: Found, asked: Asked, models: Sequence[dict[str, str]]) -> bool
     except DsnetError:  # damaged, and about to be made again
         return False
     upstream = dict(made.manifest["upstream"])
-    motion = upstream.pop("motion", None)
-    same = made.manifest["config"] == asked.config and upstream in models and motion is not None
-    return same and present_sha256(made, "motion", one.path) in (None, motion)
+    motion = upstream.pop("motion", "")
+    same = made.manifest["config"] == asked.config and upstream in models
+    return same and made.present_sha256(one.path, str(one.path), motion) == motion
 
 
 def _surveyed(files: Sequence[Found], pool: WorkerPool[Asked]) -> list[Found]:
@@ -261,7 +260,7 @@ def _predict(asked: Asked, one: Found) -> Found:
         upstream = {**moving.trained.upstream, "motion": digest}
         with open_out_folder(one.out, moving.trained.origin) as writer:
             fill_prediction(writer, moving, asked.write, moving, source=one.path.name, told=told)
-            writer.record_measured(inputs={"motion": str(one.path)}, input_stamps={"motion": stamp})
+            writer.record_inputs({"motion": str(one.path)}, {str(one.path): stamp})
             writer.finish(config=asked.config, upstream=upstream)
     except DsnetError as error:
         if isinstance(error.__cause__, OSError) and str(error).startswith("--out"):

@@ -152,15 +152,15 @@ def fill_prediction(
         if word in ("offsets", "offsets16", "vertices"):
             dtype = np.float16 if word == "offsets16" else np.float32
             name = word.removesuffix("16")
-            made[name] = writer.open_array(name, shape, dtype, "m")
+            made[name] = writer.array_file(name, shape, dtype, "m")
     for moved in frames:
         for name, array in made.items():
-            array[moved.frames] = getattr(moved, f"{name}_m")
+            array.write(moved.frames.start, getattr(moved, f"{name}_m"))
     if "strip" in write:
         # Matplotlib takes longer to load than the first frames, which do not wait for it.
         from bridge.report.panels import draw_motion_strip
 
-        drawn_m = made["vertices"], made["offsets"]
+        drawn_m = made["vertices"].read(slice(None)), made["offsets"].read(slice(None))
         draw_motion_strip(writer.file_path("strip.png"), *drawn_m, faces, origin=trained.origin)
     writer.record(
         predictor=trained.name,
@@ -179,7 +179,7 @@ def fill_prediction(
 
 @contextmanager
 def open_out_folder(out: Path, origin: DataOrigin, kind: str = KIND) -> Iterator[ArtifactWriter]:
-    """A writer of the artifact of a kind that will be `out`; an exception discards it.
+    """A writer of the artifact of a kind that will be `out`; an exception leaves nothing.
 
     A finished artifact replaces the folder of its name with all that is in it, so one that is in a
     run, or holds anything but an earlier one of its kind, is refused; one process at a time writes.
@@ -189,12 +189,7 @@ def open_out_folder(out: Path, origin: DataOrigin, kind: str = KIND) -> Iterator
     try:
         with exclusive(out, f"--out {out}", "Wait until it has ended, or name another folder."):
             _refuse_foreign(out, kind)  # once more: it may have been filled before we were alone
-            writer = ArtifactWriter(out, kind, data=origin)
-            try:
-                yield writer
-            except BaseException:  # an interrupt, too: there is nothing to go on from
-                writer.discard()
-                raise
+            yield ArtifactWriter(out, kind, data=origin)
     except OSError as error:
         raise DsnetError(
             f"--out {out}, which cannot be written ({error.strerror or error})",

@@ -31,14 +31,12 @@ def test_a_changed_byte_is_named(copied_runs, execute) -> None:
     before = float(array[3, 5])
     array[3, 5] = before + 1.0
     array.flush()
-    for command in (["check"], ["train", "--profile", "smoke", "--epochs", "1"]):
-        done = execute([DSNET, *command, "--run", "smoke"], copied_runs)
-        assert done.returncode == 2, command
-        assert "latents.npy" in done.stderr
-        assert done.stderr.count("\n") == 1, done.stderr
+    done = execute([DSNET, "check", "--run", "smoke"], copied_runs)
+    assert done.returncode == 2
+    assert "latents.npy" in done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
     array[3, 5] = before
     array.flush()
-    assert execute([DSNET, "check", "--run", "smoke"], copied_runs).returncode == 0
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from bridge.runs.artifact import provenance
+from bridge.runs.writer import provenance
 from tests.faults.stages import COMMANDS, make
 
 LONG = "DSNET_FAULTS_LONG" in os.environ

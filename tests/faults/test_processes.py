@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from bridge.runs import read_artifact
-from bridge.runs.files import lock_of
+from bridge.runs.files import work_folder
 from tests.faults.conftest import Base
 from tests.faults.stages import ROOT, RUN, Stage, check_as_undisturbed, copy_before, make
 
@@ -30,7 +30,7 @@ def children_of(process: int) -> list[int]:
 
 INFER = f"""
 from bridge.processes import exit_with_one_line
-from bridge.processes import run_dsnet
+from benchmarks.processes import run_dsnet
 with exit_with_one_line():
     run_dsnet("infer", "--run", {RUN!r})
 """
@@ -100,8 +100,7 @@ def test_the_second_process_in_a_stage_is_told(
 ) -> None:
     copy_before("train", base.runs, tmp_path)
     first = Stage("train", tmp_path)
-    lock = lock_of(tmp_path / RUN / "train")
-    while not lock.exists():
+    while not (work_folder(tmp_path / RUN / "train") / "fingerprint").exists():
         assert first.process.poll() is None
         time.sleep(0.01)
     first.process.send_signal(signal.SIGSTOP)

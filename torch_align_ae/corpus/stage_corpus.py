@@ -207,10 +207,10 @@ def _make_truth(writer: ArtifactWriter, config: CorpusConfig, plan: CorpusPlan) 
     offsets = writer.array_file("offsets", shape, np.float32, "m")
     if make_form := form_named(config.form):
         form = make_form(body, config.seed)
-        static = writer.open_array("static", shape, np.float32, "m")
+        static = writer.array_file("static", shape, np.float32, "m")
         for sequence in sequences:
             theta = thetas[sequence.name].astype(np.float64)
-            static[sequence.frames] = form.static(sequence.subject, theta)
+            static.write(sequence.start, form.static(sequence.subject, theta))
     writer.record(
         sequences=to_manifest(sequences),
         source="synthetic",

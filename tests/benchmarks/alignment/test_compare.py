@@ -55,7 +55,7 @@ def rough_regressor(monkeypatch):
 
 
 def test_the_whole_comparison(folder, known, rough_regressor):
-    names = ("sgd", "smplfitter_known_shape_3", "smplfitter_own_shape_3", "robust_fast")
+    names = ("sgd", "smplfitter_known_shape_3", "robust_fast")
     config = CompareConfig(
         out=folder,
         contenders=names,

@@ -125,7 +125,8 @@ def test_scores_that_do_not_belong_together_are_refused(tmp_path, no_training, k
         comparison.main(config(tmp_path))
 
 
-def test_unknown_names_are_one_line(tmp_path):
+def test_unknown_names_are_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(comparison, "registered", lambda: ("dsnet_lstm",))
     with pytest.raises(DsnetError, match="corpora fourth; expected some of own"):
         comparison.main(config(tmp_path, corpora=("fourth",)))
     with pytest.raises(DsnetError, match=r"systems dsnet_four_lstm; expected some of dsnet_"):

@@ -13,7 +13,7 @@ TOY = Path(__file__).with_name("toy_stage.py")
 
 @pytest.mark.parametrize("replacing", ["fresh", "replacing"])
 def test_a_kill_before_any_file_operation_loses_nothing(replacing, tmp_path):
-    """At every step: old or new is there, what was made is not made again, bytes are equal."""
+    """What was made is not made again, bytes are equal, nothing else is left."""
     done = subprocess.run(
         [sys.executable, str(TOY), str(tmp_path), replacing],
         capture_output=True,

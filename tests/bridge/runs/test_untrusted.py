@@ -21,7 +21,7 @@ from bridge.errors import DsnetError
 from bridge.exchange.weights import load_checkpoint, save_checkpoint
 from bridge.motion.readers import read_motion_file
 from bridge.runs import read_artifact, write_artifact
-from bridge.runs.files import map_array, save_array
+from bridge.runs.files import ArrayFile
 from bridge.runs.untrusted import NpyHeader, damage_refused, map_npy, read_npy
 from tests.sources import PACKAGES, ROOT, parsed, source_files
 
@@ -66,7 +66,7 @@ def test_a_machine_without_files_to_open_damages_none(tmp_path):
     rows = {"x": np.zeros(3)}
     write_artifact(tmp_path / "a", "k", rows, units={"x": "m"}, data="synthetic")
     save_checkpoint(tmp_path / "c", rows)
-    map_array(tmp_path / "y.npy", (3,), np.float64)[:] = 1
+    ArrayFile.at(tmp_path / "y.npy", (3,), np.float64).write(0, np.ones(3))
     motion = ROOT / "bridge" / "motion" / "samples" / "walking.npz"
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (0, before[1]))
@@ -74,14 +74,14 @@ def test_a_machine_without_files_to_open_damages_none(tmp_path):
         for work in (
             lambda: read_artifact(tmp_path / "a"),
             lambda: load_checkpoint(tmp_path / "c"),
-            lambda: map_array(tmp_path / "y.npy", (3,), np.float64),
+            lambda: ArrayFile.at(tmp_path / "y.npy", (3,), np.float64),
             lambda: read_motion_file(motion),
         ):
             with pytest.raises(OSError, match="Too many open files"):
                 work()
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
-    assert (map_array(tmp_path / "y.npy", (3,), np.float64) == 1).all()
+    assert (ArrayFile.at(tmp_path / "y.npy", (3,), np.float64).read(slice(3)) == 1).all()
 
 
 def handlers_of_anything(path: Path) -> list[str]:
@@ -232,7 +232,7 @@ def test_threads_that_read_at_once_all_read_it():
 
 def test_an_array_that_was_cut_is_not_mapped(tmp_path):
     path = tmp_path / "x.npy"
-    save_array(path, np.zeros(3))
+    np.save(path, np.zeros(3))
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(ValueError, match="in it"):
         map_npy(path)

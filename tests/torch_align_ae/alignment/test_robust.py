@@ -51,8 +51,12 @@ def jump(body):
 
 def recovered(smpl, jump, law=Loads):
     """R2 of the offsets and mean pose error in degrees."""
+    return scores(smpl, jump, *align_sequences(smpl, [jump[0]], [0], SETTINGS, law=law))
+
+
+def scores(smpl, jump, betas, thetas):
     meshes, offsets, theta, _ = jump
-    betas, (found,) = align_sequences(smpl, [meshes], [0], SETTINGS, law=law)
+    (found,) = thetas
     pose, trans = (torch.from_numpy(part.copy()) for part in unpack_theta(found))
     shapes = torch.from_numpy(betas).expand(len(meshes), -1)
     ours, _ = rest_pose_offsets(smpl, torch.from_numpy(meshes), shapes, pose, trans)
@@ -62,15 +66,21 @@ def recovered(smpl, jump, law=Loads):
     return 1 - np.square(ours.numpy() - offsets).sum() / np.square(offsets).sum(), error_deg
 
 
-def test_dynamics_are_given_back(smpl, jump):
-    r2, error_deg = recovered(smpl, jump)
+@pytest.fixture(scope="module")
+def aligned(smpl, jump):
+    """Shape, and the pose of each frame, of the jump."""
+    return align_sequences(smpl, [jump[0]], [0], SETTINGS)
+
+
+def test_dynamics_are_given_back(smpl, jump, aligned):
+    r2, error_deg = scores(smpl, jump, *aligned)
     assert r2 > 0.99
     assert error_deg < 0.35
 
 
-def test_shape_is_corrected_for_what_hangs(smpl, jump):
+def test_shape_is_corrected_for_what_hangs(smpl, jump, aligned):
     meshes, *_, true_betas = jump
-    found, _ = align_sequences(smpl, [meshes], [0], SETTINGS)
+    found, _ = aligned
     sample = SkinSample(smpl, SETTINGS.vertices)
     of_frame_1 = fit_shape(sample, sample.take(torch.from_numpy(meshes[:1])), 8).numpy()
     # Her tissue hangs in every frame, and the law does not know everything about how.
@@ -78,8 +88,8 @@ def test_shape_is_corrected_for_what_hangs(smpl, jump):
     assert np.abs(found - true_betas).max() < np.abs(of_frame_1 - true_betas).max() / 4
 
 
-def test_each_load_does_something(smpl, jump, monkeypatch):
-    whole = recovered(smpl, jump)[0]
+def test_each_load_does_something(smpl, jump, aligned, monkeypatch):
+    whole = scores(smpl, jump, *aligned)[0]
     assert recovered(smpl, jump, WeightsAlone)[0] < whole - 0.02
     monkeypatch.setattr(tissue, "GRAVITY_M_S2", 0.0)
     assert recovered(smpl, jump)[0] < whole - 0.001

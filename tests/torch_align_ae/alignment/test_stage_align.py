@@ -31,6 +31,10 @@ def runs(tmp_path, monkeypatch):
 
 @pytest.fixture
 def config(corpus):
+    return config_of(corpus)
+
+
+def config_of(corpus):
     folder = corpus[0]
     return AlignConfig(
         run="t",
@@ -50,8 +54,16 @@ def aligned(config):
     return artifact, {name: np.array(artifact.array(name)) for name in names}
 
 
-def test_artifact_has_the_contracts_arrays(runs, config):
-    artifact, arrays = aligned(config)
+@pytest.fixture(scope="module")
+def expected(corpus, tmp_path_factory):
+    """What `config` makes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSNET_RUNS", str(tmp_path_factory.mktemp("expected")))
+        return aligned(config_of(corpus))
+
+
+def test_artifact_has_the_contracts_arrays(expected):
+    artifact, arrays = expected
     shapes = {name: array.shape for name, array in arrays.items()}
     assert shapes == {
         "betas": (2, 10),
@@ -69,9 +81,9 @@ def test_artifact_has_the_contracts_arrays(runs, config):
     assert artifact.origin == "synthetic"
 
 
-def test_rows_describe_their_frames(runs, config, corpus, smpl):
+def test_rows_describe_their_frames(expected, config, smpl):
     """Posing what was found, offsets and all, must give back each mesh, in file order."""
-    artifact, arrays = aligned(config)
+    artifact, arrays = expected
     with h5py.File(config.dyna[0]) as file:
         for sequence in sequences_of(artifact):
             rows = sequence.frames
@@ -96,8 +108,7 @@ def test_pose_is_tracked(runs, config, corpus):
 
 
 @pytest.mark.parametrize("damaged", [False, True])
-def test_interrupted_run_ends_bit_identical(runs, config, monkeypatch, damaged):
-    _, expected = aligned(config)
+def test_interrupted_run_ends_bit_identical(runs, config, expected, monkeypatch, damaged):
     mark_written = corpus_fit.mark_written
 
     def mark_and_stop(mark, digest):
@@ -112,7 +123,7 @@ def test_interrupted_run_ends_bit_identical(runs, config, monkeypatch, damaged):
     partial = runs / "again" / ".align.partial"
     assert [path.name for path in partial.glob("checkpoints/*.done")] == ["0.done"]
     if damaged:
-        np.load(partial / "offsets.npy", mmap_mode="r+")[3] += 1
+        np.load(partial / "made" / "offsets.npy", mmap_mode="r+")[3] += 1
     starts, fit = [], SgdFit.fit
 
     def noted(self, learned, groups, files):
@@ -122,37 +133,29 @@ def test_interrupted_run_ends_bit_identical(runs, config, monkeypatch, damaged):
     monkeypatch.setattr(SgdFit, "learn", lambda _: pytest.fail("it began anew"))
     monkeypatch.setattr(SgdFit, "fit", noted)
     _, found = aligned(again)
-    for name, array in expected.items():
+    for name, array in expected[1].items():
         np.testing.assert_array_equal(found[name], array)
     assert starts == ([[0, 0, 0], [32]] if damaged else [[32]])
 
 
-def test_windows_leave_no_trace(runs, config, monkeypatch):
+def test_windows_leave_no_trace(runs, config, expected, monkeypatch):
     """Each window goes on from the pose that the one before ended with."""
-    _, expected = aligned(config)
     monkeypatch.setattr(sgd, "FRAMES_PER_WINDOW", 5)
     _, found = aligned(dataclasses.replace(config, run="short"))
-    for name, array in expected.items():
+    for name, array in expected[1].items():
         np.testing.assert_allclose(found[name], array, atol=1e-3)
 
 
-def test_processes_give_the_same_bits(runs, config, monkeypatch):
-    _, expected = aligned(config)
+def test_processes_give_the_same_bits(runs, config, expected, monkeypatch):
     monkeypatch.setattr(sgd, "_STEPS_WORTH_PROCESSES", 0)
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
     _, found = aligned(dataclasses.replace(config, run="processes"))
-    for name, array in expected.items():
+    for name, array in expected[1].items():
         np.testing.assert_array_equal(found[name], array)
 
 
-def test_current_result_is_kept(runs, config, monkeypatch):
-    main(config)
-    monkeypatch.setattr(SgdFit, "write", lambda *_: pytest.fail("aligned again"))
-    main(config)
-
-
-def test_a_sequence_alone_is_aligned_as_in_a_batch(runs, config, corpus, tmp_path):
-    _, together = aligned(config)
+def test_a_sequence_alone_is_aligned_as_in_a_batch(runs, config, expected, tmp_path):
+    _, together = expected
     alone = tmp_path / "alone.h5"
     with h5py.File(config.dyna[0]) as source, h5py.File(alone, "w") as target:
         source.copy("50020_hips", target)
@@ -248,31 +251,55 @@ def test_profiles():
     assert {(p.lr, p.momentum, p.aligner) for p in PROFILES.values()} == {(1e-4, 0.9, "both")}
 
 
-@pytest.fixture
-def of_both(config):
+def both(config):
     few = RobustSettings(vertices=300, steps=3, calibration_frames=16, calibration_rounds=3)
     return dataclasses.replace(config, aligner="both", robust=few)
 
 
-def test_both_aligners_of_the_same_meshes(runs, config, of_both):
-    main(of_both)
+@pytest.fixture
+def of_both(config):
+    return both(config)
+
+
+@pytest.fixture(scope="module")
+def runs_of_both(corpus, tmp_path_factory):
+    """Runs in which both have aligned."""
+    runs = tmp_path_factory.mktemp("both")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSNET_RUNS", str(runs))
+        main(both(config_of(corpus)))
+    return runs
+
+
+@pytest.fixture
+def finished(runs, runs_of_both):
+    """A copy of them."""
+    shutil.copytree(runs_of_both, runs)
+
+
+@pytest.mark.usefixtures("finished")
+def test_both_aligners_of_the_same_meshes(config, of_both, expected):
     run = Run("t")
     paper, robust = run.artifact("align"), run.artifact("align_robust")
     assert (paper.manifest["aligner"], robust.manifest["aligner"]) == ("sgd", "robust")
     assert sequences_of(paper) == sequences_of(robust)
     assert paper.manifest["upstream"] == robust.manifest["upstream"]
-    main(dataclasses.replace(config, run="alone"))
-    assert not Run("alone").finished("align_robust")
-    alone = Run("alone").artifact("align")
-    assert alone.content_sha256 == paper.content_sha256
+    assert not (expected[0].path.parent / "align_robust").exists()
+    assert expected[0].content_sha256 == paper.content_sha256
     main(dataclasses.replace(of_both, run="robust", aligner="robust"))
     assert not Run("robust").finished("align_robust")
     in_its_place = Run("robust").artifact("align")
     np.testing.assert_array_equal(in_its_place.array("theta"), robust.array("theta"))
 
 
-def test_each_aligners_options_concern_its_own_artifact(runs, of_both, monkeypatch):
-    main(of_both)
+@pytest.mark.usefixtures("finished")
+def test_current_result_is_kept(config, monkeypatch):
+    monkeypatch.setattr(SgdFit, "write", lambda *_: pytest.fail("aligned again"))
+    main(config)
+
+
+@pytest.mark.usefixtures("finished")
+def test_each_aligners_options_concern_its_own_artifact(of_both, monkeypatch):
     made = []
     for fit in (SgdFit, RobustFit):
         write = fit.write
@@ -292,12 +319,13 @@ def test_each_aligners_options_concern_its_own_artifact(runs, of_both, monkeypat
     assert made == ["SgdFit", "RobustFit"]
 
 
+@pytest.mark.usefixtures("finished")
 def test_what_the_first_has_finished_is_not_done_again(runs, of_both, monkeypatch):
+    shutil.rmtree(runs / "t" / "align_robust")
     with monkeypatch.context() as broken:
         broken.setattr(RobustFit, "write", interrupt)
         with pytest.raises(KeyboardInterrupt):
             main(of_both)
-    assert Run("t").finished("align")
     assert not Run("t").finished("align_robust")
     monkeypatch.setattr(SgdFit, "write", lambda *_: pytest.fail("aligned again"))
     main(of_both)
@@ -308,15 +336,17 @@ def interrupt(*_):
     raise KeyboardInterrupt
 
 
-def test_best_alignment_is_the_robust_aligners(runs, config, of_both):
-    with pytest.raises(DsnetError, match=r"`dsnet align --aligner both --run t`"):
-        best_alignment(Run("t"))
-    main(config)
-    with pytest.raises(DsnetError, match=r"`dsnet align --aligner both --run t`"):
-        best_alignment(Run("t"))
-    main(of_both)
+def test_best_alignment_is_the_robust_aligners(runs, runs_of_both):
+    def refused():
+        with pytest.raises(DsnetError, match=r"`dsnet align --aligner both --run t`"):
+            best_alignment(Run("t"))
+
+    refused()
+    shutil.copytree(runs_of_both / "t" / "align", runs / "t" / "align")
+    refused()
+    shutil.copytree(runs_of_both / "t" / "align_robust", runs / "t" / "align_robust")
     assert best_alignment(Run("t")).path.name == "align_robust"
-    main(dataclasses.replace(of_both, run="u", aligner="robust"))
+    shutil.copytree(runs_of_both / "t" / "align_robust", runs / "u" / "align")
     assert best_alignment(Run("u")).path.name == "align"
 
 

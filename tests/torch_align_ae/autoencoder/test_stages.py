@@ -119,11 +119,17 @@ def test_comparisons_may_be_shorter(run):
     assert compared["steps_taken"] == 1
 
 
-def test_the_held_out_clip_changes_nothing_that_is_trained(run):
+@pytest.fixture(scope="module")
+def other(run, tmp_path_factory):
+    """As if licensed, with DMPL beside it, and another clip held out."""
+    dmpl = save_dmpl(tmp_path_factory.mktemp("dmpls") / "female" / "model.npz")
+    _write_align(Run("other"), garbled=SPLITS.index("validation"), data="licensed")
+    stage_train_ae.main(replace(CONFIG, run="other", dmpl=dmpl))
+    return Run("other")
+
+
+def test_the_held_out_clip_changes_nothing_that_is_trained(run, other):
     """Its frames reach neither normaliser nor initialisation, gradients or choice of weights."""
-    other = Run("garbled")
-    _write_align(other, garbled=SPLITS.index("validation"))
-    stage_train_ae.main(replace(CONFIG, run="garbled"))
     weights = [load_weights(r.artifact("train-ae").file(WEIGHTS_FILE)) for r in (run, other)]
     for name, array in weights[0].items():
         np.testing.assert_array_equal(weights[1][name], array, err_msg=name)
@@ -138,11 +144,8 @@ def test_modes_already_hold_most_and_pca_bounds_nothing_from_below(run):
     np.testing.assert_allclose(manifest["pca"]["r2_validation"], 1, atol=1e-4)
 
 
-def test_dmpl_is_a_third_code_beside_licensed_meshes(run, tmp_path, capsys):
-    dmpl, other = save_dmpl(tmp_path / "dmpls" / "female" / "model.npz"), Run("dmpl")
-    _write_align(other, data="licensed")
-    stage_train_ae.main(replace(CONFIG, run="dmpl", dmpl=dmpl))
-    stage_encode.main(EncodeConfig(run="dmpl"))
+def test_dmpl_is_a_third_code_beside_licensed_meshes(other):
+    stage_encode.main(EncodeConfig(run="other"))
     trained, encode, align = (other.artifact(s) for s in ("train-ae", "encode", "align"))
     assert encode.array("latents_dmpl").shape == (len(NAMES) * LENGTH, 8)
     assert encode.manifest["arrays"]["latents_dmpl"]["unit"] == "m"

@@ -14,7 +14,7 @@ from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
 from torch_align_ae.corpus.tissue_constants import FLESH, PRELOAD
 
-FPS, STEADY_S = 120.0, 2.5
+FPS, FRAMES, STEADY_S = 120.0, 450, 2.5
 G = 9.81
 
 
@@ -28,7 +28,7 @@ def in_time(bounce_m):
 
 def walking():
     """The trunk goes 45 mm up and down, 1.9 times a second."""
-    return in_time(0.0225 * np.sin(2 * np.pi * 1.9 * np.arange(600) / FPS))
+    return in_time(0.0225 * np.sin(2 * np.pi * 1.9 * np.arange(FRAMES) / FPS))
 
 
 def running():
@@ -39,7 +39,7 @@ def running():
     acceleration = np.where(phase_s < ground_s, push, 0) - G
     speed = np.cumsum(acceleration) * period_s / fine
     place = np.cumsum(speed - speed.mean()) * period_s / fine
-    times_s = np.arange(600) / FPS
+    times_s = np.arange(FRAMES) / FPS
     return in_time(np.interp(times_s, phase_s, place - place.mean(), period=period_s))
 
 
