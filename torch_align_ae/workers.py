@@ -31,21 +31,13 @@ _PATIENCE = timedelta(days=1)
 def torch_workers(
     kind: Kind, tools: Tools, n_workers: int | None = None
 ) -> Iterator[WorkerPool[Tools]]:
-    """A `bridge.runs.workers.worker_pool` whose workers use one arithmetic thread."""
-    with (
-        one_arithmetic_thread(),
-        worker_pool(kind, tools, n_workers, initializer=_use_one_arithmetic_thread) as pool,
-    ):
-        yield pool
-
-
-@contextmanager
-def one_arithmetic_thread() -> Iterator[None]:
-    """For the time of a `with` block PyTorch computes on one core for each Python thread."""
+    """A `bridge.runs.workers.worker_pool` whose workers, and who waits for them, use one arithmetic
+    thread each."""
     threads = torch.get_num_threads()
     _use_one_arithmetic_thread()
     try:
-        yield
+        with worker_pool(kind, tools, n_workers, _use_one_arithmetic_thread) as pool:
+            yield pool
     finally:
         torch.set_num_threads(threads)
 

@@ -159,10 +159,10 @@ def shape_equations(
     """
     frames = sample.frames(shaped, pose)
     joint_shapedirs = sample.smpl.joint_shapedirs[:, :N_JOINTS]
-    # (B, 10, 22, 3) derivative of `frames.shift` by the betas, through the joints' places.
-    places = [sample.places(frames.rotations, joints) for joints in joint_shapedirs]
-    turned = torch.einsum("bjxy,sjy->bsjx", frames.turn, joint_shapedirs)
-    shifts = torch.stack(places, 1) - turned
+    # (B, 10, 22, 3) derivative of `frames.shift`, which is linear in the joints, by the betas.
+    there = pose._replace(trans=torch.zeros_like(pose.trans))
+    shapes = [shaped._replace(joints=joints) for joints in joint_shapedirs]
+    shifts = torch.stack([sample.frames(one, there).shift for one in shapes], 1)
 
     def by_betas(patch: SampledPatch) -> Tensor:
         shapedirs = sample.smpl.shapedirs[:, :, sample.vertices[patch.vertices]]
@@ -171,14 +171,9 @@ def shape_equations(
         return by_skin + torch.einsum("bskx,kn->bsxn", shifts[:, :, patch.bones], patch.weights)
 
     curvature, pull = normal_equations(sample, shaped, frames, target, weights.sqrt(), by_betas)
-    shapes = len(joint_shapedirs)
-    mixed = curvature[:, shapes:, :shapes]
-    right = torch.cat([pull[:, shapes:, None], mixed], 2)
-    answers = solve_damped(curvature[:, shapes:, shapes:], right)
+    size = len(joint_shapedirs)
+    mixed = curvature[:, size:, :size]
+    answers = solve_damped(curvature[:, size:, size:], torch.cat([pull[:, size:, None], mixed], 2))
     free, less = answers[..., 0], answers[..., 1:]
-    return (
-        (curvature[:, :shapes, :shapes] - mixed.mT @ less).sum(0),
-        (pull[:, :shapes] - (mixed.mT @ free[..., None])[..., 0]).sum(0),
-        free,
-        less,
-    )
+    curvature = (curvature[:, :size, :size] - mixed.mT @ less).sum(0)
+    return curvature, (pull[:, :size] - (mixed.mT @ free[..., None])[..., 0]).sum(0), free, less

@@ -152,16 +152,10 @@ class RobustFit(CorpusFit):
     def fit_frames(self, subject: Subject, seen: Observed) -> tuple[Tensor, Tensor]:
         """Pose (n, 22, 3) axis-angle and translation (n, 3) of frames of a known subject."""
         shaped = self._sample.shaped(subject.betas)
-        poses = [
-            self._fit_unloaded(
-                shaped,
-                subject.tissue,
-                part,
-                initial_pose(self._sample, shaped, part.vertices),
-                self._settings.steps,
-            )
-            for part in seen.split(_BATCH)
-        ]
+        poses = []
+        for part in seen.split(_BATCH):
+            pose, steps = initial_pose(self._sample, shaped, part.vertices), self._settings.steps
+            poses.append(self._fit_unloaded(shaped, subject.tissue, part, pose, steps))
         rotations = torch.cat([pose.rotations for pose in poses])
         return matrix_to_axis_angle(rotations), torch.cat([pose.trans for pose in poses])
 
@@ -223,9 +217,8 @@ class RobustFit(CorpusFit):
             batches = list(pool.map(start, seen.split(_BATCH)))
             evidence = Evidence(*summed(pool.map(gather, batches)))
             noise_m = np.sqrt(variance_m2) if variance_m2 > precision_m**2 else 0.0
-            tissue = evidence.revise(
-                Tissue.unknown(evidence.pull.shape[1], sample.weights, noise_m)
-            )
+            unknown = Tissue.unknown(evidence.pull.shape[1], sample.weights, noise_m)
+            tissue = evidence.revise(unknown)
             for turn in range(self._settings.calibration_rounds):
                 tissue = Evidence(*summed(pool.map(improve, batches))).revise(tissue)
                 if turn % _ROUNDS_PER_SHAPE == _ROUNDS_PER_SHAPE - 1:

@@ -37,7 +37,7 @@ from torch_align_ae.alignment.corpus_fit import (
 from torch_align_ae.alignment.mesh_distance import MeshDistance, Shapes
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import matrix_to_axis_angle, nearest_rotation
-from torch_align_ae.workers import one_arithmetic_thread, torch_workers
+from torch_align_ae.workers import torch_workers
 
 # Read, fitted and written between two checkpoints: two chunks of the corpus's files.
 FRAMES_PER_WINDOW = 32
@@ -71,24 +71,21 @@ def fit_pose(
     target: Tensor,
     steps: int,
     descent: Descent,
-) -> tuple[Tensor, Tensor]:
+) -> tuple[Tensor, ...]:
     """Pose (B, 22, 3) and translation (B, 3) that bring fixed shapes near meshes from `arrange`.
 
     `start` is the pose and translation to begin with.
     """
     with torch.inference_mode():
-        distance = objective.to(target)
-        descending = Descending(descent, *start)
+        distance, descending = objective.to(target), Descending(descent, *start)
         for _ in range(steps):
-            gradient = distance.gradient(shapes, *descending.variables)
-            descending.step(gradient.distance, gradient.pose, gradient.trans)
-    pose, trans = descending.best()
-    return pose, trans
+            descending.step(*distance.gradient(shapes, *descending.variables))
+    return descending.best()
 
 
 def fit_shape_and_pose(
     objective: MeshDistance, target: Tensor, descent: Descent
-) -> tuple[Tensor, Tensor, Tensor]:
+) -> tuple[Tensor, ...]:
     """betas (B, 10), pose (B, 22, 3) and translation (B, 3) of first frames from
     `MeshDistance.arrange`."""
     with torch.inference_mode():
@@ -98,11 +95,9 @@ def fit_shape_and_pose(
         descending = Descending(descent, betas, *start)
         for _ in progress(range(descent.shape_steps), what="shapes", unit="step"):
             betas, pose, trans = descending.variables
-            gradient = distance.gradient(objective.shapes(betas), pose, trans)
-            by_betas = distance.betas_gradient(gradient)
-            descending.step(gradient.distance, by_betas, gradient.pose, gradient.trans)
-    betas, pose, trans = descending.best()
-    return betas, pose, trans
+            metres, *by_pose = distance.gradient(objective.shapes(betas), pose, trans)
+            descending.step(metres, distance.betas_gradient(), *by_pose)
+    return descending.best()
 
 
 class Descending:
@@ -135,13 +130,13 @@ class Descending:
         self._state.sub_(self._velocity, alpha=self.rate)
         return closer
 
-    def best(self) -> list[Tensor]:
+    def best(self) -> tuple[Tensor, ...]:
         """The variables of each body where its distance was smallest."""
         return self._parts(self._best.clone())
 
-    def _parts(self, state: Tensor) -> list[Tensor]:
-        parts = state.split([shape.numel() for shape in self._shapes], 1)
-        return [part.unflatten(1, shape) for part, shape in zip(parts, self._shapes, strict=True)]
+    def _parts(self, state: Tensor) -> tuple[Tensor, ...]:
+        parts = zip(state.split([s.numel() for s in self._shapes], 1), self._shapes, strict=True)
+        return tuple(part.unflatten(1, shape) for part, shape in parts)
 
 
 def rigid_start(objective: MeshDistance, shapes: Shapes, target: Tensor) -> tuple[Tensor, Tensor]:
@@ -204,8 +199,7 @@ class SgdFit(CorpusFit):
         targets = self._objective.arrange(torch.from_numpy(meshes))
         leading = [self._subject_of.index(row) for row in range(max(self._subject_of) + 1)]
         # A step of few subjects takes its time between operations: one core does them all at once.
-        with one_arithmetic_thread():
-            shapes, *lead = fit_shape_and_pose(self._objective, targets[leading], self._descent)
+        shapes, *lead = fit_shape_and_pose(self._objective, targets[leading], self._descent)
         betas = shapes[self._subject_of]
         firsts = ((betas[rows], targets[rows], self._descent) for rows in batches(len(meshes)))
         found = self._pool.map(_fit_first_frames, firsts)

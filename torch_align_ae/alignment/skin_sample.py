@@ -104,12 +104,6 @@ class SkinSample:
         shift = place - (turn @ joints[..., None])[..., 0]
         return Frames(pose.rotations, turn, place, shift)
 
-    def places(self, rotations: Tensor, joints: Tensor) -> Tensor:
-        """(B, 22, 3) where the joints of a rest pose (22, 3) go without translation; linear."""
-        count = len(rotations)
-        nowhere = joints.new_zeros(count, 3)
-        return world_frames(rotations, joints.expand(count, -1, -1), self.parents, nowhere)[1]
-
     def positions(self, shaped: Shaped, pose: Pose) -> Tensor:
         """(B, 3, N) posed vertices of the sample, metres."""
         frames = self.frames(shaped, pose)

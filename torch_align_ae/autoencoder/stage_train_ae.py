@@ -24,7 +24,7 @@ from bridge.motion.splits import (
     held_out_frames,
     split_autoencoder_frames,
 )
-from bridge.options import NonNegativeInt, PositiveInt, Seed
+from bridge.options import NonNegativeInt
 from bridge.paper import ALTERNATIVE_WIDTHS, LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
@@ -45,6 +45,7 @@ from torch_align_ae.autoencoder.mesh_autoencoder import (
     parameter_count,
 )
 from torch_align_ae.autoencoder.training import (
+    Pace,
     Schedule,
     Training,
     TrainingPlan,
@@ -106,7 +107,7 @@ PRESETS: dict[PresetName, TrainingPreset] = {
 
 
 @dataclass(frozen=True)
-class TrainAutoencoderConfig:
+class TrainAutoencoderConfig(Pace):
     """Train the mesh autoencoder: about 0.4 s a step of 64 frames on two cores that multiply
     bfloat16, twice that in float32; 1.5 GB of memory.
 
@@ -120,23 +121,12 @@ class TrainAutoencoderConfig:
 
     run: str = "demo"
     """Folder under runs/ that holds the aligned offsets."""
-    seed: Seed = 0
-    """Decides the split, the weights' beginning and the order of frames."""
     precision: PrecisionName = "auto"
     """Of the matrix products of training steps: `bfloat16`, `float32`, or by `auto` the first where
     the processor has instructions for it. Weights, their sums and all scores are float32."""
-    batch_size: Fixed[PositiveInt] = 64
-    """Frames a step; the paper's is 64."""
-    steps: NonNegativeInt = 0
-    """Optimiser steps; 0: as many as `epochs` make."""
     epochs: NonNegativeInt = 100
     """Passes over the training frames when `steps` is 0."""
-    validate_every: Fixed[NonNegativeInt] = 0
-    """Steps between two validation losses, the best of which decides what is kept; 0: an epoch."""
     patience: Fixed[NonNegativeInt] = 10
-    """Validation losses without a better one after which training stops; 0: never."""
-    validation_frames: Fixed[NonNegativeInt] = 0
-    """Validation frames scored each time; 0: all. The final score always takes all."""
     preset: PresetName = "measured"
     """How the paper's silences are filled: by its plainest words (`literal`), by what was measured
     to learn, or by what learns in a few hundred steps (`short`)."""
@@ -178,7 +168,9 @@ PROFILES: dict[str, TrainAutoencoderConfig] = {
 
 
 def main(config: TrainAutoencoderConfig) -> None:
-    align = Run(config.run).artifact("align")
+    run = Run(config.run)
+    align = run.artifact("align")
+    upstream: dict[str, Artifact | Path] = {"align": align}
     if config.dmpl:
         if align.origin == "synthetic":
             raise DsnetError(
@@ -187,16 +179,15 @@ def main(config: TrainAutoencoderConfig) -> None:
                 "Leave --dmpl out, or align licensed files (docs/data.md).",
             )
         load_dmpl_directions(config.dmpl)  # which may refuse it, before hours of training
+        upstream["dmpl"] = config.dmpl
     keep_freed_memory()
     with started_by_torchrun() as processes:
+
+        def make(writer: ArtifactWriter) -> None:
+            _make(config, align, writer, processes)
+
         if processes.leads:
-            Run(config.run).build(
-                "train-ae",
-                config,
-                lambda writer: _make(config, align, writer, processes),
-                data=align.origin,
-                upstream={"align": align} | ({"dmpl": config.dmpl} if config.dmpl else {}),
-            )
+            run.build("train-ae", config, make, data=align.origin, upstream=upstream)
             processes.told(None)
             return
         # Share the leader's work until it says that there is no more.
@@ -223,11 +214,8 @@ def _make(
         linear[DMPL] = PcaCodec.of_directions(load_dmpl_directions(config.dmpl))
     for code, fitted in linear.items():
         save_weights(writer.file_path(LINEAR_FILES[code]), vars(fitted))
-        kept = {
-            "components": len(fitted.components),
-            **_scores(fitted, align, offsets_m, split),
-        }
-        writer.record(**{code: kept})
+        scores = _scores(fitted, align, offsets_m, split)
+        writer.record(**{code: {"components": len(fitted.components), **scores}})
     compared = []
     for name in config.comparisons:
         other = _comparison(config, name)
@@ -236,13 +224,14 @@ def _make(
 
 
 def _comparison(config: TrainAutoencoderConfig, name: TrialName) -> TrainAutoencoderConfig:
-    if config.comparison_epochs:
-        config = replace(config, steps=0, epochs=config.comparison_epochs)
+    changes: dict[str, Any] = {"preset": name}
     if name == "sequence_split":
-        return replace(config, split="sequence")
-    if name == "all_frames":
-        return replace(config, include_held_out=True)
-    return replace(config, preset=name)
+        changes = {"split": "sequence"}
+    elif name == "all_frames":
+        changes = {"include_held_out": True}
+    if config.comparison_epochs:
+        changes |= {"steps": 0, "epochs": config.comparison_epochs}
+    return replace(config, **changes)
 
 
 @dataclass(frozen=True)
@@ -276,19 +265,13 @@ def _training(
     processes: Processes,
 ) -> Training[MeshAutoencoder]:
     config, preset = trial.config, PRESETS[trial.config.preset]
+    settings = {one.name: getattr(config, one.name) for one in fields(Pace)}
+    settings |= {one.name: getattr(preset, one.name) for one in fields(Schedule)}
     per_epoch = math.ceil(len(split.train) / config.batch_size)
-    plan = TrainingPlan(
-        steps=config.steps or config.epochs * per_epoch,
-        batch_size=config.batch_size,
-        validate_every=config.validate_every,
-        patience=config.patience,
-        validation_frames=config.validation_frames,
-        seed=config.seed,
-        bfloat16=config.precision == "bfloat16",
-        **{one.name: getattr(preset, one.name) for one in fields(Schedule)},
-    )
-    model = codec.model.to("cuda" if torch.cuda.is_available() else "cpu")
-    label = f"train-ae {trial.name}"
+    settings["steps"] = config.steps or config.epochs * per_epoch
+    plan = TrainingPlan(**settings, bfloat16=config.precision == "bfloat16")
+    model, label = codec.model, f"train-ae {trial.name}"
+    model.to("cuda" if torch.cuda.is_available() else "cpu")
     return Training(
         model, codec.normaliser, offsets_m, split, plan, trial.checkpoint, label, processes
     )
@@ -318,7 +301,7 @@ def _trained(
     writer.put(f"loss{suffix}", result.losses.astype(np.float32), "1")
     writer.put(f"validation_loss{suffix}", result.validation_losses.astype(np.float32), "1")
     writer.put(f"validation_steps{suffix}", result.steps.astype(np.int32), "step")
-    codec.model.cpu().eval()
+    codec.cpu().eval()
     return codec, {
         "name": name,
         "preset": config.preset,

@@ -12,21 +12,22 @@ import os
 import platform
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
+from tyro.conf import Fixed
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
 from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
 from bridge.motion.splits import FrameSplit, chunks
+from bridge.options import NonNegativeInt, PositiveInt, Seed
 from torch_align_ae.autoencoder.codes import Normaliser
 from torch_align_ae.workers import Processes
 
@@ -53,20 +54,28 @@ class Schedule:
     """Whether the learning rate then falls to zero along a cosine."""
 
 
-@dataclass(frozen=True)
-class TrainingPlan(Schedule):
-    steps: int
-    """Optimiser steps in all; the last epoch may be a part of one."""
-    batch_size: int = 64
+@dataclass(frozen=True, kw_only=True)
+class Pace:
+    """How a training goes through its frames, and how often it is judged."""
+
+    seed: Seed = 0
+    """Decides the split, the weights' beginning and the order of frames."""
+    steps: NonNegativeInt = 0
+    """Optimiser steps; 0: as many as `epochs` make."""
+    batch_size: Fixed[PositiveInt] = 64
     """Frames a step; the paper's is 64."""
-    validate_every: int = 0
-    """Steps between two validation losses; 0: an epoch."""
-    patience: int = 0
+    validate_every: Fixed[NonNegativeInt] = 0
+    """Steps between two validation losses, the best of which decides what is kept; 0: an epoch."""
+    patience: Fixed[NonNegativeInt] = 0
     """Validation losses without a better one after which training stops; 0: never."""
-    validation_frames: int = 0
-    """Validation frames scored each time, evenly spaced; 0: all."""
-    seed: int = 0
-    """Decides the order of frames."""
+    validation_frames: Fixed[NonNegativeInt] = 0
+    """Validation frames scored each time, evenly spaced; 0: all. The final score takes all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingPlan(Schedule, Pace):
+    """`steps` are all; the last epoch may be a part of one."""
+
     bfloat16: bool = False
     """Whether a step multiplies bfloat16 matrices; weights, their sums and validation, by which the
     best ones are chosen, stay float32."""
@@ -119,7 +128,7 @@ class Training(Generic[Network]):
     def __post_init__(self) -> None:
         self.learning_rate = self.plan.learning_rate
         self._device = next(self.model.parameters()).device
-        self._normaliser = self.normaliser.to(self._device)
+        self.normaliser.to(self._device)
         # One fused pass over weights and moments; it is bit-reproducible and twice as fast.
         self._adam = torch.optim.Adam(self.model.parameters(), self.learning_rate, fused=True)
         self._network = self.processes.replicated(self.model)
@@ -130,11 +139,11 @@ class Training(Generic[Network]):
         result = self._start()
         if self.plan.learning_rate_of_loss:
             self.learning_rate = self.plan.learning_rate_of_loss * result.validation_losses[0]
-        done = int(result.steps[-1])
-        end = self.plan.steps
+        done, end, patience = int(result.steps[-1]), self.plan.steps, self.plan.patience
         bar = tqdm(total=end, initial=done, desc=self.label, unit="step", disable=None)
-        with bar, reproducible():
-            while done < end and not 0 < self.plan.patience <= len(result.losses) - result.best:
+        compute_reproducibly()
+        with bar:
+            while done < end and not 0 < patience <= len(result.losses) - result.best:
                 upto = min(done + (self.plan.validate_every or self._epoch_steps), end)
                 loss = self._train(range(done, upto), bar)
                 done = upto
@@ -210,7 +219,7 @@ class Training(Generic[Network]):
             skipped = 0
 
     def _loss(self, network: nn.Module, offsets_m: Tensor) -> Tensor:
-        values = self._normaliser.normalise(offsets_m)
+        values = self.normaliser.normalise(offsets_m)
         return nn.functional.mse_loss(network(values), values)
 
     @torch.inference_mode()
@@ -277,26 +286,17 @@ def _numpy(tensor: Tensor) -> NDArray[np.float32]:
     return tensor.detach().cpu().numpy()
 
 
-@contextmanager
-def reproducible() -> Iterator[None]:
-    """Compute in an order that does not depend on timing.
+def compute_reproducibly() -> None:
+    """From now on compute in an order that does not depend on timing.
 
     A processor needs nothing but the same number of threads, for sums are split by it; whatever is
     drawn at random has a generator with the run's seed. On a GPU cuBLAS has to keep one workspace,
     and operations that add in no fixed order are replaced, or refused with an error.
     """
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
-    # Its attributes are properties, of which the module's own annotations know nothing.
-    settings: Any = torch.utils.deterministic
-    before = torch.are_deterministic_algorithms_enabled(), settings.fill_uninitialized_memory
     torch.use_deterministic_algorithms(True)
     # Nothing here reads memory that it has not written, and filling it costs a pass over it.
-    settings.fill_uninitialized_memory = False
-    try:
-        yield
-    finally:
-        torch.use_deterministic_algorithms(before[0])
-        settings.fill_uninitialized_memory = before[1]
+    setattr(torch.utils.deterministic, "fill_uninitialized_memory", False)  # noqa: B010
 
 
 def multiplies_bfloat16() -> bool:
