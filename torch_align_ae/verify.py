@@ -16,8 +16,8 @@ from torch import Tensor, nn
 from bridge.body import load_body_model
 from bridge.exchange.weights import TORCH_ADAM, dsnet_from_torch
 from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
-from torch_align_ae.autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.codes import Codec, Normaliser
+from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.body import SMPL, unpose
 from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, sum_of_distances
 
