@@ -52,7 +52,7 @@ from torch_align_ae.autoencoder.training import (
     keep_freed_memory,
     multiplies_bfloat16,
 )
-from torch_align_ae.workers import Processes, started_by_torchrun
+from torch_align_ae.workers import joined_by_torchrun, leads, told
 
 PresetName = Literal["literal", "measured", "short"]
 PrecisionName = Literal["auto", "bfloat16", "float32"]
@@ -181,26 +181,24 @@ def main(config: TrainAutoencoderConfig) -> None:
         load_dmpl_directions(config.dmpl)  # which may refuse it, before hours of training
         upstream["dmpl"] = config.dmpl
     keep_freed_memory()
-    with started_by_torchrun() as processes:
+    with joined_by_torchrun():
 
         def make(writer: ArtifactWriter) -> None:
-            _make(config, align, writer, processes)
+            _make(config, align, writer)
 
-        if processes.leads:
+        if leads():
             run.build("train-ae", config, make, data=align.origin, upstream=upstream)
-            processes.told(None)
+            told(None)
             return
         # Share the leader's work until it says that there is no more.
         nothing: _Trial | None = None
-        while trial := processes.told(nothing):
+        while trial := told(nothing):
             codec, split = _beginning(trial, align)
-            _training(trial, codec, split, align.array("offsets"), processes).run()
+            _training(trial, codec, split, align.array("offsets")).run()
 
 
-def _make(
-    config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter, processes: Processes
-) -> None:
-    codec, summary = _trained("autoencoder", config, align, writer, processes)
+def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter) -> None:
+    codec, summary = _trained("autoencoder", config, align, writer)
     codec.save(writer.file_path(WEIGHTS_FILE))
     writer.record(
         architecture=codec.architecture(), autoencoder=summary, parameters=parameter_counts()
@@ -219,7 +217,7 @@ def _make(
     compared = []
     for name in config.comparisons:
         other = _comparison(config, name)
-        compared.append(_trained(name, other, align, writer, processes)[1])
+        compared.append(_trained(name, other, align, writer)[1])
     writer.record(comparisons=compared)
 
 
@@ -258,11 +256,7 @@ def _beginning(trial: _Trial, align: Artifact) -> tuple[Codec, FrameSplit]:
 
 
 def _training(
-    trial: _Trial,
-    codec: Codec,
-    split: FrameSplit,
-    offsets_m: NDArray[np.float32],
-    processes: Processes,
+    trial: _Trial, codec: Codec, split: FrameSplit, offsets_m: NDArray[np.float32]
 ) -> Training[MeshAutoencoder]:
     config, preset = trial.config, PRESETS[trial.config.preset]
     settings = {one.name: getattr(config, one.name) for one in fields(Pace)}
@@ -272,28 +266,22 @@ def _training(
     plan = TrainingPlan(**settings, bfloat16=config.precision == "bfloat16")
     model, label = codec.model, f"train-ae {trial.name}"
     model.to("cuda" if torch.cuda.is_available() else "cpu")
-    return Training(
-        model, codec.normaliser, offsets_m, split, plan, trial.checkpoint, label, processes
-    )
+    return Training(model, codec.normaliser, offsets_m, split, plan, trial.checkpoint, label)
 
 
 def _trained(
-    name: str,
-    config: TrainAutoencoderConfig,
-    align: Artifact,
-    writer: ArtifactWriter,
-    processes: Processes,
+    name: str, config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter
 ) -> tuple[Codec, dict[str, Any]]:
     """Train, or go on from the writer's checkpoint; and what the manifest says of it."""
     checkpoint = writer.checkpoints.resolve() / f"{name}.safetensors"
     if config.precision == "auto":
         fast = multiplies_bfloat16() and not torch.cuda.is_available()
         config = replace(config, precision="bfloat16" if fast else "float32")
-    trial = processes.told(_Trial(name, config, checkpoint))
+    trial = told(_Trial(name, config, checkpoint))
     codec, split = _beginning(trial, align)
     offsets_m = align.array("offsets")  # mapped once: pages of two maps would count twice
     initial_r2 = reconstruction_r2(codec, offsets_m, split.validation)
-    training = _training(trial, codec, split, offsets_m, processes)
+    training = _training(trial, codec, split, offsets_m)
     started = time.perf_counter()
     result = training.run()
     writer.record_measured(**{f"{name}_training_s": round(time.perf_counter() - started, 2)})

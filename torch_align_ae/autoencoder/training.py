@@ -14,7 +14,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import torch
@@ -29,11 +29,10 @@ from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_chec
 from bridge.motion.splits import FrameSplit, chunks
 from bridge.options import NonNegativeInt, PositiveInt, Seed
 from torch_align_ae.autoencoder.codes import Normaliser
-from torch_align_ae.workers import Processes
+from torch_align_ae.workers import leads, mean_over_processes, own_part, replicated, told
 
 _VALIDATION_BATCH = 64
 _MOMENTS = ("exp_avg", "exp_avg_sq")
-ALONE = Processes()
 _REMEDY = "Train with another --preset, whose learning rate is lower."
 
 Network = TypeVar("Network", bound=nn.Module)
@@ -119,7 +118,6 @@ class Training(Generic[Network]):
     plan: TrainingPlan
     checkpoint: Path
     label: str = "autoencoder"
-    processes: Processes = ALONE  # those that share each batch
 
     learning_rate: float = field(init=False)  # the largest one
     step_s: list[float] = field(init=False, default_factory=list)
@@ -131,7 +129,7 @@ class Training(Generic[Network]):
         self.normaliser.to(self._device)
         # One fused pass over weights and moments; it is bit-reproducible and twice as fast.
         self._adam = torch.optim.Adam(self.model.parameters(), self.learning_rate, fused=True)
-        self._network = self.processes.replicated(self.model)
+        self._network = replicated(self.model)
         self._scored = scored_frames(self.split, self.plan.validation_frames)
 
     def run(self) -> TrainingResult:
@@ -156,13 +154,13 @@ class Training(Generic[Network]):
                 )
                 if result.best == len(result.losses):
                     self._keep_best()
-                if self.processes.leads:
-                    save_training(self.checkpoint, self.model, self._adam, result)
+                if leads():
+                    self._save(result)
                 bar.set_postfix(validation=f"{validation:.4f}")
-        self.processes.told(None)  # that its last file is whole
+        told(None)  # that its last file is whole
         best = load_weights(self.best_file)
         refuse_nonfinite(best, self.label, _REMEDY)
-        _assign(self.model, best)
+        self._assign(best)
         return result
 
     @property
@@ -176,7 +174,7 @@ class Training(Generic[Network]):
     def _start(self) -> TrainingResult:
         state = load_checkpoint(self.checkpoint)
         if state is not None and load_checkpoint(self.best_file) is not None:
-            return restore_training(state, self.model, self._adam)
+            return self._restored(state)
         loss = self._finite(self.validation_loss(), "validation loss", 0)
         self._keep_best()
         return TrainingResult(np.empty(0), np.array([loss]), np.array([0]))
@@ -196,7 +194,7 @@ class Training(Generic[Network]):
             for group in self._adam.param_groups:
                 group["lr"] = self.learning_rate * self.plan.share_at(step)
             self._adam.zero_grad()
-            part, factor = self.processes.part(batch)
+            part, factor = own_part(batch)
             with torch.autocast(self._device.type, torch.bfloat16, enabled=self.plan.bfloat16):
                 loss = factor * self._loss(self._network, part)
             loss.backward()
@@ -205,7 +203,7 @@ class Training(Generic[Network]):
             self.step_s.append(time.perf_counter() - started)
             bar.update()
         self._adam.zero_grad()  # validation and checkpoint need the memory, not the gradients
-        return self.processes.mean(total).item() / len(steps)
+        return mean_over_processes(total).item() / len(steps)
 
     def _batches(self, start: int) -> Iterator[Tensor]:
         """Batches from step `start` on, in orders that the epoch's number and the seed decide."""
@@ -230,56 +228,44 @@ class Training(Generic[Network]):
         for part in chunks(self.offsets_m, self._scored, _VALIDATION_BATCH):
             offsets_m = torch.from_numpy(part).to(self._device)
             total += self._loss(self.model, offsets_m).item() * len(part)
-        return self.processes.told(total / len(self._scored))
+        return told(total / len(self._scored))
 
     def _keep_best(self) -> None:
-        if not self.processes.leads:
-            return
-        weights = {name: _numpy(value) for name, value in self.model.named_parameters()}
-        save_checkpoint(self.best_file, weights)
+        if leads():
+            weights = {name: _numpy(value) for name, value in self.model.named_parameters()}
+            save_checkpoint(self.best_file, weights)
+
+    def _save(self, result: TrainingResult) -> None:
+        """Write weights, Adam's moments and the losses atomically. No random state is kept: each
+        epoch's order follows from the seed and the epoch's number, and nothing else is drawn."""
+        arrays = {f"history.{name}": array for name, array in vars(result).items()}
+        for name, parameter in self.model.named_parameters():
+            arrays[f"model.{name}"] = _numpy(parameter)
+            for moment in _MOMENTS:
+                arrays[f"{moment}.{name}"] = _numpy(self._adam.state[parameter][moment])
+        save_checkpoint(self.checkpoint, arrays)
+
+    def _restored(self, arrays: dict[str, NDArray]) -> TrainingResult:
+        """Go on from what `_save` wrote."""
+        result = TrainingResult(*(arrays[f"history.{f.name}"] for f in fields(TrainingResult)))
+        named = dict(self.model.named_parameters())
+        self._assign({name: arrays.pop(f"model.{name}") for name in named})
+        for name, parameter in named.items():
+            state = self._adam.state[parameter]
+            state["step"] = torch.tensor(float(result.steps[-1]), device=self._device)
+            for moment in _MOMENTS:
+                state[moment] = torch.from_numpy(arrays[f"{moment}.{name}"]).to(self._device)
+        return result
+
+    def _assign(self, weights: dict[str, NDArray]) -> None:
+        tensors = {name: torch.from_numpy(array) for name, array in weights.items()}
+        self.model.load_state_dict(tensors, strict=False)  # what is not learned is not kept
 
 
 def scored_frames(split: FrameSplit, wanted: int) -> NDArray[np.int64]:
     """So many validation frames, evenly spaced; all if `wanted` is 0 or more than there are."""
     count = len(split.validation)
     return split.validation[np.linspace(0, count - 1, min(wanted or count, count)).astype(int)]
-
-
-def save_training(
-    path: Path, model: nn.Module, optimizer: torch.optim.Adam, result: TrainingResult
-) -> None:
-    """Write weights, Adam's moments and the losses atomically.
-
-    No random state is kept: each epoch's order follows from the seed and the epoch's number, and
-    nothing else is drawn.
-    """
-    arrays: dict[str, NDArray] = {}
-    for name, parameter in model.named_parameters():
-        arrays[f"model.{name}"] = _numpy(parameter)
-        for moment in _MOMENTS:
-            arrays[f"{moment}.{name}"] = _numpy(optimizer.state[parameter][moment])
-    history = {f"history.{name}": array for name, array in vars(result).items()}
-    save_checkpoint(path, {**arrays, **history})
-
-
-def restore_training(
-    arrays: dict[str, NDArray], model: nn.Module, optimizer: torch.optim.Adam
-) -> TrainingResult:
-    """Restore `model` and `optimizer` from what `save_training` wrote; return the losses."""
-    result = TrainingResult(*(arrays[f"history.{f.name}"] for f in fields(TrainingResult)))
-    _assign(model, {name: arrays.pop(f"model.{name}") for name, _ in model.named_parameters()})
-    for name, parameter in model.named_parameters():
-        state = optimizer.state[parameter]
-        state["step"] = torch.tensor(float(result.steps[-1]), device=parameter.device)
-        for moment in _MOMENTS:
-            state[moment] = torch.from_numpy(arrays[f"{moment}.{name}"]).to(parameter.device)
-    return result
-
-
-@torch.no_grad()
-def _assign(model: nn.Module, weights: dict[str, NDArray]) -> None:
-    for name, parameter in model.named_parameters():
-        parameter.copy_(torch.from_numpy(weights[name]))
 
 
 def _numpy(tensor: Tensor) -> NDArray[np.float32]:
@@ -295,8 +281,9 @@ def compute_reproducibly() -> None:
     """
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     torch.use_deterministic_algorithms(True)
+    settings: Any = torch.utils.deterministic
     # Nothing here reads memory that it has not written, and filling it costs a pass over it.
-    setattr(torch.utils.deterministic, "fill_uninitialized_memory", False)  # noqa: B010
+    settings.fill_uninitialized_memory = False
 
 
 def multiplies_bfloat16() -> bool:
