@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -34,15 +35,11 @@ PROFILES = {name: DecodeConfig(run=name) for name in ("smoke", "demo", "paper")}
 def main(config: DecodeConfig) -> None:
     run = Run(config.run)
     upstream = run.artifacts("infer", "encode", "train-ae")
-    infer, encode, trained = upstream.values()
-
-    def make(writer: ArtifactWriter) -> None:
-        _make(writer, infer, encode, trained)
-
-    run.build("decode", config, make, data=encode.origin, upstream=upstream)
+    make = partial(_make, *upstream.values())
+    run.build("decode", config, make, data=upstream["encode"].origin, upstream=upstream)
 
 
-def _make(writer: ArtifactWriter, infer: Artifact, encode: Artifact, trained: Artifact) -> None:
+def _make(infer: Artifact, encode: Artifact, trained: Artifact, writer: ArtifactWriter) -> None:
     chosen, codecs = decoded_sequences(sequences_of(infer)), load_codecs(trained)
     placed = end_to_end(chosen)
     shape = (placed[-1].frames.stop, trained.manifest["architecture"]["widths"][0], 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -33,12 +34,8 @@ PROFILES = {name: EncodeConfig(run=name) for name in ("smoke", "demo", "paper")}
 def main(config: EncodeConfig) -> None:
     run = Run(config.run)
     upstream = run.artifacts("align", "train-ae")
-    align, trained = upstream.values()
-
-    def make(writer: ArtifactWriter) -> None:
-        _make(align, trained, writer)
-
-    run.build("encode", config, make, data=align.origin, upstream=upstream)
+    make = partial(_make, *upstream.values())
+    run.build("encode", config, make, data=upstream["align"].origin, upstream=upstream)
 
 
 def _make(align: Artifact, trained: Artifact, writer: ArtifactWriter) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -182,11 +183,8 @@ def main(config: TrainAutoencoderConfig) -> None:
         upstream["dmpl"] = config.dmpl
     keep_freed_memory()
     with joined_by_torchrun():
-
-        def make(writer: ArtifactWriter) -> None:
-            _make(config, align, writer)
-
         if leads():
+            make = partial(_make, config, align)
             run.build("train-ae", config, make, data=align.origin, upstream=upstream)
             told(None)
             return

@@ -72,19 +72,14 @@ def main(config: CorpusConfig) -> None:
     form_named(config.form)
     run, plan = Run(config.run), plan_of(config)
     files = {f"motion_{row}": path for row, path in enumerate(plan.files)}
-
-    def make_truth(writer: ArtifactWriter) -> None:
-        _make_truth(writer, config, plan)
-
-    def make_corpus(writer: ArtifactWriter) -> None:
-        _make_corpus(writer, config, truth, plan)
-
-    truth = run.build("truth", config, make_truth, data="synthetic", upstream=files)
+    make = partial(_make_truth, config, plan)
+    truth = run.build("truth", config, make, data="synthetic", upstream=files)
+    make = partial(_make_corpus, config, plan, truth)
     upstream = {"truth": truth, **files}
-    run.build("corpus", config, make_corpus, data="synthetic", upstream=upstream)
+    run.build("corpus", config, make, data="synthetic", upstream=upstream)
 
 
-def _make_truth(writer: ArtifactWriter, config: CorpusConfig, plan: CorpusPlan) -> None:
+def _make_truth(config: CorpusConfig, plan: CorpusPlan, writer: ArtifactWriter) -> None:
     """Move every subject and simulate its tissue; every finished sequence is a checkpoint."""
     body = load_body_model(f"embedded:{config.gender}")
     motions = CorpusMotions(body, config.seed)
@@ -152,7 +147,7 @@ def _digest(offsets: NDArray[np.float32]) -> str:
 
 
 def _make_corpus(
-    writer: ArtifactWriter, config: CorpusConfig, truth: Artifact, plan: CorpusPlan
+    config: CorpusConfig, plan: CorpusPlan, truth: Artifact, writer: ArtifactWriter
 ) -> None:
     """Write the files that a licensed user would have, and nothing of the truth."""
     body = load_body_model(f"embedded:{config.gender}")
