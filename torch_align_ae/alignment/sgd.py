@@ -16,6 +16,7 @@ import math
 import os
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -27,13 +28,7 @@ from bridge.motion import MotionSequence, pack_theta, subject_rows, unpack_theta
 from bridge.options import NonNegativeFloat, NonNegativeInt, PositiveFloat
 from bridge.runs import ArtifactWriter
 from bridge.runs.workers import WorkerPool, on_any_node, progress
-from torch_align_ae.alignment.corpus_fit import (
-    AlignedFiles,
-    CorpusFit,
-    Meshes,
-    Window,
-    windows,
-)
+from torch_align_ae.alignment.corpus_fit import AlignedFiles, CorpusFit, Meshes, Window, windows
 from torch_align_ae.alignment.mesh_distance import MeshDistance, Shapes
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import matrix_to_axis_angle, nearest_rotation
@@ -201,8 +196,8 @@ class SgdFit(CorpusFit):
         # A step of few subjects takes its time between operations: one core does them all at once.
         shapes, *lead = fit_shape_and_pose(self._objective, targets[leading], self._descent)
         betas = shapes[self._subject_of]
-        firsts = ((betas[rows], targets[rows], self._descent) for rows in batches(len(meshes)))
-        found = self._pool.map(_fit_first_frames, firsts)
+        firsts = ((betas[rows], targets[rows]) for rows in batches(len(meshes)))
+        found = self._pool.map(partial(_fit_first_frames, self._descent), firsts)
         pose, trans = (torch.cat(parts) for parts in zip(*found, strict=True))
         pose[leading], trans[leading] = lead
         return {"betas": shapes.numpy(), "theta": pack_theta(pose.numpy(), trans.numpy())}
@@ -231,18 +226,18 @@ class SgdFit(CorpusFit):
             betas = torch.from_numpy(learned["betas"][self._subject_of[row]])
             return _Tracked(window, self.meshes[window.sequence.name], betas, theta)
 
+        work = partial(_fit_windows, self._descent, files)
         for group in groups:
             parts = ([tracked(group[row]) for row in rows] for rows in batches(len(group)))
-            shared = ((part, self._descent, files) for part in parts)
-            for thetas in self._pool.map(_fit_windows, shared):
+            for thetas in self._pool.map(work, parts):
                 yield from thetas
 
 
 def _fit_first_frames(
-    objective: MeshDistance, item: tuple[Tensor, Tensor, Descent]
-) -> tuple[Tensor, Tensor]:
+    descent: Descent, objective: MeshDistance, item: tuple[Tensor, Tensor]
+) -> tuple[Tensor, ...]:
     """Pose and translation of meshes (B, 3 V), their shapes (B, 10) being known."""
-    betas, targets, descent = item
+    betas, targets = item
     shapes = objective.shapes(betas)
     start = rigid_start(objective, shapes, targets)
     return fit_pose(objective, shapes, start, targets, descent.first_frame_steps, descent)
@@ -256,11 +251,10 @@ class _Tracked(NamedTuple):
 
 
 def _fit_windows(
-    objective: MeshDistance, batch: tuple[list[_Tracked], Descent, AlignedFiles]
+    descent: Descent, files: AlignedFiles, objective: MeshDistance, tracked: list[_Tracked]
 ) -> list[NDArray[np.float32]]:
     """theta of windows that begin alike, longest first, fitted frame after frame of all at once;
     the rest goes to the files."""
-    tracked, descent, files = batch
     meshes = [torch.from_numpy(o.meshes.read(o.window.start, o.window.stop)) for o in tracked]
     before = unpack_theta(np.stack([one.theta for one in tracked]))
     pose, trans = (torch.from_numpy(part) for part in before)

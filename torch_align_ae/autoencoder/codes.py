@@ -24,7 +24,7 @@ NormalisationName = Literal["global_maximum", "standard"]
 _BATCH = 64
 # What hardly moves would otherwise be blown up to pure measurement noise.
 _SMALLEST_SCALE_M = 1e-4
-_SPARE_DIRECTIONS = 20
+_SPARE_DIRECTIONS, _PASSES = 20, 3
 
 
 class Normaliser(nn.Module):
@@ -135,8 +135,6 @@ class PcaCodec:
         offsets_m: NDArray[np.float32],
         frames: NDArray[np.int64],
         size: int = 100,
-        *,
-        passes: int = 3,
         seed: int = 0,
     ) -> PcaCodec:
         """Fit `size` components to the named frames of (F, V, 3) without holding them in memory.
@@ -151,7 +149,7 @@ class PcaCodec:
         width = min(size + _SPARE_DIRECTIONS, mean.size)
         subspace = np.random.default_rng(seed).standard_normal((mean.size, width), np.float32)
         basis, inner = subspace, np.empty(0)
-        for _ in range(passes):
+        for _ in range(_PASSES):
             # (X'X) basis, and basis' (X'X) basis, of the centred frames X.
             basis = np.linalg.qr(subspace)[0]
             subspace, inner = np.zeros_like(basis), np.zeros((width, width))
