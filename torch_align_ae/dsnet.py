@@ -20,6 +20,7 @@ from bridge.exchange.weights import (
     KERAS_ADAM,
     MASKED_COUNT_EPSILON,
     AdamRule,
+    dsnet_from_torch,
     dsnet_to_torch,
 )
 from bridge.paper import DSNET_WIDTHS, INPUT_SIZE, N_BETAS, THETA_SIZE
@@ -146,8 +147,15 @@ def sum_of_distances(target: Tensor, predicted: Tensor, real: Tensor | None = No
     return distance.sum(-1).mean()
 
 
+def named_weights(model: DSNet) -> dict[str, NDArray]:
+    """Copies of all weights in Keras's names and layout, such as `fc_enc_1/kernel`."""
+    return dsnet_from_torch(
+        {name: v.detach().cpu().numpy() for name, v in model.state_dict().items()}
+    )
+
+
 def assign_weights(model: DSNet, weights: Mapping[str, NDArray]) -> None:
-    """Set all weights from arrays in Keras's names and layout, such as `fc_enc_1/kernel`."""
+    """Set all weights from arrays named and laid out as by `named_weights`."""
     state = {name: torch.from_numpy(array) for name, array in dsnet_to_torch(weights).items()}
     wanted = {name: tuple(value.shape) for name, value in model.state_dict().items()}
     given = {name: tuple(value.shape) for name, value in state.items()}
