@@ -91,11 +91,22 @@ class Codec(nn.Module):
 
     def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """Offsets (B, V, 3) in metres to latents (B, 100)."""
-        return _in_batches(lambda x: self.model.encode(self.normaliser.normalise(x)), offsets_m)
+        return self._applied(lambda x: self.model.encode(self.normaliser.normalise(x)), offsets_m)
 
     def decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
         """Latents (B, 100) to offsets (B, V, 3) in metres."""
-        return _in_batches(lambda z: self.normaliser.denormalise(self.model.decode(z)), latents)
+        return self._applied(lambda z: self.normaliser.denormalise(self.model.decode(z)), latents)
+
+    @torch.inference_mode()
+    def _applied(
+        self, function: Callable[[Tensor], Tensor], values: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        parts = []
+        for start in range(0, max(len(values), 1), _BATCH):
+            # A copy, because memory-mapped artifacts are read-only and tensors are not.
+            batch = torch.from_numpy(np.array(values[start : start + _BATCH], dtype=np.float32))
+            parts.append(function(batch.to(self.normaliser.mean_m.device)).cpu())
+        return torch.cat(parts).numpy()
 
     @property
     def latent_size(self) -> int:
@@ -108,18 +119,6 @@ class Codec(nn.Module):
 
     def save(self, path: Path) -> None:
         save_weights(path, {name: v.cpu().numpy() for name, v in self.state_dict().items()})
-
-
-@torch.inference_mode()
-def _in_batches(
-    function: Callable[[Tensor], Tensor], values: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    parts = [
-        # A copy, because memory-mapped artifacts are read-only and tensors are not.
-        function(torch.from_numpy(np.array(values[start : start + _BATCH], dtype=np.float32)))
-        for start in range(0, max(len(values), 1), _BATCH)
-    ]
-    return torch.cat(parts).numpy()
 
 
 @dataclass(frozen=True)

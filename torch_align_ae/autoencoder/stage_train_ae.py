@@ -191,19 +191,18 @@ def main(config: TrainAutoencoderConfig) -> None:
         # Share the leader's work until it says that there is no more.
         nothing: _Trial | None = None
         while trial := told(nothing):
-            codec, split = _beginning(trial, align)
-            _training(trial, codec, split, align.array("offsets")).run()
+            _begun(trial, align).run()
 
 
 def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter) -> None:
-    codec, summary = _trained("autoencoder", config, align, writer)
+    codec, split, summary = _trained("autoencoder", config, align, writer)
     codec.save(writer.file_path(WEIGHTS_FILE))
     writer.record(
         architecture=codec.architecture(), autoencoder=summary, parameters=parameter_counts()
     )
     del codec
     # Linear codes, of the frames that the autoencoder is trained on.
-    split, offsets_m = _split_of(config, align), align.array("offsets")
+    offsets_m = align.array("offsets")
     linear: dict[CodeName, PcaCodec]
     linear = {PCA: PcaCodec.fit(offsets_m, split.train, LATENT_SIZE, seed=config.seed)}
     if config.dmpl:
@@ -215,7 +214,7 @@ def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWrite
     compared = []
     for name in config.comparisons:
         other = _comparison(config, name)
-        compared.append(_trained(name, other, align, writer)[1])
+        compared.append(_trained(name, other, align, writer)[-1])
     writer.record(comparisons=compared)
 
 
@@ -239,10 +238,13 @@ class _Trial:
     checkpoint: Path
 
 
-def _beginning(trial: _Trial, align: Artifact) -> tuple[Codec, FrameSplit]:
-    """The network before its first step, and the frames that it will see."""
+def _begun(trial: _Trial, align: Artifact) -> Training[MeshAutoencoder]:
+    """A training before its first step."""
     config, preset = trial.config, PRESETS[trial.config.preset]
-    offsets_m, split = align.array("offsets"), _split_of(config, align)
+    offsets_m = align.array("offsets")  # mapped once: pages of two maps would count twice
+    split = split_autoencoder_frames(
+        sequences_of(align), config.seed, by=config.split, include_held_out=config.include_held_out
+    )
     normaliser = fit_normaliser(preset.normalisation, offsets_m, split.train)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
@@ -250,36 +252,28 @@ def _beginning(trial: _Trial, align: Artifact) -> tuple[Codec, FrameSplit]:
     if preset.initialisation == "modes":
         sample = torch.from_numpy(mode_sample(offsets_m, split, config.seed))
         initialise_with_modes(model, normaliser.normalise(sample), config.seed)
-    return Codec(model, normaliser), split
-
-
-def _training(
-    trial: _Trial, codec: Codec, split: FrameSplit, offsets_m: NDArray[np.float32]
-) -> Training[MeshAutoencoder]:
-    config, preset = trial.config, PRESETS[trial.config.preset]
+    model.to("cuda" if torch.cuda.is_available() else "cpu")
     settings = {one.name: getattr(config, one.name) for one in fields(Pace)}
     settings |= {one.name: getattr(preset, one.name) for one in fields(Schedule)}
     per_epoch = math.ceil(len(split.train) / config.batch_size)
     settings["steps"] = config.steps or config.epochs * per_epoch
     plan = TrainingPlan(**settings, bfloat16=config.precision == "bfloat16")
-    model, label = codec.model, f"train-ae {trial.name}"
-    model.to("cuda" if torch.cuda.is_available() else "cpu")
-    return Training(model, codec.normaliser, offsets_m, split, plan, trial.checkpoint, label)
+    label = f"train-ae {trial.name}"
+    return Training(model, normaliser, offsets_m, split, plan, trial.checkpoint, label)
 
 
 def _trained(
     name: str, config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter
-) -> tuple[Codec, dict[str, Any]]:
-    """Train, or go on from the writer's checkpoint; and what the manifest says of it."""
+) -> tuple[Codec, FrameSplit, dict[str, Any]]:
+    """Train, or go on from the writer's checkpoint; of what frames, and what the manifest says."""
     checkpoint = writer.checkpoints.resolve() / f"{name}.safetensors"
     if config.precision == "auto":
         fast = multiplies_bfloat16() and not torch.cuda.is_available()
         config = replace(config, precision="bfloat16" if fast else "float32")
-    trial = told(_Trial(name, config, checkpoint))
-    codec, split = _beginning(trial, align)
-    offsets_m = align.array("offsets")  # mapped once: pages of two maps would count twice
+    training = _begun(told(_Trial(name, config, checkpoint)), align)
+    codec = Codec(training.model, training.normaliser)
+    offsets_m, split = training.offsets_m, training.split
     initial_r2 = reconstruction_r2(codec, offsets_m, split.validation)
-    training = _training(trial, codec, split, offsets_m)
     started = time.perf_counter()
     result = training.run()
     writer.record_measured(**{f"{name}_training_s": round(time.perf_counter() - started, 2)})
@@ -288,7 +282,7 @@ def _trained(
     writer.put(f"validation_loss{suffix}", result.validation_losses.astype(np.float32), "1")
     writer.put(f"validation_steps{suffix}", result.steps.astype(np.int32), "step")
     codec.cpu().eval()
-    return codec, {
+    summary = {
         "name": name,
         "preset": config.preset,
         **asdict(PRESETS[config.preset]),
@@ -307,12 +301,7 @@ def _trained(
         "include_held_out": config.include_held_out,
         **_scores(codec, align, offsets_m, split),
     }
-
-
-def _split_of(config: TrainAutoencoderConfig, align: Artifact) -> FrameSplit:
-    return split_autoencoder_frames(
-        sequences_of(align), config.seed, by=config.split, include_held_out=config.include_held_out
-    )
+    return codec, split, summary
 
 
 def mode_sample(
