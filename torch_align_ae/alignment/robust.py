@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -78,13 +78,6 @@ class RobustSettings:
         return cls(vertices=400, calibration_frames=96)
 
 
-class Subject(NamedTuple):
-    """What is learned of a subject once."""
-
-    betas: Tensor  # (10,) shape
-    tissue: Tissue  # mechanics of the sample's vertices
-
-
 class RobustFit(CorpusFit):
     """One corpus to align: of each sequence the meshes, less their loads by a law of tissue.
 
@@ -131,13 +124,13 @@ class RobustFit(CorpusFit):
         """theta of each window, whose turns go on from the window before without jumps of 2 pi."""
         columns = (torch.from_numpy(learned[name]) for name in _OF_A_SUBJECT)
         rows = zip(subjects_of(self.sequences), *columns, strict=True)
-        known = {name: Subject(betas, Tissue(*tissue)) for name, betas, *tissue in rows}
+        known = {name: (betas, Tissue(*tissue)) for name, betas, *tissue in rows}
 
         def fitted(fit: RobustFit, window: Window) -> tuple[Tensor, Tensor]:
-            subject = known[window.sequence.subject]
+            betas, tissue = known[window.sequence.subject]
             meshes, seen = fit._loads.observe(fit.meshes[window.sequence.name], window)
-            pose, trans = fit.fit_frames(subject, seen)
-            files.store(fit.smpl, window, subject.betas, pose, trans, meshes)
+            pose, trans = fit.fit_frames(betas, tissue, seen)
+            files.store(fit.smpl, window, betas, pose, trans, meshes)
             return pose, trans
 
         last = np.empty((0, N_JOINTS, 3), np.float32)
@@ -149,13 +142,13 @@ class RobustFit(CorpusFit):
                 last = pose[-1:]
                 yield pack_theta(pose, trans.numpy())
 
-    def fit_frames(self, subject: Subject, seen: Observed) -> tuple[Tensor, Tensor]:
-        """Pose (n, 22, 3) axis-angle and translation (n, 3) of frames of a known subject."""
-        shaped = self._sample.shaped(subject.betas)
+    def fit_frames(self, betas: Tensor, tissue: Tissue, seen: Observed) -> tuple[Tensor, Tensor]:
+        """Pose (n, 22, 3) axis-angle and translation (n, 3) of frames of a subject."""
+        shaped = self._sample.shaped(betas)
         poses = []
         for part in seen.split(_BATCH):
             pose, steps = initial_pose(self._sample, shaped, part.vertices), self._settings.steps
-            poses.append(self._fit_unloaded(shaped, subject.tissue, part, pose, steps))
+            poses.append(self._fit_unloaded(shaped, tissue, part, pose, steps))
         rotations = torch.cat([pose.rotations for pose in poses])
         return matrix_to_axis_angle(rotations), torch.cat([pose.trans for pose in poses])
 
@@ -170,8 +163,8 @@ class RobustFit(CorpusFit):
             pose = fit_poses(self._sample, shaped, target, weights, pose, 1)
         return pose
 
-    def calibrate(self, subject: str) -> Subject:
-        """Learn the shape and then how soft the body is where, from frames of all its recordings.
+    def calibrate(self, subject: str) -> tuple[Tensor, Tissue]:
+        """Learn the shape, betas (10,), and then how soft the body is where, from frames of all its recordings.
 
         The first frame's tissue hangs and moves, and a shape fitted to it keeps that for ever. So
         once the loads are known the shape is corrected, round by round, by all frames without
@@ -225,7 +218,7 @@ class RobustFit(CorpusFit):
                     change = solve_damped(*summed(pool.map(about_shape, batches)))
                     betas = betas + change.to(betas)
                     shaped = sample.shaped(betas)
-        return Subject(betas, tissue)
+        return betas, tissue
 
 
 @dataclass
