@@ -164,7 +164,7 @@ class RobustFit(CorpusFit):
         return pose
 
     def calibrate(self, subject: str) -> tuple[Tensor, Tissue]:
-        """Learn the shape, betas (10,), and then how soft the body is where, from frames of all its recordings.
+        """Learn the shape (10,) and then how soft the body is where, from frames of all recordings.
 
         The first frame's tissue hangs and moves, and a shape fitted to it keeps that for ever. So
         once the loads are known the shape is corrected, round by round, by all frames without
