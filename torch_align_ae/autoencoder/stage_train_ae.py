@@ -65,10 +65,8 @@ class TrainingPreset(Schedule):
     """What the paper leaves open about the autoencoder's training, decided one way."""
 
     normalisation: NormalisationName
-    initialisation: Literal["torch", "modes"]
-    """How the weights begin: as PyTorch's do, or as a linear code."""
-    departures: tuple[str, ...]
-    """Where this preset leaves the paper's words or its plainest meaning."""
+    initialisation: Literal["torch", "modes"]  # weights begin as PyTorch's do, or as a linear code
+    departures: tuple[str, ...]  # from the paper's words or their plainest meaning
     activation: ActivationName = "leaky_relu"
     negative_slope: float = 0.1
 

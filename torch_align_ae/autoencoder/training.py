@@ -43,14 +43,11 @@ Network = TypeVar("Network", bound=nn.Module)
 class Schedule:
     """Adam's learning rate over a training."""
 
-    learning_rate: float = 1e-4
-    """The largest; the paper's is 1e-4."""
+    learning_rate: float = 1e-4  # the largest; the paper's is 1e-4
     learning_rate_of_loss: float = 0.0
     """If not 0, the largest rate is this times the validation loss before the first step."""
-    warmup_steps: int = 0
-    """Steps over which the learning rate rises linearly."""
-    cosine_decay: bool = False
-    """Whether the learning rate then falls to zero along a cosine."""
+    warmup_steps: int = 0  # over which the rate rises linearly
+    cosine_decay: bool = False  # whether the rate then falls to zero along a cosine
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,17 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.errors import DsnetError, notify
 from bridge.paper import N_VERTICES
 from bridge.runs.untrusted import damage_refused, open_regular
-from torch_align_ae.corpus.dyna_checks import (
-    FACES_KEY,
-    LAYOUT,
-    REMEDY,
-    check_frames,
-    check_items,
-    check_sequence,
-    check_standing,
-    is_sequence,
-    read_faces,
-)
+from torch_align_ae.corpus import dyna_checks
+from torch_align_ae.corpus.dyna_checks import FACES_KEY, LAYOUT, REMEDY
 
 FPS = 60.0
 # Each gender is aligned and trained apart (Section 3.2).
@@ -70,7 +61,7 @@ class DynaSequence:
         # What float32 cannot hold becomes infinite, and is refused as such.
         with np.errstate(over="ignore"):
             frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
-        check_frames(self.path, self.name, start, frames)
+        dyna_checks.check_frames(self.path, self.name, start, frames)
         return frames
 
 
@@ -100,17 +91,17 @@ def _sequences_of(path: Path) -> list[DynaSequence]:
     with damage_refused(refusal):
         open_regular(path).close()
     with _opened(path) as file:
-        check_items(path, file)
+        dyna_checks.check_items(path, file)
         found = [
-            DynaSequence(path.resolve(), name, check_sequence(path, name, item))
+            DynaSequence(path.resolve(), name, dyna_checks.check_sequence(path, name, item))
             for name, item in file.items()
-            if is_sequence(name, item)
+            if dyna_checks.is_sequence(name, item)
         ]
         if not found:
             raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", LAYOUT, REMEDY)
-        faces = read_faces(path, file.get(FACES_KEY))
+        faces = dyna_checks.read_faces(path, file.get(FACES_KEY))
     for sequence in found:
-        check_standing(path, sequence.name, sequence.read(0, 1)[0], faces)
+        dyna_checks.check_standing(path, sequence.name, sequence.read(0, 1)[0], faces)
     return found
 
 

@@ -33,13 +33,8 @@ from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
 # Table 1: 67 sequences of five women, 66 of five men. The paper counts the women's meshes only.
 FULL_FRAMES = {"female": 21_502, "male": 21_000}
 _MISSING = {
-    "female": {("50021", "chicken_wings"), ("50022", "shake_arms"), ("50025", "one_leg_loose")},
-    "male": {
-        ("50002", "shake_shoulders"),
-        ("50007", "chicken_wings"),
-        ("50009", "punching"),
-        ("50026", "one_leg_loose"),
-    },
+    *("50021_chicken_wings", "50022_shake_arms", "50025_one_leg_loose"),
+    *("50002_shake_shoulders", "50007_chicken_wings", "50009_punching", "50026_one_leg_loose"),
 }
 MOSH_FPS = 100.0
 _KNOWN_PEOPLE = 2
@@ -160,8 +155,8 @@ def _dyna(config: CorpusConfig) -> list[Recording]:
     if not 1 <= config.subjects <= most:
         raise DsnetError(f"{config.subjects} subjects", f"1 to {most}", "Pass --subjects 5.")
     if len(people) == most and set(motions) == set(DYNA_MOTIONS):
-        every = itertools.product(people, DYNA_MOTIONS)
-        pairs = [(who, what) for who, what in every if (who.name, what) not in _MISSING[gender]]
+        pairs = itertools.product(people, DYNA_MOTIONS)
+        pairs = [(who, what) for who, what in pairs if f"{who.name}_{what}" not in _MISSING]
         lengths = _full_lengths(len(pairs), FULL_FRAMES[gender], config.seed)
         return [Recording(*pair, length) for pair, length in zip(pairs, lengths, strict=True)]
     pairs = itertools.product(people, motions)

@@ -27,12 +27,9 @@ from torch_align_ae.corpus.soft_tissue import Array, TissueParameters
 class Flesh(NamedTuple):
     """Flesh of one part of the body."""
 
-    frequency_hz: float
-    """Of a small vertical vibration on a person who stands, apart from its neighbours."""
-    depth_m: float
-    """Depth of flesh over the bone at which it has that frequency."""
-    damping_ratio: float
-    """Of that vibration."""
+    frequency_hz: float  # of a small vertical vibration, standing, apart from its neighbours
+    depth_m: float  # of flesh over the bone at which it has that frequency
+    damping_ratio: float  # of that vibration
     source: str
 
 
