@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -26,12 +25,12 @@ _CROUCH_ACCELERATION_M_S2 = 5.0
 
 def light_hopping_stiff(m: Planner) -> BodyPlan:
     """Small quick hops on stiff legs."""
-    return _hopping(m, _hops(m, _high(m, 0.21), 0.21, 0.05), arm_play=0.25)
+    return _hopping(m, _Hops(m, 0.21 * np.sqrt(m.amplitude), 0.21, 0.05), arm_play=0.25)
 
 
 def light_hopping_loose(m: Planner) -> BodyPlan:
     """Hops with loose knees and arms."""
-    return _hopping(m, _hops(m, _high(m, 0.25), 0.33, 0.1), arm_play=0.8)
+    return _hopping(m, _Hops(m, 0.25 * np.sqrt(m.amplitude), 0.33, 0.1), arm_play=0.8)
 
 
 def _hopping(m: Planner, hops: _Hops, arm_play: float) -> BodyPlan:
@@ -42,13 +41,13 @@ def _hopping(m: Planner, hops: _Hops, arm_play: float) -> BodyPlan:
         swing=0.06 * sway,
         elbow=0.35 - arm_play * np.tanh(3 * hops.height_m),
     )
-    return _upright(m, hops.height_m, (foot, foot), arms, yaw=0.08 * sway)
+    return hops.body((foot, foot), arms, yaw=0.08 * sway)
 
 
 def one_leg_jump(m: Planner) -> BodyPlan:
     """Jumps on one leg, the other knee bent."""
     support, size = -m.leading_side, m.size
-    hops = _hops(m, _high(m, 0.25), 0.34, 0.08, begin_s=BEGIN_S + 0.12)
+    hops = _Hops(m, 0.25 * np.sqrt(m.amplitude), 0.34, 0.08, begin_s=BEGIN_S + 0.12)
     raised = m.ease(BEGIN_S - 0.05, BEGIN_S + 0.45)
     height_m = hops.height_m
     lift_m = raised * (0.24 * size + 0.7 * height_m)
@@ -58,25 +57,25 @@ def one_leg_jump(m: Planner) -> BodyPlan:
     lower = RELAXED_LOWER - 0.35 * raised - 0.8 * np.tanh(3 * height_m) / 2
     arms = m.arms(lower=lower, elbow=0.6 - 0.8 * np.tanh(3 * height_m))
     x_m, roll = support * 0.105 * size * raised, -support * 0.05 * raised
-    return _upright(m, height_m, feet, arms, x_m=x_m, roll=roll)
+    return hops.body(feet, arms, x_m=x_m, roll=roll)
 
 
 def jumping_jacks(m: Planner) -> BodyPlan:
     """Jumps between closed and spread, arms swinging overhead."""
-    hops = _hops(m, _high(m, 0.27), 0.27, 0.07, spread_sink_m=0.03 * m.size)
+    hops = _Hops(m, 0.27 * np.sqrt(m.amplitude), 0.27, 0.07, spread_sink_m=0.03 * m.size)
     wide = np.arange(len(hops.take_offs_s) + 1) % 2
     spread_m = 0.2 * m.size * m.amplitude * wide[1:]
     left, right = (m.foot(hops.steps(0.02, side * spread_m)) for side in (1, -1))
     opened = m.keyframes(hops.around_s(0.08), np.repeat(wide, 2)[1:-1])
     lower, elbow = RELAXED_LOWER - opened * m.amplitude * 2.0, 0.25 + 0.2 * opened * (1 - opened)
     arms = m.arms(lower=lower, elbow=elbow, shrug=0.25 * opened)
-    return _upright(m, hops.height_m, (left, right), arms)
+    return hops.body((left, right), arms)
 
 
 def running_on_spot(m: Planner) -> BodyPlan:
     """Running without moving on."""
     contact_s = 0.24
-    hops = _hops(m, 0.115, contact_s, 0.04, take_off_m=0.035, spread_sink_m=0.04)
+    hops = _Hops(m, 0.115, contact_s, 0.04, take_off_m=0.035, spread_sink_m=0.04)
     feet = by_side(m.leading_side, _running_foot(m, hops, 0), _running_foot(m, hops, 1))
     middles_s = [hops.take_offs_s[0] - 0.15, *(hops.landings_s + contact_s / m.tempo / 2)]
     stance = m.leading_side * np.where(np.arange(len(middles_s)) % 2, -1.0, 1.0)
@@ -84,17 +83,10 @@ def running_on_spot(m: Planner) -> BodyPlan:
     side = m.keyframes(middles_s, stance)
     ready = m.ease(0.1, BEGIN_S + 0.5)
     swing = (0.6 * side - 0.1 * ready, -0.6 * side - 0.1 * ready)
-    return _upright(
-        m,
-        hops.height_m,
-        feet,
-        m.arms(swing=swing, elbow=0.25 + 1.2 * ready),
-        m.spine(0.04 * ready, -0.2 * side),
-        x_m=0.035 * m.size * side,
-        yaw=0.1 * side,
-        roll=0.02 * side,
-        lean=0.05 * ready,
-    )
+    arms = m.arms(swing=swing, elbow=0.25 + 1.2 * ready)
+    spine = m.spine(0.04 * ready, -0.2 * side)
+    x_m, yaw, roll, lean = 0.035 * m.size * side, 0.1 * side, 0.02 * side, 0.05 * ready
+    return hops.body(feet, arms, spine, x_m=x_m, yaw=yaw, roll=roll, lean=lean)
 
 
 def _running_foot(m: Planner, hops: _Hops, order: int) -> FootPath:
@@ -111,7 +103,7 @@ def _running_foot(m: Planner, hops: _Hops, order: int) -> FootPath:
 
 def side_to_side_hopping(m: Planner) -> BodyPlan:
     """Hops with both feet from one side to the other."""
-    hops = _hops(m, _high(m, 0.25), 0.29, 0.08)
+    hops = _Hops(m, 0.25 * np.sqrt(m.amplitude), 0.29, 0.08)
     odd = np.where(np.arange(len(hops.take_offs_s) + 1) % 2, 1, -1)
     places_m = m.leading_side * (0.16 * m.size * m.amplitude) * odd
     places_m[0] = 0.0
@@ -121,7 +113,7 @@ def side_to_side_hopping(m: Planner) -> BodyPlan:
     tilt = (foot.ball_m[:, 0] - x_m) / (0.9 * m.size)
     arms = m.arms(lower=0.95 - 0.8 * np.tanh(3 * hops.height_m) / 2, elbow=0.7)
     spine = m.spine(0.0, 0.0, -0.8 * tilt)
-    return _upright(m, hops.height_m, (foot, foot), arms, spine, x_m=x_m, roll=tilt)
+    return hops.body((foot, foot), arms, spine, x_m=x_m, roll=tilt)
 
 
 def basketball_dribble_and_shoot(m: Planner) -> BodyPlan:
@@ -171,13 +163,52 @@ def basketball_dribble_and_shoot(m: Planner) -> BodyPlan:
     return BodyPlan(pelvis_m, pelvis_turn, spine | arms, (foot, foot))
 
 
-@dataclass(frozen=True, eq=False)
 class _Hops:
-    """Take-offs and landings, and the pelvis's height (T,) above standing."""
+    """Hops until after the last of the times, at somebody's own rate and size.
 
-    take_offs_s: Array
-    landings_s: Array
-    height_m: Array
+    Parameters
+    ----------
+    begin_s : when the countermovement begins; until then the body is still.
+    flight_s, contact_s : means; each flight and contact differs by some 6 %.
+    take_off_m : height of the pelvis above standing when the feet leave and meet the floor.
+    crouch_m : depth of the countermovement below standing.
+    spread_sink_m : how much lower the pelvis is in every second contact, when the legs are apart.
+    """
+
+    def __init__(
+        self,
+        m: Planner,
+        flight_s: float,
+        contact_s: float,
+        crouch_m: float,
+        *,
+        begin_s: float = BEGIN_S,
+        take_off_m: float = 0.05,
+        spread_sink_m: float = 0.0,
+    ) -> None:
+        self._planner = m
+        contact_s, crouch_m, take_off_m = (
+            contact_s / m.tempo,
+            crouch_m * m.size,
+            take_off_m * m.size,
+        )
+        # More than fill the time; the same whatever the frame rate.
+        span_s = m.times_s[-1] + 0.01 - begin_s
+        count = int(np.ceil(span_s / (0.7 * (flight_s + contact_s)))) + 1
+        factors = 1 + 0.06 * np.clip(m.rng().standard_normal((count, 2)), -2, 2)
+        flights_s, contacts_s = flight_s * factors[:, 0], contact_s * factors[:, 1]
+        heights_m = take_off_m - spread_sink_m * (np.arange(count + 1) % 2)
+        speeds = GRAVITY_M_S2 * flights_s / 2 + np.diff(heights_m) / flights_s
+        crouch_s = begin_s + _CROUCH_S
+        knots = [(begin_s, 0.0, 0.0, 0.0), (crouch_s, -crouch_m, 0.0, _CROUCH_ACCELERATION_M_S2)]
+        first_s = crouch_s + _push_s(crouch_m + take_off_m, speeds[0])
+        self.take_offs_s = np.cumsum([first_s, *(flights_s + contacts_s)[:-1]])
+        self.landings_s = self.take_offs_s + flights_s
+        falling = np.full(count, -GRAVITY_M_S2)
+        up = np.stack([self.take_offs_s, heights_m[:-1], speeds, falling], 1)
+        down = np.stack([self.landings_s, heights_m[1:], speeds + falling * flights_s, falling], 1)
+        knots += np.stack([up, down], 1).reshape(-1, 4).tolist()
+        self.height_m = m.track(knots)  # (T,) of the pelvis, above standing
 
     def around_s(self, margin_s: float) -> Array:
         """From before each take-off until after the landing, one flight after another."""
@@ -191,49 +222,24 @@ class _Hops:
         rows = np.broadcast(self.take_offs_s, self.landings_s, lifts_m, x_m)
         return [Step(*row, **angles) for row in rows]
 
-
-def _hops(
-    m: Planner,
-    flight_s: float,
-    contact_s: float,
-    crouch_m: float,
-    *,
-    begin_s: float = BEGIN_S,
-    take_off_m: float = 0.05,
-    spread_sink_m: float = 0.0,
-) -> _Hops:
-    """Hop until after the last of the times, at somebody's own rate and size.
-
-    Parameters
-    ----------
-    begin_s : when the countermovement begins; until then the body is still.
-    flight_s, contact_s : means; each flight and contact differs by some 6 %.
-    take_off_m : height of the pelvis above standing when the feet leave and meet the floor.
-    crouch_m : depth of the countermovement below standing.
-    spread_sink_m : how much lower the pelvis is in every second contact, when the legs are apart.
-    """
-    contact_s, crouch_m, take_off_m = contact_s / m.tempo, crouch_m * m.size, take_off_m * m.size
-    # More than fill the time; the same whatever the frame rate.
-    span_s = m.times_s[-1] + 0.01 - begin_s
-    count = int(np.ceil(span_s / (0.7 * (flight_s + contact_s)))) + 1
-    factors = 1 + 0.06 * np.clip(m.rng().standard_normal((count, 2)), -2, 2)
-    flights_s, contacts_s = flight_s * factors[:, 0], contact_s * factors[:, 1]
-    heights_m = take_off_m - spread_sink_m * (np.arange(count + 1) % 2)
-    speeds = GRAVITY_M_S2 * flights_s / 2 + np.diff(heights_m) / flights_s
-    crouch_s = begin_s + _CROUCH_S
-    knots = [(begin_s, 0.0, 0.0, 0.0), (crouch_s, -crouch_m, 0.0, _CROUCH_ACCELERATION_M_S2)]
-    first_s = crouch_s + _push_s(crouch_m + take_off_m, speeds[0])
-    take_offs_s = np.cumsum([first_s, *(flights_s + contacts_s)[:-1]])
-    landings_s, falling = take_offs_s + flights_s, np.full(count, -GRAVITY_M_S2)
-    up = np.stack([take_offs_s, heights_m[:-1], speeds, falling], 1)
-    down = np.stack([landings_s, heights_m[1:], speeds + falling * flights_s, falling], 1)
-    knots += np.stack([up, down], 1).reshape(-1, 4).tolist()
-    return _Hops(take_offs_s, landings_s, m.track(knots))
-
-
-def _high(m: Planner, flight_s: float) -> float:
-    """Time of a flight as high as somebody jumps."""
-    return flight_s * np.sqrt(m.amplitude)
+    def body(
+        self,
+        feet: tuple[FootPath, FootPath],
+        arms: Joints,
+        spine: Joints | None = None,
+        *,
+        x_m: Array | float = 0.0,
+        yaw: Array | float = 0.0,
+        roll: Array | float = 0.0,
+        lean: Array | float = 0.0,
+    ) -> BodyPlan:
+        """One over the balls of its feet, which leans forwards as its knees bend."""
+        m = self._planner
+        over_balls = m.ease(BEGIN_S, BEGIN_S + 0.4)
+        bend = -np.tanh(4 * self.height_m) / 4
+        pelvis_m = m.axis(x_m, self.height_m, 0.035 * m.size * over_balls - 0.25 * bend)
+        pelvis_turn = m.axis(lean + 0.9 * bend, yaw, roll)
+        return BodyPlan(pelvis_m, pelvis_turn, (spine or m.spine(0.5 * bend)) | arms, feet)
 
 
 def _push_s(rise_m: float, speed_m_s: float) -> float:
@@ -244,23 +250,3 @@ def _push_s(rise_m: float, speed_m_s: float) -> float:
     curvature = (_CROUCH_ACCELERATION_M_S2 + GRAVITY_M_S2) / 12
     half = speed_m_s / 4
     return float((np.sqrt(half**2 + curvature * rise_m) - half) / curvature)
-
-
-def _upright(
-    m: Planner,
-    height_m: Array,
-    feet: tuple[FootPath, FootPath],
-    arms: Joints,
-    spine: Joints | None = None,
-    *,
-    x_m: Array | float = 0.0,
-    yaw: Array | float = 0.0,
-    roll: Array | float = 0.0,
-    lean: Array | float = 0.0,
-) -> BodyPlan:
-    """A body over the balls of its feet, which leans forwards as its knees bend."""
-    over_balls = m.ease(BEGIN_S, BEGIN_S + 0.4)
-    bend = -np.tanh(4 * height_m) / 4
-    pelvis_m = m.axis(x_m, height_m, 0.035 * m.size * over_balls - 0.25 * bend)
-    pelvis_turn = m.axis(lean + 0.9 * bend, yaw, roll)
-    return BodyPlan(pelvis_m, pelvis_turn, (spine or m.spine(0.5 * bend)) | arms, feet)
