@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -110,36 +109,37 @@ def _make_truth(config: CorpusConfig, plan: CorpusPlan, writer: ArtifactWriter) 
         form=config.form,
         gravity=config.gravity,
     )
-    work = partial(_simulate, config, sequences, thetas, offsets, writer.checkpoints.resolve())
+    work = partial(_simulate, config, offsets, writer.checkpoints.resolve())
+    own = [
+        (one, [(s, thetas[s.name]) for s in sequences if s.subject == one.name]) for one in subjects
+    ]
     # A subject a core. Threads wait for Python's lock, which half of a step needs.
     kind = "threads" if frames < _FRAMES_WORTH_PROCESSES else "processes"
     with (
         progress(what="soft tissue", unit="frame", total=frames) as bar,
         worker_pool(on_any_node(kind), body) as pool,
     ):
-        for done in pool.map(work, subjects):
+        for done in pool.map(work, own):
             bar.update(done)
 
 
 def _simulate(
     config: CorpusConfig,
-    sequences: Sequence[MotionSequence],
-    thetas: Mapping[str, NDArray[np.float32]],
     offsets: ArrayFile,
     checkpoints: Path,
     body: BodyModelData,
-    subject: Subject,
+    item: tuple[Subject, list[tuple[MotionSequence, NDArray[np.float32]]]],
 ) -> int:
     """Write the offsets of all sequences of a subject that are not done; gives their frames."""
+    subject, own = item
     tissue = tissue_named(config.tissue)(body, subject.betas, gravity=config.gravity)
-    own = [sequence for sequence in sequences if sequence.subject == subject.name]
-    for sequence in own:
+    for sequence, theta in own:
         done = checkpoints / f"{sequence.name}.done"
         if not is_written(done, lambda rows=sequence.frames: _digest(offsets.read(rows))):
-            simulated = tissue.offsets(thetas[sequence.name].astype(np.float64), FPS)
+            simulated = tissue.offsets(theta.astype(np.float64), FPS)
             offsets.write(sequence.start, simulated)
             mark_written(done, _digest(simulated))
-    return sum(sequence.length for sequence in own)
+    return sum(sequence.length for sequence, _ in own)
 
 
 def _digest(offsets: NDArray[np.float32]) -> str:
