@@ -147,7 +147,7 @@ class RobustFit(CorpusFit):
         shaped = self._sample.shaped(betas)
         poses = []
         for part in seen.split(_BATCH):
-            pose, steps = initial_pose(self._sample, shaped, part.vertices), self._settings.steps
+            pose, steps = initial_pose(shaped, part.vertices), self._settings.steps
             poses.append(self._fit_unloaded(shaped, tissue, part, pose, steps))
         rotations = torch.cat([pose.rotations for pose in poses])
         return matrix_to_axis_angle(rotations), torch.cat([pose.trans for pose in poses])
@@ -158,9 +158,9 @@ class RobustFit(CorpusFit):
         """Poses of the sample without its loads; which those are follows the pose, step by step."""
         weights = tissue.weights(self._loads.precision_m)
         for _ in range(steps):
-            terms = self._loads.terms(seen, self._sample.frames(shaped, pose).turn)
+            terms = self._loads.terms(seen, shaped.posed(pose).turn)
             target = tissue.unloaded(seen.vertices, terms)
-            pose = fit_poses(self._sample, shaped, target, weights, pose, 1)
+            pose = fit_poses(shaped, target, weights, pose, 1)
         return pose
 
     def calibrate(self, subject: str) -> tuple[Tensor, Tissue]:
@@ -174,14 +174,15 @@ class RobustFit(CorpusFit):
         own = [sequence for sequence in self.sequences if sequence.subject == subject]
 
         def start(_: RobustFit, seen: Observed) -> _Calibrated:
-            pose = initial_pose(sample, shaped, seen.vertices)
+            pose = initial_pose(shaped, seen.vertices)
             alike = seen.vertices.new_ones(len(sample))
-            pose = fit_poses(sample, shaped, seen.vertices, alike, pose, _FIRST_STEPS)
+            pose = fit_poses(shaped, seen.vertices, alike, pose, _FIRST_STEPS)
             return _Calibrated(seen, pose)
 
         def gather(_: RobustFit, some: _Calibrated) -> Evidence:
-            displacement = some.seen.vertices - sample.positions(shaped, some.pose)
-            terms = loads.terms(some.seen, sample.frames(shaped, some.pose).turn)
+            posed = shaped.posed(some.pose)
+            displacement = some.seen.vertices - posed.positions()
+            terms = loads.terms(some.seen, posed.turn)
             return Evidence.of(displacement, terms, noise * loads.noise_in_common(terms))
 
         def improve(fit: RobustFit, some: _Calibrated) -> Evidence:
@@ -189,10 +190,10 @@ class RobustFit(CorpusFit):
             return gather(fit, some)
 
         def about_shape(_: RobustFit, some: _Calibrated) -> tuple[Tensor, ...]:
-            terms = loads.terms(some.seen, sample.frames(shaped, some.pose).turn)
+            terms = loads.terms(some.seen, shaped.posed(some.pose).turn)
             target = tissue.unloaded(some.seen.vertices, terms)
             weights = tissue.weights(precision_m)
-            return shape_equations(sample, shaped, some.pose, target, weights)[:2]
+            return shape_equations(shaped, some.pose, target, weights)[:2]
 
         with torch_workers("threads", self) as pool:
             first = sample.take(torch.from_numpy(self.meshes[own[0].name].read(0, 1)))
