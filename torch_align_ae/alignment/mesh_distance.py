@@ -228,11 +228,12 @@ class _PatchWork:
 class Shapes(NamedTuple):
     """Bodies of a batch at rest, without pose blend shapes."""
 
+    objective: MeshDistance
     vertices: Tensor  # (B, 3 V) metres, in the order of `MeshDistance.arrange`
     joints: Tensor  # (B, 22, 3) metres
 
     def rows(self, rows: slice | list[int]) -> Shapes:
-        return Shapes(self.vertices[rows], self.joints[rows])
+        return self._replace(vertices=self.vertices[rows], joints=self.joints[rows])
 
 
 class Gradient(NamedTuple):
@@ -273,7 +274,7 @@ class MeshDistance:
     def shapes(self, betas: Tensor) -> Shapes:
         """Bodies of shape betas (B, 10)."""
         vertices = torch.addmm(self._template, betas, self.shapedirs)
-        return Shapes(vertices, self.smpl.joints(betas)[:, :N_JOINTS])
+        return Shapes(self, vertices, self.smpl.joints(betas)[:, :N_JOINTS])
 
     def to(self, target: Tensor) -> DistanceTo:
         """The distance to meshes (B, 3 V) from `arrange`, metres."""

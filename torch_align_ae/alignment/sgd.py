@@ -60,19 +60,14 @@ class Descent:
 
 
 def fit_pose(
-    objective: MeshDistance,
-    shapes: Shapes,
-    start: tuple[Tensor, Tensor],
-    target: Tensor,
-    steps: int,
-    descent: Descent,
+    shapes: Shapes, start: tuple[Tensor, ...], target: Tensor, steps: int, descent: Descent
 ) -> tuple[Tensor, ...]:
     """Pose (B, 22, 3) and translation (B, 3) that bring fixed shapes near meshes from `arrange`.
 
     `start` is the pose and translation to begin with.
     """
     with torch.inference_mode():
-        distance, descending = objective.to(target), Descending(descent, *start)
+        distance, descending = shapes.objective.to(target), Descending(descent, *start)
         for _ in range(steps):
             descending.step(*distance.gradient(shapes, *descending.variables))
     return descending.best()
@@ -86,7 +81,7 @@ def fit_shape_and_pose(
     with torch.inference_mode():
         distance = objective.to(target)
         betas = target.new_zeros(len(target), len(objective.smpl.shapedirs))
-        start = rigid_start(objective, objective.shapes(betas), target)
+        start = rigid_start(objective.shapes(betas), target)
         descending = Descending(descent, betas, *start)
         for _ in progress(range(descent.shape_steps), what="shapes", unit="step"):
             betas, pose, trans = descending.variables
@@ -134,13 +129,13 @@ class Descending:
         return tuple(part.unflatten(1, shape) for part, shape in parts)
 
 
-def rigid_start(objective: MeshDistance, shapes: Shapes, target: Tensor) -> tuple[Tensor, Tensor]:
+def rigid_start(shapes: Shapes, target: Tensor) -> tuple[Tensor, Tensor]:
     """Template pose turned and moved onto the meshes: where a first frame's descent begins.
 
     The paper does not say where its descent begins; from an unturned body it would not find a
     person who looks the other way.
     """
-    source, target = objective.restore(shapes.vertices), objective.restore(target)
+    source, target = map(shapes.objective.restore, (shapes.vertices, target))
     centre, target_centre = source.mean(1), target.mean(1)
     turn = nearest_rotation((target - target_centre[:, None]).mT @ (source - centre[:, None]))
     root = shapes.joints[:, 0]
@@ -239,8 +234,8 @@ def _fit_first_frames(
     """Pose and translation of meshes (B, 3 V), their shapes (B, 10) being known."""
     betas, targets = item
     shapes = objective.shapes(betas)
-    start = rigid_start(objective, shapes, targets)
-    return fit_pose(objective, shapes, start, targets, descent.first_frame_steps, descent)
+    start = rigid_start(shapes, targets)
+    return fit_pose(shapes, start, targets, descent.first_frame_steps, descent)
 
 
 class _Tracked(NamedTuple):
@@ -267,7 +262,7 @@ def _fit_windows(
         if tracked[0].window.start + frame > 0:
             target = objective.arrange(torch.stack([mesh[frame] for mesh in meshes[:going]]))
             own = shapes.rows(slice(going))
-            pose, trans = fit_pose(objective, own, (pose, trans), target, descent.steps, descent)
+            pose, trans = fit_pose(own, (pose, trans), target, descent.steps, descent)
         for frames, *placed in zip(found, pose, trans, strict=False):
             frames.append(placed)
     thetas = []
