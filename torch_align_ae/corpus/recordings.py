@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from tyro.conf import Fixed
@@ -110,19 +110,12 @@ class Recording:
         return f"{self.subject.name}_{self.motion}"
 
 
-@dataclass(frozen=True)
-class CorpusPlan:
+class CorpusPlan(NamedTuple):
     """All recordings of a corpus: what is trained on and validated, and what is only predicted."""
 
     dyna: list[Recording]
-    held_out: list[Recording]
-    """Of procedural and real motions, one person after another, the known people first."""
-    files: list[Path]  # where the real ones are from
-
-    @property
-    def all(self) -> list[Recording]:
-        """Both, in the order in which they are stored."""
-        return [*self.dyna, *self.held_out]
+    held_out: list[Recording]  # one person after another, the known people first
+    files: list[Path]  # where the real motions are from
 
 
 def plan_of(config: CorpusConfig) -> CorpusPlan:
