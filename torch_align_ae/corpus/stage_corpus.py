@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
-from bridge.motion.sequences import end_to_end
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.files import ArrayFile, arrays_sha256, is_written, mark_written
 from bridge.runs.workers import on_any_node, progress, worker_pool
@@ -85,16 +84,15 @@ def _make_truth(config: CorpusConfig, plan: CorpusPlan, writer: ArtifactWriter) 
     motions = CorpusMotions(body, config.seed)
     thetas = {one.name: motions.procedural(one) for one in plan.dyna}
     thetas |= {one.name: motions.as_read_back(one) for one in plan.held_out}
-    sequences = end_to_end(
-        [
-            MotionSequence(r.name, r.subject.name, r.motion, 0, len(thetas[r.name]), FPS, split)
-            for split, some in (("train", plan.dyna), ("test", plan.held_out))
-            for r in some
-        ]
-    )
-    frames = sequences[-1].frames.stop
+    recordings, known = [*plan.dyna, *plan.held_out], {one.name for one in plan.dyna}
+    sequences, frames = [], 0
+    for one in recordings:
+        name, length = one.subject.name, len(thetas[one.name])
+        split = "train" if one.name in known else "test"
+        sequences.append(MotionSequence(one.name, name, one.motion, frames, length, FPS, split))
+        frames += length
     writer.put("theta", np.concatenate(list(thetas.values())), "rad, last three m")
-    subjects = list(dict.fromkeys(one.subject for one in (*plan.dyna, *plan.held_out)))
+    subjects = list(dict.fromkeys(one.subject for one in recordings))
     writer.put("betas", np.array([subject.betas for subject in subjects], np.float32), "1")
     shape = (frames, body.vertex_count, 3)
     offsets = writer.array_file("offsets", shape, np.float32, "m")

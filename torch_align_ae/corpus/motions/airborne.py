@@ -110,7 +110,7 @@ def side_to_side_hopping(m: Planner) -> BodyPlan:
     foot = m.foot(hops.steps(0.02, places_m[1:]))
     # The body starts before its feet and goes on after them, but not as far.
     x_m = m.keyframes(hops.around_s(0.12), 0.9 * np.repeat(places_m, 2)[1:-1])
-    tilt = (foot.ball_m[:, 0] - x_m) / (0.9 * m.size)
+    tilt = (np.asarray(foot.ball_m)[:, 0] - x_m) / (0.9 * m.size)
     arms = m.arms(lower=0.95 - 0.8 * np.tanh(3 * hops.height_m) / 2, elbow=0.7)
     spine = m.spine(0.0, 0.0, -0.8 * tilt)
     return hops.body((foot, foot), arms, spine, x_m=x_m, roll=tilt)
@@ -123,7 +123,7 @@ def basketball_dribble_and_shoot(m: Planner) -> BodyPlan:
     variation = 1 + 0.04 * m.rng().uniform(-1, 1, len(shots_s))
     flights_s = 0.34 * np.sqrt(m.amplitude) * variation
     lifts_m = GRAVITY_M_S2 * flights_s**2 / 8 + 0.01
-    foot = m.foot([*map(Step, shots_s, shots_s + flights_s, lifts_m)])
+    foot = m.foot([Step(*row) for row in np.broadcast(shots_s, shots_s + flights_s, lifts_m)])
     ready = m.ease(BEGIN_S, BEGIN_S + 0.6)
     dribble, raised, flick = (m.zeros() for _ in range(3))
     # Height of the pelvis: bent knees, a deeper crouch before each jump, a soft landing.

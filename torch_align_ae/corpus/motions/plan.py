@@ -138,7 +138,7 @@ class Planner:
         """Keyframes that begin again and again."""
         return sum((self.keyframes(at_s + moments_s, values) for at_s in starts_s), self.zeros())
 
-    def track(self, knots: Sequence[tuple[float, float, float, float]]) -> Array:
+    def track(self, knots: Sequence[Sequence[float]]) -> Array:
         """Quintic pieces through knots (time s, value, velocity, acceleration), held outside them.
 
         Two knots of a ballistic flight give exactly its parabola.
@@ -163,8 +163,9 @@ class Planner:
     def spine(self, bend: ArrayLike, turn: ArrayLike = 0.0, roll: ArrayLike = 0.0) -> Joints:
         """Forward bend, left turn and roll, spread over three joints; the head undoes half."""
         whole = self.axis(bend, turn, roll)
-        joints = {f"spine{number}": whole / 3 for number in (1, 2, 3)}
-        return joints | {"neck": -whole / 4, "head": -whole / 4}
+        joints: Joints = {f"spine{number}": whole / 3 for number in (1, 2, 3)}
+        joints["neck"] = joints["head"] = -whole / 4
+        return joints
 
     def arms(self, **angles: ArrayLike | tuple[ArrayLike, ArrayLike]) -> Joints:
         """Angles as in `_arm`, of both alike, or the left's and the right's."""
