@@ -19,8 +19,8 @@ from benchmarks.processes import run_as_process
 from bridge.options import PositiveFloat, PositiveInt
 from torch_align_ae.alignment.stage_align import PROFILES as ALIGN
 from torch_align_ae.autoencoder.stage_train_ae import PROFILES as TRAIN_AE
+from torch_align_ae.corpus.recordings import plan_of
 from torch_align_ae.corpus.stage_corpus import PROFILES as CORPUS
-from torch_align_ae.corpus.stage_corpus import plan_of
 
 _ASK_TRAIN = (
     "import json, sys; from dataclasses import asdict; from tf_dsnet.stage_train import PROFILES; "

@@ -30,8 +30,7 @@ from benchmarks.scaling.smooth_corpus import SmoothCorpus
 from bridge.runs import Run, read_artifact
 from bridge.runs.files import MANIFEST, runs_root, write_text_atomically
 from bridge.runs.writer import provenance
-from torch_align_ae.corpus.motions import DYNA_MOTIONS
-from torch_align_ae.corpus.recordings import dyna_recordings
+from torch_align_ae.corpus.recordings import CorpusConfig, plan_of
 
 LIMIT_MB = 4096
 """Of anonymous memory: what is asked of every stage."""
@@ -100,7 +99,7 @@ def main(config: FullSizeConfig) -> None:
 
 def corpus_of(share: float) -> SmoothCorpus:
     """The paper's sequences, each cut to a share of its frames, and some test motions."""
-    takes = dyna_recordings("female", _PEOPLE, tuple(DYNA_MOTIONS), 321, 0)
+    takes = plan_of(CorpusConfig(subjects=_PEOPLE)).dyna
     lengths = tuple(max(round(share * take.frame_count), 8) for take in takes)
     tests = (max(round(share * _TEST_FRAMES), 8),) * _TEST_MOTIONS
     return SmoothCorpus(lengths, tests, _PEOPLE)

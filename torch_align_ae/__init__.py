@@ -6,16 +6,21 @@ from typing import TYPE_CHECKING, Any
 from bridge.installation import require_packages_of
 
 if TYPE_CHECKING:
-    from torch_align_ae.autoencoder import CasasOtaduyAutoencoder, MeshAutoencoder
+    from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
+    from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
     from torch_align_ae.body import SMPL, load_body_model, unpose
 
 __all__ = ["SMPL", "CasasOtaduyAutoencoder", "MeshAutoencoder", "load_body_model", "unpose"]
+_AUTOENCODERS = {
+    "CasasOtaduyAutoencoder": "autoencoder.casas_otaduy",
+    "MeshAutoencoder": "autoencoder.mesh_autoencoder",
+}
 require_packages_of(__name__)
 
 
 def __getattr__(name: str) -> Any:
     # The autoencoders are needed by few stages, so the others do not load them.
     if name in __all__:
-        half = "autoencoder" if name.endswith("Autoencoder") else "body"
-        return getattr(import_module(f"torch_align_ae.{half}"), name)
+        home = _AUTOENCODERS.get(name, "body")
+        return getattr(import_module(f"torch_align_ae.{home}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

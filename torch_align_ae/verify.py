@@ -16,8 +16,8 @@ from torch import Tensor, nn
 from bridge.body import load_body_model
 from bridge.exchange.weights import TORCH_ADAM, dsnet_from_torch
 from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
-from torch_align_ae.autoencoder import MeshAutoencoder
-from torch_align_ae.autoencoder.codes import Normaliser
+from torch_align_ae.autoencoder.codes import Codec, Normaliser
+from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.body import SMPL, unpose
 from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, sum_of_distances
 
@@ -129,8 +129,7 @@ def _dsnet(weights: Tensors) -> DSNet:
 
 
 def _autoencoder(weights: Tensors, architecture: Options) -> MeshAutoencoder:
-    with torch.device("meta"):
-        model = MeshAutoencoder(**{**architecture, "widths": tuple(architecture["widths"])})
+    model = Codec.empty(architecture).model
     state = {name: torch.from_numpy(array) for name, array in weights.items()}
     model.load_state_dict(state, assign=True)
     return model

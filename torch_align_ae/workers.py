@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import timedelta
 from typing import TypeVar
 
@@ -31,21 +30,13 @@ _PATIENCE = timedelta(days=1)
 def torch_workers(
     kind: Kind, tools: Tools, n_workers: int | None = None
 ) -> Iterator[WorkerPool[Tools]]:
-    """A `bridge.runs.workers.worker_pool` whose workers use one arithmetic thread."""
-    with (
-        one_arithmetic_thread(),
-        worker_pool(kind, tools, n_workers, initializer=_use_one_arithmetic_thread) as pool,
-    ):
-        yield pool
-
-
-@contextmanager
-def one_arithmetic_thread() -> Iterator[None]:
-    """For the time of a `with` block PyTorch computes on one core for each Python thread."""
+    """A `bridge.runs.workers.worker_pool` whose workers, and who waits for them, use one arithmetic
+    thread each."""
     threads = torch.get_num_threads()
     _use_one_arithmetic_thread()
     try:
-        yield
+        with worker_pool(kind, tools, n_workers, _use_one_arithmetic_thread) as pool:
+            yield pool
     finally:
         torch.set_num_threads(threads)
 
@@ -54,64 +45,62 @@ def _use_one_arithmetic_thread() -> None:
     torch.set_num_threads(1)
 
 
-@dataclass(frozen=True)
-class Processes:
-    """This process's place among those that share each batch; alone unless told otherwise.
+def process_count() -> int:
+    """Of those that share each batch: all hold the same weights and take the same steps."""
+    joined = distributed.is_available() and distributed.is_initialized()
+    return distributed.get_world_size() if joined else 1
 
-    All of them hold the same weights and take the same steps; one leads, and it alone writes.
+
+def leads() -> bool:
+    """Whether this process is the one of them that decides, and that alone writes."""
+    return process_count() == 1 or distributed.get_rank() == 0
+
+
+def replicated(network: nn.Module) -> nn.Module:
+    """The network whose gradients are the mean over all processes."""
+    return DistributedDataParallel(network) if process_count() > 1 else network
+
+
+def own_part(batch: Tensor) -> tuple[Tensor, float]:
+    """This process's rows of a batch (B, ...), and the factor of their mean loss.
+
+    With it the mean over processes is the mean over the batch, also where B does not divide.
     """
+    if (count := process_count()) == 1:
+        return batch, 1.0
+    rows = batch.tensor_split(count)[distributed.get_rank()]
+    return rows, len(rows) * count / len(batch)
 
-    rank: int = 0
-    count: int = 1
 
-    @property
-    def leads(self) -> bool:
-        return self.rank == 0
+def mean_over_processes(value: Tensor) -> Tensor:
+    if (count := process_count()) > 1:
+        distributed.all_reduce(value)
+        value = value / count
+    return value
 
-    def replicated(self, network: nn.Module) -> nn.Module:
-        """The network whose gradients are the mean over all processes."""
-        return DistributedDataParallel(network) if self.count > 1 else network
 
-    def part(self, batch: Tensor) -> tuple[Tensor, float]:
-        """This process's rows of a batch (B, ...), and the factor of their mean loss.
-
-        With it the mean over processes is the mean over the batch, also where B does not divide.
-        """
-        if self.count == 1:
-            return batch, 1.0
-        rows = batch.tensor_split(self.count)[self.rank]
-        return rows, len(rows) * self.count / len(batch)
-
-    def mean(self, value: Tensor) -> Tensor:
-        """The mean of a number over all processes."""
-        if self.count > 1:
-            distributed.all_reduce(value)
-            value = value / self.count
+def told(value: Told) -> Told:
+    """What the leader says; the others' value is not asked for."""
+    if process_count() == 1:
         return value
-
-    def told(self, value: Told) -> Told:
-        """What the leader says; the others' value is not asked for."""
-        if self.count == 1:
-            return value
-        box = [value]
-        distributed.broadcast_object_list(box)
-        return box[0]
+    box = [value]
+    distributed.broadcast_object_list(box)
+    return box[0]
 
 
 @contextmanager
-def started_by_torchrun() -> Iterator[Processes]:
-    """The processes that `torchrun` started, or this one alone.
+def joined_by_torchrun() -> Iterator[None]:
+    """With the processes that `torchrun` started, or alone.
 
     NCCL connects GPUs, of which each process takes one; Gloo connects processors.
     """
-    count = int(os.environ.get("WORLD_SIZE", "1"))
-    if count == 1:
-        yield Processes()
+    if int(os.environ.get("WORLD_SIZE", "1")) == 1:
+        yield
         return
     if gpus := torch.cuda.is_available():
         torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
     distributed.init_process_group("nccl" if gpus else "gloo", timeout=_PATIENCE)
     try:
-        yield Processes(distributed.get_rank(), count)
+        yield
     finally:
         distributed.destroy_process_group()

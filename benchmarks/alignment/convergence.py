@@ -133,7 +133,7 @@ def _clips(
     shapes = objective.shapes(bodies)
     before = objective.arrange(known.before).repeat(len(betas), 1)
     targets = [objective.arrange(meshes) for meshes in known.meshes.unbind(1)]
-    start = ClipSet(shapes, before[None], *rigid_start(objective, shapes, before))
+    start = ClipSet(shapes, before[None], *rigid_start(shapes, before))
     found = track(objective, start, Rule(first_frame_steps), Descent())
     return ClipSet(
         shapes,

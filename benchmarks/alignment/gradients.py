@@ -31,7 +31,7 @@ from bridge.runs.files import write_text_atomically
 from bridge.runs.writer import machine
 from torch_align_ae.alignment.gauss_newton import moved
 from torch_align_ae.alignment.mesh_distance import Bones, MeshDistance
-from torch_align_ae.alignment.skin_sample import Pose, SkinSample, linearise
+from torch_align_ae.alignment.skin_sample import Pose, SkinSample
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import axis_angle_to_matrix
 
@@ -199,21 +199,20 @@ def jacobian_ways(smpl: SMPL, count: int) -> dict[str, Way]:
     alike = torch.ones(len(sample))
 
     def by_hand() -> tuple[Tensor, ...]:
-        frames = sample.frames(shaped, pose)
+        posed = shaped.posed(pose)
         found = torch.zeros(count, N_JOINTS + 1, 3, 3, len(sample))
         for patch in sample.patches:
-            own = linearise(patch, shaped, frames, alike[patch.vertices])[1]
+            own = patch.linearise(posed, alike[patch.vertices])[1]
             found[:, [*patch.joints.tolist(), N_JOINTS], ..., patch.vertices] = own
         return (found.flatten(1, 2),)
 
     def forward_mode() -> tuple[Tensor, ...]:
-        frames = sample.frames(shaped, pose)
+        posed = shaped.posed(pose)
 
-        def posed(change: Tensor) -> Tensor:
-            after = moved(sample, frames, pose, change.expand(count, -1))
-            return sample.positions(shaped, after)
+        def after(change: Tensor) -> Tensor:
+            return shaped.posed(moved(posed, change.expand(count, -1))).positions()
 
-        found = torch.func.jacfwd(posed)(torch.zeros(3 * N_JOINTS + 3))
+        found = torch.func.jacfwd(after)(torch.zeros(3 * N_JOINTS + 3))
         return (found.permute(0, 3, 1, 2),)
 
     return {"by hand": by_hand, "torch.func.jacfwd": forward_mode}

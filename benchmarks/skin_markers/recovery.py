@@ -30,7 +30,7 @@ from bridge.runtime.stepping import PlusModel
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 from torch_align_ae.corpus.motions import perform
 from torch_align_ae.corpus.motions.posing import Skeleton
-from torch_align_ae.corpus.tissue_constants import FLESH, WAVE_SPEED_M_S
+from torch_align_ae.corpus.tissue_parameters import FLESH, WAVE_SPEED_M_S
 
 TAKES = ("jumping_jacks", "running_on_spot", "one_leg_jump")
 MODES = ("true pose", "a pose that swallowed flesh", "the same, by markers on bone")

@@ -29,8 +29,11 @@ from bridge.options import PositiveInt, Seed
 from bridge.paper import FEATURES, N_VERTICES
 from bridge.runs.writer import machine
 from torch_align_ae import CasasOtaduyAutoencoder
-from torch_align_ae.autoencoder import MeshAutoencoder, parameter_count
-from torch_align_ae.autoencoder.mesh_autoencoder import VertexConv
+from torch_align_ae.autoencoder.mesh_autoencoder import (
+    MeshAutoencoder,
+    VertexConv,
+    parameter_count,
+)
 from torch_align_ae.autoencoder.training import keep_freed_memory
 
 _GEMM_SIZE = 2048

@@ -20,14 +20,7 @@ import torch
 from torch import Tensor
 
 from bridge.paper import N_JOINTS
-from torch_align_ae.alignment.skin_sample import (
-    Frames,
-    Pose,
-    SampledPatch,
-    Shaped,
-    SkinSample,
-    linearise,
-)
+from torch_align_ae.alignment.skin_sample import Pose, Posed, SampledPatch, Shaped, SkinSample
 from torch_align_ae.body.rotations import axis_angle_to_matrix, nearest_rotation
 
 _POSE_UNKNOWNS = 3 * N_JOINTS + 3
@@ -36,45 +29,40 @@ _POSE_UNKNOWNS = 3 * N_JOINTS + 3
 _DAMPING = 1e-6
 
 
-def initial_pose(sample: SkinSample, shaped: Shaped, target: Tensor) -> Pose:
+def initial_pose(shaped: Shaped, target: Tensor) -> Pose:
     """Where to begin: each bone turned as its vertices are, orthogonal Procrustes, bone by bone.
 
     Blended skinning and pose blend shapes are left out, so joints are a few degrees off. `target`
     is the sample (B, 3, N) of the meshes, metres.
     """
-    share = sample.weights.square()
+    share = shaped.sample.weights.square()
     share = share / share.sum(1, keepdim=True)
     source = share @ shaped.vertices.T
     centre = torch.einsum("jn,bxn->bjx", share, target)
     spread = torch.einsum("jn,bxn,yn->bjxy", share, target, shaped.vertices)
     turn = nearest_rotation(spread - centre[..., None] * source[:, None])
     rotations = turn.clone()
-    rotations[:, 1:] = turn[:, list(sample.parents[1:])].mT @ turn[:, 1:]
+    rotations[:, 1:] = turn[:, list(shaped.sample.parents[1:])].mT @ turn[:, 1:]
     root = shaped.joints[0]
     # The root turns about its own joint: R (x - root) + root + trans.
     trans = centre[:, 0] - turn[:, 0] @ (source[0] - root) - root
     return Pose(rotations, trans)
 
 
-def fit_poses(
-    sample: SkinSample, shaped: Shaped, target: Tensor, weights: Tensor, pose: Pose, steps: int
-) -> Pose:
+def fit_poses(shaped: Shaped, target: Tensor, weights: Tensor, pose: Pose, steps: int) -> Pose:
     """Poses of one body that bring the sample near to targets (B, 3, N), metres.
 
     `weights` (N,) are those of the squared distances, `pose` is where to start.
     """
     for _ in range(steps):
-        frames = sample.frames(shaped, pose)
-        equations = normal_equations(sample, shaped, frames, target, weights.sqrt())
-        change = solve_damped(*equations).to(pose.trans.dtype)
-        pose = moved(sample, frames, pose, change)
+        posed = shaped.posed(pose)
+        change = solve_damped(*normal_equations(posed, target, weights.sqrt()))
+        pose = moved(posed, change.to(pose.trans.dtype))
     return pose
 
 
 def normal_equations(
-    sample: SkinSample,
-    shaped: Shaped,
-    frames: Frames,
+    posed: Posed,
     target: Tensor,
     scale: Tensor,
     by_betas: Callable[[SampledPatch], Tensor] | None = None,
@@ -85,14 +73,15 @@ def normal_equations(
     descent direction (B, 69). `scale` (N,) is the square root of the weights. With `by_betas`, a
     patch's derivatives (B, 10, 3, n), the betas come before the pose; the sums are then float64.
     """
+    sample = posed.shaped.sample
     shapes = 0 if by_betas is None else len(sample.smpl.shapedirs)
     size, count = shapes + _POSE_UNKNOWNS, len(target)
     curvature = target.new_zeros(count, size, size, dtype=torch.float64 if by_betas else None)
     pull = curvature.new_zeros(count, size)
     for patch in sample.patches:
         own = scale[patch.vertices]
-        posed, jacobian = linearise(patch, shaped, frames, own)
-        residual = torch.addcmul(-posed, target[:, :, patch.vertices], own).flatten(1)
+        places_m, jacobian = patch.linearise(posed, own)
+        residual = torch.addcmul(-places_m, target[:, :, patch.vertices], own).flatten(1)
         rows = jacobian.flatten(3).flatten(1, 2)
         unknowns = torch.cat([patch.joints, torch.tensor([N_JOINTS])])
         places = shapes + (3 * unknowns[:, None] + torch.arange(3)).flatten()
@@ -120,14 +109,14 @@ def solve_damped(curvature: Tensor, pull: Tensor) -> Tensor:
     return torch.linalg.solve(curvature, pull)
 
 
-def moved(sample: SkinSample, frames: Frames, pose: Pose, change: Tensor) -> Pose:
+def moved(posed: Posed, change: Tensor) -> Pose:
     """Poses after turns about the world's axes and a translation (B, 69)."""
     turns = change[:, : 3 * N_JOINTS].unflatten(1, (N_JOINTS, 3))
-    parents = list(sample.parents[1:])
-    in_parent = (frames.turn[:, parents].mT @ turns[:, 1:, :, None])[..., 0]
+    parents = list(posed.shaped.sample.parents[1:])
+    in_parent = (posed.turn[:, parents].mT @ turns[:, 1:, :, None])[..., 0]
     turns = torch.cat([turns[:, :1], in_parent], 1)
-    rotations = axis_angle_to_matrix(turns) @ pose.rotations
-    return Pose(rotations, pose.trans + change[:, 3 * N_JOINTS :])
+    rotations = axis_angle_to_matrix(turns) @ posed.pose.rotations
+    return Pose(rotations, posed.pose.trans + change[:, 3 * N_JOINTS :])
 
 
 def fit_shape(sample: SkinSample, target: Tensor, steps: int) -> Tensor:
@@ -136,20 +125,20 @@ def fit_shape(sample: SkinSample, target: Tensor, steps: int) -> Tensor:
     Every vertex counts alike: how soft they are is not known before the shape is.
     """
     betas = target.new_zeros(len(sample.smpl.shapedirs))
-    pose = initial_pose(sample, sample.shaped(betas), target)
+    pose = initial_pose(sample.shaped(betas), target)
     alike = target.new_ones(len(sample))
     for _ in range(steps):
         shaped = sample.shaped(betas)
-        curvature, pull, free, less = shape_equations(sample, shaped, pose, target, alike)
+        curvature, pull, free, less = shape_equations(shaped, pose, target, alike)
         change = solve_damped(curvature, pull)
         of_pose = (free - less @ change).to(target.dtype)
-        pose = moved(sample, sample.frames(shaped, pose), pose, of_pose)
+        pose = moved(shaped.posed(pose), of_pose)
         betas = betas + change.to(target.dtype)
     return betas
 
 
 def shape_equations(
-    sample: SkinSample, shaped: Shaped, pose: Pose, target: Tensor, weights: Tensor
+    shaped: Shaped, pose: Pose, target: Tensor, weights: Tensor
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """What B frames (B, 3, N), metres, say about the betas, whatever the poses.
 
@@ -157,28 +146,23 @@ def shape_equations(
     (B, 69) with fixed betas, less (B, 69, 10) by the betas. `weights` (N,) are those of the squared
     distances.
     """
-    frames = sample.frames(shaped, pose)
+    sample, posed = shaped.sample, shaped.posed(pose)
     joint_shapedirs = sample.smpl.joint_shapedirs[:, :N_JOINTS]
-    # (B, 10, 22, 3) derivative of `frames.shift` by the betas, through the joints' places.
-    places = [sample.places(frames.rotations, joints) for joints in joint_shapedirs]
-    turned = torch.einsum("bjxy,sjy->bsjx", frames.turn, joint_shapedirs)
-    shifts = torch.stack(places, 1) - turned
+    # (B, 10, 22, 3) derivative of `posed.shift`, which is linear in the joints, by the betas.
+    there = pose._replace(trans=torch.zeros_like(pose.trans))
+    shapes = [shaped._replace(joints=joints) for joints in joint_shapedirs]
+    shifts = torch.stack([one.posed(there).shift for one in shapes], 1)
 
     def by_betas(patch: SampledPatch) -> Tensor:
         shapedirs = sample.smpl.shapedirs[:, :, sample.vertices[patch.vertices]]
-        blended = torch.einsum("bkxi,kn->bxin", frames.turn[:, patch.bones], patch.weights)
+        blended = torch.einsum("bkxi,kn->bxin", posed.turn[:, patch.bones], patch.weights)
         by_skin = torch.einsum("bxin,sin->bsxn", blended, shapedirs)
         return by_skin + torch.einsum("bskx,kn->bsxn", shifts[:, :, patch.bones], patch.weights)
 
-    curvature, pull = normal_equations(sample, shaped, frames, target, weights.sqrt(), by_betas)
-    shapes = len(joint_shapedirs)
-    mixed = curvature[:, shapes:, :shapes]
-    right = torch.cat([pull[:, shapes:, None], mixed], 2)
-    answers = solve_damped(curvature[:, shapes:, shapes:], right)
+    curvature, pull = normal_equations(posed, target, weights.sqrt(), by_betas)
+    size = len(joint_shapedirs)
+    mixed = curvature[:, size:, :size]
+    answers = solve_damped(curvature[:, size:, size:], torch.cat([pull[:, size:, None], mixed], 2))
     free, less = answers[..., 0], answers[..., 1:]
-    return (
-        (curvature[:, :shapes, :shapes] - mixed.mT @ less).sum(0),
-        (pull[:, :shapes] - (mixed.mT @ free[..., None])[..., 0]).sum(0),
-        free,
-        less,
-    )
+    curvature = (curvature[:, :size, :size] - mixed.mT @ less).sum(0)
+    return curvature, (pull[:, :size] - (mixed.mT @ free[..., None])[..., 0]).sum(0), free, less

@@ -35,7 +35,6 @@ from bridge.paper import N_JOINTS
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.smpl import subtree_matrix
 
-# A mesh that is met exactly has no direction of steepest descent; it then stays where it is.
 _SMALLEST_DISTANCE_M = 1e-12
 # A squared angle below this changes no coefficient of a rotation by more than float64's rounding
 # of the rotation.
@@ -229,11 +228,12 @@ class _PatchWork:
 class Shapes(NamedTuple):
     """Bodies of a batch at rest, without pose blend shapes."""
 
+    objective: MeshDistance
     vertices: Tensor  # (B, 3 V) metres, in the order of `MeshDistance.arrange`
     joints: Tensor  # (B, 22, 3) metres
 
     def rows(self, rows: slice | list[int]) -> Shapes:
-        return Shapes(self.vertices[rows], self.joints[rows])
+        return self._replace(vertices=self.vertices[rows], joints=self.joints[rows])
 
 
 class Gradient(NamedTuple):
@@ -242,7 +242,6 @@ class Gradient(NamedTuple):
     distance: Tensor  # (B,) L2 norm over all coordinates of a mesh: not squared, as in the paper
     pose: Tensor  # (B, 22, 3) per radian
     trans: Tensor  # (B, 3)
-    joints: Tensor  # (B, 22, 3) by the joints at rest, while the skin keeps its shape
 
 
 class MeshDistance:
@@ -275,7 +274,7 @@ class MeshDistance:
     def shapes(self, betas: Tensor) -> Shapes:
         """Bodies of shape betas (B, 10)."""
         vertices = torch.addmm(self._template, betas, self.shapedirs)
-        return Shapes(vertices, self.smpl.joints(betas)[:, :N_JOINTS])
+        return Shapes(self, vertices, self.smpl.joints(betas)[:, :N_JOINTS])
 
     def to(self, target: Tensor) -> DistanceTo:
         """The distance to meshes (B, 3 V) from `arrange`, metres."""
@@ -305,17 +304,18 @@ class DistanceTo:
         tree = self._objective.tree
         bones = tree.move(shapes.joints, pose, trans)
         distance, by_carrying, by_pose_features = self.of_skin(shapes, bones)
-        scale = _inverse(distance)[:, None]
-        return Gradient(
-            distance, *tree.gradient(bones, by_carrying * scale, by_pose_features * scale)
-        )
+        # A mesh that is met exactly has no direction of steepest descent; it then stays.
+        self._scale = 1 / distance.clamp_min(_SMALLEST_DISTANCE_M)[:, None]
+        carried, turned = by_carrying * self._scale, by_pose_features * self._scale
+        by_pose, by_trans, self._by_joints = tree.gradient(bones, carried, turned)
+        return Gradient(distance, by_pose, by_trans)
 
-    def betas_gradient(self, gradient: Gradient) -> Tensor:
-        """(B, 10) derivative of the distances by the shape, `gradient` being the latest."""
-        by_vertices = torch.cat([work.by_shaped for work in self._work], 1)
-        by_vertices *= _inverse(gradient.distance)[:, None]
+    def betas_gradient(self) -> Tensor:
+        """(B, 10) derivative of the distances by the shape where `gradient` was last asked for."""
+        by_vertices = torch.cat([work.by_shaped for work in self._work], 1) * self._scale
         by_skin = by_vertices @ self._objective.shapedirs.T
-        return by_skin + gradient.joints.flatten(1) @ self._objective.joint_shapedirs.T
+        # By the joints at rest, while the skin keeps its shape.
+        return by_skin + self._by_joints.flatten(1) @ self._objective.joint_shapedirs.T
 
     def of_skin(self, shapes: Shapes, bones: Bones) -> tuple[Tensor, Tensor, Tensor]:
         """Distances (B,), metres, and the derivatives of half their squares by the bones,
@@ -342,7 +342,3 @@ class DistanceTo:
             by_carrying.view(N_JOINTS, count, 4, 3).permute(3, 2, 1, 0),
             by_pose_features.view(count, N_JOINTS - 1, 3, 3).permute(2, 3, 0, 1),
         )
-
-
-def _inverse(distance: Tensor) -> Tensor:
-    return 1 / distance.clamp_min(_SMALLEST_DISTANCE_M)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -78,13 +78,6 @@ class RobustSettings:
         return cls(vertices=400, calibration_frames=96)
 
 
-class Subject(NamedTuple):
-    """What is learned of a subject once."""
-
-    betas: Tensor  # (10,) shape
-    tissue: Tissue  # mechanics of the sample's vertices
-
-
 class RobustFit(CorpusFit):
     """One corpus to align: of each sequence the meshes, less their loads by a law of tissue.
 
@@ -131,13 +124,13 @@ class RobustFit(CorpusFit):
         """theta of each window, whose turns go on from the window before without jumps of 2 pi."""
         columns = (torch.from_numpy(learned[name]) for name in _OF_A_SUBJECT)
         rows = zip(subjects_of(self.sequences), *columns, strict=True)
-        known = {name: Subject(betas, Tissue(*tissue)) for name, betas, *tissue in rows}
+        known = {name: (betas, Tissue(*tissue)) for name, betas, *tissue in rows}
 
         def fitted(fit: RobustFit, window: Window) -> tuple[Tensor, Tensor]:
-            subject = known[window.sequence.subject]
+            betas, tissue = known[window.sequence.subject]
             meshes, seen = fit._loads.observe(fit.meshes[window.sequence.name], window)
-            pose, trans = fit.fit_frames(subject, seen)
-            files.store(fit.smpl, window, subject.betas, pose, trans, meshes)
+            pose, trans = fit.fit_frames(betas, tissue, seen)
+            files.store(fit.smpl, window, betas, pose, trans, meshes)
             return pose, trans
 
         last = np.empty((0, N_JOINTS, 3), np.float32)
@@ -149,19 +142,13 @@ class RobustFit(CorpusFit):
                 last = pose[-1:]
                 yield pack_theta(pose, trans.numpy())
 
-    def fit_frames(self, subject: Subject, seen: Observed) -> tuple[Tensor, Tensor]:
-        """Pose (n, 22, 3) axis-angle and translation (n, 3) of frames of a known subject."""
-        shaped = self._sample.shaped(subject.betas)
-        poses = [
-            self._fit_unloaded(
-                shaped,
-                subject.tissue,
-                part,
-                initial_pose(self._sample, shaped, part.vertices),
-                self._settings.steps,
-            )
-            for part in seen.split(_BATCH)
-        ]
+    def fit_frames(self, betas: Tensor, tissue: Tissue, seen: Observed) -> tuple[Tensor, Tensor]:
+        """Pose (n, 22, 3) axis-angle and translation (n, 3) of frames of a subject."""
+        shaped = self._sample.shaped(betas)
+        poses = []
+        for part in seen.split(_BATCH):
+            pose, steps = initial_pose(shaped, part.vertices), self._settings.steps
+            poses.append(self._fit_unloaded(shaped, tissue, part, pose, steps))
         rotations = torch.cat([pose.rotations for pose in poses])
         return matrix_to_axis_angle(rotations), torch.cat([pose.trans for pose in poses])
 
@@ -171,13 +158,13 @@ class RobustFit(CorpusFit):
         """Poses of the sample without its loads; which those are follows the pose, step by step."""
         weights = tissue.weights(self._loads.precision_m)
         for _ in range(steps):
-            terms = self._loads.terms(seen, self._sample.frames(shaped, pose).turn)
+            terms = self._loads.terms(seen, shaped.posed(pose).turn)
             target = tissue.unloaded(seen.vertices, terms)
-            pose = fit_poses(self._sample, shaped, target, weights, pose, 1)
+            pose = fit_poses(shaped, target, weights, pose, 1)
         return pose
 
-    def calibrate(self, subject: str) -> Subject:
-        """Learn the shape and then how soft the body is where, from frames of all its recordings.
+    def calibrate(self, subject: str) -> tuple[Tensor, Tissue]:
+        """Learn the shape (10,) and then how soft the body is where, from frames of all recordings.
 
         The first frame's tissue hangs and moves, and a shape fitted to it keeps that for ever. So
         once the loads are known the shape is corrected, round by round, by all frames without
@@ -187,14 +174,15 @@ class RobustFit(CorpusFit):
         own = [sequence for sequence in self.sequences if sequence.subject == subject]
 
         def start(_: RobustFit, seen: Observed) -> _Calibrated:
-            pose = initial_pose(sample, shaped, seen.vertices)
+            pose = initial_pose(shaped, seen.vertices)
             alike = seen.vertices.new_ones(len(sample))
-            pose = fit_poses(sample, shaped, seen.vertices, alike, pose, _FIRST_STEPS)
+            pose = fit_poses(shaped, seen.vertices, alike, pose, _FIRST_STEPS)
             return _Calibrated(seen, pose)
 
         def gather(_: RobustFit, some: _Calibrated) -> Evidence:
-            displacement = some.seen.vertices - sample.positions(shaped, some.pose)
-            terms = loads.terms(some.seen, sample.frames(shaped, some.pose).turn)
+            posed = shaped.posed(some.pose)
+            displacement = some.seen.vertices - posed.positions()
+            terms = loads.terms(some.seen, posed.turn)
             return Evidence.of(displacement, terms, noise * loads.noise_in_common(terms))
 
         def improve(fit: RobustFit, some: _Calibrated) -> Evidence:
@@ -202,10 +190,10 @@ class RobustFit(CorpusFit):
             return gather(fit, some)
 
         def about_shape(_: RobustFit, some: _Calibrated) -> tuple[Tensor, ...]:
-            terms = loads.terms(some.seen, sample.frames(shaped, some.pose).turn)
+            terms = loads.terms(some.seen, shaped.posed(some.pose).turn)
             target = tissue.unloaded(some.seen.vertices, terms)
             weights = tissue.weights(precision_m)
-            return shape_equations(sample, shaped, some.pose, target, weights)[:2]
+            return shape_equations(shaped, some.pose, target, weights)[:2]
 
         with torch_workers("threads", self) as pool:
             first = sample.take(torch.from_numpy(self.meshes[own[0].name].read(0, 1)))
@@ -223,16 +211,15 @@ class RobustFit(CorpusFit):
             batches = list(pool.map(start, seen.split(_BATCH)))
             evidence = Evidence(*summed(pool.map(gather, batches)))
             noise_m = np.sqrt(variance_m2) if variance_m2 > precision_m**2 else 0.0
-            tissue = evidence.revise(
-                Tissue.unknown(evidence.pull.shape[1], sample.weights, noise_m)
-            )
+            unknown = Tissue.unknown(evidence.pull.shape[1], sample.weights, noise_m)
+            tissue = evidence.revise(unknown)
             for turn in range(self._settings.calibration_rounds):
                 tissue = Evidence(*summed(pool.map(improve, batches))).revise(tissue)
                 if turn % _ROUNDS_PER_SHAPE == _ROUNDS_PER_SHAPE - 1:
                     change = solve_damped(*summed(pool.map(about_shape, batches)))
                     betas = betas + change.to(betas)
                     shaped = sample.shaped(betas)
-        return Subject(betas, tissue)
+        return betas, tissue
 
 
 @dataclass

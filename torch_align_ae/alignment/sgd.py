@@ -16,6 +16,7 @@ import math
 import os
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -27,17 +28,11 @@ from bridge.motion import MotionSequence, pack_theta, subject_rows, unpack_theta
 from bridge.options import NonNegativeFloat, NonNegativeInt, PositiveFloat
 from bridge.runs import ArtifactWriter
 from bridge.runs.workers import WorkerPool, on_any_node, progress
-from torch_align_ae.alignment.corpus_fit import (
-    AlignedFiles,
-    CorpusFit,
-    Meshes,
-    Window,
-    windows,
-)
+from torch_align_ae.alignment.corpus_fit import AlignedFiles, CorpusFit, Meshes, Window, windows
 from torch_align_ae.alignment.mesh_distance import MeshDistance, Shapes
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import matrix_to_axis_angle, nearest_rotation
-from torch_align_ae.workers import one_arithmetic_thread, torch_workers
+from torch_align_ae.workers import torch_workers
 
 # Read, fitted and written between two checkpoints: two chunks of the corpus's files.
 FRAMES_PER_WINDOW = 32
@@ -65,44 +60,34 @@ class Descent:
 
 
 def fit_pose(
-    objective: MeshDistance,
-    shapes: Shapes,
-    start: tuple[Tensor, Tensor],
-    target: Tensor,
-    steps: int,
-    descent: Descent,
-) -> tuple[Tensor, Tensor]:
+    shapes: Shapes, start: tuple[Tensor, ...], target: Tensor, steps: int, descent: Descent
+) -> tuple[Tensor, ...]:
     """Pose (B, 22, 3) and translation (B, 3) that bring fixed shapes near meshes from `arrange`.
 
     `start` is the pose and translation to begin with.
     """
     with torch.inference_mode():
-        distance = objective.to(target)
-        descending = Descending(descent, *start)
+        distance, descending = shapes.objective.to(target), Descending(descent, *start)
         for _ in range(steps):
-            gradient = distance.gradient(shapes, *descending.variables)
-            descending.step(gradient.distance, gradient.pose, gradient.trans)
-    pose, trans = descending.best()
-    return pose, trans
+            descending.step(*distance.gradient(shapes, *descending.variables))
+    return descending.best()
 
 
 def fit_shape_and_pose(
     objective: MeshDistance, target: Tensor, descent: Descent
-) -> tuple[Tensor, Tensor, Tensor]:
+) -> tuple[Tensor, ...]:
     """betas (B, 10), pose (B, 22, 3) and translation (B, 3) of first frames from
     `MeshDistance.arrange`."""
     with torch.inference_mode():
         distance = objective.to(target)
         betas = target.new_zeros(len(target), len(objective.smpl.shapedirs))
-        start = rigid_start(objective, objective.shapes(betas), target)
+        start = rigid_start(objective.shapes(betas), target)
         descending = Descending(descent, betas, *start)
         for _ in progress(range(descent.shape_steps), what="shapes", unit="step"):
             betas, pose, trans = descending.variables
-            gradient = distance.gradient(objective.shapes(betas), pose, trans)
-            by_betas = distance.betas_gradient(gradient)
-            descending.step(gradient.distance, by_betas, gradient.pose, gradient.trans)
-    betas, pose, trans = descending.best()
-    return betas, pose, trans
+            metres, *by_pose = distance.gradient(objective.shapes(betas), pose, trans)
+            descending.step(metres, distance.betas_gradient(), *by_pose)
+    return descending.best()
 
 
 class Descending:
@@ -135,22 +120,22 @@ class Descending:
         self._state.sub_(self._velocity, alpha=self.rate)
         return closer
 
-    def best(self) -> list[Tensor]:
+    def best(self) -> tuple[Tensor, ...]:
         """The variables of each body where its distance was smallest."""
         return self._parts(self._best.clone())
 
-    def _parts(self, state: Tensor) -> list[Tensor]:
-        parts = state.split([shape.numel() for shape in self._shapes], 1)
-        return [part.unflatten(1, shape) for part, shape in zip(parts, self._shapes, strict=True)]
+    def _parts(self, state: Tensor) -> tuple[Tensor, ...]:
+        parts = zip(state.split([s.numel() for s in self._shapes], 1), self._shapes, strict=True)
+        return tuple(part.unflatten(1, shape) for part, shape in parts)
 
 
-def rigid_start(objective: MeshDistance, shapes: Shapes, target: Tensor) -> tuple[Tensor, Tensor]:
+def rigid_start(shapes: Shapes, target: Tensor) -> tuple[Tensor, Tensor]:
     """Template pose turned and moved onto the meshes: where a first frame's descent begins.
 
     The paper does not say where its descent begins; from an unturned body it would not find a
     person who looks the other way.
     """
-    source, target = objective.restore(shapes.vertices), objective.restore(target)
+    source, target = map(shapes.objective.restore, (shapes.vertices, target))
     centre, target_centre = source.mean(1), target.mean(1)
     turn = nearest_rotation((target - target_centre[:, None]).mT @ (source - centre[:, None]))
     root = shapes.joints[:, 0]
@@ -204,11 +189,10 @@ class SgdFit(CorpusFit):
         targets = self._objective.arrange(torch.from_numpy(meshes))
         leading = [self._subject_of.index(row) for row in range(max(self._subject_of) + 1)]
         # A step of few subjects takes its time between operations: one core does them all at once.
-        with one_arithmetic_thread():
-            shapes, *lead = fit_shape_and_pose(self._objective, targets[leading], self._descent)
+        shapes, *lead = fit_shape_and_pose(self._objective, targets[leading], self._descent)
         betas = shapes[self._subject_of]
-        firsts = ((betas[rows], targets[rows], self._descent) for rows in batches(len(meshes)))
-        found = self._pool.map(_fit_first_frames, firsts)
+        firsts = ((betas[rows], targets[rows]) for rows in batches(len(meshes)))
+        found = self._pool.map(partial(_fit_first_frames, self._descent), firsts)
         pose, trans = (torch.cat(parts) for parts in zip(*found, strict=True))
         pose[leading], trans[leading] = lead
         return {"betas": shapes.numpy(), "theta": pack_theta(pose.numpy(), trans.numpy())}
@@ -237,21 +221,21 @@ class SgdFit(CorpusFit):
             betas = torch.from_numpy(learned["betas"][self._subject_of[row]])
             return _Tracked(window, self.meshes[window.sequence.name], betas, theta)
 
+        work = partial(_fit_windows, self._descent, files)
         for group in groups:
             parts = ([tracked(group[row]) for row in rows] for rows in batches(len(group)))
-            shared = ((part, self._descent, files) for part in parts)
-            for thetas in self._pool.map(_fit_windows, shared):
+            for thetas in self._pool.map(work, parts):
                 yield from thetas
 
 
 def _fit_first_frames(
-    objective: MeshDistance, item: tuple[Tensor, Tensor, Descent]
-) -> tuple[Tensor, Tensor]:
+    descent: Descent, objective: MeshDistance, item: tuple[Tensor, Tensor]
+) -> tuple[Tensor, ...]:
     """Pose and translation of meshes (B, 3 V), their shapes (B, 10) being known."""
-    betas, targets, descent = item
+    betas, targets = item
     shapes = objective.shapes(betas)
-    start = rigid_start(objective, shapes, targets)
-    return fit_pose(objective, shapes, start, targets, descent.first_frame_steps, descent)
+    start = rigid_start(shapes, targets)
+    return fit_pose(shapes, start, targets, descent.first_frame_steps, descent)
 
 
 class _Tracked(NamedTuple):
@@ -262,11 +246,10 @@ class _Tracked(NamedTuple):
 
 
 def _fit_windows(
-    objective: MeshDistance, batch: tuple[list[_Tracked], Descent, AlignedFiles]
+    descent: Descent, files: AlignedFiles, objective: MeshDistance, tracked: list[_Tracked]
 ) -> list[NDArray[np.float32]]:
     """theta of windows that begin alike, longest first, fitted frame after frame of all at once;
     the rest goes to the files."""
-    tracked, descent, files = batch
     meshes = [torch.from_numpy(o.meshes.read(o.window.start, o.window.stop)) for o in tracked]
     before = unpack_theta(np.stack([one.theta for one in tracked]))
     pose, trans = (torch.from_numpy(part) for part in before)
@@ -279,7 +262,7 @@ def _fit_windows(
         if tracked[0].window.start + frame > 0:
             target = objective.arrange(torch.stack([mesh[frame] for mesh in meshes[:going]]))
             own = shapes.rows(slice(going))
-            pose, trans = fit_pose(objective, own, (pose, trans), target, descent.steps, descent)
+            pose, trans = fit_pose(own, (pose, trans), target, descent.steps, descent)
         for frames, *placed in zip(found, pose, trans, strict=False):
             frames.append(placed)
     thetas = []

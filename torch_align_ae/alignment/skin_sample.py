@@ -29,10 +29,24 @@ class Pose(NamedTuple):
     trans: Tensor  # (B, 3) metres
 
 
-class Frames(NamedTuple):
-    """Joints of B bodies in the world."""
+class Shaped(NamedTuple):
+    """One subject's body in the rest pose."""
 
-    rotations: Tensor  # (B, 22, 3, 3) relative to the parent
+    sample: SkinSample
+    vertices: Tensor  # (3, N) of the sample, metres, without pose blend shapes
+    joints: Tensor  # (22, 3) metres
+
+    def posed(self, pose: Pose) -> Posed:
+        joints = self.joints.expand(len(pose.trans), -1, -1)
+        turn, place = world_frames(pose.rotations, joints, self.sample.parents, pose.trans)
+        return Posed(self, pose, turn, place, place - (turn @ joints[..., None])[..., 0])
+
+
+class Posed(NamedTuple):
+    """A body in B poses: its joints in the world."""
+
+    shaped: Shaped
+    pose: Pose
     turn: Tensor  # (B, 22, 3, 3) orientation
     place: Tensor  # (B, 22, 3) position, metres
     shift: Tensor  # (B, 22, 3) where the bone's transform takes the origin of the rest pose, metres
@@ -40,7 +54,13 @@ class Frames(NamedTuple):
     @property
     def features(self) -> Tensor:
         """(B, 189) entries of R - I of every joint but the root."""
-        return (self.rotations[:, 1:] - torch.eye(3, dtype=self.turn.dtype)).flatten(1)
+        identity = torch.eye(3, dtype=self.turn.dtype)
+        return (self.pose.rotations[:, 1:] - identity).flatten(1)
+
+    def positions(self) -> Tensor:
+        """(B, 3, N) vertices of the sample, metres."""
+        patches = self.shaped.sample.patches
+        return torch.cat([patch.moved_by_bones(self, patch.weights).sum(1) for patch in patches], 2)
 
 
 class SampledPatch(NamedTuple):
@@ -57,12 +77,51 @@ class SampledPatch(NamedTuple):
     features: Tensor  # (Q,) entries of R - I that displace it at all
     posedirs: Tensor  # (Q, 3 n) displacement per unit of each, metres
 
+    def linearise(self, posed: Posed, scale: Tensor) -> tuple[Tensor, Tensor]:
+        """Posed vertices of the patch and their Jacobian, both times `scale` (n,), which is the
+        square root of each vertex's weight.
 
-class Shaped(NamedTuple):
-    """One subject's body in the rest pose."""
+        Positions (B, 3, n) are in metres. The Jacobian (B, C + 1, 3, 3, n) is by the turn of joint
+        c about world axis i, radians, and, last, by the translation; then coordinates and vertices.
+        """
+        weights = self.weights * scale
+        moved = self.moved_by_bones(posed, weights)
+        arms = (self.below @ moved.flatten(2)).unflatten(2, (3, -1))
+        arms -= (self.carried * scale)[:, None] * posed.place[:, self.joints, :, None]
+        jacobian = arms.new_zeros(len(moved), len(self.joints) + 1, 3, 3, moved.shape[3])
+        for axis in range(3):  # e_i x arm for each world axis i
+            following, last = (axis + 1) % 3, (axis + 2) % 3
+            torch.neg(arms[:, :, last], out=jacobian[:, :-1, axis, following])
+            jacobian[:, :-1, axis, last] = arms[:, :, following]
+            jacobian[:, -1, axis, axis] = scale
+        if len(self.jacobian_posedirs):
+            self._add_corrections(jacobian, posed, weights)
+        return moved.sum(1), jacobian
 
-    vertices: Tensor  # (3, N) of the sample, metres, without pose blend shapes
-    joints: Tensor  # (22, 3) metres
+    def moved_by_bones(self, posed: Posed, weights: Tensor) -> Tensor:
+        """(B, K, 3, n) each bone's part of the posed vertices; their sum over K is the vertex."""
+        corrective = posed.features.index_select(1, self.features) @ self.posedirs
+        rest = corrective.unflatten(1, (3, -1))
+        rest += posed.shaped.vertices[:, self.vertices]  # Eq. 2
+        turn, shift = posed.turn[:, self.bones], posed.shift[:, self.bones]
+        moved = (turn.flatten(1, 2) @ rest).unflatten(1, (-1, 3))
+        return moved.add_(shift[..., None]).mul_(weights[:, None])
+
+    def _add_corrections(self, jacobian: Tensor, posed: Posed, weights: Tensor) -> None:
+        """Add what pose blend shapes do while their joint turns."""
+        count = len(self.jacobian_posedirs)
+        joints = self.joints[:count]
+        # In the parent's axes, world axis i is row i of the parent's orientation.
+        spin = cross_matrix(posed.turn[:, self.parents]) @ posed.pose.rotations[:, joints, None]
+        spin = spin.transpose(0, 1).flatten(1, 2).flatten(2)  # (P, B * 3, 9)
+        rest_change = (spin @ self.jacobian_posedirs).unflatten(1, (-1, 3)).unflatten(3, (3, -1))
+        rest_change = rest_change.transpose(0, 1)  # (B, P, 3 axes, 3 coordinates, n)
+        turn = posed.turn[:, self.bones].permute(0, 2, 3, 1).flatten(1, 2)
+        blended = (turn @ weights).unflatten(1, (3, 3))  # (B, 3, 3, n)
+        change = blended[:, None, None, :, 0] * rest_change[:, :, :, None, 0]
+        for axis in (1, 2):
+            change.addcmul_(blended[:, None, None, :, axis], rest_change[:, :, :, None, axis])
+        jacobian[:, :count] += change
 
 
 class SkinSample:
@@ -95,26 +154,7 @@ class SkinSample:
         """The body of shape betas (10,)."""
         shape = torch.tensordot(betas, self.smpl.shapedirs[:, :, self.vertices], 1)
         joints = self.smpl.joints(betas[None])[0, :N_JOINTS]
-        return Shaped(self.smpl.template[:, self.vertices] + shape, joints)
-
-    def frames(self, shaped: Shaped, pose: Pose) -> Frames:
-        """Where the joints of a body are in B poses."""
-        joints = shaped.joints.expand(len(pose.trans), -1, -1)
-        turn, place = world_frames(pose.rotations, joints, self.parents, pose.trans)
-        shift = place - (turn @ joints[..., None])[..., 0]
-        return Frames(pose.rotations, turn, place, shift)
-
-    def places(self, rotations: Tensor, joints: Tensor) -> Tensor:
-        """(B, 22, 3) where the joints of a rest pose (22, 3) go without translation; linear."""
-        count = len(rotations)
-        nowhere = joints.new_zeros(count, 3)
-        return world_frames(rotations, joints.expand(count, -1, -1), self.parents, nowhere)[1]
-
-    def positions(self, shaped: Shaped, pose: Pose) -> Tensor:
-        """(B, 3, N) posed vertices of the sample, metres."""
-        frames = self.frames(shaped, pose)
-        parts = (_moved_by_bones(patch, shaped, frames, patch.weights) for patch in self.patches)
-        return torch.cat([part.sum(1) for part in parts], 2)
+        return Shaped(self, self.smpl.template[:, self.vertices] + shape, joints)
 
     def _patch(self, rows: slice, weights: Tensor) -> SampledPatch:
         chosen = self.vertices[rows]
@@ -140,58 +180,6 @@ class SkinSample:
             features=features,
             posedirs=posedirs[features].flatten(1).contiguous(),
         )
-
-
-def linearise(
-    patch: SampledPatch, shaped: Shaped, frames: Frames, scale: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Posed vertices of a patch and their Jacobian, both times `scale` (n,), which is the square
-    root of each vertex's weight.
-
-    Positions (B, 3, n) are in metres. The Jacobian (B, C + 1, 3, 3, n) is by the turn of joint c
-    about world axis i, radians, and, last, by the translation; then coordinates and vertices.
-    """
-    weights = patch.weights * scale
-    moved = _moved_by_bones(patch, shaped, frames, weights)
-    arms = (patch.below @ moved.flatten(2)).unflatten(2, (3, -1))
-    arms -= (patch.carried * scale)[:, None] * frames.place[:, patch.joints, :, None]
-    jacobian = arms.new_zeros(len(moved), len(patch.joints) + 1, 3, 3, moved.shape[3])
-    for axis in range(3):  # e_i x arm for each world axis i
-        following, last = (axis + 1) % 3, (axis + 2) % 3
-        torch.neg(arms[:, :, last], out=jacobian[:, :-1, axis, following])
-        jacobian[:, :-1, axis, last] = arms[:, :, following]
-        jacobian[:, -1, axis, axis] = scale
-    if len(patch.jacobian_posedirs):
-        _add_corrections(jacobian, patch, frames, weights)
-    return moved.sum(1), jacobian
-
-
-def _moved_by_bones(patch: SampledPatch, shaped: Shaped, frames: Frames, weights: Tensor) -> Tensor:
-    """(B, K, 3, n) each bone's part of the posed vertices; their sum over K is the vertex."""
-    corrective = frames.features.index_select(1, patch.features) @ patch.posedirs
-    rest = corrective.unflatten(1, (3, -1)).add_(shaped.vertices[:, patch.vertices])  # Eq. 2
-    turn, shift = frames.turn[:, patch.bones], frames.shift[:, patch.bones]
-    moved = (turn.flatten(1, 2) @ rest).unflatten(1, (-1, 3))
-    return moved.add_(shift[..., None]).mul_(weights[:, None])
-
-
-def _add_corrections(
-    jacobian: Tensor, patch: SampledPatch, frames: Frames, weights: Tensor
-) -> None:
-    """Add what pose blend shapes do while their joint turns."""
-    count = len(patch.jacobian_posedirs)
-    joints = patch.joints[:count]
-    # In the parent's axes, world axis i is row i of the parent's orientation.
-    spin = cross_matrix(frames.turn[:, patch.parents]) @ frames.rotations[:, joints, None]
-    spin = spin.transpose(0, 1).flatten(1, 2).flatten(2)  # (P, B * 3, 9)
-    rest_change = (spin @ patch.jacobian_posedirs).unflatten(1, (-1, 3)).unflatten(3, (3, -1))
-    rest_change = rest_change.transpose(0, 1)  # (B, P, 3 axes, 3 coordinates, n)
-    turn = frames.turn[:, patch.bones].permute(0, 2, 3, 1).flatten(1, 2)
-    blended = (turn @ weights).unflatten(1, (3, 3))  # (B, 3, 3, n)
-    change = blended[:, None, None, :, 0] * rest_change[:, :, :, None, 0]
-    for axis in (1, 2):
-        change.addcmul_(blended[:, None, None, :, axis], rest_change[:, :, :, None, axis])
-    jacobian[:, :count] += change
 
 
 def _limb_by_limb(weights: Tensor, parents: tuple[int, ...], size: int) -> list[Tensor]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -58,27 +58,6 @@ PROFILES: dict[str, AlignConfig] = {
 }
 
 
-@dataclass(frozen=True)
-class _Record:
-    """What decides whether an artifact is current, and its aligner's own options: the other
-    aligner's do not make it old."""
-
-    aligner: Literal["sgd", "robust"]
-    smpl: Path | None
-    dyna: tuple[Path, ...]
-    validation: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class _SgdRecord(Descent, _Record):
-    pass
-
-
-@dataclass(frozen=True)
-class _RobustRecord(_Record):
-    robust: RobustSettings
-
-
 def main(config: AlignConfig) -> None:
     run = Run(config.run)
     smpl_path, dyna_paths, upstream = _inputs(config, run)
@@ -89,19 +68,21 @@ def main(config: AlignConfig) -> None:
     found = of_one_gender(dyna_sequences(dyna_paths), data.gender)
     meshes = {one.name: one for one in found}
     splits = splits_of_names(list(meshes), config.validation)
-    sequences = end_to_end(
-        [
-            MotionSequence(one.name, one.subject, one.motion, 0, one.length, FPS, splits[one.name])
-            for one in found
-        ]
-    )
+    own = [
+        MotionSequence(one.name, one.subject, one.motion, 0, one.length, FPS, splits[one.name])
+        for one in found
+    ]
+    sequences, smpl = end_to_end(own), SMPL(data)
     for name, aligner in artifacts.items():
         if aligner == "sgd":
-            kind, fit = _SgdRecord, SgdFit(SMPL(data), sequences, meshes, config)
+            others, fit = ["robust"], SgdFit(smpl, sequences, meshes, config)
         else:
-            kind, fit = _RobustRecord, RobustFit(SMPL(data), sequences, meshes, config.robust)
-        options = {one.name: getattr(config, one.name) for one in fields(kind)}
-        record = kind(**{**options, "aligner": aligner})
+            others = [one.name for one in fields(Descent)]
+            fit = RobustFit(smpl, sequences, meshes, config.robust)
+        # Options of the other aligner do not make an artifact old.
+        decides = {key: value for key, value in vars(config).items() if key not in others}
+        decides["aligner"] = aligner
+        record = make_dataclass("AlignRecord", decides)(**decides)
         run.build(name, record, fit.write, data=data.source, upstream=upstream)
 
 
@@ -117,9 +98,7 @@ def _inputs(
     if config.smpl is None or not config.dyna:
         given, missing = ("--dyna", "--smpl") if config.smpl is None else ("--smpl", "--dyna")
         raise DsnetError(
-            f"{given} without {missing}",
-            "both, or neither for the run's own corpus",
-            f"Pass {missing} too.",
+            f"{given} without {missing}", "both, or neither for a corpus", f"Pass {missing} too."
         )
     dyna = {f"dyna_{index}": path for index, path in enumerate(config.dyna)}
     return config.smpl, config.dyna, {"smpl": config.smpl, **dyna}

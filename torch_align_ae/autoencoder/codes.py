@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
@@ -24,24 +24,25 @@ NormalisationName = Literal["global_maximum", "standard"]
 _BATCH = 64
 # What hardly moves would otherwise be blown up to pure measurement noise.
 _SMALLEST_SCALE_M = 1e-4
-_SPARE_DIRECTIONS = 20
+_SPARE_DIRECTIONS, _PASSES = 20, 3
 
 
-@dataclass(frozen=True)
-class Normaliser:
-    """An affine map per coordinate: (offset - mean) / scale, and back."""
+class Normaliser(nn.Module):
+    """An affine map per coordinate: (offset - mean) / scale, and back; both (V, 3), metres."""
 
-    mean_m: Tensor  # (V, 3), metres
-    scale_m: Tensor  # (V, 3), metres, positive
+    mean_m: Tensor
+    scale_m: Tensor
+
+    def __init__(self, mean_m: Tensor, scale_m: Tensor) -> None:
+        super().__init__()
+        self.register_buffer("mean_m", mean_m)
+        self.register_buffer("scale_m", scale_m)
 
     def normalise(self, offsets_m: Tensor) -> Tensor:
         return (offsets_m - self.mean_m) / self.scale_m
 
     def denormalise(self, values: Tensor) -> Tensor:
         return values * self.scale_m + self.mean_m
-
-    def to(self, device: torch.device) -> Normaliser:
-        return Normaliser(self.mean_m.to(device), self.scale_m.to(device))
 
 
 def fit_normaliser(
@@ -74,24 +75,38 @@ def fit_normaliser(
     return Normaliser(*(torch.from_numpy(part.astype(np.float32)) for part in (mean, scale)))
 
 
-@dataclass(frozen=True)
-class Codec:
+class Codec(nn.Module):
     """A trained autoencoder on NumPy arrays; any number of frames in bounded memory."""
 
-    model: MeshAutoencoder
-    normaliser: Normaliser
+    def __init__(self, model: MeshAutoencoder, normaliser: Normaliser) -> None:
+        super().__init__()
+        self.model, self.normaliser = model, normaliser
+
+    @classmethod
+    def empty(cls, architecture: Mapping[str, Any]) -> Codec:
+        """One of `architecture`'s values, without memory for its weights."""
+        with torch.device("meta"):
+            model = MeshAutoencoder(**{**architecture, "widths": tuple(architecture["widths"])})
+            return cls(model, Normaliser(*torch.empty(2, model.widths[0], 3)))
 
     def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
         """Offsets (B, V, 3) in metres to latents (B, 100)."""
-        return _in_batches(lambda x: self.model.encode(self.normaliser.normalise(x)), offsets_m)
+        return self._applied(lambda x: self.model.encode(self.normaliser.normalise(x)), offsets_m)
 
     def decode(self, latents: NDArray[np.float32]) -> NDArray[np.float32]:
         """Latents (B, 100) to offsets (B, V, 3) in metres."""
-        return _in_batches(lambda z: self.normaliser.denormalise(self.model.decode(z)), latents)
+        return self._applied(lambda z: self.normaliser.denormalise(self.model.decode(z)), latents)
 
-    @property
-    def vertex_count(self) -> int:
-        return len(self.normaliser.mean_m)
+    @torch.inference_mode()
+    def _applied(
+        self, function: Callable[[Tensor], Tensor], values: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        parts = []
+        for start in range(0, max(len(values), 1), _BATCH):
+            # A copy, because memory-mapped artifacts are read-only and tensors are not.
+            batch = torch.from_numpy(np.array(values[start : start + _BATCH], dtype=np.float32))
+            parts.append(function(batch.to(self.normaliser.mean_m.device)).cpu())
+        return torch.cat(parts).numpy()
 
     @property
     def latent_size(self) -> int:
@@ -99,30 +114,11 @@ class Codec:
 
     def architecture(self) -> dict[str, Any]:
         """What a manifest must say so that `load_codec` can build the network again."""
-        model = self.model
-        return {
-            "widths": list(model.widths),
-            "activation": model.activation,
-            "negative_slope": model.negative_slope,
-        }
+        names = ("widths", "activation", "negative_slope")
+        return {name: getattr(self.model, name) for name in names}
 
     def save(self, path: Path) -> None:
-        weights = {f"model.{name}": value for name, value in self.model.state_dict().items()}
-        weights["normaliser.mean_m"] = self.normaliser.mean_m
-        weights["normaliser.scale_m"] = self.normaliser.scale_m
-        save_weights(path, {name: value.cpu().numpy() for name, value in weights.items()})
-
-
-@torch.inference_mode()
-def _in_batches(
-    function: Callable[[Tensor], Tensor], values: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    parts = [
-        # A copy, because memory-mapped artifacts are read-only and tensors are not.
-        function(torch.from_numpy(np.array(values[start : start + _BATCH], dtype=np.float32)))
-        for start in range(0, max(len(values), 1), _BATCH)
-    ]
-    return torch.cat(parts).numpy()
+        save_weights(path, {name: v.cpu().numpy() for name, v in self.state_dict().items()})
 
 
 @dataclass(frozen=True)
@@ -138,8 +134,6 @@ class PcaCodec:
         offsets_m: NDArray[np.float32],
         frames: NDArray[np.int64],
         size: int = 100,
-        *,
-        passes: int = 3,
         seed: int = 0,
     ) -> PcaCodec:
         """Fit `size` components to the named frames of (F, V, 3) without holding them in memory.
@@ -154,7 +148,7 @@ class PcaCodec:
         width = min(size + _SPARE_DIRECTIONS, mean.size)
         subspace = np.random.default_rng(seed).standard_normal((mean.size, width), np.float32)
         basis, inner = subspace, np.empty(0)
-        for _ in range(passes):
+        for _ in range(_PASSES):
             # (X'X) basis, and basis' (X'X) basis, of the centred frames X.
             basis = np.linalg.qr(subspace)[0]
             subspace, inner = np.zeros_like(basis), np.zeros((width, width))
@@ -173,10 +167,6 @@ class PcaCodec:
         basis, upper = np.linalg.qr(columns)
         components = (basis * np.where(np.diag(upper) < 0, -1.0, 1.0)).T.astype(np.float32)
         return cls(np.zeros(directions.shape[:2], np.float32), np.ascontiguousarray(components))
-
-    @property
-    def vertex_count(self) -> int:
-        return len(self.mean_m)
 
     @property
     def latent_size(self) -> int:
@@ -237,20 +227,14 @@ def load_codecs(artifact: Artifact) -> dict[CodeName, OffsetCodec]:
 
 def read_codec(path: Path, architecture: Mapping[str, Any]) -> Codec:
     """Load a codec from its weights and `Codec.architecture`'s values."""
-    with torch.device("meta"):
-        model = MeshAutoencoder(**{**architecture, "widths": tuple(architecture["widths"])})
-    weights = load_weights(path)
-    expected = {f"model.{name}": tuple(v.shape) for name, v in model.state_dict().items()}
-    vertices = (model.widths[0], 3)
-    expected |= {"normaliser.mean_m": vertices, "normaliser.scale_m": vertices}
+    codec, weights = Codec.empty(architecture), load_weights(path)
+    expected = {name: tuple(value.shape) for name, value in codec.state_dict().items()}
     if {name: value.shape for name, value in weights.items()} != expected:
         raise DsnetError(
             f"{path} with other arrays than the network in its manifest",
-            f"{len(expected)} arrays of widths {model.widths}",
+            f"{len(expected)} arrays of widths {codec.model.widths}",
             "Delete the folder and run `dsnet train-ae` again.",
         )
-    tensors = {name: torch.from_numpy(value) for name, value in weights.items()}
-    normaliser = Normaliser(tensors.pop("normaliser.mean_m"), tensors.pop("normaliser.scale_m"))
-    state = {name.removeprefix("model."): value for name, value in tensors.items()}
-    model.load_state_dict(state, assign=True)
-    return Codec(model.eval(), normaliser)
+    state = {name: torch.from_numpy(value) for name, value in weights.items()}
+    codec.load_state_dict(state, assign=True)
+    return codec.eval()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -34,19 +35,14 @@ PROFILES = {name: DecodeConfig(run=name) for name in ("smoke", "demo", "paper")}
 def main(config: DecodeConfig) -> None:
     run = Run(config.run)
     upstream = run.artifacts("infer", "encode", "train-ae")
-    run.build(
-        "decode",
-        config,
-        lambda writer: _make(writer, *upstream.values()),
-        data=upstream["encode"].origin,
-        upstream=upstream,
-    )
+    make = partial(_make, *upstream.values())
+    run.build("decode", config, make, data=upstream["encode"].origin, upstream=upstream)
 
 
-def _make(writer: ArtifactWriter, infer: Artifact, encode: Artifact, trained: Artifact) -> None:
+def _make(infer: Artifact, encode: Artifact, trained: Artifact, writer: ArtifactWriter) -> None:
     chosen, codecs = decoded_sequences(sequences_of(infer)), load_codecs(trained)
     placed = end_to_end(chosen)
-    shape = (placed[-1].frames.stop, codecs[AUTOENCODER].vertex_count, 3)
+    shape = (placed[-1].frames.stop, trained.manifest["architecture"]["widths"][0], 3)
     predictors, codes = infer.manifest["predictors"], infer.manifest.get("codes", {})
     offsets = {
         name: writer.array_file(f"offsets_{name}", shape, np.float32, "m")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -32,26 +33,18 @@ PROFILES = {name: EncodeConfig(run=name) for name in ("smoke", "demo", "paper")}
 
 def main(config: EncodeConfig) -> None:
     run = Run(config.run)
-    upstream = {stage: run.artifact(stage) for stage in ("align", "train-ae")}
-    align, trained = upstream.values()
-    run.build(
-        "encode",
-        config,
-        lambda writer: _make(align, trained, writer),
-        data=align.origin,
-        upstream=upstream,
-    )
+    upstream = run.artifacts("align", "train-ae")
+    make = partial(_make, *upstream.values())
+    run.build("encode", config, make, data=upstream["align"].origin, upstream=upstream)
 
 
 def _make(align: Artifact, trained: Artifact, writer: ArtifactWriter) -> None:
     sequences, codecs = sequences_of(align), load_codecs(trained)
     frames = sum(sequence.length for sequence in sequences)
-    latents = {
-        code: writer.array_file(
-            LATENTS_OF[code], (frames, codec.latent_size), np.float32, UNITS[code]
-        )
-        for code, codec in codecs.items()
-    }
+    latents = {}
+    for code, codec in codecs.items():
+        shape = (frames, codec.latent_size)
+        latents[code] = writer.array_file(LATENTS_OF[code], shape, np.float32, UNITS[code])
 
     def encode(align: Artifact, sequence: MotionSequence) -> None:
         offsets_m = align.array("offsets")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,7 +25,7 @@ from bridge.motion.splits import (
     held_out_frames,
     split_autoencoder_frames,
 )
-from bridge.options import NonNegativeInt, PositiveInt, Seed
+from bridge.options import NonNegativeInt
 from bridge.paper import ALTERNATIVE_WIDTHS, LATENT_SIZE
 from bridge.runs import Artifact, ArtifactWriter, Run
 from torch_align_ae.autoencoder.casas_otaduy import CasasOtaduyAutoencoder
@@ -45,13 +46,14 @@ from torch_align_ae.autoencoder.mesh_autoencoder import (
     parameter_count,
 )
 from torch_align_ae.autoencoder.training import (
+    Pace,
     Schedule,
     Training,
     TrainingPlan,
     keep_freed_memory,
     multiplies_bfloat16,
 )
-from torch_align_ae.workers import Processes, started_by_torchrun
+from torch_align_ae.workers import joined_by_torchrun, leads, told
 
 PresetName = Literal["literal", "measured", "short"]
 PrecisionName = Literal["auto", "bfloat16", "float32"]
@@ -63,10 +65,8 @@ class TrainingPreset(Schedule):
     """What the paper leaves open about the autoencoder's training, decided one way."""
 
     normalisation: NormalisationName
-    initialisation: Literal["torch", "modes"]
-    """How the weights begin: as PyTorch's do, or as a linear code."""
-    departures: tuple[str, ...]
-    """Where this preset leaves the paper's words or its plainest meaning."""
+    initialisation: Literal["torch", "modes"]  # weights begin as PyTorch's do, or as a linear code
+    departures: tuple[str, ...]  # from the paper's words or their plainest meaning
     activation: ActivationName = "leaky_relu"
     negative_slope: float = 0.1
 
@@ -106,7 +106,7 @@ PRESETS: dict[PresetName, TrainingPreset] = {
 
 
 @dataclass(frozen=True)
-class TrainAutoencoderConfig:
+class TrainAutoencoderConfig(Pace):
     """Train the mesh autoencoder: about 0.4 s a step of 64 frames on two cores that multiply
     bfloat16, twice that in float32; 1.5 GB of memory.
 
@@ -120,23 +120,12 @@ class TrainAutoencoderConfig:
 
     run: str = "demo"
     """Folder under runs/ that holds the aligned offsets."""
-    seed: Seed = 0
-    """Decides the split, the weights' beginning and the order of frames."""
     precision: PrecisionName = "auto"
     """Of the matrix products of training steps: `bfloat16`, `float32`, or by `auto` the first where
     the processor has instructions for it. Weights, their sums and all scores are float32."""
-    batch_size: Fixed[PositiveInt] = 64
-    """Frames a step; the paper's is 64."""
-    steps: NonNegativeInt = 0
-    """Optimiser steps; 0: as many as `epochs` make."""
     epochs: NonNegativeInt = 100
     """Passes over the training frames when `steps` is 0."""
-    validate_every: Fixed[NonNegativeInt] = 0
-    """Steps between two validation losses, the best of which decides what is kept; 0: an epoch."""
     patience: Fixed[NonNegativeInt] = 10
-    """Validation losses without a better one after which training stops; 0: never."""
-    validation_frames: Fixed[NonNegativeInt] = 0
-    """Validation frames scored each time; 0: all. The final score always takes all."""
     preset: PresetName = "measured"
     """How the paper's silences are filled: by its plainest words (`literal`), by what was measured
     to learn, or by what learns in a few hundred steps (`short`)."""
@@ -178,7 +167,9 @@ PROFILES: dict[str, TrainAutoencoderConfig] = {
 
 
 def main(config: TrainAutoencoderConfig) -> None:
-    align = Run(config.run).artifact("align")
+    run = Run(config.run)
+    align = run.artifact("align")
+    upstream: dict[str, Artifact | Path] = {"align": align}
     if config.dmpl:
         if align.origin == "synthetic":
             raise DsnetError(
@@ -187,62 +178,53 @@ def main(config: TrainAutoencoderConfig) -> None:
                 "Leave --dmpl out, or align licensed files (docs/data.md).",
             )
         load_dmpl_directions(config.dmpl)  # which may refuse it, before hours of training
+        upstream["dmpl"] = config.dmpl
     keep_freed_memory()
-    with started_by_torchrun() as processes:
-        if processes.leads:
-            Run(config.run).build(
-                "train-ae",
-                config,
-                lambda writer: _make(config, align, writer, processes),
-                data=align.origin,
-                upstream={"align": align} | ({"dmpl": config.dmpl} if config.dmpl else {}),
-            )
-            processes.told(None)
+    with joined_by_torchrun():
+        if leads():
+            make = partial(_make, config, align)
+            run.build("train-ae", config, make, data=align.origin, upstream=upstream)
+            told(None)
             return
         # Share the leader's work until it says that there is no more.
         nothing: _Trial | None = None
-        while trial := processes.told(nothing):
-            codec, split = _beginning(trial, align)
-            _training(trial, codec, split, align.array("offsets"), processes).run()
+        while trial := told(nothing):
+            _begun(trial, align).run()
 
 
-def _make(
-    config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter, processes: Processes
-) -> None:
-    codec, summary = _trained("autoencoder", config, align, writer, processes)
+def _make(config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter) -> None:
+    codec, split, summary = _trained("autoencoder", config, align, writer)
     codec.save(writer.file_path(WEIGHTS_FILE))
     writer.record(
         architecture=codec.architecture(), autoencoder=summary, parameters=parameter_counts()
     )
     del codec
     # Linear codes, of the frames that the autoencoder is trained on.
-    split, offsets_m = _split_of(config, align), align.array("offsets")
+    offsets_m = align.array("offsets")
     linear: dict[CodeName, PcaCodec]
     linear = {PCA: PcaCodec.fit(offsets_m, split.train, LATENT_SIZE, seed=config.seed)}
     if config.dmpl:
         linear[DMPL] = PcaCodec.of_directions(load_dmpl_directions(config.dmpl))
     for code, fitted in linear.items():
         save_weights(writer.file_path(LINEAR_FILES[code]), vars(fitted))
-        kept = {
-            "components": len(fitted.components),
-            **_scores(fitted, align, offsets_m, split),
-        }
-        writer.record(**{code: kept})
+        scores = _scores(fitted, align, offsets_m, split)
+        writer.record(**{code: {"components": len(fitted.components), **scores}})
     compared = []
     for name in config.comparisons:
         other = _comparison(config, name)
-        compared.append(_trained(name, other, align, writer, processes)[1])
+        compared.append(_trained(name, other, align, writer)[-1])
     writer.record(comparisons=compared)
 
 
 def _comparison(config: TrainAutoencoderConfig, name: TrialName) -> TrainAutoencoderConfig:
-    if config.comparison_epochs:
-        config = replace(config, steps=0, epochs=config.comparison_epochs)
+    changes: dict[str, Any] = {"preset": name}
     if name == "sequence_split":
-        return replace(config, split="sequence")
-    if name == "all_frames":
-        return replace(config, include_held_out=True)
-    return replace(config, preset=name)
+        changes = {"split": "sequence"}
+    elif name == "all_frames":
+        changes = {"include_held_out": True}
+    if config.comparison_epochs:
+        changes |= {"steps": 0, "epochs": config.comparison_epochs}
+    return replace(config, **changes)
 
 
 @dataclass(frozen=True)
@@ -254,10 +236,13 @@ class _Trial:
     checkpoint: Path
 
 
-def _beginning(trial: _Trial, align: Artifact) -> tuple[Codec, FrameSplit]:
-    """The network before its first step, and the frames that it will see."""
+def _begun(trial: _Trial, align: Artifact) -> Training[MeshAutoencoder]:
+    """A training before its first step."""
     config, preset = trial.config, PRESETS[trial.config.preset]
-    offsets_m, split = align.array("offsets"), _split_of(config, align)
+    offsets_m = align.array("offsets")  # mapped once: pages of two maps would count twice
+    split = split_autoencoder_frames(
+        sequences_of(align), config.seed, by=config.split, include_held_out=config.include_held_out
+    )
     normaliser = fit_normaliser(preset.normalisation, offsets_m, split.train)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
@@ -265,52 +250,28 @@ def _beginning(trial: _Trial, align: Artifact) -> tuple[Codec, FrameSplit]:
     if preset.initialisation == "modes":
         sample = torch.from_numpy(mode_sample(offsets_m, split, config.seed))
         initialise_with_modes(model, normaliser.normalise(sample), config.seed)
-    return Codec(model, normaliser), split
-
-
-def _training(
-    trial: _Trial,
-    codec: Codec,
-    split: FrameSplit,
-    offsets_m: NDArray[np.float32],
-    processes: Processes,
-) -> Training[MeshAutoencoder]:
-    config, preset = trial.config, PRESETS[trial.config.preset]
+    model.to("cuda" if torch.cuda.is_available() else "cpu")
+    settings = {one.name: getattr(config, one.name) for one in fields(Pace)}
+    settings |= {one.name: getattr(preset, one.name) for one in fields(Schedule)}
     per_epoch = math.ceil(len(split.train) / config.batch_size)
-    plan = TrainingPlan(
-        steps=config.steps or config.epochs * per_epoch,
-        batch_size=config.batch_size,
-        validate_every=config.validate_every,
-        patience=config.patience,
-        validation_frames=config.validation_frames,
-        seed=config.seed,
-        bfloat16=config.precision == "bfloat16",
-        **{one.name: getattr(preset, one.name) for one in fields(Schedule)},
-    )
-    model = codec.model.to("cuda" if torch.cuda.is_available() else "cpu")
+    settings["steps"] = config.steps or config.epochs * per_epoch
+    plan = TrainingPlan(**settings, bfloat16=config.precision == "bfloat16")
     label = f"train-ae {trial.name}"
-    return Training(
-        model, codec.normaliser, offsets_m, split, plan, trial.checkpoint, label, processes
-    )
+    return Training(model, normaliser, offsets_m, split, plan, trial.checkpoint, label)
 
 
 def _trained(
-    name: str,
-    config: TrainAutoencoderConfig,
-    align: Artifact,
-    writer: ArtifactWriter,
-    processes: Processes,
-) -> tuple[Codec, dict[str, Any]]:
-    """Train, or go on from the writer's checkpoint; and what the manifest says of it."""
+    name: str, config: TrainAutoencoderConfig, align: Artifact, writer: ArtifactWriter
+) -> tuple[Codec, FrameSplit, dict[str, Any]]:
+    """Train, or go on from the writer's checkpoint; of what frames, and what the manifest says."""
     checkpoint = writer.checkpoints.resolve() / f"{name}.safetensors"
     if config.precision == "auto":
         fast = multiplies_bfloat16() and not torch.cuda.is_available()
         config = replace(config, precision="bfloat16" if fast else "float32")
-    trial = processes.told(_Trial(name, config, checkpoint))
-    codec, split = _beginning(trial, align)
-    offsets_m = align.array("offsets")  # mapped once: pages of two maps would count twice
+    training = _begun(told(_Trial(name, config, checkpoint)), align)
+    codec = Codec(training.model, training.normaliser)
+    offsets_m, split = training.offsets_m, training.split
     initial_r2 = reconstruction_r2(codec, offsets_m, split.validation)
-    training = _training(trial, codec, split, offsets_m, processes)
     started = time.perf_counter()
     result = training.run()
     writer.record_measured(**{f"{name}_training_s": round(time.perf_counter() - started, 2)})
@@ -318,8 +279,8 @@ def _trained(
     writer.put(f"loss{suffix}", result.losses.astype(np.float32), "1")
     writer.put(f"validation_loss{suffix}", result.validation_losses.astype(np.float32), "1")
     writer.put(f"validation_steps{suffix}", result.steps.astype(np.int32), "step")
-    codec.model.cpu().eval()
-    return codec, {
+    codec.cpu().eval()
+    summary = {
         "name": name,
         "preset": config.preset,
         **asdict(PRESETS[config.preset]),
@@ -338,12 +299,7 @@ def _trained(
         "include_held_out": config.include_held_out,
         **_scores(codec, align, offsets_m, split),
     }
-
-
-def _split_of(config: TrainAutoencoderConfig, align: Artifact) -> FrameSplit:
-    return split_autoencoder_frames(
-        sequences_of(align), config.seed, by=config.split, include_held_out=config.include_held_out
-    )
+    return codec, split, summary
 
 
 def mode_sample(

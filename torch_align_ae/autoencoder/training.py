@@ -12,7 +12,6 @@ import os
 import platform
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -22,17 +21,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
+from tyro.conf import Fixed
 
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights
 from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_checkpoint
 from bridge.motion.splits import FrameSplit, chunks
+from bridge.options import NonNegativeInt, PositiveInt, Seed
 from torch_align_ae.autoencoder.codes import Normaliser
-from torch_align_ae.workers import Processes
+from torch_align_ae.workers import leads, mean_over_processes, own_part, replicated, told
 
 _VALIDATION_BATCH = 64
 _MOMENTS = ("exp_avg", "exp_avg_sq")
-ALONE = Processes()
 _REMEDY = "Train with another --preset, whose learning rate is lower."
 
 Network = TypeVar("Network", bound=nn.Module)
@@ -43,30 +43,35 @@ Network = TypeVar("Network", bound=nn.Module)
 class Schedule:
     """Adam's learning rate over a training."""
 
-    learning_rate: float = 1e-4
-    """The largest; the paper's is 1e-4."""
+    learning_rate: float = 1e-4  # the largest; the paper's is 1e-4
     learning_rate_of_loss: float = 0.0
     """If not 0, the largest rate is this times the validation loss before the first step."""
-    warmup_steps: int = 0
-    """Steps over which the learning rate rises linearly."""
-    cosine_decay: bool = False
-    """Whether the learning rate then falls to zero along a cosine."""
+    warmup_steps: int = 0  # over which the rate rises linearly
+    cosine_decay: bool = False  # whether the rate then falls to zero along a cosine
 
 
-@dataclass(frozen=True)
-class TrainingPlan(Schedule):
-    steps: int
-    """Optimiser steps in all; the last epoch may be a part of one."""
-    batch_size: int = 64
+@dataclass(frozen=True, kw_only=True)
+class Pace:
+    """How a training goes through its frames, and how often it is judged."""
+
+    seed: Seed = 0
+    """Decides the split, the weights' beginning and the order of frames."""
+    steps: NonNegativeInt = 0
+    """Optimiser steps; 0: as many as `epochs` make."""
+    batch_size: Fixed[PositiveInt] = 64
     """Frames a step; the paper's is 64."""
-    validate_every: int = 0
-    """Steps between two validation losses; 0: an epoch."""
-    patience: int = 0
+    validate_every: Fixed[NonNegativeInt] = 0
+    """Steps between two validation losses, the best of which decides what is kept; 0: an epoch."""
+    patience: Fixed[NonNegativeInt] = 0
     """Validation losses without a better one after which training stops; 0: never."""
-    validation_frames: int = 0
-    """Validation frames scored each time, evenly spaced; 0: all."""
-    seed: int = 0
-    """Decides the order of frames."""
+    validation_frames: Fixed[NonNegativeInt] = 0
+    """Validation frames scored each time, evenly spaced; 0: all. The final score takes all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingPlan(Schedule, Pace):
+    """`steps` are all; the last epoch may be a part of one."""
+
     bfloat16: bool = False
     """Whether a step multiplies bfloat16 matrices; weights, their sums and validation, by which the
     best ones are chosen, stay float32."""
@@ -110,7 +115,6 @@ class Training(Generic[Network]):
     plan: TrainingPlan
     checkpoint: Path
     label: str = "autoencoder"
-    processes: Processes = ALONE  # those that share each batch
 
     learning_rate: float = field(init=False)  # the largest one
     step_s: list[float] = field(init=False, default_factory=list)
@@ -119,10 +123,10 @@ class Training(Generic[Network]):
     def __post_init__(self) -> None:
         self.learning_rate = self.plan.learning_rate
         self._device = next(self.model.parameters()).device
-        self._normaliser = self.normaliser.to(self._device)
+        self.normaliser.to(self._device)
         # One fused pass over weights and moments; it is bit-reproducible and twice as fast.
         self._adam = torch.optim.Adam(self.model.parameters(), self.learning_rate, fused=True)
-        self._network = self.processes.replicated(self.model)
+        self._network = replicated(self.model)
         self._scored = scored_frames(self.split, self.plan.validation_frames)
 
     def run(self) -> TrainingResult:
@@ -130,11 +134,11 @@ class Training(Generic[Network]):
         result = self._start()
         if self.plan.learning_rate_of_loss:
             self.learning_rate = self.plan.learning_rate_of_loss * result.validation_losses[0]
-        done = int(result.steps[-1])
-        end = self.plan.steps
+        done, end, patience = int(result.steps[-1]), self.plan.steps, self.plan.patience
         bar = tqdm(total=end, initial=done, desc=self.label, unit="step", disable=None)
-        with bar, reproducible():
-            while done < end and not 0 < self.plan.patience <= len(result.losses) - result.best:
+        compute_reproducibly()
+        with bar:
+            while done < end and not 0 < patience <= len(result.losses) - result.best:
                 upto = min(done + (self.plan.validate_every or self._epoch_steps), end)
                 loss = self._train(range(done, upto), bar)
                 done = upto
@@ -147,13 +151,13 @@ class Training(Generic[Network]):
                 )
                 if result.best == len(result.losses):
                     self._keep_best()
-                if self.processes.leads:
-                    save_training(self.checkpoint, self.model, self._adam, result)
+                if leads():
+                    self._save(result)
                 bar.set_postfix(validation=f"{validation:.4f}")
-        self.processes.told(None)  # that its last file is whole
+        told(None)  # that its last file is whole
         best = load_weights(self.best_file)
         refuse_nonfinite(best, self.label, _REMEDY)
-        _assign(self.model, best)
+        self._assign(best)
         return result
 
     @property
@@ -167,7 +171,7 @@ class Training(Generic[Network]):
     def _start(self) -> TrainingResult:
         state = load_checkpoint(self.checkpoint)
         if state is not None and load_checkpoint(self.best_file) is not None:
-            return restore_training(state, self.model, self._adam)
+            return self._restored(state)
         loss = self._finite(self.validation_loss(), "validation loss", 0)
         self._keep_best()
         return TrainingResult(np.empty(0), np.array([loss]), np.array([0]))
@@ -187,7 +191,7 @@ class Training(Generic[Network]):
             for group in self._adam.param_groups:
                 group["lr"] = self.learning_rate * self.plan.share_at(step)
             self._adam.zero_grad()
-            part, factor = self.processes.part(batch)
+            part, factor = own_part(batch)
             with torch.autocast(self._device.type, torch.bfloat16, enabled=self.plan.bfloat16):
                 loss = factor * self._loss(self._network, part)
             loss.backward()
@@ -196,7 +200,7 @@ class Training(Generic[Network]):
             self.step_s.append(time.perf_counter() - started)
             bar.update()
         self._adam.zero_grad()  # validation and checkpoint need the memory, not the gradients
-        return self.processes.mean(total).item() / len(steps)
+        return mean_over_processes(total).item() / len(steps)
 
     def _batches(self, start: int) -> Iterator[Tensor]:
         """Batches from step `start` on, in orders that the epoch's number and the seed decide."""
@@ -210,7 +214,7 @@ class Training(Generic[Network]):
             skipped = 0
 
     def _loss(self, network: nn.Module, offsets_m: Tensor) -> Tensor:
-        values = self._normaliser.normalise(offsets_m)
+        values = self.normaliser.normalise(offsets_m)
         return nn.functional.mse_loss(network(values), values)
 
     @torch.inference_mode()
@@ -221,13 +225,38 @@ class Training(Generic[Network]):
         for part in chunks(self.offsets_m, self._scored, _VALIDATION_BATCH):
             offsets_m = torch.from_numpy(part).to(self._device)
             total += self._loss(self.model, offsets_m).item() * len(part)
-        return self.processes.told(total / len(self._scored))
+        return told(total / len(self._scored))
 
     def _keep_best(self) -> None:
-        if not self.processes.leads:
-            return
-        weights = {name: _numpy(value) for name, value in self.model.named_parameters()}
-        save_checkpoint(self.best_file, weights)
+        if leads():
+            weights = {name: _numpy(value) for name, value in self.model.named_parameters()}
+            save_checkpoint(self.best_file, weights)
+
+    def _save(self, result: TrainingResult) -> None:
+        """Write weights, Adam's moments and the losses atomically. No random state is kept: each
+        epoch's order follows from the seed and the epoch's number, and nothing else is drawn."""
+        arrays = {f"history.{name}": array for name, array in vars(result).items()}
+        for name, parameter in self.model.named_parameters():
+            arrays[f"model.{name}"] = _numpy(parameter)
+            for moment in _MOMENTS:
+                arrays[f"{moment}.{name}"] = _numpy(self._adam.state[parameter][moment])
+        save_checkpoint(self.checkpoint, arrays)
+
+    def _restored(self, arrays: dict[str, NDArray]) -> TrainingResult:
+        """Go on from what `_save` wrote."""
+        result = TrainingResult(*(arrays[f"history.{f.name}"] for f in fields(TrainingResult)))
+        named = dict(self.model.named_parameters())
+        self._assign({name: arrays.pop(f"model.{name}") for name in named})
+        for name, parameter in named.items():
+            state = self._adam.state[parameter]
+            state["step"] = torch.tensor(float(result.steps[-1]), device=self._device)
+            for moment in _MOMENTS:
+                state[moment] = torch.from_numpy(arrays[f"{moment}.{name}"]).to(self._device)
+        return result
+
+    def _assign(self, weights: dict[str, NDArray]) -> None:
+        tensors = {name: torch.from_numpy(array) for name, array in weights.items()}
+        self.model.load_state_dict(tensors, strict=False)  # what is not learned is not kept
 
 
 def scored_frames(split: FrameSplit, wanted: int) -> NDArray[np.int64]:
@@ -236,67 +265,22 @@ def scored_frames(split: FrameSplit, wanted: int) -> NDArray[np.int64]:
     return split.validation[np.linspace(0, count - 1, min(wanted or count, count)).astype(int)]
 
 
-def save_training(
-    path: Path, model: nn.Module, optimizer: torch.optim.Adam, result: TrainingResult
-) -> None:
-    """Write weights, Adam's moments and the losses atomically.
-
-    No random state is kept: each epoch's order follows from the seed and the epoch's number, and
-    nothing else is drawn.
-    """
-    arrays: dict[str, NDArray] = {}
-    for name, parameter in model.named_parameters():
-        arrays[f"model.{name}"] = _numpy(parameter)
-        for moment in _MOMENTS:
-            arrays[f"{moment}.{name}"] = _numpy(optimizer.state[parameter][moment])
-    history = {f"history.{name}": array for name, array in vars(result).items()}
-    save_checkpoint(path, {**arrays, **history})
-
-
-def restore_training(
-    arrays: dict[str, NDArray], model: nn.Module, optimizer: torch.optim.Adam
-) -> TrainingResult:
-    """Restore `model` and `optimizer` from what `save_training` wrote; return the losses."""
-    result = TrainingResult(*(arrays[f"history.{f.name}"] for f in fields(TrainingResult)))
-    _assign(model, {name: arrays.pop(f"model.{name}") for name, _ in model.named_parameters()})
-    for name, parameter in model.named_parameters():
-        state = optimizer.state[parameter]
-        state["step"] = torch.tensor(float(result.steps[-1]), device=parameter.device)
-        for moment in _MOMENTS:
-            state[moment] = torch.from_numpy(arrays[f"{moment}.{name}"]).to(parameter.device)
-    return result
-
-
-@torch.no_grad()
-def _assign(model: nn.Module, weights: dict[str, NDArray]) -> None:
-    for name, parameter in model.named_parameters():
-        parameter.copy_(torch.from_numpy(weights[name]))
-
-
 def _numpy(tensor: Tensor) -> NDArray[np.float32]:
     return tensor.detach().cpu().numpy()
 
 
-@contextmanager
-def reproducible() -> Iterator[None]:
-    """Compute in an order that does not depend on timing.
+def compute_reproducibly() -> None:
+    """From now on compute in an order that does not depend on timing.
 
     A processor needs nothing but the same number of threads, for sums are split by it; whatever is
     drawn at random has a generator with the run's seed. On a GPU cuBLAS has to keep one workspace,
     and operations that add in no fixed order are replaced, or refused with an error.
     """
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
-    # Its attributes are properties, of which the module's own annotations know nothing.
-    settings: Any = torch.utils.deterministic
-    before = torch.are_deterministic_algorithms_enabled(), settings.fill_uninitialized_memory
     torch.use_deterministic_algorithms(True)
+    settings: Any = torch.utils.deterministic
     # Nothing here reads memory that it has not written, and filling it costs a pass over it.
     settings.fill_uninitialized_memory = False
-    try:
-        yield
-    finally:
-        torch.use_deterministic_algorithms(before[0])
-        settings.fill_uninitialized_memory = before[1]
 
 
 def multiplies_bfloat16() -> bool:

@@ -18,7 +18,7 @@ from bridge.paper import N_JOINTS
 from torch_align_ae.corpus.dyna_files import FPS
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.recordings import MOSH_FPS, Recording
-from torch_align_ae.corpus.subjects import Gender, Subject
+from torch_align_ae.corpus.subjects import Subject
 
 _AMASS_POSE_WIDTH = 156
 _AMASS_BETA_COUNT = 16
@@ -27,15 +27,18 @@ _R_ZUP_YUP = Rotation.from_euler("x", 90, degrees=True)
 
 @dataclass(frozen=True, eq=False)
 class CorpusMotions:
-    """Motions of subjects of one gender; `seed` is that of everybody's style."""
+    """Motions of subjects with a body model's gender; `seed` is that of everybody's style."""
 
     data: BodyModelData
-    gender: Gender
     seed: int
 
-    def for_meshes(self, recording: Recording) -> NDArray[np.float32]:
-        """theta (T, 69) at 60 fps as it is stored: what the simulation follows is what is read."""
-        return self._procedural(recording, FPS)
+    def procedural(self, recording: Recording, fps: float = FPS) -> NDArray[np.float32]:
+        """theta (T, 69) as it is stored: what the simulation follows is what is read."""
+        skeleton = Skeleton(self.data, recording.subject.betas)
+        who, what, take = recording.subject.name, recording.kind, recording.number
+        frames, seed = recording.frame_count, self.seed
+        theta = perform(what, who, skeleton, frame_count=frames, fps=fps, seed=seed, take=take)
+        return theta.astype(np.float32)
 
     def as_read_back(self, recording: Recording) -> NDArray[np.float32]:
         """theta (T, 69) of a held-out one as every reader of its file sees it: 60 fps, y up."""
@@ -54,7 +57,7 @@ class CorpusMotions:
         fps, source = recording.source_fps or MOSH_FPS, recording.source
         joint_m = self._root_joint_m(recording.subject)
         if source is None:
-            theta = self._procedural(recording, fps)
+            theta = self.procedural(recording, fps)
         else:
             motion = load_motion_file(source, fps, fps, recording.smooth_hz)
             theta = motion.about_root_joint(joint_m).theta[: recording.frame_count]
@@ -62,25 +65,11 @@ class CorpusMotions:
             path,
             np.asarray(theta, np.float64),
             betas=recording.subject.betas,
-            gender=self.gender,
+            gender=self.data.gender,
             fps=fps,
             root_joint_m=joint_m,
             source=f"synthetic body, motion of {source.name}" if source else "synthetic",
         )
-
-    def _procedural(self, recording: Recording, fps: float) -> NDArray[np.float32]:
-        skeleton = Skeleton(self.data, recording.subject.betas)
-        kind, person, frames = recording.kind, recording.subject.name, recording.frame_count
-        theta = perform(
-            kind,
-            person,
-            skeleton,
-            frame_count=frames,
-            fps=fps,
-            seed=self.seed,
-            take=recording.number,
-        )
-        return theta.astype(np.float32)
 
     def _root_joint_m(self, subject: Subject) -> NDArray[np.float64]:
         return shaped_joints(self.data, subject.betas[None])[0, 0]

@@ -6,7 +6,6 @@ time, whatever the file's chunks and float type are.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,17 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.errors import DsnetError, notify
 from bridge.paper import N_VERTICES
 from bridge.runs.untrusted import damage_refused, open_regular
-from torch_align_ae.corpus.dyna_checks import (
-    FACES_KEY,
-    LAYOUT,
-    REMEDY,
-    check_frames,
-    check_items,
-    check_sequence,
-    check_standing,
-    is_sequence,
-    read_faces,
-)
+from torch_align_ae.corpus import dyna_checks
+from torch_align_ae.corpus.dyna_checks import FACES_KEY, LAYOUT, REMEDY
 
 FPS = 60.0
 # Each gender is aligned and trained apart (Section 3.2).
@@ -37,6 +27,7 @@ DYNA_SUBJECTS = {
     "female": ("50004", "50020", "50021", "50022", "50025"),
     "male": ("50002", "50007", "50009", "50026", "50027"),
 }
+_OTHER = {"female": "male", "male": "female"}
 # Windows of an alignment are read in steps of this many frames: 1.3 MB a chunk.
 FRAMES_PER_CHUNK = 16
 _CHUNK_CACHE_BYTES = 8 << 20
@@ -61,13 +52,8 @@ class DynaSequence:
         return self.name.partition("_")[2]
 
     def read(self, start: int = 0, stop: int | None = None) -> NDArray[np.float32]:
-        """Frames [start, stop) as (n, 6890, 3), metres, in any thread or process.
-
-        Raises
-        ------
-        DsnetError
-            If values cannot be read or are not a person's.
-        """
+        """Frames [start, stop) as (n, 6890, 3), metres, in any thread or process; DsnetError if
+        values cannot be read or are not a person's."""
         with _opened(self.path) as file:
             dataset = file[self.name]
             assert isinstance(dataset, h5py.Dataset)
@@ -75,19 +61,13 @@ class DynaSequence:
         # What float32 cannot hold becomes infinite, and is refused as such.
         with np.errstate(over="ignore"):
             frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)
-        check_frames(self.path, self.name, start, frames)
+        dyna_checks.check_frames(self.path, self.name, start, frames)
         return frames
 
 
 def dyna_sequences(paths: Iterable[Path | str]) -> list[DynaSequence]:
-    """The sequences of one or more files, in file order.
-
-    Raises
-    ------
-    DsnetError
-        If a file is missing, damaged, of another layout, in other units, turned, or holds a
-        sequence name twice.
-    """
+    """The sequences of one or more files, in file order; DsnetError if a file is missing, damaged,
+    of another layout, in other units, turned, or holds a sequence name twice."""
     found: dict[str, DynaSequence] = {}
     for path in map(Path, paths):
         for sequence in _sequences_of(path):
@@ -111,17 +91,17 @@ def _sequences_of(path: Path) -> list[DynaSequence]:
     with damage_refused(refusal):
         open_regular(path).close()
     with _opened(path) as file:
-        check_items(path, file)
+        dyna_checks.check_items(path, file)
         found = [
-            DynaSequence(path.resolve(), name, check_sequence(path, name, item))
+            DynaSequence(path.resolve(), name, dyna_checks.check_sequence(path, name, item))
             for name, item in file.items()
-            if is_sequence(name, item)
+            if dyna_checks.is_sequence(name, item)
         ]
         if not found:
             raise DsnetError(f"{path}: no sequences among {list(file)[:5]}", LAYOUT, REMEDY)
-        faces = read_faces(path, file.get(FACES_KEY))
+        faces = dyna_checks.read_faces(path, file.get(FACES_KEY))
     for sequence in found:
-        check_standing(path, sequence.name, sequence.read(0, 1)[0], faces)
+        dyna_checks.check_standing(path, sequence.name, sequence.read(0, 1)[0], faces)
     return found
 
 
@@ -142,15 +122,13 @@ def of_one_gender(sequences: Sequence[DynaSequence], gender: str) -> list[DynaSe
     `--dyna dyna_female.h5 dyna_male.h5` serves either body model. Refused if nothing remains, or
     if the body model's gender cannot choose between women and men.
     """
-    other = {"female": "male", "male": "female"}.get(gender, "")
-    strangers = DYNA_SUBJECTS.get(other, ())
-    kept = [sequence for sequence in sequences if sequence.subject not in strangers]
+    strangers = set(DYNA_SUBJECTS.get(_OTHER.get(gender, ""), ()))
     subjects = {sequence.subject for sequence in sequences}
-    if not kept:
+    if subjects <= strangers:
         raise DsnetError(
-            f"subjects {sorted(subjects)}, who are {other}, with a {gender} body model",
+            f"subjects {sorted(subjects)}, who are {_OTHER[gender]}, with a {gender} body model",
             f"Dyna's {gender} subjects {', '.join(DYNA_SUBJECTS[gender])}",
-            f"Pass the {other} body model, or the {gender} mesh file.",
+            f"Pass the {_OTHER[gender]} body model, or the {gender} mesh file.",
         )
     if not strangers and all(subjects & set(known) for known in DYNA_SUBJECTS.values()):
         raise DsnetError(
@@ -158,8 +136,9 @@ def of_one_gender(sequences: Sequence[DynaSequence], gender: str) -> list[DynaSe
             "one gender a run, as in the paper",
             "Pass SMPL's female or male model, or mesh files of one gender.",
         )
+    kept = [sequence for sequence in sequences if sequence.subject not in strangers]
     if left_out := len(sequences) - len(kept):
-        why = f"{other} subjects, {gender} body model"
+        why = f"{_OTHER[gender]} subjects, {gender} body model"
         notify(f"{left_out} of {len(sequences)} sequences left out: {why}")
     return kept
 
@@ -183,21 +162,8 @@ class DynaWriter:
 
 
 @contextmanager
-def write_dyna(path: Path | str, faces: ArrayLike) -> Iterator[DynaWriter]:
-    """Write a Dyna-format file sequence by sequence; it appears at `path` only when complete.
-
-    Examples
-    --------
-    >>> with write_dyna("dyna_female.h5", faces) as writer:  # doctest: +SKIP
-    ...     writer.add("50004_hips", vertices_m)
-    """
-    path = Path(path)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        with h5py.File(partial, "w") as file:
-            file.create_dataset(FACES_KEY, data=np.asarray(faces, dtype=np.uint32))
-            yield DynaWriter(file)
-        os.replace(partial, path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+def write_dyna(path: Path, faces: ArrayLike) -> Iterator[DynaWriter]:
+    """Write a Dyna-format file sequence by sequence."""
+    with h5py.File(path, "w") as file:
+        file.create_dataset(FACES_KEY, data=np.asarray(faces, dtype=np.uint32))
+        yield DynaWriter(file)

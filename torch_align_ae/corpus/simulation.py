@@ -31,8 +31,7 @@ class TissueSimulator:
         substeps = round(RATE_HZ / fps)
         if not np.isclose(substeps * fps, RATE_HZ):
             raise ValueError(f"{RATE_HZ} Hz is not a multiple of {fps} fps")
-        free = self.tissue.free
-        drive = rest_frame_drive(self._body, self._betas, theta, fps, free, gravity=self._gravity)
+        free, drive = self.tissue.free, self.drive(theta, fps)
         result = np.zeros((len(theta), self._body.vertex_count, 3), np.float32)
         state = self.tissue.settled(drive[0])
         result[0, free] = state.offsets_m
@@ -44,34 +43,25 @@ class TissueSimulator:
             result[frame, free] = state.offsets_m
         return result
 
+    def drive(self, theta: Array, fps: float) -> Array:
+        """R^T (g - x'') - g (T, N, 3), m/s^2: what skeleton and gravity do to the N vertices that
+        are free to move, in rest's frame; without gravity, g is 0.
 
-def rest_frame_drive(
-    body: BodyModelData,
-    betas: Array,
-    theta: Array,
-    fps: float,
-    selected: NDArray[np.integer],
-    *,
-    gravity: bool = True,
-) -> Array:
-    """R^T (g - x'') - g (T, N, 3), m/s^2: what skeleton and gravity do to tissue at rest's frame.
-
-    It is computed for the `selected` (N,) vertices; without `gravity`, g is 0. A [1 2 1] / 4
-    filter in time blunts impacts, as shoes, pads and joints do.
-    """
-    vertices, turns = skin(body, betas, theta, selected)
-    acceleration = np.zeros_like(vertices)
-    acceleration[1:-1] = (vertices[2:] - 2 * vertices[1:-1] + vertices[:-2]) * fps**2
-    # Equal rows of a matrix product may differ in the last bit; stillness must not.
-    same = (theta[1:] == theta[:-1]).all(axis=1)
-    acceleration[1:-1][same[1:] & same[:-1]] = 0.0
-    fall = np.array([0.0, -GRAVITY_M_S2 if gravity else 0.0, 0.0])[:, None]
-    drive = np.empty_like(vertices)
-    for frame, turn in enumerate(turns):
-        drive[frame] = (turn * (fall - acceleration[frame])[:, None]).sum(0) - fall
-    blunted = drive.copy()
-    blunted[1:-1] = (drive[:-2] + 2 * drive[1:-1] + drive[2:]) / 4
-    return blunted.transpose(0, 2, 1)
+        A [1 2 1] / 4 filter in time blunts impacts, as shoes, pads and joints do.
+        """
+        vertices, turns = skin(self._body, self._betas, theta, self.tissue.free)
+        acceleration = np.zeros_like(vertices)
+        acceleration[1:-1] = (vertices[2:] - 2 * vertices[1:-1] + vertices[:-2]) * fps**2
+        # Equal rows of a matrix product may differ in the last bit; stillness must not.
+        same = (theta[1:] == theta[:-1]).all(axis=1)
+        acceleration[1:-1][same[1:] & same[:-1]] = 0.0
+        fall = np.array([0.0, -GRAVITY_M_S2 if self._gravity else 0.0, 0.0])[:, None]
+        drive = np.empty_like(vertices)
+        for frame, turn in enumerate(turns):
+            drive[frame] = (turn * (fall - acceleration[frame])[:, None]).sum(0) - fall
+        blunted = drive.copy()
+        blunted[1:-1] = (drive[:-2] + 2 * drive[1:-1] + drive[2:]) / 4
+        return blunted.transpose(0, 2, 1)
 
 
 def skin(

@@ -17,10 +17,8 @@ Gender = Literal["female", "male"]
 class Subject:
     """One body."""
 
-    name: str
-    """Identifier, as in `<subject>_<motion>`."""
-    shape: tuple[float, ...]
-    """First shape coefficients in the embedded shape space; the rest are zero."""
+    name: str  # as in `<subject>_<motion>`
+    shape: tuple[float, ...]  # first coefficients in the embedded shape space; the rest are zero
 
     @property
     def betas(self) -> NDArray[np.float64]:

@@ -2,9 +2,14 @@
 
 Flesh of one part hangs by the same share of its depth everywhere: its frequency goes with one over
 the root of the depth, so who has more of it has softer flesh. On bone skin does not move.
+
+`FLESH` and what follows is the one table of the constants, with their sources; docs/data.md shows
+it, and a test holds the page to it.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,13 +22,40 @@ from bridge.body.parts import PARTS, part_weights
 from bridge.body.posing import shaped_vertices
 from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 from torch_align_ae.corpus.soft_tissue import Array, TissueParameters
-from torch_align_ae.corpus.tissue_constants import (
-    FIRMEST_HZ,
-    FLESH,
-    MENS_FLESH,
-    PRELOAD,
-    WAVE_SPEED_M_S,
-)
+
+
+class Flesh(NamedTuple):
+    """Flesh of one part of the body."""
+
+    frequency_hz: float  # of a small vertical vibration, standing, apart from its neighbours
+    depth_m: float  # of flesh over the bone at which it has that frequency
+    damping_ratio: float  # of that vibration
+    source: str
+
+
+NONE = "not measured; damping as elsewhere"
+FLESH = {
+    "chest": Flesh(3.3, 0.050, 0.215, "breast: damping 0.215, most at 4 Hz (Chen, Ng, Yu 2013)"),
+    "belly": Flesh(5.5, 0.060, 0.22, "unknown; viscera 50 to 80 mm in hops (Minetti, Belli 1994)"),
+    "back": Flesh(6.0, 0.040, 0.22, NONE),
+    "buttocks": Flesh(5.5, 0.050, 0.22, NONE),
+    "upper_arms": Flesh(7.0, 0.025, 0.22, NONE),
+    "forearms": Flesh(10.0, 0.015, 0.22, NONE),
+    "thighs": Flesh(8.0, 0.070, 0.30, "rings at 10 to 11 Hz after a hop (Cereatti's bone pins)"),
+    "calves": Flesh(10.0, 0.045, 0.30, "10 to 65 Hz (Wakeling 2001)"),
+}
+"""By part of the body (`bridge.body.parts`); of what is not named the skin lies on bone."""
+MENS_FLESH = {
+    "chest": Flesh(4.0, 0.050, 0.22, "muscle: half as far as before, by markers on a man's kick"),
+}
+"""Where men's differs."""
+PRELOAD = 2.0
+"""Sag of standing flesh over that of linear springs; 2: without weight it swings half as fast. From
+markers on a jumping woman; her law's stiffening about the standing shape has the wrong sign."""
+WAVE_SPEED_M_S = 0.4
+"""That couples skin with its neighbours; markers say 0.3 to 0.6, and trade it with frequency."""
+FIRMEST_HZ = 20.0
+"""Of thin flesh, beside bone."""
 
 # Radius of bone about the line from a joint's parent to the joint; the trunk's is that of spine and
 # pelvis with what is firm about them.

@@ -111,7 +111,7 @@ def test_a_fixed_number_of_steps_is_the_stages_own_descent(clips):
     objective, known = clips
     pose, trans = known.pose, known.trans
     for target in known.targets:
-        pose, trans = fit_pose(objective, known.shapes, (pose, trans), target, 9, Descent())
+        pose, trans = fit_pose(known.shapes, (pose, trans), target, 9, Descent())
     found = track(objective, known, Rule(9), Descent())
     np.testing.assert_allclose(found.pose[:, -1], pose, atol=1e-5)
     np.testing.assert_allclose(found.trans[:, -1], trans, atol=1e-5)

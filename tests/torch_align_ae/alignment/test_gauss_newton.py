@@ -16,8 +16,8 @@ def test_poses_of_exact_meshes_are_found(sample, smpl, betas, lively):
     pose, trans = lively(6)
     target = sample.take(smpl(betas.expand(6, -1), pose, trans))
     shaped = sample.shaped(betas)
-    start = initial_pose(sample, shaped, target)
-    found = fit_poses(sample, shaped, target, torch.ones(len(sample)), start, 6)
+    start = initial_pose(shaped, target)
+    found = fit_poses(shaped, target, torch.ones(len(sample)), start, 6)
     # Float32 vertices a metre from the root are good to a tenth of a micrometre.
     assert angles(found.rotations, pose).max() < 1e-4
     torch.testing.assert_close(found.trans, trans, rtol=0, atol=1e-5)
@@ -26,23 +26,21 @@ def test_poses_of_exact_meshes_are_found(sample, smpl, betas, lively):
 def test_closed_form_is_near(sample, smpl, betas, lively):
     pose, trans = lively(4)
     target = sample.take(smpl(betas.expand(4, -1), pose, trans))
-    start = initial_pose(sample, sample.shaped(betas), target)
+    start = initial_pose(sample.shaped(betas), target)
     # Weights that fade softly at joints leave few vertices that follow one bone.
     assert angles(start.rotations, pose).median() < 0.12
-    assert (sample.positions(sample.shaped(betas), start) - target).norm(dim=1).mean() < 0.03
+    assert (sample.shaped(betas).posed(start).positions() - target).norm(dim=1).mean() < 0.03
 
 
 def test_a_batch_is_its_singles(sample, smpl, betas, lively):
     pose, trans = lively(3)
     target = sample.take(smpl(betas.expand(3, -1), pose, trans)) + 0.001
     shaped, weights = sample.shaped(betas), torch.linspace(0.1, 1, len(sample))
-    start = initial_pose(sample, shaped, target)
-    batch = fit_poses(sample, shaped, target, weights, start, 3)
+    start = initial_pose(shaped, target)
+    batch = fit_poses(shaped, target, weights, start, 3)
     for row in range(3):
         one = slice(row, row + 1)
-        alone = fit_poses(
-            sample, shaped, target[one], weights, initial_pose(sample, shaped, target[one]), 3
-        )
+        alone = fit_poses(shaped, target[one], weights, initial_pose(shaped, target[one]), 3)
         torch.testing.assert_close(alone.rotations, batch.rotations[one], rtol=0, atol=1e-4)
 
 
@@ -54,8 +52,8 @@ def test_vertices_without_weight_are_not_looked_at(sample, smpl, betas, lively):
     spoilt = exact.clone()
     spoilt[:, :, ::3] += 0.05
     shaped = sample.shaped(betas)
-    start = initial_pose(sample, shaped, exact)
-    found = fit_poses(sample, shaped, spoilt, weights, start, 6)
+    start = initial_pose(shaped, exact)
+    found = fit_poses(shaped, spoilt, weights, start, 6)
     assert angles(found.rotations, pose).max() < 1e-3
 
 

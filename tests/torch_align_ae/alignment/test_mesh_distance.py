@@ -89,7 +89,7 @@ def by_hand(smpl, betas, pose, trans, target):
     objective = MeshDistance(smpl)
     distance = objective.to(objective.arrange(target))
     gradient = distance.gradient(objective.shapes(betas), pose, trans)
-    by_betas = distance.betas_gradient(gradient)
+    by_betas = distance.betas_gradient()
     return [gradient.distance, by_betas, gradient.pose, gradient.trans]
 
 

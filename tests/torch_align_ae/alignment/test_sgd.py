@@ -29,7 +29,7 @@ def test_recovers_pose_within_the_methods_floor(objective, smpl, motion):
     betas = torch.zeros(2, 10)
     target = objective.arrange(smpl(betas, pose, trans))
     begin = pose + 0.03, trans + 0.02
-    found = fit_pose(objective, objective.shapes(betas), begin, target, 300, Descent())
+    found = fit_pose(objective.shapes(betas), begin, target, 300, Descent())
     assert root_mean_square_m(objective, target, betas, *found) < 0.003
     assert root_mean_square_m(objective, target, betas, *begin) > 0.03
     np.testing.assert_allclose(found[0], pose, atol=0.03)
@@ -56,7 +56,6 @@ def test_descent_is_torchs_sgd_on_the_unsquared_norm(objective, smpl, motion):
         (smpl(betas, *variables) - target).norm().backward()
         optimizer.step()
     found = fit_pose(
-        objective,
         objective.shapes(betas),
         (pose + 0.05, trans + 0.05),
         objective.arrange(target),
@@ -104,7 +103,7 @@ def test_batch_equals_singles(objective, smpl, motion):
 
     def fit(rows):
         start = pose[rows] + 0.02, trans[rows]
-        return fit_pose(objective, shapes.rows(rows), start, target[rows], 20, Descent())
+        return fit_pose(shapes.rows(rows), start, target[rows], 20, Descent())
 
     together = fit(slice(0, 3))
     for row in range(3):
@@ -118,8 +117,6 @@ def test_rigid_start_finds_a_person_who_looks_the_other_way(objective, smpl):
     pose[0, 0] = torch.tensor([0.1, 3.1, 0.0])
     pose[1, 0] = torch.tensor([0.0, -1.5, 0.4])
     betas = torch.zeros(2, 10)
-    found = rigid_start(
-        objective, objective.shapes(betas), objective.arrange(smpl(betas, pose, trans))
-    )
+    found = rigid_start(objective.shapes(betas), objective.arrange(smpl(betas, pose, trans)))
     np.testing.assert_allclose(found[0], pose, atol=0.01)
     np.testing.assert_allclose(found[1], trans, atol=0.01)

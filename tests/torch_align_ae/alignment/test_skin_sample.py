@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from bridge.verify.reference.smpl import rotations
-from torch_align_ae.alignment.skin_sample import linearise
 
 DOUBLE = torch.float64
 
@@ -24,12 +23,12 @@ def linearised(sample64, betas, lively, as_pose):
     """Positions (B, 3, N) and Jacobian (B, 23, 3, 3, N) put together from all patches."""
     pose, trans = lively(1, dtype=DOUBLE)
     shaped = sample64.shaped(betas.double())
-    frames = sample64.frames(shaped, as_pose(pose, trans))
+    frames = shaped.posed(as_pose(pose, trans))
     positions = torch.zeros(1, 3, len(sample64), dtype=DOUBLE)
     jacobian = torch.zeros(1, 23, 3, 3, len(sample64), dtype=DOUBLE)
     for patch in sample64.patches:
         scale = torch.ones(patch.weights.shape[1], dtype=DOUBLE)
-        parts = linearise(patch, shaped, frames, scale)
+        parts = patch.linearise(frames, scale)
         unknowns = torch.cat([patch.joints, torch.tensor([22])])
         positions[:, :, patch.vertices] = parts[0]
         jacobian[:, unknowns, :, :, patch.vertices] = parts[1]
@@ -64,11 +63,11 @@ def test_jacobian_is_the_derivative(linearised, sample64, smpl64, betas, lively)
 
 def test_scale_multiplies_rows(sample, betas, lively, as_pose):
     shaped = sample.shaped(betas)
-    frames = sample.frames(shaped, as_pose(*lively(1)))
+    frames = shaped.posed(as_pose(*lively(1)))
     patch = sample.patches[1]
     ones = torch.ones(patch.weights.shape[1])
     scale = torch.linspace(0.1, 2, len(ones))
-    plain = linearise(patch, shaped, frames, ones)
-    scaled = linearise(patch, shaped, frames, scale)
+    plain = patch.linearise(frames, ones)
+    scaled = patch.linearise(frames, scale)
     for ours, before in zip(scaled, plain, strict=True):
         torch.testing.assert_close(ours, before * scale, rtol=1e-5, atol=1e-6)

@@ -128,7 +128,7 @@ def load_of(sample, betas, lively, as_pose):
 
     def of(acceleration=(0.0, 0.0, 0.0), *, upright=False):
         pose, trans = lively(3)
-        frames = sample.frames(sample.shaped(betas), as_pose(0 * pose if upright else pose, trans))
+        frames = sample.shaped(betas).posed(as_pose(0 * pose if upright else pose, trans))
         moving = torch.tensor(acceleration)[None, :, None].expand(3, 3, len(sample))
         seen = Observed(torch.zeros_like(moving), moving, moving, 2 * moving)
         return Loads(sample).terms(seen, frames.turn), frames

@@ -6,7 +6,7 @@ import torch
 
 import torch_align_ae
 from torch_align_ae import CasasOtaduyAutoencoder
-from torch_align_ae.autoencoder import parameter_count
+from torch_align_ae.autoencoder.mesh_autoencoder import parameter_count
 from torch_align_ae.autoencoder.stage_train_ae import parameter_counts
 
 

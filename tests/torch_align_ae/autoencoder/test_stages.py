@@ -13,8 +13,8 @@ from bridge.motion import MotionSequence, sequences_of, to_manifest
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.artifact import DataOrigin
 from tests.forged.dmpl import forged_directions, save_dmpl
-from torch_align_ae.autoencoder import load_codec, stage_decode, stage_encode, stage_train_ae
-from torch_align_ae.autoencoder.codes import WEIGHTS_FILE, load_codecs
+from torch_align_ae.autoencoder import stage_decode, stage_encode, stage_train_ae
+from torch_align_ae.autoencoder.codes import WEIGHTS_FILE, load_codec, load_codecs
 from torch_align_ae.autoencoder.stage_encode import EncodeConfig
 from torch_align_ae.autoencoder.stage_train_ae import TrainAutoencoderConfig
 

@@ -16,7 +16,7 @@ from bridge.motion.splits import split_frames
 from bridge.paper import INFERRED_WIDTHS
 from torch_align_ae.autoencoder.codes import Codec, fit_normaliser, reconstruction_r2
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder, initialise_with_modes
-from torch_align_ae.autoencoder.training import Training, TrainingPlan, save_training
+from torch_align_ae.autoencoder.training import Training, TrainingPlan
 
 SMALL = (60, 40, 30, 20, 12)
 
@@ -118,16 +118,16 @@ def test_a_kill_between_best_weights_and_checkpoint_changes_nothing(tmp_path, mo
     (tmp_path / "whole").mkdir()
     (tmp_path / "killed").mkdir()
     expected.run()
-    calls = []
+    save, calls = Training._save, []
 
     def dies(*arguments) -> None:
         calls.append(arguments)
         if len(calls) > kept:
             raise _KilledError
-        save_training(*arguments)
+        save(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr("torch_align_ae.autoencoder.training.save_training", dies)
+        patch.setattr(Training, "_save", dies)
         with pytest.raises(_KilledError):
             training(tmp_path / "killed", plan).run()
     resumed = training(tmp_path / "killed", plan)

@@ -19,7 +19,7 @@ from pathlib import Path
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.autoencoder.codes import Normaliser
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
-from torch_align_ae.workers import started_by_torchrun
+from torch_align_ae.workers import joined_by_torchrun, leads
 from bridge.motion.splits import split_frames
 
 checkpoint, steps = Path(sys.argv[1]), int(sys.argv[2])
@@ -30,10 +30,10 @@ normaliser = Normaliser(torch.zeros(900, 3), torch.ones(900, 3))
 network = MeshAutoencoder((900, 300, 200, 100, 30))
 split = split_frames(numpy.arange(100), 0)
 # 70 frames in batches of 32: the last of an epoch has 6, of which two processes take 3 each.
-plan = TrainingPlan(steps, batch_size=32, validate_every=5)  # Adam at 1e-4
-with started_by_torchrun() as processes:
-    Training(network, normaliser, offsets, split, plan, checkpoint, processes=processes).run()
-    if processes.leads:
+plan = TrainingPlan(steps=steps, batch_size=32, validate_every=5)  # Adam at 1e-4
+with joined_by_torchrun():
+    Training(network, normaliser, offsets, split, plan, checkpoint).run()
+    if leads():
         with torch.no_grad():
             numpy.save(checkpoint.with_suffix(".npy"), network(torch.from_numpy(offsets)))
 """

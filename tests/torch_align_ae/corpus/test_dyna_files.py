@@ -69,19 +69,6 @@ def test_equal_content_gives_equal_bytes(tmp_path, body, clip):
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
-def test_failed_writing_leaves_nothing(tmp_path, body, clip):
-    path = tmp_path / "dyna.h5"
-
-    def fail():
-        with write_dyna(path, body.faces) as writer:
-            writer.add("50004_hips", clip)
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        fail()
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_iterating_holds_one_sequence(tmp_path, body, clip):
     path = tmp_path / "dyna.h5"
     with write_dyna(path, body.faces) as writer:

@@ -12,7 +12,8 @@ from scipy.spatial.distance import cdist
 
 from bridge.body import load_body_model
 from torch_align_ae.corpus.corpus_motions import CorpusMotions
-from torch_align_ae.corpus.stage_corpus import PROFILES, plan_of
+from torch_align_ae.corpus.recordings import plan_of
+from torch_align_ae.corpus.stage_corpus import PROFILES
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN
 
 # Half a second. In all takes alike everybody stands at first, and begins gently: what is compared
@@ -25,7 +26,7 @@ both_genders = pytest.mark.parametrize("gender", ["female", "male"])
 
 @cache
 def motions_of(gender):
-    return CorpusMotions(load_body_model(f"embedded:{gender}"), gender, 0)
+    return CorpusMotions(load_body_model(f"embedded:{gender}"), 0)
 
 
 def windows(theta):
@@ -66,7 +67,7 @@ def test_new_people_and_unseen_kinds_are_in_no_training_take(profile, gender):
 @both_genders
 def test_no_window_of_a_test_motion_is_one_of_training(gender):
     plan = plan_of(replace(PROFILES["smoke"], gender=gender))
-    trained = [motions_of(gender).for_meshes(take) for take in plan.dyna]
+    trained = [motions_of(gender).procedural(take) for take in plan.dyna]
     tested = [motions_of(gender).as_read_back(take) for take in plan.held_out]
     assert nearest_rad(trained, [trained[0]]) == 0
     assert nearest_rad(tested, trained) > SAME_RAD
@@ -80,7 +81,7 @@ def test_a_known_persons_second_take_is_not_her_first(gender):
     again = [take for take in plan.held_out if take.number == 2]
     assert len(again) == PROFILES["demo"].retakes
     for take in again:
-        own = [motions_of(gender).for_meshes(t) for t in plan.dyna if t.subject == take.subject]
+        own = [motions_of(gender).procedural(t) for t in plan.dyna if t.subject == take.subject]
         again_theta = motions_of(gender).as_read_back(take)
         assert nearest_rad([again_theta], own) > SAME_RAD
         assert nearest_rad([again_theta[MOVING:]], own) > ALIKE_RAD
@@ -88,7 +89,7 @@ def test_a_known_persons_second_take_is_not_her_first(gender):
 
 def test_unseen_kinds_are_far_from_all_that_the_same_person_trains_on():
     plan, person = plan_of(PROFILES["demo"]), SUBJECTS["female"][1]
-    own = [motions_of("female").for_meshes(take) for take in plan.dyna if take.subject == person]
+    own = [motions_of("female").procedural(take) for take in plan.dyna if take.subject == person]
     unseen = [t for t in plan.held_out if t.subject == person and t.number == 1]
     assert len(unseen) >= 2
     for take in unseen:

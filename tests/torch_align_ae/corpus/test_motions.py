@@ -66,8 +66,8 @@ def performance(motion, row, gender: Gender = "female"):
     theta = perform(motion, subject.name, skeleton, frame_count=count, fps=FPS)
     times_s = np.arange(count) / FPS
     plan = MOTIONS[motion](Planner.drawn(subject.name, motion, times_s, skeleton.size, 0))
-    feet = (plan.left_foot, plan.right_foot)
-    contact = np.stack([foot.ball_m[:, 1] < 1e-9 for foot in feet], axis=1)
+    balls_m = [np.broadcast_to(foot.ball_m, (count, 3)) for foot in plan.feet]
+    contact = np.stack([ball_m[:, 1] < 1e-9 for ball_m in balls_m], axis=1)
     pose, trans = unpack_theta(theta)
     betas = torch.tensor(subject.betas).float().expand(count, -1)
     tensors = torch.tensor(pose).float(), torch.tensor(trans).float()

@@ -12,7 +12,7 @@ from bridge.body.posing import shaped_vertices
 from tests.torch_align_ae.corpus.test_soft_tissue import displaced, tissue, vibrate
 from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
-from torch_align_ae.corpus.tissue_constants import FLESH, PRELOAD
+from torch_align_ae.corpus.tissue_parameters import FLESH, PRELOAD
 
 FPS, FRAMES, STEADY_S = 120.0, 450, 2.5
 G = 9.81

@@ -101,7 +101,7 @@ def test_a_rate_in_place_of_the_files_is_the_takes_and_in_its_name(amass, tmp_pa
     ).held_out
     assert known.name == "50004_amass_leg_throw_at_40_hz"
     assert (known.source_fps, known.frame_count) == (40.0, 49)
-    motions = CorpusMotions(load_body_model("embedded:female"), "female", seed=0)
+    motions = CorpusMotions(load_body_model("embedded:female"), seed=0)
     motions.write_amass(tmp_path / "slow.npz", known)
     slow = load_amass_motion(tmp_path / "slow.npz", fps=40.0)
     assert known.source is not None
@@ -115,7 +115,7 @@ def test_noise_is_left_out_of_the_takes_and_their_names_say_so(amass, tmp_path, 
     config = replace(TINY, amass=amass, amass_seconds=1.2, amass_smooth_hz=smooth_hz)
     (known, _) = stage.plan_of(config).held_out
     assert known.name == f"50004_amass_leg_throw_{suffix}"
-    motions = CorpusMotions(load_body_model("embedded:female"), "female", seed=0)
+    motions = CorpusMotions(load_body_model("embedded:female"), seed=0)
     motions.write_amass(tmp_path / "still.npz", known)
     assert known.source is not None
     still = load_amass_motion(tmp_path / "still.npz").theta
@@ -174,7 +174,7 @@ def test_a_bvh_is_a_take_too_from_the_end_of_its_rest_pose_on(tmp_path, capsys):
     assert [take.name for take in (known, new)] == ["50004_bvh_05_06", "99001_bvh_05_06"]
     assert (known.frame_count, known.source_fps) == (180, pytest.approx(120))
     assert "05_06.bvh: the motion begins after frame 1 of the file" in capsys.readouterr().err
-    read = CorpusMotions(data, "female", 0).as_read_back(new)
+    read = CorpusMotions(data, 0).as_read_back(new)
     # Frames 1, 3, 5, ... of the file.
     np.testing.assert_allclose(read[:, 3:66], theta[1::2, 3:66], atol=1e-5)
 
@@ -186,7 +186,7 @@ def test_the_sample_of_amass_is_done_by_a_known_and_a_new_person():
     assert plan.files == [SAMPLE]
     names = ["50004_amass_dmpl_sample", "99001_amass_dmpl_sample"]
     assert [take.name for take in plan.held_out] == names
-    motions = CorpusMotions(load_body_model("embedded:female"), "female", 0)
+    motions = CorpusMotions(load_body_model("embedded:female"), 0)
     known, new = map(motions.as_read_back, plan.held_out)
     assert known.shape == new.shape == (118, 69)
     np.testing.assert_allclose(known[:, :66], new[:, :66], atol=1e-6)

@@ -13,14 +13,14 @@ from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
 from bridge.motion.splits import CELLS, cell_of
 from torch_align_ae.corpus.motions import DYNA_MOTIONS
-from torch_align_ae.corpus.recordings import dyna_recordings, held_out_recordings
-from torch_align_ae.corpus.stage_corpus import PROFILES, plan_of
+from torch_align_ae.corpus.recordings import CorpusConfig, plan_of
+from torch_align_ae.corpus.stage_corpus import PROFILES
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender
 
 
 @pytest.mark.parametrize(("gender", "sequences"), [("female", 67), ("male", 66)])
 def test_the_full_corpus_has_the_papers_sequences(gender, sequences):
-    takes = dyna_recordings(gender, 5, tuple(DYNA_MOTIONS), 0, seed=0)
+    takes = plan_of(CorpusConfig(gender=gender)).dyna
     assert len({take.name for take in takes}) == len(takes) == sequences
     lengths = np.array([take.frame_count for take in takes])
     assert lengths.min() >= 2 * 60
@@ -30,22 +30,24 @@ def test_the_full_corpus_has_the_papers_sequences(gender, sequences):
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_full_female_corpus_has_the_papers_frames(seed):
-    takes = dyna_recordings("female", 5, tuple(DYNA_MOTIONS), 0, seed)
+    takes = plan_of(CorpusConfig(seed=seed)).dyna
     assert sum(take.frame_count for take in takes) == 21_502
 
 
 @pytest.mark.parametrize("profile", PROFILES)
 def test_every_profile_validates_on_one_subject_what_others_train_on(profile):
     config = PROFILES[profile]
-    takes = dyna_recordings("female", config.subjects, config.motions, config.mean_frames, 0)
+    takes = plan_of(config).dyna
     jumpers = [take.subject.name for take in takes if take.motion == "one_leg_jump"]
     assert len(jumpers) == config.subjects
     assert "50004" in jumpers
 
 
-def held_out(gender: Gender = "female", subjects=5, **options):
-    usual = {"unseen": ("kicking",), "known": ("hips",), "seconds": 2.0, "crossing": "full"}
-    return held_out_recordings(gender, subjects, **(usual | options))
+def held_out(unseen=("kicking",), retakes=1):
+    asked = CorpusConfig(
+        motions=("hips",), mosh_motions=unseen, mosh_seconds=2.0, retakes=retakes, crossing="full"
+    )
+    return plan_of(asked).held_out
 
 
 def cells(takes, gender: Gender = "female"):
@@ -83,7 +85,7 @@ def test_smoke_has_one_take_a_cell_and_paper_the_papers_thirty():
 
 
 def test_lying_down_takes_the_time_that_it_needs():
-    takes = held_out(unseen=("lying_down_and_getting_up", "walking"), known=())
+    takes = held_out(("lying_down_and_getting_up", "walking"), retakes=0)
     assert {(take.kind, take.frame_count) for take in takes} == {
         ("lying_down_and_getting_up", 561),
         ("walking", 201),
@@ -136,7 +138,7 @@ def test_subjects_differ_from_lean_to_heavy(gender):
 )
 def test_what_there_is_not_is_refused(subjects, motions, complaint):
     with pytest.raises(DsnetError, match=complaint):
-        dyna_recordings("female", subjects, motions, 100, 0)
+        plan_of(CorpusConfig(subjects=subjects, motions=motions))
 
 
 @pytest.mark.parametrize(
@@ -145,7 +147,7 @@ def test_what_there_is_not_is_refused(subjects, motions, complaint):
 )
 def test_held_out_kinds_that_are_repeated_or_trained_on_are_refused(unseen, complaint):
     with pytest.raises(DsnetError, match=complaint):
-        held_out(unseen=unseen)
+        held_out(unseen)
 
 
 @pytest.mark.parametrize("profile", PROFILES)

@@ -7,10 +7,7 @@ import pytest
 
 from bridge.body import load_body_model
 from bridge.tissue.oscillators import node_loads
-from torch_align_ae.corpus.simulation import (
-    TissueSimulator,
-    rest_frame_drive,
-)
+from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
 
 
@@ -33,8 +30,7 @@ def test_a_falling_body_is_driven_upwards_in_its_own_frame(body):
     theta = np.zeros((30, 69))
     theta[:, 2] = np.pi / 2
     theta[:, 67] = -9.81 * times_s**2 / 2
-    everywhere = np.arange(body.vertex_count)
-    drive = rest_frame_drive(body, np.zeros(10), theta, 60.0, everywhere, gravity=False)
+    drive = TissueSimulator(body, np.zeros(10), gravity=False).drive(theta, 60.0)
     # The body was turned left about z, so the world's y is its own x.
     expected = np.broadcast_to([9.81, 0, 0], drive[2:-2].shape)
     np.testing.assert_allclose(drive[2:-2], expected, atol=1e-8)
@@ -46,8 +42,7 @@ def test_in_free_fall_gravity_is_not_felt(body):
     theta = np.zeros((30, 69))
     theta[:, 2] = np.pi / 2
     theta[:, 67] = -9.81 * times_s**2 / 2
-    everywhere = np.arange(body.vertex_count)
-    drive = rest_frame_drive(body, np.zeros(10), theta, 60.0, everywhere)
+    drive = TissueSimulator(body, np.zeros(10)).drive(theta, 60.0)
     expected = np.broadcast_to([0, 9.81, 0], drive[2:-2].shape)
     np.testing.assert_allclose(drive[2:-2], expected, atol=1e-8)
 
@@ -62,15 +57,12 @@ def test_predictor_and_simulator_feel_the_same_but_for_blunted_impacts():
     rng = np.random.default_rng(0)
     rates, phases = rng.uniform(0.05, 0.3, (1, 69)), rng.uniform(0, 2 * np.pi, (1, 69))
     theta = 0.4 * np.sin(rates * np.arange(30)[:, None] + phases)
-    body, betas, skin = (
-        load_body_model("embedded:female"),
-        np.linspace(-2, 2, 10),
-        np.arange(0, 6890, 30),
-    )
-    load = node_loads(body, skin, betas, theta, 60.0)
+    body, betas = load_body_model("embedded:female"), np.linspace(-2, 2, 10)
+    simulator = TissueSimulator(body, betas)
+    load = node_loads(body, simulator.tissue.free[::30], betas, theta, 60.0)
     felt = load.inertia + load.gravity
     blunted = felt.copy()
     blunted[1:-1] = (felt[:-2] + 2 * felt[1:-1] + felt[2:]) / 4
-    drive = rest_frame_drive(body, betas, theta, 60.0, skin)
+    drive = simulator.drive(theta, 60.0)[:, ::30]
     np.testing.assert_allclose(blunted, drive, atol=1e-4)
     assert drive.std() > 3.0

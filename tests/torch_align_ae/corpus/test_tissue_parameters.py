@@ -15,14 +15,15 @@ from bridge.body.posing import shaped_vertices
 from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 from tests.sources import ROOT
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN
-from torch_align_ae.corpus.tissue_constants import (
+from torch_align_ae.corpus.tissue_parameters import (
     FIRMEST_HZ,
     FLESH,
     MENS_FLESH,
     PRELOAD,
     WAVE_SPEED_M_S,
+    flesh_depth_m,
+    tissue_parameters,
 )
-from torch_align_ae.corpus.tissue_parameters import flesh_depth_m, tissue_parameters
 
 WOMEN, MEN = (
     {"mean": np.zeros(10)} | {s.name: s.betas for s in (*SUBJECTS[gender], *UNSEEN[gender])}

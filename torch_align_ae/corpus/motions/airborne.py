@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from torch_align_ae.corpus.motions.plan import (
     BEGIN_S,
@@ -14,12 +12,11 @@ from torch_align_ae.corpus.motions.plan import (
     RELAXED_LOWER,
     Array,
     BodyPlan,
-    Contact,
     FootPath,
+    Joints,
     Planner,
-    Swing,
+    Step,
     by_side,
-    contacts_between,
 )
 
 _CROUCH_S = 0.36
@@ -28,92 +25,68 @@ _CROUCH_ACCELERATION_M_S2 = 5.0
 
 def light_hopping_stiff(m: Planner) -> BodyPlan:
     """Small quick hops on stiff legs."""
-    hops = _hops(m, _high(m, 0.21), 0.21, 0.05)
-    return _hopping(m, hops, arm_play=0.25)
+    return _hopping(m, _Hops(m, 0.21 * np.sqrt(m.amplitude), 0.21, 0.05), arm_play=0.25)
 
 
 def light_hopping_loose(m: Planner) -> BodyPlan:
     """Hops with loose knees and arms."""
-    hops = _hops(m, _high(m, 0.25), 0.33, 0.1)
-    return _hopping(m, hops, arm_play=0.8)
+    return _hopping(m, _Hops(m, 0.25 * np.sqrt(m.amplitude), 0.33, 0.1), arm_play=0.8)
 
 
 def _hopping(m: Planner, hops: _Hops, arm_play: float) -> BodyPlan:
-    foot = m.stepping_foot(hops.contacts(), hops.swings(0.01, standing_pitch=0.12))
+    foot = m.foot(hops.steps(0.01, standing_pitch=0.12))
     sway = np.sin(0.9 * m.times_s + m.phase) * m.ease(BEGIN_S, BEGIN_S + 1.5)
-    return _upright(
-        m,
-        hops.height_m,
-        (foot, foot),
-        yaw=0.08 * sway,
+    arms = m.arms(
         lower=RELAXED_LOWER - arm_play * np.tanh(3 * hops.height_m) / 2,
         swing=0.06 * sway,
         elbow=0.35 - arm_play * np.tanh(3 * hops.height_m),
     )
+    return hops.body((foot, foot), arms, yaw=0.08 * sway)
 
 
 def one_leg_jump(m: Planner) -> BodyPlan:
     """Jumps on one leg, the other knee bent."""
     support, size = -m.leading_side, m.size
-    hops = _hops(m, _high(m, 0.25), 0.34, 0.08, begin_s=BEGIN_S + 0.12)
+    hops = _Hops(m, 0.25 * np.sqrt(m.amplitude), 0.34, 0.08, begin_s=BEGIN_S + 0.12)
     raised = m.ease(BEGIN_S - 0.05, BEGIN_S + 0.45)
     height_m = hops.height_m
-    planted = m.stepping_foot(hops.contacts(), hops.swings(0.01))
     lift_m = raised * (0.24 * size + 0.7 * height_m)
     front_m = -0.27 * size * raised - 0.2 * height_m * raised
     bent = FootPath(m.axis(-support * 0.02 * raised, lift_m, front_m), pitch=0.9 * raised)
-    return _upright(
-        m,
-        height_m,
-        by_side(support, planted, bent),
-        x_m=support * 0.105 * size * raised,
-        roll=-support * 0.05 * raised,
-        lower=RELAXED_LOWER - 0.35 * raised - 0.8 * np.tanh(3 * height_m) / 2,
-        elbow=0.6 - 0.8 * np.tanh(3 * height_m),
-    )
+    feet = by_side(support, m.foot(hops.steps(0.01)), bent)
+    lower = RELAXED_LOWER - 0.35 * raised - 0.8 * np.tanh(3 * height_m) / 2
+    arms = m.arms(lower=lower, elbow=0.6 - 0.8 * np.tanh(3 * height_m))
+    x_m, roll = support * 0.105 * size * raised, -support * 0.05 * raised
+    return hops.body(feet, arms, x_m=x_m, roll=roll)
 
 
 def jumping_jacks(m: Planner) -> BodyPlan:
     """Jumps between closed and spread, arms swinging overhead."""
-    hops = _hops(m, _high(m, 0.27), 0.27, 0.07, spread_sink_m=0.03 * m.size)
+    hops = _Hops(m, 0.27 * np.sqrt(m.amplitude), 0.27, 0.07, spread_sink_m=0.03 * m.size)
     wide = np.arange(len(hops.take_offs_s) + 1) % 2
-    spread_m = 0.2 * m.size * m.amplitude * wide
-    left, right = (
-        m.stepping_foot(hops.contacts(side * spread_m), hops.swings(0.02)) for side in (1, -1)
-    )
+    spread_m = 0.2 * m.size * m.amplitude * wide[1:]
+    left, right = (m.foot(hops.steps(0.02, side * spread_m)) for side in (1, -1))
     opened = m.keyframes(hops.around_s(0.08), np.repeat(wide, 2)[1:-1])
-    return _upright(
-        m,
-        hops.height_m,
-        (left, right),
-        lower=RELAXED_LOWER - opened * m.amplitude * 2.0,
-        elbow=0.25 + 0.2 * opened * (1 - opened),
-        shrug=0.25 * opened,
-    )
+    lower, elbow = RELAXED_LOWER - opened * m.amplitude * 2.0, 0.25 + 0.2 * opened * (1 - opened)
+    arms = m.arms(lower=lower, elbow=elbow, shrug=0.25 * opened)
+    return hops.body((left, right), arms)
 
 
 def running_on_spot(m: Planner) -> BodyPlan:
     """Running without moving on."""
     contact_s = 0.24
-    hops = _hops(m, 0.115, contact_s, 0.04, take_off_m=0.035, spread_sink_m=0.04)
-    lead, other = _running_foot(m, hops, 0), _running_foot(m, hops, 1)
+    hops = _Hops(m, 0.115, contact_s, 0.04, take_off_m=0.035, spread_sink_m=0.04)
+    feet = by_side(m.leading_side, _running_foot(m, hops, 0), _running_foot(m, hops, 1))
     middles_s = [hops.take_offs_s[0] - 0.15, *(hops.landings_s + contact_s / m.tempo / 2)]
     stance = m.leading_side * np.where(np.arange(len(middles_s)) % 2, -1.0, 1.0)
     stance[0] = 0.0
     side = m.keyframes(middles_s, stance)
     ready = m.ease(0.1, BEGIN_S + 0.5)
-    return _upright(
-        m,
-        hops.height_m,
-        by_side(m.leading_side, lead, other),
-        x_m=0.035 * m.size * side,
-        yaw=0.1 * side,
-        roll=0.02 * side,
-        lean=0.05 * ready,
-        spine=(0.04 * ready, -0.2 * side, 0.0),
-        swing=(0.6 * side - 0.1 * ready, -0.6 * side - 0.1 * ready),
-        elbow=0.25 + 1.2 * ready,
-    )
+    swing = (0.6 * side - 0.1 * ready, -0.6 * side - 0.1 * ready)
+    arms = m.arms(swing=swing, elbow=0.25 + 1.2 * ready)
+    spine = m.spine(0.04 * ready, -0.2 * side)
+    x_m, yaw, roll, lean = 0.035 * m.size * side, 0.1 * side, 0.02 * side, 0.05 * ready
+    return hops.body(feet, arms, spine, x_m=x_m, yaw=yaw, roll=roll, lean=lean)
 
 
 def _running_foot(m: Planner, hops: _Hops, order: int) -> FootPath:
@@ -121,33 +94,26 @@ def _running_foot(m: Planner, hops: _Hops, order: int) -> FootPath:
     take_offs_s, landings_s = hops.take_offs_s[order::2], hops.landings_s[1 - order :: 2]
     if order == 1:
         take_offs_s = np.concatenate([hops.take_offs_s[:1] - 0.2, take_offs_s])
-    count = min(len(take_offs_s), len(landings_s))
     lift_m, back_m = 0.26 * m.size * m.amplitude, 0.17 * m.size
-    lift = Swing(lift_m, back_m, pitch=0.9, landing_pitch=0.25, standing_pitch=0.05)
-    contacts = contacts_between(take_offs_s[:count], landings_s[:count])
-    return m.stepping_foot(contacts, [lift] * count)
+    lift = partial(
+        Step, lift_m=lift_m, back_m=back_m, pitch=0.9, landing_pitch=0.25, standing_pitch=0.05
+    )
+    return m.foot([lift(*times_s) for times_s in zip(take_offs_s, landings_s, strict=False)])
 
 
 def side_to_side_hopping(m: Planner) -> BodyPlan:
     """Hops with both feet from one side to the other."""
-    hops = _hops(m, _high(m, 0.25), 0.29, 0.08)
+    hops = _Hops(m, 0.25 * np.sqrt(m.amplitude), 0.29, 0.08)
     odd = np.where(np.arange(len(hops.take_offs_s) + 1) % 2, 1, -1)
     places_m = m.leading_side * (0.16 * m.size * m.amplitude) * odd
     places_m[0] = 0.0
-    foot = m.stepping_foot(hops.contacts(places_m), hops.swings(0.02))
+    foot = m.foot(hops.steps(0.02, places_m[1:]))
     # The body starts before its feet and goes on after them, but not as far.
     x_m = m.keyframes(hops.around_s(0.12), 0.9 * np.repeat(places_m, 2)[1:-1])
-    tilt = (foot.ball_m[:, 0] - x_m) / (0.9 * m.size)
-    return _upright(
-        m,
-        hops.height_m,
-        (foot, foot),
-        x_m=x_m,
-        roll=tilt,
-        spine=(0.0, 0.0, -0.8 * tilt),
-        lower=0.95 - 0.8 * np.tanh(3 * hops.height_m) / 2,
-        elbow=0.7,
-    )
+    tilt = (np.asarray(foot.ball_m)[:, 0] - x_m) / (0.9 * m.size)
+    arms = m.arms(lower=0.95 - 0.8 * np.tanh(3 * hops.height_m) / 2, elbow=0.7)
+    spine = m.spine(0.0, 0.0, -0.8 * tilt)
+    return hops.body((foot, foot), arms, spine, x_m=x_m, roll=tilt)
 
 
 def basketball_dribble_and_shoot(m: Planner) -> BodyPlan:
@@ -156,10 +122,8 @@ def basketball_dribble_and_shoot(m: Planner) -> BodyPlan:
     shots_s = np.arange(BEGIN_S + 0.6 + 3 * bounce_s, m.times_s[-1] + 2.0, 1.7 + 3 * bounce_s)
     variation = 1 + 0.04 * m.rng().uniform(-1, 1, len(shots_s))
     flights_s = 0.34 * np.sqrt(m.amplitude) * variation
-    foot = m.stepping_foot(
-        contacts_between(shots_s, shots_s + flights_s),
-        [Swing(GRAVITY_M_S2 * flight_s**2 / 8 + 0.01) for flight_s in flights_s.tolist()],
-    )
+    lifts_m = GRAVITY_M_S2 * flights_s**2 / 8 + 0.01
+    foot = m.foot([Step(*row) for row in np.broadcast(shots_s, shots_s + flights_s, lifts_m)])
     ready = m.ease(BEGIN_S, BEGIN_S + 0.6)
     dribble, raised, flick = (m.zeros() for _ in range(3))
     # Height of the pelvis: bent knees, a deeper crouch before each jump, a soft landing.
@@ -182,60 +146,25 @@ def basketball_dribble_and_shoot(m: Planner) -> BodyPlan:
         ]
     height_m = m.track(knots)
     crouch = np.tanh(-4 * height_m) / 4
-    shooting = {
+    dribbles = {
         "lower": RELAXED_LOWER + 0.1 * raised,
         "swing": 0.1 * ready + 0.25 * dribble + 1.35 * raised + 1.0 * flick,
         "elbow": 0.25 + 1.15 * ready - 0.95 * dribble + 0.4 * raised - 1.6 * flick,
     }
-    other = {
+    helps = {
         "lower": RELAXED_LOWER - 0.25 * ready + 0.35 * raised,
         "swing": 0.2 * ready + 1.35 * raised + 0.6 * flick,
         "elbow": 0.25 + 0.75 * ready + 0.8 * raised - 0.9 * flick,
     }
-    arms: Any = {angle: by_side(side, shooting[angle], other[angle]) for angle in shooting}
-    return m.body(
-        m.axis(0.0, height_m, 0.03 * size * ready - 0.3 * crouch),
-        m.axis(1.2 * crouch, side * 0.05 * ready, 0.0),
-        (foot, foot),
-        spine=(0.25 * ready * (1 - raised), -side * 0.1 * ready, 0.0),
-        **arms,
-    )
+    arms = m.arms(**{angle: by_side(side, dribbles[angle], helps[angle]) for angle in dribbles})
+    pelvis_m = m.axis(0.0, height_m, 0.03 * size * ready - 0.3 * crouch)
+    pelvis_turn = m.axis(1.2 * crouch, side * 0.05 * ready, 0.0)
+    spine = m.spine(0.25 * ready * (1 - raised), -side * 0.1 * ready)
+    return BodyPlan(pelvis_m, pelvis_turn, spine | arms, (foot, foot))
 
 
-@dataclass(frozen=True, eq=False)
 class _Hops:
-    """Take-offs and landings, and the pelvis's height (T,) above standing."""
-
-    take_offs_s: Array
-    landings_s: Array
-    height_m: Array
-
-    def around_s(self, margin_s: float) -> Array:
-        """From before each take-off until after the landing, one flight after another."""
-        flights = [self.take_offs_s - margin_s, self.landings_s + margin_s]
-        return np.stack(flights, axis=1).ravel()
-
-    def contacts(self, x_m: Array | float = 0.0) -> list[Contact]:
-        """Contacts of a foot that takes part in every hop; `x_m` may hold one place a contact."""
-        return contacts_between(self.take_offs_s, self.landings_s, x_m)
-
-    def swings(self, tuck_m: float, **angles: float) -> list[Swing]:
-        """Swings that keep below the body: as high as the flight, and `tuck_m` drawn up."""
-        rises_m = GRAVITY_M_S2 * (self.landings_s - self.take_offs_s) ** 2 / 8
-        return [Swing(float(rise_m) + tuck_m, **angles) for rise_m in rises_m]
-
-
-def _hops(
-    m: Planner,
-    flight_s: float,
-    contact_s: float,
-    crouch_m: float,
-    *,
-    begin_s: float = BEGIN_S,
-    take_off_m: float = 0.05,
-    spread_sink_m: float = 0.0,
-) -> _Hops:
-    """Hop until after the last of the times, at somebody's own rate and size.
+    """Hops until after the last of the times, at somebody's own rate and size.
 
     Parameters
     ----------
@@ -245,33 +174,72 @@ def _hops(
     crouch_m : depth of the countermovement below standing.
     spread_sink_m : how much lower the pelvis is in every second contact, when the legs are apart.
     """
-    contact_s, crouch_m, take_off_m = contact_s / m.tempo, crouch_m * m.size, take_off_m * m.size
-    # More than fill the time; the same whatever the frame rate.
-    span_s = m.times_s[-1] + 0.01 - begin_s
-    count = int(np.ceil(span_s / (0.7 * (flight_s + contact_s)))) + 1
-    factors = 1 + 0.06 * np.clip(m.rng().standard_normal((count, 2)), -2, 2)
-    flights_s, contacts_s = flight_s * factors[:, 0], contact_s * factors[:, 1]
-    heights_m = take_off_m - spread_sink_m * (np.arange(count + 1) % 2)
-    speeds = GRAVITY_M_S2 * flights_s / 2 + np.diff(heights_m) / flights_s
-    crouch_s = begin_s + _CROUCH_S
-    knots = [(begin_s, 0.0, 0.0, 0.0), (crouch_s, -crouch_m, 0.0, _CROUCH_ACCELERATION_M_S2)]
-    take_offs_s, landings_s = [], []
-    now_s = crouch_s + _push_s(crouch_m + take_off_m, speeds[0])
-    for row, (flight_s, contact_s) in enumerate(zip(flights_s, contacts_s, strict=True)):
-        take_offs_s.append(now_s)
-        landings_s.append(now_s + flight_s)
-        rising, falling = speeds[row], speeds[row] - GRAVITY_M_S2 * flight_s
-        knots += [
-            (now_s, heights_m[row], rising, -GRAVITY_M_S2),
-            (now_s + flight_s, heights_m[row + 1], falling, -GRAVITY_M_S2),
-        ]
-        now_s += flight_s + contact_s
-    return _Hops(np.array(take_offs_s), np.array(landings_s), m.track(knots))
 
+    def __init__(
+        self,
+        m: Planner,
+        flight_s: float,
+        contact_s: float,
+        crouch_m: float,
+        *,
+        begin_s: float = BEGIN_S,
+        take_off_m: float = 0.05,
+        spread_sink_m: float = 0.0,
+    ) -> None:
+        self._planner = m
+        contact_s, crouch_m, take_off_m = (
+            contact_s / m.tempo,
+            crouch_m * m.size,
+            take_off_m * m.size,
+        )
+        # More than fill the time; the same whatever the frame rate.
+        span_s = m.times_s[-1] + 0.01 - begin_s
+        count = int(np.ceil(span_s / (0.7 * (flight_s + contact_s)))) + 1
+        factors = 1 + 0.06 * np.clip(m.rng().standard_normal((count, 2)), -2, 2)
+        flights_s, contacts_s = flight_s * factors[:, 0], contact_s * factors[:, 1]
+        heights_m = take_off_m - spread_sink_m * (np.arange(count + 1) % 2)
+        speeds = GRAVITY_M_S2 * flights_s / 2 + np.diff(heights_m) / flights_s
+        crouch_s = begin_s + _CROUCH_S
+        knots = [(begin_s, 0.0, 0.0, 0.0), (crouch_s, -crouch_m, 0.0, _CROUCH_ACCELERATION_M_S2)]
+        first_s = crouch_s + _push_s(crouch_m + take_off_m, speeds[0])
+        self.take_offs_s = np.cumsum([first_s, *(flights_s + contacts_s)[:-1]])
+        self.landings_s = self.take_offs_s + flights_s
+        falling = np.full(count, -GRAVITY_M_S2)
+        up = np.stack([self.take_offs_s, heights_m[:-1], speeds, falling], 1)
+        down = np.stack([self.landings_s, heights_m[1:], speeds + falling * flights_s, falling], 1)
+        knots += np.stack([up, down], 1).reshape(-1, 4).tolist()
+        self.height_m = m.track(knots)  # (T,) of the pelvis, above standing
 
-def _high(m: Planner, flight_s: float) -> float:
-    """Time of a flight as high as somebody jumps."""
-    return flight_s * np.sqrt(m.amplitude)
+    def around_s(self, margin_s: float) -> Array:
+        """From before each take-off until after the landing, one flight after another."""
+        flights = [self.take_offs_s - margin_s, self.landings_s + margin_s]
+        return np.stack(flights, axis=1).ravel()
+
+    def steps(self, tuck_m: float, x_m: Array | float = 0.0, **angles: float) -> list[Step]:
+        """Those of a foot that takes part in every hop and keeps below the body: as high as the
+        flight, and `tuck_m` drawn up. `x_m` may hold the place of each landing."""
+        lifts_m = GRAVITY_M_S2 * (self.landings_s - self.take_offs_s) ** 2 / 8 + tuck_m
+        rows = np.broadcast(self.take_offs_s, self.landings_s, lifts_m, x_m)
+        return [Step(*row, **angles) for row in rows]
+
+    def body(
+        self,
+        feet: tuple[FootPath, FootPath],
+        arms: Joints,
+        spine: Joints | None = None,
+        *,
+        x_m: Array | float = 0.0,
+        yaw: Array | float = 0.0,
+        roll: Array | float = 0.0,
+        lean: Array | float = 0.0,
+    ) -> BodyPlan:
+        """One over the balls of its feet, which leans forwards as its knees bend."""
+        m = self._planner
+        over_balls = m.ease(BEGIN_S, BEGIN_S + 0.4)
+        bend = -np.tanh(4 * self.height_m) / 4
+        pelvis_m = m.axis(x_m, self.height_m, 0.035 * m.size * over_balls - 0.25 * bend)
+        pelvis_turn = m.axis(lean + 0.9 * bend, yaw, roll)
+        return BodyPlan(pelvis_m, pelvis_turn, (spine or m.spine(0.5 * bend)) | arms, feet)
 
 
 def _push_s(rise_m: float, speed_m_s: float) -> float:
@@ -282,27 +250,3 @@ def _push_s(rise_m: float, speed_m_s: float) -> float:
     curvature = (_CROUCH_ACCELERATION_M_S2 + GRAVITY_M_S2) / 12
     half = speed_m_s / 4
     return float((np.sqrt(half**2 + curvature * rise_m) - half) / curvature)
-
-
-def _upright(
-    m: Planner,
-    height_m: Array,
-    feet: tuple[FootPath, FootPath],
-    *,
-    x_m: Array | float = 0.0,
-    yaw: Array | float = 0.0,
-    roll: Array | float = 0.0,
-    lean: Array | float = 0.0,
-    spine: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
-    **arms: Any,
-) -> BodyPlan:
-    """A body over the balls of its feet, which leans forwards as its knees bend."""
-    over_balls = m.ease(BEGIN_S, BEGIN_S + 0.4)
-    bend = -np.tanh(4 * height_m) / 4
-    return m.body(
-        m.axis(x_m, height_m, 0.035 * m.size * over_balls - 0.25 * bend),
-        m.axis(lean + 0.9 * bend, yaw, roll),
-        feet,
-        spine=spine or (0.5 * bend, 0.0, 0.0),
-        **arms,
-    )

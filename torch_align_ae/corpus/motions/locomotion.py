@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -12,47 +12,12 @@ from torch_align_ae.corpus.motions.plan import (
     RELAXED_LOWER,
     Array,
     BodyPlan,
-    FootPath,
     Planner,
-    Swing,
-    contacts_between,
+    Step,
 )
 
 # Share of a step in which its foot is in the air; in the rest both feet carry.
 _SWING = 0.8
-
-
-@dataclass(frozen=True)
-class Step:
-    """One step: which foot goes where and when."""
-
-    side: int  # +1 for the left foot, -1 for the right
-    start_s: float
-    stop_s: float
-    x_m: float = 0.0  # displacement from its first place, to the body's first left
-    z_m: float = 0.0  # to its first front
-    heading: float = 0.0  # turn of its place and of the foot, radians to the left
-
-
-def _feet(m: Planner, steps: list[Step], swing: Swing) -> tuple[FootPath, FootPath]:
-    """Left and right foot's paths through `steps` in order of time."""
-    return _foot(m, steps, 1, swing), _foot(m, steps, -1, swing)
-
-
-def _foot(m: Planner, steps: list[Step], side: int, swing: Swing) -> FootPath:
-    own = [step for step in steps if step.side == side]
-    contacts = contacts_between(
-        [step.start_s for step in own],
-        [step.stop_s for step in own],
-        [0.0, *(step.x_m for step in own)],
-        [0.0, *(step.z_m for step in own)],
-    )
-    path = m.stepping_foot(contacts, [swing] * len(own))
-    heading, before = m.zeros(), 0.0
-    for step in own:
-        heading += (step.heading - before) * m.ease(step.start_s, step.stop_s)
-        before = step.heading
-    return replace(path, heading=heading)
 
 
 def _steady(m: Planner, steady_s: float, reached: float, rate: float, end_s: float) -> Array:
@@ -69,12 +34,12 @@ def walking(m: Planner) -> BodyPlan:
     start_s = BEGIN_S + 0.25
     starts_s = m.starts_s(start_s, step_s)
     sides = m.sides(starts_s)
+    step = partial(Step, lift_m=0.07 * size, take_off_pitch=0.75, pitch=0.45, landing_pitch=0.02)
     # The first step is half as long, so that afterwards the body is always between its feet.
     steps = [
-        Step(side, at_s, at_s + _SWING * step_s, z_m=(index + 0.5) * length_m)
-        for index, (side, at_s) in enumerate(zip(sides.tolist(), starts_s.tolist(), strict=True))
+        step(at_s, at_s + _SWING * step_s, z_m=(row + 0.5) * length_m, side=side)
+        for row, (side, at_s) in enumerate(zip(sides, starts_s, strict=True))
     ]
-    swing = Swing(0.07 * size, take_off_pitch=0.75, pitch=0.45, landing_pitch=0.02)
     steady_s = start_s + _SWING * step_s + step_s
     forward_m = _steady(m, steady_s, length_m, length_m / step_s, end_s=steps[-1].stop_s + 2.0)
     ready = m.ease(BEGIN_S, start_s + step_s)
@@ -83,15 +48,12 @@ def walking(m: Planner) -> BodyPlan:
     ahead = m.keyframes([BEGIN_S + 0.05, *(starts_s + _SWING * step_s)], [0, *sides])
     rise = sum(m.bump(at_s - 0.1 * step_s, at_s + 0.9 * step_s) for at_s in starts_s)
     height_m = (0.022 * rise - 0.048 * ready) * size
-    return m.body(
-        m.axis(0.035 * stance * size, height_m, forward_m),
-        m.axis(0.03 * ready, -0.09 * ahead, 0.03 * stance),
-        _feet(m, steps, swing),
-        spine=(0.03 * ready, 0.2 * ahead, -0.03 * stance),
-        lower=1.3,
-        swing=(-0.42 * ahead, 0.42 * ahead),
-        elbow=(0.3 - 0.15 * ahead, 0.3 + 0.15 * ahead),
-    )
+    pelvis_m = m.axis(0.035 * stance * size, height_m, forward_m)
+    pelvis_turn = m.axis(0.03 * ready, -0.09 * ahead, 0.03 * stance)
+    spine = m.spine(0.03 * ready, 0.2 * ahead, -0.03 * stance)
+    elbow = (0.3 - 0.15 * ahead, 0.3 + 0.15 * ahead)
+    arms = m.arms(lower=1.3, swing=(-0.42 * ahead, 0.42 * ahead), elbow=elbow)
+    return BodyPlan(pelvis_m, pelvis_turn, spine | arms, m.feet(steps))
 
 
 def turning(m: Planner) -> BodyPlan:
@@ -100,26 +62,22 @@ def turning(m: Planner) -> BodyPlan:
     start_s, turn = BEGIN_S + 0.25, side * np.deg2rad(58) * m.amplitude
     starts_s = m.starts_s(start_s, step_s)
     sides = m.sides(starts_s)
+    step = partial(Step, lift_m=0.05 * m.size, take_off_pitch=0.35, pitch=0.3, landing_pitch=0.1)
     steps = [
-        Step(own, at_s, at_s + 0.85 * step_s, heading=turn * (row // 2 + 1))
-        for row, (own, at_s) in enumerate(zip(sides.tolist(), starts_s.tolist(), strict=True))
+        step(at_s, at_s + 0.85 * step_s, heading=turn * (row // 2 + 1), side=own)
+        for row, (own, at_s) in enumerate(zip(sides, starts_s, strict=True))
     ]
-    swing = Swing(0.05 * m.size, take_off_pitch=0.35, pitch=0.3, landing_pitch=0.1)
     rate, steady_s = turn / (2 * step_s), start_s + 2 * step_s
     # At the end of a pair of steps the body faces a quarter of their turn beyond its feet.
     heading = _steady(m, steady_s, 1.05 * turn, rate, end_s=steps[-1].stop_s + 2.0)
     ready = m.ease(BEGIN_S, start_s + 0.3)
     stance = m.keyframes([BEGIN_S, *(starts_s + 0.4 * step_s)], [0, *-sides])
     sway_m, height_m = 0.045 * stance * m.size, -0.03 * ready * m.size
-    return m.body(
-        m.axis(sway_m * np.cos(heading), height_m, -sway_m * np.sin(heading)),
-        m.axis(0.02 * ready, 0.0, 0.02 * stance),
-        _feet(m, steps, swing),
-        spine=(0.03 * ready, 0.25 * side * ready, -0.02 * stance),
-        heading=heading,
-        lower=1.12 - 0.25 * ready,
-        swing=(-0.15 * side * ready, 0.15 * side * ready),
-    )
+    pelvis_m = m.axis(sway_m * np.cos(heading), height_m, -sway_m * np.sin(heading))
+    pelvis_turn = m.axis(0.02 * ready, 0.0, 0.02 * stance)
+    spine = m.spine(0.03 * ready, 0.25 * side * ready, -0.02 * stance)
+    arms = m.arms(lower=1.12 - 0.25 * ready, swing=(-0.15 * side * ready, 0.15 * side * ready))
+    return BodyPlan(pelvis_m, pelvis_turn, spine | arms, m.feet(steps), heading=heading)
 
 
 def quick_stops(m: Planner) -> BodyPlan:
@@ -128,6 +86,7 @@ def quick_stops(m: Planner) -> BodyPlan:
     length_m = 0.37 * size * m.amplitude
     run_s, still_s = 0.2 + 3.6 * step_s, 1.0
     bursts_s = m.starts_s(BEGIN_S, run_s + 0.3 + still_s)
+    step = partial(Step, lift_m=0.09 * size, back_m=0.05 * size, pitch=0.6, landing_pitch=0.1)
     steps: list[Step] = []
     ahead, sink, lean, forward_m = (m.zeros() for _ in range(4))
     for burst, (at_s, lead) in enumerate(zip(bursts_s, m.sides(bursts_s), strict=True)):
@@ -136,7 +95,7 @@ def quick_stops(m: Planner) -> BodyPlan:
         sides = (lead, -lead, lead)
         # The last step brings the feet together.
         steps += [
-            Step(side, start_s, start_s + 0.9 * step_s, z_m=begin_m + steps_on * length_m)
+            step(start_s, start_s + 0.9 * step_s, z_m=begin_m + steps_on * length_m, side=side)
             for side, start_s, steps_on in zip(sides, starts_s, (1.0, 2.0, 2.0), strict=True)
         ]
         stop_s, braking_s = starts_s[2] + 0.95 * step_s, starts_s[2] + 0.1 * step_s
@@ -147,15 +106,11 @@ def quick_stops(m: Planner) -> BodyPlan:
         low_s = [at_s, at_s + 0.25, starts_s[2], stop_s, stop_s + 0.3]
         sink += m.keyframes(low_s, [0.0, 0.5, 0.5, 1.0, 0.0])
         lean += m.keyframes(low_s, [0.0, 1.0, 0.6, -0.5, 0.0])
-    swing = Swing(0.09 * size, 0.05 * size, take_off_pitch=0.6, pitch=0.6, landing_pitch=0.1)
-    return m.body(
-        m.axis(0.0, -0.08 * sink * size, forward_m),
-        m.axis(0.14 * lean + 0.1 * sink, -0.08 * ahead, 0.0),
-        _feet(m, steps, swing),
-        spine=(0.1 * lean + 0.1 * sink, 0.2 * ahead, 0.0),
-        swing=(-0.6 * ahead, 0.6 * ahead),
-        elbow=0.25 + 1.1 * sink,
-    )
+    pelvis_m = m.axis(0.0, -0.08 * sink * size, forward_m)
+    pelvis_turn = m.axis(0.14 * lean + 0.1 * sink, -0.08 * ahead, 0.0)
+    spine = m.spine(0.1 * lean + 0.1 * sink, 0.2 * ahead)
+    arms = m.arms(swing=(-0.6 * ahead, 0.6 * ahead), elbow=0.25 + 1.1 * sink)
+    return BodyPlan(pelvis_m, pelvis_turn, spine | arms, m.feet(steps))
 
 
 def dancing(m: Planner) -> BodyPlan:
@@ -164,32 +119,27 @@ def dancing(m: Planner) -> BodyPlan:
     reach_m = 0.24 * size * m.amplitude
     start_s = BEGIN_S + 0.25
     starts_s = m.starts_s(start_s, beat_s)
+    step = partial(Step, lift_m=0.05 * size, take_off_pitch=0.3, pitch=0.3, landing_pitch=0.15)
     # Out, together, back, together: the foot that goes and where both stand afterwards.
     pattern = itertools.cycle(((lead, 1.0), (-lead, 1.0), (-lead, 0.0), (lead, 0.0)))
     steps = [
-        Step(side, at_s, at_s + 0.7 * beat_s, x_m=lead * reach_m * share)
-        for (side, share), at_s in zip(pattern, starts_s.tolist(), strict=False)
+        step(at_s, at_s + 0.7 * beat_s, x_m=lead * reach_m * share, side=side)
+        for (side, share), at_s in zip(pattern, starts_s, strict=False)
     ]
-    swing = Swing(0.05 * size, take_off_pitch=0.3, pitch=0.3, landing_pitch=0.15)
     middles_m = lead * reach_m * np.resize([0.5, 1.0, 0.5, 0.0], len(starts_s))
     middle_m = m.keyframes([start_s - 0.1, *(starts_s + 0.75 * beat_s)], [0.0, *middles_m])
     depth = m.amplitude * m.ease(BEGIN_S, BEGIN_S + 0.8)
     phase = m.cycle(1 / beat_s, start_s)
     bounce = (1 - np.cos(phase)) / 2 * depth
     sway, groove = lead * np.sin(phase / 2) * depth, np.sin(phase / 4 + m.phase) * depth
-    lower = [RELAXED_LOWER - (0.5 + share * groove) * depth for share in (0.55, -0.55)]
-    swings = [(0.45 + share * np.sin(phase / 2)) * depth for share in (0.35, -0.35)]
-    return m.body(
-        m.axis(
-            middle_m + 0.03 * sway * size,
-            -(0.025 * depth + 0.045 * bounce) * size,
-            0.02 * groove * size,
-        ),
-        m.axis(0.06 * bounce, -0.14 * sway, -0.1 * sway),
-        _feet(m, steps, swing),
-        spine=(0.08 * bounce, 0.22 * sway + 0.15 * groove, 0.12 * sway),
-        lower=(lower[0], lower[1]),
-        swing=(swings[0], swings[1]),
+    x_m, height_m = middle_m + 0.03 * sway * size, -(0.025 * depth + 0.045 * bounce) * size
+    pelvis_m = m.axis(x_m, height_m, 0.02 * groove * size)
+    pelvis_turn = m.axis(0.06 * bounce, -0.14 * sway, -0.1 * sway)
+    spine = m.spine(0.08 * bounce, 0.22 * sway + 0.15 * groove, 0.12 * sway)
+    arms = m.arms(
+        lower=tuple(RELAXED_LOWER - (0.5 + share * groove) * depth for share in (0.55, -0.55)),
+        swing=tuple((0.45 + share * np.sin(phase / 2)) * depth for share in (0.35, -0.35)),
         elbow=0.25 + (0.9 + 0.3 * np.cos(phase / 2)) * depth,
         shrug=(0.06 * sway, -0.06 * sway),
     )
+    return BodyPlan(pelvis_m, pelvis_turn, spine | arms, m.feet(steps))

@@ -13,22 +13,24 @@ from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.floating]
+Joints = dict[str, Array]
+"""(T, 3) axis-angle rotations of joints above the pelvis."""
 Part = TypeVar("Part")
 GRAVITY_M_S2 = 9.81
 BEGIN_S = 0.2
 """Until then a body stands still."""
 RELAXED_LOWER = 1.12
 _COLLAR_SHARE = 0.12
-_SPINE = ("spine1", "spine2", "spine3")
 
 
 @dataclass(frozen=True, eq=False)
 class FootPath:
-    """One foot over T frames, led by its ball: what touches the floor last and first."""
+    """One foot over T frames, led by its ball: what touches the floor last and first. Without
+    arguments it stays in its place."""
 
-    ball_m: Array
+    ball_m: Array | float = 0.0
     """(T, 3) displacement of the ball of the foot from where it stands; y = 0 is contact."""
-    pitch: Array
+    pitch: Array | float = 0.0
     """(T,) toes-down angle of the foot, radians. A leg that is too short raises it further."""
     yaw: Array | float = 0.0  # (T,) toes-left angle of the foot, radians
     heading: Array | float = 0.0
@@ -41,9 +43,8 @@ class BodyPlan:
 
     pelvis_m: Array  # (T, 3) displacement of the pelvis from where it stands, metres
     pelvis_turn: Array  # (T, 3) orientation of the pelvis as an axis-angle vector, radians
-    left_foot: FootPath
-    right_foot: FootPath
-    joints: Mapping[str, Array]  # (T, 3) axis-angle rotations of joints above the pelvis
+    joints: Mapping[str, Array]
+    feet: tuple[FootPath, FootPath] = (FootPath(), FootPath())  # the left one and the right one
     heading: Array | float = 0.0
     """(T,) where the body faces, radians to its left of +z; `pelvis_turn` is relative to it."""
     carried: Array | None = None
@@ -51,38 +52,21 @@ class BodyPlan:
 
 
 @dataclass(frozen=True)
-class Contact:
-    """A stretch of time in which the ball of a foot does not move."""
+class Step:
+    """How a foot leaves the floor and lands; angles toes-down, radians."""
 
-    start_s: float  # landing
-    stop_s: float  # take-off
-    x_m: float = 0.0  # where it stands: displacement to the left of its usual place
-    z_m: float = 0.0  # displacement to the front
-
-    @property
-    def middle_s(self) -> float:
-        return (self.start_s + self.stop_s) / 2
-
-
-def contacts_between(
-    take_offs_s: ArrayLike, landings_s: ArrayLike, x_m: ArrayLike = 0.0, z_m: ArrayLike = 0.0
-) -> list[Contact]:
-    """Contacts before the first of these flights and after each; places may be one each."""
-    starts = np.concatenate([[-1.0], landings_s])
-    stops = np.concatenate([take_offs_s, [np.inf]])
-    return [Contact(*row) for row in np.broadcast(starts, stops, x_m, z_m)]
-
-
-@dataclass(frozen=True)
-class Swing:
-    """How a foot travels from one contact to the next; angles toes-down, radians."""
-
+    start_s: float  # take-off
+    stop_s: float  # landing
     lift_m: float  # height of the ball of the foot halfway
+    x_m: float = 0.0  # where it lands: displacement from its first place, to the body's first left
+    z_m: float = 0.0  # to its first front
+    heading: float = 0.0  # turn of its place and of the foot, radians to the left
+    side: int = 0  # +1 the left foot's, -1 the right's
     back_m: float = 0.0  # how far it goes to the rear halfway
     take_off_pitch: float = 0.6
     pitch: float = 0.5  # halfway
     landing_pitch: float = 0.4
-    standing_pitch: float = 0.0  # in the middle of a contact
+    standing_pitch: float = 0.0  # in the middle of the contacts before and after
 
 
 def by_side(side: int, own: Part, other: Part) -> tuple[Part, Part]:
@@ -109,15 +93,9 @@ class Planner:
     def drawn(cls, subject: str, motion: str, times_s: Array, size: float, seed: int) -> Planner:
         entropy = (seed, zlib.crc32(subject.encode()), zlib.crc32(motion.encode()))
         rng = np.random.default_rng((*entropy, 1))
-        return cls(
-            times_s,
-            size,
-            entropy,
-            amplitude=float(rng.uniform(0.88, 1.12)),
-            tempo=float(rng.uniform(0.9, 1.1)),
-            phase=float(rng.uniform(0, 2 * np.pi)),
-            leading_side=int(rng.choice((-1, 1))),
-        )
+        amplitude, tempo = float(rng.uniform(0.88, 1.12)), float(rng.uniform(0.9, 1.1))
+        phase, leading_side = float(rng.uniform(0, 2 * np.pi)), int(rng.choice((-1, 1)))
+        return cls(times_s, size, entropy, amplitude, tempo, phase, leading_side)
 
     def rng(self) -> np.random.Generator:
         """A fresh generator, so that the same style always gives the same motion."""
@@ -134,14 +112,19 @@ class Planner:
     def zeros(self) -> Array:
         return np.zeros(self.times_s.shape)
 
-    def repeated(self, starts_s: Iterable[float], moments_s: Array, values: ArrayLike) -> Array:
-        """Keyframes that begin again and again."""
-        return sum((self.keyframes(at_s + moments_s, values) for at_s in starts_s), self.zeros())
+    def share(self, start_s: float, stop_s: float) -> Array:
+        """From 0 until `start_s`, evenly, to 1 from `stop_s` on."""
+        return np.clip((self.times_s - start_s) / (stop_s - start_s), 0.0, 1.0)
 
     def ease(self, start_s: float, stop_s: float) -> Array:
         """0 before `start_s`, 1 after `stop_s`, and twice differentiable between."""
-        s = np.clip((self.times_s - start_s) / (stop_s - start_s), 0.0, 1.0)
+        s = self.share(start_s, stop_s)
         return s**3 * (10 - 15 * s + 6 * s**2)
+
+    def bump(self, start_s: float, stop_s: float) -> Array:
+        """0 outside, 1 halfway, and twice differentiable: (4 s (1 - s))^3."""
+        s = self.share(start_s, stop_s)
+        return (4 * s * (1 - s)) ** 3
 
     def keyframes(self, knots_s: ArrayLike, values: ArrayLike) -> Array:
         """Pass through `values` at `knots_s`, at rest in each, and hold the first and the last."""
@@ -151,7 +134,11 @@ class Planner:
             result += change * self.ease(start_s, stop_s)
         return result
 
-    def track(self, knots: Sequence[tuple[float, float, float, float]]) -> Array:
+    def repeated(self, starts_s: Iterable[float], moments_s: Array, values: ArrayLike) -> Array:
+        """Keyframes that begin again and again."""
+        return sum((self.keyframes(at_s + moments_s, values) for at_s in starts_s), self.zeros())
+
+    def track(self, knots: Sequence[Sequence[float]]) -> Array:
         """Quintic pieces through knots (time s, value, velocity, acceleration), held outside them.
 
         Two knots of a ballistic flight give exactly its parabola.
@@ -159,11 +146,6 @@ class Planner:
         table = np.asarray(knots, np.float64)
         curve = BPoly.from_derivatives(table[:, 0], table[:, 1:])
         return np.asarray(curve(np.clip(self.times_s, table[0, 0], table[-1, 0])), np.float64)
-
-    def bump(self, start_s: float, stop_s: float) -> Array:
-        """0 outside, 1 halfway, and twice differentiable: (4 s (1 - s))^3."""
-        s = np.clip((self.times_s - start_s) / (stop_s - start_s), 0.0, 1.0)
-        return (4 * s * (1 - s)) ** 3
 
     def cycle(self, rate_hz: float, begin_s: float) -> Array:
         """Phase of a periodic motion that stands still until `begin_s` and speeds up over 0.3 s."""
@@ -178,31 +160,18 @@ class Planner:
         """(T, 3) from three curves or constants."""
         return np.stack([np.broadcast_to(part, self.times_s.shape) for part in (x, y, z)], axis=1)
 
-    def body(
-        self,
-        pelvis_m: Array,
-        pelvis_turn: Array,
-        feet: tuple[FootPath, FootPath] | None = None,
-        *,
-        spine: tuple[ArrayLike, ArrayLike, ArrayLike],
-        heading: Array | float = 0.0,
-        carried: Array | None = None,
-        **arms: ArrayLike | tuple[ArrayLike, ArrayLike],
-    ) -> BodyPlan:
-        """A body, on both feet in their places if their paths are not given.
+    def spine(self, bend: ArrayLike, turn: ArrayLike = 0.0, roll: ArrayLike = 0.0) -> Joints:
+        """Forward bend, left turn and roll, spread over three joints; the head undoes half."""
+        whole = self.axis(bend, turn, roll)
+        joints: Joints = {f"spine{number}": whole / 3 for number in (1, 2, 3)}
+        joints["neck"] = joints["head"] = -whole / 4
+        return joints
 
-        `spine` is its forward bend, left turn and roll, spread over three joints; the head undoes
-        half of them. `arms` are angles as in `_arm`, of both alike, or the left's and the right's.
-        """
-        whole = self.axis(*spine)
-        joints = {name: whole / len(_SPINE) for name in _SPINE}
-        joints |= {"neck": -whole / 4, "head": -whole / 4}
-        for row, side in enumerate(("left", "right")):
-            own = {name: a[row] if isinstance(a, tuple) else a for name, a in arms.items()}
-            joints |= self._arm(side, **own)
-        planted = self.standing_foot()
-        left, right = feet or (planted, planted)
-        return BodyPlan(pelvis_m, pelvis_turn, left, right, joints, heading, carried)
+    def arms(self, **angles: ArrayLike | tuple[ArrayLike, ArrayLike]) -> Joints:
+        """Angles as in `_arm`, of both alike, or the left's and the right's."""
+        pairs = {name: a if isinstance(a, tuple) else (a, a) for name, a in angles.items()}
+        left, right = ({name: pair[row] for name, pair in pairs.items()} for row in (0, 1))
+        return self._arm("left", **left) | self._arm("right", **right)
 
     def _arm(
         self,
@@ -212,7 +181,7 @@ class Planner:
         twist: ArrayLike = 0.0,
         elbow: ArrayLike = 0.25,
         shrug: ArrayLike = 0.0,
-    ) -> dict[str, Array]:
+    ) -> Joints:
         """Collar, shoulder and elbow rotations of one arm, radians.
 
         Parameters
@@ -229,41 +198,40 @@ class Planner:
         )
         collar = Rotation.from_euler("Z", shrug - _COLLAR_SHARE * lower)
         whole = Rotation.from_euler("XZX", np.stack([-swing, -lower, twist], axis=1))
-        left = {
-            "collar": collar.as_rotvec(),
-            "shoulder": (collar.inv() * whole).as_rotvec(),
-            "elbow": self.axis(y=-elbow),
-        }
+        shoulder = (collar.inv() * whole).as_rotvec()
+        left = {"collar": collar.as_rotvec(), "shoulder": shoulder, "elbow": self.axis(y=-elbow)}
         mirror = (1.0, 1.0, 1.0) if side == "left" else (1.0, -1.0, -1.0)
         return {f"{side}_{joint}": rotation * mirror for joint, rotation in left.items()}
 
-    def standing_foot(self, pitch: Array | float = 0.0) -> FootPath:
-        """A foot that stays in its place."""
-        return FootPath(self.axis(), self.zeros() + pitch)
+    def feet(self, steps: Sequence[Step]) -> tuple[FootPath, FootPath]:
+        """The left's and the right's paths, each through its own `steps`."""
+        left, right = ([step for step in steps if step.side == side] for side in (1, -1))
+        return self.foot(left), self.foot(right)
 
-    def stepping_foot(self, contacts: Sequence[Contact], swings: Sequence[Swing]) -> FootPath:
-        """A foot that stands during `contacts`, the first from the start, and swings between."""
-        x, z, y = (self.zeros() for _ in range(3))
-        x, z = x + contacts[0].x_m, z + contacts[0].z_m
-        pitch_knots = [(contacts[0].start_s, 0.0)]
-        for before, after, swing in zip(contacts[:-1], contacts[1:], swings, strict=True):
-            travel = self.ease(before.stop_s, after.start_s)
+    def foot(self, steps: Sequence[Step]) -> FootPath:
+        """A foot that stands in its place, goes through `steps` and stands between them."""
+        lift_m = self.zeros()
+        along, here = np.zeros((len(lift_m), 3)), np.zeros(3)  # x, z, metres, and heading
+        flat_s = steps[0].start_s - 0.28
+        pitch_knots = [(-1.0, 0.0), (steps[0].start_s - 0.4, 0.0)]
+        ends_s = [*(step.start_s for step in steps[1:]), np.inf]  # of the contact after each
+        for step, end_s in zip(steps, ends_s, strict=True):
+            travel, s = (f(step.start_s, step.stop_s) for f in (self.ease, self.share))
             # Steeper at its ends than `bump`, so that the foot keeps up with a body that takes off.
-            s = np.clip((self.times_s - before.stop_s) / (after.start_s - before.stop_s), 0.0, 1.0)
             arch = (4 * s * (1 - s)) ** 2
-            x += (after.x_m - before.x_m) * travel
-            z += (after.z_m - before.z_m) * travel - swing.back_m * arch
-            y += swing.lift_m * arch
-            flat_s = before.middle_s + 0.01
-            if before is contacts[0]:
-                pitch_knots.append((before.stop_s - 0.4, 0.0))
-                flat_s = before.stop_s - 0.28
+            there = np.array([step.x_m, step.z_m, step.heading])
+            along += np.outer(travel, there - here) - np.outer(arch, (0.0, step.back_m, 0.0))
+            here = there
+            lift_m += step.lift_m * arch
+            middle_s = (step.stop_s + end_s) / 2
             pitch_knots += [
-                (max(before.stop_s - 0.16, flat_s), swing.standing_pitch),
-                (before.stop_s, swing.take_off_pitch),
-                ((before.stop_s + after.start_s) / 2, swing.pitch),
-                (after.start_s, swing.landing_pitch),
-                (min(after.start_s + 0.12, after.middle_s), swing.standing_pitch),
+                (max(step.start_s - 0.16, flat_s), step.standing_pitch),
+                (step.start_s, step.take_off_pitch),
+                ((step.start_s + step.stop_s) / 2, step.pitch),
+                (step.stop_s, step.landing_pitch),
+                (min(step.stop_s + 0.12, middle_s), step.standing_pitch),
             ]
+            flat_s = middle_s + 0.01
         pitch = self.keyframes(*zip(*pitch_knots, strict=True))
-        return FootPath(self.axis(x, y, z), pitch)
+        x_m, z_m, heading = along.T
+        return FootPath(self.axis(x_m, lift_m, z_m), pitch, heading=heading)

@@ -7,7 +7,6 @@ A body that sits or lies is lowered until its skin meets the floor.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,7 +17,7 @@ from bridge.body.posing import ShapedBody, Smpl, shaped_vertices
 from bridge.motion import pack_theta
 from bridge.motion.resampling import continuous_rotations
 from bridge.paper import N_JOINTS
-from torch_align_ae.corpus.motions.plan import Array, BodyPlan, FootPath
+from torch_align_ae.corpus.motions.plan import Array, BodyPlan
 
 _JOINT = {name: index for index, name in enumerate(SMPL_JOINT_NAMES)}
 _AVERAGE_LEG_M = 0.85
@@ -39,24 +38,8 @@ _SOFTNESS_M = 0.003
 # Flesh gives way under the body's weight.
 _SINKS_IN_M = 0.004
 _SETTLING_ROUNDS = 3
+_SIDES = ("left", "right")
 _X, _Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
-
-
-class Leg(NamedTuple):
-    """One leg in the rest pose; joints (3,) in metres, the ball being SMPL's `foot` joint."""
-
-    hip_m: Array
-    knee_m: Array
-    ankle_m: Array
-    ball_m: Array
-
-    @property
-    def thigh_m(self) -> Array:
-        return self.knee_m - self.hip_m
-
-    @property
-    def calf_m(self) -> Array:
-        return self.ankle_m - self.knee_m
 
 
 class Skeleton:
@@ -90,7 +73,8 @@ def pose_body(skeleton: Skeleton, plan: BodyPlan) -> Array:
         pose[:, _JOINT[name]] = rotation
     pelvis_m = skeleton.joints_m[0] + plan.pelvis_m
     pelvis_m[:, 1] -= _STANDING_DROP * skeleton.joints_m[_JOINT["left_hip"], 1]
-    _pose_legs(pose, skeleton, pelvis_m, plan)
+    for side in _SIDES:
+        _pose_leg(pose, skeleton, pelvis_m, plan, side)
     if plan.carried is not None:
         # Lift or lower the pelvis until the skin lies on the floor; legs and their skin follow.
         planned_m = pelvis_m[:, 1].copy()
@@ -98,7 +82,8 @@ def pose_body(skeleton: Skeleton, plan: BodyPlan) -> Array:
             lowest_m = _lowest_m(skeleton, pose, _trans_m(skeleton, pelvis_m))
             lying_m = pelvis_m[:, 1] - lowest_m - _SINKS_IN_M
             pelvis_m[:, 1] = planned_m + plan.carried * (lying_m - planned_m)
-            _pose_legs(pose, skeleton, pelvis_m, plan)
+            for side in _SIDES:
+                _pose_leg(pose, skeleton, pelvis_m, plan, side)
     return pack_theta(pose, _trans_m(skeleton, pelvis_m))
 
 
@@ -129,70 +114,64 @@ def _lowest_m(skeleton: Skeleton, pose: Array, trans_m: Array) -> Array:
     return np.round(lowest_m[:, 0] + soft, 9)
 
 
-def _pose_legs(pose: Array, skeleton: Skeleton, pelvis_m: Array, plan: BodyPlan) -> None:
-    turn = Rotation.from_rotvec(pose[:, 0])
-    for side, foot in (("left", plan.left_foot), ("right", plan.right_foot)):
-        joints = [_JOINT[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot")]
-        leg = Leg(*skeleton.joints_m[joints])
-        hip_m = pelvis_m + turn.apply(leg.hip_m - skeleton.joints_m[0])
-        stand_m = leg.ball_m.copy()
-        stand_m[0] -= (1 - _STANCE_WIDTH) * (leg.ankle_m[0] - leg.hip_m[0])
-        if np.any(foot.heading):  # the place of a foot of a body that has turned on the spot
-            about_y = Rotation.from_rotvec(np.outer(foot.heading, _Y))
-            axis_m = skeleton.joints_m[0] * (1.0, 0.0, 1.0)
-            stand_m = axis_m + about_y.apply(stand_m - axis_m)
-        found = _pose_leg(leg, turn, hip_m, foot, stand_m + foot.ball_m, plan.heading)
-        for joint, rotation in zip(joints, found, strict=True):
-            pose[:, joint] = rotation
-
-
-def _pose_leg(
-    leg: Leg, pelvis: Rotation, hip_m: Array, foot: FootPath, ball_m: Array, heading: Array | float
-) -> tuple[Array, Array, Array, Array]:
-    """Rotations (T, 3) of hip, knee, ankle and toes that bring the ball of a foot to `ball_m`.
-
-    `pelvis` are T orientations, `hip_m` and `ball_m` (T, 3) joints in the world, metres, `foot` is
-    what the motion asks for, `heading` (T,) where the body faces, radians.
-    """
-    yaw = np.broadcast_to(foot.yaw + foot.heading, foot.pitch.shape)
-    pitch = _raise_heel(leg, hip_m, foot.pitch, yaw, ball_m)
-    foot_turn = _foot_turn(pitch, yaw)
-    ankle_m = ball_m + foot_turn.apply(leg.ankle_m - leg.ball_m)
-    target = pelvis.inv().apply(ankle_m - hip_m)
-    splay = Rotation.from_rotvec(np.outer(yaw - heading, _Y))
-    knee_angle = _knee_angle(leg, np.linalg.norm(target, axis=1))
-    knee = Rotation.from_rotvec(np.outer(knee_angle, _X))
+def _pose_leg(pose: Array, skeleton: Skeleton, pelvis_m: Array, plan: BodyPlan, side: str) -> None:
+    """Set hip, knee, ankle and toes of a `pose` (T, 22, 3), so that the ball of the foot, SMPL's
+    `foot` joint, is where the plan has it while the pelvis is at `pelvis_m` (T, 3)."""
+    joints = [_JOINT[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot")]
+    hip, knee, ankle, ball = skeleton.joints_m[joints]
+    thigh, calf, heel, root = knee - hip, ankle - knee, ankle - ball, skeleton.joints_m[0]
+    foot, pelvis = plan.feet[_SIDES.index(side)], Rotation.from_rotvec(pose[:, 0])
+    hip_m = pelvis_m + pelvis.apply(hip - root)
+    stand_m = ball.copy()
+    stand_m[0] -= (1 - _STANCE_WIDTH) * (ankle[0] - hip[0])
+    if np.any(foot.heading):  # the place of a foot of a body that has turned on the spot
+        about_y, axis_m = Rotation.from_rotvec(np.outer(foot.heading, _Y)), root * (1.0, 0.0, 1.0)
+        stand_m = axis_m + about_y.apply(stand_m - axis_m)
+    ball_m = np.broadcast_to(stand_m + foot.ball_m, hip_m.shape)
+    yaw = np.broadcast_to(foot.yaw + foot.heading, len(hip_m))
+    reach_m = _STRETCH * float(np.linalg.norm(thigh) + np.linalg.norm(calf))
+    least = _least_pitch(hip_m, ball_m, heel, yaw, reach_m)
+    # The asked-for pitch, or as much more as lets the leg reach: a smooth maximum of the two.
+    pitch = _HEEL_SOFTNESS * np.logaddexp(foot.pitch / _HEEL_SOFTNESS, least / _HEEL_SOFTNESS)
+    turned = _foot_turn(pitch, yaw)
+    target = pelvis.inv().apply(ball_m + turned.apply(heel) - hip_m)
+    bent = np.outer(_knee_angle(thigh, calf, np.linalg.norm(target, axis=1)), _X)
     # The hip points the bent leg at its target, and the knee's axis to the side.
-    rest = _frame(leg.thigh_m + knee.apply(leg.calf_m), np.broadcast_to(_X, target.shape))
-    aimed = _frame(target, splay.apply(_X))
-    hip = Rotation.from_matrix(aimed @ rest.swapaxes(1, 2))
-    ankle = (pelvis * hip * knee).inv() * foot_turn
-    height_m = np.maximum(ball_m[:, 1] - leg.ball_m[1], 0.0)
-    flat = 1 / (1 + (height_m / _TOES_FLAT_BELOW_M) ** 2)
-    toes = np.outer(-pitch * flat, _X)
-    return hip.as_rotvec(), knee.as_rotvec(), ankle.as_rotvec(), toes
+    bending, splay = (
+        Rotation.from_rotvec(bent),
+        Rotation.from_rotvec(np.outer(yaw - plan.heading, _Y)),
+    )
+    rest = _frame(thigh + bending.apply(calf), np.broadcast_to(_X, target.shape))
+    aim = Rotation.from_matrix(_frame(target, splay.apply(_X)) @ rest.swapaxes(1, 2))
+    flat = 1 / (1 + (np.maximum(ball_m[:, 1] - ball[1], 0.0) / _TOES_FLAT_BELOW_M) ** 2)
+    ankle_turn = (pelvis * aim * bending).inv() * turned
+    turns = (
+        aim.as_rotvec(),
+        bending.as_rotvec(),
+        ankle_turn.as_rotvec(),
+        np.outer(-pitch * flat, _X),
+    )
+    for joint, turn in zip(joints, turns, strict=True):
+        pose[:, joint] = turn
 
 
 def _foot_turn(pitch: Array, yaw: Array) -> Rotation:
     return Rotation.from_euler("YX", np.stack([yaw, pitch], axis=1))
 
 
-def _raise_heel(leg: Leg, hip_m: Array, pitch: Array, yaw: Array, ball_m: Array) -> Array:
-    """The asked-for pitch, or as much more as lets the leg reach: a smooth maximum of the two."""
-    low, high = (np.full(pitch.shape, bound) for bound in _PITCH_RANGE)
-    heel = leg.ankle_m - leg.ball_m
-    reach_m = _STRETCH * float(np.linalg.norm(leg.thigh_m) + np.linalg.norm(leg.calf_m))
+def _least_pitch(hip_m: Array, ball_m: Array, heel: Array, yaw: Array, reach_m: float) -> Array:
+    """(T,) toes-down angle at which the ankle is as far from the hip as the leg reaches."""
+    low, high = (np.full(yaw.shape, bound) for bound in _PITCH_RANGE)
     for _ in range(40):
         middle = (low + high) / 2
         ankle_m = ball_m + _foot_turn(middle, yaw).apply(heel)
         too_far = np.linalg.norm(ankle_m - hip_m, axis=1) > reach_m
         low, high = np.where(too_far, middle, low), np.where(too_far, high, middle)
-    return _HEEL_SOFTNESS * np.logaddexp(pitch / _HEEL_SOFTNESS, high / _HEEL_SOFTNESS)
+    return high
 
 
-def _knee_angle(leg: Leg, distance_m: Array) -> Array:
+def _knee_angle(thigh: Array, calf: Array, distance_m: Array) -> Array:
     """Flexion about x that puts the ankle at `distance_m` from the hip (law of cosines)."""
-    thigh, calf = leg.thigh_m, leg.calf_m
     cosine = thigh[1] * calf[1] + thigh[2] * calf[2]
     sine = thigh[2] * calf[1] - thigh[1] * calf[2]
     along = (distance_m**2 - thigh @ thigh - calf @ calf) / 2 - thigh[0] * calf[0]
