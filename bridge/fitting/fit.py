@@ -26,8 +26,9 @@ from bridge.fitting.constants import (
     logit_slope,
     with_changes,
 )
-from bridge.fitting.evidence import SOFT, Clip, Series, Take, evidence
+from bridge.fitting.evidence import Clip, Series, Take, evidence
 from bridge.fitting.hanging import Patch
+from bridge.markers.registration import SOFT
 from bridge.markers.segments import faster
 from bridge.runtime.stepping import PlusModel
 from bridge.tissue.oscillators import coupling

@@ -16,10 +16,11 @@ from bridge.errors import DsnetError, notify
 from bridge.exchange import save_weights
 from bridge.exchange.weights import refuse_nonfinite
 from bridge.fitting.constants import Region, with_changes
-from bridge.fitting.evidence import SOFT, Take, read_take
+from bridge.fitting.evidence import Take, read_take
 from bridge.fitting.fit import Estimate, fit_person
 from bridge.fitting.population import Fitted, share
 from bridge.markers.marker_files import marker_file
+from bridge.markers.registration import SOFT
 from bridge.motion.readers import files_below, read_motion_file
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.files import json_sha256, sha256_of, write_text_atomically

@@ -17,7 +17,7 @@ from bridge.body import BodyModelData
 from bridge.body.posing import Smpl, shaped_joints
 from bridge.body.surface_operators import vertex_normals
 from bridge.markers.marker_files import Markers
-from bridge.markers.predicted import nearest_vertices, register
+from bridge.markers.registration import nearest_vertices, register
 from bridge.motion import Motion, unpack_theta
 
 _ROUNDS = 4

@@ -12,7 +12,8 @@ from bridge.errors import DsnetError, notify
 from bridge.markers.bony import bony_motion
 from bridge.markers.marker_files import pose_file, read_markers
 from bridge.markers.page import write_comparisons
-from bridge.markers.predicted import compare_offsets, pose_of, register
+from bridge.markers.registration import register
+from bridge.markers.skin import compare_offsets
 from bridge.measure.evaluation import evaluate_run
 from bridge.motion.motion import HowRead
 from bridge.options import PositiveFloat
@@ -81,7 +82,7 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     registered = register(moving.body, motion, found)
     bodies = {_OF_FILE: moving}
     try:
-        bony = bony_motion(moving.body, motion, registered.cloud, pose_of(moving.body, motion))
+        bony = bony_motion(moving.body, motion, registered.cloud)
         bodies[_BONY] = MovingBody(trained, bony)
     except DsnetError as error:
         notify(f"the pose of the file alone is measured: {error}")

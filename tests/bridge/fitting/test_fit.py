@@ -22,10 +22,11 @@ from bridge.fitting.constants import (
     preload_of,
     with_changes,
 )
-from bridge.fitting.evidence import SOFT, driving_load, liveliest, read_take
+from bridge.fitting.evidence import driving_load, liveliest, read_take
 from bridge.fitting.fit import PEOPLE_SD, PRELOAD, Estimate, fit_person
 from bridge.fitting.hanging import Constants, Patch
 from bridge.fitting.population import share
+from bridge.markers.registration import SOFT
 from bridge.motion import Motion, load_motion_file
 from bridge.runtime.controls import root_joint_m
 from bridge.runtime.load_model import load_model

@@ -31,14 +31,9 @@ _NO_PLACES = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 _POSES = (".npz", "_poses.npz", "_stageii.npz", "_stageii.pkl")
 
 
-def sniff(path: Path) -> bool:
+def is_c3d(path: Path) -> bool:
     """By its name."""
     return path.suffix.lower() == ".c3d"
-
-
-def has_markers(path: Path) -> bool:
-    """It is there for nothing else."""
-    return True
 
 
 def pose_beside(path: Path) -> Path:
@@ -64,7 +59,7 @@ def markers_beside(pose: Path) -> Path | None:
     return None
 
 
-def read(path: Path) -> Stored:
+def read_c3d(path: Path) -> Stored:
     """Labelled points; those that are angles or forces are left out."""
     with open_regular(path, _MOST_BYTES) as file:
         raw = file.read()
