@@ -19,6 +19,7 @@ from scipy.optimize import least_squares
 from bridge.body import BodyModelData
 from bridge.body.parts import PARTS, part_weights
 from bridge.fitting.constants import (
+    Flesh,
     Region,
     changed,
     constants_of,
@@ -27,7 +28,6 @@ from bridge.fitting.constants import (
     with_changes,
 )
 from bridge.fitting.evidence import Clip, Series, Take, evidence
-from bridge.fitting.hanging import Patch
 from bridge.markers.registration import SOFT
 from bridge.markers.segments import faster
 from bridge.runtime.stepping import PlusModel
@@ -188,7 +188,7 @@ class _Output:
         self._normals = shaped_normals(body, betas)[model.nodes.vertices[nodes]].astype(np.float64)
         columns = {name: self._base[name][:, None] for name in ("wave_speed", "bending")}
         coupled = coupling(columns, sp.csr_matrix(laplacian))
-        self._patch = Patch(coupled, self._normals, self._base["normal_ratio"])
+        self._patch = coupled, self._normals, self._base["normal_ratio"]
         self._shares = region.shares[nodes]
         self._clips = [(clip, clip.series[part]) for clip in clips]
         self._loads = [clip.load[:, nodes] for clip in clips]
@@ -210,7 +210,7 @@ class _Output:
     def errors(self, sets: NDArray) -> NDArray[np.float64]:
         """(R, M) of M sets of changes (M, 3), in units of what is expected."""
         constants = changed(self._base, self._shares, self._normals, sets)
-        rolled = self._patch.roll(constants, self._loads, self._reading)
+        rolled = Flesh(constants, *self._patch).roll(self._loads, self._reading)
         found = []
         for (clip, series), offsets_m in zip(self._clips, rolled, strict=True):
             for column, one in enumerate(series):
