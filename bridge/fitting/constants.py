@@ -139,7 +139,7 @@ def with_changes(
     return replace(model, weights=replace(model.weights, base=logs, stiffening_power=power))
 
 
-class Flesh:
+class Patch:
     """K nodes that move together, with M sets of constants at once: what a fit rolls.
 
     The steps are those of `bridge.tissue.oscillators`, in float64; motions and sets lie side by

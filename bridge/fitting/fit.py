@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from bridge.body import BodyModelData
 from bridge.body.parts import PARTS, part_weights
 from bridge.fitting.constants import (
-    Flesh,
+    Patch,
     Region,
     changed,
     constants_of,
@@ -210,7 +210,7 @@ class _Output:
     def errors(self, sets: NDArray) -> NDArray[np.float64]:
         """(R, M) of M sets of changes (M, 3), in units of what is expected."""
         constants = changed(self._base, self._shares, self._normals, sets)
-        rolled = Flesh(constants, *self._patch).roll(self._loads, self._reading)
+        rolled = Patch(constants, *self._patch).roll(self._loads, self._reading)
         found = []
         for (clip, series), offsets_m in zip(self._clips, rolled, strict=True):
             for column, one in enumerate(series):

@@ -15,7 +15,7 @@ from bridge import DsnetError
 from bridge.body import BodyModelData
 from bridge.fitting.constants import (
     Constants,
-    Flesh,
+    Patch,
     Region,
     changed,
     constants_of,
@@ -72,7 +72,7 @@ def test_what_a_fit_rolls_is_what_the_product_steps(
     names = ("omega", "damping_ratio", "stiffening", "sag")
     constants = Constants(*(her[name][:, None] for name in names))
     soft = Region.of(body, model, "chest").typical.argsort()[-10:]
-    flesh = Flesh(constants, coupled, normals, her["normal_ratio"])
+    flesh = Patch(constants, coupled, normals, her["normal_ratio"])
     (rolled,) = flesh.roll([load], [np.eye(len(nodes))[soft]])
     stepped = codes.transpose(0, 2, 1)[:, soft]
     assert np.ptp(stepped[..., 1]) > 0.05
