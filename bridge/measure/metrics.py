@@ -66,7 +66,7 @@ class Sums:
 
     def __iadd__(self: Own, other: Own) -> Own:
         for one in fields(self):
-            add = one.metadata.get("add", operator.add)
+            add = one.metadata.get("add", operator.iadd)
             setattr(self, one.name, add(getattr(self, one.name), getattr(other, one.name)))
         return self
 
