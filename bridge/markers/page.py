@@ -10,6 +10,7 @@ import numpy as np
 
 from bridge.markers.segments import CUT_HZ
 from bridge.markers.skin import BANDS_HZ, Comparison, Row
+from bridge.report.pages import render
 from bridge.report.panels import save_figure
 
 FOOTER = "markers: measured on a person; body and its flesh: a model"
@@ -27,51 +28,9 @@ def write_comparisons(
     """
     found = {name: comparison.summary() for name, comparison in comparisons.items()}
     path_of("markers.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    text = "\n\n".join(table(name, comparison) for name, comparison in comparisons.items())
-    path_of("markers.md").write_text(f"{_HEAD}\n\n{text}\n", encoding="utf-8")
+    page = render("markers.md.j2", comparisons=comparisons, cut_hz=CUT_HZ, bands_hz=BANDS_HZ)
+    path_of("markers.md").write_text(page, encoding="utf-8")
     draw(path_of("markers.png"), comparisons, fps)
-
-
-_HEAD = f"""# Prediction beside skin markers
-
-Motion of each marker in its segment's frame above {CUT_HZ} Hz, vertical: peak to peak of the
-marker, of the body without offsets (pose alone) and with them; R² of the offsets with the pose's
-part taken off (`flesh`), of the whole, and of the pose alone. Where that last is near 1 on a soft
-spot, the pose was fitted to flesh, and right offsets count twice. Energy: percent from
-{", ".join(f"{low} to {high}" for low, high in BANDS_HZ)} Hz. Rows with * are indicative."""
-
-
-def table(name: str, comparison: Comparison) -> str:
-    """Rows of Markdown, and what the method cannot see."""
-    rows = "\n".join(_line(row) for row in comparison.rows)
-    floor = max((size[1] for size in comparison.floor_mm.values()), default=0.0)
-    doubts = {row.doubt: [] for row in comparison.rows if row.doubt}
-    for row in comparison.rows:
-        if row.doubt and row.segment not in doubts[row.doubt]:
-            doubts[row.doubt].append(row.segment)
-    said = "\n".join(f"\n\\* {', '.join(names)}: {doubt}" for doubt, names in doubts.items())
-    return (
-        f"## {name}\n\n"
-        "| region | marker | seen | rms [mm] | peak to peak [mm] | pose alone | with offsets "
-        "| marker's energy | offsets' energy | R² flesh | R² flesh, 3D | R² whole | R² pose alone "
-        "| early [ms] |\n|---|---|" + "---:|" * 12 + f"\n{rows}\n\n"
-        f"Markers on bone in the frame of the others move by up to {floor:.1f} mm rms vertically: "
-        f"what the method cannot see.\n{said}"
-    )
-
-
-def _line(row: Row) -> str:
-    real, added = (
-        " ".join(f"{100 * part:.0f}" for part in size.energy) for size in (row.real, row.predicted)
-    )
-    return (
-        f"| {row.region}{'*' if row.doubt else ''} | {row.label} | {row.seen:.2f} "
-        f"| {row.real.rms_mm[1]:.0f} | {row.real.peak_to_peak_mm[1]:.0f} "
-        f"| {row.pose_peak_to_peak_up_mm:.0f} | {row.total_peak_to_peak_up_mm:.0f} "
-        f"| {real} | {added} "
-        f"| {row.flesh_r2_up:.2f} | {row.flesh_r2:.2f} | {row.total_r2_up:.2f} "
-        f"| {row.pose_r2_up:.2f} | {row.lag_ms:.0f} |"
-    )
 
 
 def draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
