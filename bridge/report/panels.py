@@ -24,6 +24,7 @@ FOOTERS = {
     "licensed": "made from licensed body model and meshes",
 }
 _DPI = 150
+_GAP_M = 0.12
 _STRIP_BODIES = 8
 
 
@@ -137,33 +138,37 @@ def draw_row_of_bodies(
 ) -> None:
     """Write a PNG of bodies (N, V, 3) side by side, coloured by magnitude (N, V), metres.
 
-    Each body stands in a picture of its own: its travel along the floor is taken out, its height
-    above the floor is kept, so a jump is seen as one. The narrower the page (`width_in`), the
-    larger are letters beside the bodies.
+    Each body stands in a place of its own: its travel along the floor is taken out, its height
+    above the floor is kept, so a jump is seen as one. `labels` stand below the bodies; the narrower
+    the page (`width_in`), the larger are letters beside the bodies.
     """
-    posed = np.array(vertices_m, dtype=np.float64)
-    low, high = posed.min(axis=1, keepdims=True), posed.max(axis=1, keepdims=True)
-    posed -= (low + high) / 2 * [1.0, 0.0, 1.0]
+    posed = np.asarray(vertices_m, dtype=np.float64)
+    low, high = posed[..., 0].min(axis=1), posed[..., 0].max(axis=1)
+    start = np.concatenate([[0.0], np.cumsum(high - low + _GAP_M)[:-1]])
+    row = posed.copy()
+    row[..., 0] += (start - low)[:, None]
+    row[..., 2] -= posed[..., 2].mean(axis=1, keepdims=True)
+    size_m = np.ptp(row.reshape(-1, 3), axis=0)
+    height_px = int(width_px * (size_m[1] + 0.35 * size_m[2]) / size_m[0]) + 1
     top_m = scale_top_m(magnitude_m)
-    across_m, up_m, _ = np.ptp(posed.reshape(-1, 3), axis=0)
-    height_px = int(width_px / len(posed) * up_m / across_m) + 1
-    camera = frame_camera(list(posed), height_px=height_px, azimuth_deg=0.0)
-    colours = magnitude_colours(magnitude_m, top_m)
-    draw_panels(
-        path,
-        [
-            [
-                render_bodies([body], faces, camera=camera, colours=[colour])
-                for body, colour in zip(posed, colours, strict=True)
-            ]
-        ],
-        title=title,
-        origin=origin,
-        column_titles=labels,
-        colour_top_m=top_m,
-        colour_label="skin offset",
-        width_in=width_in,
+    picture = render_bodies(
+        list(row),
+        faces,
+        camera=frame_camera(list(row), height_px=height_px, azimuth_deg=0.0),
+        colours=list(magnitude_colours(magnitude_m, top_m)),
     )
+    height, width = picture.shape[:2]
+    height_in = width_in * height / width * 0.92 + 0.9
+    figure = new_figure(width_in, height_in, title=title, origin=origin)
+    axes = figure.subplots()
+    _show(axes, picture)
+    middles = start + (high - low) / 2
+    border = 0.5 * 0.08 / 1.08 * width
+    places = border + middles / size_m[0] * (width - 2 * border)
+    axes.set_xticks(places, labels, fontsize=8)
+    axes.tick_params(length=0)
+    _add_colour_bar(figure, [axes], top_m, "skin offset")
+    save_figure(figure, path)
 
 
 def _add_colour_bar(figure: Figure, axes: Sequence[Axes], top_m: float, label: str) -> None:

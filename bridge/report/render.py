@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter
 
 from bridge.body.surface_operators import vertex_normals
 from bridge.errors import DsnetError
@@ -30,9 +30,9 @@ _LAMP_RADIUS = 0.5
 _KEY, _AROUND, _ABOVE = 0.6, 0.5, 0.08
 # Rays of a place to lamp and surroundings; so many neighbours have different ones; how often their
 # means are taken.
-_KEY_RAYS, _AROUND_RAYS, _TURNS, _SMOOTHED = 5, 8, 6, 4
+_KEY_RAYS, _AROUND_RAYS, _TURNS, _SMOOTHED = 5, 5, 6, 4
 # An unshaded floor is a shade brighter than the paper around the picture: both clip to white.
-_FLOOR, _FLOOR_KEY, _FLOOR_TILE, _FLOOR_BLUR = 1.08, 0.63, 4, 1.5
+_FLOOR, _FLOOR_KEY, _FLOOR_RAYS, _FLOOR_TILE, _FLOOR_BLUR = 1.08, 0.63, 6, 4, 1.8
 _GRID_PX, _BORDER = 4, 4
 """Pixels between points where the floor's light is found; more of them around the picture."""
 _LIFT_M, _AWAY = 1e-3, -0.3
@@ -261,13 +261,16 @@ def _light_on_floor(surface: _Surface, view: _View) -> NDArray[np.float32]:
     up = np.broadcast_to(np.array([0, 1, 0], np.float32), points.shape)
     turn = (row % _FLOOR_TILE * _FLOOR_TILE + column % _FLOOR_TILE).ravel()
     shade = np.zeros(len(points))
-    for share, rays in ((_FLOOR_KEY, _lamp), (1 - _FLOOR_KEY, _sphere)):
-        spread = rays(8 * _FLOOR_TILE**2).reshape(8, -1, 3).swapaxes(0, 1)
+    count = _FLOOR_RAYS * _FLOOR_TILE**2
+    for share, rays in ((_FLOOR_KEY, _lamp(count)), (1 - _FLOOR_KEY, _sphere(2 * count)[:count])):
+        spread = rays.reshape(_FLOOR_RAYS, -1, 3).swapaxes(0, 1)
         falls, arrives = surface.reached(points, up, spread[turn])
         shade += share * (1 - arrives / falls)
     shade = gaussian_filter(shade.reshape(rows, columns), _FLOOR_BLUR, mode="nearest")
-    between = [(np.arange(n) + 0.5) / _GRID_PX + _BORDER for n in view.size_px]
-    shade = map_coordinates(shade, np.meshgrid(*between, indexing="ij"), order=1)
+    for axis, size in enumerate(view.size_px):
+        place = (np.arange(size) + 0.5) / _GRID_PX + _BORDER
+        before, part = place.astype(int), np.expand_dims(place % 1, 1 - axis)
+        shade = shade.take(before, axis) * (1 - part) + shade.take(before + 1, axis) * part
     return (_FLOOR * (1 - shade)).astype(np.float32)
 
 
