@@ -14,9 +14,8 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.markers.c3d import is_c3d, markers_beside, pose_beside, read_c3d
 from bridge.markers.segments import SEEN_ENOUGH, SEGMENTS, Cloud, bridged
-from bridge.markers.stored import Stored, npz_has_markers, read_mosh, read_npz, refused
+from bridge.markers.stored import npz_has_markers, read_c3d, read_mosh, read_npz, refused
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.motion.readers import mosh
 from bridge.motion.readers.amass import motion_path
@@ -24,6 +23,7 @@ from bridge.paper import N_VERTICES
 from bridge.runs.untrusted import file_refused
 
 _REMEDY = "Pass a file with skin markers."
+_POSES = (".npz", "_poses.npz", "_stageii.npz", "_stageii.pkl")
 _SAME_LENGTH_S = 0.03
 """A motion at 60 fps is shorter than its file by less than that."""
 _PERSON_M = (0.8, 3.5)
@@ -91,7 +91,8 @@ def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Mar
         own file says.
     """
     with file_refused(path, _not_loaded, _REMEDY):
-        stored = _stored(motion_path(path))
+        read = read_c3d if _is_c3d(path) else read_mosh if mosh.sniff(path) else read_npz
+        stored = read(motion_path(path))
         data = np.array(stored.points, np.float64) if stored.points.dtype.kind in "iuf" else None
     if data is None or data.shape != (len(data), len(stored.labels), 3) or not stored.labels:
         raise refused(
@@ -121,8 +122,18 @@ def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Mar
 
 
 def pose_file(path: Path) -> Path:
-    """The file of the pose that was fitted to a file's markers: itself but for a C3D."""
-    return pose_beside(path) if is_c3d(path) else motion_path(path)
+    """The file of the pose that was fitted to a file's markers: itself, or beside a C3D."""
+    if not _is_c3d(path):
+        return motion_path(path)
+    there = [path.with_name(path.stem + ending) for ending in _POSES]
+    found = next((pose for pose in there if pose.is_file()), None)
+    if found is None:
+        raise DsnetError(
+            f"{path}, markers without a pose",
+            f"{there[0].name} (or {', '.join(pose.name for pose in there[1:])}) beside it",
+            "Put the AMASS or MoSh++ file of the same take there, under that name.",
+        )
+    return found
 
 
 def marker_file(path: Path) -> Path | None:
@@ -131,14 +142,15 @@ def marker_file(path: Path) -> Path | None:
     if not path.is_file():
         return None
     with file_refused(path, _not_loaded, _REMEDY):
-        of_npz = path.suffix == ".npz" and npz_has_markers(path)
-    return path if of_npz or mosh.sniff(path) or is_c3d(path) else markers_beside(path)
+        if mosh.sniff(path) or _is_c3d(path) or (path.suffix == ".npz" and npz_has_markers(path)):
+            return path
+    stems = (path.name.removesuffix(ending) for ending in _POSES if path.name.endswith(ending))
+    beside = (path.with_name(f"{stem}.c3d") for stem in stems)
+    return next((one for one in beside if one.is_file()), None)
 
 
-def _stored(path: Path) -> Stored:
-    if is_c3d(path):
-        return read_c3d(path)
-    return read_mosh(path) if mosh.sniff(path) else read_npz(path)
+def _is_c3d(path: Path) -> bool:
+    return path.suffix.lower() == ".c3d"
 
 
 def _names(path: Path, labels: list[str]) -> tuple[dict[str, str], tuple[str, ...]]:
