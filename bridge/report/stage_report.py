@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -130,9 +129,19 @@ class Figure(NamedTuple):
 
     name: str
     """Its file's below `figures/`, without extension; the paper's begin with `figure`."""
-    of: str
-    """The sequence that it shows, if it is one."""
-    draw: Callable[[Path], None]
+    function: Callable[..., None]
+    given: Sequence[Any]
+    """To the function, after the file's path; what it shows comes last."""
+
+    def draw(self, path: Path) -> None:
+        self.function(path, *self.given)
+
+    @property
+    def of(self) -> str:
+        """The sequence that it shows, if it is one."""
+        shown = self.given[-1]
+        named = shown.get("name") if isinstance(shown, dict) else getattr(shown, "name", "")
+        return str(named or "")
 
 
 def plan_figures(scene: Scene) -> list[Figure]:
@@ -161,20 +170,7 @@ def plan_figures(scene: Scene) -> list[Figure]:
         ("loss_dsnet", draw_dsnet_loss, train),
         ("loss_plus", draw_plus_loss, plus and plus_losses(plus) and plus),
     ]
-    return [
-        Figure(name, _name_of(given[-1]), partial(_draw, draw, given))
-        for name, draw, *given in planned
-        if given[-1]
-    ]
-
-
-def _draw(draw: Callable[..., None], given: Sequence[Any], path: Path) -> None:
-    draw(path, *given)
-
-
-def _name_of(subject: Any) -> str:
-    found = subject.get("name") if isinstance(subject, dict) else getattr(subject, "name", "")
-    return str(found or "")
+    return [Figure(name, draw, given) for name, draw, *given in planned if given[-1]]
 
 
 def _unseen(scene: Scene) -> MotionSequence | None:
