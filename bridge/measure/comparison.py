@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.posing import ShapedBody, Smpl
+from bridge.body.posing import Smpl
 from bridge.measure.metrics import (
     Errors,
     ErrorSums,
@@ -159,7 +159,8 @@ class Evaluation:
         betas, theta = arrays.betas(name), arrays.frames("theta", name, frames)
         key = betas.tobytes(), theta.tobytes()
         if key not in known:
-            known[key] = posed_frames(self._smpl.person(betas), theta)
+            motion = unpack_theta(np.asarray(theta, dtype=np.float64))
+            known[key] = PosedFrames(*self._smpl.person(betas).skin(*motion))
         return known[key]
 
     def _compare_offsets(self, found: SequenceErrors, chosen: Sequence[Candidate]) -> None:
@@ -270,8 +271,3 @@ class PosedFrames:
         # instead of along three coordinates, ten times faster.
         components = np.moveaxis(np.asarray(offsets_m), -1, 0).astype(np.float64, order="C")
         return np.einsum("bvxy,bvy->bvx", self.linear, np.moveaxis(components, 0, -1))
-
-
-def posed_frames(person: ShapedBody, theta: ArrayLike) -> PosedFrames:
-    """The mesh of a person in frames (B, 69) of pose and translation."""
-    return PosedFrames(*person.skin(*unpack_theta(np.asarray(theta, dtype=np.float64))))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, pose_vertices
 from bridge.body.posing import rest_vertices, shaped_vertices
-from bridge.measure.pipelines import AUTOENCODER, MotionArrays, Pipeline, pipeline_of, pipelines_of
+from bridge.measure.pipelines import AUTOENCODER, MotionArrays, Pipeline, pipelines_of
 from bridge.motion import MotionSequence, unpack_theta
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import Camera, frame_camera, render_bodies
@@ -67,12 +67,6 @@ class Scene:
         first, *others = (pipeline.offsets.places for pipeline in self.pipelines)
         return {name: s for name, s in first.items() if all(name in other for other in others)}
 
-    def offsets_m(self, predictor: str, name: str, frames: NDArray) -> NDArray[np.float32]:
-        """(N, V, 3) offsets that a predictor, or the autoencoder, gives for a sequence."""
-        first = predictor == AUTOENCODER
-        pipeline = self.pipelines[0] if first else pipeline_of(self.pipelines, predictor)
-        return pipeline.offsets.frames(f"offsets_{predictor}", name, frames)
-
     def pose(
         self, motions: MotionArrays, name: str, frames: NDArray, offsets_m: NDArray | None
     ) -> NDArray[np.float64]:
@@ -83,7 +77,7 @@ class Scene:
 
     def moved_by(self, pipeline: Pipeline, name: str, frames: NDArray) -> Column:
         """By a pipeline's own predictor."""
-        part_m = self.offsets_m(pipeline.default, name, frames)
+        part_m = pipeline.predicted_m(pipeline.default, name, frames)
         moved = self.pose(pipeline.motions, name, frames, part_m)
         return pipeline.predictors[pipeline.default], moved, np.linalg.norm(part_m, axis=-1)
 
@@ -157,7 +151,7 @@ def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     """Figure 4: aligned meshes, what the autoencoder makes of them, and its error."""
     frames, first, name = _lively_frames(scene, sequence, 2), scene.pipelines[0], sequence.name
     aligned_m = first.align.frames("offsets", name, frames)
-    rebuilt_m = scene.offsets_m(AUTOENCODER, name, frames)
+    rebuilt_m = first.predicted_m(AUTOENCODER, name, frames)
     original, rebuilt = (scene.pose(first.motions, name, frames, o) for o in (aligned_m, rebuilt_m))
     columns: list[Column] = [
         ("original mesh", original, None),
