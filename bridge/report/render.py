@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -42,19 +43,54 @@ _SCATTERED = (np.array([[0, 1, 2, 3, 4, 5, 6, 7], [0, 4, 2, 6, 1, 5, 3, 7]]) + 0
 """Places of an outline's rays in a pixel: each eighth of its width, and of its height, has one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera:
     """Where the pictures are taken from; one camera for all panels that are to be compared."""
 
-    origin_m: tuple[float, float, float]
-    target_m: tuple[float, float, float]
-    """Point at the centre of the picture."""
+    origin_m: NDArray[np.float64]
+    """(3,)."""
+    target_m: NDArray[np.float64]
+    """(3,) point at the centre of the picture, about which rays are given."""
     field_of_view_deg: float
     """Angle that the picture's width covers."""
     floor_m: float
     """Height of the floor, y up."""
     width_px: int
     height_px: int
+
+    @cached_property
+    def away_m(self) -> NDArray[np.float64]:
+        """(3,) from the target to the camera."""
+        return self.origin_m - self.target_m
+
+    @cached_property
+    def axes(self) -> NDArray[np.float64]:
+        """(3, 3) right, up and back."""
+        return _axes(self.away_m / np.linalg.norm(self.away_m))
+
+    @property
+    def pixel(self) -> float:
+        """Width of a pixel at unit distance."""
+        return 2 * float(np.tan(np.radians(self.field_of_view_deg) / 2)) / self.width_px
+
+    def rays(self, x_px: NDArray, y_px: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Where rays (..., 3) through points of the picture begin, and their directions."""
+        across = (x_px - self.width_px / 2) * self.pixel
+        along = (self.height_px / 2 - y_px) * self.pixel
+        right, up, back = self.axes.astype(np.float32)
+        directions = np.multiply.outer(across.astype(np.float32), right) + (
+            np.multiply.outer(along.astype(np.float32), up) - back
+        )
+        return np.broadcast_to(self.away_m.astype(np.float32), directions.shape), directions
+
+    def pixels_about(self, points: NDArray) -> tuple[slice, slice]:
+        """Rows and columns of the picture among which points (N, 3) lie."""
+        x, y, away = ((points - self.away_m) @ self.axes.T).T
+        size_px = np.array([self.height_px, self.width_px])
+        places = size_px[:, None] / 2 - np.stack([y, -x]) / -away / self.pixel
+        first = np.clip(places.min(axis=1).astype(int) - 1, 0, size_px)
+        last = np.clip(places.max(axis=1).astype(int) + 2, 0, size_px)
+        return slice(first[0], last[0]), slice(first[1], last[1])
 
 
 def frame_camera(
@@ -82,12 +118,9 @@ def frame_camera(
     # A long lens: bodies at the ends of a row keep their shape.
     distance = 9.0 * max(half[1], half[0] * height_px / width_px) + half[2]
     half_width = max(half[0], half[1] * width_px / height_px)
-    target = centre @ axes
-    x, y, z = target.tolist()
-    from_x, from_y, from_z = (target + distance * axes[2]).tolist()
     return Camera(
-        origin_m=(from_x, from_y, from_z),
-        target_m=(x, y, z),
+        origin_m=centre @ axes + distance * axes[2],
+        target_m=centre @ axes,
         field_of_view_deg=float(np.degrees(2 * np.arctan(half_width / (distance - half[2])))),
         floor_m=float(points[:, 1].min()),
         width_px=width_px,
@@ -114,61 +147,28 @@ def render_bodies(
     Each body has vertices (V, 3), metres, y up, and perhaps `colours` (V, 3), sRGB in [0, 1]; clay
     where None. Faces (F, 3) are counter-clockwise from outside.
     """
-    view = _View(camera)
     # About the target: far from the origin, single precision would be too coarse.
     surface = _Surface([np.asarray(body) - camera.target_m for body in bodies], np.asarray(faces))
     painted = [
         np.broadcast_to(CLAY_SRGB if colour is None else colour, np.shape(body))
         for body, colour in zip(bodies, colours or [None] * len(bodies), strict=True)
     ]
-    sent = srgb_to_linear(np.concatenate(painted)) * _light_on(surface, view.back)[:, None]
+    sent = srgb_to_linear(np.concatenate(painted)) * _light_on(surface, camera.axes[2])[:, None]
     sent = sent.astype(np.float32)
-    floor = np.repeat(_light_on_floor(surface, view)[..., None], 3, axis=2)
+    floor = np.repeat(_light_on_floor(surface, camera)[..., None], 3, axis=2)
     light, depth = floor.copy(), np.full(floor.shape[:2], -1e9, np.float32)
-    about = view.pixels_about(surface.vertices)
+    about = camera.pixels_about(surface.vertices)
     y, x = np.mgrid[about]
-    hit, depth[about], seen = surface.seen(*view.rays(x + 0.5, y + 0.5), sent)
+    hit, depth[about], seen = surface.seen(*camera.rays(x + 0.5, y + 0.5), sent)
     light[about][hit] = seen
-    y, x = np.nonzero(_outline(depth, _OUTLINE_PX * view.pixel_m))
+    step_m = _OUTLINE_PX * camera.pixel * float(np.linalg.norm(camera.away_m))
+    y, x = np.nonzero(_outline(depth, step_m))
     across, down = _SCATTERED
-    hit, _, seen = surface.seen(*view.rays(x[:, None] + across, y[:, None] + down), sent)
+    hit, _, seen = surface.seen(*camera.rays(x[:, None] + across, y[:, None] + down), sent)
     mixed = np.repeat(floor[y, x][:, None], len(across), axis=1)
     mixed[hit] = seen
     light[y, x] = np.minimum(mixed, 1).mean(axis=1)
     return _TONES[(np.clip(light, 0, 1) * np.float32(len(_TONES) - 1)).astype(np.int16)]
-
-
-class _View:
-    """A camera's rays, about its target."""
-
-    def __init__(self, camera: Camera) -> None:
-        self.floor_m = np.float32(camera.floor_m - camera.target_m[1])
-        self._origin_m = np.subtract(camera.origin_m, camera.target_m)
-        self._axes = _axes(self._origin_m / np.linalg.norm(self._origin_m))
-        self.back = self._axes[2].astype(np.float32)
-        """From the target to the camera."""
-        self.size_px = np.array([camera.height_px, camera.width_px])
-        self._px = 2 * np.tan(np.radians(camera.field_of_view_deg) / 2) / camera.width_px
-        self.pixel_m = self._px * float(np.linalg.norm(self._origin_m))
-        """Width of a pixel at the target."""
-
-    def rays(self, x_px: NDArray, y_px: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Where rays (..., 3) through points of the picture begin, and their directions."""
-        across = (x_px - self.size_px[1] / 2) * self._px
-        along = (self.size_px[0] / 2 - y_px) * self._px
-        right, up, back = self._axes.astype(np.float32)
-        directions = np.multiply.outer(across.astype(np.float32), right) + (
-            np.multiply.outer(along.astype(np.float32), up) - back
-        )
-        return np.broadcast_to(self._origin_m.astype(np.float32), directions.shape), directions
-
-    def pixels_about(self, points: NDArray) -> tuple[slice, slice]:
-        """Rows and columns of the picture among which points (N, 3) lie."""
-        x, y, away = ((points - self._origin_m) @ self._axes.T).T
-        places = self.size_px[:, None] / 2 - np.stack([y, -x]) / -away / self._px
-        first = np.clip(places.min(axis=1).astype(int) - 1, 0, self.size_px)
-        last = np.clip(places.max(axis=1).astype(int) + 2, 0, self.size_px)
-        return slice(first[0], last[0]), slice(first[1], last[1])
 
 
 class _Surface:
@@ -249,14 +249,17 @@ def _light_on(surface: _Surface, towards: NDArray) -> NDArray[np.float32]:
     return _KEY * key + (_AROUND + _ABOVE * normals[:, 1]) * open_to
 
 
-def _light_on_floor(surface: _Surface, view: _View) -> NDArray[np.float32]:
+def _light_on_floor(surface: _Surface, camera: Camera) -> NDArray[np.float32]:
     """(height, width) light that a white floor sends back, which fills the picture."""
-    rows, columns = -(-view.size_px // _GRID_PX) + 2 * _BORDER
+    size_px = np.array([camera.height_px, camera.width_px])
+    rows, columns = -(-size_px // _GRID_PX) + 2 * _BORDER
     row, column = np.indices((rows, columns))
     places = ((n - _BORDER) * _GRID_PX for n in (column, row))
-    origins, directions = view.rays(*places)
+    origins, directions = camera.rays(*places)
     # Where a ray does not go down, it is the white beyond the floor's end.
-    far = (view.floor_m - origins[..., 1]) / np.minimum(directions[..., 1], -1e-6)
+    far = (camera.floor_m - camera.target_m[1] - origins[..., 1]) / np.minimum(
+        directions[..., 1], -1e-6
+    )
     points = (origins + far[..., None] * directions).reshape(-1, 3)
     up = np.broadcast_to(np.array([0, 1, 0], np.float32), points.shape)
     turn = (row % _FLOOR_TILE * _FLOOR_TILE + column % _FLOOR_TILE).ravel()
@@ -267,7 +270,7 @@ def _light_on_floor(surface: _Surface, view: _View) -> NDArray[np.float32]:
         falls, arrives = surface.reached(points, up, spread[turn])
         shade += share * (1 - arrives / falls)
     shade = gaussian_filter(shade.reshape(rows, columns), _FLOOR_BLUR, mode="nearest")
-    for axis, size in enumerate(view.size_px):
+    for axis, size in enumerate(size_px):
         place = (np.arange(size) + 0.5) / _GRID_PX + _BORDER
         before, part = place.astype(int), np.expand_dims(place % 1, 1 - axis)
         shade = shade.take(before, axis) * (1 - part) + shade.take(before + 1, axis) * part
