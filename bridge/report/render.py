@@ -149,9 +149,10 @@ def render_bodies(
     """
     # About the target: far from the origin, single precision would be too coarse.
     surface = _Surface([np.asarray(body) - camera.target_m for body in bodies], np.asarray(faces))
+    colours = [None] * len(bodies) if colours is None else colours
     painted = [
         np.broadcast_to(CLAY_SRGB if colour is None else colour, np.shape(body))
-        for body, colour in zip(bodies, colours or [None] * len(bodies), strict=True)
+        for body, colour in zip(bodies, colours, strict=True)
     ]
     sent = srgb_to_linear(np.concatenate(painted)) * _light_on(surface, camera.axes[2])[:, None]
     sent = sent.astype(np.float32)
