@@ -74,11 +74,6 @@ class Take:
     motion: Motion
     registered: Registered
 
-    @property
-    def cloud(self) -> Cloud:
-        """The markers."""
-        return self.registered.cloud
-
 
 def read_take(path: Path, body: BodyModelData) -> Take:
     """The part of a file's motion that is fitted, its chest by markers on bone.
@@ -144,11 +139,11 @@ def evidence(take: Take, model: PlusModel) -> tuple[Take, Clip]:
     turns = _turns(body, Pose.of(body, motion), vertices.values())
     flesh_m = np.einsum("tvxy,tyk,vk->tvx", turns, codes, reading, optimize=True)
     on_bone = {label for segment in SEGMENTS.values() for label in segment.labels}
-    points_m = dict(take.cloud.points_m)
+    points_m = dict(take.registered.cloud.points_m)
     for column, label in enumerate(vertices):
         if label in on_bone:
             points_m[label] = points_m[label] - flesh_m[:, column]
-    bare_cloud = Cloud(points_m, take.cloud.seen)
+    bare_cloud = Cloud(points_m, take.registered.cloud.seen)
     motion = bony_motion(body, take.filed, bare_cloud)
     found = replace(take, motion=motion)
     return found, Clip(

@@ -18,7 +18,7 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
-from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
+from bridge.body.posing import posed_joints
 from bridge.motion import Motion, unpack_theta
 
 CUT_HZ = 1.2
@@ -95,11 +95,7 @@ class Pose:
 
     @classmethod
     def of(cls, body: BodyModelData, motion: Motion) -> Pose:
-        pose, trans = unpack_theta(motion.theta)
-        joints = shaped_joints(body, motion.betas[None]).repeat(len(pose), axis=0)
-        bones = joint_transforms(joint_rotations(body, pose), joints, body.parents, trans)
-        places = np.einsum("tjxy,tjy->tjx", bones[..., :3, :3], joints) + bones[..., :3, 3]
-        return cls(bones, places)
+        return cls(*posed_joints(body, motion.betas, *unpack_theta(motion.theta)))
 
     @property
     def turns(self) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
+from bridge.body.posing import posed_joints
 from bridge.measure.metrics import Offsets, Sums
 from bridge.motion import unpack_theta
 
@@ -48,10 +48,7 @@ def joint_speed_m_s(
     The first frame has the second's.
     """
     pose, trans = unpack_theta(np.asarray(theta, dtype=np.float64))
-    joints = shaped_joints(body, np.asarray(betas, dtype=np.float64)[None])
-    joints = joints.repeat(len(pose), axis=0)
-    bones = joint_transforms(joint_rotations(body, pose), joints, body.parents, trans)
-    places = np.einsum("bjxy,bjy->bjx", bones[..., :3, :3], joints) + bones[..., :3, 3]
+    _, places = posed_joints(body, np.asarray(betas, dtype=np.float64), pose, trans)
     speed = np.linalg.norm(np.diff(places, axis=0), axis=-1).mean(axis=1) * fps
     return np.concatenate([speed[:1], speed]) if len(speed) else np.zeros(len(pose))
 
