@@ -128,7 +128,7 @@ class Evaluation:
         sums = {one.name: ErrorSums() for one in chosen}
         for frames in frame_blocks(slice(0, min(one.places[name].length for one in compared))):
             # A new person is the same everywhere, and posing is what costs most.
-            posed: dict[tuple[bytes, bytes], PosedFrames] = {}
+            posed: Posed = {}
             real_m = None
             if not registered and truth is not None:
                 real = self._posed(truth, name, frames, posed)
@@ -149,13 +149,7 @@ class Evaluation:
                 found.errors[candidate]["mesh"] = sums[candidate]
                 found.mesh_error_m[candidate] = np.concatenate(parts_m).astype(np.float32)
 
-    def _posed(
-        self,
-        arrays: MotionArrays,
-        name: str,
-        frames: slice,
-        known: dict[tuple[bytes, bytes], PosedFrames],
-    ) -> PosedFrames:
+    def _posed(self, arrays: MotionArrays, name: str, frames: slice, known: Posed) -> PosedFrames:
         betas, theta = arrays.betas(name), arrays.frames("theta", name, frames)
         key = betas.tobytes(), theta.tobytes()
         if key not in known:
@@ -271,3 +265,7 @@ class PosedFrames:
         # instead of along three coordinates, ten times faster.
         components = np.moveaxis(np.asarray(offsets_m), -1, 0).astype(np.float64, order="C")
         return np.einsum("bvxy,bvy->bvx", self.linear, np.moveaxis(components, 0, -1))
+
+
+Posed = dict[tuple[bytes, bytes], PosedFrames]
+"""By shape and motion."""

@@ -25,6 +25,7 @@ from bridge.runs import Artifact, Run
 from bridge.runs.artifact import read_artifact
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, TRAIN_PLUS
 
+_MEASURED = ("predictors", "default", "pipelines", "test_bed", "cells", "alignment", "alignments")
 _FORWARD = ("layers", "loss", "losses")
 _PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}
 _OF_EVERY_STAGE = ("command", "finished_utc", "sha256", "stamps", "input_stamps")
@@ -47,20 +48,11 @@ def summarise(
     held_out = "" if validation is None else f", `{validation['name']}`"
     titles = {"validation": f"held out{held_out}"} | CELLS
     titles |= {"test": "all of the four test groups", "train": "trained on (first of each person)"}
-    measured = (
-        "predictors",
-        "default",
-        "pipelines",
-        "test_bed",
-        "cells",
-        "alignment",
-        "alignments",
-    )
     summary = {
         "run": run_name,
         "data": stages["evaluate"].origin,
         "validation": validation,
-        **{key: evaluate[key] for key in measured},
+        **{key: evaluate[key] for key in _MEASURED},
         "seeds": _of_seeds(stages, others) if others else None,
         "table_1": _table_1(stages),
         "cell_titles": {key: text for key, text in titles.items() if key in evaluate["cells"]},
@@ -143,29 +135,28 @@ def verification(stages: Stages) -> dict[str, Any] | None:
     if "verify" not in stages:
         return None
     parity = read_parity(stages["verify"])
-    rows = parity["rows"]
+    rows, engines = parity["rows"], parity["engines"]
     differentiated = {row["engine"] for row in rows if row["part"] == "gradients"}
-    largest: dict[tuple[str, str], dict[str, float | None]] = {}
-    for row in rows:
-        found = largest.setdefault(
-            (row["engine"], row["dtype"]), {"forward": None, "backward": None}
-        )
-        if row["max_rel"] is not None:
-            way = "forward" if row["part"] in _FORWARD else "backward"
-            found[way] = max(found[way] or 0.0, row["max_rel"])
+
+    def largest(engine: str, dtype: str, forward: bool) -> float | None:
+        own = (row for row in rows if (row["engine"], row["dtype"]) == (engine, dtype))
+        found = [row["max_rel"] for row in own if (row["part"] in _FORWARD) == forward]
+        return max((one for one in found if one is not None), default=None)
+
     return {
-        "forward_only": [engine for engine in parity["engines"] if engine not in differentiated],
+        "forward_only": [engine for engine in engines if engine not in differentiated],
         "rows": len(rows),
         "held": sum(row["passed"] for row in rows),
         "diagnosis": list(parity["diagnosis"]),
         "engines": [
             {
                 "engine": engine,
-                "version": parity["engines"][engine].get(_PACKAGES[engine], ""),
+                "version": engines[engine].get(_PACKAGES[engine], ""),
                 "precision": dtype,
-                **differences,
+                "forward": largest(engine, dtype, True),
+                "backward": largest(engine, dtype, False),
             }
-            for (engine, dtype), differences in largest.items()
+            for engine, dtype in dict.fromkeys((row["engine"], row["dtype"]) for row in rows)
         ],
     }
 
