@@ -81,7 +81,7 @@ class Registered:
         vertices = [*self.vertices.values()]
         person = Smpl(body, np.array(vertices), np.float64).person(motion.betas)
         own_m = None if offsets_m is None else np.asarray(offsets_m[:, vertices], np.float64)
-        places_m = person.pose(*unpack_theta(motion.theta), own_m)
+        places_m = np.asarray(person.pose(*unpack_theta(motion.theta), own_m), np.float64)
         always = np.ones(len(places_m), bool)
         return Cloud(
             {label: places_m[:, i] for i, label in enumerate(self.vertices)},

@@ -152,7 +152,7 @@ def segment_frames(
             ends = [_carried(pelvis, pose.joints_m[:, joint]), *ends]
             good = pelvis.good & good
         if len(ends) == 2 and good.any():
-            frames[name] = _limb_frame(*ends, bone, good)
+            frames[name] = _limb_frame(ends[0], ends[1], bone, good)
     return frames
 
 

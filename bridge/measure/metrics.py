@@ -149,8 +149,10 @@ class VelocitySums(SquaredSums):
             np.einsum("tvx,tvx->tv", one, one)
             for one in (predicted.velocity_m_s - true.velocity_m_s, true.velocity_m_s)
         )
-        sums = (float(one.sum(dtype=np.float64)) for one in (squared, reference, np.sqrt(squared)))
-        return cls(*sums, squared.size)
+        error, energy, distance = (
+            float(one.sum(dtype=np.float64)) for one in (squared, reference, np.sqrt(squared))
+        )
+        return cls(error, energy, distance, squared.size)
 
     def summary(self) -> dict[str, float]:
         """R² (0: no movement at all is predicted), mean and root mean square error, mm/s."""
@@ -181,7 +183,7 @@ class SpectrumSums(Sums):
         cosines_m = (true.cosines_m, predicted.cosines_m, predicted.cosines_m - true.cosines_m)
         squares = (np.einsum("kvx,kvx->k", one, one).astype(np.float64) for one in cosines_m)
         energy = [np.bincount(steps, square, minlength=_STEPS) for square in squares]
-        return cls(np.stack(energy), frames * vertices)
+        return cls(np.stack(energy).astype(np.float64), frames * vertices)
 
     def rms_mm(self) -> NDArray[np.float64]:
         """(3, 60) true, predicted and error: root mean square of each step of frequency, mm."""
