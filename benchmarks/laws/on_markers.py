@@ -15,12 +15,12 @@ from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
 from bridge.markers.bony import bony_motion
 from bridge.markers.marker_files import read_markers
-from bridge.markers.page import write_comparisons
 from bridge.markers.registration import register
 from bridge.markers.skin import compare_offsets
 from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat
 from bridge.processes import run_as_process
+from bridge.runtime.stage_evaluate import write_comparisons
 from torch_align_ae.corpus.dyna_files import FPS
 from torch_align_ae.corpus.simulation import TissueSimulator
 

@@ -14,13 +14,13 @@ from bridge import DsnetError
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.markers.bony import bony_motion
 from bridge.markers.marker_files import read_markers
-from bridge.markers.page import write_comparisons
 from bridge.markers.registration import register
 from bridge.markers.segments import Pose
 from bridge.markers.skin import Comparison, compare_offsets
 from bridge.motion import unpack_theta
 from bridge.motion.motion import pack_theta
 from bridge.runtime import stage_evaluate
+from bridge.runtime.stage_evaluate import write_comparisons
 from tests.forged.markers import VERTICES, Known, marker_file
 
 
