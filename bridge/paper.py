@@ -58,7 +58,7 @@ class PaperNumber:
     """Its unit; `unit not stated` where the paper leaves it open."""
 
 
-_UNSTATED = "unit not stated"
+UNSTATED = "unit not stated"
 
 NUMBERS: tuple[PaperNumber, ...] = (
     PaperNumber("subjects", "3.2, Table 1", "Dyna subjects of one gender", 5),
@@ -115,7 +115,7 @@ NUMBERS: tuple[PaperNumber, ...] = (
     PaperNumber("dsnet_epochs", "5", "epochs of DSNet's training", None),
     PaperNumber("latent_scale", "5", "scale of the latents that DSNet learns", None),
     PaperNumber("validation_sequence", "6, Figure 7", "validation sequence", VALIDATION_SEQUENCE),
-    PaperNumber("figure8_error", "6, Figure 8", "error over time", (0.004, 0.023), _UNSTATED),
+    PaperNumber("figure8_error", "6, Figure 8", "error over time", (0.004, 0.023), UNSTATED),
     PaperNumber("dsnet_r2", "6", "R2 of DSNet's offsets on that sequence", None),
 )
 """Every number that the paper prints, and those that it leaves out."""

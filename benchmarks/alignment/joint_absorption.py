@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
+from bridge.body.posing import posed_joints
 from bridge.measure.metrics import frame_blocks
 from bridge.motion import unpack_theta
 from bridge.paper import N_JOINTS
@@ -96,10 +96,8 @@ def _torques(
     meshes_m: NDArray[np.floating],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     pose, trans = unpack_theta(theta)
-    joints = shaped_joints(body, betas[None]).repeat(len(theta), axis=0)
-    bones = joint_transforms(joint_rotations(body, pose), joints, body.parents, trans)
-    turns, shifts = bones[..., :3, :3], bones[..., :3, 3]
-    places = np.einsum("tjxy,tjy->tjx", turns, joints) + shifts
+    bones, places = posed_joints(body, betas, pose, trans)
+    turns = bones[..., :3, :3]
     blended = np.einsum("vj,tjxy->tvxy", body.weights, turns, optimize=True)
     # The inverse of skinning, transposed, takes scalar products from the rest pose to the world.
     forces = np.linalg.solve(blended.swapaxes(-1, -2), offsets_m[..., None])[..., 0]

@@ -27,7 +27,7 @@ class Scores:
 
     def __init__(self) -> None:
         # Both bodies have the same vertices in the same parts: sums over genders have a meaning.
-        self.errors = AlignmentErrors(body_of("female"))
+        self.errors = AlignmentErrors.of(body_of("female"))
         self.r2_of_sequence: dict[str, float] = {}
         self._residuals_m: list[NDArray[np.float32]] = []
         self._turns: list[NDArray[np.float64]] = []
@@ -37,12 +37,12 @@ class Scores:
     def add(self, known: KnownSequence, loads: JointLoads, estimate: Estimate) -> None:
         """Take in one sequence; `loads` are those of its true offsets."""
         offsets_m, residual_m = _unpose(known, estimate)
-        errors = AlignmentErrors(body_of(known.recording.gender))
+        errors = AlignmentErrors.of(body_of(known.recording.gender))
         errors.add(
             Alignment(estimate.betas, estimate.theta, offsets_m),
             Alignment(known.betas, known.theta, known.offsets_m),
         )
-        self.errors.merge(errors)
+        self.errors += errors
         self.r2_of_sequence[known.recording.name] = errors.offsets.r2
         self._residuals_m.append(residual_m)
         self._turns.append(pose_error(estimate.theta, known.theta)[0])

@@ -16,10 +16,11 @@ from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
 from bridge.markers.bony import bony_motion
 from bridge.markers.marker_files import read_markers
-from bridge.markers.page import write_comparisons
-from bridge.markers.predicted import compare_offsets, pose_of, register
+from bridge.markers.registration import register
+from bridge.markers.skin import compare_offsets
 from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat
+from bridge.runtime.stage_evaluate import write_comparisons
 from torch_align_ae.corpus.dyna_files import FPS
 from torch_align_ae.corpus.simulation import TissueSimulator
 
@@ -45,7 +46,7 @@ def main(config: OnMarkersConfig) -> None:
     body = load_body_model(f"embedded:{gender}")
     motion = motion.about_root_joint(shaped_joints(body, motion.betas[None])[0, 0])
     registered = register(body, motion, read_markers(config.motion, motion.source_fps))
-    bony = bony_motion(body, motion, registered.cloud, pose_of(body, motion))
+    bony = bony_motion(body, motion, registered.cloud)
     laws = {"own": TissueSimulator, **tissues()}
     if config.tissue not in laws:
         raise DsnetError(f"--tissue {config.tissue}", ", ".join(laws), "Name one of them.")

@@ -31,9 +31,13 @@ def draw_clips(path: Path, run: Run, name: str) -> None:
     stages = run.artifacts(*stages_of_pipelines(run), "truth")
     scene = Scene(stages, load_body_model(str(body_model_path(run))), panel_px=220)
     frames, true_m = _liveliest(scene, name)
-    labels = {key: label for one in scene.pipelines for key, label in one.predictors.items()}
     rows = {_TRUE: true_m}
-    rows |= {labels[s]: scene.offsets_m(s, name, frames) for s in SHOWN if s in labels}
+    rows |= {
+        one.predictors[system]: one.predicted_m(system, name, frames)
+        for system in SHOWN
+        for one in scene.pipelines
+        if system in one.predictors
+    }
     top_m = scale_top_m(np.linalg.norm(true_m, axis=-1))
     posed = {
         label: scene.pose(scene.pipelines[-1].motions, name, frames, rows_m)

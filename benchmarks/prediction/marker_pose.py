@@ -21,7 +21,7 @@ from scipy.signal import butter, sosfiltfilt
 from benchmarks.processes import run_as_process
 from bridge.body import BodyModelData
 from bridge.body.posing import Smpl, shaped_joints
-from bridge.markers.poses import bony_pose
+from bridge.markers.bony import bony_pose
 from bridge.markers.segments import faster
 from bridge.motion import Motion, load_motion_file, pack_theta, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP

@@ -23,7 +23,7 @@ from benchmarks.rivals.springs import HelperSprings, SpringSettings
 from bridge.body import BodyModelData
 from bridge.body.posing import Smpl
 from bridge.errors import DsnetError
-from bridge.measure.comparison import posed_frames
+from bridge.motion import unpack_theta
 from bridge.motion.cuts import predict_between_cuts
 from bridge.tissue.nodes import farthest_points
 
@@ -134,7 +134,7 @@ class SpringDecomposedSkinning:
         for start in range(0, len(theta), _BLOCK_FRAMES):
             rows = slice(start, start + _BLOCK_FRAMES)
             world_m = self._chosen.gain * np.einsum("vh,thx->tvx", weights, lag_m[rows])
-            linear = posed_frames(person, theta[rows]).linear
+            linear = person.skin(*unpack_theta(np.asarray(theta[rows], np.float64)))[1]
             parts.append(np.linalg.solve(linear, world_m[..., None])[..., 0].astype(np.float32))
         return np.concatenate(parts)
 
@@ -164,7 +164,7 @@ class _Trial:
         chosen = farthest_points(np.asarray(body.v_template, np.float64), count)
         self.motion = (*carried_by_skeleton(rig, body, clip.betas, clip.theta), clip.fps)
         person = Smpl(body, chosen, np.float64).person(clip.betas)
-        linear = posed_frames(person, clip.theta).linear
+        linear = person.skin(*unpack_theta(np.asarray(clip.theta, np.float64)))[1]
         self._to_rest = np.linalg.inv(linear)
         self._weights = {power: rig.weights(power)[chosen] for power in powers}
         self._true_m = np.asarray(clip.offsets_m[:, chosen], np.float64)

@@ -24,6 +24,7 @@ from bridge.fitting import evidence
 from bridge.fitting.constants import Region, constants_of, logit, preload_of
 from bridge.fitting.fit import Estimate, fit_person
 from bridge.fitting.population import share
+from bridge.markers.registration import SOFT, SPOTS
 from bridge.runs.workers import worker_pool
 from bridge.runtime.load_model import load_model
 from bridge.runtime.stepping import PlusModel
@@ -58,10 +59,7 @@ def base_model(body: BodyModelData) -> TrainedPlus:
     base = dict(model.weights.base)
     base["wave_speed"] = np.full_like(base["wave_speed"], np.log(WAVE_SPEED_M_S))
     model = replace(model, weights=replace(model.weights, base=base))
-    parts = {
-        part: Flesh(FLESH[part].frequency_hz, FLESH[part].damping_ratio, 1.8)
-        for part in evidence.SOFT
-    }
+    parts = {part: Flesh(FLESH[part].frequency_hz, FLESH[part].damping_ratio, 1.8) for part in SOFT}
     return flesh_model(body, model, parts)
 
 
@@ -135,7 +133,7 @@ def one_woman(
 
 def _chest_alone(take: evidence.Take) -> evidence.Take:
     """Without the other soft markers."""
-    soft = set(evidence.SOFT_LABELS)
+    soft = {label for label, spot in SPOTS.items() if spot.flesh}
     vertices = {
         label: vertex
         for label, vertex in take.registered.vertices.items()

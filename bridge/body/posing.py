@@ -54,6 +54,16 @@ def joint_transforms(
     return T_world_rest
 
 
+def posed_joints(
+    data: BodyModelData, betas: np.ndarray, pose: np.ndarray, trans: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bones (T, J, 4, 4), as `joint_transforms`, and joints (T, J, 3), metres, of a shape (k,) in
+    T frames of pose and translation."""
+    rest = shaped_joints(data, betas[None]).repeat(len(pose), axis=0)
+    bones = joint_transforms(joint_rotations(data, pose), rest, data.parents, trans)
+    return bones, np.einsum("tjxy,tjy->tjx", bones[..., :3, :3], rest) + bones[..., :3, 3]
+
+
 def pose_features(rotations: np.ndarray) -> np.ndarray:
     """(B, 9 (J - 1)) entries of R - I of all joints but the root, row by row, of (B, J, 3, 3)."""
     return (rotations[:, 1:] - np.eye(3)).reshape(len(rotations), -1)

@@ -3,7 +3,7 @@ them, of the part of the motion that shakes flesh most."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.posing import Smpl
 from bridge.errors import DsnetError
-from bridge.markers.bony import bones, bony_motion
-from bridge.markers.marker_files import load_recording
-from bridge.markers.predicted import Registered, pose_of, register
-from bridge.markers.segments import SEGMENTS, Cloud, Frame, bridged, faster, segment_frames
-from bridge.markers.skin import REGIONS, scored
-from bridge.motion import Motion, unpack_theta
+from bridge.markers.bony import bony_motion
+from bridge.markers.marker_files import pose_file, read_markers
+from bridge.markers.registration import SPOTS, Registered, register
+from bridge.markers.segments import SEGMENTS, Cloud, Frame, Pose, faster, segment_frames
+from bridge.markers.skin import on_flesh
+from bridge.motion import Motion, load_motion_file
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from bridge.runtime.controls import root_joint_m
@@ -28,23 +27,6 @@ from bridge.tissue.trained_plus import TrainedPlus
 
 LEAST_S, MOST_S = 2.0, 8.0
 """Of a motion: less shows no swing, more says the same again."""
-SOFT = {
-    "chest": ("bust, left", "bust, right"),
-    "belly": ("belly",),
-    "buttocks": ("buttocks",),
-    "thighs": tuple(
-        f"thigh {where}, {side}" for where in ("front", "side") for side in ("left", "right")
-    ),
-    "calves": ("calf, left", "calf, right"),
-    "upper_arms": ("upper arm, left", "upper arm, right"),
-}
-"""Regions of markers in each part of the body whose constants are fitted."""
-SOFT_LABELS = {
-    label: (part, REGIONS[region].segment)
-    for part, regions in SOFT.items()
-    for region in regions
-    for label in REGIONS[region].labels
-}
 _PULLS = {
     "thorax": ("LELB", "RELB"),
     "pelvis": ("LKNE", "RKNE"),
@@ -60,7 +42,6 @@ _LIMB_M = 0.3
 class Series:
     """One marker in its segment's frame, what skinning explains taken off, above 1.2 Hz."""
 
-    label: str
     doubt: str
     moved_mm: NDArray[np.float64]
     """(T, 3)."""
@@ -93,11 +74,6 @@ class Take:
     motion: Motion
     registered: Registered
 
-    @property
-    def cloud(self) -> Cloud:
-        """The markers."""
-        return self.registered.cloud
-
 
 def read_take(path: Path, body: BodyModelData) -> Take:
     """The part of a file's motion that is fitted, its chest by markers on bone.
@@ -105,10 +81,11 @@ def read_take(path: Path, body: BodyModelData) -> Take:
     `DsnetError` if it has no markers, none on the bone of the chest, or none on soft places, or
     says a rate at which nobody falls.
     """
-    loaded = load_recording(path)
-    motion = loaded.motion.about_root_joint(root_joint_m(body, loaded.motion.betas))
-    registered = register(body, motion, loaded.markers)
-    if not any(label in registered.vertices for label in SOFT_LABELS):
+    motion = load_motion_file(pose_file(path))
+    markers = read_markers(path, motion.source_fps, motion.duration_s)
+    motion = motion.about_root_joint(root_joint_m(body, motion.betas))
+    registered = register(body, motion, markers)
+    if not any(spot.flesh and label in registered.vertices for label, spot in SPOTS.items()):
         raise DsnetError(
             f"{path}, without markers on soft places",
             "LBUST, MBLLY, LBUM, LTHI or the like",
@@ -132,7 +109,7 @@ def read_take(path: Path, body: BodyModelData) -> Take:
         {label: seen[frames] for label, seen in registered.cloud.seen.items()},
     )
     motion = replace(motion.frames(frames), theta=np.asarray(motion.theta[frames], np.float64))
-    bony = bony_motion(body, motion, cloud, pose_of(body, motion))
+    bony = bony_motion(body, motion, cloud)
     return Take(body, motion, bony, replace(registered, cloud=cloud))
 
 
@@ -156,18 +133,18 @@ def evidence(take: Take, model: PlusModel) -> tuple[Take, Clip]:
     before the frames of the segments, and the pose of the chest, are found anew.
     """
     body, trained, motion = take.body, model.trained, take.motion
-    labels, vertices = zip(*take.registered.vertices.items(), strict=True)
-    reading = trained.nodes.reading(np.array(vertices))
+    vertices = take.registered.vertices
+    reading = trained.nodes.reading(np.array([*vertices.values()]))
     codes = np.stack([*codes_of(model, motion.theta, motion.betas)])
-    flesh_m = np.einsum("tvxy,tyk,vk->tvx", _turns(body, motion, vertices), codes, reading,
-                        optimize=True)  # fmt: skip
+    turns = _turns(body, Pose.of(body, motion), vertices.values())
+    flesh_m = np.einsum("tvxy,tyk,vk->tvx", turns, codes, reading, optimize=True)
     on_bone = {label for segment in SEGMENTS.values() for label in segment.labels}
-    points_m = dict(take.cloud.points_m)
-    for column, label in enumerate(labels):
+    points_m = dict(take.registered.cloud.points_m)
+    for column, label in enumerate(vertices):
         if label in on_bone:
             points_m[label] = points_m[label] - flesh_m[:, column]
-    bare_cloud = Cloud(points_m, take.cloud.seen)
-    motion = bony_motion(body, take.filed, bare_cloud, pose_of(body, take.filed))
+    bare_cloud = Cloud(points_m, take.registered.cloud.seen)
+    motion = bony_motion(body, take.filed, bare_cloud)
     found = replace(take, motion=motion)
     return found, Clip(
         driving_load(trained, body, motion), _series(found, bare_cloud, reading), motion.fps
@@ -175,46 +152,32 @@ def evidence(take: Take, model: PlusModel) -> tuple[Take, Clip]:
 
 
 def _series(take: Take, cloud: Cloud, reading: NDArray) -> dict[str, list[Series]]:
-    body, motion = take.body, take.motion
-    labels, vertices = zip(*take.registered.vertices.items(), strict=True)
-    pose, person = pose_of(body, motion), Smpl(body, np.array(vertices), np.float64)
-    bare = dict(
-        zip(labels, person.person(motion.betas).pose(*unpack_theta(motion.theta)).swapaxes(0, 1),
-            strict=True)
-    )  # fmt: skip
+    body, motion, vertices = take.body, take.motion, take.registered.vertices
+    pose, bare, fps = Pose.of(body, motion), take.registered.posed(body, motion), motion.fps
     real = segment_frames(cloud, pose)
-    always = {label: np.ones(len(motion.theta), bool) for label in labels}
-    posed = segment_frames(Cloud(bare, always), pose, real)
-    turns, fps = _turns(body, motion, vertices), motion.fps
+    posed = segment_frames(bare, pose, real)
+    turns, columns = _turns(body, pose, vertices.values()), {n: k for k, n in enumerate(vertices)}
     series: dict[str, list[Series]] = {}
-    for label, (part, segment) in SOFT_LABELS.items():
-        if label not in labels or segment not in real:
+    for label, spot, moved_mm, good in on_flesh(cloud, real, fps):
+        if not spot.flesh or label not in columns:
             continue
-        column, frame = labels.index(label), real[segment]
-        ok = cloud.seen[label] & frame.good
-        good = scored(ok, fps)
-        if good.sum() < fps:
-            continue
-        moved = bridged(frame.local_mm(cloud.points_m[label]), ok)
-        series.setdefault(part, []).append(
+        column, alone = columns[label], posed[spot.segment]
+        series.setdefault(spot.flesh, []).append(
             Series(
-                label,
-                SEGMENTS[segment].doubt,
-                faster(moved - posed[segment].local_mm(bare[label]), fps),
+                SEGMENTS[spot.segment].doubt,
+                faster(moved_mm - alone.local_mm(bare.points_m[label]), fps),
                 good,
-                posed[segment].turns.swapaxes(1, 2) @ turns[:, column],
+                alone.turns.swapaxes(1, 2) @ turns[:, column],
                 reading[column],
-                _pulls(cloud, segment, frame, fps),
+                _pulls(cloud, spot.segment, real[spot.segment], fps),
             )
         )
     return series
 
 
-def _turns(body: BodyModelData, motion: Motion, vertices: Sequence[int]) -> NDArray[np.float64]:
+def _turns(body: BodyModelData, pose: Pose, vertices: Iterable[int]) -> NDArray[np.float64]:
     """(T, N, 3, 3) that turn offsets of vertices from the rest pose to the world."""
-    return np.einsum(
-        "vj,tjxy->tvxy", body.weights[list(vertices)], bones(body, motion)[..., :3, :3]
-    )
+    return np.einsum("vj,tjxy->tvxy", body.weights[[*vertices]], pose.turns)
 
 
 def driving_load(model: TrainedPlus, body: BodyModelData, motion: Motion) -> NDArray[np.float64]:

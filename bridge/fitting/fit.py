@@ -19,6 +19,7 @@ from scipy.optimize import least_squares
 from bridge.body import BodyModelData
 from bridge.body.parts import PARTS, part_weights
 from bridge.fitting.constants import (
+    Patch,
     Region,
     changed,
     constants_of,
@@ -26,8 +27,8 @@ from bridge.fitting.constants import (
     logit_slope,
     with_changes,
 )
-from bridge.fitting.evidence import SOFT, Clip, Series, Take, evidence
-from bridge.fitting.hanging import Patch
+from bridge.fitting.evidence import Clip, Series, Take, evidence
+from bridge.markers.registration import SOFT
 from bridge.markers.segments import faster
 from bridge.runtime.stepping import PlusModel
 from bridge.tissue.oscillators import coupling
@@ -93,7 +94,8 @@ def fit_person(
                 others = _changes({name: one for name, one in found.items() if name != part})
                 beside = with_changes(body, base, regions, others)
                 betas, start = takes[0].motion.betas, found.get(part)
-                found[part] = fit_region(body, beside, betas, there, part, regions[part], start)
+                fit = _Fit(body, beside, betas, there, part, regions[part])
+                found[part] = fit.estimate(start)
     return found
 
 
@@ -101,56 +103,102 @@ def _changes(found: Mapping[str, Estimate]) -> dict[str, list[float]]:
     return {part: one.found for part, one in found.items()}
 
 
-def fit_region(
-    body: BodyModelData,
-    model: TrainedPlus,
-    betas: NDArray,
-    clips: Sequence[Clip],
-    part: str,
-    region: Region,
-    known: Estimate | None = None,
-) -> Estimate:
-    """Fit one region of one person, from what is `known` if anything is."""
-    base = constants_of(body, model, betas)
-    output = _Output(body, model, betas, clips, part, region, base)
-    start = np.array([0.0, 0.0, float(logit(PRELOAD))])
-    spread = np.hypot(POPULATION_SD, PEOPLE_SD) * [1, 1, logit_slope(PRELOAD)]
-    starts = start + _STARTS[:, None] * [1, 0, 0] if known is None else np.array([known.found])
-    costs = np.square((starts - start) / spread).sum(axis=1)
-    if len(starts) > 1:
-        costs += np.square(output.errors(starts)).sum(axis=0)
-    # In units of what is known before.
-    found = least_squares(
-        lambda x: np.r_[output.errors((start + spread * x)[None])[:, 0], x],
-        (starts[int(np.argmin(costs))] - start) / spread,
-        jac=lambda x: np.vstack([output.slopes(start + spread * x) * spread, np.eye(3)]),  # pyright: ignore[reportArgumentType]
-        bounds=(-5, 5),
-        max_nfev=15,
-        xtol=1e-3,
-        ftol=1e-4,
-    )
-    best = start + spread * found.x
-    slopes, error = output.slopes(best), output.errors(best[None])[:, 0]
-    formal = slopes.T @ slopes
-    inflation = _inflation(slopes, error, output.blocks, formal + np.diag(spread**-2.0))
-    information = formal / inflation
-    # At the optimum the data's gradient is the prior's with another sign.
-    pull = information @ best + found.x / spread / inflation
-    doubts = {series.doubt for clip in clips for series in clip.series[part]}
-    return Estimate(
-        found=best.tolist(),
-        information=information.tolist(),
-        pull=pull.tolist(),
-        base=[
-            float(region.typical @ np.log(base["omega"] / (2 * np.pi))),
-            float(region.typical @ np.log(base["damping_ratio"])),
-        ],
-        reach=region.reach,
-        seconds=round(sum(len(clip.load) / clip.fps for clip in clips), 2),
-        motions=len(clips),
-        left=float(np.square(error).sum() / output.energy),
-        doubt="; ".join(sorted(doubts - {""})),
-    )
+class _Fit:
+    """One region of one person: errors of its markers, for several sets of changes at once."""
+
+    def __init__(
+        self,
+        body: BodyModelData,
+        model: TrainedPlus,
+        betas: NDArray,
+        clips: Sequence[Clip],
+        part: str,
+        region: Region,
+    ) -> None:
+        there = part_weights(body)[model.nodes.vertices, PARTS.index(part)] > _LEAST_SHARE
+        laplacian = model.nodes.laplacian.toarray().astype(np.float64)
+        # What they pull at moves too; what lies beyond stands still.
+        nodes = np.flatnonzero(np.abs(laplacian) @ there > 0)
+        laplacian = laplacian[np.ix_(nodes, nodes)]
+        self._region, self._whole = region, constants_of(body, model, betas)
+        self._base = {name: values[nodes] for name, values in self._whole.items()}
+        self._normals = shaped_normals(body, betas)[model.nodes.vertices[nodes]].astype(np.float64)
+        columns = {name: self._base[name][:, None] for name in ("wave_speed", "bending")}
+        coupled = coupling(columns, sp.csr_matrix(laplacian))
+        self._patch = coupled, self._normals, self._base["normal_ratio"]
+        self._shares = region.shares[nodes]
+        self._clips = [(clip, clip.series[part]) for clip in clips]
+        self._loads = [clip.load[:, nodes] for clip in clips]
+        self._reading = [np.stack([one.reading[nodes] for one in s]) for _, s in self._clips]
+
+    def estimate(self, known: Estimate | None) -> Estimate:
+        """Fit, from what is `known` if anything is."""
+        start = np.array([0.0, 0.0, float(logit(PRELOAD))])
+        spread = np.hypot(POPULATION_SD, PEOPLE_SD) * [1, 1, logit_slope(PRELOAD)]
+        starts = start + _STARTS[:, None] * [1, 0, 0] if known is None else np.array([known.found])
+        costs = np.square((starts - start) / spread).sum(axis=1)
+        if len(starts) > 1:
+            costs += np.square(self._errors(starts)).sum(axis=0)
+        # In units of what is known before.
+        found = least_squares(
+            lambda x: np.r_[self._errors((start + spread * x)[None])[:, 0], x],
+            (starts[int(np.argmin(costs))] - start) / spread,
+            jac=lambda x: np.vstack([self._slopes(start + spread * x) * spread, np.eye(3)]),  # pyright: ignore[reportArgumentType]
+            bounds=(-5, 5),
+            max_nfev=15,
+            xtol=1e-3,
+            ftol=1e-4,
+        )
+        best = start + spread * found.x
+        slopes, error = self._slopes(best), self._errors(best[None])[:, 0]
+        formal = slopes.T @ slopes
+        inflation = _inflation(slopes, error, self._blocks(), formal + np.diag(spread**-2.0))
+        information = formal / inflation
+        # At the optimum the data's gradient is the prior's with another sign.
+        pull = information @ best + found.x / spread / inflation
+        series = [one for _, own in self._clips for one in own]
+        energy = sum(float(np.square(one.moved_mm[one.good]).sum()) for one in series)
+        typical, base = self._region.typical, self._whole
+        return Estimate(
+            found=best.tolist(),
+            information=information.tolist(),
+            pull=pull.tolist(),
+            base=[
+                float(typical @ np.log(base["omega"] / (2 * np.pi))),
+                float(typical @ np.log(base["damping_ratio"])),
+            ],
+            reach=self._region.reach,
+            seconds=round(sum(len(clip.load) / clip.fps for clip, _ in self._clips), 2),
+            motions=len(self._clips),
+            left=float(np.square(error).sum() / (energy / (_MARKER_MM**2 * _SAME_FRAMES))),
+            doubt="; ".join(sorted({one.doubt for one in series} - {""})),
+        )
+
+    def _errors(self, sets: NDArray) -> NDArray[np.float64]:
+        """(R, M) of M sets of changes (M, 3), in units of what is expected."""
+        constants = changed(self._base, self._shares, self._normals, sets)
+        rolled = Patch(constants, *self._patch).roll(self._loads, self._reading)
+        found = []
+        for (clip, series), offsets_m in zip(self._clips, rolled, strict=True):
+            for column, one in enumerate(series):
+                inside = 1e3 * np.einsum("txy,tym->txm", one.turns, offsets_m[:, column])
+                found += _unexplained(one, faster(inside, clip.fps))
+        return np.concatenate(found)
+
+    def _slopes(self, at: NDArray) -> NDArray[np.float64]:
+        """(R, 3) derivatives of the errors."""
+        found = self._errors(at + np.vstack([np.eye(3), -np.eye(3)]) * _STEP)
+        return (found[:, :3] - found[:, 3:]) / (2 * _STEP)
+
+    def _blocks(self) -> NDArray[np.intp]:
+        """(R,) which errors are one: of a moment of one motion; -1 for what is pulled."""
+        found = []
+        for number, (clip, series) in enumerate(self._clips):
+            for one in series:
+                frames = np.flatnonzero(one.good).repeat(3) / (_BLOCK_S * clip.fps)
+                pulled = np.full(3 * one.pulls.shape[1], -1)
+                found += [1000 * number + frames.astype(np.intp), pulled]
+        return np.concatenate(found)
 
 
 def _inflation(slopes: NDArray, error: NDArray, blocks: NDArray, whole: NDArray) -> float:
@@ -163,64 +211,6 @@ def _inflation(slopes: NDArray, error: NDArray, blocks: NDArray, whole: NDArray)
         return 4.0
     spread = scores.T @ scores * count / (count - 1)
     return max(1.0, float(np.trace(inverse @ spread) / np.trace(inverse @ (slopes.T @ slopes))))
-
-
-class _Output:
-    """Errors of a region's markers, for several sets of changes at once."""
-
-    def __init__(
-        self,
-        body: BodyModelData,
-        model: TrainedPlus,
-        betas: NDArray,
-        clips: Sequence[Clip],
-        part: str,
-        region: Region,
-        base: Mapping[str, NDArray],
-    ) -> None:
-        there = part_weights(body)[model.nodes.vertices, PARTS.index(part)] > _LEAST_SHARE
-        laplacian = model.nodes.laplacian.toarray().astype(np.float64)
-        # What they pull at moves too; what lies beyond stands still.
-        nodes = np.flatnonzero(np.abs(laplacian) @ there > 0)
-        laplacian = laplacian[np.ix_(nodes, nodes)]
-        self._base = {name: values[nodes] for name, values in base.items()}
-        self._normals = shaped_normals(body, betas)[model.nodes.vertices[nodes]].astype(np.float64)
-        columns = {name: self._base[name][:, None] for name in ("wave_speed", "bending")}
-        coupled = coupling(columns, sp.csr_matrix(laplacian))
-        self._patch = Patch(coupled, self._normals, self._base["normal_ratio"])
-        self._shares = region.shares[nodes]
-        self._clips = [(clip, clip.series[part]) for clip in clips]
-        self._loads = [clip.load[:, nodes] for clip in clips]
-        self._reading = [np.stack([one.reading[nodes] for one in s]) for _, s in self._clips]
-        rows = [self._blocks_of(*pair, number) for number, pair in enumerate(self._clips)]
-        self.blocks = np.concatenate(rows)
-        """(R,) which errors are one: of a moment of one motion; -1 for what is pulled."""
-        self.energy = sum(
-            float(np.square(one.moved_mm[one.good]).sum()) for _, s in self._clips for one in s
-        ) / (_MARKER_MM**2 * _SAME_FRAMES)
-
-    @staticmethod
-    def _blocks_of(clip: Clip, series: Sequence[Series], number: int) -> NDArray[np.intp]:
-        frames = [np.flatnonzero(one.good).repeat(3) for one in series]
-        pulled = [np.full(3 * one.pulls.shape[1], -1) for one in series]
-        blocks = [1000 * number + (f / (_BLOCK_S * clip.fps)).astype(np.intp) for f in frames]
-        return np.concatenate([part for pair in zip(blocks, pulled, strict=True) for part in pair])
-
-    def errors(self, sets: NDArray) -> NDArray[np.float64]:
-        """(R, M) of M sets of changes (M, 3), in units of what is expected."""
-        constants = changed(self._base, self._shares, self._normals, sets)
-        rolled = self._patch.roll(constants, self._loads, self._reading)
-        found = []
-        for (clip, series), offsets_m in zip(self._clips, rolled, strict=True):
-            for column, one in enumerate(series):
-                inside = 1e3 * np.einsum("txy,tym->txm", one.turns, offsets_m[:, column])
-                found += _unexplained(one, faster(inside, clip.fps))
-        return np.concatenate(found)
-
-    def slopes(self, at: NDArray) -> NDArray[np.float64]:
-        """(R, 3) derivatives of the errors."""
-        found = self.errors(at + np.vstack([np.eye(3), -np.eye(3)]) * _STEP)
-        return (found[:, :3] - found[:, 3:]) / (2 * _STEP)
 
 
 def _unexplained(series: Series, offsets_mm: NDArray) -> list[NDArray[np.float64]]:

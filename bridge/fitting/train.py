@@ -16,11 +16,13 @@ from bridge.errors import DsnetError, notify
 from bridge.exchange import save_weights
 from bridge.exchange.weights import refuse_nonfinite
 from bridge.fitting.constants import Region, with_changes
-from bridge.fitting.evidence import SOFT, Take, read_take
+from bridge.fitting.evidence import Take, read_take
 from bridge.fitting.fit import Estimate, fit_person
 from bridge.fitting.population import Fitted, share
 from bridge.markers.marker_files import marker_file
+from bridge.markers.registration import SOFT
 from bridge.motion.readers import files_below, read_motion_file
+from bridge.report.pages import render
 from bridge.runs import ArtifactWriter, Run
 from bridge.runs.files import json_sha256, sha256_of, write_text_atomically
 from bridge.runs.run import TRAIN_MARKERS, TRAIN_PLUS
@@ -150,7 +152,7 @@ def _make(
     trained = _model(body, model, people, fitted, who)
     refuse_nonfinite(trained.arrays(), FITTED, _REMEDY)
     save_weights(writer.file_path(f"{NAME}.safetensors"), trained.arrays())
-    table = _table(fitted)
+    table = render("fitted.md.j2", parts=SOFT, fitted=fitted)
     writer.file_path("markers.md").write_text(table, encoding="utf-8")
     for line in table.splitlines():
         notify(line)
@@ -216,31 +218,6 @@ def _model(
 
 def _joined(first: NDArray, second: NDArray) -> NDArray[np.float32]:
     return np.concatenate([first, second]).astype(np.float32)
-
-
-def _table(fitted: Mapping[str, Fitted]) -> str:
-    """Markdown: each region's constants with their 90 % intervals."""
-    head = (
-        "Constants of soft regions, standing, with 90 % intervals. * indicative: the frame itself "
-        "rides on flesh.\n\n"
-        "| region | people | seconds | frequency [Hz] | damping ratio | preload | sag [mm] "
-        "| said by |\n"
-        "|---|---:|---:|---:|---:|---:|---:|---|\n"
-    )
-    lines = []
-    for part in SOFT:
-        one = fitted.get(part)
-        if one is None:
-            lines.append(f"| {part} | 0 | 0 | | | | | the base model, no markers |")
-            continue
-        star = "*" if "indicative" in one.doubt else ""
-        cells = " | ".join(
-            f"{v:.3g} ({low:.3g} to {high:.3g})"
-            for v, low, high in (one.frequency_hz, one.damping_ratio, one.preload, one.sag_mm)
-        )
-        says = "markers" if one.told else "the base model, too little evidence"
-        lines.append(f"| {part}{star} | {one.people} | {one.seconds:.0f} | {cells} | {says} |")
-    return head + "\n".join(lines) + "\n"
 
 
 def _why(file: Path, error: DsnetError) -> str:

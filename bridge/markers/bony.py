@@ -16,9 +16,11 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
-from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
-from bridge.errors import DsnetError
-from bridge.markers.segments import SEGMENTS, Cloud, Pose, segment_frames
+from bridge.body.posing import joint_rotations, shaped_joints
+from bridge.errors import DsnetError, notify
+from bridge.markers.marker_files import marker_file, read_markers
+from bridge.markers.registration import register
+from bridge.markers.segments import CUT_HZ, SEGMENTS, Cloud, Pose, faster, segment_frames
 from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 
@@ -28,14 +30,57 @@ _SPINE = ("spine1", "spine2", "spine3")
 _ON_THE_CHEST = ("neck", "left_collar", "right_collar")
 
 
-def bones(body: BodyModelData, motion: Motion) -> NDArray[np.float64]:
-    """(T, 24, 4, 4) of each joint, from the rest pose to the world."""
-    pose, trans = unpack_theta(motion.theta)
-    joints = shaped_joints(body, motion.betas[None]).repeat(len(pose), axis=0)
-    return joint_transforms(joint_rotations(body, pose), joints, body.parents, trans)
+def flesh_in_pose(motion: Motion) -> list[str]:
+    """A line to warn of a file's pose that was fitted to flesh; none if it was not."""
+    if marker_file(motion.source):
+        by, remedy = "markers on skin", "--pose bony of predict, export and view takes it out"
+    elif motion.dmpls is not None and motion.dmpls.any():
+        by, remedy = "skin with dmpls", "without its markers it stays there"
+    else:
+        return []
+    return [
+        f"the pose of {motion.source} was fitted to {by} and holds part of the bounce, which "
+        f"predicted flesh then counts twice: {remedy}"
+    ]
 
 
-def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud, pose: Pose) -> Motion:
+def bony_pose(body: BodyModelData, motion: Motion) -> Motion:
+    """A file's motion whose chest follows the file's markers on bone; says on stderr what that
+    took out.
+
+    `DsnetError` if there are no markers, or too few on bone, or they are not of this motion.
+
+    Parameters
+    ----------
+    motion : as its file has it, y up.
+    """
+    path = marker_file(motion.source)
+    if path is None:
+        dmpls = motion.dmpls is not None and bool(motion.dmpls.any())
+        raise DsnetError(
+            f"--pose bony with {motion.source}, which has {'dmpls but ' * dmpls}no markers",
+            "markers in it (marker_data), or a .c3d of the same name beside it"
+            + ": what dmpls moved bones by cannot be told without DMPL's body" * dmpls,
+            "Pass AMASS's SMPL-H file, or leave --pose out.",
+        )
+    own = motion.about_root_joint(shaped_joints(body, motion.betas[None])[0, 0])
+    markers = read_markers(path, motion.source_fps, motion.duration_s)
+    cloud = register(body, own, markers).cloud
+    bony = bony_motion(body, own, cloud)
+    chest = SMPL_JOINT_NAMES.index("spine3")
+    was, now = (Pose.of(body, one).bones[:, chest, :3, 3] for one in (own, bony))
+    bob_mm = 1e3 * np.ptp(faster(now - was, motion.fps)[:, 1])
+    notify(
+        f"--pose bony: the chest of {motion.source} follows its markers on bone, which takes "
+        f"{bob_mm:.0f} mm of up and down above {CUT_HZ} Hz (peak to peak) out of its pose"
+    )
+    # Back to the file's root, of a body whose root joint rests at 0.
+    return replace(
+        motion, theta=pack_theta(bony.pose, bony.trans_m - (own.trans_m - motion.trans_m)[:1])
+    )
+
+
+def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud) -> Motion:
     """The motion whose chest is where markers on its bone are.
 
     `DsnetError` if fewer than three markers on the bone of the chest were seen, or if the
@@ -44,7 +89,6 @@ def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud, pose: Pose) -
     Parameters
     ----------
     cloud : markers, in the body's world.
-    pose : of the motion.
     """
     if len(pieces := pieces_between_cuts(motion.theta)) > 1:
         raise DsnetError(
@@ -52,6 +96,7 @@ def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud, pose: Pose) -
             "a motion without cuts, over which its markers are smoothed",
             "Divide the file there, or use the pose of the file.",
         )
+    pose = Pose.of(body, motion)
     frame = segment_frames(cloud, pose).get("thorax")
     if frame is None:
         raise DsnetError(
@@ -62,7 +107,7 @@ def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud, pose: Pose) -
     index = SMPL_JOINT_NAMES.index
     rotvecs, trans = (np.array(part) for part in unpack_theta(motion.theta))
     local = joint_rotations(body, rotvecs)
-    world = bones(body, motion)[..., :3, :3]
+    world = pose.turns
     chest = Rotation.from_matrix(_slow(frame.turns, motion.fps)).as_matrix()
 
     # What the chest turns beyond the mean spine is shared by its three joints.
@@ -88,7 +133,7 @@ def bony_motion(body: BodyModelData, motion: Motion, cloud: Cloud, pose: Pose) -
 
 def _shift(body: BodyModelData, motion: Motion, places_m: NDArray) -> NDArray[np.float64]:
     """(T, 3) by which the body lies beside the chest's markers, which keep their place in it."""
-    chest = bones(body, motion)[:, SMPL_JOINT_NAMES.index("spine3")]
+    chest = Pose.of(body, motion).bones[:, SMPL_JOINT_NAMES.index("spine3")]
     turns, origin = chest[:, :3, :3], chest[:, :3, 3]
     places = _slow(places_m, motion.fps)
     inside = np.einsum("tyx,ty->tx", turns, places - origin).mean(axis=0)

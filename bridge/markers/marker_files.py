@@ -14,15 +14,16 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.markers.readers import READERS, c3d, reader_of
 from bridge.markers.segments import SEEN_ENOUGH, SEGMENTS, Cloud, bridged
-from bridge.markers.stored import refused
-from bridge.motion import Motion, load_motion_file
+from bridge.markers.stored import npz_has_markers, read_c3d, read_mosh, read_npz, refused
 from bridge.motion.motion import Y_UP_FROM_Z_UP
+from bridge.motion.readers import mosh
 from bridge.motion.readers.amass import motion_path
 from bridge.paper import N_VERTICES
 from bridge.runs.untrusted import file_refused
 
+_REMEDY = "Pass a file with skin markers."
+_POSES = (".npz", "_poses.npz", "_stageii.npz", "_stageii.pkl")
 _SAME_LENGTH_S = 0.03
 """A motion at 60 fps is shorter than its file by less than that."""
 _PERSON_M = (0.8, 3.5)
@@ -80,7 +81,7 @@ class Markers:
 
 
 def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Markers:
-    """The markers of a file of `bridge.markers.readers`, the rows of which are checked.
+    """The markers of an AMASS `.npz`, of a MoSh++ `*_stageii.pkl` or of a C3D, checked.
 
     `DsnetError` if the file is damaged, or holds no markers with names, of one person's size.
 
@@ -89,8 +90,9 @@ def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Mar
     fps, duration_s : of the pose. Markers that last as long at its rate have it, whatever their
         own file says.
     """
-    with file_refused(path, _not_loaded, "Pass a file with skin markers."):
-        stored = reader_of(path).read(motion_path(path))
+    with file_refused(path, _not_loaded, _REMEDY):
+        read = read_c3d if _is_c3d(path) else read_mosh if mosh.sniff(path) else read_npz
+        stored = read(motion_path(path))
         data = np.array(stored.points, np.float64) if stored.points.dtype.kind in "iuf" else None
     if data is None or data.shape != (len(data), len(stored.labels), 3) or not stored.labels:
         raise refused(
@@ -119,32 +121,19 @@ def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Mar
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """A motion and the markers that its pose was fitted to."""
-
-    motion: Motion
-    """At 60 fps, y up: theta (T, 69), betas (10,), gender."""
-    markers: Markers
-    """Y up too, at their own rate: `markers.at(motion.fps, len(motion.theta))`."""
-
-
-def load_recording(path: Path, source_fps: float | None = None) -> Recording:
-    """Markers and pose of an AMASS `.npz`, a MoSh++ `*_stageii.pkl`, or a C3D beside either.
-
-    `DsnetError` if there are no markers or no motion, or the file is damaged.
-
-    Parameters
-    ----------
-    source_fps : frames per second of the pose's file, where what it says is wrong.
-    """
-    motion = load_motion_file(pose_file(path), source_fps)
-    return Recording(motion, read_markers(path, motion.source_fps, motion.duration_s))
-
-
 def pose_file(path: Path) -> Path:
-    """The file of the pose that was fitted to a file's markers: itself but for a C3D."""
-    return c3d.pose_beside(path) if c3d.sniff(path) else motion_path(path)
+    """The file of the pose that was fitted to a file's markers: itself, or beside a C3D."""
+    if not _is_c3d(path):
+        return motion_path(path)
+    there = [path.with_name(path.stem + ending) for ending in _POSES]
+    found = next((pose for pose in there if pose.is_file()), None)
+    if found is None:
+        raise DsnetError(
+            f"{path}, markers without a pose",
+            f"{there[0].name} (or {', '.join(pose.name for pose in there[1:])}) beside it",
+            "Put the AMASS or MoSh++ file of the same take there, under that name.",
+        )
+    return found
 
 
 def marker_file(path: Path) -> Path | None:
@@ -152,9 +141,16 @@ def marker_file(path: Path) -> Path | None:
     path = motion_path(path)
     if not path.is_file():
         return None
-    with file_refused(path, _not_loaded, "Pass a file with skin markers."):
-        own = any(one.sniff(path) and one.has_markers(path) for one in READERS.values())
-    return path if own else c3d.markers_beside(path)
+    with file_refused(path, _not_loaded, _REMEDY):
+        if mosh.sniff(path) or _is_c3d(path) or (path.suffix == ".npz" and npz_has_markers(path)):
+            return path
+    stems = (path.name.removesuffix(ending) for ending in _POSES if path.name.endswith(ending))
+    beside = (path.with_name(f"{stem}.c3d") for stem in stems)
+    return next((one for one in beside if one.is_file()), None)
+
+
+def _is_c3d(path: Path) -> bool:
+    return path.suffix.lower() == ".c3d"
 
 
 def _names(path: Path, labels: list[str]) -> tuple[dict[str, str], tuple[str, ...]]:

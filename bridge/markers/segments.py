@@ -17,6 +17,10 @@ from scipy.interpolate import PchipInterpolator
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
+from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
+from bridge.body.posing import posed_joints
+from bridge.motion import Motion, unpack_theta
+
 CUT_HZ = 1.2
 """Slower motion is the pose's and the frame's drift, not flesh."""
 SEEN_ENOUGH = 0.6
@@ -82,12 +86,21 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """What a segment takes from the pose that was fitted to the markers."""
+    """The bones of a body in the pose that was fitted to the markers."""
 
-    turns: Mapping[str, NDArray[np.float64]]
-    """(T, 3, 3) of each joint of SMPL, from the rest pose to the world."""
-    hips_m: Mapping[str, NDArray[np.float64]]
-    """(T, 3) joints of the left (L) and the right (R) hip."""
+    bones: NDArray[np.float64]
+    """(T, 24, 4, 4) of each joint of SMPL, from the rest pose to the world."""
+    joints_m: NDArray[np.float64]
+    """(T, 24, 3)."""
+
+    @classmethod
+    def of(cls, body: BodyModelData, motion: Motion) -> Pose:
+        return cls(*posed_joints(body, motion.betas, *unpack_theta(motion.theta)))
+
+    @property
+    def turns(self) -> NDArray[np.float64]:
+        """(T, 24, 3, 3)."""
+        return self.bones[..., :3, :3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,22 +140,19 @@ def segment_frames(
             for label in segment.labels
             if label in cloud.points_m and cloud.seen[label].mean() > SEEN_ENOUGH
         ]
+        joint = SMPL_JOINT_NAMES.index(segment.bone)
+        bone, ends = pose.turns[:, joint], [cloud.points_m[label] for label in found]
+        good = np.logical_and.reduce([cloud.seen[label] for label in found])
         if len(segment.labels) > 2:
             if len(found) > 2:
                 weights = None if like is None else like[name].weights
-                frames[name] = _rigid_frame(cloud, found, pose.turns[segment.bone], weights)
-        elif "hip" in segment.labels:
-            if found and "pelvis" in frames:
-                hip = _carried(frames["pelvis"], pose.hips_m[name[0]])
-                good = frames["pelvis"].good & cloud.seen[found[0]]
-                end = cloud.points_m[found[0]]
-                if good.any():
-                    frames[name] = _limb_frame(hip, end, pose.turns[segment.bone], good)
-        elif len(found) == 2:
-            start, end = (cloud.points_m[label] for label in found)
-            good = cloud.seen[found[0]] & cloud.seen[found[1]]
-            if good.any():
-                frames[name] = _limb_frame(start, end, pose.turns[segment.bone], good)
+                frames[name] = _rigid_frame(cloud, found, bone, weights)
+            continue
+        if "hip" in segment.labels and found and (pelvis := frames.get("pelvis")):
+            ends = [_carried(pelvis, pose.joints_m[:, joint]), *ends]
+            good = pelvis.good & good
+        if len(ends) == 2 and good.any():
+            frames[name] = _limb_frame(ends[0], ends[1], bone, good)
     return frames
 
 

@@ -13,17 +13,19 @@ wrong in both. Two comparisons, each by R2 = 1 - error / motion:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import periodogram
 
+from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
+from bridge.errors import DsnetError
+from bridge.markers.registration import SPOTS, Registered, Spot
 from bridge.markers.segments import (
     CUT_HZ,
     SEGMENTS,
-    SIDES,
     Cloud,
     Frame,
     Pose,
@@ -32,43 +34,11 @@ from bridge.markers.segments import (
     rigid_motion,
     segment_frames,
 )
+from bridge.motion import Motion
 
 BANDS_HZ = ((0, 2), (2, 4), (4, 6), (6, 9), (9, 15))
 _LONG_GAP_S, _EDGE_S, _LAG_S = 0.12, 0.1, 0.2
 """A longer gap's bridge bends what the filter gives beside it; so do the motion's ends."""
-
-
-@dataclass(frozen=True)
-class Region:
-    """Markers of one soft (or bony) place."""
-
-    segment: str
-    labels: tuple[str, ...]
-    parts: tuple[str, ...]
-    """Parts of the body among whose vertices they lie."""
-
-
-def _sides(name: str, segment: str, labels: str, *parts: str) -> dict[str, Region]:
-    return {
-        name.replace("*", word): Region(
-            segment.replace("*", side), tuple(labels.replace("*", side).split()), parts
-        )
-        for side, word in SIDES.items()
-    }
-
-
-REGIONS: dict[str, Region] = {
-    **_sides("bust, *", "thorax", "*BUST *BUSTLO", "chest", "belly"),
-    "breastbone": Region("thorax", ("STRN",), ("chest", "belly")),
-    "belly": Region("pelvis", ("MBLLY",), ("belly",)),
-    "buttocks": Region("pelvis", ("LBUM", "RBUM"), ("buttocks", "thighs")),
-    **_sides("thigh front, *", "*thigh", "*FTHI *FTHIIN", "thighs"),
-    **_sides("thigh side, *", "*thigh", "*THI", "thighs", "buttocks"),
-    **_sides("calf, *", "*calf", "*TIB *TIBIN", "calves"),
-    **_sides("upper arm, *", "*arm", "*BCEP *UPA", "upper_arms"),
-    "cheeks": Region("head", ("LCHEECK", "RCHEECK"), ("head",)),
-}
-PARTS_OF = {label: region.parts for region in REGIONS.values() for label in region.labels}
 
 
 @dataclass(frozen=True)
@@ -111,7 +81,6 @@ class Curves:
     """(T,) vertical motion of one marker, millimetres, for a figure."""
 
     real: NDArray
-    predicted: NDArray
     total: NDArray
     pose: NDArray
     good: NDArray
@@ -139,79 +108,88 @@ class Comparison:
         }
 
 
-def compare(
-    real: Cloud,
-    pose: Pose,
-    bare_m: Mapping[str, NDArray],
-    full_m: Mapping[str, NDArray],
-    vertices: Mapping[str, int],
-    fps: float,
+def compare_offsets(
+    body: BodyModelData, motion: Motion, offsets_m: NDArray, registered: Registered
 ) -> Comparison:
-    """Compare markers with a posed body.
+    """Compare a prediction with the markers of the same motion.
+
+    `DsnetError` if there is no region that can be compared.
 
     Parameters
     ----------
-    real : markers, in the body's world.
-    pose : of the body.
-    bare_m, full_m : (T, 3) place of each marker's vertex, without and with offsets.
+    offsets_m : (T, V, 3) predicted, in the rest pose.
     """
-    frame_count = len(next(iter(bare_m.values())))
-    always = {label: np.ones(frame_count, bool) for label in bare_m}
+    real, pose, fps = registered.cloud, Pose.of(body, motion), motion.fps
+    bare, full = (registered.posed(body, motion, one) for one in (None, offsets_m))
     real_frames = segment_frames(real, pose)
-    bare_frames = segment_frames(Cloud(bare_m, always), pose, real_frames)
-    full_frames = segment_frames(Cloud(full_m, always), pose, real_frames)
-    inner = np.zeros(frame_count, bool)
+    bare_frames, full_frames = (segment_frames(one, pose, real_frames) for one in (bare, full))
+    inner = np.zeros(len(motion.theta), bool)
     edge = int(_EDGE_S * fps)
-    inner[edge : frame_count - edge] = True
+    inner[edge : len(inner) - edge] = True
     rows, curves = [], {}
-    for name, region in REGIONS.items():
-        for label in region.labels:
-            if label not in real.points_m or region.segment not in real_frames:
-                continue
-            frame = real_frames[region.segment]
-            ok = real.seen[label] & frame.good
-            good = scored(ok, fps)
-            if good.sum() < fps:
-                continue
-            rest = bare_frames[region.segment].local_mm(bare_m[label])
-            series = (
-                bridged(frame.local_mm(real.points_m[label]), ok),
-                full_frames[region.segment].local_mm(full_m[label]) - rest,
+    for label, spot, moved_mm, good in on_flesh(real, real_frames, fps):
+        frame, at_rest, swung = (f[spot.segment] for f in (real_frames, bare_frames, full_frames))
+        rest = at_rest.local_mm(bare.points_m[label])
+        moved, added, posed, pose_there, total_there = (
+            faster(series_mm, fps)
+            for series_mm in (
+                moved_mm,
+                swung.local_mm(full.points_m[label]) - rest,
                 rest,
-                frame.local_mm(bare_m[label]),
-                frame.local_mm(full_m[label]),
+                frame.local_mm(bare.points_m[label]),
+                frame.local_mm(full.points_m[label]),
             )
-            moved, added, posed, pose_there, total_there = (faster(one, fps) for one in series)
-            flesh = (moved - posed)[good], added[good]
-            total, alone = total_there[good, 1], pose_there[good, 1]
-            rows.append(
-                Row(
-                    label=label,
-                    region=name,
-                    segment=region.segment,
-                    doubt=SEGMENTS[region.segment].doubt,
-                    vertex=vertices[label],
-                    seen=round(float(good.sum() / inner.sum()), 3),
-                    real=_size(moved, good, fps),
-                    predicted=_size(added, good, fps),
-                    flesh_r2=_r2(*flesh),
-                    flesh_r2_up=_r2(flesh[0][:, 1], flesh[1][:, 1]),
-                    total_r2_up=_r2(moved[good, 1], total),
-                    pose_r2_up=_r2(moved[good, 1], alone),
-                    total_peak_to_peak_up_mm=_round(np.ptp(total)),
-                    pose_peak_to_peak_up_mm=_round(np.ptp(alone)),
-                    lag_ms=_lag_ms(moved[:, 1], added[:, 1], good, fps),
-                )
+        )
+        flesh = (moved - posed)[good], added[good]
+        total, alone = total_there[good, 1], pose_there[good, 1]
+        rows.append(
+            Row(
+                label=label,
+                region=spot.region,
+                segment=spot.segment,
+                doubt=SEGMENTS[spot.segment].doubt,
+                vertex=registered.vertices[label],
+                seen=round(float(good.sum() / inner.sum()), 3),
+                real=_size(moved, good, fps),
+                predicted=_size(added, good, fps),
+                flesh_r2=_r2(*flesh),
+                flesh_r2_up=_r2(flesh[0][:, 1], flesh[1][:, 1]),
+                total_r2_up=_r2(moved[good, 1], total),
+                pose_r2_up=_r2(moved[good, 1], alone),
+                total_peak_to_peak_up_mm=_round(np.ptp(total)),
+                pose_peak_to_peak_up_mm=_round(np.ptp(alone)),
+                lag_ms=_lag_ms(moved[:, 1], added[:, 1], good, fps),
             )
-            curves[label] = Curves(
-                moved[:, 1], added[:, 1], total_there[:, 1], pose_there[:, 1], good
-            )
+        )
+        curves[label] = Curves(moved[:, 1], total_there[:, 1], pose_there[:, 1], good)
+    if not rows:
+        raise DsnetError(
+            f"markers {', '.join(sorted(registered.vertices)[:6])}, ... of {motion.source}",
+            "some on soft places (LBUST, MBLLY, LBUM, LTHI, ...) and three on the bone of their "
+            "segment (CLAV, C7, T8, LBAK, RBAK for the chest)",
+            "Name them as AMASS does, or pass another file.",
+        )
     return Comparison(
         rows,
         _floor_mm(real, pose, real_frames, inner, fps),
         {name: round(f.residual_mm, 2) for name, f in real_frames.items() if f.residual_mm},
         curves,
     )
+
+
+def on_flesh(
+    cloud: Cloud, frames: Mapping[str, Frame], fps: float
+) -> Iterator[tuple[str, Spot, NDArray[np.float64], NDArray[np.bool_]]]:
+    """Label, place, motion (T, 3) in its segment's frame, millimetres, and frames (T,) that count
+    of each marker of `SPOTS` that was seen for a second."""
+    for label, spot in SPOTS.items():
+        if label not in cloud.points_m or spot.segment not in frames:
+            continue
+        frame = frames[spot.segment]
+        ok = cloud.seen[label] & frame.good
+        good = _scored(ok, fps)
+        if good.sum() >= fps:
+            yield label, spot, bridged(frame.local_mm(cloud.points_m[label]), ok), good
 
 
 def _floor_mm(
@@ -230,14 +208,14 @@ def _floor_mm(
             good = inner & real.seen[label]
             inside = Frame(turns, places, good).local_mm(real.points_m[label])
             # The frame of the others has its own axes: the rest pose's, on average.
-            bone = pose.turns[SEGMENTS[name].bone]
+            bone = pose.turns[:, SMPL_JOINT_NAMES.index(SEGMENTS[name].bone)]
             inside = inside @ np.einsum("tyx,tyz->xz", turns, bone) / len(turns)
             moved = faster(bridged(inside, real.seen[label]), fps)[good]
             floor[f"{name}: {label}"] = [_round(value) for value in moved.std(axis=0)]
     return floor
 
 
-def scored(seen: NDArray[np.bool_], fps: float) -> NDArray[np.bool_]:
+def _scored(seen: NDArray[np.bool_], fps: float) -> NDArray[np.bool_]:
     """Frames that count: seen, and beside neither a long gap nor an end."""
     out, margin = seen.copy(), int(_EDGE_S * fps)
     out[:margin] = out[len(out) - margin :] = False

@@ -15,7 +15,7 @@ dynamics that were lost from errors that have nothing to do with them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.measure.metrics import ErrorSums, frame_blocks, rotation_error_deg
+from bridge.measure.metrics import ErrorSums, Sums, frame_blocks, rotation_error_deg
 from bridge.measure.pipelines import MotionArrays
 from bridge.motion import unpack_theta
 from bridge.runs.workers import worker_pool
@@ -32,18 +32,20 @@ from bridge.runs.workers import worker_pool
 _LEAST_SHARE = 5e-3
 
 
-class Absorption:
+@dataclass
+class Absorption(Sums):
     """Sums of one aligner's offsets against the true ones, for each vertex.
 
     A vertex belongs to the part of the joint with its largest weight.
     """
 
-    def __init__(self, body: BodyModelData) -> None:
-        self._shapedirs = body.shapedirs
-        self._part_of_vertex = body.weights.argmax(axis=1)
-        self._frames = 0
-        # Of the true offsets, the error, what was taken of the true ones, and by the shape.
-        self._sums = np.zeros((4, body.vertex_count))
+    body: BodyModelData = field(metadata={"add": lambda own, _: own})
+    frames: int = 0
+    sums: NDArray[np.float64] = field(init=False)
+    """(4, V) of the true offsets, the error, what was taken of the true ones, and by the shape."""
+
+    def __post_init__(self) -> None:
+        self.sums = np.zeros((4, self.body.vertex_count))
 
     def add(
         self, found_m: ArrayLike, true_m: ArrayLike, found_betas: ArrayLike, true_betas: ArrayLike
@@ -52,23 +54,15 @@ class Absorption:
         true = np.asarray(true_m, dtype=np.float64)
         difference = true - np.asarray(found_m, dtype=np.float64)
         change = np.subtract(found_betas, true_betas, dtype=np.float64)
-        by_shape = np.tensordot(np.atleast_2d(change), self._shapedirs, axes=(-1, -1))
+        by_shape = np.tensordot(np.atleast_2d(change), self.body.shapedirs, axes=(-1, -1))
         by_shape = np.broadcast_to(by_shape, true.shape)
-        self._frames += len(true)
-        for sums, (one, other) in zip(
-            self._sums,
-            ((true, true), (difference, difference), (difference, true), (by_shape, true)),
-            strict=True,
-        ):
-            sums += np.einsum("tvx,tvx->v", one, other)
-
-    def merge(self, other: Absorption) -> None:
-        self._frames += other._frames
-        self._sums += other._sums
+        self.frames += len(true)
+        pairs = (true, true), (difference, difference), (difference, true), (by_shape, true)
+        self.sums += [np.einsum("tvx,tvx->v", *pair) for pair in pairs]
 
     def rms_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Root mean square over frames of each vertex's true offset and of its error, (V,) m."""
-        true, error = np.sqrt(self._sums[:2] / max(self._frames, 1))
+        true, error = np.sqrt(self.sums[:2] / max(self.frames, 1))
         return true, error
 
     def of(self, vertices: NDArray[np.bool_] | slice = slice(None)) -> dict[str, float | None]:
@@ -78,9 +72,9 @@ class Absorption:
         squares; `r2`; `absorbed`, and of that `absorbed_by_pose`. What would be a ratio to nothing
         is None.
         """
-        true, error, taken, by_shape = (float(sums[vertices].sum()) for sums in self._sums)
-        count = max(self._frames * len(self._sums[0, vertices]), 1)
-        share = true / max(float(self._sums[0].sum()), np.finfo(float).tiny)
+        true, error, taken, by_shape = (float(sums[vertices].sum()) for sums in self.sums)
+        count = max(self.frames * len(self.sums[0, vertices]), 1)
+        share = true / max(float(self.sums[0].sum()), np.finfo(float).tiny)
         tells = share >= _LEAST_SHARE
         # Where hardly anything moves, all that the estimate has is invented.
         invented = error - taken**2 / true if tells else error
@@ -96,10 +90,11 @@ class Absorption:
 
     def summary(self) -> dict[str, Any]:
         """`whole` body, and `parts` by name in SMPL's order, as `of` gives them."""
+        part_of_vertex = self.body.weights.argmax(axis=1)
         parts = {
             name: self.of(own)
             for joint, name in enumerate(SMPL_JOINT_NAMES)
-            if (own := self._part_of_vertex == joint).any()
+            if (own := part_of_vertex == joint).any()
         }
         return {"whole": self.of(), "parts": parts}
 
@@ -116,13 +111,18 @@ class Alignment:
     """(T, V, 3) all that the mesh has over SMPL, in the rest pose; may be memory-mapped."""
 
 
-class AlignmentErrors:
+@dataclass
+class AlignmentErrors(Sums):
     """Errors of what an aligner found with a body model, sequence by sequence."""
 
-    def __init__(self, body: BodyModelData) -> None:
-        self.offsets, self.absorption = ErrorSums(), Absorption(body)
-        self._angles_deg: list[NDArray[np.float64]] = []
-        self._shifts_mm: list[NDArray[np.float64]] = []
+    absorption: Absorption
+    offsets: ErrorSums = field(default_factory=ErrorSums)
+    angles_deg: list[NDArray[np.float64]] = field(default_factory=list)
+    shifts_mm: list[NDArray[np.float64]] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, body: BodyModelData) -> AlignmentErrors:
+        return cls(Absorption(body))
 
     def add(self, found: Alignment, true: Alignment) -> None:
         for block in frame_blocks(slice(0, len(found.theta))):
@@ -132,21 +132,15 @@ class AlignmentErrors:
             self.absorption.add(*pair, betas, true.betas)
         pose, trans = unpack_theta(found.theta)
         true_pose, true_trans = unpack_theta(true.theta)
-        self._angles_deg.append(rotation_error_deg(pose, true_pose))
-        self._shifts_mm.append(1e3 * np.linalg.norm(trans - true_trans, axis=-1))
-
-    def merge(self, other: AlignmentErrors) -> None:
-        self.offsets += other.offsets
-        self.absorption.merge(other.absorption)
-        self._angles_deg += other._angles_deg
-        self._shifts_mm += other._shifts_mm
+        self.angles_deg.append(rotation_error_deg(pose, true_pose))
+        self.shifts_mm.append(1e3 * np.linalg.norm(trans - true_trans, axis=-1))
 
     def summary(self) -> dict[str, Any]:
         """`pose_deg` is over frames and joints."""
         return {
             "offsets": self.offsets.summary(),
-            "pose_deg": spread(np.concatenate(self._angles_deg)),
-            "trans_mm": spread(np.concatenate(self._shifts_mm)),
+            "pose_deg": spread(np.concatenate(self.angles_deg)),
+            "trans_mm": spread(np.concatenate(self.shifts_mm)),
             "absorption": self.absorption.summary(),
         }
 
@@ -173,14 +167,14 @@ def alignment_errors(
             )
             for arrays in (align, truth)
         )
-        own = AlignmentErrors(body)
+        own = AlignmentErrors.of(body)
         own.add(found, true)
         return own
 
-    errors = AlignmentErrors(body)
+    errors = AlignmentErrors.of(body)
     with worker_pool("threads", body) as pool:
         for own in pool.map(errors_of, shared):
-            errors.merge(own)
+            errors += own
     found_betas, true_betas = (arrays.artifact.array("betas") for arrays in (align, truth))
     differences = [
         found_betas[row] - true_betas[truth.rows[subject]]

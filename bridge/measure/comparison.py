@@ -18,14 +18,14 @@ static part, all is taken to move.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.posing import ShapedBody, Smpl
+from bridge.body.posing import Smpl
 from bridge.measure.metrics import (
     Errors,
     ErrorSums,
@@ -116,68 +116,45 @@ class Evaluation:
         return found
 
     def _compare_meshes(self, found: SequenceErrors, chosen: Sequence[Candidate]) -> None:
-        name = found.sequence.name
-        means_m: dict[str, list[NDArray[np.float64]]] = {one.name: [] for one in chosen}
-        sums = {one.name: ErrorSums() for one in chosen}
-        pipelines = {one.pipeline.name: one.pipeline for one in chosen}
-        for frames, blocks in self._references(name, pipelines):
-            for one in chosen:
-                posed, lacking_m = blocks[one.pipeline.name]
-                carried_m = (
-                    np.zeros_like(lacking_m)
-                    if one.kind == SMPL
-                    else posed.carried(one.offsets_m(name, frames))
-                )
-                distance_m = sums[one.name].add(carried_m, lacking_m)
-                means_m[one.name].append(distance_m.mean(axis=1))
-        for candidate, parts_m in means_m.items():
-            if parts_m:
-                found.errors[candidate]["mesh"] = sums[candidate]
-                found.mesh_error_m[candidate] = np.concatenate(parts_m).astype(np.float32)
-
-    def _references(
-        self, name: str, pipelines: dict[str, Pipeline]
-    ) -> Iterator[tuple[slice, dict[str, tuple[PosedFrames, NDArray[np.float64]]]]]:
-        """In blocks of frames, by pipeline: SMPL alone, and what (B, V, 3) it lacks.
-
-        An unseen motion is compared only with a truth.
-        """
+        """With what SMPL alone lacks of the registered mesh, in unseen motions of the true one."""
+        name, truth = found.sequence.name, self._truth
         registered = all(name in pipeline.align.places for pipeline in self._pipelines)
-        truth = None if registered else self._truth
         if not registered and (truth is None or name not in truth.places):
             return
-        own = list(pipelines.values())
-        reference = [one.align for one in own] if truth is None else [truth]
-        compared = [*(one.motions for one in own), *reference]
-        length = min(arrays.places[name].length for arrays in compared)
-        for frames in frame_blocks(slice(0, length)):
+        pipelines = {one.pipeline.name: one.pipeline for one in chosen}.values()
+        reference = [one.align for one in pipelines] if registered or truth is None else [truth]
+        compared = [*(one.motions for one in pipelines), *reference]
+        means_m: dict[str, list[NDArray[np.float64]]] = {one.name: [] for one in chosen}
+        sums = {one.name: ErrorSums() for one in chosen}
+        for frames in frame_blocks(slice(0, min(one.places[name].length for one in compared))):
             # A new person is the same everywhere, and posing is what costs most.
-            posed: dict[tuple[bytes, bytes], PosedFrames] = {}
+            posed: Posed = {}
             real_m = None
-            if truth is not None:
+            if not registered and truth is not None:
                 real = self._posed(truth, name, frames, posed)
                 real_m = real.vertices_m + real.carried(truth.offsets_m(name, frames))
-            blocks = {}
-            for pipeline in own:
+            for pipeline in pipelines:
                 alone = self._posed(pipeline.motions, name, frames, posed)
                 if real_m is None:
                     lacking_m = alone.carried(pipeline.align.frames("offsets", name, frames))
                 else:
                     lacking_m = real_m - alone.vertices_m
-                blocks[pipeline.name] = alone, lacking_m
-            yield frames, blocks
+                for one in (one for one in chosen if one.pipeline is pipeline):
+                    still = one.kind == SMPL
+                    added_m = 0.0 if still else alone.carried(one.offsets_m(name, frames))
+                    distance_m = sums[one.name].add(added_m, lacking_m)
+                    means_m[one.name].append(distance_m.mean(axis=1))
+        for candidate, parts_m in means_m.items():
+            if parts_m:
+                found.errors[candidate]["mesh"] = sums[candidate]
+                found.mesh_error_m[candidate] = np.concatenate(parts_m).astype(np.float32)
 
-    def _posed(
-        self,
-        arrays: MotionArrays,
-        name: str,
-        frames: slice,
-        known: dict[tuple[bytes, bytes], PosedFrames],
-    ) -> PosedFrames:
+    def _posed(self, arrays: MotionArrays, name: str, frames: slice, known: Posed) -> PosedFrames:
         betas, theta = arrays.betas(name), arrays.frames("theta", name, frames)
         key = betas.tobytes(), theta.tobytes()
         if key not in known:
-            known[key] = posed_frames(self._smpl.person(betas), theta)
+            motion = unpack_theta(np.asarray(theta, dtype=np.float64))
+            known[key] = PosedFrames(*self._smpl.person(betas).skin(*motion))
         return known[key]
 
     def _compare_offsets(self, found: SequenceErrors, chosen: Sequence[Candidate]) -> None:
@@ -185,9 +162,9 @@ class Evaluation:
         if truth is not None and name in truth.places:
             self._compare_with(found, truth, truth, chosen)
             return
-        for key, pipeline in {one.pipeline.name: one.pipeline for one in chosen}.items():
-            own = [one for one in chosen if one.pipeline.name == key]
+        for pipeline in {one.pipeline.name: one.pipeline for one in chosen}.values():
             if name in pipeline.align.places:
+                own = [one for one in chosen if one.pipeline is pipeline]
                 self._compare_with(found, pipeline.align, pipeline.motions, own)
 
     def _compare_with(
@@ -237,24 +214,16 @@ def rest_pose_errors(
     predicted: Offsets, true: Offsets, spans: Sequence[StillSpan], *, moves: bool
 ) -> Errors:
     """Errors on some vertices; a predictor whose offsets do not change has no movement to judge."""
-    found: Errors = {"offsets": _error_sums(predicted.total_m, true.total_m)}
+    found: Errors = {"offsets": ErrorSums.of(predicted.total_m, true.total_m)}
     if true.static_m is not None:
-        found["moving"] = _error_sums(predicted.moving_m, true.moving_m)
+        found["moving"] = ErrorSums.of(predicted.moving_m, true.moving_m)
         if predicted.static_m is not None:
-            found["static"] = _error_sums(predicted.static_m, true.static_m)
+            found["static"] = ErrorSums.of(predicted.static_m, true.static_m)
     if moves:
-        velocity, spectrum, rest = VelocitySums(), SpectrumSums(), RestSums()
-        velocity.add(predicted, true)
-        spectrum.add(predicted, true)
-        rest.add(predicted, true, spans)
-        found |= {"velocity": velocity, "spectrum": spectrum, "rest": rest}
+        found["velocity"] = VelocitySums.of(predicted, true)
+        found["spectrum"] = SpectrumSums.of(predicted, true)
+        found["rest"] = RestSums.of(predicted, true, spans)
     return found
-
-
-def _error_sums(predicted_m: NDArray, true_m: NDArray) -> ErrorSums:
-    sums = ErrorSums()
-    sums.add(predicted_m, true_m)
-    return sums
 
 
 def _predicted(one: Candidate, name: str, frames: slice, vertices: slice, true: Offsets) -> Offsets:
@@ -298,6 +267,5 @@ class PosedFrames:
         return np.einsum("bvxy,bvy->bvx", self.linear, np.moveaxis(components, 0, -1))
 
 
-def posed_frames(person: ShapedBody, theta: ArrayLike) -> PosedFrames:
-    """The mesh of a person in frames (B, 69) of pose and translation."""
-    return PosedFrames(*person.skin(*unpack_theta(np.asarray(theta, dtype=np.float64))))
+Posed = dict[tuple[bytes, bytes], PosedFrames]
+"""By shape and motion."""

@@ -66,7 +66,7 @@ class Sums:
 
     def __iadd__(self: Own, other: Own) -> Own:
         for one in fields(self):
-            add = one.metadata.get("add", operator.add)
+            add = one.metadata.get("add", operator.iadd)
             setattr(self, one.name, add(getattr(self, one.name), getattr(other, one.name)))
         return self
 
@@ -105,6 +105,13 @@ class ErrorSums(SquaredSums):
     histogram: NDArray[np.int64] = field(default_factory=lambda: np.zeros(_BINS, np.int64))
     """Vertices by distance, in bins of 10 micrometres; the last holds all beyond."""
 
+    @classmethod
+    def of(cls, predicted: ArrayLike, reference: ArrayLike) -> ErrorSums:
+        """Of frames (T, V, 3), metres."""
+        sums = cls()
+        sums.add(predicted, reference)
+        return sums
+
     def add(self, predicted: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
         """Take in frames (T, V, 3), metres; return the distance of each vertex (T, V)."""
         reference = np.asarray(reference, dtype=np.float64)
@@ -136,12 +143,16 @@ class ErrorSums(SquaredSums):
 class VelocitySums(SquaredSums):
     """Errors of d/dt of the offsets: whether flesh jiggles as it should, not only where it is."""
 
-    def add(self, predicted: Offsets, true: Offsets) -> None:
-        squared_error = _squared(predicted.velocity_m_s - true.velocity_m_s)
-        self.squared_error += float(squared_error.sum(dtype=np.float64))
-        self.squared_reference += float(_squared(true.velocity_m_s).sum(dtype=np.float64))
-        self.distance += float(np.sqrt(squared_error).sum(dtype=np.float64))
-        self.count += squared_error.size
+    @classmethod
+    def of(cls, predicted: Offsets, true: Offsets) -> VelocitySums:
+        squared, reference = (
+            np.einsum("tvx,tvx->tv", one, one)
+            for one in (predicted.velocity_m_s - true.velocity_m_s, true.velocity_m_s)
+        )
+        error, energy, distance = (
+            float(one.sum(dtype=np.float64)) for one in (squared, reference, np.sqrt(squared))
+        )
+        return cls(error, energy, distance, squared.size)
 
     def summary(self) -> dict[str, float]:
         """R² (0: no movement at all is predicted), mean and root mean square error, mm/s."""
@@ -154,43 +165,29 @@ class VelocitySums(SquaredSums):
         }
 
 
-def _squared(vectors: NDArray) -> NDArray:
-    return np.einsum("tvx,tvx->tv", vectors, vectors)
-
-
-def _no_energy() -> NDArray[np.float64]:
-    return np.zeros(_STEPS)
-
-
 @dataclass
 class SpectrumSums(Sums):
     """Squared offsets by frequency, in steps of half a hertz: how much flesh moves how fast."""
 
-    true: NDArray[np.float64] = field(default_factory=_no_energy)
-    """(60,) of the true offsets, square metres, over vertices and frames."""
-    predicted: NDArray[np.float64] = field(default_factory=_no_energy)
-    error: NDArray[np.float64] = field(default_factory=_no_energy)
-    """(60,) of the difference of the two."""
+    energy: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3, _STEPS)))
+    """(3, 60) of the true offsets, of the predicted ones and of their difference, square metres,
+    over vertices and frames."""
     count: int = 0
     """Vertices, over all frames."""
 
-    def add(self, predicted: Offsets, true: Offsets) -> None:
+    @classmethod
+    def of(cls, predicted: Offsets, true: Offsets) -> SpectrumSums:
         frames, vertices = true.moving_m.shape[:2]
         steps = frequency_steps(frames, true.fps)
         # The transform is linear: the difference need not be transformed too.
-        for sums, cosines_m in (
-            (self.true, true.cosines_m),
-            (self.predicted, predicted.cosines_m),
-            (self.error, predicted.cosines_m - true.cosines_m),
-        ):
-            energy = np.einsum("kvx,kvx->k", cosines_m, cosines_m).astype(np.float64)
-            sums += np.bincount(steps, energy, minlength=_STEPS)
-        self.count += frames * vertices
+        cosines_m = (true.cosines_m, predicted.cosines_m, predicted.cosines_m - true.cosines_m)
+        squares = (np.einsum("kvx,kvx->k", one, one).astype(np.float64) for one in cosines_m)
+        energy = [np.bincount(steps, square, minlength=_STEPS) for square in squares]
+        return cls(np.stack(energy).astype(np.float64), frames * vertices)
 
     def rms_mm(self) -> NDArray[np.float64]:
         """(3, 60) true, predicted and error: root mean square of each step of frequency, mm."""
-        energy = np.stack([self.true, self.predicted, self.error])
-        return 1e3 * np.sqrt(energy / max(self.count, 1))
+        return 1e3 * np.sqrt(self.energy / max(self.count, 1))
 
     def summary(self) -> dict[str, Any]:
         """`bands`, and `own`: half an octave either way of the tissue's own frequency."""
@@ -208,15 +205,13 @@ class SpectrumSums(Sums):
         Poses change more slowly and are left out; the mean of three neighbours is compared.
         """
         middles_hz = STEP_HZ * (np.arange(_STEPS) + 0.5)
-        speed = np.where(middles_hz > _POSES_BELOW_HZ, middles_hz**2 * self.true, 0.0)
+        speed = np.where(middles_hz > _POSES_BELOW_HZ, middles_hz**2 * self.energy[0], 0.0)
         return float(middles_hz[int(np.argmax(np.convolve(speed, np.ones(3), "same")))])
 
     def _between(self, low_hz: float, high_hz: float) -> dict[str, float]:
         """Root mean squares, mm; predicted over true; R² of what lies between two frequencies."""
         chosen = slice(round(low_hz / STEP_HZ), max(round(high_hz / STEP_HZ), 1))
-        true, predicted, error = (
-            float(sums[chosen].sum()) for sums in (self.true, self.predicted, self.error)
-        )
+        true, predicted, error = (float(energy[chosen].sum()) for energy in self.energy)
         count = max(self.count, 1)
         return {
             "true_mm": 1e3 * float(np.sqrt(true / count)),

@@ -7,13 +7,12 @@ belongs to its own alignment.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError, did_you_mean
 from bridge.measure.metrics import mean_offset_m
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.runs import Artifact, Run
@@ -97,6 +96,12 @@ class Pipeline:
         labels: dict[str, str] = self.offsets.artifact.manifest["predictors"]
         return {self.default: labels[self.default]} | labels
 
+    def predicted_m(
+        self, predictor: str, name: str, frames: slice | NDArray, vertices: slice = slice(None)
+    ) -> NDArray:
+        """(B, V, 3) offsets that a predictor, or the autoencoder, gives for a sequence."""
+        return self.offsets.frames(f"offsets_{predictor}", name, frames, vertices)
+
 
 def stages_of_pipelines(run: Run) -> list[str]:
     """The stages whose artifacts make the pipelines that the run finished; else the paper's."""
@@ -127,16 +132,6 @@ def _alignment_of(plus: Artifact) -> str:
     return robust if robust in plus.manifest["upstream"] else "align"
 
 
-def pipeline_of(pipelines: Iterable[Pipeline], predictor: str) -> Pipeline:
-    known: list[str] = []
-    for pipeline in pipelines:
-        if predictor in pipeline.predictors:
-            return pipeline
-        known += pipeline.predictors
-    remedy = did_you_mean(predictor, known, "Check its name, or train it.")
-    raise DsnetError(f"predictor {predictor!r}", f"one of {', '.join(known)}", remedy)
-
-
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """One predictor, trained or not, measured with the motions and alignment of a pipeline."""
@@ -162,13 +157,12 @@ class Candidate:
 
     def offsets_m(self, sequence: str, frames: slice, vertices: slice = slice(None)) -> NDArray:
         """(B, V, 3), or (1, V, 3) where they are constant; not of the sequence's own mean."""
-        offsets = self.pipeline.offsets
         if self.kind == SMPL:
             return np.zeros_like(self.means_m[NEW_PERSON])[None, vertices]
         if self.kind == PERSON_MEAN:
-            subject = offsets.places[sequence].subject
+            subject = self.pipeline.offsets.places[sequence].subject
             return self.means_m.get(subject, self.means_m[NEW_PERSON])[None, vertices]
-        return offsets.frames(f"offsets_{self.kind}", sequence, frames, vertices)
+        return self.pipeline.predicted_m(self.kind, sequence, frames, vertices)
 
     def static_m(self, sequence: str, frames: slice, vertices: slice) -> NDArray | None:
         """(B, V, 3) the static part of the offsets, None of a predictor that tells none."""

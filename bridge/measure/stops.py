@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
+from bridge.body.posing import posed_joints
 from bridge.measure.metrics import Offsets, Sums
 from bridge.motion import unpack_theta
 
@@ -48,10 +48,7 @@ def joint_speed_m_s(
     The first frame has the second's.
     """
     pose, trans = unpack_theta(np.asarray(theta, dtype=np.float64))
-    joints = shaped_joints(body, np.asarray(betas, dtype=np.float64)[None])
-    joints = joints.repeat(len(pose), axis=0)
-    bones = joint_transforms(joint_rotations(body, pose), joints, body.parents, trans)
-    places = np.einsum("bjxy,bjy->bjx", bones[..., :3, :3], joints) + bones[..., :3, 3]
+    _, places = posed_joints(body, np.asarray(betas, dtype=np.float64), pose, trans)
     speed = np.linalg.norm(np.diff(places, axis=0), axis=-1).mean(axis=1) * fps
     return np.concatenate([speed[:1], speed]) if len(speed) else np.zeros(len(pose))
 
@@ -127,28 +124,24 @@ class Decays(Sums):
 class RestSums(Sums):
     """Sizes over the settled frames of still spans: what a body that has stood still is given."""
 
-    predicted: float = 0.0
-    true: float = 0.0
-    error: float = 0.0
-    """Sum of |predicted - true|, metres."""
+    metres: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    """Sums of |predicted|, |true| and |predicted - true|."""
     count: int = 0
     """Vertices, over all settled frames."""
 
-    def add(self, predicted: Offsets, true: Offsets, spans: Sequence[StillSpan]) -> None:
+    @classmethod
+    def of(cls, predicted: Offsets, true: Offsets, spans: Sequence[StillSpan]) -> RestSums:
+        sums = cls()
         for span in spans:
             found_m, real_m = predicted.moving_m[span.settled], true.moving_m[span.settled]
-            self.predicted += _total_m(found_m)
-            self.true += _total_m(real_m)
-            self.error += _total_m(found_m - real_m)
-            self.count += real_m.shape[0] * real_m.shape[1]
+            sizes_m = (np.linalg.norm(m, axis=-1) for m in (found_m, real_m, found_m - real_m))
+            sums.metres += [size_m.sum(dtype=np.float64) for size_m in sizes_m]
+            sums.count += real_m.shape[0] * real_m.shape[1]
+        return sums
 
     def summary(self) -> dict[str, float] | None:
         """Mean sizes and mean error, millimetres; None if the body never stands still."""
         if not self.count:
             return None
-        sums_m = {"predicted": self.predicted, "true": self.true, "error": self.error}
-        return {f"{name}_mm": 1e3 * sum_m / self.count for name, sum_m in sums_m.items()}
-
-
-def _total_m(offsets_m: NDArray) -> float:
-    return float(np.linalg.norm(offsets_m, axis=-1).sum(dtype=np.float64))
+        names = ("predicted_mm", "true_mm", "error_mm")
+        return dict(zip(names, (1e3 * self.metres / self.count).tolist(), strict=True))

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, pose_vertices
 from bridge.body.posing import rest_vertices, shaped_vertices
-from bridge.measure.pipelines import AUTOENCODER, MotionArrays, Pipeline, pipeline_of, pipelines_of
+from bridge.measure.pipelines import AUTOENCODER, MotionArrays, Pipeline, pipelines_of
 from bridge.motion import MotionSequence, unpack_theta
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import Camera, frame_camera, render_bodies
@@ -25,6 +26,20 @@ _OF_A_PERSON = 3
 """Bodies of one person in a row of Figure 9."""
 Column = tuple[str, NDArray[np.float64], "NDArray[np.floating] | None"]
 """Title, posed bodies (N, V, 3), and if they are coloured by it, a size (N, V); metres."""
+Cell = tuple[NDArray[np.float64], "NDArray[np.floating] | None"]
+"""One of them."""
+
+
+class Grid(NamedTuple):
+    """Pictures in rows and columns, none for some; the rest is what `draw_panels` takes."""
+
+    cells: Sequence[Sequence[Cell | None]]
+    column_titles: Sequence[str]
+    row_titles: Sequence[str]
+    title: str
+    colour_label: str
+    width_in: float
+    framed: Collection[tuple[int, int]] = ()
 
 
 @dataclass(frozen=True)
@@ -52,12 +67,6 @@ class Scene:
         first, *others = (pipeline.offsets.places for pipeline in self.pipelines)
         return {name: s for name, s in first.items() if all(name in other for other in others)}
 
-    def offsets_m(self, predictor: str, name: str, frames: NDArray) -> NDArray[np.float32]:
-        """(N, V, 3) offsets that a predictor, or the autoencoder, gives for a sequence."""
-        first = predictor == AUTOENCODER
-        pipeline = self.pipelines[0] if first else pipeline_of(self.pipelines, predictor)
-        return pipeline.offsets.frames(f"offsets_{predictor}", name, frames)
-
     def pose(
         self, motions: MotionArrays, name: str, frames: NDArray, offsets_m: NDArray | None
     ) -> NDArray[np.float64]:
@@ -65,6 +74,12 @@ class Scene:
         pose, trans = unpack_theta(motions.frames("theta", name, frames))
         shapes = np.repeat(motions.betas(name)[None], len(frames), axis=0)
         return pose_vertices(self.body, shapes, pose, trans * [0.0, 1.0, 0.0], offsets_m)
+
+    def moved_by(self, pipeline: Pipeline, name: str, frames: NDArray) -> Column:
+        """By a pipeline's own predictor."""
+        part_m = pipeline.predicted_m(pipeline.default, name, frames)
+        moved = self.pose(pipeline.motions, name, frames, part_m)
+        return pipeline.predictors[pipeline.default], moved, np.linalg.norm(part_m, axis=-1)
 
     def picture(
         self, camera: Camera, body: NDArray, colours: NDArray | None = None
@@ -78,14 +93,12 @@ def draw_figure1(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     bodies that skeleton and shape give, and what each pipeline makes of them."""
     frames = np.linspace(0, sequence.length - 1, _ALONG + 1).round().astype(int)[1:]
     name, first = sequence.name, scene.pipelines[0]
-    shown: list[Column] = [("SMPL", scene.pose(first.motions, name, frames, None), None)]
-    for pipeline in scene.pipelines:
-        part_m = scene.offsets_m(pipeline.default, name, frames)
-        moved = scene.pose(pipeline.motions, name, frames, part_m)
-        label = pipeline.predictors[pipeline.default]
-        shown.append((label, moved, np.linalg.norm(part_m, axis=-1)))
-    title, times = f"Figure 1: skin offsets of an unseen motion, {name}", _times(sequence, frames)
-    _draw_columns(path, scene, times, shown, title, "skin offset", 10.0, across=True)
+    rows: list[Column] = [("SMPL", scene.pose(first.motions, name, frames, None), None)]
+    rows += [scene.moved_by(pipeline, name, frames) for pipeline in scene.pipelines]
+    cells = [_cells(row) for row in rows]
+    title = f"Figure 1: skin offsets of an unseen motion, {name}"
+    titles = _times(sequence, frames), [label for label, *_ in rows]
+    _draw(path, scene, Grid(cells, *titles, title, "skin offset", 10.0))
 
 
 def draw_figure2(path: Path, scene: Scene, sequence: MotionSequence) -> None:
@@ -99,16 +112,15 @@ def draw_figure2(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     shaped = shaped_vertices(scene.body, shapes)
     # The rest pose stands on the floor of the others.
     rise_m = np.array([0.0, fitted[..., 1].min() - shaped[..., 1].min(), 0.0])
-    size_m = np.linalg.norm(offsets_m, axis=-1)
     columns: list[Column] = [
         ("(a) S", fitted, None),
         ("(b) W⁻¹(S)", unposed + rise_m, None),
         ("(c) M(β)", shaped + rise_m, None),
         ("(d) M(β, θ)", plain, None),
-        ("(e) M(β, θ) + Δ", fitted, size_m),
+        ("(e) M(β, θ) + Δ", fitted, np.linalg.norm(offsets_m, axis=-1)),
     ]
     title = f"Figure 2: alignment of {name}"
-    _draw_columns(path, scene, _times(sequence, frames), columns, title, "Δ", 10.0)
+    _draw_columns(path, scene, columns, _times(sequence, frames), title, "Δ", 10.0)
 
 
 def draw_figure9(
@@ -121,61 +133,33 @@ def draw_figure9(
     shown : by title of a row, the known person's sequence and the new person's, where there is one.
     """
     pipeline = scene.pipelines[0]
-    posed: list[NDArray] = []
-    sizes_m: list[NDArray] = []
-    for one in (one for pair in shown.values() for one in pair if one):
+
+    def bodies_of(one: MotionSequence | None) -> Sequence[Cell | None]:
+        if one is None:
+            return [None] * _OF_A_PERSON
         frames = np.linspace(0, one.length - 1, _OF_A_PERSON + 2).round().astype(int)[1:-1]
-        part_m = scene.offsets_m(pipeline.default, one.name, frames)
-        posed.append(scene.pose(pipeline.motions, one.name, frames, part_m))
-        sizes_m.append(np.linalg.norm(part_m, axis=-1))
-    top_m = scale_top_m(np.concatenate(sizes_m))
-    camera = frame_camera(list(np.concatenate(posed)), height_px=scene.panel_px)
-    blank = np.full((camera.height_px, camera.width_px, 3), 255, np.uint8)
-    drawn = iter(
-        [
-            scene.picture(camera, *one)
-            for one in zip(bodies, magnitude_colours(size, top_m), strict=True)
-        ]
-        for bodies, size in zip(posed, sizes_m, strict=True)
-    )
-    rows = [
-        [picture for one in pair for picture in (next(drawn) if one else [blank] * _OF_A_PERSON)]
-        for pair in shown.values()
-    ]
-    framed = [
-        (row, column)
-        for row, (_, new) in enumerate(shown.values())
-        for column in range(_OF_A_PERSON, 2 * _OF_A_PERSON)
-        if new
-    ]
-    draw_panels(
-        path,
-        rows,
-        title=f"Figure 9: {pipeline.predictors[pipeline.default]}, known and (framed) new people",
-        origin=scene.origin,
-        column_titles=["", "known", "", "", "new", ""],
-        row_titles=list(shown),
-        colour_top_m=top_m,
-        colour_label="skin offset",
-        width_in=9.0,
-        framed=framed,
-    )
+        return _cells(scene.moved_by(pipeline, one.name, frames))
+
+    cells = [[cell for one in pair for cell in bodies_of(one)] for pair in shown.values()]
+    new = [(r, c) for r, row in enumerate(cells) for c in range(_OF_A_PERSON, len(row)) if row[c]]
+    title = f"Figure 9: {pipeline.predictors[pipeline.default]}, known and (framed) new people"
+    titles = ["", "known", "", "", "new", ""], list(shown)
+    _draw(path, scene, Grid(cells, *titles, title, "skin offset", 9.0, new))
 
 
 def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     """Figure 4: aligned meshes, what the autoencoder makes of them, and its error."""
     frames, first, name = _lively_frames(scene, sequence, 2), scene.pipelines[0], sequence.name
     aligned_m = first.align.frames("offsets", name, frames)
-    rebuilt_m = scene.offsets_m(AUTOENCODER, name, frames)
+    rebuilt_m = first.predicted_m(AUTOENCODER, name, frames)
     original, rebuilt = (scene.pose(first.motions, name, frames, o) for o in (aligned_m, rebuilt_m))
-    error_m = np.linalg.norm(rebuilt - original, axis=-1)
     columns: list[Column] = [
         ("original mesh", original, None),
         ("reconstruction", rebuilt, None),
-        ("per-vertex error", rebuilt, error_m),
+        ("per-vertex error", rebuilt, np.linalg.norm(rebuilt - original, axis=-1)),
     ]
     title = "Figure 4: the autoencoder's reconstruction"
-    _draw_columns(path, scene, _times(sequence, frames), columns, title, "error", 7.0)
+    _draw_columns(path, scene, columns, _times(sequence, frames), title, "error", 7.0)
 
 
 def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
@@ -190,50 +174,43 @@ def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     letters = iter("cdef")
     columns: list[Column] = [("(a) ground truth", truth, None), ("(b) SMPL", plain, None)]
     for pipeline in scene.pipelines:
-        part_m = scene.offsets_m(pipeline.default, name, frames)
-        moved = scene.pose(pipeline.motions, name, frames, part_m)
-        label = pipeline.predictors[pipeline.default]
+        label, moved, part_m = scene.moved_by(pipeline, name, frames)
         columns.append((f"({next(letters)}) SMPL + {label}", moved, None))
-        part = np.linalg.norm(part_m, axis=-1)
-        columns.append((f"({next(letters)}) part of {label}", moved, part))
+        columns.append((f"({next(letters)}) part of {label}", moved, part_m))
     title = f"Figure 7: a sequence that no predictor saw, {name}"
     width_in = 9.0 + 2.0 * (len(scene.pipelines) - 1)
-    _draw_columns(path, scene, _times(sequence, frames), columns, title, "contribution", width_in)
+    _draw_columns(path, scene, columns, _times(sequence, frames), title, "contribution", width_in)
+
+
+def _cells(column: Column) -> list[Cell]:
+    _, posed, sizes_m = column
+    return list(zip(posed, [None] * len(posed) if sizes_m is None else sizes_m, strict=True))
 
 
 def _draw_columns(
-    path: Path,
-    scene: Scene,
-    times: Sequence[str],
-    columns: Sequence[Column],
-    title: str,
-    colour_label: str,
-    width_in: float,
-    *,
-    across: bool = False,
+    path: Path, scene: Scene, columns: Sequence[Column], times: Sequence[str], *look: Any
 ) -> None:
-    """A picture for each time and column, on one scale of colour; times from left to right if
-    `across`."""
-    top_m = scale_top_m([sizes_m for *_, sizes_m in columns if sizes_m is not None])
-    everything = np.concatenate([posed for _, posed, _ in columns])
-    camera = frame_camera(list(everything), height_px=scene.panel_px)
-    rows: list[list[NDArray[np.uint8]]] = []
-    for row in range(len(times)):
-        colours = [None if m is None else magnitude_colours(m[row], top_m) for *_, m in columns]
-        bodies = [posed[row] for _, posed, _ in columns]
-        rows.append([scene.picture(camera, *one) for one in zip(bodies, colours, strict=True)])
-    titles = [column_title for column_title, *_ in columns]
-    draw_panels(
-        path,
-        [*zip(*rows, strict=True)] if across else rows,
-        title=title,
-        origin=scene.origin,
-        column_titles=times if across else titles,
-        row_titles=titles if across else times,
-        colour_top_m=top_m,
-        colour_label=colour_label,
-        width_in=width_in,
-    )
+    """As `_draw`, of columns with their titles."""
+    cells = list(zip(*map(_cells, columns), strict=True))
+    _draw(path, scene, Grid(cells, [label for label, *_ in columns], times, *look))
+
+
+def _draw(path: Path, scene: Scene, grid: Grid) -> None:
+    """A picture for each cell, on one scale of colour; white where there is none."""
+    shown = [cell for row in grid.cells for cell in row if cell]
+    top_m = scale_top_m([size_m for _, size_m in shown if size_m is not None])
+    camera = frame_camera([body for body, _ in shown], height_px=scene.panel_px)
+
+    def picture(cell: Cell | None) -> NDArray[np.uint8]:
+        if cell is None:
+            return np.full((camera.height_px, camera.width_px, 3), 255, np.uint8)
+        body, size_m = cell
+        colours = None if size_m is None else magnitude_colours(size_m, top_m)
+        return scene.picture(camera, body, colours)
+
+    pictures = [[picture(cell) for cell in row] for row in grid.cells]
+    titles = {key: value for key, value in grid._asdict().items() if key != "cells"}
+    draw_panels(path, pictures, origin=scene.origin, colour_top_m=top_m, **titles)
 
 
 def _lively_frames(scene: Scene, sequence: MotionSequence, count: int) -> NDArray[np.int64]:

@@ -77,8 +77,7 @@ def draw_figure8(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]) ->
     """Figure 8: error of the posed mesh in each frame; the default is drawn last and so on top."""
     title = f"Figure 8: error over time, {sequence['name']} (never trained on)"
     styles = dict(reversed((trained_styles(evaluate) | _UNTRAINED).items()))
-    with _drawn_axes(path, title, evaluate.origin, "time [s]", "mean vertex error [mm]") as axes:
-        _draw_over_time(axes, evaluate, MESH_ERROR, sequence, styles)
+    _draw_over_time(path, evaluate, MESH_ERROR, sequence, styles, title, "mean vertex error [mm]")
 
 
 def draw_figure10(
@@ -110,29 +109,31 @@ def draw_offset_size(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]
     """Mean length of the moving offsets in each frame; shaded where the body stands still."""
     title = f"Size of the skin offsets over time, {sequence['name']} (never trained on)"
     styles = {TRUE: _TRUE_STYLE} | trained_styles(evaluate)
-    with _drawn_axes(path, title, evaluate.origin, "time [s]", "mean over vertices [mm]") as axes:
-        _draw_over_time(axes, evaluate, OFFSET_SIZE, sequence, styles)
-        for start_s, stop_s in sequence["stands_still_s"]:
-            axes.axvspan(start_s, stop_s, color="#000000", alpha=0.07, linewidth=0)
+    _draw_over_time(path, evaluate, OFFSET_SIZE, sequence, styles, title, "mean over vertices [mm]")
 
 
 def _draw_over_time(
-    axes: Axes,
+    path: Path,
     evaluate: Artifact,
     kind: str,
     sequence: Mapping[str, Any],
     styles: Mapping[str, tuple[str, str]],
+    title: str,
+    y: str,
 ) -> None:
     fps = next(s.fps for s in sequences_of(evaluate) if s.name == sequence["name"])
-    for name, (colour, line) in styles.items():
-        curve_m = frames_m(evaluate, kind, name, sequence["name"])
-        if curve_m is not None:
-            label = evaluate.manifest["predictors"].get(name, "true")
-            label += f", mean {1e3 * curve_m.mean():.2f} mm"
-            times_s = np.arange(len(curve_m)) / fps
-            axes.plot(times_s, 1e3 * curve_m, line, color=colour, label=label, linewidth=1.5)
-    axes.set_ylim(bottom=0.0, top=1.35 * axes.get_ylim()[1])  # room for the legend
-    axes.set_xlim(0, sequence["frames"] / fps)
+    with _drawn_axes(path, title, evaluate.origin, "time [s]", y) as axes:
+        for name, (colour, line) in styles.items():
+            curve_m = frames_m(evaluate, kind, name, sequence["name"])
+            if curve_m is not None:
+                label = evaluate.manifest["predictors"].get(name, "true")
+                label += f", mean {1e3 * curve_m.mean():.2f} mm"
+                times_s = np.arange(len(curve_m)) / fps
+                axes.plot(times_s, 1e3 * curve_m, line, color=colour, label=label, linewidth=1.5)
+        axes.set_ylim(bottom=0.0, top=1.35 * axes.get_ylim()[1])  # room for the legend
+        axes.set_xlim(0, sequence["frames"] / fps)
+        for start_s, stop_s in sequence["stands_still_s"] if kind == OFFSET_SIZE else ():
+            axes.axvspan(start_s, stop_s, color="#000000", alpha=0.07, linewidth=0)
 
 
 def stopping_sequence(evaluate: Artifact) -> dict[str, Any] | None:
@@ -153,22 +154,19 @@ def stopping_sequence(evaluate: Artifact) -> dict[str, Any] | None:
 
 def draw_spectrum(path: Path, evaluate: Artifact) -> None:
     """Root mean square of the moving offsets in each half hertz, over all test sequences."""
-    drawn = {
-        name: evaluate.array(f"spectrum_{name}")
-        for name in trained_styles(evaluate)
-        if f"spectrum_{name}" in evaluate.manifest["arrays"]
-    }
+    arrays, labels = evaluate.manifest["arrays"], evaluate.manifest["predictors"]
+    styles = trained_styles(evaluate)
+    drawn = {n: evaluate.array(f"spectrum_{n}") for n in styles if f"spectrum_{n}" in arrays}
     true_mm = next(iter(drawn.values()))[0]
     frequencies_hz = STEP_HZ * (np.arange(len(true_mm)) + 0.5)
     floor_mm = 1e-4 * float(true_mm.max()) or 1e-9
+    curves = [("true", true_mm, _TRUE_STYLE, 2.0)]
+    curves += [(labels[name], sizes_mm[1], styles[name], 1.5) for name, sizes_mm in drawn.items()]
     title, y = "Spectrum of the skin offsets", "root mean square in half a hertz [mm]"
     with _drawn_axes(path, title, evaluate.origin, "frequency [Hz]", y) as axes:
-        for name, (colour, line) in ({TRUE: _TRUE_STYLE} | trained_styles(evaluate)).items():
-            if name == TRUE or name in drawn:
-                size_mm = np.maximum(true_mm if name == TRUE else drawn[name][1], floor_mm)
-                label = evaluate.manifest["predictors"].get(name, "true")
-                width = 2.0 if name == TRUE else 1.5
-                axes.plot(frequencies_hz, size_mm, line, color=colour, label=label, linewidth=width)
+        for label, size_mm, (colour, line), width in curves:
+            shown_mm = np.maximum(size_mm, floor_mm)
+            axes.plot(frequencies_hz, shown_mm, line, color=colour, label=label, linewidth=width)
         axes.set_yscale("log")
         axes.set_xlim(0, frequencies_hz[-1])
 

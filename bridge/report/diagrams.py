@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import FancyArrowPatch, Rectangle
-from numpy.typing import NDArray
 
 from bridge.exchange import load_weights
 from bridge.paper import FEATURES, LATENT_SIZE
@@ -17,8 +15,6 @@ from bridge.report.panels import new_figure, save_figure
 from bridge.runs import Artifact
 
 _DATA, _LINEAR, _CONV, _MEMORY = "#C9CED6", "#56B4E9", "#E69F00", "#009E73"
-Box = tuple[str, str, str]
-"""What stands in a box, above it, and its colour."""
 
 
 def draw_figure3(path: Path, train_ae: Artifact) -> None:
@@ -42,12 +38,13 @@ def draw_figure3(path: Path, train_ae: Artifact) -> None:
         axes.text(place, -height / 2 - 0.03, label, ha="center", va="top", fontsize=8)
     for place, layer in enumerate(named):
         colour = _CONV if layer == "Conv1d" else _LINEAR
-        _arrow(axes, (place + 0.26, 0), (place + 0.74, 0), "", colour)
+        _arrow(axes, (place + 0.26, 0), (place + 0.74, 0), colour)
         axes.text(place + 0.5, -0.66, layer, ha="center", fontsize=7.5)
     middle = len(sizes)
     for where, word in ((middle / 2 - 0.5, "encoder"), (1.5 * middle + 0.5, "decoder")):
         axes.text(where, 0.68, word, ha="center", fontsize=10, weight="semibold")
-    _plain(axes, (-0.6, len(mirrored) - 0.4), (-0.72, 0.8))
+    axes.set(xlim=(-0.6, len(mirrored) - 0.4), ylim=(-0.72, 0.8))
+    axes.set_axis_off()
     save_figure(figure, path)
 
 
@@ -60,9 +57,18 @@ def sizes_of(widths: Sequence[int]) -> list[tuple[int, int]]:
 
 def draw_figure5(path: Path, train: Artifact) -> None:
     """Figure 5: DSNet unrolled over three frames, with the widths of the trained weights."""
-    name = train.manifest["default"]
-    weights = load_weights(train.file(f"{name}.safetensors"))
-    boxes = _dsnet_boxes(weights)
+    weights = load_weights(train.file(f"{train.manifest['default']}.safetensors"))
+    into, first = weights["fc_enc_1/kernel"].shape
+    second, memory = weights["fc_enc_2/kernel"].shape[1], weights["lstm/recurrent_kernel"].shape[0]
+    boxes = [  # what stands in it, the width of what comes in from below, its colour
+        ("$\\beta$, $\\theta_{{{t}}}$", "", _DATA),
+        ("fc_enc_1, linear", into, _LINEAR),
+        ("fc_enc_2, tanh", first, _LINEAR),
+        ("LSTM", second, _MEMORY),
+        ("batch norm", memory, _CONV),
+        ("fc_enc_3, linear", memory, _LINEAR),
+        ("$\\tilde{{\\delta}}_{{{t}}}$", weights["fc_enc_3/kernel"].shape[1], _DATA),
+    ]
     count = train.manifest["parameters"]["dsnet"]
     title = f"Figure 5: DSNet unrolled, {count:,} parameters"
     figure = new_figure(7.5, 5.4, title=title, origin=train.origin)
@@ -73,47 +79,19 @@ def draw_figure5(path: Path, train: Artifact) -> None:
             said = text.format(t=time)
             axes.text(column, row + 0.27, said, ha="center", va="center", fontsize=9)
             if row:
-                _arrow(axes, (column, row - 0.45), (column, row), width)
-    lstm = next(row for row, (text, *_) in enumerate(boxes) if text.startswith("LSTM")) + 0.27
+                _arrow(axes, (column, row - 0.45), (column, row))
+                axes.text(column + 0.05, row - 0.225, width, va="center", fontsize=8)
+    lstm = 3.27
     for start in (-0.8, 0.3, 1.3, 2.3):
-        _arrow(axes, (start, lstm), (start + (0.5 if start < 0 else 0.4), lstm), "")
+        _arrow(axes, (start, lstm), (start + (0.5 if start < 0 else 0.4), lstm))
     axes.text(0.5, lstm + 0.1, "state", ha="center", fontsize=8)
-    _plain(axes, (-0.9, 2.9), (-0.2, len(boxes)))
+    axes.set(xlim=(-0.9, 2.9), ylim=(-0.2, len(boxes)))
+    axes.set_axis_off()
     save_figure(figure, path)
 
 
-def _dsnet_boxes(weights: Mapping[str, NDArray[Any]]) -> list[Box]:
-    """From input to output: text, width of what comes in from below, colour."""
-    into = weights["fc_enc_1/kernel"].shape[0]
-    units = {layer: weights[f"{layer}/kernel"].shape[1] for layer in ("fc_enc_1", "fc_enc_2")}
-    memory = weights["lstm/recurrent_kernel"].shape[0]
-    out = weights["fc_enc_3/kernel"].shape[1]
-    boxes: Sequence[Box] = (
-        ("$\\beta$, $\\theta_{{{t}}}$", "", _DATA),
-        ("fc_enc_1, linear", f"{into}", _LINEAR),
-        ("fc_enc_2, tanh", f"{units['fc_enc_1']}", _LINEAR),
-        ("LSTM", f"{units['fc_enc_2']}", _MEMORY),
-        ("batch norm", f"{memory}", _CONV),
-        ("fc_enc_3, linear", f"{memory}", _LINEAR),
-        ("$\\tilde{{\\delta}}_{{{t}}}$", f"{out}", _DATA),
-    )
-    return list(boxes)
-
-
 def _arrow(
-    axes: Axes,
-    start: tuple[float, float],
-    end: tuple[float, float],
-    text: str,
-    colour: str = "black",
+    axes: Axes, start: tuple[float, float], end: tuple[float, float], colour: str = "black"
 ) -> None:
-    """An arrow, and what passes along it to the right of its middle."""
     look = {"arrowstyle": "-|>", "mutation_scale": 11, "shrinkA": 0, "shrinkB": 0, "color": colour}
     axes.add_patch(FancyArrowPatch(start, end, **look))
-    axes.text(start[0] + 0.05, (start[1] + end[1]) / 2, text, va="center", fontsize=8)
-
-
-def _plain(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
-    axes.set_xlim(*x)
-    axes.set_ylim(*y)
-    axes.set_axis_off()

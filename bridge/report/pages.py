@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -87,16 +87,27 @@ _ENVIRONMENT = Environment(
 _ENVIRONMENT.filters |= {"decimals": _decimals, "exponent": _exponent}
 
 
-def render_markdown(context: Mapping[str, Any]) -> str:
+def render(template: str, **given: Any) -> str:
+    """One of the templates with what it is given."""
+    return _ENVIRONMENT.get_template(template).render(given)
+
+
+def render_markdown(
+    results: Mapping[str, Any], figures: Sequence[Any], departures: Sequence[str], notice: str
+) -> str:
     """The page, with a line of links to its sections where the template says so."""
-    results = context["results"]
     shown = [results["predictors"][one["default"]] for one in results["pipelines"].values()]
-    made = {
-        "table": main_table(results),
-        "verdict": verdict_lines(results),
-        "shown": " and ".join(shown),
-    }
-    page = _ENVIRONMENT.get_template("report.md.j2").render(context, **made)
+    page = render(
+        "report.md.j2",
+        results=results,
+        figures=[one for one in figures if one.name.startswith("figure")],
+        more=[one for one in figures if not one.name.startswith("figure")],
+        departures=departures,
+        notice=notice,
+        table=main_table(results),
+        verdict=verdict_lines(results),
+        shown=" and ".join(shown),
+    )
     titles = re.findall(r"^## (.+)$", page, re.MULTILINE)
     links = " · ".join(f"[{title}](#{_anchor(title)})" for title in titles)
     return page.replace("[contents]", links, 1)
@@ -128,5 +139,4 @@ def render_html(markdown: str, folder: Path, *, title: str, banner: str) -> str:
     # Tables scroll by themselves on a narrow screen, the page does not.
     body = body.replace("<table>", '<div class="wide"><table>')
     body = body.replace("</table>", "</table></div>")
-    page = _ENVIRONMENT.get_template("page.html.j2")
-    return page.render(title=title, banner=banner, body=body)
+    return render("page.html.j2", title=title, banner=banner, body=body)

@@ -17,6 +17,7 @@ from bridge.motion.sequences import is_real_motion
 from bridge.paper import (
     CASAS_OTADUY_WIDTHS,
     NUMBERS,
+    UNSTATED,
     VALIDATION_SEQUENCE,
     PaperNumber,
     Value,
@@ -27,6 +28,8 @@ from bridge.runs.untrusted import open_npz
 Stages = Mapping[str, Artifact]
 
 _PEOPLE = {"female": "women", "male": "men"}
+_AS_IT_IS = "as the autoencoder gives"
+_SET = "set by the run"
 _ONE_GENDER = "one gender at a time, like the paper's own training"
 
 
@@ -40,26 +43,24 @@ class Measured:
 
 def compare(measured: Mapping[str, Measured]) -> list[dict[str, str]]:
     """A row for each of the paper's numbers, in its order; all need an entry, if an empty one."""
-    return [_row(number, measured[number.key]) for number in NUMBERS]
-
-
-def _row(number: PaperNumber, ours: Measured) -> dict[str, str]:
-    # Where the paper states no unit, ours carries its own in the text.
-    unit = "" if number.unit == "unit not stated" else number.unit
-    return {
-        "section": number.section,
-        "quantity": number.quantity,
-        "paper": format_value(number.value, number.unit),
-        "ours": format_value(ours.value, unit),
-        "verdict": verdict(number, ours),
-    }
+    return [
+        {
+            "section": number.section,
+            "quantity": number.quantity,
+            "paper": format_value(number.value, number.unit),
+            # Where the paper states no unit, ours carries its own in the text.
+            "ours": format_value(measured[number.key].value, number.unit.removesuffix(UNSTATED)),
+            "verdict": verdict(number, measured[number.key]),
+        }
+        for number in NUMBERS
+    ]
 
 
 def verdict(number: PaperNumber, ours: Measured) -> str:
     """`same` only for equal numbers in a stated unit; a difference always names its reason."""
     if number.value is None:
         return "paper does not say"
-    if ours.value == number.value and number.unit != "unit not stated":
+    if ours.value == number.value and number.unit != UNSTATED:
         return "same"
     why = ours.why or ("not part of this run" if ours.value is None else "not explained")
     return f"differs: {why}"
@@ -93,14 +94,11 @@ def parameter_counts(stages: Stages) -> dict[str, int]:
 
 def measure(stages: Stages, gender: str) -> dict[str, Measured]:
     """Ours for each of `bridge.paper.NUMBERS`; `gender` is that of the run's body model."""
-    return {
-        **_data(stages, gender),
-        **_sizes(stages),
-        **_alignment(stages),
-        **_autoencoder(stages),
-        **_dsnet(stages),
-        **_results(stages),
-    }
+    parts = (_sizes, _alignment, _autoencoder, _dsnet, _results)
+    found = _data(stages, gender)
+    for part in parts:
+        found |= part(stages)
+    return found
 
 
 def _data(stages: Stages, gender: str) -> dict[str, Measured]:
@@ -108,36 +106,28 @@ def _data(stages: Stages, gender: str) -> dict[str, Measured]:
     tests = [s for s in sequences_of(stages["infer"]) if s.split == "test"]
     per_subject = Counter(sequence.subject for sequence in sequences).values()
     lengths = [s.length for s in sequences]
-    durations_s = [s.length / s.fps for s in sequences]
+    durations_s = sorted(s.length / s.fps for s in sequences)
     held_out = ", ".join(s.name for s in sequences if s.split == "validation")
     smaller = f"this run's corpus has {len(sequences)} sequences"
-    found = {
+    shortest_s, longest_s = round(durations_s[0], 1), round(durations_s[-1], 1)
+    usual = tuple(int(q) for q in np.quantile(lengths, [0.1, 0.9]))
+    # The paper counts women's sequences and men's; a run has those of its body model.
+    other = Measured(None, _ONE_GENDER)
+    aligned = Measured(len(sequences), "this run's corpus is smaller")
+    predicted = Measured(len(tests), "this run's own held-out set")
+    return {
         "subjects": Measured(len(per_subject), smaller),
         "subjects_total": Measured(len(per_subject), _ONE_GENDER),
         "motions_per_subject": Measured((min(per_subject), max(per_subject)), smaller),
         "dyna_fps": Measured(sequences[0].fps, "the files' rate"),
         "mosh_fps": mosh_rate(stages.get("corpus")),
-        "duration_s": Measured(
-            (round(min(durations_s), 1), round(max(durations_s), 1)), "this run's corpus"
-        ),
-        "usual_frames": Measured(
-            tuple(int(q) for q in np.quantile(lengths, [0.1, 0.9])),
-            "10th and 90th percentile of this run's lengths",
-        ),
-        "clip_frames": Measured(stages["train"].manifest["config"]["frames"], "set by the run"),
+        "duration_s": Measured((shortest_s, longest_s), "this run's corpus"),
+        "usual_frames": Measured(usual, "10th and 90th percentile of this run's lengths"),
+        "clip_frames": Measured(stages["train"].manifest["config"]["frames"], _SET),
         "validation_sequence": Measured(held_out, "set by the run, or not among its sequences"),
+        **{f"sequences_{p}": aligned if g == gender else other for g, p in _PEOPLE.items()},
+        **{f"mosh_sequences_{p}": predicted if g == gender else other for g, p in _PEOPLE.items()},
     }
-    # The paper counts women's sequences and men's; a run has those of its body model.
-    for quantity, count, why in (
-        ("sequences", len(sequences), "this run's corpus is smaller"),
-        ("mosh_sequences", len(tests), "this run's own held-out set"),
-    ):
-        for own, people in _PEOPLE.items():
-            counted = own == gender
-            found[f"{quantity}_{people}"] = (
-                Measured(count, why) if counted else Measured(None, _ONE_GENDER)
-            )
-    return found
 
 
 def mosh_rate(corpus: Artifact | None) -> Measured:
@@ -178,7 +168,7 @@ def _alignment(stages: Stages) -> dict[str, Measured]:
     found = {"align_error_mm": Measured(round(error, 3))}
     for key in ("lr", "momentum", "steps"):
         found[f"align_{key}"] = (
-            Measured(config[key], "set by the run")
+            Measured(config[key], _SET)
             if config["aligner"] == "sgd"
             else Measured(None, f"aligned by `{config['aligner']}`, which has no such setting")
         )
@@ -195,15 +185,10 @@ def _autoencoder(stages: Stages) -> dict[str, Measured]:
     standard = "values leave [-1, 1]: see `autoencoder` under departures"
     literal = trained["normalisation"] == "global_maximum"
     # Linear, convolutional and last linear layers, counted in the file of weights.
-    names = [
-        name
-        for name in load_weights(stages["train-ae"].file("autoencoder.safetensors"))
-        if name.endswith("weight")
-    ]
-    layers = tuple(
-        sum(name.startswith(kind) for name in names)
-        for kind in ("model.encoder.linear", "model.encoder.conv", "model.to_latent")
-    )
+    names = load_weights(stages["train-ae"].file("autoencoder.safetensors"))
+    kinds = ("model.encoder.linear", "model.encoder.conv", "model.to_latent")
+    kernels = [name for name in names if name.endswith("weight")]
+    layers = tuple(sum(name.startswith(kind) for name in kernels) for kind in kinds)
     return {
         "ae_layers": Measured(layers),
         "ae_widths": Measured("-".join(map(str, manifest["architecture"]["widths"]))),
@@ -216,8 +201,8 @@ def _autoencoder(stages: Stages) -> dict[str, Measured]:
         "ae_validation_frames": Measured(validation, frames),
         "ae_train_share": Measured(round(100 * train / (train + validation)), frames),
         "ae_input_range": Measured((-1, 1)) if literal else Measured(None, standard),
-        "ae_batch": Measured(manifest["config"]["batch_size"], "set by the run"),
-        "ae_lr": Measured(trained["learning_rate"], "set by the run"),
+        "ae_batch": Measured(manifest["config"]["batch_size"], _SET),
+        "ae_lr": Measured(trained["learning_rate"], _SET),
         "ae_epochs": Measured(round(trained["steps_taken"] / steps_an_epoch, 1)),
         "ae_r2": Measured(round(trained["r2_validation"], 4)),
     }
@@ -230,7 +215,7 @@ def _dsnet(stages: Stages) -> dict[str, Measured]:
     weights = load_weights(stages["train"].file(f"{name}.safetensors"))
     # Read from the file, so that no predictor is known here by its name.
     scaled = any(key.startswith("scaling/") for key in weights)
-    departs = "; ".join(predictor["departures"]) or "set by the run"
+    departs = "; ".join(predictor["departures"]) or _SET
     inputs, latent = weights["fc_enc_1/kernel"].shape[0], weights["fc_enc_3/kernel"].shape[1]
     block = (config["batch_size"], config["frames"])
     return {
@@ -240,17 +225,15 @@ def _dsnet(stages: Stages) -> dict[str, Measured]:
         "lstm": Measured(weights["lstm/recurrent_kernel"].shape[0]),
         "fc_enc_3": Measured(latent),
         "dsnet_parameters": Measured(manifest["parameters"]["dsnet"]),
-        "dsnet_batch": Measured(config["batch_size"], "set by the run"),
+        "dsnet_batch": Measured(config["batch_size"], _SET),
         "input_block": Measured(
             (*block, inputs), "beta enters at each step too, as the same section says: 79 wide"
         ),
-        "output_block": Measured((*block, latent), "set by the run"),
+        "output_block": Measured((*block, latent), _SET),
         "dsnet_lr": Measured(predictor["lr"], f"`{name}`: {departs}"),
         "epoch_s": Measured(made.get(f"epoch_s_{name}"), f"another machine: {made['machine']}"),
         "dsnet_epochs": Measured(config["epochs"]),
-        "latent_scale": Measured(
-            "one standard deviation" if scaled else "as the autoencoder gives"
-        ),
+        "latent_scale": Measured("one standard deviation" if scaled else _AS_IT_IS),
     }
 
 

@@ -1,42 +1,96 @@
 """Pictures of posed bodies on a white floor in soft light; equal arguments give equal pixels.
 
-Light is known at the bodies' vertices and on a coarse grid of the floor (`light`), and what lies
-between is interpolated. One ray a pixel finds the bodies, and more do along their outlines.
+A broad lamp and a bright sky light the scene. How much of either reaches a place is found by rays
+in fixed directions at the bodies' vertices and on a coarse grid of the floor, and what lies between
+is interpolated: no grain, and nothing flickers from picture to picture. One ray a pixel finds the
+bodies, and more do along their outlines.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.ndimage import gaussian_filter
 
-from bridge.report.light import GRID_BORDER, GRID_STEP_PX, RayScene, light_on_bodies, light_on_floor
+from bridge.body.surface_operators import vertex_normals
+from bridge.errors import DsnetError
 
 CLAY_SRGB = (0.86, 0.79, 0.73)
+_MARGIN = 0.04
+_LAMP = np.array([-0.5, 1.0, 0.75]) / np.linalg.norm([-0.5, 1.0, 0.75])
+"""From the bodies to the middle of the lamp, a ball."""
+_LAMP_RADIUS = 0.5
+# Light that a white surface sends back: of the lamp if it faces it, of the surroundings if it
+# looks to the side, and how much more if it looks up.
+_KEY, _AROUND, _ABOVE = 0.6, 0.5, 0.08
+# Rays of a place to lamp and surroundings; so many neighbours have different ones; how often their
+# means are taken.
+_KEY_RAYS, _AROUND_RAYS, _TURNS, _SMOOTHED = 5, 5, 6, 4
+# An unshaded floor is a shade brighter than the paper around the picture: both clip to white.
+_FLOOR, _FLOOR_KEY, _FLOOR_RAYS, _FLOOR_TILE, _FLOOR_BLUR = 1.08, 0.63, 6, 4, 1.8
+_GRID_PX, _BORDER = 4, 4
+"""Pixels between points where the floor's light is found; more of them around the picture."""
+_LIFT_M, _AWAY = 1e-3, -0.3
 _OUTLINE_PX = 8.0
 """Where depth changes by more than so many pixels from one to the next, there is an outline."""
-_BLOCK_PX = 8
-_OUTLINE_RAYS = 8
-_MARGIN = 0.04
-_SCATTERED = (np.array([0, 4, 2, 6, 1, 5, 3, 7]) + 0.5) / 8
-"""Heights of those rays in a pixel, from left to right: each eighth has one, both ways."""
+_SCATTERED = (np.array([[0, 1, 2, 3, 4, 5, 6, 7], [0, 4, 2, 6, 1, 5, 3, 7]]) + 0.5) / 8
+"""Places of an outline's rays in a pixel: each eighth of its width, and of its height, has one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera:
     """Where the pictures are taken from; one camera for all panels that are to be compared."""
 
-    origin_m: tuple[float, float, float]
-    target_m: tuple[float, float, float]
-    """Point at the centre of the picture."""
+    origin_m: NDArray[np.float64]
+    """(3,)."""
+    target_m: NDArray[np.float64]
+    """(3,) point at the centre of the picture, about which rays are given."""
     field_of_view_deg: float
     """Angle that the picture's width covers."""
     floor_m: float
     """Height of the floor, y up."""
     width_px: int
     height_px: int
+
+    @cached_property
+    def away_m(self) -> NDArray[np.float64]:
+        """(3,) from the target to the camera."""
+        return self.origin_m - self.target_m
+
+    @cached_property
+    def axes(self) -> NDArray[np.float64]:
+        """(3, 3) right, up and back."""
+        return _axes(self.away_m / np.linalg.norm(self.away_m))
+
+    @property
+    def pixel(self) -> float:
+        """Width of a pixel at unit distance."""
+        return 2 * float(np.tan(np.radians(self.field_of_view_deg) / 2)) / self.width_px
+
+    def rays(self, x_px: NDArray, y_px: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Where rays (..., 3) through points of the picture begin, and their directions."""
+        across = (x_px - self.width_px / 2) * self.pixel
+        along = (self.height_px / 2 - y_px) * self.pixel
+        right, up, back = self.axes.astype(np.float32)
+        directions = np.multiply.outer(across.astype(np.float32), right) + (
+            np.multiply.outer(along.astype(np.float32), up) - back
+        )
+        return np.broadcast_to(self.away_m.astype(np.float32), directions.shape), directions
+
+    def pixels_about(self, points: NDArray) -> tuple[slice, slice]:
+        """Rows and columns of the picture among which points (N, 3) lie."""
+        x, y, away = ((points - self.away_m) @ self.axes.T).T
+        size_px = np.array([self.height_px, self.width_px])
+        places = size_px[:, None] / 2 - np.stack([y, -x]) / -away / self.pixel
+        first = np.clip(places.min(axis=1).astype(int) - 1, 0, size_px)
+        last = np.clip(places.max(axis=1).astype(int) + 2, 0, size_px)
+        return slice(first[0], last[0]), slice(first[1], last[1])
 
 
 def frame_camera(
@@ -55,29 +109,30 @@ def frame_camera(
     points = np.concatenate([np.asarray(body, dtype=np.float64) for body in bodies])
     azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
     flat = np.cos(elevation)
-    back = np.array([np.sin(azimuth) * flat, np.sin(elevation), np.cos(azimuth) * flat])
-    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
-    up = np.cross(back, right)
-    seen = points @ np.stack([right, up, back], axis=1)
+    axes = _axes(np.array([np.sin(azimuth) * flat, np.sin(elevation), np.cos(azimuth) * flat]))
+    seen = points @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     centre, half = (low + high) / 2, (high - low) / 2 * (1 + 2 * _MARGIN)
     if width_px is None:
         width_px = max(64, int(np.ceil(height_px * half[0] / half[1])))
     # A long lens: bodies at the ends of a row keep their shape.
     distance = 9.0 * max(half[1], half[0] * height_px / width_px) + half[2]
-    nearest = distance - half[2]
     half_width = max(half[0], half[1] * width_px / height_px)
-    target = centre @ np.stack([right, up, back])
-    x, y, z = target.tolist()
-    from_x, from_y, from_z = (target + distance * back).tolist()
     return Camera(
-        origin_m=(from_x, from_y, from_z),
-        target_m=(x, y, z),
-        field_of_view_deg=float(np.degrees(2 * np.arctan(half_width / nearest))),
+        origin_m=centre @ axes + distance * axes[2],
+        target_m=centre @ axes,
+        field_of_view_deg=float(np.degrees(2 * np.arctan(half_width / (distance - half[2])))),
         floor_m=float(points[:, 1].min()),
         width_px=width_px,
         height_px=height_px,
     )
+
+
+def _axes(back: NDArray) -> NDArray[np.float64]:
+    """Right, up and back of a view, (3, 3), by its unit vector back."""
+    right = np.cross([0.0, 1.0, 0.0], back)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(back, right), back])
 
 
 def render_bodies(
@@ -92,111 +147,155 @@ def render_bodies(
     Each body has vertices (V, 3), metres, y up, and perhaps `colours` (V, 3), sRGB in [0, 1]; clay
     where None. Faces (F, 3) are counter-clockwise from outside.
     """
-    view = _View(camera)
     # About the target: far from the origin, single precision would be too coarse.
-    surface = RayScene([np.asarray(body) - camera.target_m for body in bodies], np.asarray(faces))
+    surface = _Surface([np.asarray(body) - camera.target_m for body in bodies], np.asarray(faces))
     colours = [None] * len(bodies) if colours is None else colours
     painted = [
         np.broadcast_to(CLAY_SRGB if colour is None else colour, np.shape(body))
         for body, colour in zip(bodies, colours, strict=True)
     ]
-    sent = srgb_to_linear(np.concatenate(painted)) * light_on_bodies(surface, view.back)[:, None]
-    floor = view.floor_light(surface)
-    picture = np.repeat(_tones(floor)[..., None], 3, axis=2)
-    _draw_bodies(picture, floor, surface, sent.astype(np.float32), view)
-    return picture
+    sent = srgb_to_linear(np.concatenate(painted)) * _light_on(surface, camera.axes[2])[:, None]
+    sent = sent.astype(np.float32)
+    floor = np.repeat(_light_on_floor(surface, camera)[..., None], 3, axis=2)
+    light, depth = floor.copy(), np.full(floor.shape[:2], -1e9, np.float32)
+    about = camera.pixels_about(surface.vertices)
+    y, x = np.mgrid[about]
+    hit, depth[about], seen = surface.seen(*camera.rays(x + 0.5, y + 0.5), sent)
+    light[about][hit] = seen
+    step_m = _OUTLINE_PX * camera.pixel * float(np.linalg.norm(camera.away_m))
+    y, x = np.nonzero(_outline(depth, step_m))
+    across, down = _SCATTERED
+    hit, _, seen = surface.seen(*camera.rays(x[:, None] + across, y[:, None] + down), sent)
+    mixed = np.repeat(floor[y, x][:, None], len(across), axis=1)
+    mixed[hit] = seen
+    light[y, x] = np.minimum(mixed, 1).mean(axis=1)
+    return _TONES[(np.clip(light, 0, 1) * np.float32(len(_TONES) - 1)).astype(np.int16)]
 
 
-class _View:
-    """A camera's rays, about its target."""
+class _Surface:
+    """All bodies of a picture, vertices (V, 3) of each, metres, y up, to be hit by rays."""
 
-    def __init__(self, camera: Camera) -> None:
-        self._floor_m = np.float32(camera.floor_m - camera.target_m[1])
-        self._origin_m = np.subtract(camera.origin_m, camera.target_m)
-        self.back = back = (self._origin_m / np.linalg.norm(self._origin_m)).astype(np.float32)
-        """From the target to the camera."""
-        right = np.cross([0.0, 1.0, 0.0], back)
-        right /= np.linalg.norm(right)
-        self._axes = np.stack([right, np.cross(back, right), back])
-        self._size_px = np.array([camera.width_px, camera.height_px])
-        self._px = 2 * np.tan(np.radians(camera.field_of_view_deg) / 2) / camera.width_px
-        self.pixel_m = self._px * float(np.linalg.norm(self._origin_m))
-        """Width of a pixel at the target."""
+    def __init__(self, bodies: Sequence[NDArray], faces: NDArray) -> None:
+        first = np.cumsum([0, *map(len, bodies[:-1])])
+        self.vertices = np.concatenate(bodies).astype(np.float32)
+        self.faces = np.concatenate([faces + start for start in first]).astype(np.int32)
+        self._scene = _embree_scene(self.vertices, self.faces)
 
-    def rays(self, x_px: NDArray, y_px: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Where rays (..., 3) through points of the picture begin, and their directions."""
-        across = (x_px - self._size_px[0] / 2) * self._px
-        along = (self._size_px[1] / 2 - y_px) * self._px
-        right, up, back = self._axes.astype(np.float32)
-        directions = np.multiply.outer(across.astype(np.float32), right) + (
-            np.multiply.outer(along.astype(np.float32), up) - back
-        )
-        return np.broadcast_to(self._origin_m.astype(np.float32), directions.shape), directions
+    def seen(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32], sent: NDArray
+    ) -> tuple[NDArray[np.bool_], NDArray[np.float32], NDArray]:
+        """Which rays (..., 3) meet a body, how far they come (...), what arrives by them (M, 3).
 
-    def covered(self, surface: RayScene) -> NDArray[np.bool_]:
-        """Those of (height, width) pixels that may show a body; none that does is left out."""
-        seen = (surface.vertices - self._origin_m) @ self._axes.T
-        places = seen[:, :2] / -seen[:, 2:] / self._px * [1, -1] + self._size_px / 2
-        corners = np.clip(places // _BLOCK_PX, -1, self._size_px // _BLOCK_PX + 1).astype(int) + 1
-        first, second, third = (corners[of] for of in surface.faces.T)
-        left, top = np.minimum(np.minimum(first, second), third).T
-        right, bottom = np.maximum(np.maximum(first, second), third).T + 1
-        # Sums along both axes make a rectangle of ones of its four corners.
-        shape = self._size_px[::-1] // _BLOCK_PX + 4
-        signed = np.zeros(shape[0] * shape[1])
-        for row, column, sign in (
-            (top, left, 1),
-            (bottom, right, 1),
-            (top, right, -1),
-            (bottom, left, -1),
-        ):
-            signed += sign * np.bincount(row * shape[1] + column, minlength=signed.size)
-        blocks = signed.reshape(shape).cumsum(axis=0).cumsum(axis=1)[1:-2, 1:-2] > 0
-        width, height = self._size_px
-        return blocks.repeat(_BLOCK_PX, axis=0).repeat(_BLOCK_PX, axis=1)[:height, :width]
+        `sent` (V, 3) is what each vertex sends, and faces what lies between their corners'.
+        """
+        rays = (one.reshape(-1, 3) for one in (origins, directions))
+        met = self._scene.run(*rays, query="INTERSECT", output=True)
+        hit = met["primID"] >= 0
+        corners = self.faces[met["primID"][hit]]
+        u, v = met["u"][hit, None], met["v"][hit, None]
+        arrives = sent[corners[:, 0]] * (1 - u - v)
+        arrives += sent[corners[:, 1]] * u
+        arrives += sent[corners[:, 2]] * v
+        shape = origins.shape[:-1]
+        far = np.where(hit, met["tfar"], np.float32(-1e9))
+        return hit.reshape(shape), far.reshape(shape), arrives
 
-    def floor_light(self, surface: RayScene) -> NDArray[np.float32]:
-        """(height, width) light of the floor, which fills the picture."""
-        height, width = -(-self._size_px[::-1] // GRID_STEP_PX) + 2 * GRID_BORDER
-        y = (np.arange(height)[:, None] - GRID_BORDER) * GRID_STEP_PX[0]
-        x = (np.arange(width) - GRID_BORDER) * GRID_STEP_PX[1]
-        origins, directions = self.rays(*np.broadcast_arrays(x, y))
-        # Where a ray does not go down, it is the white beyond the floor's end.
-        far = (self._floor_m - origins[..., 1]) / np.minimum(directions[..., 1], -1e-6)
-        points = origins + far[..., None] * directions
-        light = light_on_floor(surface, points)
-        for axis, (size, step) in enumerate(zip(self._size_px[::-1], GRID_STEP_PX, strict=True)):
-            place = (np.arange(size) + 0.5) / step + GRID_BORDER
-            before, part = place.astype(int), (place % 1).astype(np.float32)
-            part = part[:, None] if axis == 0 else part
-            light = light.take(before, axis) * (1 - part) + light.take(before + 1, axis) * part
-        return light
+    def reached(self, points: NDArray, normals: NDArray, rays: NDArray) -> NDArray[np.float32]:
+        """(2, N) what falls by rays (N, R, 3) on points that look along normals (N, 3), if nothing
+        were in the way; and what arrives."""
+        falls = np.maximum(np.einsum("nx,nrx->nr", normals, rays), 0)
+        point, ray = np.nonzero(falls)
+        start = (points + _LIFT_M * normals)[point].astype(np.float32)
+        hidden = self._scene.run(start, rays[point, ray], query="OCCLUDED") >= 0
+        arrives = falls.copy()
+        arrives[point[hidden], ray[hidden]] = 0
+        return np.stack([falls.sum(axis=1), arrives.sum(axis=1)])
 
 
-def _draw_bodies(
-    picture: NDArray[np.uint8],
-    floor: NDArray[np.float32],
-    surface: RayScene,
-    sent: NDArray[np.float32],
-    view: _View,
-) -> None:
-    """Add bodies whose vertices send light (V, 3) to a picture of the floor."""
-    y, x = np.nonzero(view.covered(surface))
-    far = np.full(floor.shape, np.inf, np.float32)
-    far[y, x], light = surface.seen(*view.rays(x + 0.5, y + 0.5), sent)
-    picture[np.isfinite(far)] = _tones(light)
-    y, x = np.nonzero(_outline(far, _OUTLINE_PX * view.pixel_m))
-    across = (np.arange(_OUTLINE_RAYS) + 0.5) / _OUTLINE_RAYS
-    apart, light = surface.seen(*view.rays(x[:, None] + across, y[:, None] + _SCATTERED), sent)
-    mixed = np.tile(floor[y, x][:, None, None], (1, _OUTLINE_RAYS, 3))
-    mixed[np.isfinite(apart)] = light
-    picture[y, x] = _tones(np.minimum(mixed, 1).mean(axis=1))
+def _embree_scene(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Any:
+    try:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except ModuleNotFoundError as error:
+        raise DsnetError(
+            "a picture of bodies without embreex, which has no wheel for this system",
+            "Linux on x86-64, macOS or Windows",
+            "Predict with --write offsets,vertices, or build embreex from its sources.",
+        ) from error
+    scene = EmbreeScene()
+    TriangleMesh(scene, vertices, faces)
+    return scene
+
+
+def _light_on(surface: _Surface, towards: NDArray) -> NDArray[np.float32]:
+    """(V,) light that the vertices would send back if they were white.
+
+    Those that look away from the direction `towards` (3,) send none, as no picture shows them.
+    """
+    normals = vertex_normals(surface.vertices, surface.faces).astype(np.float32)
+    looking = np.flatnonzero(normals @ towards > _AWAY)
+    lamp, around = _lamp(_TURNS * _KEY_RAYS), _sphere(_TURNS * _AROUND_RAYS)
+    sums = np.zeros((len(normals), 4), np.float32)
+    for column, rays in ((0, lamp), (2, around)):
+        turned = np.stack([rays[turn::_TURNS] for turn in range(_TURNS)])[looking % _TURNS]
+        found = surface.reached(surface.vertices[looking], normals[looking], turned)
+        sums[looking, column : column + 2] = found.T
+    corners, starts = surface.faces.ravel(), np.arange(0, surface.faces.size + 1, 3)
+    of_faces = sparse.csr_array((np.ones_like(corners, np.float32), corners, starts))
+    for _ in range(_SMOOTHED):
+        sums = of_faces.T @ (of_faces @ sums)
+    # The share that arrives is smooth over the surface; what falls on it follows its shape.
+    key, open_to = (sums[:, 1::2] / np.maximum(sums[:, ::2], np.float32(1e-9))).T
+    key = key * np.maximum(normals @ lamp.T, 0).mean(axis=1)
+    return _KEY * key + (_AROUND + _ABOVE * normals[:, 1]) * open_to
+
+
+def _light_on_floor(surface: _Surface, camera: Camera) -> NDArray[np.float32]:
+    """(height, width) light that a white floor sends back, which fills the picture."""
+    size_px = np.array([camera.height_px, camera.width_px])
+    rows, columns = -(-size_px // _GRID_PX) + 2 * _BORDER
+    row, column = np.indices((rows, columns))
+    places = ((n - _BORDER) * _GRID_PX for n in (column, row))
+    origins, directions = camera.rays(*places)
+    # Where a ray does not go down, it is the white beyond the floor's end.
+    far = (camera.floor_m - camera.target_m[1] - origins[..., 1]) / np.minimum(
+        directions[..., 1], -1e-6
+    )
+    points = (origins + far[..., None] * directions).reshape(-1, 3)
+    up = np.broadcast_to(np.array([0, 1, 0], np.float32), points.shape)
+    turn = (row % _FLOOR_TILE * _FLOOR_TILE + column % _FLOOR_TILE).ravel()
+    shade = np.zeros(len(points))
+    count = _FLOOR_RAYS * _FLOOR_TILE**2
+    for share, rays in ((_FLOOR_KEY, _lamp(count)), (1 - _FLOOR_KEY, _sphere(2 * count)[:count])):
+        spread = rays.reshape(_FLOOR_RAYS, -1, 3).swapaxes(0, 1)
+        falls, arrives = surface.reached(points, up, spread[turn])
+        shade += share * (1 - arrives / falls)
+    shade = gaussian_filter(shade.reshape(rows, columns), _FLOOR_BLUR, mode="nearest")
+    for axis, size in enumerate(size_px):
+        place = (np.arange(size) + 0.5) / _GRID_PX + _BORDER
+        before, part = place.astype(int), np.expand_dims(place % 1, 1 - axis)
+        shade = shade.take(before, axis) * (1 - part) + shade.take(before + 1, axis) * part
+    return (_FLOOR * (1 - shade)).astype(np.float32)
+
+
+def _lamp(count: int) -> NDArray[np.float32]:
+    """(N, 3) unit vectors to all parts of the lamp."""
+    rays = _LAMP + _LAMP_RADIUS * _sphere(count)
+    return (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
+
+
+def _sphere(count: int) -> NDArray[np.float32]:
+    """(N, 3) unit vectors, evenly all around: each is turned by the golden ratio from the last."""
+    number = np.arange(count)
+    height, around = 1 - (2 * number + 1) / count, number * np.pi * (3 - np.sqrt(5))
+    flat = np.sqrt(1 - height**2)
+    rays = np.stack([flat * np.cos(around), height, flat * np.sin(around)], axis=1)
+    return rays.astype(np.float32)
 
 
 def _outline(far: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
     """Those of (H, W) pixels that a neighbour lies before or behind."""
     found = np.zeros(far.shape, bool)
-    far = np.where(np.isfinite(far), far, -1e9)
     for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         apart = np.abs(far[one] - far[other]) > step
         found[one] |= apart
@@ -214,11 +313,6 @@ def linear_to_srgb(light: ArrayLike) -> NDArray[np.float64]:
     """The inverse of `srgb_to_linear`; light beyond [0, 1] is clipped."""
     linear = np.clip(np.asarray(light, dtype=np.float64), 0.0, 1.0)
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
-
-
-def _tones(light: NDArray) -> NDArray[np.uint8]:
-    """sRGB values of linear light, which is clipped to [0, 1]."""
-    return _TONES[(np.clip(light, 0, 1) * np.float32(len(_TONES) - 1)).astype(np.int16)]
 
 
 _TONES = np.round(255 * linear_to_srgb(np.linspace(0, 1, 1 << 14))).astype(np.uint8)

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+
+from bridge.errors import notify
 from bridge.motion import sequences_of
 from bridge.motion.splits import CELLS, kind_of
 from bridge.report.paper_table import (
@@ -17,13 +21,17 @@ from bridge.report.paper_table import (
     parameter_counts,
     validation_result,
 )
-from bridge.report.seeds import spread_over
-from bridge.runs import Artifact
-from bridge.runs.run import TRAIN_PLUS
+from bridge.runs import Artifact, Run
+from bridge.runs.artifact import read_artifact
+from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, TRAIN_PLUS
 
+_MEASURED = ("predictors", "default", "pipelines", "test_bed", "cells", "alignment", "alignments")
 _FORWARD = ("layers", "loss", "losses")
 _PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}
 _OF_EVERY_STAGE = ("command", "finished_utc", "sha256", "stamps", "input_stamps")
+_SHARED = ("truth", ALIGNMENT, ROBUST_ALIGNMENT)
+"""By runs that learn the same from other seeds."""
+_SPREAD = (("offsets", "r2"), ("mesh", "r2"), ("mesh", "mean_mm"))
 _SHOWN_OF_STAGES = ("wall_time_s", "peak_memory_mb", "machine", "versions")
 
 
@@ -40,21 +48,12 @@ def summarise(
     held_out = "" if validation is None else f", `{validation['name']}`"
     titles = {"validation": f"held out{held_out}"} | CELLS
     titles |= {"test": "all of the four test groups", "train": "trained on (first of each person)"}
-    measured = (
-        "predictors",
-        "default",
-        "pipelines",
-        "test_bed",
-        "cells",
-        "alignment",
-        "alignments",
-    )
     summary = {
         "run": run_name,
         "data": stages["evaluate"].origin,
         "validation": validation,
-        **{key: evaluate[key] for key in measured},
-        "seeds": _seeds(stages, others) if others else None,
+        **{key: evaluate[key] for key in _MEASURED},
+        "seeds": _of_seeds(stages, others) if others else None,
         "table_1": _table_1(stages),
         "cell_titles": {key: text for key, text in titles.items() if key in evaluate["cells"]},
         "sequences": evaluate["per_sequence"],
@@ -63,20 +62,6 @@ def summarise(
         "stages": {name: _stage(artifact.manifest) for name, artifact in stages.items()},
     }
     return _without_nan(summary)
-
-
-def _seeds(stages: Stages, others: Mapping[int, Artifact]) -> dict[str, Any]:
-    """Mean and spread of the trained predictors' errors over seeds."""
-    evaluate = stages["evaluate"]
-    trained = stages["train" if "train" in stages else TRAIN_PLUS]
-    names = [
-        n for pipeline in evaluate.manifest["pipelines"].values() for n in pipeline["predictors"]
-    ]
-    cells = (one.manifest["cells"] for one in (evaluate, *others.values()))
-    return {
-        "seeds": [trained.manifest["config"]["seed"], *others],
-        "cells": spread_over(cells, names),
-    }
 
 
 def _papers_pipeline(stages: Stages, gender: str) -> dict[str, Any]:
@@ -150,29 +135,28 @@ def verification(stages: Stages) -> dict[str, Any] | None:
     if "verify" not in stages:
         return None
     parity = read_parity(stages["verify"])
-    rows = parity["rows"]
+    rows, engines = parity["rows"], parity["engines"]
     differentiated = {row["engine"] for row in rows if row["part"] == "gradients"}
-    largest: dict[tuple[str, str], dict[str, float | None]] = {}
-    for row in rows:
-        found = largest.setdefault(
-            (row["engine"], row["dtype"]), {"forward": None, "backward": None}
-        )
-        if row["max_rel"] is not None:
-            way = "forward" if row["part"] in _FORWARD else "backward"
-            found[way] = max(found[way] or 0.0, row["max_rel"])
+
+    def largest(engine: str, dtype: str, forward: bool) -> float | None:
+        own = (row for row in rows if (row["engine"], row["dtype"]) == (engine, dtype))
+        found = [row["max_rel"] for row in own if (row["part"] in _FORWARD) == forward]
+        return max((one for one in found if one is not None), default=None)
+
     return {
-        "forward_only": [engine for engine in parity["engines"] if engine not in differentiated],
+        "forward_only": [engine for engine in engines if engine not in differentiated],
         "rows": len(rows),
         "held": sum(row["passed"] for row in rows),
         "diagnosis": list(parity["diagnosis"]),
         "engines": [
             {
                 "engine": engine,
-                "version": parity["engines"][engine].get(_PACKAGES[engine], ""),
+                "version": engines[engine].get(_PACKAGES[engine], ""),
                 "precision": dtype,
-                **differences,
+                "forward": largest(engine, dtype, True),
+                "backward": largest(engine, dtype, False),
             }
-            for (engine, dtype), differences in largest.items()
+            for engine, dtype in dict.fromkeys((row["engine"], row["dtype"]) for row in rows)
         ],
     }
 
@@ -195,3 +179,55 @@ def _without_nan(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_without_nan(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def of_other_seeds(run: Run, evaluate: Artifact) -> dict[int, Artifact]:
+    """`evaluate` of the runs `<run>-seed<N>` beside a run, by seed; who left the run's alignment is
+    left out."""
+    found: dict[int, Artifact] = {}
+    for path in run.path.parent.iterdir():
+        named = re.fullmatch(re.escape(run.name) + r"-seed([0-9]+)", path.name)
+        if named and Run(path.name).finished("evaluate"):
+            other = read_artifact(path / "evaluate")
+            upstreams = [one.manifest["upstream"] for one in (evaluate, other)]
+            ours, its = ([upstream.get(name) for name in _SHARED] for upstream in upstreams)
+            if ours == its:
+                found[int(named[1])] = other
+            else:
+                notify(
+                    f"left out: run {path.name!r}, which is of another alignment than {run.name!r}"
+                )
+    return dict(sorted(found.items()))
+
+
+def _of_seeds(stages: Stages, others: Mapping[int, Artifact]) -> dict[str, Any]:
+    """Mean and spread of the trained predictors' errors over seeds."""
+    evaluate, trained = stages["evaluate"], stages["train" if "train" in stages else TRAIN_PLUS]
+    pipelines = evaluate.manifest["pipelines"].values()
+    names = [name for pipeline in pipelines for name in pipeline["predictors"]]
+    cells = (one.manifest["cells"] for one in (evaluate, *others.values()))
+    seeds = [trained.manifest["config"]["seed"], *others]
+    return {"seeds": seeds, "cells": spread_over(cells, names)}
+
+
+def spread_over(
+    cells: Iterable[Mapping[str, Any]], predictors: Iterable[str]
+) -> dict[str, dict[str, dict[str, dict[str, dict[str, float]]]]]:
+    """Mean and standard deviation (of a sample) over seeds of what each of these `cells`, by seed,
+    measured: by test group, predictor, reference and number, as in each of them."""
+    first, *others = cells
+    spread: dict[str, Any] = {}
+    for cell, of_predictors in first.items():
+        for name in predictors:
+            for reference, number in _SPREAD:
+                every = [
+                    one.get(cell, {}).get(name, {}).get(reference, {}).get(number)
+                    for one in ({cell: of_predictors}, *others)
+                ]
+                if None not in every:
+                    own = spread.setdefault(cell, {}).setdefault(name, {})
+                    own.setdefault(reference, {})[number] = {
+                        "mean": float(np.mean(every)),
+                        "sd": float(np.std(every, ddof=1)),
+                    }
+    return spread

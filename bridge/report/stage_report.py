@@ -3,21 +3,47 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from tyro.conf import Fixed
 
 from bridge.body import load_paper_body
+from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError
-from bridge.measure.pipelines import stages_of_pipelines
+from bridge.measure.pipelines import MotionArrays, stages_of_pipelines
+from bridge.motion import MotionSequence, unpack_theta
+from bridge.motion.splits import CELLS, kind_of
 from bridge.options import PositiveInt
-from bridge.report.bodies import Scene
+from bridge.paper import ABSORBING_JOINT, ABSORBING_SEQUENCE, FIGURE9_MOTIONS
+from bridge.report.bodies import (
+    Scene,
+    draw_figure1,
+    draw_figure2,
+    draw_figure4,
+    draw_figure7,
+    draw_figure9,
+)
+from bridge.report.curves import (
+    TRUE_POSE,
+    draw_autoencoder_loss,
+    draw_dsnet_loss,
+    draw_figure6,
+    draw_figure8,
+    draw_figure10,
+    draw_offset_size,
+    draw_plus_loss,
+    draw_spectrum,
+    plus_losses,
+    stopping_sequence,
+)
+from bridge.report.diagrams import draw_figure3, draw_figure5
 from bridge.report.pages import render_html, render_markdown
 from bridge.report.panels import FOOTERS
-from bridge.report.plan import plan_figures
-from bridge.report.results import departures, summarise
-from bridge.report.seeds import of_other_seeds
+from bridge.report.paper_table import validation_result
+from bridge.report.results import departures, of_other_seeds, summarise
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import INFER, INFER_PLUS, TRAIN_PLUS, body_model_path
 from bridge.runs.workers import progress
@@ -84,21 +110,114 @@ def _require_measured(run: Run, stages: Mapping[str, Artifact], last: Sequence[s
 def _make(
     writer: ArtifactWriter, scene: Scene, run_name: str, others: Mapping[int, Artifact]
 ) -> None:
-    plans = plan_figures(scene)
-    for plan in progress(plans, what="figures", unit="figure"):
-        plan.draw(writer.file_path(f"figures/{plan.name}.png"))
+    figures = plan_figures(scene)
+    for figure in progress(figures, what="figures", unit="figure"):
+        figure.draw(writer.file_path(f"figures/{figure.name}.png"))
     results = summarise(scene.stages, run_name, scene.body.gender, others)
     text = json.dumps(results, indent=1, allow_nan=False) + "\n"
     writer.file_path("results.json").write_text(text, encoding="utf-8")
     notice = FOOTERS[scene.origin]
-    said = {
-        "figures": [plan for plan in plans if plan.name.startswith("figure")],
-        "more": [plan for plan in plans if not plan.name.startswith("figure")],
-        "departures": departures(scene.stages),
-        "notice": notice,
-    }
-    markdown = render_markdown({"results": results, **said})
     page = writer.file_path("report.md")
+    markdown = render_markdown(results, figures, departures(scene.stages), notice)
     page.write_text(markdown, encoding="utf-8")
     html = render_html(markdown, page.parent, title=f"DSNet, run {run_name}", banner=notice)
     writer.file_path("report.html").write_text(html, encoding="utf-8")
+
+
+class Figure(NamedTuple):
+    """A figure of the report; its caption stands in the page's template."""
+
+    name: str
+    """Its file's below `figures/`, without extension; the paper's begin with `figure`."""
+    function: Callable[..., None]
+    given: Sequence[Any]
+    """To the function, after the file's path; what it shows comes last."""
+
+    def draw(self, path: Path) -> None:
+        self.function(path, *self.given)
+
+    @property
+    def of(self) -> str:
+        """The sequence that it shows, if it is one."""
+        shown = self.given[-1]
+        named = shown.get("name") if isinstance(shown, dict) else getattr(shown, "name", "")
+        return str(named or "")
+
+
+def plan_figures(scene: Scene) -> list[Figure]:
+    """The figures that this run's data allow: the paper's by number, then what else it shows."""
+    stages, evaluate = scene.stages, scene.stages["evaluate"]
+    held_out, papers = validation_result(evaluate), "decode" in stages
+    clip = scene.predicted()[held_out["name"]] if held_out else None
+    train_ae, train = (stages[name] if papers else None for name in ("train-ae", "train"))
+    plus = stages.get(TRAIN_PLUS)
+    # Nothing moves without test sequences whose true offsets are known.
+    stopping = stopping_sequence(evaluate)
+    planned: list[tuple[Any, ...]] = [  # name, what draws it, of what
+        ("figure1_strip", draw_figure1, scene, _unseen(scene)),
+        ("figure2_alignment", draw_figure2, scene, clip),
+        ("figure3_autoencoder", draw_figure3, train_ae),
+        ("figure4_autoencoder", draw_figure4, scene, papers and clip),
+        ("figure5_dsnet", draw_figure5, train),
+        ("figure6_lengths", draw_figure6, scene.pipelines[0].align.artifact),
+        ("figure7_validation", draw_figure7, scene, clip),
+        ("figure8_error", draw_figure8, evaluate, held_out),
+        ("figure9_people", draw_figure9, scene, papers and _people_of_figure9(scene)),
+        ("figure10_spine2", _draw_figure10, scene, _turning(scene)),
+        ("decay", draw_offset_size, evaluate, stopping),
+        ("spectrum", draw_spectrum, stopping and evaluate),
+        ("loss_autoencoder", draw_autoencoder_loss, train_ae),
+        ("loss_dsnet", draw_dsnet_loss, train),
+        ("loss_plus", draw_plus_loss, plus and plus_losses(plus) and plus),
+    ]
+    return [Figure(name, draw, given) for name, draw, *given in planned if given[-1]]
+
+
+def _unseen(scene: Scene) -> MotionSequence | None:
+    """The first test sequence of the hardest group that the run has."""
+    predicted, hardest_first = scene.predicted(), list(reversed(CELLS))
+    tested = [
+        (hardest_first.index(one["cell"]), place, one["name"])
+        for place, one in enumerate(scene.stages["evaluate"].manifest["per_sequence"])
+        if one["split"] == "test" and one["name"] in predicted
+    ]
+    return predicted[min(tested)[-1]] if tested else None
+
+
+def _people_of_figure9(scene: Scene) -> dict[str, tuple[MotionSequence | None, ...]]:
+    """By motion, a known person's sequence and a new one's; of the paper's motions if it can."""
+    predicted = scene.predicted()
+    found: dict[str, dict[str, MotionSequence]] = {}
+    for one in scene.stages["evaluate"].manifest["per_sequence"]:
+        if one["split"] != "train" and one["name"] in predicted:
+            sequence = predicted[one["name"]]
+            found.setdefault(kind_of(sequence.motion), {}).setdefault(one["person"], sequence)
+    kinds = [kind for kind in FIGURE9_MOTIONS if kind in found] or list(found)
+    return {
+        kind.replace("_", " "): (found[kind].get("known"), found[kind].get("new"))
+        for kind in kinds[: len(FIGURE9_MOTIONS)]
+    }
+
+
+def _turning(scene: Scene) -> MotionSequence | None:
+    """The paper's sequence of Figure 10, or another of that motion."""
+    motion = ABSORBING_SEQUENCE.partition("_")[2]
+    aligned = scene.pipelines[0].align.places
+    of_motion = {name: one for name, one in aligned.items() if one.motion == motion}
+    return of_motion.get(ABSORBING_SEQUENCE, next(iter(of_motion.values()), None))
+
+
+def _draw_figure10(path: Path, scene: Scene, sequence: MotionSequence) -> None:
+    motions = {
+        f"fitted by {one.align.artifact.manifest['config']['aligner']}": one.align
+        for one in scene.pipelines
+    }
+    if "truth" in scene.stages:
+        motions = {TRUE_POSE: MotionArrays.of(scene.stages["truth"])} | motions
+    joint = SMPL_JOINT_NAMES.index(ABSORBING_JOINT)
+    turns = {
+        label: unpack_theta(own.frames("theta", sequence.name, slice(None)))[0][:, joint]
+        for label, own in motions.items()
+    }
+    title = f"Figure 10: rotation vector of {ABSORBING_JOINT}, {sequence.name}"
+    draw_figure10(path, turns, fps=sequence.fps, title=title, origin=scene.origin)

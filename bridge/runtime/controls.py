@@ -18,7 +18,7 @@ from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.errors import DsnetError, did_you_mean, notify
-from bridge.markers.poses import bony_pose
+from bridge.markers.bony import bony_pose
 from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import REMEDY, Lap, close_lap

@@ -18,7 +18,7 @@ from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl, full_pose
 from bridge.errors import DsnetError, notify
-from bridge.markers.poses import flesh_in_pose
+from bridge.markers.bony import flesh_in_pose
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,17 +13,21 @@ from tyro.conf import Fixed
 from bridge.errors import DsnetError, notify
 from bridge.markers.bony import bony_motion
 from bridge.markers.marker_files import pose_file, read_markers
-from bridge.markers.page import write_comparisons
-from bridge.markers.predicted import compare_offsets, pose_of, register
+from bridge.markers.registration import register
+from bridge.markers.segments import CUT_HZ
+from bridge.markers.skin import BANDS_HZ, Comparison, Row, compare_offsets
 from bridge.measure.evaluation import evaluate_run
 from bridge.motion.motion import HowRead
 from bridge.options import PositiveFloat
+from bridge.report.pages import render
+from bridge.report.panels import save_figure
 from bridge.runs import Run
 from bridge.runtime.load_model import load_for_motion
 from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.runtime.stage_predict import open_out_folder
 from bridge.runtime.whose_betas import with_own_shape
 
+_FOOTER = "markers: measured on a person; body and its flesh: a model"
 _OF_FILE, _BONY = "pose of the file", "pose whose chest follows markers on bone"
 
 
@@ -81,7 +87,7 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     registered = register(moving.body, motion, found)
     bodies = {_OF_FILE: moving}
     try:
-        bony = bony_motion(moving.body, motion, registered.cloud, pose_of(moving.body, motion))
+        bony = bony_motion(moving.body, motion, registered.cloud)
         bodies[_BONY] = MovingBody(trained, bony)
     except DsnetError as error:
         notify(f"the pose of the file alone is measured: {error}")
@@ -100,3 +106,53 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
             distance_mm={name: round(d, 1) for name, d in registered.distance_mm.items()},
         )
         writer.finish(config={"run": run and run.name}, upstream=trained.upstream)
+
+
+def write_comparisons(
+    path_of: Callable[[str], Path], comparisons: Mapping[str, Comparison], fps: float
+) -> None:
+    """Write `markers.json`, `markers.md` and `markers.png`.
+
+    Parameters
+    ----------
+    path_of : where a file of a name is written.
+    comparisons : of the same markers, by the pose that the body takes.
+    """
+    found = {name: comparison.summary() for name, comparison in comparisons.items()}
+    path_of("markers.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    page = render("markers.md.j2", comparisons=comparisons, cut_hz=CUT_HZ, bands_hz=BANDS_HZ)
+    path_of("markers.md").write_text(page, encoding="utf-8")
+    _draw(path_of("markers.png"), comparisons, fps)
+
+
+def _draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
+    """Curves of the first marker of each region: one column for each pose."""
+    from matplotlib.figure import Figure
+
+    first: dict[str, Row] = {}
+    for row in next(iter(comparisons.values())).rows:
+        first.setdefault(row.region, row)
+    figure = Figure(
+        figsize=(5.2 * len(comparisons), 1.3 * len(first) + 0.9), dpi=150, layout="constrained"
+    )
+    figure.suptitle("Skin markers and prediction, vertical, in the segment's frame", fontsize=11)
+    figure.supxlabel(f"time [s]\n{_FOOTER}", fontsize=8)
+    axes = figure.subplots(len(first), len(comparisons), squeeze=False, sharex=True, sharey="row")
+    for column, (name, comparison) in enumerate(comparisons.items()):
+        axes[0, column].set_title(name, fontsize=10, pad=18)  # the legend lies between
+        for line, row in enumerate(first.values()):
+            if (curves := comparison.curves.get(row.label)) is None:
+                continue
+            times = np.arange(len(curves.real)) / fps
+            real = np.where(curves.good, curves.real, np.nan)
+            axis = axes[line, column]
+            axis.plot(times, real, color="black", linewidth=1.6, label="marker")
+            axis.plot(times, curves.pose, ":", color="#777777", label="pose alone")
+            axis.plot(times, curves.total, color="#D55E00", linewidth=1.1, label="with offsets")
+            axis.tick_params(labelsize=7)
+            if not column:
+                star = "*" if row.doubt else ""
+                axis.set_ylabel(f"{row.region}{star}\n{row.label} [mm]", fontsize=7)
+    place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
+    axes[0, 0].legend(fontsize=7, ncols=3, frameon=False, **place)
+    save_figure(figure, path)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -53,15 +53,9 @@ class Check:
     leave_out: Sequence[str] = ()
     """Tensors that are not compared, because the numbers do not define them."""
 
-
-def cases_of(checks: Iterable[Check], engine: str) -> Iterator[tuple[Check, DTypeName]]:
-    """What an engine is asked; the reference each check once, in float64."""
-    for check in checks:
-        if engine != REFERENCE:
-            for dtype in check.engines.get(engine, ()):
-                yield check, dtype
-        else:
-            yield check, "float64"
+    def precisions(self, engine: str) -> Sequence[DTypeName]:
+        """In which an engine is asked for it; the reference once."""
+        return ("float64",) if engine == REFERENCE else self.engines.get(engine, ())
 
 
 def write_requests(folder: Path, asked: Mapping[str, Iterable[Check]]) -> None:
@@ -87,7 +81,8 @@ def write_requests(folder: Path, asked: Mapping[str, Iterable[Check]]) -> None:
                 "inputs": file_of(check.inputs),
                 "options": check.options,
             }
-            for check, dtype in cases_of(checks, engine)
+            for check in checks
+            for dtype in check.precisions(engine)
         ]
         (folder / f"{engine}.json").write_text(json.dumps(cases, indent=1), encoding="utf-8")
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError, notify
 from bridge.exchange.dsnet import dsnets_of
-from bridge.markers.poses import bony_pose, flesh_in_pose
+from bridge.markers.bony import bony_pose, flesh_in_pose
 from bridge.measure.pipelines import MotionArrays
 from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts

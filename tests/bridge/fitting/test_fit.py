@@ -14,6 +14,8 @@ from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_ta
 from bridge import DsnetError
 from bridge.body import BodyModelData
 from bridge.fitting.constants import (
+    Constants,
+    Patch,
     Region,
     changed,
     constants_of,
@@ -22,10 +24,10 @@ from bridge.fitting.constants import (
     preload_of,
     with_changes,
 )
-from bridge.fitting.evidence import SOFT, driving_load, liveliest, read_take
+from bridge.fitting.evidence import driving_load, liveliest, read_take
 from bridge.fitting.fit import PEOPLE_SD, PRELOAD, Estimate, fit_person
-from bridge.fitting.hanging import Constants, Patch
 from bridge.fitting.population import share
+from bridge.markers.registration import SOFT
 from bridge.motion import Motion, load_motion_file
 from bridge.runtime.controls import root_joint_m
 from bridge.runtime.load_model import load_model
@@ -65,12 +67,13 @@ def test_what_a_fit_rolls_is_what_the_product_steps(
     codes = np.stack([*codes_of(PlusModel(model, body), jumping.theta.astype(np.float32), BETAS)])
     columns = {name: values[:, None] for name, values in her.items()}
     normals = shaped_normals(body, BETAS)[nodes.vertices].astype(np.float64)
-    patch = Patch(coupling(columns, nodes.laplacian), normals, her["normal_ratio"])
+    coupled = coupling(columns, nodes.laplacian)
     load = driving_load(model, body, replace(jumping, theta=np.asarray(jumping.theta, np.float64)))
     names = ("omega", "damping_ratio", "stiffening", "sag")
     constants = Constants(*(her[name][:, None] for name in names))
     soft = Region.of(body, model, "chest").typical.argsort()[-10:]
-    (rolled,) = patch.roll(constants, [load], [np.eye(len(nodes))[soft]])
+    flesh = Patch(constants, coupled, normals, her["normal_ratio"])
+    (rolled,) = flesh.roll([load], [np.eye(len(nodes))[soft]])
     stepped = codes.transpose(0, 2, 1)[:, soft]
     assert np.ptp(stepped[..., 1]) > 0.05
     error = np.square(rolled[..., 0] - stepped).sum() / np.square(stepped).sum()

@@ -15,7 +15,7 @@ from bridge.body.shapes import MeasuredBody
 from bridge.body.surface_operators import vertex_normals
 from bridge.markers.marker_files import Markers, read_markers
 from bridge.markers.person import fit_person
-from bridge.markers.predicted import register
+from bridge.markers.registration import register
 from bridge.motion import Motion, load_amass_motion, load_motion_file, unpack_theta
 from bridge.runtime.whose_betas import with_own_shape
 

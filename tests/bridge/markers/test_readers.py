@@ -6,6 +6,7 @@ import os
 import pickle
 import random
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,28 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.markers.marker_files import Recording, load_recording, marker_file, read_markers
-from bridge.markers.predicted import register
+from bridge.markers.marker_files import Markers, marker_file, pose_file, read_markers
+from bridge.markers.registration import register
 from bridge.markers.segments import SEGMENTS
-from bridge.motion import load_motion_file
+from bridge.motion import Motion, load_motion_file
 from tests.forged.c3d import c3d
 from tests.forged.markers import VERTICES, Known, pose_arrays, sampled, stageii
 from tests.forged.markers import marker_file as amass_file
 
 LABELS = list(VERTICES)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A motion and the markers that its pose was fitted to."""
+
+    motion: Motion
+    markers: Markers
+
+
+def load_recording(path: Path) -> Recording:
+    motion = load_motion_file(pose_file(path))
+    return Recording(motion, read_markers(path, motion.source_fps, motion.duration_s))
 
 
 def same_person(found: Recording, known: Known, apart_m: float = 1e-3) -> None:

@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from bridge import DsnetError
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.markers.bony import bones, bony_motion
+from bridge.markers.bony import bony_motion
 from bridge.markers.marker_files import read_markers
-from bridge.markers.page import write_comparisons
-from bridge.markers.predicted import compare_offsets, pose_of, register
-from bridge.markers.skin import Comparison
+from bridge.markers.registration import register
+from bridge.markers.segments import Pose
+from bridge.markers.skin import Comparison, compare_offsets
 from bridge.motion import unpack_theta
 from bridge.motion.motion import pack_theta
 from bridge.runtime import stage_evaluate
+from bridge.runtime.stage_evaluate import write_comparisons
 from tests.forged.markers import VERTICES, Known, marker_file
 
 
@@ -150,11 +151,10 @@ def test_markers_on_bone_take_the_bounce_out_of_a_pose(known: Known, tmp_path: P
     theta[:, -2] += 0.03 * np.sin(2 * np.pi * 3 * seconds)  # up
     bobbing = replace(known.motion, theta=theta)
     registered = register(known.body, bobbing, read_markers(path, 60))
-    pose = pose_of(known.body, bobbing)
-    bony = bony_motion(known.body, bobbing, registered.cloud, pose)
+    bony = bony_motion(known.body, bobbing, registered.cloud)
     chest = [known.motion, bobbing, bony]
     true, swallowed, mended = (
-        bones(known.body, motion)[:, SMPL_JOINT_NAMES.index("spine3")] @ [0, 1.3, 0, 1]
+        Pose.of(known.body, motion).bones[:, SMPL_JOINT_NAMES.index("spine3")] @ [0, 1.3, 0, 1]
         for motion in chest
     )
     assert np.std((swallowed - true)[:, 1]) > 0.02

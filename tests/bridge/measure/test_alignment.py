@@ -105,6 +105,6 @@ def test_merging_is_adding(body):
         pair = draw_offsets(seed, 2 + seed), draw_offsets(seed + 10, 2 + seed)
         for into in (together, one):
             into.add(*pair, BETAS, BETAS)
-    first.merge(second)
+    first += second
     assert first.summary()["whole"] == pytest.approx(together.summary()["whole"])
     np.testing.assert_allclose(first.rms_m(), together.rms_m())

@@ -10,7 +10,6 @@ import pytest
 from bridge import DsnetError
 from bridge.body import load_body_model, pose_vertices
 from bridge.measure.evaluation import OFFSET_SIZE, evaluate_run, frames_m
-from bridge.measure.pipelines import pipeline_of, pipelines_of, stages_of_pipelines
 from bridge.motion import MotionSequence, sequences_of, to_manifest, unpack_theta
 from bridge.runs import Run, read_artifact, write_artifact
 from tests.forged.best_pipeline import PLUS, write_best_pipeline
@@ -243,13 +242,3 @@ def test_an_older_best_pipeline_is_refused(tmp_path):
     put(tmp_path / "both", "align_robust", {}, ALIGNED)
     with pytest.raises(DsnetError, match="older than 'align_robust'"):
         evaluate_run(Run("both"))
-
-
-def test_an_unknown_predictor_is_one_line(tmp_path):
-    forge(tmp_path / "both")
-    write_best_pipeline(tmp_path / "both")
-    run = Run("both")
-    pipelines = pipelines_of(run.artifacts(*stages_of_pipelines(run)))
-    assert pipeline_of(pipelines, PLUS).name == "best"
-    with pytest.raises(DsnetError, match="predictor 'no_such'; expected one of dsnet, dsnet_plus"):
-        pipeline_of(pipelines, "no_such")

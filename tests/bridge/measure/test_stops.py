@@ -129,12 +129,9 @@ def test_a_stop_needs_motion_before_it():
 def test_rest_is_the_mean_of_the_settled_frames():
     true = damped(5, 6.0, hanging_m=0.003, size_m=0.0)
     predicted = damped(5, 6.0, hanging_m=-0.001, size_m=0.0)
-    rest = RestSums()
-    assert rest.summary() is None
-    rest.add(predicted, true, [SPAN])
+    assert RestSums().summary() is None
+    rest = RestSums.of(predicted, true, [SPAN])
     assert rest.count == 12 * 2
     assert rest.summary() == pytest.approx({"predicted_mm": 1.0, "true_mm": 3.0, "error_mm": 4.0})
-    other = RestSums()
-    other.add(true, true, [SPAN])
-    rest += other
+    rest += RestSums.of(true, true, [SPAN])
     assert rest.summary() == pytest.approx({"predicted_mm": 2.0, "true_mm": 3.0, "error_mm": 2.0})

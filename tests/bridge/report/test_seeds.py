@@ -11,7 +11,7 @@ import pytest
 
 from bridge.measure.evaluation import evaluate_run
 from bridge.report import stage_report
-from bridge.report.seeds import of_other_seeds, spread_over
+from bridge.report.results import of_other_seeds, spread_over
 from bridge.runs import Run, write_artifact
 from bridge.runs.artifact import read_artifact
 

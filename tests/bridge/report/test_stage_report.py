@@ -13,7 +13,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.measure.evaluation import evaluate_run
-from bridge.report import plan, stage_report
+from bridge.report import stage_report
 from bridge.report.diagrams import sizes_of
 from bridge.report.pages import render_html, render_markdown
 from bridge.report.panels import FOOTERS, new_figure
@@ -247,9 +247,7 @@ def page_of(folder, edit):
     """`report.md` as it would be with other results."""
     results = json.loads((folder / "results.json").read_text())
     edit(results)
-    return render_markdown(
-        {"results": results, "figures": [], "more": [], "departures": [], "notice": ""}
-    )
+    return render_markdown(results, [], [], "")
 
 
 def test_an_autoencoder_that_learned_nothing_is_called_so(folder):
@@ -300,8 +298,8 @@ def test_the_best_pipeline_alone_has_a_report(own_alignment, forged_runs, tmp_pa
         shutil.copytree(forged_runs / "forged" / stage, runs / "best" / stage)
     write_best_pipeline(runs / "best", own_alignment=own_alignment)
     monkeypatch.setenv("DSNET_RUNS", str(runs))
-    monkeypatch.setattr(plan, "draw_figure7", lambda path, *_: path.write_bytes(b"x"))
-    monkeypatch.setattr(plan, "draw_figure1", lambda path, *_: path.write_bytes(b"x"))
+    monkeypatch.setattr(stage_report, "draw_figure7", lambda path, *_: path.write_bytes(b"x"))
+    monkeypatch.setattr(stage_report, "draw_figure1", lambda path, *_: path.write_bytes(b"x"))
     evaluate_run(Run("best"))
     stage_report.main(stage_report.ReportConfig(run="best"))
     page = (runs / "best" / "report" / "report.md").read_text()

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from bridge.verify.engine import ENGINES, Check, answer, ask, cases_of, load_tensors, write_requests
+from bridge.verify.engine import ENGINES, Check, answer, ask, load_tensors, write_requests
 
 DRAWN = np.random.default_rng(0).normal(size=5).astype(np.float32)
 STREAM = Check("bad", "dsnet_stream", {}, inputs={"offsets": np.zeros((1, 2), np.float32)})
@@ -18,7 +18,7 @@ STREAM = Check("bad", "dsnet_stream", {}, inputs={"offsets": np.zeros((1, 2), np
 def test_who_is_asked_what():
     both = Check("a", "smpl", {"torch": ("float64", "float32"), "onnx": ("float32",)})
     graph = Check("g", "ae_decode", {"onnx": ("float32",)})
-    asked = {e: [(c.name, d) for c, d in cases_of([both, graph], e)] for e in ENGINES}
+    asked = {e: [(c.name, d) for c in (both, graph) for d in c.precisions(e)] for e in ENGINES}
     assert asked == {
         "numpy": [("a", "float64"), ("g", "float64")],
         "torch": [("a", "float64"), ("a", "float32")],

@@ -1,9 +1,8 @@
-"""A predicted body where the markers are: rigid registration, the vertex of each marker, and the
-places of those vertices over the motion, without and with offsets."""
+"""Markers on a body: rigid registration, and the vertex of each, by the soft place it is on."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,15 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
+from bridge.body import BodyModelData
 from bridge.body.parts import PARTS, part_weights
-from bridge.body.posing import Smpl, shaped_joints
+from bridge.body.posing import Smpl
 from bridge.body.surface_operators import vertex_normals
 from bridge.errors import DsnetError
-from bridge.markers.bony import bones
 from bridge.markers.marker_files import Markers
-from bridge.markers.segments import SIDES, Cloud, Pose
-from bridge.markers.skin import PARTS_OF, Comparison, compare
+from bridge.markers.segments import SIDES, Cloud
 from bridge.motion import Motion, unpack_theta
 
 _LOOKED_AT = 24
@@ -33,6 +30,44 @@ _OUTWARD = 0.1
 on another body model, and markers stand 9.5 mm off the skin."""
 
 
+SOFT = ("chest", "belly", "buttocks", "thighs", "calves", "upper_arms")
+"""Parts of the body whose flesh markers tell of."""
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A soft (or bony) place that has a marker."""
+
+    region: str
+    segment: str
+    parts: tuple[str, ...]
+    """Parts of the body among whose vertices it lies."""
+    flesh: str
+    """Which of `SOFT` it tells of, if any."""
+
+
+def _spots() -> Iterator[tuple[str, Spot]]:
+    """By label; `*` stands for either side."""
+    for region, segment, labels, parts, flesh in (
+        ("bust, *", "thorax", "*BUST *BUSTLO", "chest belly", "chest"),
+        ("breastbone", "thorax", "STRN", "chest belly", ""),
+        ("belly", "pelvis", "MBLLY", "belly", "belly"),
+        ("buttocks", "pelvis", "LBUM RBUM", "buttocks thighs", "buttocks"),
+        ("thigh front, *", "*thigh", "*FTHI *FTHIIN", "thighs", "thighs"),
+        ("thigh side, *", "*thigh", "*THI", "thighs buttocks", "thighs"),
+        ("calf, *", "*calf", "*TIB *TIBIN", "calves", "calves"),
+        ("upper arm, *", "*arm", "*BCEP *UPA", "upper_arms", "upper_arms"),
+        ("cheeks", "head", "LCHEECK RCHEECK", "head", ""),
+    ):
+        for side, word in SIDES.items() if "*" in region else [("", "")]:
+            for label in labels.replace("*", side).split():
+                where = region.replace("*", word), segment.replace("*", side)
+                yield label, Spot(*where, tuple(parts.split()), flesh)
+
+
+SPOTS = dict(_spots())
+
+
 @dataclass(frozen=True, eq=False)
 class Registered:
     """Markers in the body's world, each with its vertex."""
@@ -40,6 +75,18 @@ class Registered:
     cloud: Cloud
     vertices: dict[str, int]
     distance_mm: dict[str, float]
+
+    def posed(self, body: BodyModelData, motion: Motion, offsets_m: NDArray | None = None) -> Cloud:
+        """The vertices' places in a motion, perhaps with offsets (T, V, 3) of the rest pose."""
+        vertices = [*self.vertices.values()]
+        person = Smpl(body, np.array(vertices), np.float64).person(motion.betas)
+        own_m = None if offsets_m is None else np.asarray(offsets_m[:, vertices], np.float64)
+        places_m = np.asarray(person.pose(*unpack_theta(motion.theta), own_m), np.float64)
+        always = np.ones(len(places_m), bool)
+        return Cloud(
+            {label: places_m[:, i] for i, label in enumerate(self.vertices)},
+            dict.fromkeys(self.vertices, always),
+        )
 
 
 def register(
@@ -90,52 +137,6 @@ def register(
     return Registered(Cloud(moved, cloud.seen), vertices, distance)
 
 
-def pose_of(body: BodyModelData, motion: Motion) -> Pose:
-    """What segments take from a motion's pose."""
-    transforms = bones(body, motion)
-    joints = shaped_joints(body, motion.betas[None])[0]
-    place = np.einsum("tjxy,jy->tjx", transforms[..., :3, :3], joints) + transforms[..., :3, 3]
-    hips = {side: SMPL_JOINT_NAMES.index(f"{word}_hip") for side, word in SIDES.items()}
-    return Pose(
-        {name: transforms[:, i, :3, :3] for i, name in enumerate(SMPL_JOINT_NAMES)},
-        {side: place[:, i] for side, i in hips.items()},
-    )
-
-
-def compare_offsets(
-    body: BodyModelData, motion: Motion, offsets_m: NDArray, registered: Registered
-) -> Comparison:
-    """Compare a prediction with the markers of the same motion.
-
-    `DsnetError` if there is no region that can be compared.
-
-    Parameters
-    ----------
-    offsets_m : (T, V, 3) predicted, in the rest pose.
-    """
-    labels, vertices = zip(*registered.vertices.items(), strict=True)
-    person = Smpl(body, np.array(vertices), np.float64).person(motion.betas)
-    pose, trans = unpack_theta(motion.theta)
-    bare = person.pose(pose, trans)
-    full = person.pose(pose, trans, np.asarray(offsets_m[:, list(vertices)], np.float64))
-    comparison = compare(
-        registered.cloud,
-        pose_of(body, motion),
-        {label: bare[:, i] for i, label in enumerate(labels)},
-        {label: full[:, i] for i, label in enumerate(labels)},
-        registered.vertices,
-        motion.fps,
-    )
-    if not comparison.rows:
-        raise DsnetError(
-            f"markers {', '.join(sorted(registered.vertices)[:6])}, ... of {motion.source}",
-            "some on soft places (LBUST, MBLLY, LBUM, LTHI, ...) and three on the bone of their "
-            "segment (CLAV, C7, T8, LBAK, RBAK for the chest)",
-            "Name them as AMASS does, or pass another file.",
-        )
-    return comparison
-
-
 def _yaw_and_shift(
     points: NDArray, skin: NDArray, trees: list[KDTree]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -167,8 +168,8 @@ def nearest_vertices(
         there = np.arange(body.vertex_count)
         if label in stated:
             there = np.array([stated[label]])
-        elif label in PARTS_OF:
-            columns = [PARTS.index(name) for name in PARTS_OF[label]]
+        elif label in SPOTS:
+            columns = [PARTS.index(name) for name in SPOTS[label].parts]
             there = np.flatnonzero(parts[:, columns].sum(axis=1) > 0.5)
         away = points[:, None] - skin[:, there]
         outward = np.maximum((away * normals[:, there]).sum(axis=2), 0)
