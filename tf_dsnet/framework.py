@@ -63,6 +63,7 @@ def be_reproducible(seed: int) -> None:
     """
     keras.utils.set_random_seed(seed)
     tf.config.experimental.enable_op_determinism()
-    # TensorFlow makes one AddN of a + b + c, and AddN begins with whichever of them another thread
-    # is done with.
+    # An AddN begins with whichever of its terms another thread is done with. Neither a + b + c nor
+    # the gradient of what is used three times may become one: of two terms any order will do.
     tf.config.optimizer.set_experimental_options({"arithmetic_optimization": False})
+    tf.AggregationMethod.DEFAULT = tf.AggregationMethod.EXPERIMENTAL_TREE

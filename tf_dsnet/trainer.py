@@ -17,7 +17,6 @@ from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_chec
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.model import (
     BlockLSTM,
-    assign_weights,
     build_dsnet,
     named_variables,
     named_weights,
@@ -98,20 +97,20 @@ class Trainer:
 
     def state(self) -> dict[str, NDArray]:
         """Copies of weights, running statistics and the optimizer's moments."""
-        optimizer = {variable.path: variable.numpy() for variable in self.optimizer.variables}
-        return {**named_weights(self.model), **optimizer}
-
-    def set_rate(self, lr: float) -> None:
-        self.optimizer.learning_rate = self.lr = lr
+        return {name: variable.numpy() for name, variable in self._variables().items()}
 
     def restore(self, state: Mapping[str, NDArray]) -> None:
         """Go back to what `state` returned, in this process or in an earlier one."""
-        own = self.optimizer.variables
-        for variable in own:
+        for name, variable in self._variables().items():
             # A file may give scalars (the step counter) back with one axis.
-            variable.assign(state[variable.path])
-        paths = {variable.path for variable in own}
-        assign_weights(self.model, {k: array for k, array in state.items() if k not in paths})
+            variable.assign(np.reshape(state[name], variable.shape))
+
+    def _variables(self) -> dict[str, keras.Variable]:
+        moments = {variable.path: variable for variable in self.optimizer.variables}
+        return {**named_variables(self.model), **moments}
+
+    def set_rate(self, lr: float) -> None:
+        self.optimizer.learning_rate = self.lr = lr
 
     def _train_on(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
         loss, gradients = self._loss_and_gradients(batch)

@@ -8,13 +8,14 @@ from __future__ import annotations
 import base64
 import gzip
 import html
-from importlib import resources
 from pathlib import Path
 
-from bridge.view.scene import Scene
+from bridge.export.output import about_in_a_line
+from bridge.runtime.moving_body import MovingBody
+from bridge.view.repertoire import Repertoire, path_title, take_of
+from bridge.view.scene import BUNDLE, Scene
 
-BUNDLE = Path(str(resources.files("bridge.view"))) / "bundle"
-_LEVEL = 6
+_GZIP, _LEVEL = b"\x1f\x8b", 6
 
 
 def document(scene: Scene | None = None, about: str = "") -> str:
@@ -23,24 +24,36 @@ def document(scene: Scene | None = None, about: str = "") -> str:
     `about` is a line on what is shown.
     """
     page = (BUNDLE / "page.html").read_text(encoding="utf-8")
-    names = [] if scene is None else ["runtime", *scene.assets]
+    assets = {} if scene is None else scene.assets
     embedded = "\n".join(
         f'<script type="text/plain" id="asset:{name}">'
-        f"{base64.b64encode(packed(scene, name)).decode('ascii')}</script>"
-        for name in names
-        if scene is not None
+        f"{base64.b64encode(_packed(made())).decode('ascii')}</script>"
+        for name, made in assets.items()
     )
     before, after = page.split("<!--assets-->")
     before = before.replace("@CONNECT@", "'self'" if scene is None else "'none'")
     return before.replace("@ABOUT@", html.escape(about)) + embedded + after
 
 
-def raw(scene: Scene, name: str) -> bytes:
-    """An asset's bytes; `runtime`, which is kept packed by gzip, is what runs graphs."""
-    return (BUNDLE / "runtime.wasm.gz").read_bytes() if name == "runtime" else scene.assets[name]()
+def _packed(found: bytes) -> bytes:
+    return found if found.startswith(_GZIP) else gzip.compress(found, _LEVEL, mtime=0)
 
 
-def packed(scene: Scene, name: str) -> bytes:
-    """The same, packed."""
-    found = raw(scene, name)
-    return found if name == "runtime" else gzip.compress(found, _LEVEL, mtime=0)
+def write(path: Path, moving: MovingBody, *beside: MovingBody) -> None:
+    """A moving body as one page that plays in any browser, without a network.
+
+    `beside` is what other predictors make of the same motion.
+    """
+    trained = {one.trained.name: one.trained for one in (moving, *beside)}
+    take, truth = take_of(moving)
+    repertoire = Repertoire(
+        moving.trained,
+        predictors={name: one.label for name, one in trained.items()},
+        open=trained.__getitem__,
+        takes={path_title(moving.motion.source): take},
+        truth=truth,
+    )
+    text = document(
+        Scene(repertoire, moving.controls, moving.loop), about_in_a_line(moving, *beside)
+    )
+    path.write_text(text, encoding="utf-8", newline="\n")

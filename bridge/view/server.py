@@ -10,7 +10,7 @@ from functools import lru_cache
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from bridge.errors import DsnetError
-from bridge.view.page import document, raw
+from bridge.view.page import document
 from bridge.view.scene import Scene
 
 HOST = "127.0.0.1"
@@ -23,9 +23,9 @@ def serving(scene: Scene, port: int) -> Iterator[str]:
     """The page's address while the block runs; port 0 takes any that is free."""
     page = document().encode()
     # Made once, also where two tabs ask at a time; not packed, as nothing is near.
-    alone = {name: threading.Lock() for name in ("runtime", *scene.assets)}
-    kept = lru_cache(_KEPT)(lambda name: raw(scene, name))
-    for name in list(alone)[:3]:  # what every page asks for first
+    alone = {name: threading.Lock() for name in scene.assets}
+    kept = lru_cache(_KEPT)(lambda name: scene.assets[name]())
+    for name in {"scene", "runtime", "model"} & set(alone):  # what every page asks for first
         kept(name)
 
     class Handler(BaseHTTPRequestHandler):
