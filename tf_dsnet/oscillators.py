@@ -93,7 +93,12 @@ class OscillatorLayer(keras.layers.Layer):
         whole += self._of("gravity_gain") * _smoothed(gravity, taps)
         loads = _STEP_S**2 * tf.repeat(whole, STEPS, 0) + pull
         # Offsets from the shape without weight, for which flesh hangs under `pull`.
-        steps = roll(normals, loads, now + hung, before + hung, springs)
+
+        def step(state: tuple[Tensor, Tensor], load: Tensor) -> tuple[Tensor, Tensor]:
+            now, before = state
+            return _step(normals, load, now, before, springs), now
+
+        steps, _ = tf.scan(step, loads, (now + hung, before + hung))
         return steps[STEPS - 1 :: STEPS] - hung
 
     def _springs(
@@ -169,29 +174,8 @@ class Springs(NamedTuple):
     rest: Tensor  # (K, K) N - dt^2 C / 4
 
 
-def roll(normals: Tensor, loads: Tensor, now: Tensor, before: Tensor, springs: Springs) -> Tensor:
-    """Offsets v (T, K, B, 3) of the steps after `now`; see `bridge.tissue.oscillators`.
-
-    Parameters
-    ----------
-    normals : (K, B, 3) n; a constant.
-    loads : (T, K, B, 3) times dt^2, metres.
-    now, before : (K, B, 3) offsets to start from, metres.
-    """
-
-    steps = tf.shape(loads)[0]
-
-    def advance(step: Tensor, now: Tensor, before: Tensor, found: tf.TensorArray) -> tuple:
-        after = _step(normals, loads[step], now, before, springs)
-        return step + 1, after, now, found.write(step, after)
-
-    empty = tf.TensorArray(now.dtype, steps, element_shape=now.shape)
-    state = (tf.constant(0), now, before, empty)
-    return tf.while_loop(lambda step, *_: step < steps, advance, state)[-1].stack()
-
-
 def _step(normals: Tensor, load: Tensor, now: Tensor, before: Tensor, springs: Springs) -> Tensor:
-    """The offset (K, B, 3) that follows `now`."""
+    """The offset (K, B, 3) that follows `now`; loads are times dt^2. All in metres."""
     normal, rest = springs.normal_ratio - 1, springs.rest
     stiffer = springs.hardening * _dot(now, _stretched(now, normal, normals))
     twice, straight = 2 * now + before, 2 * now - before

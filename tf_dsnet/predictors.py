@@ -99,11 +99,6 @@ class PredictorTraining(Protocol):
         """Learning rate, the chosen one where it was searched for; 0 if there is none."""
         ...
 
-    @property
-    def epoch_s(self) -> float | None:
-        """Mean seconds of this process's epochs; None if there were none."""
-        ...
-
     def epoch(self, number: int, *, validate: bool) -> None:
         """Train for epoch `number`, unless the checkpoint was behind it already."""
         ...

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -147,24 +146,20 @@ class DsnetTraining:
         self.losses: list[float] = []
         self.validation_losses: list[float] = []
         self._scaling, self._validation, self._checkpoint = scaling, validation, checkpoint
-        self._seconds = 0.0
         if (state := load_checkpoint(checkpoint)) is not None:
             self.losses, self.validation_losses = (
                 state.pop(f"history/{name}").tolist() for name in ("loss", "validation_loss")
             )
             trainer.restore(state)
-        self._first = len(self.losses)
 
     def epoch(self, number: int, *, validate: bool) -> None:
         """Train for epoch `number`, unless the checkpoint was behind it already."""
         if number < len(self.losses):
             return
-        started = time.perf_counter()
         self.losses.append(self._finite(self.trainer.epoch(number), "loss", number))
         if validate:
             loss = self._finite(self.trainer.loss(self._validation), "validation loss", number)
             self.validation_losses.append(loss)
-        self._seconds += time.perf_counter() - started
 
     def save(self) -> None:
         state = self.trainer.state()
@@ -175,12 +170,6 @@ class DsnetTraining:
     @property
     def lr(self) -> float:
         return self.trainer.lr
-
-    @property
-    def epoch_s(self) -> float | None:
-        """Mean seconds of this process's epochs; None if there were none."""
-        trained = len(self.losses) - self._first
-        return self._seconds / trained if trained else None
 
     def arrays(self) -> dict[str, NDArray]:
         """The trained weights, which must be finite, and the scaling."""

@@ -1,4 +1,5 @@
-"""The page as a document, which holds what it shows or asks its server for it.
+"""The page as a document that holds what it shows, or from a server, which makes that when the page
+asks for it.
 
 `web/` has its sources; `npm ci && npm run build` there writes `bundle/`, which is shipped.
 """
@@ -8,13 +9,23 @@ from __future__ import annotations
 import base64
 import gzip
 import html
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import lru_cache
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+from bridge.errors import DsnetError
 from bridge.export.output import about_in_a_line
 from bridge.runtime.moving_body import MovingBody
 from bridge.view.repertoire import Repertoire, path_title, take_of
 from bridge.view.scene import BUNDLE, Scene
 
+HOST = "127.0.0.1"
+_KEPT = 8
+"""Assets, of some 10 MB each at most."""
 _GZIP, _LEVEL = b"\x1f\x8b", 6
 
 
@@ -57,3 +68,64 @@ def write(path: Path, moving: MovingBody, *beside: MovingBody) -> None:
         Scene(repertoire, moving.controls, moving.loop), about_in_a_line(moving, *beside)
     )
     path.write_text(text, encoding="utf-8", newline="\n")
+
+
+@contextmanager
+def serving(scene: Scene, port: int) -> Iterator[str]:
+    """The page's address while the block runs; port 0 takes any that is free."""
+    page = document().encode()
+    # Made once, also where two tabs ask at a time; not packed, as nothing is near.
+    alone = {name: threading.Lock() for name in scene.assets}
+    kept = lru_cache(_KEPT)(lambda name: scene.assets[name]())
+    for name in {"scene", "runtime", "model"} & set(alone):  # what every page asks for first
+        kept(name)
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            name = self.path.removeprefix("/assets/")
+            # A page of somebody else's that has this address under its own name gets nothing.
+            if self.headers.get("Host") not in (f"{HOST}:{at}", f"localhost:{at}"):
+                self.send_error(403)
+            elif self.path == "/":
+                self._send(page, "text/html; charset=utf-8")
+            elif name in alone:
+                try:
+                    with alone[name]:
+                        found = kept(name)
+                except DsnetError as error:
+                    self._send(json.dumps({"failed": str(error)}).encode(), "application/json")
+                    return
+                self._send(found, "application/octet-stream")
+            else:
+                self.send_error(404)
+
+        def _send(self, body: bytes, kind: str) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(body)))
+            self.send_header("Cache-Control", "no-store")
+            self.end_headers()
+            with suppress(ConnectionError):  # a tab that was closed
+                self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            """Nothing."""
+
+    try:
+        server = ThreadingHTTPServer((HOST, port), Handler)
+    except OSError as error:
+        raise DsnetError(
+            f"--port {port}, where nothing can be served ({error.strerror})",
+            "a free port",
+            "Pass --port 0 for any free port, or end what serves there.",
+        ) from error
+    server.daemon_threads = True
+    at = server.server_address[1]
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield f"http://{HOST}:{at}/"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()

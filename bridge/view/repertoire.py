@@ -31,7 +31,7 @@ from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import subject_and_motion
 from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
 from bridge.runs import Artifact, Run
-from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
+from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, TRAIN
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import (
     PIPELINES,
@@ -120,7 +120,7 @@ def open_repertoire(
         raise DsnetError(f"run {run.name!r} without motions", "a motion", "Pass --motion FILE.")
     return replace(
         found,
-        predictors=found.predictors | _labels_of(run),
+        predictors=found.predictors | _dsnets_of(run),
         people=_people(align) | people,
         truth=open_truth(run, best.origin),
     )
@@ -152,15 +152,13 @@ def take_of(moving: MovingBody) -> tuple[ViewedMotion, MotionArrays | None]:
     return take, None
 
 
-def _labels_of(run: Run) -> dict[str, str]:
-    """Labels of all predictors that move single motions, of every pipeline that the run has."""
-    found: dict[str, str] = {}
-    for pipeline in PIPELINES:
-        if all(run.finished(stage) for stage in pipeline.stages):
-            trained = run.artifact(pipeline.stages[0])
-            entries = trained.manifest["predictors"]
-            found |= {name: entries[name].get("label", name) for name in dsnets_of(trained)}
-    return found
+def _dsnets_of(run: Run) -> dict[str, str]:
+    """Labels of the paper's networks, where the run has all that moves bodies by them."""
+    if not all(run.finished(stage) for stage in PIPELINES[-1].stages):
+        return {}
+    trained = run.artifact(TRAIN)
+    entries = trained.manifest["predictors"]
+    return {name: entries[name].get("label", name) for name in dsnets_of(trained)}
 
 
 def _of_file(path: Path, body: BodyModelData, sequence: str = "") -> ViewedMotion:

@@ -11,13 +11,12 @@ import base64
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -33,8 +32,9 @@ from bridge.motion.motion_checks import motion_warnings
 from bridge.runtime.body_graph import bone_weights
 from bridge.runtime.controls import gains_of_parts, root_joint_m
 from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.plus_graph import plus_graph
+from bridge.runtime.plus_graph import plus_graph, plus_layout
 from bridge.runtime.stepping import PlusModel
+from bridge.tissue.trained_plus import TrainedPlus
 from bridge.view.repertoire import TRUTH, Repertoire, ViewedMotion
 
 BUNDLE = Path(str(resources.files("bridge.view"))) / "bundle"
@@ -68,40 +68,35 @@ class Scene:
     ) -> None:
         self._repertoire, self._controls, self._lap = repertoire, controls or {}, lap
         self._body, self._takes = repertoire.best.body, list(repertoire.takes.items())
-        self._live, self.baked = self._live_predictor()
+        self._live, self._plus, self.baked = self._live_predictor()
         """Why nothing lives in the page; empty where something does."""
         self.assets: dict[str, Callable[[], bytes]] = {"scene": self._scene}
         """Bytes by name; `runtime`, which runs graphs, is packed by gzip."""
-        if not self.baked:
+        if self._plus:
+            graph = partial(plus_graph, self._plus, self._body, in_parts=True)
             self.assets |= {
                 "runtime": (BUNDLE / "runtime.wasm.gz").read_bytes,
-                "model": lambda: self._graph.SerializeToString(),
+                "model": lambda: graph().SerializeToString(),
                 "shapes": self._shapes,
             }
         for number, (_, take) in enumerate(self._takes):
             self.assets[f"motion{number}"] = partial(self._motion, number)
-            if not self.baked:
+            if self._plus:
                 self.assets[f"loop{number}"] = partial(self._loop, number)
             for name in self._tracks(take):
                 self.assets[f"track{number}_{name}"] = partial(self._track, number, name)
 
-    def _live_predictor(self) -> tuple[str | None, str]:
-        """The one whose graph runs in the page; none, and why, where the body may not be in it."""
+    def _live_predictor(self) -> tuple[str, TrainedPlus | None, str]:
+        """The one whose graph runs in the page; else why there is none."""
         repertoire = self._repertoire
         if not repertoire.best.body_model.startswith(EMBEDDED_PREFIX):
             why = "This body model needs a licence and is not in the page: its surface is baked in."
-            return None, why
+            return "", None, why
         for name in repertoire.predictors:
-            if isinstance(repertoire.open(name).model, PlusModel):
-                return name, ""
-        return None, "These predictors are too large for a page: what they gave is baked into it."
-
-    @cached_property
-    def _graph(self) -> onnx.ModelProto:
-        assert self._live is not None
-        model = self._repertoire.open(self._live).model
-        assert isinstance(model, PlusModel)
-        return plus_graph(model.trained, self._body, in_parts=True)
+            if isinstance(model := repertoire.open(name).model, PlusModel):
+                return name, model.trained, ""
+        why = "These predictors are too large for a page: what they gave is baked into it."
+        return "", None, why
 
     def _scene(self) -> bytes:
         repertoire, body, asked = self._repertoire, self._body, self._controls
@@ -120,34 +115,36 @@ class Scene:
                 "parts": gains_of_parts(asked.get("part_gain", ())).tolist(),
                 "loop": asked.get("loop", False),
             },
-            "predictors": [
-                {"name": name, "label": label} for name, label in repertoire.predictors.items()
-            ],
+            "labels": {SMPL_ALONE: "SMPL alone", **repertoire.predictors, TRUTH: "truth"},
             "motions": [{"name": name, "tracks": self._tracks(take)} for name, take in self._takes],
         }
-        return json.dumps(facts if self.baked else facts | self._facts_of_graph()).encode()
+        return json.dumps(facts | self._facts_of_skin()).encode()
 
-    def _facts_of_graph(self) -> dict[str, Any]:
-        """What the page must know to run the graph and to pose what it gives."""
-        body = self._body
-        about = {entry.key: entry.value for entry in self._graph.metadata_props}
-        layout = json.loads(about["state_layout"])
-        places = {name: (at, at + int(np.prod(shape))) for name, at, shape in layout}
-        root = np.asarray((body.J_regressor @ np.eye(body.vertex_count))[0]).ravel()
-        weights = bone_weights(body)
+    def _facts_of_skin(self) -> dict[str, Any]:
+        """What the page must know to run the graph and to pose what it gives; where there is none,
+        one bone carries everything."""
+        body, plus = self._body, self._plus
+        weights = bone_weights(body) if plus else np.ones((body.vertex_count, 1))
         each = int((weights > 0).sum(axis=1).max())
         bones = np.argsort(-weights, axis=1, kind="stable")[:, :each]
-        return {
-            "graph": {
-                "predictor": self._live,
-                "latency": int(about["latency_frames"]),
-                "state_size": max(stop for _, stop in places.values()),
-                "moves": places.get("moves"),
-            },
+        skin = {
             "bone_of": _text(bones, "u1"),
             "bone_weight": _text(np.take_along_axis(weights, bones, 1), "<f4"),
-            "root_joint": (root @ body.v_template).tolist(),
-            "root_joint_shapes": np.einsum("v,vxb->xb", root, body.shapedirs).tolist(),
+        }
+        if plus is None:
+            return skin
+        layout = plus_layout(plus)
+        moves = layout.columns("moves")
+        root_shapes = [(body.J_regressor @ body.shapedirs[:, axis])[0] for axis in range(3)]
+        return skin | {
+            "graph": {
+                "predictor": self._live,
+                "latency": plus.look_ahead,
+                "state_size": layout.size,
+                "moves": [moves.start, moves.stop],
+            },
+            "root_joint": body.joints[0].tolist(),
+            "root_joint_shapes": np.stack(root_shapes).tolist(),
         }
 
     def _shapes(self) -> bytes:
@@ -164,7 +161,7 @@ class Scene:
         """Who is shown by a track: all but the live predictor, and the truth where it is known."""
         names = [name for name in self._repertoire.predictors if name != self._live]
         known = [TRUTH] if self._repertoire.truth_of(take) else []
-        return [SMPL_ALONE] * bool(self.baked) + names + known
+        return [SMPL_ALONE] * (not self._plus) + names + known
 
     def _shown(self, take: ViewedMotion) -> Motion:
         """As much of a motion as the page shows."""

@@ -50,9 +50,9 @@ def main(config: ViewConfig) -> None:
     check_options(config)
     # Late: what moves bodies takes a second to load.
     from bridge.runtime.controls import Controls
+    from bridge.view.page import serving
     from bridge.view.repertoire import open_repertoire
     from bridge.view.scene import Scene
-    from bridge.view.server import serving
 
     run = None if config.run is None else Run(config.run)
     names = {field.name for field in fields(Controls)} & set(vars(config))

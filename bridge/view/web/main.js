@@ -7,7 +7,6 @@ import { COLOURS, Stage } from "./stage.js";
 const $ = (id) => document.getElementById(id);
 const make = (tag, more) => Object.assign(document.createElement(tag), more);
 const AHEAD = 6; // frames asked for before they are shown; more where drawing is slow
-const LABELS = { smpl: "SMPL alone", truth: "truth" };
 const SCALES_MM = [1, 1.5, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200];
 const say = (text) => { $("says").textContent = text; };
 
@@ -30,11 +29,6 @@ async function json(name) {
   const found = JSON.parse(new TextDecoder().decode(await asset(name)));
   if (found.failed) throw new Error(found.failed);
   return found;
-}
-
-async function moved(name) {
-  const found = await json(name);
-  return { ...found, theta: numbersOf(found.theta, Float64Array) };
 }
 
 class Worked {
@@ -60,8 +54,7 @@ let motion, own, betas, gains, wanted = 0; // what is performed, and what was dr
 let epoch = 0, rows = [], full = {}, low = 0; // what a survey found of it, in all of it
 let frames = new Map(), time = 0, before = 0, playing = true, drawn = "", plotted = "", wipeAt = 0.5, root = [0, 0, 0];
 
-const everybody = () => ["smpl", ...scene.predictors.map(({ name }) => name), "truth"];
-const labelOf = (name) => LABELS[name] ?? scene.predictors.find((one) => one.name === name).label;
+const everybody = () => Object.keys(scene.labels);
 const isOwn = () => betas.every((beta, i) => Math.abs(beta - motion.betas[i]) < 1e-6);
 // Who can be seen now: tracks are of one motion as it was recorded, of one shape.
 const isThere = (name) => motion.tracks.includes(name) ? scene.baked || isOwn() : !scene.baked && ["smpl", scene.graph.predictor].includes(name);
@@ -92,11 +85,11 @@ async function choose(number, looped = $("loop").checked && !scene.baked) {
   const mine = ++wanted, isDropped = number === scene.motions.length, missing = [], tracks = {};
   try {
     let why = looped && isDropped ? "a loop is closed by Python" : "", next = isDropped && own;
-    if (looped && !isDropped) next = await moved(`loop${number}`).catch((error) => { why = error.message; });
-    next ||= await moved(`motion${number}`);
+    if (looped && !isDropped) next = await json(`loop${number}`).catch((error) => { why = error.message; });
+    next ||= await json(`motion${number}`);
     for (const name of isDropped || next.first ? [] : scene.motions[number].tracks)
       if (scene.baked || $(`show-${name}`).checked) {
-        $("who").textContent = `computing ${labelOf(name)} …`;
+        $("who").textContent = `computing ${scene.labels[name]} …`;
         await asset(`track${number}_${name}`).then((found) => { tracks[name] = found; }, (error) => missing.push(error.message));
       }
     if (mine !== wanted) return;
@@ -311,10 +304,10 @@ function controls() {
     const row = make("label", { className: "check", hidden: name === "truth" && !known }), key = make("i", { className: "key" });
     const box = make("input", { id: `show-${name}`, type: "checkbox", checked: ["smpl", "truth", names[1]].includes(name) });
     key.style.background = inkOf(name, names);
-    row.append(box, key, labelOf(name));
+    row.append(box, key, scene.labels[name]);
     $("shown").append(row);
     box.onchange = () => { if (box.checked && !isThere(name)) choose(motion.number); };
-    $("tags").append(make("span", { id: `tag-${name}`, className: "tag", hidden: true, textContent: labelOf(name) }));
+    $("tags").append(make("span", { id: `tag-${name}`, className: "tag", hidden: true, textContent: scene.labels[name] }));
   }
   if (!known) $("colouring").options[2].remove();
   scene.parts.forEach((part, i) => slider("parts", `part${i}`, part.replace("_", " "), range, start.parts[i], gained));

@@ -1,5 +1,6 @@
 // One body in one motion: the graph rolled along it, and tracks of what was computed elsewhere.
 import * as ort from "onnxruntime-web/wasm";
+import { numbersOf } from "./body.js";
 
 const EVERY = 30; // frames between remembered states, 66 kB each, in a motion of usual length
 const MOST_STATES = 400;
@@ -36,8 +37,9 @@ export class Performer {
 
   perform(motion, tracks, betas) {
     this.motion = motion;
+    this.poses = typeof motion.theta === "string" ? numbersOf(motion.theta, Float64Array) : motion.theta; // (T, 69)
     this.tracks = Object.fromEntries(Object.entries(tracks).map(([name, bytes]) => [name, new Track(bytes, this.scene.vertices)]));
-    this.frames = motion.theta.length / 69;
+    this.frames = this.poses.length / 69;
     this.every = Math.max(EVERY, Math.ceil(this.frames / MOST_STATES));
     this.person(betas);
   }
@@ -51,13 +53,13 @@ export class Performer {
 
   // theta of a frame: the root begins at the origin of its piece, where float32 is finest.
   theta(frame, origin) {
-    const { theta } = this.motion, found = Float32Array.from(theta.subarray(frame * 69, frame * 69 + 69));
-    for (let k = 0; k < 3; k++) found[66 + k] = theta[frame * 69 + 66 + k] - theta[origin * 69 + 66 + k];
+    const { poses } = this, found = Float32Array.from(poses.subarray(frame * 69, frame * 69 + 69));
+    for (let k = 66; k < 69; k++) found[k] = poses[frame * 69 + k] - poses[origin * 69 + k];
     return found;
   }
 
   place(frame) {
-    return [0, 1, 2].map((k) => this.motion.theta[frame * 69 + 66 + k] + this.shift[k]);
+    return this.shift.map((shift, k) => this.poses[frame * 69 + 66 + k] + shift);
   }
 
   // What is shown at a frame: rest (3, V), bones (12, N), the root's place, and offsets (3, V) by predictor.

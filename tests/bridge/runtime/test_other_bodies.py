@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -126,7 +127,8 @@ def test_a_page_has_nothing_of_a_body_of_others(body_file):
     assert not {"model", "shapes"} & set(scene.assets)
     facts = json.loads(scene.assets["scene"]())
     assert "licence" in facts["baked"]
-    assert not {"bone_of", "bone_weight", "root_joint_shapes", "graph"} & set(facts)
+    assert not {"root_joint", "root_joint_shapes", "graph"} & set(facts)
+    assert set(base64.b64decode(facts["bone_of"])) == {0}
 
 
 def test_an_exported_page_is_baked_too(body_file, tmp_path):

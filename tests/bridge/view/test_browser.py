@@ -18,9 +18,9 @@ from bridge.motion import load_motion_file
 from bridge.motion.readers.amass import sample_path
 from bridge.runtime.controls import Controls, controlled_body, root_joint_m
 from bridge.runtime.load_model import load_for_motion
+from bridge.view.page import serving
 from bridge.view.repertoire import open_repertoire
 from bridge.view.scene import BUNDLE, STEP_M, Scene
-from bridge.view.server import serving
 from tests.bridge.view.conftest import JUMP
 from tests.bridge.view.pages import Shown, on_disk, served
 from tests.forged.amass import smplh

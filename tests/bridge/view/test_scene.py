@@ -64,7 +64,8 @@ def test_where_the_graph_may_not_go_places_are_baked(repertoire):
     facts = facts_of(scene)
     assert "licence" in facts["baked"]
     assert {"runtime", "model", "shapes", "loop0"}.isdisjoint(scene.assets)
-    assert {"graph", "bone_weight", "root_joint"}.isdisjoint(facts)
+    assert {"graph", "root_joint", "root_joint_shapes"}.isdisjoint(facts)
+    assert (numbers(facts["bone_weight"], "<f4") == 1).all()
     motion = repertoire.takes[JUMP].read()
     motion = motion.frames(slice(repertoire.truth.places["50004_jump"].length))
     moved_m = np.concatenate(
