@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.body.embedded import EMBEDDED_PREFIX
 from bridge.body.parts import PARTS, part_weights
 from bridge.body.posing import Smpl
 from bridge.body.shapes import SHAPES, find_shape
@@ -89,7 +88,7 @@ class Scene:
     def _live_predictor(self) -> tuple[str, TrainedPlus | None, str]:
         """The one whose graph runs in the page; else why there is none."""
         repertoire = self._repertoire
-        if not repertoire.best.body_model.startswith(EMBEDDED_PREFIX):
+        if self._body.source != "synthetic":
             why = "This body model needs a licence and is not in the page: its surface is baked in."
             return "", None, why
         for name in repertoire.predictors:

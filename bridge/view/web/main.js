@@ -235,10 +235,11 @@ function tags(layout, names) {
     const tag = $(`tag-${name}`), i = names.indexOf(name);
     tag.hidden = i < 0 || (layout === "wipe" && i > 1);
     if (tag.hidden) continue;
+    tag.style.maxWidth = layout === "side" ? `${wide / names.length - 4}px` : "";
     const half = tag.offsetWidth / 2;
     let [x, y] = stage.above(name, root);
     if (layout === "wipe") [x, y] = [wipeAt * wide + (i ? half + 26 : -half - 26), 0.8 * high + 12];
-    if (layout === "overlay") y -= 26 * (names.length - 1 - i);
+    if (layout === "overlay") y = Math.max(y, 4 + 26 * names.length) - 26 * (names.length - 1 - i);
     tag.style.transform = `translate(${Math.min(Math.max(x - half, 4), wide - 2 * half - 4)}px, ${Math.min(Math.max(y - 24, 6), high - 60)}px)`;
   }
 }

@@ -30,10 +30,10 @@ export class Stage {
     this.scene.background = new Color(BACKGROUND);
     this.scene.fog = new Fog(BACKGROUND, 9, 22);
     this.camera = new PerspectiveCamera(28, 1, 0.1, 60);
-    this.camera.position.set(0.5, 0.35, 5);
+    this.camera.position.set(0.5, 1.15, 5);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.target.set(0, 0.95, 0);
-    this.controls.maxPolarAngle = 0.53 * Math.PI;
+    this.controls.maxPolarAngle = 0.515 * Math.PI; // above the floor, also from afar
     this.controls.minDistance = 0.8;
     this.controls.maxDistance = 14;
     this.lights();

@@ -195,7 +195,8 @@ def test_a_file_opens_from_a_disk_without_a_network(browser, tmp_path):
 def test_a_baked_body_plays(browser, run, tmp_path):
     repertoire = open_repertoire(run, None)
     takes = {JUMP: repertoire.takes[JUMP]}
-    best = replace(repertoire.best, body_model="SMPL_FEMALE.npz")
+    body = replace(repertoire.best.body, source="licensed")
+    best = replace(repertoire.best, other_body=body)
     baked = replace(repertoire, best=best, takes=takes)
     with on_disk(browser, tmp_path / "a.html", Scene(baked)) as shown:
         assert "licence" in shown.page.inner_text("#notice")

@@ -55,8 +55,14 @@ def test_a_truth_of_another_pose_stands_where_it_stood(repertoire):
 
 def licensed(repertoire, **more):
     """The same, of a body that may not be in a page."""
-    best = replace(repertoire.best, body_model="SMPL_FEMALE.npz")
-    return replace(repertoire, best=best, **more)
+    body = replace(repertoire.best.body, source="licensed")
+    return replace(repertoire, best=replace(repertoire.best, other_body=body), **more)
+
+
+def test_a_runs_own_synthetic_body_lives(repertoire):
+    """Its file is no embedded body's name, and needs no licence."""
+    best = replace(repertoire.best, body_model="runs/r/corpus/SMPL_FEMALE.npz")
+    assert "model" in Scene(replace(repertoire, best=best)).assets
 
 
 def test_where_the_graph_may_not_go_places_are_baked(repertoire):
