@@ -54,8 +54,6 @@ class ViewedMotion:
 
     read: Callable[[], Motion]
     """The motion of its own person, y up."""
-    of_file: bool = True
-    """Whether the root of its file turns about the root joint, wherever a shape has that."""
     sequence: str = ""
     """Its name among the run's, by which its truth is found where that is known."""
 
@@ -165,7 +163,7 @@ def _of_file(path: Path, body: BodyModelData, sequence: str = "") -> ViewedMotio
     def read() -> Motion:
         return place_motion(with_own_shape(load_amass_motion(path), body), body)
 
-    return ViewedMotion(read, sequence=sequence)
+    return ViewedMotion(read, sequence)
 
 
 def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:
@@ -185,9 +183,9 @@ def _recorded(run: Run, align: Artifact, body: BodyModelData) -> Iterator[tuple[
             fps=DEFAULT_FPS,
             source_fps=one.fps,
             source=Path(one.name),
+            trans_of="y",  # of whatever shape
         )
-        take = ViewedMotion(lambda motion=motion: motion, of_file=False, sequence=one.name)
-        yield take, one.split
+        yield ViewedMotion(lambda motion=motion: motion, one.name), one.split
     if "corpus" in align.manifest["upstream"]:
         corpus = run.artifact("corpus")
         for name in sorted(corpus.manifest["files"]):

@@ -179,16 +179,20 @@ class Scene:
         return self._played(number, motion, motion.theta, starts=starts, says=says)
 
     def _played(self, number: int, motion: Motion, theta: NDArray, **more: Any) -> bytes:
-        name, take = self._takes[number]
+        first = motion.frames(slice(1))
+        by_joint = [
+            first.about_root_joint(axis).trans_m[0] - first.trans_m[0] for axis in np.eye(3)
+        ]
         facts = {
-            "name": name,
+            "name": self._takes[number][0],
             "theta": _text(theta, "<f8"),
             "betas": motion.betas.tolist(),
             "gender": motion.gender,
             "fps": motion.fps,
             "first": 0,
             "count": len(theta),
-            "of_file": take.of_file,
+            # How the root's place follows the root joint, which goes with the shape.
+            "by_joint": np.transpose(by_joint).tolist(),
         }
         return json.dumps(facts | more).encode()
 

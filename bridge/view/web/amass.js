@@ -5,6 +5,7 @@ import { unzipSync } from "fflate";
 const WIDTHS = [72, 156, 165], JOINTS = 22, FPS = 60, MOST_FRAMES = 108000;
 const MOST_BYTES = { poses: MOST_FRAMES * 165 * 8, trans: MOST_FRAMES * 24, betas: 1 << 16 };
 const CUT_M = 0.5, CUT_RAD = (150 / 180) * Math.PI, UPRIGHT = [-Math.SQRT1_2, 0, 0, Math.SQRT1_2];
+const BY_JOINT = [[0, 0, 0], [0, -1, 1], [0, -1, -1]]; // the root turns about the root joint, and so does the world: R J - J
 const TYPES = { f4: Float32Array, f8: Float64Array, i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array,
                 i4: Int32Array, u4: Uint32Array, i8: BigInt64Array, u8: BigUint64Array };
 
@@ -64,7 +65,7 @@ export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   if (count > Math.min(MOST_FRAMES, mostFrames)) refuse(`a motion of ${count} frames; a page shows ${mostFrames}: cut it into several files`);
   const theta = atSixty(poses.data, trans.data, frames, width, rate, count), said = (name) => array(name)?.text?.trim() ?? "";
   const gender = said("gender").toLowerCase(), embedded = said("source").startsWith("synthetic") || said("body_model").startsWith("embedded:");
-  return { theta, frames: count, first: 0, count, starts: [0], of_file: true, unplaced: true, betas: first, fps: FPS,
+  return { theta, frames: count, first: 0, count, starts: [0], by_joint: BY_JOINT, unplaced: true, betas: first, fps: FPS,
            gender: ["female", "male", "neutral"].includes(gender) ? gender : "unknown", embedded, says: [] };
 }
 

@@ -31,25 +31,21 @@ async function json(name) {
   return found;
 }
 
-class Worked {
-  constructor() {
-    this.waiting = [];
-    this.worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" })));
-    this.worker.onmessage = ({ data }) => {
-      if (data.failed) say(data.failed);
-      if (data.job === "survey") surveyed(data);
-      else this.waiting.shift()(data); // answers come in the order of questions
-    };
-    this.worker.onerror = (event) => say(`the model cannot run here: ${event.message}`);
-  }
-
-  call(job, more = {}, transferred = []) {
-    this.worker.postMessage({ job, ...more }, transferred);
-    return new Promise((resolve) => this.waiting.push(resolve));
-  }
+// What asks the worker; answers come in the order of questions.
+function startWorker() {
+  const worker = new Worker(URL.createObjectURL(new Blob([$("worker").textContent], { type: "text/javascript" }))), waiting = [];
+  worker.onmessage = ({ data }) => {
+    if (data.failed) say(data.failed);
+    (data.job === "survey" ? surveyed : waiting.shift())(data);
+  };
+  worker.onerror = (event) => say(`the model cannot run here: ${event.message}`);
+  return (job, more, transferred = []) => {
+    worker.postMessage({ job, ...more }, transferred);
+    return new Promise((resolve) => waiting.push(resolve));
+  };
 }
 
-let scene, body, stage, worked, curves, partWeights, shapes = {};
+let scene, body, stage, work, curves, partWeights, shapes = {};
 let motion, own, betas, gains, wanted = 0; // what is performed, and what was dropped
 let epoch = 0, rows = [], full = {}, low = 0; // what a survey found of it, in all of it
 let frames = new Map(), time = 0, before = 0, playing = true, drawn = "", plotted = "", wipeAt = 0.5, root = [0, 0, 0];
@@ -67,12 +63,12 @@ async function main() {
   try { stage = new Stage($("view"), body); } catch { throw new Error("this browser draws no WebGL: switch on its hardware acceleration, or take another one"); }
   if (typeof WebAssembly !== "object") throw new Error("this browser runs no WebAssembly, which the model needs");
   partWeights = numbersOf(scene.part_weights, Float32Array);
-  worked = new Worked();
+  work = startWorker();
   curves = new Curves($("plot"), everybody());
   controls();
   const [model, wasm] = await parts;
-  worked.call("open", { scene, model, wasm }, model ? [model, wasm] : []);
-  worked.call("gains", { gains });
+  work("open", { scene, model, wasm }, model ? [model, wasm] : []);
+  work("gains", { gains });
   stage.warm(); // while the model opens
   await choose(0);
   if (!scene.baked) json("shapes").then((found) => { shapes = found; if (motion) people(); }, (error) => say(error.message));
@@ -108,7 +104,7 @@ function perform(next, tracks, why) {
   time = isOther ? 0 : Math.min(time, motion.count - 1);
   $("motion").value = motion.number;
   forget();
-  worked.call("perform", { motion, tracks, betas, epoch }, Object.values(tracks));
+  work("perform", { motion, tracks, betas, epoch }, Object.values(tracks));
   const whose = `The file's betas are a ${motion.gender}'s, the body is ${scene.gender}.`;
   const isStrange = ["female", "male"].includes(motion.gender) && motion.gender !== scene.gender;
   $("odd").textContent = [why, ...motion.says, isStrange && whose].filter(Boolean).join("; ");
@@ -126,7 +122,7 @@ function forget() {
 function person(next) { // another shape, from where she is
   betas = next;
   forget();
-  worked.call("person", { betas, epoch });
+  work("person", { betas, epoch });
   people();
 }
 
@@ -151,7 +147,7 @@ async function take(file) {
 function ask(index) {
   const mine = frames;
   frames.set(index, null);
-  worked.call("frame", { index, epoch }).then(({ parts, exact }) => { if (parts && mine === frames) frames.set(index, { ...parts, exact }); });
+  work("frame", { index, epoch }).then(({ parts, exact }) => { if (parts && mine === frames) frames.set(index, { ...parts, exact }); });
 }
 
 function surveyed(found) {
@@ -283,7 +279,7 @@ let later = 0;
 function gained() {
   dynamics();
   clearTimeout(later); // curves follow when the hand rests
-  later = setTimeout(() => { forget(); worked.call("gains", { gains, epoch }); }, 250);
+  later = setTimeout(() => { forget(); work("gains", { gains, epoch }); }, 250);
 }
 
 function people() {

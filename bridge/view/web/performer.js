@@ -122,14 +122,10 @@ export class Roll {
   }
 }
 
-// By what the root's place of another shape differs: in a file the root turns about the root joint,
-// so turning the world upright adds R J - J, and J goes with the shape.
-function rootShift(motion, betas, scene) {
-  if (!motion.of_file || scene.baked) return [0, 0, 0];
-  const by = (shape) => {
-    const [, y, z] = scene.root_joint.map((c, axis) => scene.root_joint_shapes[axis].reduce((sum, s, i) => sum + s * (shape[i] ?? 0), c));
-    return [0, z - y, -y - z];
-  };
-  const [own, other] = [motion.unplaced ? [0, 0, 0] : by(motion.betas), by(betas)];
-  return other.map((c, k) => c - own[k]);
+// By what the root's place of another shape differs: how it goes with the root joint, a file says.
+function rootShift({ by_joint, unplaced, betas: own }, betas, { root_joint, root_joint_shapes }) {
+  if (!root_joint) return [0, 0, 0];
+  const joint = (shape) => root_joint.map((c, axis) => root_joint_shapes[axis].reduce((sum, s, i) => sum + s * (shape[i] ?? 0), c));
+  const from = unplaced ? [0, 0, 0] : joint(own), to = joint(betas);
+  return by_joint.map((row) => row.reduce((sum, part, k) => sum + part * (to[k] - from[k]), 0));
 }

@@ -12,23 +12,19 @@ const jobs = {
   async open({ scene, model, wasm }) {
     body = new Body(scene);
     performer = new Performer(scene, model && (await openGraph(model, wasm)));
-    return {};
   },
   perform({ motion, tracks, betas }) {
     performer.perform(motion, tracks, betas);
     roll = new Roll(performer);
     survey = new Survey();
-    return {};
   },
   person({ betas }) {
     performer.person(betas);
     survey = new Survey();
-    return {};
   },
   gains(job) {
     gains = job.gains;
     if (performer?.motion) survey = new Survey();
-    return {};
   },
   async frame({ index, epoch: asked }) {
     if (asked !== epoch) return {};
@@ -95,7 +91,7 @@ async function work() {
   const job = queue.shift();
   try {
     if (job) {
-      const answer = await jobs[job.job](job);
+      const answer = (await jobs[job.job](job)) ?? {};
       self.postMessage({ job: job.job, ...answer }, Object.values(answer.parts ?? {}).map((array) => array.buffer));
     } else if (survey && survey.at < survey.count) await survey.step();
   } catch (error) {

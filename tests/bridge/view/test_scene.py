@@ -14,10 +14,11 @@ from bridge.body.posing import rest_vertices
 from bridge.measure.pipelines import MotionArrays
 from bridge.motion import unpack_theta
 from bridge.motion.loops import close_lap
-from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.controls import root_joint_m
+from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.verify.reference.smpl import unposed_vertices
 from bridge.view.page import document
-from bridge.view.repertoire import open_repertoire
+from bridge.view.repertoire import ViewedMotion, open_repertoire
 from bridge.view.scene import STEP_M, TRACK_FRAMES, Scene, rounds_around
 from tests.bridge.view.conftest import JUMP
 from tests.bridge.view.pages import facts_of, numbers, track_m
@@ -96,6 +97,19 @@ def test_rounds_lead_to_a_lap_that_stands_where_it_stood():
     # Laid on from its own first round, the same: each ends where the next begins.
     first = replace(lap, theta=rounds[:count])
     np.testing.assert_allclose(first.repeated(3)[:, -3:], rounds[: 3 * count, -3:], atol=1e-12)
+
+
+@pytest.mark.parametrize("trans_of", ["z", "y", "joint"])
+def test_the_root_of_another_shape_stands_where_predict_has_it(repertoire, trans_of):
+    body, motion = repertoire.best.body, repertoire.takes[JUMP].read()
+    motion = replace(motion, trans_of=trans_of)
+    scene = Scene(replace(repertoire, takes={"a": ViewedMotion(lambda: motion)}))
+    by_joint = np.array(json.loads(scene.assets["motion0"]())["by_joint"])
+    shapes = np.eye(10)[:2] * [[3.0], [-2.0]]
+    one, other = (root_joint_m(body, betas) for betas in shapes)
+    placed, moved = (place_motion(motion, body, betas).trans_m[0] for betas in shapes)
+    np.testing.assert_allclose(by_joint @ (other - one), moved - placed, atol=1e-9)
+    assert (np.abs(moved - placed).max() > 1e-4) == (trans_of != "y")
 
 
 def test_what_cannot_be_looped_is_a_line():
