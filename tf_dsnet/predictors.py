@@ -78,11 +78,6 @@ class TrainingData:
     validation: list[UnpaddedClip]
     body: BodyOf
 
-    @property
-    def people(self) -> int:
-        """How many shapes are trained on."""
-        return len({clip.betas.tobytes() for clip in self.train})
-
 
 class PredictorTraining(Protocol):
     """One predictor's training on its way; it may be killed between any two calls.

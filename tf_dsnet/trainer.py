@@ -98,6 +98,9 @@ class Trainer:
         """Copies of weights, running statistics and the optimizer's moments."""
         return {name: variable.numpy() for name, variable in self._variables().items()}
 
+    def set_rate(self, lr: float) -> None:
+        self.optimizer.learning_rate = self.lr = lr
+
     def restore(self, state: Mapping[str, NDArray]) -> None:
         """Go back to what `state` returned, in this process or in an earlier one."""
         for name, variable in self._variables().items():
@@ -107,9 +110,6 @@ class Trainer:
     def _variables(self) -> dict[str, keras.Variable]:
         moments = {variable.path: variable for variable in self.optimizer.variables}
         return {**named_variables(self.model), **moments}
-
-    def set_rate(self, lr: float) -> None:
-        self.optimizer.learning_rate = self.lr = lr
 
     def _train_on(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
         loss, gradients = self._loss_and_gradients(batch)

@@ -8,21 +8,15 @@ const FAR = 45; // frames that may be rolled before something is shown
 const PREROLL = 30; // by then tissue has forgotten most of how it began; the survey brings the rest
 const IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1];
 
-// Numbers (T, 3, V) in whole steps, stored as differences in time behind the size of a step.
-class Track {
-  constructor(buffer, vertices) {
-    this.step = new Float32Array(buffer, 0, 1)[0];
-    this.size = 3 * vertices;
-    this.steps = new Int16Array(buffer, 4);
-    this.frames = this.steps.length / this.size;
-    for (let i = this.size; i < this.steps.length; i++) this.steps[i] += this.steps[i - this.size];
-  }
-
-  at(frame) {
-    const from = Math.min(frame, this.frames - 1) * this.size, found = new Float32Array(this.size);
-    for (let i = 0; i < this.size; i++) found[i] = this.step * this.steps[from + i];
+// What gives a frame of numbers (T, 3, V), which are whole steps behind the size of a step, as differences in time.
+function track(buffer, size) {
+  const [step] = new Float32Array(buffer, 0, 1), steps = new Int16Array(buffer, 4);
+  for (let i = size; i < steps.length; i++) steps[i] += steps[i - size];
+  return (frame) => {
+    const from = Math.min(frame * size, steps.length - size), found = new Float32Array(size);
+    for (let i = 0; i < size; i++) found[i] = step * steps[from + i];
     return found;
-  }
+  };
 }
 
 export function openGraph(model, wasmBinary) {
@@ -38,7 +32,7 @@ export class Performer {
   perform(motion, tracks, betas) {
     this.motion = motion;
     this.poses = typeof motion.theta === "string" ? numbersOf(motion.theta, Float64Array) : motion.theta; // (T, 69)
-    this.tracks = Object.fromEntries(Object.entries(tracks).map(([name, bytes]) => [name, new Track(bytes, this.scene.vertices)]));
+    this.tracks = Object.fromEntries(Object.entries(tracks).map(([name, bytes]) => [name, track(bytes, 3 * this.scene.vertices)]));
     this.frames = this.poses.length / 69;
     this.every = Math.max(EVERY, Math.ceil(this.frames / MOST_STATES));
     this.person(betas);
@@ -65,7 +59,7 @@ export class Performer {
   // What is shown at a frame: rest (3, V), bones (12, N), the root's place, and offsets (3, V) by predictor.
   assembled(frame, live) {
     const root = Float32Array.from(this.place(frame)), given = Object.entries(this.tracks);
-    const tracks = Object.fromEntries(given.map(([name, track]) => [name, track.at(frame - this.motion.first)]));
+    const tracks = Object.fromEntries(given.map(([name, at]) => [name, at(frame - this.motion.first)]));
     if (live) return { rest: live.rest, bones: live.bones, root, [this.predictor]: live.offsets, ...tracks };
     const { smpl, ...others } = tracks;
     return { rest: smpl, bones: Float32Array.from([...IDENTITY, ...root]), root, ...others };
