@@ -44,7 +44,7 @@ class _Sums(NamedTuple):
 
     def plus(self, other: _Sums, sign: int = 1) -> _Sums:
         """Those of both together; with sign -1, of those that are not among `other`'s."""
-        return _Sums(*(mine + sign * theirs for mine, theirs in zip(self, other, strict=True)))
+        return self._make(mine + sign * theirs for mine, theirs in zip(self, other, strict=True))
 
     def error(self, solution: NDArray) -> float:
         """Sum of squares that `solution` leaves of these clips."""

@@ -45,7 +45,8 @@ def test_a_truth_of_another_pose_stands_where_it_stood(repertoire):
     found_m = track_m(Scene(replace(repertoire, truth=true)).assets["track0_truth"]())
     frames = np.array([0, 33, true.places[sequence].length - 1])
     betas = np.tile(true.betas(sequence), (len(frames), 1))
-    theta, offsets_m = true.frames("theta", sequence, frames), true.offsets_m(sequence, frames)
+    theta = true.frames("theta", sequence, frames)
+    offsets_m = true.offsets_m(sequence, slice(None))[frames]
     world_m = pose_vertices(repertoire.best.body, betas, *unpack_theta(theta), offsets_m)
     pose, trans_m = unpack_theta(take.read().theta[frames])
     rest_m = rest_vertices(repertoire.best.body, betas, pose)
