@@ -114,7 +114,7 @@ class Scene:
                 "parts": gains_of_parts(asked.get("part_gain", ())).tolist(),
                 "loop": asked.get("loop", False),
             },
-            "labels": {SMPL_ALONE: "SMPL alone", **repertoire.predictors, TRUTH: "truth"},
+            "labels": {SMPL_ALONE: "SMPL alone", **repertoire.predictors, TRUTH: TRUTH},
             "motions": [{"name": name, "tracks": self._tracks(take)} for name, take in self._takes],
         }
         return json.dumps(facts | self._facts_of_skin()).encode()

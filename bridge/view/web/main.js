@@ -97,14 +97,14 @@ async function choose(number, looped = $("loop").checked && !scene.baked) {
   $("who").textContent = `${scene.owner} · ${motion?.count ?? 0} frames, ${motion?.fps ?? 60} fps`;
 }
 
-function perform(next, tracks, why) {
+function perform({ theta, ...next }, tracks, why) {
   const isOther = motion?.number !== next.number;
   if (isOther || isOwn()) betas = [...next.betas];
   motion = next;
   time = isOther ? 0 : Math.min(time, motion.count - 1);
   $("motion").value = motion.number;
   forget();
-  work("perform", { motion, tracks, betas, epoch }, Object.values(tracks));
+  work("perform", { motion, theta, tracks, betas, epoch }, Object.values(tracks));
   const whose = `The file's betas are a ${motion.gender}'s, the body is ${scene.gender}.`;
   const isStrange = ["female", "male"].includes(motion.gender) && motion.gender !== scene.gender;
   $("odd").textContent = [why, ...motion.says, isStrange && whose].filter(Boolean).join("; ");

@@ -29,9 +29,9 @@ export class Performer {
   // Without a session all of it is tracks.
   constructor(scene, session) { Object.assign(this, { scene, session, ...scene.graph }); }
 
-  perform(motion, tracks, betas) {
+  perform(motion, theta, tracks, betas) {
     this.motion = motion;
-    this.poses = typeof motion.theta === "string" ? numbersOf(motion.theta, Float64Array) : motion.theta; // (T, 69)
+    this.poses = typeof theta === "string" ? numbersOf(theta, Float64Array) : theta; // (T, 69)
     this.tracks = Object.fromEntries(Object.entries(tracks).map(([name, bytes]) => [name, track(bytes, 3 * this.scene.vertices)]));
     this.frames = this.poses.length / 69;
     this.every = Math.max(EVERY, Math.ceil(this.frames / MOST_STATES));

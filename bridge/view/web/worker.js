@@ -13,8 +13,8 @@ const jobs = {
     body = new Body(scene);
     performer = new Performer(scene, model && (await openGraph(model, wasm)));
   },
-  perform({ motion, tracks, betas }) {
-    performer.perform(motion, tracks, betas);
+  perform({ motion, theta, tracks, betas }) {
+    performer.perform(motion, theta, tracks, betas);
     roll = new Roll(performer);
     survey = new Survey();
   },
