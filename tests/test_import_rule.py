@@ -49,7 +49,7 @@ THIRD_PARTIES = {
         "scipy",
         "trimesh",
     },
-    "view": {"numpy", "onnx", "scipy"},
+    "view": {"numpy", "scipy"},
     "measure": {"numpy", "scipy"},
     "verify": {"numpy", "onnx", "tyro"},
     "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy", "tyro"},

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any, TypeAlias
 
 from bridge.installation import require_packages_of
@@ -22,32 +18,18 @@ os.environ.setdefault("TF_NUM_INTRAOP_THREADS", "1")
 os.environ["KERAS_BACKEND"] = "tensorflow"
 
 
-@contextmanager
-def _stderr_held_back() -> Iterator[None]:
-    """Keep the process's stderr to itself, and let it out only if the block fails, not if a user
-    interrupts it.
-
-    TensorFlow's C++ logs about oneDNN and CUDA while it loads, before it reads
-    `TF_CPP_MIN_LOG_LEVEL`, so no setting silences them.
-    """
-    sys.stderr.flush()
-    stderr = os.dup(2)
-    with tempfile.TemporaryFile() as held, os.fdopen(stderr, "wb") as original:
-        os.dup2(held.fileno(), 2)
-        try:
-            yield
-        except Exception:
-            held.seek(0)
-            shutil.copyfileobj(held, original)
-            raise
-        finally:
-            original.flush()
-            os.dup2(stderr, 2)
-
-
-with _stderr_held_back():
+# TensorFlow's C++ logs about oneDNN and CUDA while it loads, before it reads TF_CPP_MIN_LOG_LEVEL;
+# a failure is an exception, which says why.
+sys.stderr.flush()
+_STDERR = os.dup(2)
+with open(os.devnull, "wb") as _nowhere:
+    os.dup2(_nowhere.fileno(), 2)
+try:
     import keras
     import tensorflow as tf
+finally:
+    os.dup2(_STDERR, 2)
+    os.close(_STDERR)
 
 Tensor: TypeAlias = Any
 """A tensor or an array: TensorFlow's own annotations refuse arrays, and `...` in an index."""
@@ -63,6 +45,7 @@ def be_reproducible(seed: int) -> None:
     """
     keras.utils.set_random_seed(seed)
     tf.config.experimental.enable_op_determinism()
-    # TensorFlow makes one AddN of a + b + c, and AddN begins with whichever of them another thread
-    # is done with.
+    # An AddN begins with whichever of its terms another thread is done with. Neither a + b + c nor
+    # the gradient of what is used three times may become one: of two terms any order will do.
     tf.config.optimizer.set_experimental_options({"arithmetic_optimization": False})
+    tf.AggregationMethod.DEFAULT = tf.AggregationMethod.EXPERIMENTAL_TREE

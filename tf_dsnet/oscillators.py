@@ -1,16 +1,11 @@
 """The oscillators as a recurrent Keras layer, its steps through time, and a step of training.
 
-`bridge/tissue/oscillators.py` has the equations. The tape's gradient of a tensor that is used three
-times and more is an AddN, which adds in the order in which threads leave it a buffer, so that no
-two trainings gave the same bits: here such tensors are first made several, and every sum has two
-terms.
+`bridge/tissue/oscillators.py` has the equations.
 """
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Mapping, Sequence
-from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -89,43 +84,45 @@ class OscillatorLayer(keras.layers.Layer):
         # What log W of each clip's person has besides the template's, (K, B, 1).
         own = tf.tensordot(features, self._slopes, 1)
         own += tf.einsum("bp,pkx->kbx", shares, self._residuals())
-        of_omega, of_stiffening, of_sag = _several(own, 3)
-        omega = self._of("omega") * tf.exp(of_omega)
-        stiffening = self._of("stiffening") * tf.exp(self._stiffening_power * of_stiffening)
-        sag = self._of("sag") * tf.exp(SAG_POWER * of_sag)
+        omega = self._of("omega") * tf.exp(own)
+        stiffening = self._of("stiffening") * tf.exp(self._stiffening_power * own)
+        sag = self._of("sag") * tf.exp(SAG_POWER * own)
         springs, hung, pull = self._springs(omega, stiffening, sag, normals)
         taps = tf.unstack(self._shares_of_taps())
         whole = self._of("inertia_gain") * _smoothed(inertia, taps)
         whole += self._of("gravity_gain") * _smoothed(gravity, taps)
         loads = _STEP_S**2 * tf.repeat(whole, STEPS, 0) + pull
         # Offsets from the shape without weight, for which flesh hangs under `pull`.
-        hung, hung_start = _several(hung, 2)
-        now, before = tf.unstack(tf.stack([now, before]) + hung_start)
-        steps = roll(normals, loads, now, before, springs)
+
+        def step(state: tuple[Tensor, Tensor], load: Tensor) -> tuple[Tensor, Tensor]:
+            now, before = state
+            return _step(normals, load, now, before, springs), now
+
+        steps, _ = tf.scan(step, loads, (now + hung, before + hung))
         return steps[STEPS - 1 :: STEPS] - hung
 
     def _springs(
         self, omega: Tensor, stiffening: Tensor, sag: Tensor, normals: Tensor
     ) -> tuple[Springs, Tensor, Tensor]:
         """Of clips' people, (K, B, 1) each; s (K, B, 3), and what holds flesh there, metres."""
-        ratios = _several(self._of("normal_ratio") * tf.ones_like(omega), 2)
-        hung, *others = _several(sag * tf.constant([0.0, -1.0, 0.0], sag.dtype), 4)
-        stretched, pulled = _several(_stretched(others[0], ratios[1] - 1, normals), 2)
-        taut = stiffening * _dot(others[1], stretched)
-        spring, *more = _several(_STEP_S**2 / 4 * tf.square(omega) / (1 + 3 * taut), 3)
+        ratio = self._of("normal_ratio") * tf.ones_like(omega)
+        hung = sag * tf.constant([0.0, -1.0, 0.0], sag.dtype)
+        stretched = _stretched(hung, ratio - 1, normals)
+        taut = stiffening * _dot(hung, stretched)
+        spring = _STEP_S**2 / 4 * tf.square(omega) / (1 + 3 * taut)
         tension, bending = tf.square(self._of("wave_speed")), self._of("bending")
         coupling = tension[:, 0] * self._laplacian + bending[:, 0] * self._twice_laplacian
-        between, *same = _several(_STEP_S**2 / 4 * coupling, 3)
+        between = _STEP_S**2 / 4 * coupling
         bound = tf.reduce_sum(tf.abs(between), 1)
         springs = Springs(
             drag=self._of("damping_ratio") * omega * _STEP_S,
             spring=spring,
-            hardening=2 * more[0] * stiffening,
-            normal_ratio=ratios[0],
+            hardening=2 * spring * stiffening,
+            normal_ratio=ratio,
             bound=bound[:, None, None],
-            rest=tf.linalg.diag(bound) - same[0],
+            rest=tf.linalg.diag(bound) - between,
         )
-        return springs, hung, 4 * (more[1] * (1 + taut) * pulled + _times(same[1], others[2]))
+        return springs, hung, 4 * (spring * (1 + taut) * stretched + _times(between, hung))
 
     def _of(self, name: str) -> Tensor:
         """(K, 1, 1)."""
@@ -149,7 +146,7 @@ class OscillatorLayer(keras.layers.Layer):
         gains = [self._base[name] for name in ("inertia_gain", "gravity_gain")]
         terms += [3e-2 * tf.reduce_sum(tf.square(gain)) for gain in gains]
         terms += [3e-3 * tf.reduce_mean(tf.square(tf.convert_to_tensor(self._residual)))]
-        return reduce(operator.add, terms)
+        return sum(terms)
 
     def weights_as_arrays(self) -> Weights:
         """What was learned, each node's base and deviation in one."""
@@ -159,21 +156,11 @@ class OscillatorLayer(keras.layers.Layer):
         return Weights(base, *(part.numpy() for part in rest))
 
 
-def _several(tensor: Tensor, uses: int) -> list[Tensor]:
-    """The same for some uses, whose slopes are added two by two."""
-    apart = []
-    for _ in range(uses - 1):
-        apart.append(tf.identity(tensor))
-        tensor = tf.identity(tensor)
-    return [tensor, *apart]
-
-
 def _smoothed(load: Tensor, taps: Sequence[Tensor]) -> Tensor:
     """(T, K, B, 3) of (T + N - 1, K, B, 3): the newest frame of each step by the first tap."""
     newest = len(taps) - 1
     count = tf.shape(load)[0] - newest
-    parts = [tap * load[newest - i : newest - i + count] for i, tap in enumerate(taps)]
-    return reduce(operator.add, parts)
+    return sum(tap * load[newest - i : newest - i + count] for i, tap in enumerate(taps))
 
 
 class Springs(NamedTuple):
@@ -187,47 +174,19 @@ class Springs(NamedTuple):
     rest: Tensor  # (K, K) N - dt^2 C / 4
 
 
-def roll(normals: Tensor, loads: Tensor, now: Tensor, before: Tensor, springs: Springs) -> Tensor:
-    """Offsets v (T, K, B, 3) of the steps after `now`; see `bridge.tissue.oscillators`.
-
-    Parameters
-    ----------
-    normals : (K, B, 3) n; a constant.
-    loads : (T, K, B, 3) times dt^2, metres.
-    now, before : (K, B, 3) offsets to start from, metres.
-    """
-
-    steps = tf.shape(loads)[0]
-
-    def advance(step: Tensor, now: Tensor, before: Tensor, found: tf.TensorArray) -> tuple:
-        after = _step(normals, loads[step], now, before, springs)
-        return step + 1, after, now, found.write(step, after)
-
-    empty = tf.TensorArray(now.dtype, steps, element_shape=now.shape)
-    state = (tf.constant(0), now, before, empty)
-    return tf.while_loop(lambda step, *_: step < steps, advance, state)[-1].stack()
-
-
 def _step(normals: Tensor, load: Tensor, now: Tensor, before: Tensor, springs: Springs) -> Tensor:
-    """The offset (K, B, 3) that follows `now`."""
-    now, before = _several(now, 4), _several(before, 4)
-    drag, spring, bound = (_several(s, 2) for s in (springs.drag, springs.spring, springs.bound))
-    normal, rest = _several(springs.normal_ratio - 1, 3), _several(springs.rest, SWEEPS + 1)
-    stiffer = springs.hardening * _dot(now[0], _stretched(now[1], normal[0], normals))
-    stiffer = _several(stiffer, 2)
-    twice = _several(2 * now[2] + before[0], 3)
-    straight = _several(2 * now[3] - before[1], 2)
-    sheared = spring[0] * twice[0] + stiffer[0] * before[2]
-    known = load + straight[0] + drag[0] * before[3]
-    known -= _stretched(sheared, normal[1], normals)
-    known += _times(rest[0], twice[1]) - bound[0] * twice[2]
-    held = _several(spring[1] + stiffer[1], 2)
-    along = _several(1 + drag[1] + bound[1] + held[0], SWEEPS)
-    beyond = _several(normal[2] * held[1], SWEEPS)
-    after = straight[1]
-    for sweep, left in enumerate(_several(known, SWEEPS)):
-        left += _times(rest[1 + sweep], after)
-        after = _divided(left, along[sweep], beyond[sweep], normals)
+    """The offset (K, B, 3) that follows `now`; loads are times dt^2. All in metres."""
+    normal, rest = springs.normal_ratio - 1, springs.rest
+    stiffer = springs.hardening * _dot(now, _stretched(now, normal, normals))
+    twice, straight = 2 * now + before, 2 * now - before
+    sheared = springs.spring * twice + stiffer * before
+    known = load + straight + springs.drag * before - _stretched(sheared, normal, normals)
+    known += _times(rest, twice) - springs.bound * twice
+    held = springs.spring + stiffer
+    along = 1 + springs.drag + springs.bound + held
+    after = straight
+    for _ in range(SWEEPS):
+        after = _divided(known + _times(rest, after), along, normal * held, normals)
     return after
 
 
@@ -238,9 +197,7 @@ def _stretched(offsets: Tensor, normal: Tensor, normals: Tensor) -> Tensor:
 
 def _divided(left: Tensor, along: Tensor, beyond: Tensor, normals: Tensor) -> Tensor:
     """By each node's block along I + beyond n n^T (Sherman and Morrison)."""
-    (left, out), (along, whole) = _several(left, 2), _several(along, 2)
-    over, beyond = _several(beyond, 2)
-    return (left - over / (along + beyond) * _dot(out, normals) * normals) / whole
+    return (left - beyond / (along + beyond) * _dot(left, normals) * normals) / along
 
 
 def _dot(first: Tensor, second: Tensor) -> Tensor:
@@ -262,6 +219,8 @@ class OscillatorLearner:
         # Keras numbers optimizers that have no name, and a checkpoint knows them by it.
         self.optimizer = keras.optimizers.Adam(learning_rate, beta_2=0.95, name="adam")
         self.optimizer.build(layer.trainable_variables)
+        self.gradients = tf.function(self._gradients, reduce_retracing=True)
+        """The loss of a batch, and the gradient of it and the penalty by the layer's weights."""
         self.step = tf.function(self._step, reduce_retracing=True)
         """The loss before a step that is taken on a batch."""
 
@@ -270,15 +229,14 @@ class OscillatorLearner:
         return self.layer(batch["inertia"], batch["gravity"], batch["now"], batch["before"],
                           batch["normals"], batch["features"], batch["shares"])  # fmt: skip
 
-    def gradients(self, batch: Batch) -> tuple[Tensor, list[Tensor]]:
-        """The loss, and the gradient of it and the penalty by the layer's weights."""
-        with tf.GradientTape() as tape:
-            loss = _loss(self.offsets(batch), batch["target"], batch["counted"])
-            total = loss + self.layer.penalty()
-        return loss, tape.gradient(total, self.layer.trainable_variables)
+    def _gradients(self, batch: Batch) -> tuple[Tensor, list[Tensor]]:
+        loss = _loss(self.offsets(batch), batch["target"], batch["counted"])
+        weights = [weight.value for weight in self.layer.trainable_variables]
+        # Not by the tape, whose sums of many terms come in no order: see `be_reproducible`.
+        return loss, tf.gradients(loss + self.layer.penalty(), weights)
 
     def _step(self, batch: Batch) -> Tensor:
-        loss, gradients = self.gradients(batch)
+        loss, gradients = self._gradients(batch)
         self.optimizer.apply(gradients, self.layer.trainable_variables)
         return loss
 

@@ -65,20 +65,12 @@ def node_clips(
             "at least one of four frames",
             "Align more sequences.",
         )
-    return [_clip(sequence, align, body, nodes, people) for sequence in chosen]
-
-
-def _clip(
-    sequence: MotionSequence,
-    align: Artifact,
-    body: BodyModelData,
-    nodes: TissueNodes,
-    people: KnownPeople,
-) -> NodeClip:
-    person = people.names.index(sequence.subject)
-    theta = np.asarray(align.array("theta")[sequence.frames], np.float64)
-    offsets_m = align.array("offsets")
-    at_nodes = [nodes.gather(offsets_m[rows]) for rows in sequence.pieces(_FRAMES_AT_ONCE)]
-    load = node_loads(body, nodes.vertices, people.betas[person], theta, sequence.fps)
-    features = static_features(body, theta)
-    return NodeClip(sequence, person, theta, np.concatenate(at_nodes), load, features)
+    clips, all_theta, all_offsets_m = [], align.array("theta"), align.array("offsets")
+    for sequence in chosen:
+        person = people.names.index(sequence.subject)
+        theta = np.asarray(all_theta[sequence.frames], np.float64)
+        at_nodes = [nodes.gather(all_offsets_m[rows]) for rows in sequence.pieces(_FRAMES_AT_ONCE)]
+        load = node_loads(body, nodes.vertices, people.betas[person], theta, sequence.fps)
+        features, offsets_m = static_features(body, theta), np.concatenate(at_nodes)
+        clips.append(NodeClip(sequence, person, theta, offsets_m, load, features))
+    return clips

@@ -78,11 +78,6 @@ class TrainingData:
     validation: list[UnpaddedClip]
     body: BodyOf
 
-    @property
-    def people(self) -> int:
-        """How many shapes are trained on."""
-        return len({clip.betas.tobytes() for clip in self.train})
-
 
 class PredictorTraining(Protocol):
     """One predictor's training on its way; it may be killed between any two calls.
@@ -97,11 +92,6 @@ class PredictorTraining(Protocol):
     @property
     def lr(self) -> float:
         """Learning rate, the chosen one where it was searched for; 0 if there is none."""
-        ...
-
-    @property
-    def epoch_s(self) -> float | None:
-        """Mean seconds of this process's epochs; None if there were none."""
         ...
 
     def epoch(self, number: int, *, validate: bool) -> None:

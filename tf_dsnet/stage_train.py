@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import time
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
@@ -114,18 +116,14 @@ def _trainable(run: Run) -> list[str]:
     """The product's predictors that the run can train; a pipeline that it began is not left out."""
     if run.finished(ALIGNMENT):
         run.artifact("encode")
-    names, left_out = [], []
-    for can, lacking, those in (
-        (run.finished("encode"), "'encode'", DSNETS),
-        (best_alignment_of(run), "an alignment by the robust aligner", (PLUS,)),
-    ):
-        names += those if can else ()
-        left_out += [] if can else [f"{', '.join(those)}, which needs {lacking}"]
-    if not names:
-        run.artifact("encode")  # says what to run
-    for one in left_out:
-        notify(f"left out: {one}")
-    return names
+    if run.finished("encode") and best_alignment_of(run):
+        return [*DSNETS, PLUS]
+    if best_alignment_of(run):
+        notify(f"left out: {', '.join(DSNETS)}, which needs 'encode'")
+        return [PLUS]
+    run.artifact("encode")  # says what to run
+    notify(f"left out: {PLUS}, which needs an alignment by the robust aligner")
+    return [*DSNETS]
 
 
 def _build_networks(run: Run, config: NetworksRecord, chosen: list[Predictor]) -> None:
@@ -146,7 +144,8 @@ def _build_networks(run: Run, config: NetworksRecord, chosen: list[Predictor]) -
             )
             for entry in chosen
         }
-        _train(trainings, config)
+        epoch_s = _train(trainings, config)
+        writer.record_measured(**{f"epoch_s_{name}": round(s, 4) for name, s in epoch_s.items()})
         described = {
             entry.name: _store(entry, trainings[entry.name], config, writer) for entry in chosen
         }
@@ -166,8 +165,12 @@ def _build_networks(run: Run, config: NetworksRecord, chosen: list[Predictor]) -
     run.build(TRAIN, config, make, data=encoded.origin, upstream={"encode": encoded})
 
 
-def _train(trainings: Mapping[str, PredictorTraining], config: NetworksRecord) -> None:
-    """Predictors side by side, epoch by epoch: one alone leaves half of two cores idle."""
+def _train(
+    trainings: Mapping[str, PredictorTraining], config: NetworksRecord
+) -> Mapping[str, float]:
+    """Predictors side by side, epoch by epoch: one alone leaves half of two cores idle. Gives mean
+    seconds of the epochs of each; nothing where all were behind its checkpoint."""
+    seconds: dict[str, float] = defaultdict(float)
     first = min(len(training.losses) for training in trainings.values())
     # disable=None: quiet when the output is not a terminal.
     epochs = tqdm(range(first, config.epochs), desc=" and ".join(trainings), total=config.epochs,
@@ -176,15 +179,18 @@ def _train(trainings: Mapping[str, PredictorTraining], config: NetworksRecord) -
         for epoch in epochs:
             validate = _due(epoch, config.validate_every, config.epochs)
 
-            def advance(_: None, training: PredictorTraining) -> None:
-                training.epoch(epoch, validate=validate)  # noqa: B023
+            def advance(_: None, name: str) -> None:
+                started = time.perf_counter()
+                trainings[name].epoch(epoch, validate=validate)  # noqa: B023
+                seconds[name] += (time.perf_counter() - started) / (config.epochs - first)
 
-            list(pool.map(advance, trainings.values()))  # raises what a thread raised
+            list(pool.map(advance, trainings))  # raises what a thread raised
             if validate:
                 epochs.set_postfix({n: t.validation_losses[-1] for n, t in trainings.items()})
             if _due(epoch, config.checkpoint_every, config.epochs):
                 for training in trainings.values():
                     training.save()
+    return seconds
 
 
 def _due(epoch: int, every: int, epochs: int) -> bool:
@@ -197,8 +203,6 @@ def _store(
 ) -> dict[str, Any]:
     """Write what was learned; gives what the manifest says of the predictor."""
     name, unit = entry.name, "latent unit, summed over frames"
-    if training.epoch_s is not None:
-        writer.record_measured(**{f"epoch_s_{name}": round(training.epoch_s, 4)})
     save_weights(writer.file_path(f"{name}.safetensors"), training.arrays())
     writer.put(f"loss_{name}", np.array(training.losses, np.float32), unit)
     validation = np.array(training.validation_losses, np.float32)

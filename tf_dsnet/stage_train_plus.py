@@ -3,8 +3,9 @@ time."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -157,44 +158,60 @@ class PlusTraining:
     def _variables(self) -> list[Tensor]:
         return [*self.layer.weights, *self._learner.optimizer.variables]
 
+    def constants_m(self, static: NodeStatic, offsets_m: NDArray) -> NDArray[np.float32]:
+        """(P, V, 3) each person's mean of what nodes and pose leave of all offsets (F, V, 3)."""
+        people = len(self._people.names)
+        sums, frames = np.zeros((people, *offsets_m.shape[1:])), np.zeros(people)
+        if not static.constant_m.any():
+            return sums.astype(np.float32)
+        for clip, moving in zip(self._clips, self.simulate(), strict=True):
+            by_pose = np.tensordot(clip.features, static.by_pose_m, 1)
+            at_nodes = (moving + by_pose).mean(axis=0, keepdims=True)
+            own = np.asarray(offsets_m[clip.sequence.frames]).mean(axis=0, dtype=np.float64)
+            sums[clip.person] += len(clip) * (own - self._nodes.spread(at_nodes)[0])
+            frames[clip.person] += len(clip)
+        return (sums / frames[:, None, None]).astype(np.float32)
+
     def _one_step(self, step: int, moving: Sequence[NDArray], starts: Sequence[NDArray]) -> float:
-        settings, count = self.settings, len(self._clips)
-        total, size = settings.rounds * settings.steps, settings.batch_size
-        self._learner.optimizer.learning_rate = settings.lr * (1 - step / total) ** 0.7
-        rng = np.random.default_rng([settings.seed, step])
-        if count < size:
-            rows = rng.permutation(np.arange(size) % count)
-        else:
-            rows = rng.permutation(count)[:size]
-        windows = []
-        for row in rows.tolist():
-            last = max(len(self._clips[row]) - settings.window - 1, 2)
-            windows.append((row, int(rng.integers(2, last + 1))))
-        people = [self._clips[row].person for row, _ in windows]
-        loads = [(self._clips[row].load, frame) for row, frame in windows]
-        frames = settings.window
-        batch = {
-            "now": np.stack([starts[row][frame] for row, frame in windows], 1),
-            "before": np.stack([_a_step_before(starts[row], frame) for row, frame in windows], 1),
-            "target": np.stack([_cut(moving[row], f + 1, frames) for row, f in windows], 2),
-            "counted": np.stack([self._counted(row, frame) for row, frame in windows], 2),
-            "inertia": np.stack([self._loads(load.inertia, frame) for load, frame in loads], 2),
-            "gravity": np.stack([self._loads(load.gravity, frame) for load, frame in loads], 2),
-            "normals": np.stack([self._normals[person] for person in people], 1),
-            "features": np.stack([self._features[person] for person in people], 1),
-            "shares": np.stack([self._shares[person] for person in people], 0),
-        }
+        total = self.settings.rounds * self.settings.steps
+        self._learner.optimizer.learning_rate = self.settings.lr * (1 - step / total) ** 0.7
+        windows = [
+            self._window(self._clips[row], frame, moving[row], starts[row])
+            for row, frame in self._drawn(step)
+        ]
+        # Several people side by side, before the coordinates.
+        batch = {name: np.stack([one[name] for one in windows], -2) for name in windows[0]}
         return float(self._learner.step({k: tf.constant(v, tf.float32) for k, v in batch.items()}))
 
-    def _counted(self, row: int, frame: int) -> NDArray:
-        """(T, 1, 1) 1 for frames of a window that the clip has, 0 after its end."""
-        frames = frame + 1 + np.arange(self.settings.window)
-        return (frames < len(self._clips[row]))[:, None, None]
+    def _drawn(self, step: int) -> Iterator[tuple[int, int]]:
+        """Clips of the windows of a step, and the frames that these set out from."""
+        count, size = len(self._clips), self.settings.batch_size
+        rng = np.random.default_rng([self.settings.seed, step])
+        of_few = count < size
+        rows = rng.permutation(np.arange(size) % count if of_few else count)[:size]
+        for row in rows.tolist():
+            last = max(len(self._clips[row]) - self.settings.window - 1, 2)
+            yield row, int(rng.integers(2, last + 1))
 
-    def _loads(self, load: NDArray, frame: int) -> NDArray:
-        """Loads of a window from the oldest tap of its first step on."""
-        taps, ahead = self.settings.taps, self.settings.look_ahead
-        return _cut(load, frame + ahead - taps + 1, self.settings.window + taps - 1)
+    def _window(
+        self, clip: NodeClip, frame: int, moving: NDArray, start: NDArray
+    ) -> dict[str, NDArray]:
+        """What is simulated and compared from a frame on. The first and the last load of a clip
+        stand for those that there are not; offsets after its end are not counted."""
+        window, ahead = self.settings.window, self.settings.look_ahead
+        after = frame + 1 + np.arange(window)
+        felt = frame + np.arange(ahead - self.settings.taps + 1, ahead + window)
+        return {
+            "now": start[frame],
+            "before": _a_step_before(start, frame),
+            "target": moving.take(after, 0, mode="clip"),
+            "counted": (after < len(clip))[:, None, None],
+            "inertia": clip.load.inertia.take(felt, 0, mode="clip"),
+            "gravity": clip.load.gravity.take(felt, 0, mode="clip"),
+            "normals": self._normals[clip.person],
+            "features": self._features[clip.person],
+            "shares": self._shares[clip.person],
+        }
 
 
 def told_by_shape(weights: Weights, features: NDArray) -> Weights:
@@ -222,11 +239,6 @@ def told_by_shape(weights: Weights, features: NDArray) -> Weights:
     )
 
 
-def _cut(array: NDArray, start: int, count: int) -> NDArray:
-    """Frames from `start` on; the first and the last stand for those that there are not."""
-    return array[np.clip(np.arange(start, start + count), 0, len(array) - 1)]
-
-
 def _a_step_before(offsets_m: NDArray, frame: int) -> NDArray:
     """(K, 3) a step before a frame, on the parabola through it and the two before it."""
     now, before, earlier = offsets_m[frame], offsets_m[frame - 1], offsets_m[frame - 2]
@@ -242,21 +254,16 @@ def main(config: TrainPlusConfig, training: type[PlusTraining] = PlusTraining) -
     """
     run = Run(config.run)
     align, body_path = best_alignment(run), body_model_path(run)
-    run.build(
-        TRAIN_PLUS,
-        config,
-        lambda writer: _make(writer, config, training, align, body_path),
-        data=align.origin,
-        upstream={align.path.name: align},
-    )
+    make = partial(_make, config, training, align, body_path)
+    run.build(TRAIN_PLUS, config, make, data=align.origin, upstream={align.path.name: align})
 
 
 def _make(
-    writer: ArtifactWriter,
     config: TrainPlusConfig,
     make_training: type[PlusTraining],
     align: Artifact,
     body_path: Path,
+    writer: ArtifactWriter,
 ) -> None:
     """One training, with a checkpoint after every round."""
     body = load_paper_body(str(body_path))
@@ -283,7 +290,7 @@ def _make(
         history = {"history/loss": np.array(losses)}
         save_checkpoint(checkpoint, {**training.state(), **static.arrays(), **history})
         bar.set_postfix(loss=losses[-1])
-    constants_m = _constants_m(static, clips, training, nodes, count, align.array("offsets"))
+    constants_m = training.constants_m(static, align.array("offsets"))
     trained = training.trained(StaticPart(constants_m, static.by_pose_m))
     refuse_nonfinite(trained.arrays(), NAME, _REMEDY)
     save_weights(writer.file_path(f"{NAME}.safetensors"), trained.arrays())
@@ -300,24 +307,3 @@ def _make(
         sequences_trained_on=len(clips),
         static={"chosen": static.chosen, "left_out_error": static.left_out_error},
     )
-
-
-def _constants_m(
-    static: NodeStatic,
-    clips: Sequence[NodeClip],
-    training: PlusTraining,
-    nodes: TissueNodes,
-    people: int,
-    offsets_m: NDArray,
-) -> NDArray[np.float32]:
-    """(P, V, 3) each person's mean of what nodes and pose leave, at all vertices."""
-    sums, frames = np.zeros((people, *offsets_m.shape[1:])), np.zeros(people)
-    if not static.constant_m.any():
-        return sums.astype(np.float32)
-    for clip, moving in zip(clips, training.simulate(), strict=True):
-        by_pose = np.tensordot(clip.features, static.by_pose_m, 1)
-        at_nodes = (moving + by_pose).mean(axis=0, keepdims=True)
-        own = np.asarray(offsets_m[clip.sequence.frames]).mean(axis=0, dtype=np.float64)
-        sums[clip.person] += len(clip) * (own - nodes.spread(at_nodes)[0])
-        frames[clip.person] += len(clip)
-    return (sums / frames[:, None, None]).astype(np.float32)

@@ -13,8 +13,9 @@ static part at all is one of the candidates, and the simplest that comes near th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,17 +25,16 @@ from tf_dsnet.plus_clips import NodeClip
 
 RIDGES = (None, np.inf, 1e-1, 1e-2, 1e-3, 1e-4)
 """Candidates: no static part, a constant alone, and pose features with weaker and weaker ridge."""
+_NAMES = ("none", "constant", *(f"pose, ridge {ridge:g}" for ridge in RIDGES[2:]))
 _WORTH = 0.02
 """Share of the error that a less simple candidate must take away to be chosen."""
 _CONSTANT_RIDGE = 1e-4
 _MOST_FOLDS = 32
 """Of more kinds of motion several are left out together: the equations of each fold take
 megabytes."""
-_ARRAYS = ("constant", "by_pose", "left_out_error", "chosen")
 
 
-@dataclass(frozen=True, eq=False)
-class _Sums:
+class _Sums(NamedTuple):
     """Normal equations of some clips: X (n, P + 207), Y (n, 3 K)."""
 
     gram: NDArray[np.floating]
@@ -44,12 +44,7 @@ class _Sums:
 
     def plus(self, other: _Sums, sign: int = 1) -> _Sums:
         """Those of both together; with sign -1, of those that are not among `other`'s."""
-        return _Sums(
-            self.gram + sign * other.gram,
-            self.right + sign * other.right,
-            self.energy + sign * other.energy,
-            self.frames + sign * other.frames,
-        )
+        return self._make(mine + sign * theirs for mine, theirs in zip(self, other, strict=True))
 
     def error(self, solution: NDArray) -> float:
         """Sum of squares that `solution` leaves of these clips."""
@@ -63,9 +58,20 @@ class NodeStatic:
 
     constant_m: NDArray[np.float32]  # (P, K, 3)
     by_pose_m: NDArray[np.float32]  # (207, K, 3)
-    left_out_error: dict[str, float]
-    """Share of the residual's energy that each candidate leaves on motions left out."""
-    chosen: str
+    left_out: NDArray[np.float64]
+    """Share of the residual's energy that each candidate that was tried leaves on motions left
+    out."""
+    best: NDArray[np.integer]
+    """(1,) which candidate was chosen."""
+
+    @property
+    def chosen(self) -> str:
+        return _NAMES[int(self.best[0])]
+
+    @property
+    def left_out_error(self) -> dict[str, float]:
+        """The same by name of the candidate."""
+        return dict(zip(_NAMES, self.left_out.tolist(), strict=False))
 
     def of(self, clip: NodeClip) -> NDArray[np.float32]:
         """(T, K, 3) for one clip."""
@@ -73,22 +79,16 @@ class NodeStatic:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> NodeStatic:
-        constant_m, by_pose_m, tried, chosen = (arrays[f"static/{name}"] for name in _ARRAYS)
-        names = [_name(ridge) for ridge in RIDGES]
-        errors = dict(zip(names[: len(tried)], tried.tolist(), strict=True))
-        return cls(constant_m, by_pose_m, errors, names[int(chosen[0])])
+        return cls(**{field.name: arrays[f"static/{field.name}"] for field in fields(cls)})
 
     def arrays(self) -> dict[str, NDArray]:
         """Everything, `static/<name>`, for a checkpoint."""
-        tried = np.array(list(self.left_out_error.values()), np.float64)
-        chosen = np.array([[_name(ridge) for ridge in RIDGES].index(self.chosen)])
-        values = (self.constant_m, self.by_pose_m, tried, chosen)
-        return {f"static/{name}": value for name, value in zip(_ARRAYS, values, strict=True)}
+        return {f"static/{name}": value for name, value in vars(self).items()}
 
     @classmethod
     def nothing(cls, people: int, features: int, nodes: int) -> NodeStatic:
         zeros = [np.zeros((count, nodes, 3), np.float32) for count in (people, features)]
-        return cls(zeros[0], zeros[1], {}, "none")
+        return cls(*zeros, left_out=np.zeros(0), best=np.zeros(1, np.int64))
 
 
 def fit_static(clips: Sequence[NodeClip], moving_m: Sequence[NDArray], people: int) -> NodeStatic:
@@ -102,14 +102,12 @@ def fit_static(clips: Sequence[NodeClip], moving_m: Sequence[NDArray], people: i
     total = reduce(_Sums.plus, folds.values())
     # With one kind of motion nothing says what carries over.
     candidates = RIDGES if len(folds) > 1 else RIDGES[:1]
-    errors = {ridge: _left_out(folds, total, ridge, people) for ridge in candidates}
-    best = min(errors.values())
-    chosen = next(r for r in candidates if errors[r] <= best + _WORTH * total.energy)
-    solution = _solve(total, chosen, people)
+    errors = np.array([_left_out(folds, total, ridge, people) for ridge in candidates])
+    best = np.flatnonzero(errors <= errors.min() + _WORTH * total.energy)[:1]
+    solution = _solve(total, candidates[best[0]], people)
     at_nodes = solution.reshape(len(solution), -1, 3).astype(np.float32)
     constant, by_pose = np.split(at_nodes, [people])
-    shares = {_name(r): error / max(total.energy, 1e-30) for r, error in errors.items()}
-    return NodeStatic(constant, by_pose, shares, _name(chosen))
+    return NodeStatic(constant, by_pose, errors / max(total.energy, 1e-30), best)
 
 
 def _sums(clip: NodeClip, residual_m: NDArray, people: int) -> _Sums:
@@ -139,9 +137,3 @@ def _solve(sums: _Sums, ridge: float | None, people: int) -> NDArray[np.floating
     curvature = sums.gram[used, used] + np.diag(penalty[used])
     solution[used] = np.linalg.solve(curvature, sums.right[used])
     return solution
-
-
-def _name(ridge: float | None) -> str:
-    if ridge is None:
-        return "none"
-    return "constant" if np.isinf(ridge) else f"pose, ridge {ridge:g}"

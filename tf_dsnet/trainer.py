@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -17,7 +16,6 @@ from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_chec
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.model import (
     BlockLSTM,
-    assign_weights,
     build_dsnet,
     named_variables,
     named_weights,
@@ -98,20 +96,20 @@ class Trainer:
 
     def state(self) -> dict[str, NDArray]:
         """Copies of weights, running statistics and the optimizer's moments."""
-        optimizer = {variable.path: variable.numpy() for variable in self.optimizer.variables}
-        return {**named_weights(self.model), **optimizer}
+        return {name: variable.numpy() for name, variable in self._variables().items()}
 
     def set_rate(self, lr: float) -> None:
         self.optimizer.learning_rate = self.lr = lr
 
     def restore(self, state: Mapping[str, NDArray]) -> None:
         """Go back to what `state` returned, in this process or in an earlier one."""
-        own = self.optimizer.variables
-        for variable in own:
+        for name, variable in self._variables().items():
             # A file may give scalars (the step counter) back with one axis.
-            variable.assign(state[variable.path])
-        paths = {variable.path for variable in own}
-        assign_weights(self.model, {k: array for k, array in state.items() if k not in paths})
+            variable.assign(np.reshape(state[name], variable.shape))
+
+    def _variables(self) -> dict[str, keras.Variable]:
+        moments = {variable.path: variable for variable in self.optimizer.variables}
+        return {**named_variables(self.model), **moments}
 
     def _train_on(self, batch: dict[str, tf.Tensor]) -> tf.Tensor:
         loss, gradients = self._loss_and_gradients(batch)
@@ -148,24 +146,20 @@ class DsnetTraining:
         self.losses: list[float] = []
         self.validation_losses: list[float] = []
         self._scaling, self._validation, self._checkpoint = scaling, validation, checkpoint
-        self._seconds = 0.0
         if (state := load_checkpoint(checkpoint)) is not None:
             self.losses, self.validation_losses = (
                 state.pop(f"history/{name}").tolist() for name in ("loss", "validation_loss")
             )
             trainer.restore(state)
-        self._first = len(self.losses)
 
     def epoch(self, number: int, *, validate: bool) -> None:
         """Train for epoch `number`, unless the checkpoint was behind it already."""
         if number < len(self.losses):
             return
-        started = time.perf_counter()
         self.losses.append(self._finite(self.trainer.epoch(number), "loss", number))
         if validate:
             loss = self._finite(self.trainer.loss(self._validation), "validation loss", number)
             self.validation_losses.append(loss)
-        self._seconds += time.perf_counter() - started
 
     def save(self) -> None:
         state = self.trainer.state()
@@ -176,12 +170,6 @@ class DsnetTraining:
     @property
     def lr(self) -> float:
         return self.trainer.lr
-
-    @property
-    def epoch_s(self) -> float | None:
-        """Mean seconds of this process's epochs; None if there were none."""
-        trained = len(self.losses) - self._first
-        return self._seconds / trained if trained else None
 
     def arrays(self) -> dict[str, NDArray]:
         """The trained weights, which must be finite, and the scaling."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,34 +44,24 @@ class FittedOnce:
     ) -> None:
         self._name, self._fit, self._size, self._checkpoint = name, fit, size, checkpoint
         self._found: FitOutcome | None = None
-        self._seconds = 0.0
         self.losses: list[float] = []
         """The fit's own, for every epoch."""
         self.validation_losses: list[float] = []
         """The same for every epoch that was validated."""
         if (state := load_checkpoint(checkpoint)) is not None:
             self._resume(state)
-        self._first = len(self.losses)
 
     @property
     def lr(self) -> float:
         """None."""
         return 0.0
 
-    @property
-    def epoch_s(self) -> float | None:
-        """Mean seconds of this process's epochs; None if there were none."""
-        made = len(self.losses) - self._first
-        return self._seconds / made if made else None
-
     def epoch(self, number: int, *, validate: bool) -> None:
         """Fit, unless that is done."""
         if number < len(self.losses):
             return
         if self._found is None:
-            started = time.perf_counter()
             self._found = self._fit()
-            self._seconds = time.perf_counter() - started
         self.losses.append(self._found.loss)
         if validate:
             self.validation_losses.append(self._found.validation_loss)

@@ -8,7 +8,6 @@ were validated the best one's weights are kept.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,23 +67,16 @@ class RateSearch:
         """Of every epoch that was validated."""
         self._leg_epochs = max(1, int(SEARCH_SHARE * epochs))
         self._validation_loss, self._finished = validation_loss, finished
-        self._checkpoint, self._seconds = checkpoint, 0.0
+        self._checkpoint = checkpoint
         self._fresh = trainer.state()
         self._best_leg = self._kept = _Found(math.inf, RATES[0], self._fresh)
         if (state := load_checkpoint(checkpoint)) is not None:
             self._resume(state)
-        self._first = len(self.losses)
 
     @property
     def lr(self) -> float:
         """The learning rate that was chosen, or leads so far."""
         return self._best_leg.rate
-
-    @property
-    def epoch_s(self) -> float | None:
-        """Mean seconds of this process's epochs; None if there were none."""
-        trained = len(self.losses) - self._first
-        return self._seconds / trained if trained else None
 
     def epoch(self, number: int, *, validate: bool) -> None:
         """Train for epoch `number`, unless the checkpoint was behind it already.
@@ -96,7 +88,6 @@ class RateSearch:
         """
         if number < len(self.losses):
             return
-        started = time.perf_counter()
         leg, place = divmod(number, self._leg_epochs)
         searching = leg < len(RATES)
         if searching and place == 0:
@@ -107,7 +98,6 @@ class RateSearch:
         leg_ends = searching and place == self._leg_epochs - 1
         if validate or leg_ends:
             self._judge(leg_ends, validate)
-        self._seconds += time.perf_counter() - started
 
     def save(self) -> None:
         """Write the checkpoint."""

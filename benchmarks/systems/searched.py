@@ -98,13 +98,14 @@ class SearchedNetwork(ABC):
             for part in (train, validation)
         )
         masked = self.masked or settings.masked
+        people = len({clip.betas.tobytes() for clip in data.train})
         trainer = Trainer(
             clips,
             lr=RATES[0],
             batch_size=settings.batch_size,
             masked=masked,
             seed=settings.seed,
-            build=partial(self.build, masked=masked, people=data.people),
+            build=partial(self.build, masked=masked, people=people),
             loss_of=self.loss_for(clips),
         )
         self.prepare(trainer.model, clips)

@@ -56,7 +56,7 @@ FORMATS = {
     "mp4": Format(
         "bridge.export.clips.write_mp4", (".mp4",), "imageio_ffmpeg", "clip", several=True
     ),
-    "html": Format("bridge.view.html.write", (".html",), several=True),
+    "html": Format("bridge.view.page.write", (".html",), several=True),
 }
 
 

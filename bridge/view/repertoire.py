@@ -6,9 +6,9 @@ Apart from evaluation this is the one reader, and what it reads reaches no predi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,34 +17,35 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError, notify
 from bridge.exchange.dsnet import dsnets_of
-from bridge.markers.bony import bony_pose, flesh_in_pose
+from bridge.markers.bony import flesh_in_pose
 from bridge.measure.pipelines import MotionArrays
-from bridge.motion import Motion, load_amass_motion, load_motion_file, sequences_of, subject_rows
-from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.motion import AS_IT_SAYS, DEFAULT_FPS, HowRead, SmoothHz
+from bridge.motion import (
+    Motion,
+    MotionSequence,
+    load_amass_motion,
+    sequences_of,
+    subject_rows,
+)
+from bridge.motion.motion import DEFAULT_FPS
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import subject_and_motion
 from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
 from bridge.runs import Artifact, Run
-from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT
-from bridge.runtime.load_model import PIPELINES, TrainedModel, load_model
+from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, TRAIN
+from bridge.runtime.controls import Controls, controlled_body
+from bridge.runtime.load_model import (
+    PIPELINES,
+    TrainedModel,
+    body_asked,
+    load_for_motion,
+    load_model,
+)
 from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.runtime.whose_betas import with_own_shape
 
 AVERAGE = "average shape"
 TRUTH = "truth"
-
-
-@dataclass(frozen=True, eq=False)
-class TrueMotion:
-    """What really moved in a synthetic sequence of T frames."""
-
-    theta: NDArray[np.floating]
-    """(T, 69) true pose."""
-    betas: NDArray[np.floating]
-    """(10,) true shape."""
-    offsets_m: NDArray[np.float32]
-    """(T, V, 3) true offsets in the rest pose, metres."""
+_KINDS = {"train": "trained on", "validation": "held out", "test": "unseen"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,25 +54,16 @@ class ViewedMotion:
 
     read: Callable[[], Motion]
     """The motion of its own person, y up."""
-    of_file: bool = True
-    """Whether the root of its file turns about the root joint, wherever a shape has that."""
-    truth: str | None = None
-    """Name of its sequence in the truth, where that is known."""
-    frames: int | None = None
-    """How many of its frames the truth has."""
+    sequence: str = ""
+    """Its name among the run's, by which its truth is found where that is known."""
 
 
 @dataclass(frozen=True, eq=False)
 class Repertoire:
     """Everything that one viewer can show; all of it moves the same body model."""
 
-    owner: str
-    """Whose predictors they are, for people."""
-    origin: str
-    """`synthetic` or `licensed`."""
-    body: BodyModelData
-    body_model: str
-    """`embedded:female`, or the path of its file."""
+    best: TrainedModel
+    """The predictor to be shown first, whose body moves."""
     predictors: Mapping[str, str]
     """Labels by name, the best first."""
     open: Callable[[str], TrainedModel]
@@ -80,115 +72,98 @@ class Repertoire:
     """By what the picker calls them, the first to be shown first."""
     people: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     """Shapes (10,) by name, besides each motion's own person."""
-    read_truth: Callable[[str], TrueMotion] | None = None
-    """The truth of a sequence by name, where any is known."""
+    truth: MotionArrays | None = None
+    """True poses, shapes and offsets, where any are known."""
+
+    def truth_of(self, take: ViewedMotion) -> MotionSequence | None:
+        """Where in the truth a motion stands, if it does."""
+        return self.truth.places.get(take.sequence) if self.truth else None
 
 
 def open_repertoire(
-    run: Run | None,
-    path: Path | None,
-    motion_fps: float | None = None,
-    smooth_hz: SmoothHz | None = None,
-    bony: bool = False,
-    how: HowRead = AS_IT_SAYS,
-    body_model: str | None = None,
+    run: Run | None, path: Path | None, controls: Controls | None = None
 ) -> Repertoire:
     """Everything that can be shown with a run's predictors, or with the packaged one.
 
     Parameters
     ----------
     path : a motion to be shown first, of any format that is read, or a sample.
-    bony : its chest follows the file's markers on bone.
-    how : what is said of the file besides.
-    body_model : of another body than the predictor was trained on; a run's own sequences and
-        people are of that one, and are left out.
+    controls : how that is read and posed, and of whose body; on another body than the predictor was
+        trained on a run's own sequences and people are left out.
     """
-    given = None
-    if path is not None:
-        given = load_motion_file(path, motion_fps, smooth_hz=smooth_hz, how=how)
-    gender = "unknown" if given is None else given.gender
-    best = load_model(run, None, gender, body_model)
-    if given is not None:
-        given = with_own_shape(given, best.body)
-        given = bony_pose(best.body, given) if bony else given
-        flesh = [] if bony else flesh_in_pose(given)
-        for warning in (*motion_warnings(given, pieces_between_cuts(given.theta)), *flesh):
+    asked, takes = controls or Controls(), {}
+    body = body_asked(asked.body)
+    if path is None:
+        best = load_model(run, body=body)
+    else:
+        best, motion = load_for_motion(
+            run, None, path, asked.motion_fps, asked.smooth_hz, asked.how_read(), body
+        )
+        moving = controlled_body(best, motion, asked)
+        flesh = [] if asked.pose == "bony" else flesh_in_pose(motion)
+        for warning in (*motion_warnings(moving.motion, moving.pieces), *flesh):
             notify(warning)
-    body, origin = best.body, best.origin
-
-    @cache
-    def model(name: str) -> TrainedModel:
-        return best if name == best.name else load_model(run, name, gender)
-
-    takes: dict[str, ViewedMotion] = {}
-    if given is not None:
-        placed = place_motion(given, body)  # refuses what is no person's motion before it is shown
-        takes[given.source.stem.removeprefix(SAMPLE_PREFIX)] = ViewedMotion(lambda: placed)
-    labels, people = {best.name: best.label}, {AVERAGE: np.zeros(body.shapedirs.shape[-1])}
-    found = partial(Repertoire, best.owner, origin, body, best.body_model, open=model)
+        takes[path_title(path)] = ViewedMotion(lambda: moving.motion)
+    model = cache(lambda name: best if name == best.name else load_model(run, name))
+    people = {AVERAGE: np.zeros(best.body.shapedirs.shape[-1])}
+    found = Repertoire(best, {best.name: best.label}, model, takes, people)
     if run is None or best.other_body is not None:
-        samples = {name: _of_file(Path(SAMPLE_PREFIX + name), body) for name in SAMPLES}
-        return found(predictors=labels, takes=takes | samples | takes, people=people)
-    known, read = open_truth(run, origin)
+        samples = [Path(SAMPLE_PREFIX + name) for name in SAMPLES]
+        others = {path_title(sample): _of_file(sample, best.body) for sample in samples}
+        return replace(found, takes=takes | others | takes)
     align = run.artifact(ROBUST_ALIGNMENT if run.finished(ROBUST_ALIGNMENT) else ALIGNMENT)
-    takes |= _aligned(align, body, known) | _unseen(run, align, body, known)
+    for take, split in _recorded(run, align, best.body):
+        takes[f"{take.sequence} ({_KINDS[split]})"] = take
     if not takes:
         raise DsnetError(f"run {run.name!r} without motions", "a motion", "Pass --motion FILE.")
-    return found(
-        predictors=labels | _labels_of(run),
-        takes=takes,
+    return replace(
+        found,
+        predictors=found.predictors | _dsnets_of(run),
         people=_people(align) | people,
-        read_truth=read if known else None,
+        truth=open_truth(run, best.origin),
     )
 
 
-def open_truth(run: Run, origin: str) -> tuple[Mapping[str, int], Callable[[str], TrueMotion]]:
-    """Lengths of the sequences whose truth is known, by name, and what reads one of them.
+def path_title(path: Path) -> str:
+    """What the picker calls a file or a sample."""
+    return path.stem.removeprefix(SAMPLE_PREFIX)
+
+
+def open_truth(run: Run, origin: str) -> MotionArrays | None:
+    """What really moved in a run's sequences, where it is known.
 
     `origin` is that of the run's meshes; the truth is of its own corpus, not of licensed ones.
     """
-    known: dict[str, int] = {}
-    truth = None
-    if origin == "synthetic" and run.finished(TRUTH):
-        truth = MotionArrays.of(run.artifact(TRUTH))
-        known = {name: place.length for name, place in truth.places.items()}
-
-    def read(name: str) -> TrueMotion:
-        if truth is None:
-            raise KeyError(name)
-        frames = slice(0, known[name])
-        offsets_m = np.asarray(truth.offsets_m(name, frames), np.float32)
-        return TrueMotion(truth.frames("theta", name, frames), truth.betas(name), offsets_m)
-
-    return known, read
+    known = origin == "synthetic" and run.finished(TRUTH)
+    return MotionArrays.of(run.artifact(TRUTH)) if known else None
 
 
-def take_of(moving: MovingBody) -> tuple[ViewedMotion, Callable[[str], TrueMotion] | None]:
+def take_of(moving: MovingBody) -> tuple[ViewedMotion, MotionArrays | None]:
     """A motion as it is moved, with its truth if it is one of its run's corpus, as recorded."""
     motion, trained = moving.motion, moving.trained
     first, *_ = trained.artifacts.values()
     folder, take = first.path.parent.resolve(), ViewedMotion(lambda: motion)
     recorded = not set(moving.controls) - {"gain", "part_gain"}
     if recorded and folder / "corpus" in motion.source.resolve().parents:
-        known, read = open_truth(Run(folder.name), trained.origin)
-        if (name := "_".join(subject_and_motion(motion.source))) in known:
-            return replace(take, truth=name, frames=known[name]), read
+        sequence = "_".join(subject_and_motion(motion.source))
+        return replace(take, sequence=sequence), open_truth(Run(folder.name), trained.origin)
     return take, None
 
 
-def _labels_of(run: Run) -> dict[str, str]:
-    """Labels of all predictors that move single motions, of every pipeline that the run has."""
-    found: dict[str, str] = {}
-    for pipeline in PIPELINES:
-        if all(run.finished(stage) for stage in pipeline.stages):
-            trained = run.artifact(pipeline.stages[0])
-            entries = trained.manifest["predictors"]
-            found |= {name: entries[name].get("label", name) for name in dsnets_of(trained)}
-    return found
+def _dsnets_of(run: Run) -> dict[str, str]:
+    """Labels of the paper's networks, where the run has all that moves bodies by them."""
+    if not all(run.finished(stage) for stage in PIPELINES[-1].stages):
+        return {}
+    trained = run.artifact(TRAIN)
+    entries = trained.manifest["predictors"]
+    return {name: entries[name].get("label", name) for name in dsnets_of(trained)}
 
 
-def _of_file(path: Path, body: BodyModelData) -> ViewedMotion:
-    return ViewedMotion(lambda: place_motion(with_own_shape(load_amass_motion(path), body), body))
+def _of_file(path: Path, body: BodyModelData, sequence: str = "") -> ViewedMotion:
+    def read() -> Motion:
+        return place_motion(with_own_shape(load_amass_motion(path), body), body)
+
+    return ViewedMotion(read, sequence)
 
 
 def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:
@@ -196,12 +171,10 @@ def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:
     return {name: betas[row].astype(np.float64) for name, row in rows.items()}
 
 
-def _aligned(
-    align: Artifact, body: BodyModelData, known: Mapping[str, int]
-) -> dict[str, ViewedMotion]:
-    """The sequences that the run's meshes show, as alignment saw them; those held out first."""
+def _recorded(run: Run, align: Artifact, body: BodyModelData) -> Iterator[tuple[ViewedMotion, str]]:
+    """The sequences that the run's meshes show, as alignment saw them, those held out first; then
+    the corpus's motions without meshes, on which predictors are tested. Each with its split."""
     people, theta = _people(align), align.array("theta")
-    takes = {}
     for one in sorted(sequences_of(align), key=lambda one: one.split != "validation"):
         motion = Motion(
             theta=theta[one.frames].astype(np.float64),
@@ -210,32 +183,12 @@ def _aligned(
             fps=DEFAULT_FPS,
             source_fps=one.fps,
             source=Path(one.name),
+            trans_of="y",  # of whatever shape
         )
-        take = ViewedMotion(lambda motion=motion: motion, of_file=False)
-        takes |= _titled(take, one.name, one.split, known)
-    return takes
-
-
-def _unseen(
-    run: Run, align: Artifact, body: BodyModelData, known: Mapping[str, int]
-) -> dict[str, ViewedMotion]:
-    """The corpus's motions without meshes, on which predictors are tested."""
-    takes = {}
+        yield ViewedMotion(lambda motion=motion: motion, one.name), one.split
     if "corpus" in align.manifest["upstream"]:
         corpus = run.artifact("corpus")
         for name in sorted(corpus.manifest["files"]):
             if name.endswith("_poses.npz"):
                 path = corpus.file(name)
-                sequence = "_".join(subject_and_motion(path))
-                takes |= _titled(_of_file(path, body), sequence, "test", known)
-    return takes
-
-
-def _titled(
-    take: ViewedMotion, sequence: str, split: str, known: Mapping[str, int]
-) -> dict[str, ViewedMotion]:
-    """By what the picker calls it, and with its truth."""
-    kinds = {"train": "trained on", "validation": "held out", "test": "unseen"}
-    if sequence in known:
-        take = replace(take, truth=sequence, frames=known[sequence])
-    return {f"{sequence} ({kinds[split]})": take}
+                yield _of_file(path, body, "_".join(subject_and_motion(path))), "test"

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import cached_property, partial
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.body.embedded import EMBEDDED_PREFIX
 from bridge.body.parts import PARTS, part_weights
 from bridge.body.posing import Smpl
 from bridge.body.shapes import SHAPES, find_shape
@@ -29,12 +29,15 @@ from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap, close_lap
 from bridge.motion.motion_checks import motion_warnings
 from bridge.runtime.body_graph import bone_weights
-from bridge.runtime.controls import root_joint_m
+from bridge.runtime.controls import gains_of_parts, root_joint_m
 from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.plus_graph import plus_graph
+from bridge.runtime.plus_graph import plus_graph, plus_layout
 from bridge.runtime.stepping import PlusModel
+from bridge.tissue.trained_plus import TrainedPlus
 from bridge.view.repertoire import TRUTH, Repertoire, ViewedMotion
 
+BUNDLE = Path(str(resources.files("bridge.view"))) / "bundle"
+"""What `web/` is built to: the page, and what runs graphs."""
 MOST_FRAMES = 36_000
 """Of a motion in a page: ten minutes."""
 TRACK_FRAMES = 1200
@@ -49,110 +52,106 @@ _AHEAD = 8
 """Frames behind the last round, which the model may look at."""
 
 
-@dataclass(frozen=True)
-class Start:
-    """Where the page's controls stand at first."""
-
-    gain: float = 1.0
-    parts: tuple[float, ...] = (1.0,) * len(PARTS)
-    loop: bool = False
-
-
 class Scene:
     """What one page can show.
 
-    `lap` is the loop that all motions are, if what is baked is to repeat.
+    `controls` are those of a moving body, where the page's knobs stand at first; `lap` is the loop
+    that all motions are, if what is baked is to repeat.
     """
 
     def __init__(
-        self, repertoire: Repertoire, start: Start | None = None, lap: Lap | None = None
+        self,
+        repertoire: Repertoire,
+        controls: Mapping[str, Any] | None = None,
+        lap: Lap | None = None,
     ) -> None:
-        self._repertoire, self._start, self._lap = repertoire, start or Start(), lap
-        self._takes = list(repertoire.takes.items())
-        self._live = self._live_predictor()
-        self.baked = self._live is None
+        self._repertoire, self._controls, self._lap = repertoire, controls or {}, lap
+        self._body, self._takes = repertoire.best.body, list(repertoire.takes.items())
+        self._live, self._plus, self.baked = self._live_predictor()
+        """Why nothing lives in the page; empty where something does."""
         self.assets: dict[str, Callable[[], bytes]] = {"scene": self._scene}
-        """Bytes by name."""
-        if not self.baked:
-            self.assets |= {"model": self._model_bytes, "shapes": self._shapes}
+        """Bytes by name; `runtime`, which runs graphs, is packed by gzip."""
+        if self._plus:
+            graph = partial(plus_graph, self._plus, self._body, in_parts=True)
+            self.assets |= {
+                "runtime": (BUNDLE / "runtime.wasm.gz").read_bytes,
+                "model": lambda: graph().SerializeToString(),
+                "shapes": self._shapes,
+            }
         for number, (_, take) in enumerate(self._takes):
             self.assets[f"motion{number}"] = partial(self._motion, number)
-            if not self.baked:
+            if self._plus:
                 self.assets[f"loop{number}"] = partial(self._loop, number)
             for name in self._tracks(take):
                 self.assets[f"track{number}_{name}"] = partial(self._track, number, name)
 
-    def _live_predictor(self) -> str | None:
-        """The one whose graph runs in the page; none where the body may not be in it."""
+    def _live_predictor(self) -> tuple[str, TrainedPlus | None, str]:
+        """The one whose graph runs in the page; else why there is none."""
         repertoire = self._repertoire
-        if repertoire.body_model.startswith(EMBEDDED_PREFIX):
-            for name in repertoire.predictors:
-                if isinstance(repertoire.open(name).model, PlusModel):
-                    return name
-        return None
-
-    @cached_property
-    def _graph(self) -> onnx.ModelProto:
-        assert self._live is not None
-        model = self._repertoire.open(self._live).model
-        assert isinstance(model, PlusModel)
-        return plus_graph(model.trained, self._repertoire.body, in_parts=True)
-
-    def _model_bytes(self) -> bytes:
-        return self._graph.SerializeToString()
+        if self._body.source != "synthetic":
+            why = "This body model needs a licence and is not in the page: its surface is baked in."
+            return "", None, why
+        for name in repertoire.predictors:
+            if isinstance(model := repertoire.open(name).model, PlusModel):
+                return name, model.trained, ""
+        why = "These predictors are too large for a page: what they gave is baked into it."
+        return "", None, why
 
     def _scene(self) -> bytes:
-        repertoire, body = self._repertoire, self._repertoire.body
-        root = np.asarray((body.J_regressor @ np.eye(body.vertex_count))[0]).ravel()
+        repertoire, body, asked = self._repertoire, self._body, self._controls
         facts: dict[str, Any] = {
-            "owner": repertoire.owner,
-            "origin": repertoire.origin,
+            "owner": repertoire.best.owner,
+            "origin": repertoire.best.origin,
             "gender": body.gender,
-            "baked": self._why_baked(),
+            "baked": self.baked,
             "faces": _text(body.faces, "<u2" if body.vertex_count < 1 << 16 else "<u4"),
             "vertices": body.vertex_count,
             "parts": PARTS,
             "part_weights": _text(part_weights(body).T, "<f4"),
             "most_frames": MOST_FRAMES,
-            "start": vars(self._start),
-            "predictors": [
-                {"name": name, "label": label} for name, label in repertoire.predictors.items()
-            ],
+            "start": {
+                "gain": asked.get("gain", 1.0),
+                "parts": gains_of_parts(asked.get("part_gain", ())).tolist(),
+                "loop": asked.get("loop", False),
+            },
+            "labels": {SMPL_ALONE: "SMPL alone", **repertoire.predictors, TRUTH: TRUTH},
             "motions": [{"name": name, "tracks": self._tracks(take)} for name, take in self._takes],
         }
-        if not self.baked:
-            about = {entry.key: entry.value for entry in self._graph.metadata_props}
-            facts["graph"] = {
-                "state": {
-                    name: (at, shape) for name, at, shape in json.loads(about["state_layout"])
-                },
-                "predictor": self._live,
-                "latency": int(about["latency_frames"]),
-            }
-            weights = bone_weights(body)
-            each = int((weights > 0).sum(axis=1).max())
-            bones = np.argsort(-weights, axis=1, kind="stable")[:, :each]
-            facts |= {
-                "bone_of": _text(bones, "u1"),
-                "bone_weight": _text(np.take_along_axis(weights, bones, 1), "<f4"),
-                "root_joint": (root @ body.v_template).tolist(),
-                "root_joint_shapes": np.einsum("v,vxb->xb", root, body.shapedirs).tolist(),
-            }
-        return json.dumps(facts).encode()
+        return json.dumps(facts | self._facts_of_skin()).encode()
 
-    def _why_baked(self) -> str:
-        if not self.baked:
-            return ""
-        if self._repertoire.body_model.startswith(EMBEDDED_PREFIX):
-            return "These predictors are too large for a page: what they gave is baked into it."
-        return "This body model needs a licence and is not in the page: its surface is baked in."
+    def _facts_of_skin(self) -> dict[str, Any]:
+        """What the page must know to run the graph and to pose what it gives; where there is none,
+        one bone carries everything."""
+        body, plus = self._body, self._plus
+        weights = bone_weights(body) if plus else np.ones((body.vertex_count, 1))
+        each = int((weights > 0).sum(axis=1).max())
+        bones = np.argsort(-weights, axis=1, kind="stable")[:, :each]
+        skin = {
+            "bone_of": _text(bones, "u1"),
+            "bone_weight": _text(np.take_along_axis(weights, bones, 1), "<f4"),
+        }
+        if plus is None:
+            return skin
+        layout = plus_layout(plus)
+        moves = layout.columns("moves")
+        root_shapes = [(body.J_regressor @ body.shapedirs[:, axis])[0] for axis in range(3)]
+        return skin | {
+            "graph": {
+                "predictor": self._live,
+                "latency": plus.look_ahead,
+                "state_size": layout.size,
+                "moves": [moves.start, moves.stop],
+            },
+            "root_joint": body.joints[0].tolist(),
+            "root_joint_shapes": np.stack(root_shapes).tolist(),
+        }
 
     def _shapes(self) -> bytes:
         """Betas by name: of the people, and of shapes in words that this body can have."""
         found = {name: betas.tolist() for name, betas in self._repertoire.people.items()}
         for name in SHAPES:
             try:
-                found[name] = find_shape(self._repertoire.body, [name]).tolist()
+                found[name] = find_shape(self._body, [name]).tolist()
             except DsnetError:  # out of this body's reach
                 continue
         return json.dumps(found).encode()
@@ -160,57 +159,56 @@ class Scene:
     def _tracks(self, take: ViewedMotion) -> list[str]:
         """Who is shown by a track: all but the live predictor, and the truth where it is known."""
         names = [name for name in self._repertoire.predictors if name != self._live]
-        known = [TRUTH] if take.truth is not None else []
-        return [SMPL_ALONE] * self.baked + names + known
+        known = [TRUTH] if self._repertoire.truth_of(take) else []
+        return [SMPL_ALONE] * (not self._plus) + names + known
 
-    def _shown(self, number: int) -> Motion:
+    def _shown(self, take: ViewedMotion) -> Motion:
         """As much of a motion as the page shows."""
-        _, take = self._takes[number]
-        motion = take.read()
         most = TRACK_FRAMES if self._tracks(take) else MOST_FRAMES
-        return motion.frames(slice(min(most, take.frames or most)))
+        truth = self._repertoire.truth_of(take)
+        return take.read().frames(slice(min(most, truth.length) if truth else most))
 
     def _motion(self, number: int) -> bytes:
-        name, take = self._takes[number]
-        whole, motion = len(take.read().theta), self._shown(number)
-        starts = [piece.start for piece in pieces_between_cuts(motion.theta)]
-        says = motion_warnings(motion, pieces_between_cuts(motion.theta))
-        if (left_out := whole - len(motion.theta)) and take.truth is None:
+        _, take = self._takes[number]
+        whole, motion = len(take.read().theta), self._shown(take)
+        pieces = pieces_between_cuts(motion.theta)
+        says = motion_warnings(motion, pieces)
+        if (left_out := whole - len(motion.theta)) and not self._repertoire.truth_of(take):
             says.append(f"{left_out} of its {whole} frames are left out: pages show less")
-        facts = self._facts(name, motion, motion.theta, starts, take.of_file)
-        return json.dumps(facts | {"says": says}).encode()
+        starts = [piece.start for piece in pieces]
+        return self._played(number, motion, motion.theta, starts=starts, says=says)
 
-    def _facts(
-        self, name: str, motion: Motion, theta: NDArray, starts: list[int], of_file: bool
-    ) -> dict[str, Any]:
-        return {
-            "name": name,
+    def _played(self, number: int, motion: Motion, theta: NDArray, **more: Any) -> bytes:
+        first = motion.frames(slice(1))
+        by_joint = [
+            first.about_root_joint(axis).trans_m[0] - first.trans_m[0] for axis in np.eye(3)
+        ]
+        facts = {
+            "name": self._takes[number][0],
             "theta": _text(theta, "<f8"),
             "betas": motion.betas.tolist(),
             "gender": motion.gender,
             "fps": motion.fps,
-            "starts": starts,
             "first": 0,
             "count": len(theta),
-            "of_file": of_file,
+            # How the root's place follows the root joint, which goes with the shape.
+            "by_joint": np.transpose(by_joint).tolist(),
         }
+        return json.dumps(facts | more).encode()
 
     def _loop(self, number: int) -> bytes:
-        """The motion as one that repeats: some rounds, of which the last is shown."""
-        name, take = self._takes[number]
-        motion = self._shown(number)
+        """The motion as one that repeats: rounds that lead to the one that is shown, and on."""
+        motion = self._shown(self._takes[number][1])
         try:
             if len(pieces_between_cuts(motion.theta)) > 1:
                 raise DsnetError("a motion with cuts", "one without", "Choose another.")
-            lap = close_lap(motion.theta, root_joint_m(self._repertoire.body, motion.betas))
+            lap = close_lap(motion.theta, root_joint_m(self._body, motion.betas))
         except DsnetError as error:
             return json.dumps({"failed": str(error)}).encode()
-        frames = len(lap.theta)
-        before = max(2, int(np.ceil(_LOOPED_S * motion.fps / frames)))
-        theta = lap.repeated(before + 2)[: (before + 1) * frames + _AHEAD]
-        facts = self._facts(name, motion, theta, [0], take.of_file)
-        shown = {"first": before * frames, "count": frames, "back": _way_back(lap, before)}
-        return json.dumps(facts | shown | {"says": []}).encode()
+        count = len(lap.theta)
+        before = max(2, int(np.ceil(_LOOPED_S * motion.fps / count)))
+        theta, place = rounds_around(lap, before, _AHEAD), {"first": before * count, "count": count}
+        return self._played(number, motion, theta, starts=[0], says=[], **place)
 
     def _track(self, number: int, name: str) -> bytes:
         """(T, 3, V) as whole steps, differences in time, behind the size of a step in metres."""
@@ -224,51 +222,43 @@ class Scene:
         """Pieces (T', V, 3), metres: offsets in the rest pose of the motion, so that a truth of
         another pose stands where it stood; in a baked page posed, and places about the root."""
         _, take = self._takes[number]
-        motion, repertoire = self._shown(number), self._repertoire
+        motion = self._shown(take)
         pose, trans_m = unpack_theta(motion.theta)
-        alone = Smpl(repertoire.body).person(motion.betas)
-        if name not in (SMPL_ALONE, TRUTH) and not self.baked:
-            yield from (piece.offsets_m for piece in MovingBody(repertoire.open(name), motion))
-            return
-        for frames, vertices_m in self._posed(name, take, motion):
-            if name == SMPL_ALONE:
-                yield vertices_m - trans_m[frames, None]
-                continue
-            places_m, turns = alone.skin(pose[frames], trans_m[frames])
-            apart_m = vertices_m - places_m
-            if self.baked:
-                yield apart_m
-            else:
-                yield np.linalg.solve(turns, apart_m[..., None])[..., 0]
+        alone = Smpl(self._body).person(motion.betas)
+        if name == SMPL_ALONE:
+            yield alone.pose(pose, 0 * trans_m)
+        elif name != TRUTH and not self.baked:
+            moving = MovingBody(self._repertoire.open(name), motion)
+            yield from (piece.offsets_m for piece in moving)
+        else:
+            for frames, vertices_m in self._posed(name, take, motion):
+                places_m, turns = alone.skin(pose[frames], trans_m[frames])
+                apart_m = vertices_m - places_m
+                yield apart_m if self.baked else np.linalg.solve(turns, apart_m[..., None])[..., 0]
 
     def _posed(
         self, name: str, take: ViewedMotion, motion: Motion
     ) -> Iterator[tuple[slice, NDArray]]:
         """Vertices in the world, some frames at a time."""
-        repertoire, offsets_m, theta, betas = self._repertoire, None, motion.theta, motion.betas
-        if name == TRUTH and take.truth is not None and repertoire.read_truth is not None:
-            truth = repertoire.read_truth(take.truth)
-            offsets_m, theta, betas = truth.offsets_m, truth.theta, truth.betas
-        elif name != SMPL_ALONE:
-            moving = MovingBody(repertoire.open(name), motion, loop=self._lap)
+        truth, sequence = self._repertoire.truth, take.sequence
+        if name != TRUTH or truth is None:
+            moving = MovingBody(self._repertoire.open(name), motion, loop=self._lap)
             yield from ((piece.frames, piece.vertices_m) for piece in moving)
             return
-        pose, trans_m = unpack_theta(theta)
-        person = Smpl(repertoire.body).person(betas)
+        person = Smpl(self._body).person(truth.betas(sequence))
         for start in range(0, len(motion.theta), _AT_ONCE):
             frames = slice(start, min(start + _AT_ONCE, len(motion.theta)))
-            moved_m = None if offsets_m is None else offsets_m[frames]
-            yield frames, person.pose(pose[frames], trans_m[frames], moved_m)
+            pose, trans_m = unpack_theta(truth.frames("theta", sequence, frames))
+            yield frames, person.pose(pose, trans_m, truth.offsets_m(sequence, frames))
 
 
-def _way_back(lap: Lap, rounds: int) -> list[float]:
-    """From where the round after so many stands to the first: a matrix by rows, then a shift."""
-    unturned = Rotation.from_rotvec([0.0, -lap.turn_rad, 0.0]).as_matrix()
-    back, shift_m = np.eye(3), np.zeros(3)
-    for _ in range(rounds):  # a round is turned, then shifted
-        back = unturned @ back
-        shift_m = unturned @ (shift_m - lap.shift_m)
-    return [*back.ravel().tolist(), *shift_m.tolist()]
+def rounds_around(lap: Lap, before: int, ahead: int) -> NDArray[np.floating]:
+    """(T, 69) some rounds before a lap, each ending where the next begins, the lap itself, and some
+    frames that follow it."""
+    unturned = Rotation.from_rotvec([0.0, -lap.turn_rad, 0.0])
+    back = replace(lap, turn_rad=-lap.turn_rad, shift_m=-unturned.apply(lap.shift_m))
+    rounds = back.repeated(before + 1).reshape(before + 1, *lap.theta.shape)[::-1]
+    return np.concatenate([*rounds, lap.repeated(2)[len(lap.theta) :][:ahead]])
 
 
 def _text(array: NDArray, dtype: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -50,22 +50,14 @@ def main(config: ViewConfig) -> None:
     check_options(config)
     # Late: what moves bodies takes a second to load.
     from bridge.runtime.controls import Controls
-    from bridge.runtime.load_model import body_asked
+    from bridge.view.page import serving
     from bridge.view.repertoire import open_repertoire
     from bridge.view.scene import Scene
-    from bridge.view.server import serving
 
     run = None if config.run is None else Run(config.run)
-    how = Controls(up=config.up, joint_map=config.joint_map).how_read()
-    repertoire = open_repertoire(
-        run,
-        config.motion,
-        config.motion_fps,
-        config.smooth_hz,
-        config.pose == "bony",
-        how,
-        body_asked(config.body),
-    )
+    names = {field.name for field in fields(Controls)} & set(vars(config))
+    asked = Controls(**{name: getattr(config, name) for name in names})
+    repertoire = open_repertoire(run, config.motion, asked)
     with serving(Scene(repertoire), config.port) as address:
-        notify(f"{repertoire.owner}: open {address} in a browser; Ctrl-C ends it")
+        notify(f"{repertoire.best.owner}: open {address} in a browser; Ctrl-C ends it")
         threading.Event().wait()

@@ -16,7 +16,7 @@ from bridge.motion.splits import kind_of
 from bridge.runs import Run
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.stepping import Prediction
-from bridge.view.repertoire import TrueMotion, open_truth
+from bridge.view.repertoire import open_truth
 
 TAIL = "_poses.npz"
 TRUTH = "truth (simulated)"
@@ -56,6 +56,18 @@ class TrueBody(MovingBody):
         return [Prediction(iter([self._offsets_m]))]
 
 
+@dataclass(frozen=True, eq=False)
+class TrueMotion:
+    """What really moved in a synthetic sequence of T frames."""
+
+    theta: NDArray[np.floating]
+    """(T, 69) true pose."""
+    betas: NDArray[np.floating]
+    """(10,) true shape."""
+    offsets_m: NDArray[np.float32]
+    """(T, V, 3) true offsets in the rest pose, metres."""
+
+
 def true_performance(run: Run, name: str, body: BodyModelData) -> Performed:
     """How a sequence of a synthetic run's corpus really went; see `truth_of`."""
     truth = truth_of(run, name)
@@ -72,14 +84,15 @@ def truth_of(run: Run, name: str) -> TrueMotion:
     DsnetError
         If the run has no truth of it.
     """
-    known, read = open_truth(run, run.artifact("corpus").origin)
-    if name not in known:
+    truth, every = open_truth(run, run.artifact("corpus").origin), slice(None)
+    if truth is None or name not in truth.places:
         raise DsnetError(
             f"run {run.name!r} without the truth of {name}",
             "a run of the synthetic corpus",
             "Name the run of `./reproduce.sh`.",
         )
-    return read(name)
+    offsets_m = np.asarray(truth.offsets_m(name, every), np.float32)
+    return TrueMotion(truth.frames("theta", name, every), truth.betas(name), offsets_m)
 
 
 def motion_of_kind(run: Run, kind: str) -> Path:

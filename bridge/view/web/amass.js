@@ -5,6 +5,7 @@ import { unzipSync } from "fflate";
 const WIDTHS = [72, 156, 165], JOINTS = 22, FPS = 60, MOST_FRAMES = 108000;
 const MOST_BYTES = { poses: MOST_FRAMES * 165 * 8, trans: MOST_FRAMES * 24, betas: 1 << 16 };
 const CUT_M = 0.5, CUT_RAD = (150 / 180) * Math.PI, UPRIGHT = [-Math.SQRT1_2, 0, 0, Math.SQRT1_2];
+const BY_JOINT = [[0, 0, 0], [0, -1, 1], [0, -1, -1]]; // the root turns about the root joint, and so does the world: R J - J
 const TYPES = { f4: Float32Array, f8: Float64Array, i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array,
                 i4: Int32Array, u4: Uint32Array, i8: BigInt64Array, u8: BigUint64Array };
 
@@ -43,11 +44,12 @@ export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   } catch (error) { refuse(error.code === undefined ? error.message : `the file is damaged (${error.message})`); }
   const array = (name) => files[`${name}.npy`] && readNpy(files[`${name}.npy`], name);
   const numbers = (name, most) => {
-    const found = array(name)?.data ? array(name) : refuse(`no numbers '${name}': this is no AMASS motion`);
+    const found = array(name);
+    if (!found?.data) refuse(`no numbers '${name}': this is no AMASS motion`);
     if (most) for (const x of found.data) if (!(Math.abs(x) <= most)) refuse(`'${name}' hold ${x}: no person's`);
     return found;
   };
-  const poses = numbers("poses"), trans = numbers("trans", 1000), betas = numbers("betas");
+  const poses = numbers("poses"), trans = numbers("trans", 1000), betas = numbers("betas", 100);
   const [frames, width] = poses.shape, rate = numbers(rates.find((name) => files[`${name}.npy`]) ?? rates[0], 1e4).data[0];
   if (poses.shape.length !== 2 || !WIDTHS.includes(width) || !frames) refuse(`'poses' have shape ${poses.shape}; expected (frames, ${WIDTHS.join(" or ")})`);
   if (trans.shape[0] !== frames || trans.shape[1] !== 3) refuse(`'trans' have shape ${trans.shape} beside ${frames} frames of poses`);
@@ -56,15 +58,13 @@ export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   const heights = Float64Array.from({ length: frames }, (_, i) => trans.data[3 * i + 2]).sort();
   const middle = (heights[(frames - 1) >> 1] + heights[frames >> 1]) / 2; // sorted as numbers
   if (Math.abs(middle) > 50) refuse(`'trans' are ${middle.toPrecision(3)} m high over half of the time: metres are expected`);
-  for (let i = 0; i < frames; i++)
-    for (let k = 0; k < 3 * JOINTS; k++) if (!(Math.abs(poses.data[i * width + k]) <= 100)) refuse(`'poses' hold ${poses.data[i * width + k]}: radians are expected`);
-  const first = [...betas.data.slice(0, 10)];
-  if (first.some((beta) => !(Math.abs(beta) <= 100))) refuse("'betas' are no person's");
+  for (let i = 0; i < poses.data.length; i++) // hands are left at rest, whatever they hold
+    if (i % width < 3 * JOINTS && !(Math.abs(poses.data[i]) <= 100)) refuse(`'poses' hold ${poses.data[i]}: radians are expected`);
   const count = Math.floor(((frames - 1) / rate) * FPS + 1e-3) + 1;
   if (count > Math.min(MOST_FRAMES, mostFrames)) refuse(`a motion of ${count} frames; a page shows ${mostFrames}: cut it into several files`);
   const theta = atSixty(poses.data, trans.data, frames, width, rate, count), said = (name) => array(name)?.text?.trim() ?? "";
   const gender = said("gender").toLowerCase(), embedded = said("source").startsWith("synthetic") || said("body_model").startsWith("embedded:");
-  return { theta, frames: count, first: 0, count, starts: [0], of_file: true, unplaced: true, betas: first, fps: FPS,
+  return { theta, frames: count, first: 0, count, starts: [0], by_joint: BY_JOINT, unplaced: true, betas: [...betas.data.slice(0, 10)], fps: FPS,
            gender: ["female", "male", "neutral"].includes(gender) ? gender : "unknown", embedded, says: [] };
 }
 

@@ -12,13 +12,8 @@ export class Body {
   constructor(scene) {
     this.count = scene.vertices;
     this.faces = numbersOf(scene.faces, scene.vertices < 65536 ? Uint16Array : Uint32Array);
-    if (scene.baked) { // one bone carries everything
-      this.boneOf = new Uint8Array(this.count);
-      this.weight = new Float32Array(this.count).fill(1);
-    } else {
-      this.boneOf = bytesOf(scene.bone_of);
-      this.weight = numbersOf(scene.bone_weight, Float32Array);
-    }
+    this.boneOf = bytesOf(scene.bone_of);
+    this.weight = numbersOf(scene.bone_weight, Float32Array);
     this.each = this.weight.length / this.count;
   }
 

@@ -1,5 +1,6 @@
 // One body in one motion: the graph rolled along it, and tracks of what was computed elsewhere.
 import * as ort from "onnxruntime-web/wasm";
+import { numbersOf } from "./body.js";
 
 const EVERY = 30; // frames between remembered states, 66 kB each, in a motion of usual length
 const MOST_STATES = 400;
@@ -7,44 +8,33 @@ const FAR = 45; // frames that may be rolled before something is shown
 const PREROLL = 30; // by then tissue has forgotten most of how it began; the survey brings the rest
 const IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1];
 
-// Numbers (T, 3, V) in whole steps, stored as differences in time behind the size of a step.
-class Track {
-  constructor(buffer, vertices) {
-    this.step = new Float32Array(buffer, 0, 1)[0];
-    this.size = 3 * vertices;
-    this.steps = new Int16Array(buffer, 4);
-    this.frames = this.steps.length / this.size;
-    for (let i = this.size; i < this.steps.length; i++) this.steps[i] += this.steps[i - this.size];
-  }
-
-  at(frame) {
-    const from = Math.min(frame, this.frames - 1) * this.size, found = new Float32Array(this.size);
-    for (let i = 0; i < this.size; i++) found[i] = this.step * this.steps[from + i];
+// What gives a frame of numbers (T, 3, V), which are whole steps behind the size of a step, as differences in time.
+function track(buffer, size) {
+  const [step] = new Float32Array(buffer, 0, 1), steps = new Int16Array(buffer, 4);
+  for (let i = size; i < steps.length; i++) steps[i] += steps[i - size];
+  return (frame) => {
+    const from = Math.min(frame * size, steps.length - size), found = new Float32Array(size);
+    for (let i = 0; i < size; i++) found[i] = step * steps[from + i];
     return found;
-  }
+  };
+}
+
+export function openGraph(model, wasmBinary) {
+  Object.assign(ort.env.wasm, { numThreads: 1, wasmBinary });
+  ort.env.logLevel = "error";
+  return ort.InferenceSession.create(new Uint8Array(model), { executionProviders: ["wasm"], logSeverityLevel: 3, graphOptimizationLevel: "disabled" });
 }
 
 export class Performer {
-  static async open(scene, model, wasmBinary) {
-    const made = new Performer();
-    made.scene = scene;
-    if (!model) return made; // all of it is tracks
-    ort.env.wasm.numThreads = 1;
-    ort.env.logLevel = "error";
-    ort.env.wasm.wasmBinary = wasmBinary;
-    const session = (made.session = await ort.InferenceSession.create(model, { executionProviders: ["wasm"], logSeverityLevel: 3, graphOptimizationLevel: "disabled" }));
-    const { state, latency } = scene.graph, size = (shape) => shape.reduce((a, b) => a * b, 1);
-    made.latency = latency;
-    made.moves = state.moves && [state.moves[0], state.moves[0] + size(state.moves[1])];
-    made.stateSize = Math.max(...Object.values(state).map(([at, shape]) => at + size(shape)));
-    made.names = [session.inputNames, session.outputNames];
-    return made;
-  }
+  // Without a session all of it is tracks.
+  constructor(scene, session) { Object.assign(this, { scene, session, ...scene.graph }); }
 
-  perform(motion, tracks, betas) {
+  perform(motion, theta, tracks, betas) {
     this.motion = motion;
-    this.tracks = Object.fromEntries(Object.entries(tracks).map(([name, bytes]) => [name, new Track(bytes, this.scene.vertices)]));
-    this.every = Math.max(EVERY, Math.ceil(motion.frames / MOST_STATES));
+    this.poses = typeof theta === "string" ? numbersOf(theta, Float64Array) : theta; // (T, 69)
+    this.tracks = Object.fromEntries(Object.entries(tracks).map(([name, bytes]) => [name, track(bytes, 3 * this.scene.vertices)]));
+    this.frames = this.poses.length / 69;
+    this.every = Math.max(EVERY, Math.ceil(this.frames / MOST_STATES));
     this.person(betas);
   }
 
@@ -57,26 +47,22 @@ export class Performer {
 
   // theta of a frame: the root begins at the origin of its piece, where float32 is finest.
   theta(frame, origin) {
-    const { theta } = this.motion, found = Float32Array.from(theta.subarray(frame * 69, frame * 69 + 69));
-    for (let k = 0; k < 3; k++) found[66 + k] = theta[frame * 69 + 66 + k] - theta[origin * 69 + 66 + k];
+    const { poses } = this, found = Float32Array.from(poses.subarray(frame * 69, frame * 69 + 69));
+    for (let k = 66; k < 69; k++) found[k] = poses[frame * 69 + k] - poses[origin * 69 + k];
     return found;
   }
 
   place(frame) {
-    return [0, 1, 2].map((k) => this.motion.theta[frame * 69 + 66 + k] + this.shift[k]);
+    return this.shift.map((shift, k) => this.poses[frame * 69 + 66 + k] + shift);
   }
 
-  // What is shown at a frame: rest (3, V), bones (12, N), and offsets (3, V) by predictor.
+  // What is shown at a frame: rest (3, V), bones (12, N), the root's place, and offsets (3, V) by predictor.
   assembled(frame, live) {
-    const { first, back } = this.motion, offsets = {};
-    for (const name in this.tracks) offsets[name] = this.tracks[name].at(frame - first);
-    if (live) {
-      const { rest, bones } = live;
-      if (back) returned(bones, back);
-      return { rest, bones, offsets: { ...offsets, [this.scene.graph.predictor]: live.offsets } };
-    }
-    const { smpl, ...others } = offsets;
-    return { rest: smpl, bones: Float32Array.from([...IDENTITY, ...this.place(frame)]), offsets: others };
+    const root = Float32Array.from(this.place(frame)), given = Object.entries(this.tracks);
+    const tracks = Object.fromEntries(given.map(([name, at]) => [name, at(frame - this.motion.first)]));
+    if (live) return { rest: live.rest, bones: live.bones, root, [this.predictor]: live.offsets, ...tracks };
+    const { smpl, ...others } = tracks;
+    return { rest: smpl, bones: Float32Array.from([...IDENTITY, ...root]), root, ...others };
   }
 }
 
@@ -87,9 +73,8 @@ export class Roll {
   async frame(index) {
     const { performer } = this;
     if (!performer.session) return performer.assembled(index, null);
-    const { starts, frames } = performer.motion;
-    const piece = starts.findLastIndex((start) => start <= index);
-    const [start, end] = [starts[piece], starts[piece + 1] ?? frames], last = index + performer.latency;
+    const { starts } = performer.motion, piece = starts.findLastIndex((start) => start <= index);
+    const [start, end] = [starts[piece], starts[piece + 1] ?? performer.frames], last = index + performer.latency;
     this.begin(piece, start, end, last, index);
     let found;
     while (this.fed <= last) found = await this.feed(this.fed, start, end);
@@ -112,45 +97,29 @@ export class Roll {
     Object.assign(this, { exact: false, state: this.rest() });
   }
 
-  rest() { return new Float32Array(this.performer.stateSize); }
+  rest() { return new Float32Array(this.performer.state_size); }
 
   async feed(frame, start, end) {
-    const { performer } = this, { states, every, moves, session, stateSize } = performer;
+    const { performer } = this, { states, every, moves, session } = performer;
     if (this.exact && frame % every === 0 && frame < end && frame > start) states.set(frame, this.state);
     let state = this.state;
     if (frame >= end && moves) { // a piece ends by standing still, as in Python
       state = state.slice();
       state.fill(0, ...moves);
     }
-    const began = performance.now(), tensor = (values) => new ort.Tensor("float32", values, [1, values.length]);
+    const tensor = (values) => new ort.Tensor("float32", values, [1, values.length]);
     const given = { theta: performer.theta(Math.min(frame, end - 1), start), betas: this.betas, state };
     const out = await session.run(Object.fromEntries(Object.entries(given).map(([name, values]) => [name, tensor(values)])));
-    this.ms = performance.now() - began;
     this.state = out.next_state.data;
     this.fed = frame + 1;
     return { rest: out.rest.data, offsets: out.offsets.data, bones: out.bones.data };
   }
 }
 
-// By what the root's place of another shape differs: in a file the root turns about the root joint,
-// so turning the world upright adds R J - J, and J goes with the shape.
-function rootShift(motion, betas, scene) {
-  if (!motion.of_file || scene.baked) return [0, 0, 0];
-  const by = (shape) => {
-    const [, y, z] = scene.root_joint.map((c, axis) => scene.root_joint_shapes[axis].reduce((sum, s, i) => sum + s * (shape[i] ?? 0), c));
-    return [0, z - y, -y - z];
-  };
-  const [own, other] = [motion.unplaced ? [0, 0, 0] : by(motion.betas), by(betas)];
-  return other.map((c, k) => c - own[k]);
-}
-
-// Bones of a later round of a loop, brought back to the first.
-function returned(bones, back) {
-  const count = bones.length / 12;
-  for (let j = 0; j < count; j++)
-    for (let column = 0; column < 4; column++) {
-      const at = [0, 1, 2].map((r) => (3 * column + r) * count + j), old = at.map((i) => bones[i]);
-      for (let r = 0; r < 3; r++)
-        bones[at[r]] = back[3 * r] * old[0] + back[3 * r + 1] * old[1] + back[3 * r + 2] * old[2] + (column === 3 ? back[9 + r] : 0);
-    }
+// By what the root's place of another shape differs: how it goes with the root joint, a file says.
+function rootShift({ by_joint, unplaced, betas: own }, betas, { root_joint, root_joint_shapes }) {
+  if (!root_joint) return [0, 0, 0];
+  const joint = (shape) => root_joint.map((c, axis) => root_joint_shapes[axis].reduce((sum, s, i) => sum + s * (shape[i] ?? 0), c));
+  const from = unplaced ? [0, 0, 0] : joint(own), to = joint(betas);
+  return by_joint.map((row) => row.reduce((sum, part, k) => sum + part * (to[k] - from[k]), 0));
 }

@@ -1,7 +1,7 @@
 // Runs the model beside the page: a slow step never holds up drawing or the knobs. Between what is
 // asked for it goes through the whole motion once, for the curves and the scale of colours.
 import { Body, distances } from "./body.js";
-import { Performer, Roll } from "./performer.js";
+import { openGraph, Performer, Roll } from "./performer.js";
 
 const TRUTH = "truth";
 const MOST_SURVEYED = 7200;
@@ -11,29 +11,25 @@ let performer, roll, survey = null, body, epoch = 0, gains = null;
 const jobs = {
   async open({ scene, model, wasm }) {
     body = new Body(scene);
-    performer = await Performer.open(scene, model, wasm);
-    return { opened: true };
+    performer = new Performer(scene, model && (await openGraph(model, wasm)));
   },
-  perform({ motion, tracks, betas }) {
-    performer.perform(motion, tracks, betas);
+  perform({ motion, theta, tracks, betas }) {
+    performer.perform(motion, theta, tracks, betas);
     roll = new Roll(performer);
     survey = new Survey();
-    return {};
   },
   person({ betas }) {
     performer.person(betas);
     survey = new Survey();
-    return {};
   },
   gains(job) {
     gains = job.gains;
     if (performer?.motion) survey = new Survey();
-    return {};
   },
   async frame({ index, epoch: asked }) {
     if (asked !== epoch) return {};
-    const found = await roll.frame(performer.motion.first + index);
-    return { index, epoch, ...found, exact: roll.exact, ms: roll.ms };
+    const parts = await roll.frame(performer.motion.first + index);
+    return { parts, exact: roll.exact };
   },
 };
 
@@ -45,7 +41,7 @@ class Survey {
   }
 
   async step() {
-    const { rest, bones, offsets } = await this.roll.frame(performer.motion.first + this.at);
+    const { rest, bones, root, ...offsets } = await this.roll.frame(performer.motion.first + this.at);
     const names = ["smpl", ...Object.keys(offsets)], placed = {}, row = {};
     for (const name of names) {
       placed[name] = new Float32Array(3 * body.count);
@@ -64,7 +60,7 @@ class Survey {
     this.at++;
     if (this.found.length < 30 && this.at < this.count) return;
     const low = this.lows.toSorted((a, b) => a - b)[Math.floor(0.01 * (this.lows.length - 1))]; // where a floor would be
-    self.postMessage({ job: "survey", epoch: this.epoch, from: this.at - this.found.length, rows: this.found, full: this.full(), low, done: this.at === this.count });
+    self.postMessage({ job: "survey", epoch: this.epoch, rows: this.found, full: this.full(), low, done: this.at === this.count });
     this.found = [];
   }
 
@@ -95,13 +91,12 @@ async function work() {
   const job = queue.shift();
   try {
     if (job) {
-      const answer = await jobs[job.job](job);
-      const arrays = [answer.rest, answer.bones, ...Object.values(answer.offsets ?? {})].filter(Boolean);
-      self.postMessage({ job: job.job, ticket: job.ticket, ...answer }, arrays.map((array) => array.buffer));
+      const answer = (await jobs[job.job](job)) ?? {};
+      self.postMessage({ job: job.job, ...answer }, Object.values(answer.parts ?? {}).map((array) => array.buffer));
     } else if (survey && survey.at < survey.count) await survey.step();
   } catch (error) {
     survey = null;
-    self.postMessage({ job: job?.job, ticket: job?.ticket, failed: String(error?.message ?? error) });
+    self.postMessage({ job: job?.job ?? "survey", failed: String(error?.message ?? error) });
   }
   busy = queue.length > 0 || Boolean(survey && survey.at < survey.count);
   if (busy) next();

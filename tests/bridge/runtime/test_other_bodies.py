@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from bridge.body import BodyModelData, load_body_model
 from bridge.cli import main
 from bridge.motion import load_motion_file
 from bridge.runs import Run, read_artifact
+from bridge.runtime.controls import Controls
 from bridge.runtime.load_model import TrainedModel, find_model, load_for_motion, load_model
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.streams import StreamingBodies
@@ -120,12 +122,13 @@ def test_a_neutral_motion_is_told_whose_body_it_gets(capsys):
 
 def test_a_page_has_nothing_of_a_body_of_others(body_file):
     """Places alone: neither template, shapes, weights nor the graph, which holds them all."""
-    scene = Scene(open_repertoire(None, Path(SAMPLE), body_model=str(body_file)))
+    scene = Scene(open_repertoire(None, Path(SAMPLE), Controls(body=body_file)))
     assert scene.baked
     assert not {"model", "shapes"} & set(scene.assets)
     facts = json.loads(scene.assets["scene"]())
     assert "licence" in facts["baked"]
-    assert not {"bone_of", "bone_weight", "root_joint_shapes", "graph"} & set(facts)
+    assert not {"root_joint", "root_joint_shapes", "graph"} & set(facts)
+    assert set(base64.b64decode(facts["bone_of"])) == {0}
 
 
 def test_an_exported_page_is_baked_too(body_file, tmp_path):

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bridge.view.page import document
+from bridge.view.page import document, serving
 from bridge.view.scene import Scene
-from bridge.view.server import serving
 from tools.headless_chromium import PATIENCE_MS, OpenPage, open_page
 
 if TYPE_CHECKING:

@@ -18,10 +18,9 @@ from bridge.motion import load_motion_file
 from bridge.motion.readers.amass import sample_path
 from bridge.runtime.controls import Controls, controlled_body, root_joint_m
 from bridge.runtime.load_model import load_for_motion
-from bridge.view.page import BUNDLE
+from bridge.view.page import serving
 from bridge.view.repertoire import open_repertoire
-from bridge.view.scene import STEP_M, Scene
-from bridge.view.server import serving
+from bridge.view.scene import BUNDLE, STEP_M, Scene
 from tests.bridge.view.conftest import JUMP
 from tests.bridge.view.pages import Shown, on_disk, served
 from tests.forged.amass import smplh
@@ -122,10 +121,8 @@ def test_a_loop_is_that_of_predict(browser):
             np.testing.assert_allclose(found_m, expected_m[frame], atol=3e-4)
 
 
-def test_the_truth_is_in_step_and_curves_are_its_distances(with_truth, run):
+def test_the_truth_is_in_step_and_curves_are_its_distances(with_truth):
     with_truth.surveyed()
-    truth = open_repertoire(run, None).read_truth
-    assert truth is not None
     alone_m, true_m = (with_truth.vertices_m(name, 40) for name in ("smpl", "truth"))
     apart_m = np.linalg.norm(true_m - alone_m, axis=1)
     # The forged truth is an offset of a centimetre along each axis.
@@ -139,7 +136,7 @@ def test_the_truth_is_in_step_and_curves_are_its_distances(with_truth, run):
 
 def _same_size(shown: Shown, name: str, mean_m: float) -> None:
     sizes = shown.page.evaluate(
-        "(name) => [...page.stage.bodies[name].geometry.attributes.size.array]", name
+        "(name) => [...page.stage.bodies[name].geometry.attributes.uv.array]", name
     )
     np.testing.assert_allclose(np.mean(sizes), mean_m, rtol=0.02)
 
@@ -153,9 +150,9 @@ def test_who_is_too_large_for_a_page_comes_as_a_track(browser, run):
         open={"dsnet_plus": plus, "twin": plus}.__getitem__,
     )
     with served(browser, Scene(twin)) as shown:
-        assert shown.page.evaluate("Object.keys(page.motion.tracks)") == ["truth"]
+        assert shown.page.evaluate("page.motion.tracks") == ["truth"]
         shown.set(**{"show-twin": True})
-        shown.until("'twin' in page.motion.tracks")
+        shown.until("page.motion.tracks.includes('twin')")
         live_m, track_m = (shown.vertices_m(name, 30) for name in ("dsnet_plus", "twin"))
         np.testing.assert_allclose(track_m, live_m, atol=STEP_M)
         assert shown.errors == []
@@ -198,7 +195,9 @@ def test_a_file_opens_from_a_disk_without_a_network(browser, tmp_path):
 def test_a_baked_body_plays(browser, run, tmp_path):
     repertoire = open_repertoire(run, None)
     takes = {JUMP: repertoire.takes[JUMP]}
-    baked = replace(repertoire, body_model="SMPL_FEMALE.npz", takes=takes)
+    body = replace(repertoire.best.body, source="licensed")
+    best = replace(repertoire.best, other_body=body)
+    baked = replace(repertoire, best=best, takes=takes)
     with on_disk(browser, tmp_path / "a.html", Scene(baked)) as shown:
         assert "licence" in shown.page.inner_text("#notice")
         alone_m, true_m = (shown.vertices_m(name, 40) for name in ("smpl", "truth"))
@@ -243,7 +242,7 @@ def test_a_dropped_motion_plays_as_predicted(browser, tmp_path, source):
         for frame in (len(expected_m) - 1, 0):
             found_m = shown.vertices_m("dsnet_plus", frame)
             np.testing.assert_allclose(found_m, expected_m[frame], atol=CLOSE_M)
-        joint_m = root_joint_m(open_repertoire(None, None).body, np.zeros(10))
+        joint_m = root_joint_m(open_repertoire(None, None).best.body, np.zeros(10))
         assert np.abs(joint_m).max() > 0  # else nothing would be turned about it
         assert shown.errors == []
 

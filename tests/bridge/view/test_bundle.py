@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bridge.view.page import BUNDLE
+from bridge.view.scene import BUNDLE
 
 SOURCES = BUNDLE.parent / "web"
 

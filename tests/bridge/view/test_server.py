@@ -14,9 +14,9 @@ from collections.abc import Iterator
 import pytest
 
 from bridge.errors import DsnetError
+from bridge.view.page import HOST, serving
 from bridge.view.repertoire import open_repertoire
 from bridge.view.scene import Scene
-from bridge.view.server import HOST, serving
 
 
 @pytest.fixture(scope="module")

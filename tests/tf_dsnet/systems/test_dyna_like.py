@@ -126,7 +126,6 @@ def test_one_epoch_fits_and_the_others_keep_it(trained, data):
     assert len(set(trained.losses)) == 1
     assert len(trained.validation_losses) == 2
     assert trained.parameters() == {"dyna_like": 2 * 339 * 100}
-    assert trained.epoch_s is not None
 
 
 def test_a_stored_law_predicts_the_same(trained, data, body, tmp_path):
