@@ -14,8 +14,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
+import safetensors.numpy
+
 from bridge.body.safe_pickle import MOST_BYTES, load_restricted, load_restricted_item
-from bridge.body.torch_files import load_safetensors, load_torch
+from bridge.body.torch_files import load_torch
 from bridge.errors import DsnetError
 from bridge.runs.untrusted import NpyHeader, UntrustedNpz, open_npz, open_regular
 
@@ -49,8 +51,8 @@ _STRANGERS: tuple[tuple[bytes, str, str], ...] = (
 """What begins so, what it is, and what helps."""
 
 
-def read_fields(path: Path, wanted: set[str], texts: set[str]) -> Mapping[str, Any]:
-    """All fields by name, those of `wanted` and `texts` with their values: arrays, or what
+def read_fields(path: Path, wanted: set[str]) -> Mapping[str, Any]:
+    """All fields by name, those of `wanted` with their values: arrays, or what
     `bridge.body.safe_pickle.as_array` makes one of.
 
     Raises
@@ -63,11 +65,11 @@ def read_fields(path: Path, wanted: set[str], texts: set[str]) -> Mapping[str, A
         start = file.read(min(512, int(file.largest_read)))
         file.seek(0)
         if start[:2] == b"PK":
-            return _of_zip(path, file, wanted, texts)
+            return _of_zip(path, file, wanted)
         if start[:6] == b"\x93NUMPY":
             return _dictionary(path, _of_npy(path, file))
         if start[8:9] == b"{" and start[7:8] == b"\0":
-            return load_safetensors(file)
+            return safetensors.numpy.load(file.read())
         for pattern, what, remedy in _STRANGERS:
             if re.match(pattern, start, re.DOTALL | re.IGNORECASE):
                 raise refused(path, what, remedy=remedy)
@@ -89,11 +91,11 @@ def refused(
     return DsnetError(f"body model {name}: {received}", expected, remedy)
 
 
-def _of_zip(path: Path, file: IO[bytes], wanted: set[str], texts: set[str]) -> Mapping[str, Any]:
+def _of_zip(path: Path, file: IO[bytes], wanted: set[str]) -> Mapping[str, Any]:
     try:
         with open_npz(path, MOST_FILE_BYTES) as archive:
             if len(archive):
-                return _of_npz(path, archive, wanted, texts)
+                return _of_npz(path, archive, wanted)
             names = [name for name in archive.others if not re.search(r"__MACOSX|/\._", name)]
     except zipfile.BadZipFile as error:
         raise refused(path, f"an archive that is cut short ({error})", remedy=_AGAIN) from error
@@ -104,24 +106,17 @@ def _of_zip(path: Path, file: IO[bytes], wanted: set[str], texts: set[str]) -> M
     raise refused(path, f"an archive without a body model ({', '.join(names[:3])})")
 
 
-def _of_npz(
-    path: Path, archive: UntrustedNpz, wanted: set[str], texts: set[str]
-) -> Mapping[str, Any]:
+def _of_npz(path: Path, archive: UntrustedNpz, wanted: set[str]) -> Mapping[str, Any]:
     if set(archive) == {"arr_0"} and archive["arr_0"].dtype.hasobject:
         return _dictionary(path, _object(archive, "arr_0"))
-    there = [name for name in archive if name in wanted | texts]
-    pickled = {name for name in there if archive[name].dtype.hasobject}
-    total = 0
-    for name in there:  # all, before any is read
-        if name not in pickled:
-            archive.check(name, MOST_BYTES if name in wanted else _MOST_TEXT_BYTES)
-            total += math.prod(archive[name].shape)
-    if total > _MOST_NUMBERS:
+    headers = {name: archive[name] for name in archive if name in wanted}
+    plain = {name: one for name, one in headers.items() if not one.dtype.hasobject}
+    for name, header in plain.items():  # all, before any is read
+        archive.check(name, _MOST_TEXT_BYTES if header.dtype.kind in "SU" else MOST_BYTES)
+    if (total := sum(math.prod(header.shape) for header in plain.values())) > _MOST_NUMBERS:
         raise ValueError(f"{total} numbers, not at most {_MOST_NUMBERS}")
-    fields = dict.fromkeys(archive)
-    for name in there:
-        fields[name] = _object(archive, name) if name in pickled else archive.array(name)
-    return fields
+    read = {n: archive.array(n) if n in plain else _object(archive, n) for n in headers}
+    return dict.fromkeys(archive) | read
 
 
 def _object(archive: UntrustedNpz, name: str) -> Any:

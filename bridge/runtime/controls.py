@@ -17,15 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import shaped_joints, shaped_vertices
-from bridge.errors import DsnetError, did_you_mean, notify
+from bridge.errors import DsnetError, notify
 from bridge.markers.poses import bony_pose
 from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import REMEDY, Lap, close_lap
 from bridge.motion.motion import HowRead, Up
 from bridge.motion.skeletons import read_joint_map
-from bridge.motion.smoothing import described
-from bridge.options import Bounds, PositiveFloat, check_options
+from bridge.options import Bounds, PositiveFloat, check_options, numbers_by_name
 from bridge.paper import N_BETAS
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
@@ -131,18 +130,16 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
         motion is not one of a body of a person's size.
     """
     controls.check()
-    if controls.motion_fps not in (None, motion.source_fps):
-        raise DsnetError(
-            f"{motion.source}, read at {motion.source_fps:g} frames a second",
-            f"it at {controls.motion_fps:g}, as the controls say",
-            f"Read it by load_motion_file(path, {controls.motion_fps:g}).",
-        )
-    if controls.smooth_hz not in (None, motion.smooth_hz):
-        raise DsnetError(
-            f"{motion.source}, {described(motion.smooth_hz)}",
-            f"it {described(controls.smooth_hz)}, as the controls say",
-            f"Read it by load_motion_file(path, smooth_hz={controls.smooth_hz!r}).",
-        )
+    asked = controls.motion_fps, controls.smooth_hz
+    for name, wanted, read in zip(
+        ("motion_fps", "smooth_hz"), asked, (motion.source_fps, motion.smooth_hz), strict=True
+    ):
+        if wanted not in (None, read):
+            raise DsnetError(
+                f"{motion.source}, read with {name}={read}",
+                f"it with {wanted}, as the controls say",
+                f"Read it by load_motion_file(path, {name}={wanted!r}).",
+            )
     body, gain = trained.body, controls.gain
     asked = controls.asked_betas(body)
     motion = with_own_shape(motion, body, told=asked is None)
@@ -210,24 +207,8 @@ def gains_of_parts(part_gain: Sequence[str]) -> NDArray[np.float64]:
     """
     from bridge.body.parts import GROUPS, PARTS
 
-    said: dict[str, float] = {}
-    for word in part_gain:
-        part, _, text = word.partition("=")
-        if part not in (*PARTS, *GROUPS) or part in said:
-            again = ", said before" if part in said else ""
-            raise DsnetError(
-                f"--part-gain {word}{again}",
-                f"each of {', '.join((*PARTS, *GROUPS))} at most once",
-                did_you_mean(part, (*PARTS, *GROUPS), "Pass --part-gain belly=2 chest=0.5."),
-            )
-        try:
-            said[part] = float(text)
-        except ValueError:
-            said[part] = np.nan
-        if not GAINS.hold(said[part]):
-            raise DsnetError(
-                f"--part-gain {word}", f"a gain of {GAINS}", "Pass --part-gain belly=2 chest=0.5."
-            )
+    remedy = "Pass --part-gain belly=2 chest=0.5."
+    said = numbers_by_name("--part-gain", part_gain, (*PARTS, *GROUPS), GAINS, remedy)
     group_of = {part: group for group, parts in GROUPS.items() for part in parts}
     return np.array([said.get(part, said.get(group_of.get(part, ""), 1.0)) for part in PARTS])
 

@@ -140,8 +140,9 @@ function rootShift(motion, betas, scene) {
     const [, y, z] = scene.root_joint.map((c, axis) => scene.root_joint_shapes[axis].reduce((sum, s, i) => sum + s * (shape[i] ?? 0), c));
     return [0, z - y, -y - z];
   };
-  const [own, other] = [motion.unplaced ? [0, 0, 0] : by(motion.betas), by(betas)];
-  return other.map((c, k) => c - own[k]);
+  if (!motion.unplaced) return by(betas).map((c, k) => c - by(motion.betas)[k]);
+  const [x, y, z] = motion.embedded ? [0, 0, 0] : motion.pelvis.map((c, axis) => c - scene.root_joint[axis]);
+  return by(betas).map((c, k) => c + [x, z, -y][k]);
 }
 
 // Bones of a later round of a loop, brought back to the first.

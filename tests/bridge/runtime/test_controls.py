@@ -61,11 +61,11 @@ def test_nothing_asked_is_the_motion_as_it_is(character, bouncing):
 
 def test_a_motion_that_was_read_at_another_rate_is_refused(character, bouncing):
     controlled(character, bouncing, motion_fps=bouncing.source_fps)
-    with pytest.raises(DsnetError, match=r"read at 60 frames a second; expected it at 50"):
+    with pytest.raises(DsnetError, match=r"read with motion_fps=60\.0; expected it with 50"):
         controlled(character, bouncing, motion_fps=50.0)
-    with pytest.raises(DsnetError, match=r"as it is; expected it smoothed at 8 Hz"):
+    with pytest.raises(DsnetError, match=r"with smooth_hz=None; expected it with 8"):
         controlled(character, bouncing, smooth_hz=8.0)
-    with pytest.raises(DsnetError, match=r"as it is; expected it smoothed as it moves.*'auto'"):
+    with pytest.raises(DsnetError, match=r"expected it with auto.*smooth_hz='auto'"):
         controlled(character, bouncing, smooth_hz="auto")
 
 
@@ -174,9 +174,9 @@ REFUSED = [
     ("--gain nan", "0 to 20"),
     ("--part-gain nose=2", "each of head, chest"),
     ("--part-gain belly=2 belly=3", "said before"),
-    ("--part-gain belly", "a gain of 0 to 20"),
-    ("--part-gain belly=nan", "a gain of 0 to 20"),
-    ("--part-gain belly=1e6", "a gain of 0 to 20"),
+    ("--part-gain belly", "a number, 0 to 20"),
+    ("--part-gain belly=nan", "a number, 0 to 20"),
+    ("--part-gain belly=1e6", "a number, 0 to 20"),
     ("--shape huge", "tall, short, heavy"),
     ("--shape ,", "an empty --shape"),
     ("--shape height=300", "nearest has height=19"),

@@ -50,13 +50,13 @@ def test_the_pelvis_is_where_the_files_own_kind_has_it(tmp_path, up, name):
     placed = place_motion(motion, body)
     trans = np.random.default_rng(1).normal(size=(6, 3))
     expected = (trans + PELVIS_M) @ (UPRIGHT.T if up == "z" else np.eye(3))
-    np.testing.assert_allclose(placed.trans_m + body.joints[0], expected, atol=1e-9)
+    np.testing.assert_allclose(placed.trans_m + body.joints[0], expected, atol=1e-4)
 
 
 def test_the_pelvis_of_this_projects_files_is_the_embedded_bodies(tmp_path):
     motion = load_motion_file(of_smpl(tmp_path / "a.npz", "y", source="synthetic"))
     placed = place_motion(motion, BODIES["smplx"])
-    np.testing.assert_allclose(placed.trans_m + OF_SMPLX_M, motion.trans_m, atol=1e-9)
+    np.testing.assert_allclose(placed.trans_m + OF_SMPLX_M, motion.trans_m, atol=1e-4)
 
 
 def posed(body: BodyModelData, rest_m: NDArray, pose: NDArray, trans: NDArray) -> NDArray:
