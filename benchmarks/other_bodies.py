@@ -1,6 +1,6 @@
 """`dsnet_plus` on other bodies than its own: frames a second, and what preparing a body takes.
 
-    python -m benchmarks.other_bodies --out docs/results/demo/bench/other_bodies.json
+    python -m benchmarks.other_bodies --out docs/results/prediction/other_bodies.json
 
 The embedded body in other clothes, in turns, processor time of one thread, so that others may use
 the machine. Half a minute.

@@ -2,6 +2,7 @@
 
 Archives of NumPy, pickles, dictionaries in a `.npy`, torch files and safetensors are read; what
 people take for one of them (a web page, git-lfs's pointer, an archive to unpack) is told by name.
+DMPL's directions, in which a soft body moves, come in the same way.
 """
 
 from __future__ import annotations
@@ -14,12 +15,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
 import safetensors.numpy
+from numpy.typing import NDArray
 
 from bridge.body.safe_pickle import MOST_BYTES, load_restricted, load_restricted_item
 from bridge.body.torch_files import load_torch
 from bridge.errors import DsnetError
-from bridge.runs.untrusted import NpyHeader, UntrustedNpz, open_npz, open_regular
+from bridge.paper import DMPL_DIRECTIONS, N_VERTICES
+from bridge.runs.untrusted import (
+    NpyHeader,
+    UntrustedNpz,
+    damage_refused,
+    open_npz,
+    open_regular,
+)
 
 MOST_FILE_BYTES = 1 << 30
 _MOST_NUMBERS = 1 << 27
@@ -142,3 +152,27 @@ def _dictionary(path: Path, found: Any) -> Mapping[str, Any]:
         name.decode("latin1") if isinstance(name, bytes) else str(name): value
         for name, value in found.items()
     }
+
+
+def load_dmpl_directions(path: str | Path) -> NDArray[np.float64]:
+    """The first 8 directions (6890, 3, 8) in which a soft body moves, of DMPL's
+    `dmpls/<gender>/model.npz`."""
+
+    def refusal(error: Exception | str) -> DsnetError:
+        detail = "no 'eigvec'" if isinstance(error, KeyError) else str(error)[:200]
+        shape = f"({N_VERTICES}, 3, {DMPL_DIRECTIONS} or more)"
+        expected = f"`eigvec` {shape} of directions that are not parallel"
+        remedy = "Download DMPL (dmpls/<gender>/model.npz) again from smpl.is.tue.mpg.de."
+        return DsnetError(f"DMPL {path}: {detail}", expected, remedy)
+
+    with damage_refused(refusal), open_npz(path, MOST_FILE_BYTES) as archive:
+        archive.check("eigvec", MOST_BYTES)
+        found = archive.array("eigvec")
+    fits = found.shape[:2] == (N_VERTICES, 3) and found.ndim == 3 and found.dtype.kind in "iuf"
+    if not fits or found.shape[2] < DMPL_DIRECTIONS:
+        raise refusal(f"eigvec of {found.dtype} in shape {found.shape}")
+    directions = found[..., :DMPL_DIRECTIONS].astype(np.float64)
+    columns = directions.reshape(-1, DMPL_DIRECTIONS)
+    if not np.isfinite(columns).all() or np.linalg.matrix_rank(columns) < DMPL_DIRECTIONS:
+        raise refusal("directions that are parallel, or not numbers")
+    return directions
