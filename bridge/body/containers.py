@@ -34,7 +34,6 @@ from bridge.runs.untrusted import (
 MOST_FILE_BYTES = 1 << 30
 _MOST_NUMBERS = 1 << 27
 """Of all arrays that are read: as float64 they take a gigabyte."""
-_MOST_TEXT_BYTES = 1 << 12
 MODELS = "They are at smpl.is.tue.mpg.de, mano.is.tue.mpg.de and smpl-x.is.tue.mpg.de"
 _AGAIN = "Download the file again"
 _UNPACK = "Unpack it, and pass one body of it (.npz or .pkl, of one gender)"
@@ -61,9 +60,9 @@ _STRANGERS: tuple[tuple[bytes, str, str], ...] = (
 """What begins so, what it is, and what helps."""
 
 
-def read_fields(path: Path, wanted: set[str]) -> Mapping[str, Any]:
-    """All fields by name, those of `wanted` with their values: arrays, or what
-    `bridge.body.safe_pickle.as_array` makes one of.
+def read_fields(path: Path, wanted: Mapping[str, int]) -> Mapping[str, Any]:
+    """All fields by name, those of `wanted` with their values: arrays, of at most
+    so many bytes, or what `bridge.body.safe_pickle.as_array` makes one of.
 
     Raises
     ------
@@ -101,7 +100,7 @@ def refused(
     return DsnetError(f"body model {name}: {received}", expected, remedy)
 
 
-def _of_zip(path: Path, file: IO[bytes], wanted: set[str]) -> Mapping[str, Any]:
+def _of_zip(path: Path, file: IO[bytes], wanted: Mapping[str, int]) -> Mapping[str, Any]:
     try:
         with open_npz(path, MOST_FILE_BYTES) as archive:
             if len(archive):
@@ -116,13 +115,13 @@ def _of_zip(path: Path, file: IO[bytes], wanted: set[str]) -> Mapping[str, Any]:
     raise refused(path, f"an archive without a body model ({', '.join(names[:3])})")
 
 
-def _of_npz(path: Path, archive: UntrustedNpz, wanted: set[str]) -> Mapping[str, Any]:
+def _of_npz(path: Path, archive: UntrustedNpz, wanted: Mapping[str, int]) -> Mapping[str, Any]:
     if set(archive) == {"arr_0"} and archive["arr_0"].dtype.hasobject:
         return _dictionary(path, _object(archive, "arr_0"))
     headers = {name: archive[name] for name in archive if name in wanted}
     plain = {name: one for name, one in headers.items() if not one.dtype.hasobject}
-    for name, header in plain.items():  # all, before any is read
-        archive.check(name, _MOST_TEXT_BYTES if header.dtype.kind in "SU" else MOST_BYTES)
+    for name in plain:  # all, before any is read
+        archive.check(name, wanted[name])
     if (total := sum(math.prod(header.shape) for header in plain.values())) > _MOST_NUMBERS:
         raise ValueError(f"{total} numbers, not at most {_MOST_NUMBERS}")
     read = {n: archive.array(n) if n in plain else _object(archive, n) for n in headers}

@@ -26,7 +26,7 @@ from bridge.body.model_data import (
     SOURCE_FIELD,
     BodyModelData,
 )
-from bridge.body.safe_pickle import as_array
+from bridge.body.safe_pickle import MOST_BYTES, as_array
 from bridge.errors import DsnetError
 from bridge.runs.untrusted import DAMAGE, damage_refused, text_of
 
@@ -52,8 +52,8 @@ _FIELDS = {
     "hands_meanr": _Field(("hands_meanr", "right_hand_mean"), "H", needed=False),
     SHAPES_FIELD: _Field((SHAPES_FIELD,), "", needed=False),
 }
-_WANTED = {name for field in _FIELDS.values() for name in field.names}
-_WANTED |= {SOURCE_FIELD, GENDER_FIELD}
+_WANTED = {name: MOST_BYTES for field in _FIELDS.values() for name in field.names}
+_WANTED |= {SOURCE_FIELD: 1 << 12, GENDER_FIELD: 1 << 12}
 _BY_FIELD: dict[str, tuple[str, str]] = {
     "eigvec": ("DMPL's directions of soft tissue", "Pass it to --dmpl"),
     "skin_template_v": ("SKEL's, another skeleton", MODELS),
