@@ -7,11 +7,11 @@ number may be 0 or more and any other number must be finite.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, did_you_mean
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,26 @@ def check_options(config: Any) -> None:
     for flag, bounds, value in _numbers(config, "--"):
         if not bounds.hold(value):
             raise DsnetError(f"{flag} {value}", str(bounds), f"Pass {flag} N.")
+
+
+def numbers_by_name(
+    option: str, words: Iterable[str], names: Sequence[str], bounds: Bounds, remedy: str
+) -> dict[str, float]:
+    """What words such as `belly=2` say, each name of `names` at most once."""
+    said: dict[str, float] = {}
+    for word in words:
+        name, _, text = word.partition("=")
+        if name not in names or name in said:
+            again = ", said before" if name in said else ""
+            expected = f"each of {', '.join(names)} at most once"
+            raise DsnetError(f"{option} {word}{again}", expected, did_you_mean(name, names, remedy))
+        try:
+            said[name] = float(text)
+        except ValueError:
+            said[name] = math.nan
+        if not bounds.hold(said[name]):
+            raise DsnetError(f"{option} {word}", f"a number, {bounds}", remedy)
+    return said
 
 
 def check_seed(text: str) -> None:

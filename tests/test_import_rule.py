@@ -29,7 +29,7 @@ THIRD_PARTIES = {
     "__init__.py": set(),
     "cli.py": {"tyro"},
     "runs": {"filelock", "numpy", "ray", "threadpoolctl", "tqdm"},
-    "body": {"numpy", "scipy", "trimesh"},
+    "body": {"numpy", "safetensors", "scipy", "trimesh"},
     "motion": {"numpy", "scipy"},
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},

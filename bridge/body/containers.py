@@ -2,6 +2,7 @@
 
 Archives of NumPy, pickles, dictionaries in a `.npy`, torch files and safetensors are read; what
 people take for one of them (a web page, git-lfs's pointer, an archive to unpack) is told by name.
+DMPL's directions, in which a soft body moves, come in the same way.
 """
 
 from __future__ import annotations
@@ -14,15 +15,25 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
+import safetensors.numpy
+from numpy.typing import NDArray
+
 from bridge.body.safe_pickle import MOST_BYTES, load_restricted, load_restricted_item
-from bridge.body.torch_files import load_safetensors, load_torch
+from bridge.body.torch_files import load_torch
 from bridge.errors import DsnetError
-from bridge.runs.untrusted import NpyHeader, UntrustedNpz, open_npz, open_regular
+from bridge.paper import DMPL_DIRECTIONS, N_VERTICES
+from bridge.runs.untrusted import (
+    NpyHeader,
+    UntrustedNpz,
+    damage_refused,
+    open_npz,
+    open_regular,
+)
 
 MOST_FILE_BYTES = 1 << 30
 _MOST_NUMBERS = 1 << 27
 """Of all arrays that are read: as float64 they take a gigabyte."""
-_MOST_TEXT_BYTES = 1 << 12
 MODELS = "They are at smpl.is.tue.mpg.de, mano.is.tue.mpg.de and smpl-x.is.tue.mpg.de"
 _AGAIN = "Download the file again"
 _UNPACK = "Unpack it, and pass one body of it (.npz or .pkl, of one gender)"
@@ -49,9 +60,9 @@ _STRANGERS: tuple[tuple[bytes, str, str], ...] = (
 """What begins so, what it is, and what helps."""
 
 
-def read_fields(path: Path, wanted: set[str], texts: set[str]) -> Mapping[str, Any]:
-    """All fields by name, those of `wanted` and `texts` with their values: arrays, or what
-    `bridge.body.safe_pickle.as_array` makes one of.
+def read_fields(path: Path, wanted: Mapping[str, int]) -> Mapping[str, Any]:
+    """All fields by name, those of `wanted` with their values: arrays, of at most
+    so many bytes, or what `bridge.body.safe_pickle.as_array` makes one of.
 
     Raises
     ------
@@ -63,11 +74,11 @@ def read_fields(path: Path, wanted: set[str], texts: set[str]) -> Mapping[str, A
         start = file.read(min(512, int(file.largest_read)))
         file.seek(0)
         if start[:2] == b"PK":
-            return _of_zip(path, file, wanted, texts)
+            return _of_zip(path, file, wanted)
         if start[:6] == b"\x93NUMPY":
             return _dictionary(path, _of_npy(path, file))
         if start[8:9] == b"{" and start[7:8] == b"\0":
-            return load_safetensors(file)
+            return safetensors.numpy.load(file.read())
         for pattern, what, remedy in _STRANGERS:
             if re.match(pattern, start, re.DOTALL | re.IGNORECASE):
                 raise refused(path, what, remedy=remedy)
@@ -89,11 +100,11 @@ def refused(
     return DsnetError(f"body model {name}: {received}", expected, remedy)
 
 
-def _of_zip(path: Path, file: IO[bytes], wanted: set[str], texts: set[str]) -> Mapping[str, Any]:
+def _of_zip(path: Path, file: IO[bytes], wanted: Mapping[str, int]) -> Mapping[str, Any]:
     try:
         with open_npz(path, MOST_FILE_BYTES) as archive:
             if len(archive):
-                return _of_npz(path, archive, wanted, texts)
+                return _of_npz(path, archive, wanted)
             names = [name for name in archive.others if not re.search(r"__MACOSX|/\._", name)]
     except zipfile.BadZipFile as error:
         raise refused(path, f"an archive that is cut short ({error})", remedy=_AGAIN) from error
@@ -104,24 +115,17 @@ def _of_zip(path: Path, file: IO[bytes], wanted: set[str], texts: set[str]) -> M
     raise refused(path, f"an archive without a body model ({', '.join(names[:3])})")
 
 
-def _of_npz(
-    path: Path, archive: UntrustedNpz, wanted: set[str], texts: set[str]
-) -> Mapping[str, Any]:
+def _of_npz(path: Path, archive: UntrustedNpz, wanted: Mapping[str, int]) -> Mapping[str, Any]:
     if set(archive) == {"arr_0"} and archive["arr_0"].dtype.hasobject:
         return _dictionary(path, _object(archive, "arr_0"))
-    there = [name for name in archive if name in wanted | texts]
-    pickled = {name for name in there if archive[name].dtype.hasobject}
-    total = 0
-    for name in there:  # all, before any is read
-        if name not in pickled:
-            archive.check(name, MOST_BYTES if name in wanted else _MOST_TEXT_BYTES)
-            total += math.prod(archive[name].shape)
-    if total > _MOST_NUMBERS:
+    headers = {name: archive[name] for name in archive if name in wanted}
+    plain = {name: one for name, one in headers.items() if not one.dtype.hasobject}
+    for name in plain:  # all, before any is read
+        archive.check(name, wanted[name])
+    if (total := sum(math.prod(header.shape) for header in plain.values())) > _MOST_NUMBERS:
         raise ValueError(f"{total} numbers, not at most {_MOST_NUMBERS}")
-    fields = dict.fromkeys(archive)
-    for name in there:
-        fields[name] = _object(archive, name) if name in pickled else archive.array(name)
-    return fields
+    read = {n: archive.array(n) if n in plain else _object(archive, n) for n in headers}
+    return dict.fromkeys(archive) | read
 
 
 def _object(archive: UntrustedNpz, name: str) -> Any:
@@ -147,3 +151,27 @@ def _dictionary(path: Path, found: Any) -> Mapping[str, Any]:
         name.decode("latin1") if isinstance(name, bytes) else str(name): value
         for name, value in found.items()
     }
+
+
+def load_dmpl_directions(path: str | Path) -> NDArray[np.float64]:
+    """The first 8 directions (6890, 3, 8) in which a soft body moves, of DMPL's
+    `dmpls/<gender>/model.npz`."""
+
+    def refusal(error: Exception | str) -> DsnetError:
+        detail = "no 'eigvec'" if isinstance(error, KeyError) else str(error)[:200]
+        shape = f"({N_VERTICES}, 3, {DMPL_DIRECTIONS} or more)"
+        expected = f"`eigvec` {shape} of directions that are not parallel"
+        remedy = "Download DMPL (dmpls/<gender>/model.npz) again from smpl.is.tue.mpg.de."
+        return DsnetError(f"DMPL {path}: {detail}", expected, remedy)
+
+    with damage_refused(refusal), open_npz(path, MOST_FILE_BYTES) as archive:
+        archive.check("eigvec", MOST_BYTES)
+        found = archive.array("eigvec")
+    fits = found.shape[:2] == (N_VERTICES, 3) and found.ndim == 3 and found.dtype.kind in "iuf"
+    if not fits or found.shape[2] < DMPL_DIRECTIONS:
+        raise refusal(f"eigvec of {found.dtype} in shape {found.shape}")
+    directions = found[..., :DMPL_DIRECTIONS].astype(np.float64)
+    columns = directions.reshape(-1, DMPL_DIRECTIONS)
+    if not np.isfinite(columns).all() or np.linalg.matrix_rank(columns) < DMPL_DIRECTIONS:
+        raise refusal("directions that are parallel, or not numbers")
+    return directions

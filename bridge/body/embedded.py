@@ -29,12 +29,14 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
+from bridge.body.body_folders import find_body_file
 from bridge.body.model_data import (
     JOINT_COUNT,
     POSE_FEATURE_COUNT,
     SMPL_PARENTS,
     BodyModelData,
 )
+from bridge.body.smpl_files import load_smpl_file
 from bridge.errors import DsnetError
 from bridge.paper import N_BETAS, N_VERTICES
 from bridge.runs.untrusted import UntrustedNpz, open_npz
@@ -59,15 +61,11 @@ def load_body_model(
     """
     name = str(name_or_path)
     if not name.startswith(EMBEDDED_PREFIX):
-        from bridge.body.smpl_files import load_smpl_file
-
         is_folder = False
         with suppress(OSError):  # a name that none can have
             is_folder = Path(name).is_dir()
         if not is_folder:
             return load_smpl_file(name)
-        from bridge.body.body_folders import find_body_file
-
         path, note = find_body_file(Path(name), gender, kind)
         body = load_smpl_file(path)
         return replace(body, notes=(note, *body.notes))
@@ -85,12 +83,8 @@ def load_body_model(
 def load_paper_body(path: str | Path) -> BodyModelData:
     """A body for meshes of Dyna and the paper's networks, which know SMPL's 6890 vertices by
     number, with as many shapes as the paper has; `DsnetError` of another."""
-    if not str(path).startswith(EMBEDDED_PREFIX):
-        from bridge.body.smpl_files import load_smpl_file
-
-        body = load_smpl_file(path)
-    else:
-        body = load_body_model(path)
+    embedded = str(path).startswith(EMBEDDED_PREFIX)
+    body = load_body_model(path) if embedded else load_smpl_file(path)
     if body.kind != "smpl" or body.vertex_count != N_VERTICES:
         raise DsnetError(
             f"body model {path}: {body.kind} of {body.vertex_count} vertices",

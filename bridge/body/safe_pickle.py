@@ -53,6 +53,11 @@ _GLOBALS = {
 }
 
 
+_STATEFUL = {"chumpy", "csc", "csr", "coo"}
+_RECORDS = {"tensor", "joblib", "array", "dtype", "scalar", "buffer", *_STATEFUL}
+"""What is kept as it was described."""
+
+
 @dataclass(frozen=True)
 class Global:
     """A name in a pickle that is known, in place of what it names."""
@@ -204,11 +209,7 @@ def _made(function: Any, arguments: Any) -> Any:
     match function.kind, arguments:
         case "new array", (Global("array"), _, _):  # the state replaces what else there is
             return Record("array")
-        case "new object", (
-            Global("chumpy" | "csc" | "csr" | "coo" as kind),
-            Global("object"),
-            None,
-        ):
+        case "new object", (Global(kind), Global("object"), None) if kind in _STATEFUL:
             return Record(kind)
         case "encode", (str(text),) | (str(text), "latin1"):
             return text  # protocol 2's way to write bytes; text holds one byte a character
@@ -218,18 +219,7 @@ def _made(function: Any, arguments: Any) -> Any:
             return ""
         case "ordered", ():
             return {}
-        case (
-            "tensor"
-            | "joblib"
-            | "array"
-            | "dtype"
-            | "scalar"
-            | "buffer"
-            | "chumpy"
-            | "csc"
-            | "csr"
-            | "coo"
-        ) as kind, _:
+        case kind, _ if kind in _RECORDS:
             return Record(kind, arguments)
     raise UnpicklingError("it asks to construct something else")
 

@@ -17,6 +17,7 @@ from bridge.body.model_data import SHAPE_COUNT, SMPL_JOINT_NAMES, BodyModelData
 from bridge.body.posing import shaped_vertices
 from bridge.body.surface_operators import volume_m3
 from bridge.errors import DsnetError, did_you_mean
+from bridge.options import Bounds, numbers_by_name
 
 DENSITY_KG_M3 = 985.0
 """Of a person: a little less than water's."""
@@ -44,6 +45,7 @@ FARTHEST_BETA = 3.0
 """Betas are in standard deviations of the people whom a body model was made from."""
 CLOSE_ENOUGH = 0.5
 """In cm and kg: what may be missed."""
+_CM_OR_KG = Bounds(0, 1000, open_below=True)
 _PRIOR = 0.1
 """Of a beta of 1, in such misses: it chooses among shapes that measure the same, unmeasurably."""
 
@@ -132,33 +134,14 @@ def find_shape(body: BodyModelData, words: Sequence[str]) -> NDArray[np.float64]
 
 def parse_shape(words: Sequence[str]) -> tuple[list[Mapping[str, float]], dict[str, float]]:
     """What words say: the rows of `SHAPES`, in its order, and measurements by name."""
-    named, stated = set[str](), dict[str, float]()
-    for word in words:
-        name, is_measure, text = word.partition("=")
-        if not is_measure:
-            if name not in SHAPES:
-                raise DsnetError(
-                    f"shape {name!r}",
-                    f"{', '.join(SHAPES)}, or a measurement such as height=182",
-                    did_you_mean(name, SHAPES, "See docs/animation.md."),
-                )
-            named.add(name)
-            continue
-        if name not in MEASURES or name in stated:
-            again = " a second time" if name in stated else ""
-            raise DsnetError(
-                f"measurement {word!r}{again}",
-                f"each of {', '.join(MEASURES)} at most once",
-                did_you_mean(name, MEASURES, "Write height=182, in cm; weight in kg."),
-            )
-        try:
-            stated[name] = float(text)
-        except ValueError:
-            stated[name] = np.nan
-        if not 0 < stated[name] < 1000:
-            raise DsnetError(
-                f"measurement {word!r}", "a number of cm or kg", "Write height=182 weight=80."
-            )
+    named = {word for word in words if "=" not in word}
+    if strange := sorted(named - set(SHAPES)):
+        known = f"{', '.join(SHAPES)}, or a measurement such as height=182"
+        remedy = did_you_mean(strange[0], SHAPES, "See docs/animation.md.")
+        raise DsnetError(f"shape {strange[0]!r}", known, remedy)
+    measured = [word for word in words if "=" in word]
+    remedy = "Write height=182, in cm; weight=80, in kg."
+    stated = numbers_by_name("measurement", measured, MEASURES, _CM_OR_KG, remedy)
     return [factors for name, factors in SHAPES.items() if name in named], stated
 
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from safetensors import SafetensorError
 
 from bridge.body.body_checks import checked_person, checked_surface
 from bridge.body.containers import MODELS, read_fields, refused
@@ -25,7 +26,7 @@ from bridge.body.model_data import (
     SOURCE_FIELD,
     BodyModelData,
 )
-from bridge.body.safe_pickle import as_array
+from bridge.body.safe_pickle import MOST_BYTES, as_array
 from bridge.errors import DsnetError
 from bridge.runs.untrusted import DAMAGE, damage_refused, text_of
 
@@ -51,8 +52,8 @@ _FIELDS = {
     "hands_meanr": _Field(("hands_meanr", "right_hand_mean"), "H", needed=False),
     SHAPES_FIELD: _Field((SHAPES_FIELD,), "", needed=False),
 }
-_WANTED = {name for field in _FIELDS.values() for name in field.names}
-_TEXTS = {SOURCE_FIELD, GENDER_FIELD}
+_WANTED = {name: MOST_BYTES for field in _FIELDS.values() for name in field.names}
+_WANTED |= {SOURCE_FIELD: 1 << 12, GENDER_FIELD: 1 << 12}
 _BY_FIELD: dict[str, tuple[str, str]] = {
     "eigvec": ("DMPL's directions of soft tissue", "Pass it to --dmpl"),
     "skin_template_v": ("SKEL's, another skeleton", MODELS),
@@ -88,9 +89,9 @@ def load_smpl_file(path: str | Path) -> BodyModelData:
         If the file is missing, damaged, unsafe, another model's, or no person in metres.
     """
     path = Path(path)
-    safely = partial(damage_refused, partial(_unreadable, path), RecursionError)
+    safely = partial(damage_refused, partial(_unreadable, path), RecursionError, SafetensorError)
     with safely():
-        fields = _own_names(read_fields(path, _WANTED, _TEXTS))
+        fields = _own_names(read_fields(path, _WANTED))
     _check_what_it_is(path, fields)
     with safely():
         arrays = {name: _numbers(name, fields[name]) for name in _FIELDS if name in fields}

@@ -1,21 +1,17 @@
-"""Read what `torch.save` and safetensors wrote, without PyTorch; nothing in it is executed."""
+"""Read what `torch.save` wrote, without PyTorch; nothing in it is executed."""
 
 from __future__ import annotations
 
-import json
 import math
 import zipfile
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.body.safe_pickle import STORAGES, Global, Record, load_restricted, whole_numbers
 
 MOST_TENSOR_BYTES = 1 << 29
 _MOST_ITEMS = 10_000
-_MOST_HEADER_BYTES = 1 << 20
-_TYPES = {"F64": "<f8", "F32": "<f4", "F16": "<f2", "I64": "<i8", "I32": "<i4", "U32": "<u4"}
 
 
 def load_torch(file: IO[bytes]) -> Any:
@@ -27,22 +23,6 @@ def load_torch(file: IO[bytes]) -> Any:
         with archive.open(inside) as stream:
             found = load_restricted(stream, of_torch=True)
         return _filled(found, archive, inside.removesuffix("data.pkl"), depth=4)
-
-
-def load_safetensors(file: IO[bytes]) -> dict[str, NDArray]:
-    """The tensors of a `.safetensors` whose types NumPy has."""
-    length = int.from_bytes(file.read(8), "little")
-    if length > _MOST_HEADER_BYTES:
-        raise ValueError(f"a header of {length} bytes")
-    header, data = json.loads(file.read(length)), file.read()
-    found = {}
-    for name, entry in header.items():
-        if name == "__metadata__" or (dtype := _TYPES.get(entry["dtype"])) is None:
-            continue
-        begin, end = entry["data_offsets"]
-        shape = whole_numbers(entry["shape"])
-        found[name] = np.frombuffer(data[begin:end], dtype, math.prod(shape)).reshape(shape)
-    return found
 
 
 def _filled(value: Any, archive: zipfile.ZipFile, folder: str, depth: int) -> Any:
@@ -72,15 +52,9 @@ def _parts_of(value: Any) -> tuple[str, np.dtype, int, tuple[int, ...], tuple[in
     """Of a tensor in a torch file: the name of its numbers, their type, where it begins, its shape
     and strides; None of anything else."""
     match value:
-        case Record(
-            "tensor",
-            (
-                Record("storage", ((_, Global(code), str(name), _, _),)),
-                int(at),
-                shape,
-                strides,
-                *_,
-            ),
-        ) if code in STORAGES.values():
-            return name, np.dtype(f"<{code}"), at, whole_numbers(shape), whole_numbers(strides)
+        case Record("tensor", (Record("storage", (stored,)), int(at), shape, strides, *_)):
+            _, kind, name, *_ = stored
+            if isinstance(kind, Global) and kind.kind in STORAGES.values():
+                sizes = whole_numbers(shape), whole_numbers(strides)
+                return str(name), np.dtype(f"<{kind.kind}"), at, *sizes
     return None

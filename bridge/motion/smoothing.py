@@ -66,13 +66,6 @@ def smoothed(motion: Motion, smooth_hz: SmoothHz) -> Motion:
     return motion.posed(pose, trans_m, smooth_hz=smooth_hz)
 
 
-def described(smooth_hz: SmoothHz | None) -> str:
-    """As in a sentence about a motion."""
-    if smooth_hz is None:
-        return "as it is"
-    return "smoothed as it moves" if smooth_hz == "auto" else f"smoothed at {smooth_hz:g} Hz"
-
-
 def no_noise_hz(fps: float) -> float:
     """The cutoff that says that no noise was found."""
     return _CUTOFF_OF_VALLEY * _fastest_hz(fps)

@@ -107,46 +107,35 @@ def _product(left: Value, right: Value) -> Value:
 
 
 class Surface:
-    """Some vertices of a body; `extra` (E, V, 3) moves them as the shapes of betas do."""
+    """Some vertices of a body, K."""
 
     def __init__(
         self,
         graph: Graph,
         body: BodyModelData,
         vertices: slice | NDArray,
-        extra: NDArray | None = None,
         precision: Precision = "float32",
     ) -> None:
-        by_pose = body.posedirs[vertices].transpose(2, 1, 0)[:TURNING]  # (189, 3, V)
+        by_pose = body.posedirs[vertices].transpose(2, 1, 0)[:TURNING]  # (189, 3, K)
         shapes = body.shapedirs[vertices].transpose(2, 1, 0)
-        if extra is not None:
-            shapes = np.concatenate([shapes, extra.transpose(0, 2, 1)])
-        self._count = by_pose.shape[-1]
-        by_pose, shapes = (array.reshape(len(array), -1) for array in (by_pose, shapes))
-        self._graph, self._exact = graph, precision == "float32"
-        if self._exact:  # by one product
-            self._both = graph.array("blendshapes", np.concatenate([by_pose, shapes]))
-        else:
-            self._posing = product(graph, "posedirs", by_pose, precision)
-            self._shapes = graph.array("shapedirs", shapes)
+        self._graph, self._count = graph, by_pose.shape[-1]
+        self._posing = product(graph, "posedirs", by_pose.reshape(TURNING, -1), precision)
+        self._shapes = graph.array("shapedirs", shapes.reshape(len(shapes), -1))
         self._template = graph.array("template", body.v_template[vertices].T.ravel())
         self._bone_weights = bone_weights(body)[vertices].T
 
     @cached_property
     def weights(self) -> Value:
-        """(23, V) of the bones."""
+        """(23, K) of the bones."""
         return self._graph.array("weights", self._bone_weights)
 
-    def rest(self, turning: Value, shape: Value) -> Value:
-        """(B, 3, V) the rest pose, metres, of R - I (B, 189) and betas (B, 10 + E)."""
-        if self._exact:
-            moved = self._graph.concat([turning, shape], 1) @ self._both
-        else:
-            moved = self._posing(turning) + shape @ self._shapes
+    def rest(self, turning: Value, betas: Value) -> Value:
+        """(B, 3, K) the rest pose, metres, of R - I (B, 189) and betas (B, 10)."""
+        moved = self._posing(turning) + betas @ self._shapes
         return (moved + self._template).reshape(0, 3, -1)
 
     def skinned(self, bones: Value, rest: Value) -> Value:
-        """(B, V, 3) a rest pose (B, 3, V), turned and moved by bones (B, 12, 23)."""
+        """(B, K, 3) a rest pose (B, 3, K), turned and moved by bones (B, 12, 23)."""
 
         def few(bones: Value, rest: Value) -> Value:
             *columns, shift = (part @ self.weights for part in bones.split(1, [3, 3, 3, 3]))

@@ -17,15 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import shaped_joints, shaped_vertices
-from bridge.errors import DsnetError, did_you_mean, notify
+from bridge.errors import DsnetError, notify
 from bridge.markers.bony import bony_pose
-from bridge.motion import Motion, pack_theta, unpack_theta
+from bridge.motion import Motion, pack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import REMEDY, Lap, close_lap
 from bridge.motion.motion import HowRead, Up
 from bridge.motion.skeletons import read_joint_map
-from bridge.motion.smoothing import described
-from bridge.options import Bounds, PositiveFloat, check_options
+from bridge.options import Bounds, PositiveFloat, check_options, numbers_by_name
 from bridge.paper import N_BETAS
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
@@ -131,18 +130,16 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
         motion is not one of a body of a person's size.
     """
     controls.check()
-    if controls.motion_fps not in (None, motion.source_fps):
-        raise DsnetError(
-            f"{motion.source}, read at {motion.source_fps:g} frames a second",
-            f"it at {controls.motion_fps:g}, as the controls say",
-            f"Read it by load_motion_file(path, {controls.motion_fps:g}).",
-        )
-    if controls.smooth_hz not in (None, motion.smooth_hz):
-        raise DsnetError(
-            f"{motion.source}, {described(motion.smooth_hz)}",
-            f"it {described(controls.smooth_hz)}, as the controls say",
-            f"Read it by load_motion_file(path, smooth_hz={controls.smooth_hz!r}).",
-        )
+    asked = controls.motion_fps, controls.smooth_hz
+    for name, wanted, read in zip(
+        ("motion_fps", "smooth_hz"), asked, (motion.source_fps, motion.smooth_hz), strict=True
+    ):
+        if wanted not in (None, read):
+            raise DsnetError(
+                f"{motion.source}, read with {name}={read}",
+                f"it with {wanted}, as the controls say",
+                f"Read it by load_motion_file(path, {name}={wanted!r}).",
+            )
     body, gain = trained.body, controls.gain
     asked = controls.asked_betas(body)
     motion = with_own_shape(motion, body, told=asked is None)
@@ -151,33 +148,20 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
     if controls.part_gain:
         gain = blended_gain(body, gain, gains_of_parts(controls.part_gain))
     placed = place_motion(motion, body, asked)
-    own = motion.about_root_joint(root_joint_m(body, motion.betas))
-    placed, loop = stage_motion(placed, body, own, controls.floor, controls.loop)
-    if loop is not None and loop.dropped:
-        notify(f"the last frame of {motion.source} is its first again: left out of the loop")
+    placed, loop = put_on_floor(placed, body, controls.floor, motion.betas), None
+    if controls.loop:
+        placed, loop = _looped(placed, body)
     return MovingBody(trained, placed, gain, controls.given(), loop)
 
 
-def stage_motion(
-    placed: Motion, body: BodyModelData, own: Motion, floor: Floor, loop: bool
-) -> tuple[Motion, Lap | None]:
-    """A motion as it stands on the floor, and the loop that it becomes if it is to repeat.
-
-    Parameters
-    ----------
-    placed : y up, about the root joint of the body that performs it.
-    own : the same motion of the body whose it is.
-    """
-    placed = put_on_floor(placed, body, floor, own)
-    if not loop:
-        return placed, None
+def _looped(placed: Motion, body: BodyModelData) -> tuple[Motion, Lap]:
+    """A motion that stands where it shall as one that repeats."""
     if len(pieces := pieces_between_cuts(placed.theta)) > 1:
-        raise DsnetError(
-            f"--loop with {placed.source}, which jumps at frame {pieces[1].start}",
-            "a motion without cuts",
-            REMEDY,
-        )
+        jumps = f"--loop with {placed.source}, which jumps at frame {pieces[1].start}"
+        raise DsnetError(jumps, "a motion without cuts", REMEDY)
     closed = close_lap(placed.theta, root_joint_m(body, placed.betas))
+    if closed.dropped:
+        notify(f"the last frame of {placed.source} is its first again: left out of the loop")
     lap = placed.frames(slice(len(closed.theta)))  # the hands' too
     return replace(lap, theta=closed.theta), closed
 
@@ -210,29 +194,13 @@ def gains_of_parts(part_gain: Sequence[str]) -> NDArray[np.float64]:
     """
     from bridge.body.parts import GROUPS, PARTS
 
-    said: dict[str, float] = {}
-    for word in part_gain:
-        part, _, text = word.partition("=")
-        if part not in (*PARTS, *GROUPS) or part in said:
-            again = ", said before" if part in said else ""
-            raise DsnetError(
-                f"--part-gain {word}{again}",
-                f"each of {', '.join((*PARTS, *GROUPS))} at most once",
-                did_you_mean(part, (*PARTS, *GROUPS), "Pass --part-gain belly=2 chest=0.5."),
-            )
-        try:
-            said[part] = float(text)
-        except ValueError:
-            said[part] = np.nan
-        if not GAINS.hold(said[part]):
-            raise DsnetError(
-                f"--part-gain {word}", f"a gain of {GAINS}", "Pass --part-gain belly=2 chest=0.5."
-            )
+    remedy = "Pass --part-gain belly=2 chest=0.5."
+    said = numbers_by_name("--part-gain", part_gain, (*PARTS, *GROUPS), GAINS, remedy)
     group_of = {part: group for group, parts in GROUPS.items() for part in parts}
     return np.array([said.get(part, said.get(group_of.get(part, ""), 1.0)) for part in PARTS])
 
 
-def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own: Motion) -> Motion:
+def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own_betas: NDArray) -> Motion:
     """A motion whose lowest point stands on the floor, at height 0.
 
     Parameters
@@ -241,15 +209,14 @@ def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own: Motion)
     floor : `keep` changes nothing; `shift` adds one number to all heights, so that jumps take the
         time they take; `scale` first multiplies the root's travel and height by the ratio of leg
         lengths, so that strides fit.
-    own : the same motion of the body whose it is, about its root joint: for `scale`.
+    own_betas : (10,) shape of the person whose motion it is.
     """
     if floor == "keep":
         return motion
     if floor == "scale":
-        motion = _strides_fitted(motion, body, own)
+        motion = _strides_fitted(motion, body, own_betas)
     low_m = np.percentile(lowest_points_m(motion, body), SOLE_PERCENTILE)
-    pose, trans_m = unpack_theta(motion.theta)
-    return replace(motion, theta=pack_theta(pose, trans_m - [0.0, low_m, 0.0]))
+    return replace(motion, theta=pack_theta(motion.pose, motion.trans_m - [0.0, low_m, 0.0]))
 
 
 def leg_length_m(body: BodyModelData, betas: NDArray) -> float:
@@ -259,21 +226,16 @@ def leg_length_m(body: BodyModelData, betas: NDArray) -> float:
     return float(hips.mean() - shaped_vertices(body, betas)[0, :, 1].min())
 
 
-def _strides_fitted(motion: Motion, body: BodyModelData, own: Motion) -> Motion:
-    own_m = leg_length_m(body, own.betas)
+def _strides_fitted(motion: Motion, body: BodyModelData, own_betas: NDArray) -> Motion:
+    own_m = leg_length_m(body, own_betas)
     if not 0.1 < own_m < 10.0:
-        raise DsnetError(
-            f"--floor scale with {motion.source}, whose betas are of legs of {own_m:.3g} m",
-            "a person's",
-            "Pass --floor shift.",
-        )
-    ratio = leg_length_m(body, motion.betas) / own_m
-    _, own_trans_m = unpack_theta(own.theta)
-    places_m = own_trans_m + root_joint_m(body, own.betas)
+        legs = f"--floor scale with {motion.source}, whose betas are of legs of {own_m:.3g} m"
+        raise DsnetError(legs, "a person's", "Pass --floor shift.")
+    joint_m = root_joint_m(body, motion.betas)
+    places_m = motion.trans_m + joint_m
     start_m = places_m[:1] * [1.0, 0.0, 1.0]
-    trans_m = start_m + ratio * (places_m - start_m) - root_joint_m(body, motion.betas)
-    pose, _ = unpack_theta(motion.theta)
-    return replace(motion, theta=pack_theta(pose, trans_m))
+    places_m = start_m + leg_length_m(body, motion.betas) / own_m * (places_m - start_m)
+    return replace(motion, theta=pack_theta(motion.pose, places_m - joint_m))
 
 
 def root_joint_m(body: BodyModelData, betas: NDArray) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl, full_pose
 from bridge.errors import DsnetError, notify
 from bridge.markers.bony import flesh_in_pose
-from bridge.motion import Motion, unpack_theta
+from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import Lap
 from bridge.motion.motion import FARTHEST_M
@@ -28,6 +28,7 @@ from bridge.paper import N_JOINTS
 from bridge.runs.workers import progress
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.stepping import Prediction, predict_loop, predict_whole
+from bridge.runtime.whose_betas import pelvis_apart_m
 
 SOLE_PERCENTILE = 1.0
 """Of the lowest points of all frames: a single bad frame does not lift the motion."""
@@ -173,24 +174,23 @@ def place_motion(
     motion: Motion, body: BodyModelData, betas: NDArray[np.float64] | None = None
 ) -> Motion:
     """A motion as its file has it, turned to y up about the root joint of the body that will be
-    posed, with the shape betas (10,) in place of the file's; DsnetError if it is not one of a body
-    of a person's size.
+    posed, with the shape betas (10,) in place of the file's; the pelvis is where the file's kind of
+    body has it. DsnetError if it is not one of a body of a person's size.
     """
     if betas is not None:
         motion = replace(motion, betas=betas)
-    elif {motion.gender, body.gender} == {"female", "male"}:
-        file_gender = f"a {motion.gender}'s, the body {body.gender}"
-        notify(f"the betas of {motion.source} are {file_gender}: see --betas")
     with np.errstate(over="ignore", invalid="ignore"):
         rest = body.v_template + body.shapedirs @ motion.betas
-        size_m, far_m = np.ptp(rest, axis=0).max(), np.abs(unpack_theta(motion.theta)[1]).max()
+        size_m, far_m = np.ptp(rest, axis=0).max(), np.abs(motion.trans_m).max()
     if not (size_m < LARGEST_BODY_M and far_m < FARTHEST_M):
         raise DsnetError(
             f"{motion.source}, a body of {size_m:.3g} m that moves {far_m:.3g} m off",
             f"a person within {FARTHEST_M:g} m of the origin",
             "Check the file's betas and trans; --betas gives another shape.",
         )
-    return motion.about_root_joint((body.J_regressor @ rest)[0])
+    apart_m = pelvis_apart_m(motion, body)
+    placed = motion.about_root_joint((body.J_regressor @ rest)[0] + apart_m)
+    return replace(placed, theta=pack_theta(placed.pose, placed.trans_m + apart_m))
 
 
 def lowest_points_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:

@@ -13,7 +13,6 @@ Vertices are `latency_frames` old, pose and place included, as the model looks s
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 import onnx
@@ -90,15 +89,22 @@ def plus_graph(
     (B, 3, V) of SMPL alone and `offsets` (B, 3, V) in the rest pose, and `bones` (B, 12, 23).
     """
     step = _PlusStep(model, body, plus_layout(model))
+    graph, count = step.graph, body.vertex_count
     shown, late = _shown(step)
-    count = body.vertex_count
+    with graph.section("skin"):
+        skin = Surface(graph, body, slice(None), precision)
+        rest = skin.rest(shown["features"], step.betas)
+        bones = translated(graph, shown["bones"], shown["trans"])
+    with graph.section("spread"):
+        offsets = _offsets(step, shown["features"])
     if in_parts:
-        outputs = _parts(step, shown, precision)
+        outputs = {"rest": rest, "offsets": offsets, "bones": bones}
         shapes = {"rest": ("B", 3, count), "offsets": ("B", 3, count), "bones": ("B", 12, BONES)}
     else:
-        outputs = {"vertices": _skin(step, shown, precision)}
+        with graph.section("skin"):
+            outputs = {"vertices": skin.skinned(bones, rest + offsets)}
         shapes = {"vertices": ("B", count, 3)}
-    return step.graph.model(
+    return graph.model(
         "dsnet_plus",
         outputs | {"next_state": step.layout.written(step.graph, step.after | late)},
         shapes | {"next_state": ("B", step.layout.size)},
@@ -238,47 +244,20 @@ def _shown(step: _PlusStep) -> tuple[Arrays, Arrays]:
     return shown, late
 
 
-def _skin(step: _PlusStep, shown: Arrays, precision: Precision) -> Value:
-    """(B, V, 3) the posed surface of the step's characters."""
-    graph, model = step.graph, step.model
-    body, shape, constant_m = step.body, step.betas, None
-    if model.static.by_pose_m.any():  # features are the same as of the pose blend shapes
-        by_pose_m = model.nodes.spread(model.static.by_pose_m[:TURNING])  # (189, V, 3)
-        posedirs = body.posedirs.copy()
-        posedirs[..., :TURNING] += by_pose_m.transpose(1, 2, 0)
-        body = replace(body, posedirs=posedirs)
-    if model.static.constant_m.any():
-        shape = graph.concat([shape, step.past["known"]], 1)
-        constant_m = model.static.constant_m
-    with graph.section("skin"):
-        skin = Surface(graph, body, slice(None), constant_m, precision)
-        rest = skin.rest(shown["features"], shape)
-    with graph.section("spread"):
-        rest = rest + spread(graph, model.nodes, step.codes)
-    with graph.section("skin"):
-        return skin.skinned(translated(graph, shown["bones"], shown["trans"]), rest)
-
-
-def _parts(step: _PlusStep, shown: Arrays, precision: Precision) -> Arrays:
-    """What `_skin` poses: SMPL alone, the offsets of the step and of the static part, bones."""
+def _offsets(step: _PlusStep, features: Value) -> Value:
+    """(B, 3, V) in the rest pose: of the step's nodes, and what is static."""
     graph, model, codes = step.graph, step.model, step.codes
-    with graph.section("skin"):
-        skin = Surface(graph, step.body, slice(None), None, precision)
-        rest = skin.rest(shown["features"], step.betas)
-        bones = translated(graph, shown["bones"], shown["trans"])
-    with graph.section("spread"):
-        if model.static.by_pose_m.any():
-            by_pose_m = model.static.by_pose_m[:TURNING].transpose(0, 2, 1).reshape(TURNING, -1)
-            moved = shown["features"] @ graph.array("static_by_pose", by_pose_m)
-            codes = codes + moved.reshape(0, 3, len(model.nodes))
-        offsets = spread(graph, model.nodes, codes)
-        if model.static.constant_m.any():
-            constant_m = model.static.constant_m.transpose(0, 2, 1)
-            known = step.past["known"] @ graph.array(
-                "static_constant", constant_m.reshape(len(constant_m), -1)
-            )
-            offsets = offsets + known.reshape(0, 3, -1)
-    return {"rest": rest, "offsets": offsets, "bones": bones}
+    by_pose_m, constant_m = model.static.by_pose_m[:TURNING], model.static.constant_m
+    if by_pose_m.any():
+        kernel = by_pose_m.transpose(0, 2, 1).reshape(TURNING, -1)
+        moved = features @ graph.array("static_by_pose", kernel)
+        codes = codes + moved.reshape(0, 3, len(model.nodes))
+    offsets = spread(graph, model.nodes, codes)
+    if constant_m.any():
+        kernel = constant_m.transpose(0, 2, 1).reshape(len(constant_m), -1)
+        known = step.past["known"] @ graph.array("static_constant", kernel)
+        offsets = offsets + known.reshape(0, 3, -1)
+    return offsets
 
 
 def spread(graph: Graph, nodes: TissueNodes, at_nodes: Value) -> Value:

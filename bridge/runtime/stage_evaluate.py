@@ -22,8 +22,9 @@ from bridge.options import PositiveFloat
 from bridge.report.pages import render
 from bridge.report.panels import save_figure
 from bridge.runs import Run
+from bridge.runtime.controls import root_joint_m
 from bridge.runtime.load_model import load_for_motion
-from bridge.runtime.moving_body import MovingBody, place_motion
+from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.stage_predict import open_out_folder
 from bridge.runtime.whose_betas import with_own_shape
 
@@ -79,7 +80,8 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     run = None if config.run is None else Run(config.run)
     how = HowRead(up="z")
     trained, motion = load_for_motion(run, None, pose_file(markers), config.motion_fps, how=how)
-    motion = place_motion(with_own_shape(motion, trained.body), trained.body)
+    motion = with_own_shape(motion, trained.body)  # where it is, the markers say
+    motion = motion.about_root_joint(root_joint_m(trained.body, motion.betas))
     moving = MovingBody(trained, motion)
     found = read_markers(markers, motion.source_fps, motion.duration_s)
     if found.note:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -249,17 +249,19 @@ def predict_loop(
     """
     frames = len(loop.theta)
     most = max(int(LONGEST_S * FPS / frames), FEWEST_ROUNDS)
+    every = -(-frames // FRAMES_AT_ONCE)
     # One round more than is ever given: its last frames are smoothed over those that follow.
     found = predict(loop.repeated(most + 1), betas)
-    pieces, before, differ_m = _split_between_rounds(found.offsets_m, frames), None, np.inf
+    each, before, differ_m = chain.from_iterable(found.offsets_m), None, np.inf
     for done in range(1, most):
-        sample = _sampled_round(pieces, frames)
+        lap = enumerate(islice(each, frames))
+        sample = np.stack([offsets for at, offsets in lap if (frames - 1 - at) % every == 0])
         if before is not None:
             differ_m = float(np.linalg.norm(sample - before, axis=-1).max())
         if differ_m < SETTLED_M:
             first = done * frames
             latents = None if found.latents is None else found.latents[first : first + frames]
-            return Prediction(_next_round(pieces, frames), latents)
+            return Prediction(_in_pieces(islice(each, frames)), latents)
         before = sample
     raise DsnetError(
         f"--loop with offsets that still differ by {1e3 * differ_m:.1f} mm after {most} rounds",
@@ -268,28 +270,6 @@ def predict_loop(
     )
 
 
-def _split_between_rounds(pieces: Iterator[Piece], frames: int) -> Iterator[Piece]:
-    """The same frames, in pieces that end where rounds do."""
-    done = 0
-    for piece in pieces:
-        ends = range(frames - done % frames, len(piece), frames)
-        yield from (part for part in np.split(piece, list(ends)) if len(part))
-        done += len(piece)
-
-
-def _next_round(pieces: Iterator[Piece], frames: int) -> Iterator[Piece]:
-    while frames > 0:
-        piece = next(pieces)
-        frames -= len(piece)
-        yield piece
-
-
-def _sampled_round(pieces: Iterator[Piece], frames: int) -> Piece:
-    """Of the next round at most `FRAMES_AT_ONCE` frames, evenly spread, with its last."""
-    every = -(-frames // FRAMES_AT_ONCE)
-    kept, start = [], 0
-    for piece in _next_round(pieces, frames):
-        places = np.arange(start, start + len(piece))
-        kept.append(piece[(frames - 1 - places) % every == 0])
-        start += len(piece)
-    return np.concatenate(kept)
+def _in_pieces(frames: Iterator[Piece]) -> Iterator[Piece]:
+    while piece := [*islice(frames, FRAMES_AT_ONCE)]:
+        yield np.stack(piece)

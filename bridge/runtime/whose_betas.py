@@ -1,4 +1,4 @@
-"""Whose shape a motion's betas are: meant on a body of their space, never silently on another."""
+"""Of whose body a motion's betas and places are: both mean something else on another kind."""
 
 from __future__ import annotations
 
@@ -16,7 +16,14 @@ from bridge.markers.person import fit_person
 from bridge.motion import Motion
 
 _REMEDY = "--shape says another, --body takes the body model whose betas they are"
+_EMBEDDED = "an embedded body's"
 _SPACES = {"smpl": "SMPL's", "smplh": "SMPL's", "smplx": "SMPL-X's"}
+_PELVIS_M = {
+    _EMBEDDED: (0.0, 0.0, 0.0),
+    "SMPL's": (-0.002, -0.241, 0.029),
+    "SMPL-X's": (0.003, -0.351, 0.012),
+}
+"""Where mean templates have it: a root's translation counts from there."""
 
 
 def with_own_shape(motion: Motion, body: BodyModelData, told: bool = True) -> Motion:
@@ -39,12 +46,27 @@ def with_own_shape(motion: Motion, body: BodyModelData, told: bool = True) -> Mo
     return replace(motion, betas=padded, more_betas=np.zeros(0))
 
 
+def pelvis_apart_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:
+    """(3,) from the pelvis of the body's template to where that of the file's kind of body lies;
+    nothing where the file does not tell its kind."""
+    theirs, ours = _spaces(motion, body)
+    if theirs in (None, ours):
+        return np.zeros(3)
+    return _PELVIS_M[theirs] - body.joints[0]
+
+
+def _spaces(motion: Motion, body: BodyModelData) -> tuple[str | None, str]:
+    """Whose betas a motion has, None where its file does not tell, and whose the body takes."""
+    theirs = _EMBEDDED if motion.embedded_betas else _SPACES.get(motion.kind or "")
+    return theirs, _EMBEDDED if body.source == "synthetic" else _SPACES[body.kind]
+
+
 def _strange_space(motion: Motion, body: BodyModelData) -> str:
     """Whose betas a motion's are, empty if the body's: women and men have other shapes."""
-    if body.source == "synthetic" and not motion.embedded_betas:
+    theirs, ours = _spaces(motion, body)
+    if theirs != ours and _EMBEDDED in (theirs, ours):
         return "another body model's"
-    theirs, ours = _SPACES.get(motion.kind or body.kind), _SPACES[body.kind]
-    if body.source != "synthetic" and theirs != ours:
+    if theirs not in (None, ours):
         return f"{theirs}, the body {ours}"
     if motion.gender != body.gender and {motion.gender, body.gender} <= {*GENDERS}:
         return f"a {motion.gender} body's, the body is {body.gender}"

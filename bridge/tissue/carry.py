@@ -23,6 +23,7 @@ from scipy.spatial import KDTree
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.body.posing import shaped_vertices
 from bridge.body.surface_operators import vertex_areas_m2, vertex_normals
 from bridge.motion.directions import shortest_turn
 from bridge.paper import N_JOINTS
@@ -100,15 +101,14 @@ class _Fitted:
     """The trained body in the shape and the pose of another's template."""
 
     def __init__(self, body: BodyModelData, other: BodyModelData, skin: NDArray) -> None:
-        self._skin = skin
+        self._body, self._other, self._skin = body, other, skin
         self._frame = _Frame.of(body)
-        self._shapes = _Shapes.of(body)
-        self._others = _Shapes.of(other)
+        self._others_joints = other.joints[:N_JOINTS]
+        self._by_shape, self._others_by_shape = map(_joint_directions, (body, other))
         normals = vertex_normals(other.v_template, other.faces)[skin]
         self._surface, self._normals = other.v_template[skin], normals
         self._tree = KDTree(np.hstack([self._surface, _NORMAL_M * normals]))
         self._sample = np.unique(np.linspace(0, body.vertex_count - 1, _SAMPLES).astype(int))
-        self._faces = body.faces
         self.betas = np.zeros(body.shapedirs.shape[-1])
         for _ in range(_ROUNDS):
             step = self._step()
@@ -135,28 +135,29 @@ class _Fitted:
             wanted = wanted + by_beta.T @ (trust * apart_m)
         return np.linalg.solve(hessian, wanted)
 
+    def _own(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Vertices (V, 3) and joints (22, 3) of the trained body in its shape."""
+        vertices = shaped_vertices(self._body, self.betas[None])[0]
+        return vertices, (self._body.J_regressor @ vertices)[:N_JOINTS]
+
     def _bones(self) -> tuple[NDArray, NDArray]:
         """Joints apart (66,), metres, and what betas do (66, B), about the trunk."""
-        own, others = self._shapes.joints(self.betas), self._others.joint_template
-        apart = self._frame.about_trunk(others) - self._frame.about_trunk(own)
-        by_shape = self._frame.about_trunk(self._shapes.joint_directions)
-        return apart.ravel(), by_shape.reshape(apart.size, -1)
+        _, own = self._own()
+        apart = self._frame.about_trunk(self._others_joints) - self._frame.about_trunk(own)
+        return apart.ravel(), self._frame.about_trunk(self._by_shape).reshape(apart.size, -1)
 
     def _brought(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """Vertices (V, 3) of the trained body where the other's template has them, and normals."""
-        own, joints = self._shapes.vertices(self.betas), self._shapes.joints(self.betas)
-        turns = self._frame.turns(joints, self._others.joint_template)
-        places = self._frame.moved(own, joints, self._others.joint_template, turns)
-        return places, vertex_normals(places, self._faces)
+        own, joints = self._own()
+        turns = self._frame.turns(joints, self._others_joints)
+        places = self._frame.moved(own, joints, self._others_joints, turns)
+        return places, vertex_normals(places, self._body.faces)
 
     def _brought_directions(self, rows: NDArray) -> NDArray[np.float64]:
         """(N, 3, B) what betas of the trained body do there, about limbs and trunk."""
-        joints = self._shapes.joints(self.betas)
-        turns = self._frame.turns(joints, self._others.joint_template)
-        still = np.zeros_like(self._shapes.joint_directions)
-        return self._frame.moved(
-            self._shapes.directions[rows], self._shapes.joint_directions, still, turns, rows
-        )
+        turns = self._frame.turns(self._own()[1], self._others_joints)
+        still = np.zeros_like(self._by_shape)
+        return self._frame.moved(self._body.shapedirs[rows], self._by_shape, still, turns, rows)
 
     def _nearest(self, places: NDArray, normals: NDArray) -> tuple[NDArray, NDArray[np.bool_]]:
         _, near = self._tree.query(np.hstack([places, _NORMAL_M * normals]))
@@ -183,43 +184,20 @@ class _Fitted:
         ours = (facing_out * self._brought_directions(rows)).sum(1)
         still, turns = np.zeros((N_JOINTS, 3, 1)), np.eye(3)[None].repeat(N_JOINTS, 0)
         others = self._frame.moved(
-            self._others.directions[self._skin[near]], self._others.joint_directions,
-            still, turns, rows,
+            self._other.shapedirs[self._skin[near]], self._others_by_shape, still, turns, rows,
         )  # fmt: skip
         theirs = (facing_out * others).sum(1)
         _, bones = self._bones()
-        theirs_bones = self._frame.about_trunk(self._others.joint_directions)
+        theirs_bones = self._frame.about_trunk(self._others_by_shape)
         system = np.concatenate([ours, bones])
         wanted = np.concatenate([theirs, theirs_bones.reshape(len(bones), -1)])
         return np.linalg.lstsq(system, wanted, rcond=None)[0].T, self.betas
 
 
-@dataclass(frozen=True, eq=False)
-class _Shapes:
-    """A body's template and shapes, its 22 joints with them."""
-
-    template: NDArray[np.float64]
-    directions: NDArray[np.float64]
-    """(V, 3, S)."""
-    joint_template: NDArray[np.float64]
-    joint_directions: NDArray[np.float64]
-    """(22, 3, S)."""
-
-    @classmethod
-    def of(cls, body: BodyModelData) -> _Shapes:
-        regressor = body.J_regressor[:N_JOINTS]
-        directions = body.shapedirs
-        moved = regressor @ directions.reshape(len(directions), -1)
-        return cls(
-            body.v_template, directions, regressor @ body.v_template,
-            moved.reshape(N_JOINTS, 3, -1),
-        )  # fmt: skip
-
-    def vertices(self, betas: NDArray) -> NDArray[np.float64]:
-        return self.template + self.directions @ betas
-
-    def joints(self, betas: NDArray) -> NDArray[np.float64]:
-        return self.joint_template + self.joint_directions @ betas
+def _joint_directions(body: BodyModelData) -> NDArray[np.float64]:
+    """(22, 3, S) what betas do to joints."""
+    moved = body.J_regressor[:N_JOINTS] @ body.shapedirs.reshape(body.vertex_count, -1)
+    return moved.reshape(N_JOINTS, 3, -1)
 
 
 @dataclass(frozen=True, eq=False)

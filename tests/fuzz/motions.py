@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from bridge.body import load_body_model
-from bridge.body.dmpl_files import load_dmpl_directions
+from bridge.body.containers import load_dmpl_directions
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.motion import load_motion_file
 from tests.forged import amass, bvh

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from tyro.conf import Fixed
 
-from bridge.body.dmpl_files import load_dmpl_directions
+from bridge.body.containers import load_dmpl_directions
 from bridge.errors import DsnetError
 from bridge.exchange import save_weights
 from bridge.exchange.dsnet import DMPL, LINEAR_FILES, PCA, CodeName

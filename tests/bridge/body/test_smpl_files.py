@@ -15,7 +15,7 @@ import pytest
 from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.body_checks import checked_surface
-from bridge.body.dmpl_files import load_dmpl_directions
+from bridge.body.containers import load_dmpl_directions
 from bridge.body.safe_pickle import as_array, load_restricted
 from tests.forged.dmpl import forged_directions, save_dmpl
 from tests.forged.python2_pickle import Ch, Select, python2_pickle, sliced

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.other_bodies import renumbered
 from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model
 from bridge.cli import main
@@ -23,7 +24,7 @@ from bridge.runtime.whose_betas import with_own_shape
 from bridge.view.repertoire import open_repertoire
 from bridge.view.scene import Scene
 from tests.forged.amass import save, smplh
-from tests.forged.other_bodies import renumbered, with_pelvis_off
+from tests.forged.other_bodies import with_pelvis_off
 
 HOME = load_body_model("embedded:female")
 SAMPLE = "sample:walking"

@@ -133,25 +133,6 @@ def test_networks_that_give_no_numbers_are_one_line(trained_run, motion, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("gender", "betas", "said"),
-    [
-        ("male", None, "are a male's, the body female: see --betas\n"),
-        ("male", np.zeros(10), ""),
-        ("neutral", None, ""),
-        ("female", None, ""),
-    ],
-)
-def test_betas_of_the_other_gender_are_told(tmp_path, capsys, gender, betas, said):
-    path = save(tmp_path / "a_poses.npz", smplh(), gender=gender, source="synthetic")
-    motion = place_motion(load_motion_file(path), load_body_model("embedded:female"), betas)
-    printed = capsys.readouterr().err
-    assert printed.endswith(said)
-    assert printed.count("\n") == bool(said)
-    expected = smplh()["betas"][:10] if betas is None else betas
-    np.testing.assert_array_equal(motion.betas, expected)
-
-
-@pytest.mark.parametrize(
     ("options", "words"),
     [
         (["--motion", "m.npz"], "--motion without --out"),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.other_bodies import cut_finer, renumbered
 from bridge.body import BodyModelData, load_body_model
 from bridge.motion import load_amass_motion
 from bridge.runtime.load_model import load_model
@@ -18,13 +19,7 @@ from bridge.tissue import carry_cache
 from bridge.tissue.carry import carried, flesh_vertices
 from bridge.tissue.carry_cache import body_digest, cache_folder, carried_over
 from bridge.tissue.trained_plus import TrainedPlus
-from tests.forged.other_bodies import (
-    cut_finer,
-    open_in_pieces,
-    renumbered,
-    with_other_shapes,
-    with_pelvis_off,
-)
+from tests.forged.other_bodies import open_in_pieces, with_other_shapes, with_pelvis_off
 
 HOME = load_body_model("embedded:female")
 THETA = load_amass_motion("sample:jumping_jacks").theta[:90]
