@@ -19,7 +19,12 @@ from bridge.body.model_data import SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.motion.directions import shortest_turn, unit
 from bridge.motion.motion import HowRead, Motion, pack_theta
-from bridge.motion.retargeting import standing_direction, upright_turn
+from bridge.motion.retargeting import (
+    local_rotations,
+    smpl_places,
+    standing_direction,
+    upright_turn,
+)
 from bridge.motion.skeletons import OWN_NAMES
 from bridge.paper import N_BETAS, N_JOINTS
 
@@ -52,16 +57,7 @@ def motion_from_joints(path: Path, joints: NDArray[np.float64], fps: float, how:
     joints = joints @ upright_turn(axis, sign).T
     joints *= _legs(rest_m[None]).item() / float(np.median(_legs(joints)))
     world = _turns(joints, rest_m)
-    pose = np.empty(joints.shape)
-    moved_m = joints.copy()
-    for joint, parent in enumerate(SMPL_PARENTS[:N_JOINTS]):
-        local = world[:, joint]
-        if joint:
-            local = np.swapaxes(world[:, parent], 1, 2) @ local
-            moved_m[:, joint] = moved_m[:, parent] + world[:, parent] @ (
-                rest_m[joint] - rest_m[parent]
-            )
-        pose[:, joint] = Rotation.from_matrix(local).as_rotvec()
+    moved_m = smpl_places(world, rest_m) + joints[:, :1]
     apart_cm = 100 * np.linalg.norm(moved_m - joints, axis=-1).mean(axis=0)
     worst = int(apart_cm.argmax())
     most = f", {OWN_NAMES[worst]} {apart_cm[worst]:.1f} cm" if apart_cm[worst] >= 0.05 else ""
@@ -69,7 +65,7 @@ def motion_from_joints(path: Path, joints: NDArray[np.float64], fps: float, how:
         f"{path} has places of joints alone: rotations are found by inverse kinematics, and the "
         f"body's joints are {apart_cm.mean():.1f} cm from the file's in the mean{most}"
     )
-    theta = pack_theta(pose, joints[:, 0])
+    theta = pack_theta(local_rotations(world), joints[:, 0])
     return Motion(theta, np.zeros(N_BETAS), "unknown", fps, fps, path, up="y", trans_of="joint",
                   notes=tuple(notes))  # fmt: skip
 

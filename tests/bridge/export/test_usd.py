@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,7 @@ def test_rate_units_axis_and_origin(stage):
     assert stage.GetDefaultPrim().GetPath() == "/Body"
     layer = stage.GetRootLayer()
     assert layer.comment.startswith("synthetic")
-    assert layer.customLayerData["dsnet"]["data"] == "synthetic"
+    assert json.loads(layer.customLayerData["dsnet"])["data"] == "synthetic"
 
 
 def test_it_is_valid(stage):
