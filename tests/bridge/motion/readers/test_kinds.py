@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
 from bridge.motion import load_motion_file
-from bridge.motion.from_joints import motion_from_joints
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Up
+from bridge.motion.readers.joints import motion_from_joints
 from bridge.motion.skeletons import read_joint_map
 from tests.forged.motion_kinds import (
     BEGIN,
