@@ -171,9 +171,9 @@ class RestTurns:
         return np.stack([np.cross(sole, forward), sole, forward], axis=1).astype(np.float64)
 
 
-def leg_length(rest: NDArray, joints: Mapping[str, int]) -> float:
-    """Of the left thigh and shin, of places (J, 3)."""
-    hip, knee, ankle = (rest[joints[f"left_{name}"]] for name in ("hip", "knee", "ankle"))
+def leg_length(rest: Rest) -> float:
+    """Of the left thigh and shin."""
+    hip, knee, ankle = (rest[f"left_{name}"] for name in ("hip", "knee", "ankle"))
     return float(np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee))
 
 

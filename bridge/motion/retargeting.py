@@ -16,13 +16,14 @@ or refused where it is no matter of build.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body import load_body_model
-from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
+from bridge.body.model_data import SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.motion.directions import angle_deg, middle, turn_deg, unit
 from bridge.motion.motion import AS_IT_SAYS, FARTHEST_M, HowRead, Motion, pack_theta
@@ -72,18 +73,16 @@ _LIMB_TOLD_DEG, _REFUSED_DEG = 10.0, 60.0
 def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
     """The motion as SMPL's joints do it, for a body of the mean shape; y up.
 
-    The root's path is scaled by the length of the legs, which also brings the file's unit to
+    The hips' path is scaled by the length of the legs, which also brings the file's unit to
     metres. The file tells neither shape nor gender. A skeleton is refused that lacks a joint which
     a body needs, or whose joints the moved body cannot follow.
     """
     joints = joints_by_name(skeleton, how.joint_map)
-    model_rest_m = shaped_joints(load_body_model("embedded:female"), np.zeros((1, N_BETAS)))[0]
-    smpl_rest_m: Rest = dict(zip(SMPL_JOINT_NAMES, model_rest_m, strict=True))
-    sampled = np.linspace(0, len(skeleton.root) - 1, min(_SAMPLED, len(skeleton.root)))
-    sampled = sampled.astype(np.intp)
-    notes = list(skeleton.notes)
+    smpl_rest_m: Rest = dict(zip(OWN_NAMES, mean_joints(), strict=True))
+    sampled, notes = some_frames(len(skeleton.root)), list(skeleton.notes)
     turns, places = skeleton.posed(sampled)
-    if not np.isfinite(places).all() or not leg_length(skeleton.rest, joints) > 0:
+    legs = leg_length({name: skeleton.rest[joint] for name, joint in joints.items()})
+    if not np.isfinite(places).all() or not legs > 0:
         raise unusable(skeleton.path, "whose legs have no length")
     if _is_mirrored({name: places[:, joint] for name, joint in joints.items()}):
         axis = int(
@@ -108,13 +107,15 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
         )
     _check(skeleton, smpl_rest_m, joints, _smpl_turns(upright @ turns, carriers, rest),
            places @ upright.T, notes)  # fmt: skip
-    scale = leg_length(model_rest_m, {n: SMPL_JOINT_NAMES.index(n) for n in joints})
-    scale /= leg_length(skeleton.rest, joints)
-    count = len(skeleton.root)
+    scale, count = leg_length(smpl_rest_m) / legs, len(skeleton.root)
+    below_m = middle(smpl_rest_m, "hip") - smpl_rest_m["pelvis"]
     pose, trans_m = np.zeros((count, N_JOINTS, 3)), np.empty((count, 3))
     for frames, turns, places in skeleton.blocks():
-        trans_m[frames] = scale * places[:, joints["pelvis"]] @ upright.T
-        pose[frames] = local_rotations(_smpl_turns(upright @ turns, carriers, rest))
+        world = _smpl_turns(upright @ turns, carriers, rest)
+        hips = 0.5 * (places[:, joints["left_hip"]] + places[:, joints["right_hip"]])
+        # Files have their root anywhere between hips and waist.
+        trans_m[frames] = scale * hips @ upright.T - world[:, 0] @ below_m
+        pose[frames] = local_rotations(world)
     if (far_m := np.abs(trans_m).max()) > FARTHEST_M:
         raise unusable(skeleton.path, f"that goes {far_m:.3g} m off", "Export it near the origin.")
     return Motion(
@@ -220,12 +221,31 @@ def _called(axis: tuple[str, int]) -> str:
     return axis[0] if axis[1] > 0 else f"-{axis[0]}"
 
 
+@cache
+def mean_joints() -> NDArray[np.float64]:
+    """(22, 3) SMPL's joints at rest, of the mean shape, metres."""
+    return shaped_joints(load_body_model("embedded:female"), np.zeros((1, N_BETAS)))[0, :N_JOINTS]
+
+
+def some_frames(count: int) -> NDArray[np.intp]:
+    """Numbers of those by which a whole motion is judged."""
+    return np.linspace(0, count - 1, min(_SAMPLED, count)).astype(np.intp)
+
+
 def smpl_places(world: NDArray, rest_m: NDArray) -> NDArray[np.float64]:
     """(T, 22, 3) of SMPL's joints under rotations (T, 22, 3, 3), the root's at the origin."""
     places = np.zeros((len(world), N_JOINTS, 3))
     for joint, parent in enumerate(SMPL_PARENTS[1:N_JOINTS], 1):
         places[:, joint] = places[:, parent] + world[:, parent] @ (rest_m[joint] - rest_m[parent])
     return places
+
+
+def world_rotations(pose: NDArray) -> NDArray[np.float64]:
+    """(T, 22, 3, 3) of joint rotations (T, 22, 3), axis-angle."""
+    world = Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix().reshape(*pose.shape, 3)
+    for joint, parent in enumerate(SMPL_PARENTS[1:N_JOINTS], 1):
+        world[:, joint] = world[:, parent] @ world[:, joint]
+    return world
 
 
 def local_rotations(world: NDArray) -> NDArray[np.float64]:

@@ -17,15 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_PARENTS
-from bridge.body.posing import shaped_joints
 from bridge.body.safe_pickle import as_array, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.motion.directions import shortest_turn, unit
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion, pack_theta
 from bridge.motion.retargeting import (
     local_rotations,
+    mean_joints,
     smpl_places,
     standing_direction,
     upright_turn,
@@ -120,7 +119,7 @@ def motion_from_joints(path: Path, joints: NDArray[np.float64], fps: float, how:
     elif axis != "y":
         notes.append(f"{path} is taken as {axis} up, for its bodies stand so: --up says otherwise")
     sign = 1 if how.up != "auto" or direction["xyz".index(axis)] > 0 else -1
-    rest_m = shaped_joints(load_body_model("embedded:female"), np.zeros((1, N_BETAS)))[0][:N_JOINTS]
+    rest_m = mean_joints()
     joints = joints @ upright_turn(axis, sign).T
     joints *= _legs(rest_m[None]).item() / float(np.median(_legs(joints)))
     world = _turns(joints, rest_m)

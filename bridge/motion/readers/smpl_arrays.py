@@ -28,6 +28,14 @@ from bridge.motion.motion import (
     UpAxis,
     pack_theta,
 )
+from bridge.motion.retargeting import (
+    mean_joints,
+    smpl_places,
+    some_frames,
+    standing_direction,
+    world_rotations,
+)
+from bridge.motion.skeletons import OWN_NAMES
 from bridge.paper import N_BETAS, N_JOINTS
 from bridge.runs.untrusted import text_of
 
@@ -58,8 +66,9 @@ _FACE_WIDTH, _HANDS_WIDTH = 9, 90
 _LEAST_KNEE_RAD = 0.02
 _GENDERS = {"f": "female", "m": "male", "n": "neutral", "0": "neutral", "1": "male", "2": "female"}
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
-_STANDING, _LYING = 0.7, 0.3
-"""Shares of an axis in the direction of a trunk that stands along it, and of one that does not."""
+_STANDING, _ASLANT = 0.7, 0.5
+"""Least share of y in the mean direction of trunk and legs that stand along it, and the largest of
+z beside it."""
 _SAME_BETAS = 0.05
 
 Arrays = Mapping[str, NDArray]
@@ -254,18 +263,18 @@ def _vertical(path: Path, pose: NDArray[np.float64], how: HowRead, notes: list[s
     """The axis along which the bodies stand; z, as in AMASS, if they stand along none."""
     if how.up != "auto":
         return how.up
-    trunk = Rotation.from_rotvec(pose[:, 0]).apply([0.0, 1.0, 0.0])
-    _, y, z = np.median(trunk, axis=0)
-    if y < -_STANDING and abs(z) < _LYING:
+    places = smpl_places(world_rotations(pose[some_frames(len(pose))]), mean_joints())
+    _, y, z = standing_direction(dict(zip(OWN_NAMES, places.swapaxes(0, 1), strict=True)))
+    if abs(y) < _STANDING or abs(z) > _ASLANT * abs(y):
+        return "z"
+    if y < 0:
         raise unusable(
             path,
             "whose bodies stand head down along y, as in the space of a camera",
             "Export the motion in the world's space, or say its vertical by --up.",
         )
-    if y > _STANDING and abs(z) < _LYING:
-        notes.append(f"{path} is taken as y up, for its bodies stand so: --up says otherwise")
-        return "y"
-    return "z"
+    notes.append(f"{path} is taken as y up, for its bodies stand so: --up says otherwise")
+    return "y"
 
 
 def _trans(
