@@ -105,8 +105,8 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
             f"{skeleton.path} rests with feet that point elsewhere than a standing body's: "
             f"{' and '.join(feet)} are taken to stand flat where they are lowest"
         )
-    _check(skeleton, smpl_rest_m, joints, _smpl_turns(upright @ turns, carriers, rest),
-           places @ upright.T, notes)  # fmt: skip
+    world = _smpl_turns(upright @ turns, carriers, rest)
+    _check(skeleton, joints, world, places @ upright.T, notes)
     scale, count = leg_length(smpl_rest_m) / legs, len(skeleton.root)
     below_m = middle(smpl_rest_m, "hip") - smpl_rest_m["pelvis"]
     pose, trans_m = np.zeros((count, N_JOINTS, 3)), np.empty((count, 3))
@@ -232,9 +232,9 @@ def some_frames(count: int) -> NDArray[np.intp]:
     return np.linspace(0, count - 1, min(_SAMPLED, count)).astype(np.intp)
 
 
-def smpl_places(world: NDArray, rest_m: NDArray) -> NDArray[np.float64]:
-    """(T, 22, 3) of SMPL's joints under rotations (T, 22, 3, 3), the root's at the origin."""
-    places = np.zeros((len(world), N_JOINTS, 3))
+def smpl_places(world: NDArray) -> NDArray[np.float64]:
+    """(T, 22, 3) of the mean shape's joints, turned by (T, 22, 3, 3), the root's at the origin."""
+    places, rest_m = np.zeros((len(world), N_JOINTS, 3)), mean_joints()
     for joint, parent in enumerate(SMPL_PARENTS[1:N_JOINTS], 1):
         places[:, joint] = places[:, parent] + world[:, parent] @ (rest_m[joint] - rest_m[parent])
     return places
@@ -258,14 +258,13 @@ def local_rotations(world: NDArray) -> NDArray[np.float64]:
 
 def _check(
     skeleton: SkeletonMotion,
-    smpl_rest_m: Rest,
     joints: Mapping[str, int],
     world: NDArray,
     places: NDArray,
     notes: list[str],
 ) -> None:
     """Hold limbs and lines of the moved body (S, 22, 3, 3) against the file's (S, J, 3)."""
-    moved = smpl_places(world, np.array([smpl_rest_m[name] for name in OWN_NAMES]))
+    moved = smpl_places(world)
     found: dict[str, float] = {}
     for name, (one, end) in (_LINES | _LIMBS).items():
         if one in joints and end in joints:

@@ -123,7 +123,7 @@ def motion_from_joints(path: Path, joints: NDArray[np.float64], fps: float, how:
     joints = joints @ upright_turn(axis, sign).T
     joints *= _legs(rest_m[None]).item() / float(np.median(_legs(joints)))
     world = _turns(joints, rest_m)
-    moved_m = smpl_places(world, rest_m) + joints[:, :1]
+    moved_m = smpl_places(world) + joints[:, :1]
     apart_cm = 100 * np.linalg.norm(moved_m - joints, axis=-1).mean(axis=0)
     worst = int(apart_cm.argmax())
     most = f", {OWN_NAMES[worst]} {apart_cm[worst]:.1f} cm" if apart_cm[worst] >= 0.05 else ""

@@ -29,7 +29,6 @@ from bridge.motion.motion import (
     pack_theta,
 )
 from bridge.motion.retargeting import (
-    mean_joints,
     smpl_places,
     some_frames,
     standing_direction,
@@ -138,29 +137,22 @@ def _numbers(
 def _pose(path: Path, arrays: Arrays) -> NDArray[np.float64]:
     """Joint rotations (T, 22, 3), axis-angle, that a body can take."""
     root, body = _first(arrays, ROOT_KEYS), _first(arrays, BODY_KEYS)
-    if whole := _first(arrays, POSE_KEYS):
-        pose = _turns(path, arrays, whole)
-    elif root and body:
-        pose = np.concatenate([_turns(path, arrays, key) for key in (root, body)], axis=1)
-    else:
+    whole = _first(arrays, POSE_KEYS)
+    if not whole and not (root and body):
         named = f"a {body!r} and no 'root_orient'" if body else "no 'poses'"
         raise unusable(path, f"which has {named}", "Pass a motion, not a shape or a model file.")
+    keys = [key for key in ((whole,) if whole else (root, body)) if key]
+    parts = [_axis_angles(path, k, _by_joint(path, arrays, k)[:, :N_JOINTS]) for k in keys]
+    pose = np.concatenate(parts, axis=1)
     if pose.shape[1] < N_JOINTS:
         raise unusable(path, f"with poses of {pose.shape[1]} joints", "22 or more are needed.")
     if not len(pose):
         raise unusable(path, "which has zero frames", "Pass a motion with at least one frame.")
-    pose = pose[:, :N_JOINTS].astype(np.float64)
     # The largest entry: squares of what a hostile file holds overflow.
     if (angle_rad := np.abs(pose).max()) > LARGEST_ANGLE_RAD:
         flaw = f"whose 'poses' turn a joint by {angle_rad:.3g} rad"
         raise unusable(path, flaw, f"Angles are radians, at most {LARGEST_ANGLE_RAD:g}.")
     return pose
-
-
-def _turns(path: Path, arrays: Arrays, key: str) -> NDArray[np.float64]:
-    """(T, J, 3) axis-angle of an array of any layout, without hands and face."""
-    joints = _by_joint(path, arrays, key)
-    return _axis_angles(path, key, joints[:, :N_JOINTS])
 
 
 def _axis_angles(path: Path, key: str, joints: NDArray) -> NDArray[np.float64]:
@@ -263,7 +255,7 @@ def _vertical(path: Path, pose: NDArray[np.float64], how: HowRead, notes: list[s
     """The axis along which the bodies stand; z, as in AMASS, if they stand along none."""
     if how.up != "auto":
         return how.up
-    places = smpl_places(world_rotations(pose[some_frames(len(pose))]), mean_joints())
+    places = smpl_places(world_rotations(pose[some_frames(len(pose))]))
     _, y, z = standing_direction(dict(zip(OWN_NAMES, places.swapaxes(0, 1), strict=True)))
     if abs(y) < _STANDING or abs(z) > _ASLANT * abs(y):
         return "z"
