@@ -2,9 +2,9 @@
 
 Each file is read as `dsnet predict` reads it, and by hand: BVH by a small reader of its own, with
 the joints and the vertical that `FILES` names; arrays by NumPy. Compared are the directions of
-thighs, shins, upper arms and forearms in every frame, and the way of the hips, theirs scaled by the
-length of the legs. The files have licences of their own and lie elsewhere; the result has their
-digests. Half a minute.
+thighs, shins, upper arms and forearms in every frame, the lines of hips, shoulders and trunk, in
+which builds differ, and the way of the hips, theirs scaled by the length of the legs. The files
+have licences of their own and lie elsewhere; the result has their digests. Half a minute.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,10 +37,17 @@ NAMES = SMPL_JOINT_NAMES[:N_JOINTS]
 PARTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
 SIDES = ("left", "right")
-ROW = "| {origin} | {files} | {frames} | {limbs_deg:.1f} | {worst} {worst_deg:.1f} | {travel} |"
+LINES: dict[str, Callable[[Places], NDArray]] = {
+    "hips": lambda at: at["left_hip"] - at["right_hip"],
+    "shoulders": lambda at: at["left_shoulder"] - at["right_shoulder"],
+    "trunk": lambda at: (
+        at["left_shoulder"] + at["right_shoulder"] - at["left_hip"] - at["right_hip"]
+    ),
+}
+ROW = "| {origin} | {files} | {frames} | {limbs_deg:.1f} | {lines} | {travel} |"
 HEAD = """\
-| origin | files | frames | limbs [degrees] | worst limb | travel [cm a metre] |
-|---|---:|---:|---:|---|---:|
+| origin | files | frames | limbs [°] | hips, shoulders, trunk [°] | travel [cm a metre] |
+|---|---:|---:|---:|---:|---:|
 """
 
 
@@ -203,13 +210,16 @@ def compared(path: Path, real: RealFile) -> dict[str, Any]:
         for side in SIDES
         for one, end in BONES
     }  # fmt: skip
-    worst = max(limbs_deg, key=limbs_deg.__getitem__)
+    lines_deg = {
+        name: angle_deg(*(line(places) for places in (ours, theirs)))
+        for name, line in LINES.items()
+    }
     return {
         **about,
         "frames": len(pose),
         "limbs_deg": float(np.mean([*limbs_deg.values()])),
-        "worst": worst,
-        "worst_deg": limbs_deg[worst],
+        "worst_limb_deg": max(limbs_deg.values()),
+        "lines_deg": lines_deg,
         "travel_cm_a_metre": travel_cm_a_metre(ours, theirs),
         "told": [note.replace(str(path), path.name) for note in motion.notes],
     }
@@ -306,13 +316,18 @@ def markdown(path: Path) -> str:
     rows = []
     for origin in dict.fromkeys(one["origin"] for one in files):
         own = [one for one in files if one["origin"] == origin]
-        worst = max(own, key=lambda one: one["worst_deg"])
+        lines_deg = (max(one["lines_deg"][name] for one in own) for name in LINES)
         gone = [one["travel_cm_a_metre"] for one in own if one["travel_cm_a_metre"] is not None]
-        rows.append(ROW.format(
-            origin=origin, files=len(own), frames=sum(one["frames"] for one in own),
-            limbs_deg=max(one["limbs_deg"] for one in own), worst=worst["worst"],
-            worst_deg=worst["worst_deg"], travel=f"{max(gone):.1f}" if gone else "in place",
-        ))  # fmt: skip
+        rows.append(
+            ROW.format(
+                origin=origin,
+                files=len(own),
+                frames=sum(one["frames"] for one in own),
+                limbs_deg=max(one["limbs_deg"] for one in own),
+                lines=", ".join(f"{deg:.1f}" for deg in lines_deg),
+                travel=f"{max(gone):.1f}" if gone else "in place",
+            )
+        )
     return HEAD + "\n".join(rows)
 
 

@@ -124,6 +124,16 @@ def markdown(path: Path) -> str:
     )
 
 
+def streams_table(path: Path) -> str:
+    """Of the first run of a .json: R² of offsets, and of their velocity, by cutoff and input."""
+    (clips, *_) = json.loads(path.read_text(encoding="utf-8"))["runs"].values()
+    lines = ["| smoothed | clean | noisy | white |", "|---|---:|---:|---:|"]
+    for cutoff in clips[0]["scores"]:
+        cells = (_cells(clips, cutoff, motion) for motion in _INPUTS)
+        lines.append(f"| {cutoff} | " + " | ".join(f"{r2}, {v}" for r2, _, v in cells) + " |")
+    return "\n".join(lines)
+
+
 def _cells(clips: Sequence[Mapping[str, Any]], cutoff: str, motion: str) -> list[str]:
     scores = [clip["scores"][cutoff][motion] for clip in clips]
     missed, whole = (
