@@ -18,11 +18,10 @@ from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
 from bridge.export.mesh_files import surfaces
 from bridge.export.output import about, about_in_a_line
+from bridge.runtime import stepping
 from bridge.runtime.moving_body import MovingBody
 
 ROOT, MESH = "/Body", "/Body/Mesh"
-_SAVED_EVERY = 64
-"""Frames."""
 
 
 def write(path: Path, moving: MovingBody) -> None:
@@ -69,7 +68,7 @@ def _write_frames(stage: Usd.Stage, moving: MovingBody) -> None:
         normals.Set(_vectors(vertex_normals), time)
         extent.Set(_vectors(np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])), time)
         size.Set(Vt.FloatArray.FromNumpy(sizes_m), time)
-        if time % _SAVED_EVERY == 0:  # what is saved is no longer held in memory
+        if (time + 1) % stepping.FRAMES_AT_ONCE == 0:  # what is saved is no longer held in memory
             stage.Save()
 
 

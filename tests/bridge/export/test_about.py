@@ -133,4 +133,5 @@ def of_abc(path: Path) -> dict:
 def of_usd(path: Path) -> dict:
     from pxr import Usd
 
-    return json.loads(Usd.Stage.Open(str(path)).GetRootLayer().customLayerData["dsnet"])
+    stage = Usd.Stage.Open(str(path))
+    return json.loads(stage.GetRootLayer().customLayerData["dsnet"])
