@@ -138,11 +138,11 @@ class StreamSmoother:
     def push(self, theta: NDArray) -> NDArray[np.floating] | None:
         """The pose (69,) that was given three frames ago; the first one at once, as it is, and then
         none until three have come after the next."""
-        is_first, piece, turns = not self._poses, 0, Rotation.from_rotvec(unpack_theta(theta)[0])
-        turned = turns.as_quat()
+        is_first, piece = not self._poses, 0
+        turned = Rotation.from_rotvec(unpack_theta(theta)[0]).as_quat()
         if not is_first:
             piece = self._pieces[-1] + int(is_cut(self._poses[-1][None], theta[None])[0])
-            before = self._values[-1][:-3].reshape(turned.shape)
+            before = self._values[-1][:-3].reshape(turned.shape)  # q and -q are one rotation
             turned *= np.where((turned * before).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
         self._poses.append(theta)
         self._values.append(np.concatenate([turned.ravel(), theta[-3:]]))
@@ -164,14 +164,15 @@ class StreamSmoother:
         rows = np.flatnonzero(np.array(self._pieces) == self._pieces[at])
         if len(rows) <= _BENT:
             return self._poses[at]
-        window, curves = np.array(self._values)[rows], _curves_through(len(rows), self._fps)
+        curves, newest = _curves_through(len(rows), self._fps), self._values[-1]
+        window = np.array(self._values)[rows] - newest  # small numbers lose less
         trunk = window[:, _TRUNK_VALUES] * _TRUNK_M
         fitted = 1 - np.diagonal(curves, axis1=1, axis2=2)
         missed_m = (trunk - curves @ trunk) / fitted[..., None]  # (cutoffs, frames, values)
         recent = np.exp(-np.arange(len(rows))[::-1] / (_RECENT_S * self._fps))
         error_m2 = (missed_m**2).sum(axis=-1) @ recent / recent.sum() + _NO_ERROR_M2
         shares = (error_m2 / error_m2.min()) ** (-_SURE * min(len(rows), _RECENT_S * self._fps))
-        found = shares / shares.sum() @ curves[:, at - rows[0]] @ window
+        found = newest + shares / shares.sum() @ curves[:, at - rows[0]] @ window
         pose = Rotation.from_quat(found[:-3].reshape(-1, 4)).as_rotvec()
         both = np.stack([unpack_theta(self._poses[at])[0], pose])
         return pack_theta(continuous_rotations(both)[1], found[-3:])

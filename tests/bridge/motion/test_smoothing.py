@@ -200,7 +200,7 @@ def streamed(motion: Motion) -> Motion:
     return replace(motion, theta=np.stack([*known, *smoother.finish()]))
 
 
-@pytest.mark.parametrize("fps", [10.0, 30.0, 60.0, 120.0, 500.0])
+@pytest.mark.parametrize("fps", [10.0, 30.0, 60.0, 120.0, 1000.0])
 def test_a_stream_that_is_smooth_already_stays(fps):
     """A path of even acceleration, and an arm that goes round once a second."""
     time_s = np.arange(90) / fps
