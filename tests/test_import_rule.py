@@ -44,7 +44,6 @@ THIRD_PARTIES = {
         "matplotlib",
         "numpy",
         "onnx",
-        "onnxruntime",
         "pxr",
         "scipy",
         "trimesh",

@@ -28,13 +28,12 @@ from bridge.motion.motion import pack_theta, unpack_theta
 from bridge.motion.motion_checks import tremor_mm
 from bridge.motion.resampling import continuous_rotations
 from bridge.motion.sequences import is_real_motion
-from bridge.motion.smoothing import SmoothHz, smoothed
+from bridge.motion.smoothing import StreamSmoother, smoothed
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
 from bridge.runtime.load_model import load_model
 from bridge.runtime.stepping import Model, predict_whole
 
-_CUTOFFS: tuple[SmoothHz | None, ...] = (None, 15.0, 12.0, 10.0, 8.0, 6.0, 5.0, 4.0, "auto")
 _INPUTS = ("clean", "noisy", "white")
 _KINDS = ("offsets", "velocity")
 _HEAD = ("run", "smoothed at [Hz]", *(f"{motion}: {what}" for motion in _INPUTS
@@ -60,11 +59,13 @@ class NoiseConfig:
     """Write the page, and a .json beside it."""
 
     out: Path
-    """The page, a .md."""
+    """The page, a .md; or a .json alone."""
     runs: tuple[str, ...]
     """With `truth` and `train_plus`."""
     recordings: Path
     """Folder of BVHs or AMASS files whose noise is taken."""
+    cutoffs: tuple[str, ...] = ("none", "15", "12", "10", "8", "6", "5", "4", "auto")
+    """At which the inputs are smoothed, in Hz; `stream`: frame by frame, by `StreamSmoother`."""
 
 
 def main(config: NoiseConfig) -> None:
@@ -83,14 +84,18 @@ def main(config: NoiseConfig) -> None:
     noises = [Noise.of(path) for path in paths]
     path = config.out.with_suffix(".json")
     kept = json.loads(path.read_text(encoding="utf-8"))["runs"] if path.exists() else {}
-    found = {name: kept.get(name) or list(_clips(Run(name), noises)) for name in config.runs}
+    found = {
+        name: kept.get(name) or list(_clips(Run(name), noises, config.cutoffs))
+        for name in config.runs
+    }
     result = {
         "runs": found,
         "recordings": len(paths),
         "command": " ".join(["python", "-m", "benchmarks.prediction.noise", *sys.argv[1:]]),
     }
     write_text_atomically(path, json.dumps(result, indent=1) + "\n")
-    write_text_atomically(config.out, markdown(path))
+    if config.out != path:
+        write_text_atomically(config.out, markdown(path))
 
 
 def markdown(path: Path) -> str:
@@ -119,6 +124,16 @@ def markdown(path: Path) -> str:
     )
 
 
+def streams_table(path: Path) -> str:
+    """Of the first run of a .json: R² of offsets, and of their velocity, by cutoff and input."""
+    (clips, *_) = json.loads(path.read_text(encoding="utf-8"))["runs"].values()
+    lines = ["| smoothed | clean | noisy | white |", "|---|---:|---:|---:|"]
+    for cutoff in clips[0]["scores"]:
+        cells = (_cells(clips, cutoff, motion) for motion in _INPUTS)
+        lines.append(f"| {cutoff} | " + " | ".join(f"{r2}, {v}" for r2, _, v in cells) + " |")
+    return "\n".join(lines)
+
+
 def _cells(clips: Sequence[Mapping[str, Any]], cutoff: str, motion: str) -> list[str]:
     scores = [clip["scores"][cutoff][motion] for clip in clips]
     missed, whole = (
@@ -139,7 +154,7 @@ def _best_cutoffs(clips: Sequence[Mapping[str, Any]]) -> str:
     return ", ".join(f"{cutoff}: {best[cutoff]}" for cutoff in clips[0]["scores"] if best[cutoff])
 
 
-def _clips(run: Run, noises: Sequence[Noise]) -> Iterator[dict[str, Any]]:
+def _clips(run: Run, noises: Sequence[Noise], cutoffs: Sequence[str]) -> Iterator[dict[str, Any]]:
     """Energies missed and there, of every invented test motion, cutoff and input."""
     truth, model = run.artifact("truth"), load_model(run, "dsnet_plus").model
     sequences = sequences_of(truth)
@@ -162,11 +177,11 @@ def _clips(run: Run, noises: Sequence[Noise]) -> Iterator[dict[str, Any]]:
             "tremor_mm": {name: round(tremor_mm(one.trans_m, one.fps), 3)
                           for name, one in stored.items()},
             "scores": {
-                _named(cutoff): {
+                cutoff: {
                     name: _energies(model, _smoothed(one, cutoff), betas, truth, sequence)
                     for name, one in stored.items()
                 }
-                for cutoff in _CUTOFFS
+                for cutoff in cutoffs
             },
         }  # fmt: skip
 
@@ -176,14 +191,15 @@ def _stored(pose: NDArray, trans_m: NDArray, fps: float) -> Motion:
     return Motion(theta, np.zeros(10), "unknown", fps, fps, Path(), up="z")
 
 
-def _named(cutoff: SmoothHz | None) -> str:
-    return str(cutoff or "none") if cutoff in (None, "auto") else f"{cutoff:g}"
-
-
-def _smoothed(stored: Motion, cutoff: SmoothHz | None) -> NDArray:
+def _smoothed(stored: Motion, cutoff: str) -> NDArray:
     """Its theta (T, 69)."""
-    calm = stored if cutoff is None else smoothed(stored, cutoff)
-    return pack_theta(continuous_rotations(calm.pose), calm.trans_m)
+    if cutoff == "stream":
+        smoother = StreamSmoother(stored.fps)
+        given = [smoother.push(theta) for theta in stored.theta]
+        return np.stack([*(theta for theta in given if theta is not None), *smoother.finish()])
+    if cutoff != "none":
+        stored = smoothed(stored, "auto" if cutoff == "auto" else float(cutoff))
+    return pack_theta(continuous_rotations(stored.pose), stored.trans_m)
 
 
 def _energies(

@@ -13,8 +13,7 @@ import numpy as np
 from alembic3d import Abc, AbcCoreAbstract, AbcGeom
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError
-from bridge.export.mesh_files import VertexNormals
+from bridge.export.mesh_files import surfaces
 from bridge.export.output import about
 from bridge.runtime.moving_body import MovingBody
 
@@ -26,11 +25,7 @@ def write(path: Path, moving: MovingBody) -> None:
     try:
         _write(path, moving)
     except RuntimeError as error:  # what Alembic throws
-        raise DsnetError(
-            f"--out, which Alembic cannot write ({str(error).splitlines()[-1].strip()[:200]})",
-            "a path that can be made, on a disk with room",
-            "Name another path.",
-        ) from error
+        raise OSError(str(error).splitlines()[-1].strip()[:200]) from error
 
 
 def _write(path: Path, moving: MovingBody) -> None:
@@ -44,19 +39,15 @@ def _write(path: Path, moving: MovingBody) -> None:
     mesh.setTimeSampling(1)
     beside = mesh.getArbGeomParams()
     sizes = AbcGeom.OFloatGeomParam(beside, "offset_m", False, _OF_VERTICES, 1, 1)
-    normals_of = VertexNormals(faces, moving.body.vertex_count)
     # Alembic's faces have their vertices clockwise from outside.
     corners = imath.IntArrayFromBuffer(faces[:, ::-1].astype(np.int32).ravel())
     counts = imath.IntArrayFromBuffer(np.full(len(faces), faces.shape[1], np.int32))
-    for posed in moving.shown("abc"):
-        sizes_m = np.linalg.norm(posed.offsets_m, axis=-1).astype(np.float32)
-        for vertices_m, size_m in zip(posed.vertices_m, sizes_m, strict=True):
-            sample = AbcGeom.OPolyMeshSchemaSample(_vectors(vertices_m), corners, counts)
-            normals = _vectors(normals_of(vertices_m))
-            sample.setNormals(AbcGeom.ON3fGeomParamSample(normals, _OF_VERTICES))
-            mesh.set(sample)
-            size = imath.FloatArrayFromBuffer(size_m)
-            sizes.set(AbcGeom.OFloatGeomParamSample(size, _OF_VERTICES))
+    for vertices_m, normals, sizes_m in surfaces(moving, "abc"):
+        sample = AbcGeom.OPolyMeshSchemaSample(_vectors(vertices_m), corners, counts)
+        sample.setNormals(AbcGeom.ON3fGeomParamSample(_vectors(normals), _OF_VERTICES))
+        mesh.set(sample)
+        size = imath.FloatArrayFromBuffer(sizes_m.astype(np.float32))
+        sizes.set(AbcGeom.OFloatGeomParamSample(size, _OF_VERTICES))
 
 
 def _vectors(array: NDArray) -> imath.V3fArray:

@@ -52,6 +52,7 @@ FORMATS = {
     "bvh": Format("bridge.export.bvh.write", (".bvh",)),
     "npz": Format("bridge.export.smpl_npz.write", (".npz",)),
     "npz55": Format("bridge.export.smpl_npz.write_smplx", (".npz",)),
+    "smpl": Format("bridge.export.smpl_npz.write_smpl", (".smpl",)),
     "gif": Format("bridge.export.clips.write_gif", (".gif",), several=True),
     "mp4": Format(
         "bridge.export.clips.write_mp4", (".mp4",), "imageio_ffmpeg", "clip", several=True

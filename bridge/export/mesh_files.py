@@ -21,7 +21,6 @@ from trimesh.exchange.obj import export_obj
 from trimesh.exchange.ply import export_ply
 
 from bridge.export.output import about, about_in_a_line
-from bridge.runs.workers import progress
 from bridge.runtime.moving_body import MovingBody
 
 _OBJ_DIGITS = 6
@@ -48,17 +47,27 @@ class VertexNormals:
         return (normals / np.where(length > 0, length, 1)).astype(np.float32)
 
 
+def surfaces(moving: MovingBody, what: str) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
+    """Of each frame, told as `what` on the terminal: places and normals (V, 3), metres, and sizes
+    of the skin offsets (V,)."""
+    normals = VertexNormals(moving.body.faces, moving.body.vertex_count)
+    for posed in moving.shown(what):
+        sizes_m = np.linalg.norm(posed.offsets_m, axis=-1)
+        for vertices_m, size_m in zip(posed.vertices_m, sizes_m, strict=True):
+            yield vertices_m, normals(vertices_m), size_m
+
+
 def write_obj(folder: Path, moving: MovingBody) -> None:
     """Write `frame_00000.obj`, ... into an empty folder."""
     comment = about_in_a_line(moving)
-    for number, mesh in progress(_meshes(moving), what="obj", unit="frame", total=len(moving)):
+    for number, mesh in enumerate(_meshes(moving, "obj")):
         _save_obj(folder / f"frame_{number:05d}.obj", mesh, f"frame {number} of {comment}")
 
 
 def write_ply(folder: Path, moving: MovingBody) -> None:
     """Write `frame_00000.ply`, ..., binary, with the size of each vertex's skin offset."""
     comment = about_in_a_line(moving)
-    for number, mesh in progress(_meshes(moving), what="ply", unit="frame", total=len(moving)):
+    for number, mesh in enumerate(_meshes(moving, "ply")):
         # A comment stands after the two lines that a header begins with.
         magic, kind, rest = export_ply(mesh, vertex_normal=True).split(b"\n", 2)
         said = f"comment frame {number} of {comment}".encode("ascii")
@@ -93,7 +102,7 @@ def _write_cache(folder: Path, name: str, header: bytes, moving: MovingBody, dty
         file.write(header)
         for posed in moving.shown("points"):
             file.write(np.ascontiguousarray(posed.vertices_m, dtype).tobytes())
-    _, first = next(_meshes(moving))
+    first = next(_meshes(moving, "base"))
     _save_obj(folder / "body.obj", first, f"base mesh of a point cache: {about_in_a_line(moving)}")
     (folder / "about.json").write_text(json.dumps(about(moving), indent=2) + "\n", encoding="utf-8")
 
@@ -103,17 +112,13 @@ def _save_obj(path: Path, mesh: trimesh.Trimesh, comment: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def _meshes(moving: MovingBody) -> Iterator[tuple[int, trimesh.Trimesh]]:
-    """Number and mesh of each frame; `offset_m` of a vertex is the length of its skin offset."""
-    body = moving.body
-    normals = VertexNormals(body.faces, body.vertex_count)
-    for posed in moving:
-        for row, vertices_m in enumerate(posed.vertices_m):
-            mesh = trimesh.Trimesh(
-                vertices_m,
-                body.faces,
-                vertex_normals=normals(vertices_m),
-                vertex_attributes={"offset_m": np.linalg.norm(posed.offsets_m[row], axis=1)},
-                process=False,
-            )
-            yield posed.frames.start + row, mesh
+def _meshes(moving: MovingBody, what: str) -> Iterator[trimesh.Trimesh]:
+    """Of each frame; `offset_m` of a vertex is the length of its skin offset."""
+    for vertices_m, normals, sizes_m in surfaces(moving, what):
+        yield trimesh.Trimesh(
+            vertices_m,
+            moving.body.faces,
+            vertex_normals=normals,
+            vertex_attributes={"offset_m": sizes_m},
+            process=False,
+        )

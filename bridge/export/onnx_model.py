@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,36 +15,22 @@ from typing import Any
 
 import numpy as np
 import onnx
-import onnxruntime
-import onnxruntime.capi.onnxruntime_pybind11_state as onnxruntime_state
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.errors import DsnetError
 from bridge.exchange import load_weights
 from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
-from bridge.export.output import new_path, refuse_taken
+from bridge.export.output import new_path
 from bridge.paper import N_JOINTS, THETA_SIZE
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
-from bridge.runs.untrusted import damage_refused
 from bridge.runtime.network_graphs import dsnet_body_graph
-from bridge.runtime.onnx_graph import PRECISIONS, GraphSession, Precision
+from bridge.runtime.onnx_graph import GraphSession, Precision
 from bridge.runtime.plus_graph import plus_graph
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 
-_UNREADABLE = (
-    onnxruntime_state.Fail,
-    onnxruntime_state.InvalidArgument,
-    onnxruntime_state.InvalidGraph,
-    onnxruntime_state.InvalidProtobuf,
-    onnxruntime_state.NoSuchFile,
-    onnxruntime_state.NotImplemented,
-    onnxruntime_state.RuntimeException,
-)
-"""What the runtime says of a file; these have no common base."""
 _BEND_RAD, _HOP_M = 0.6, 0.25
 
 
@@ -97,80 +82,17 @@ def export_onnx(
     Raises
     ------
     DsnetError
-        If the file exists or cannot be written, the precision is none, or predictor and body do not
-        fit.
+        If the file exists or cannot be written, or predictor and body do not fit.
     """
-    if precision not in PRECISIONS:
-        known = ", ".join(PRECISIONS)
-        raise DsnetError(f"precision {precision!r}", f"one of {known}", "Name one of these.")
-    if path.suffix != ".onnx":
-        raise DsnetError(f"--out {path}", "a name that ends in .onnx", "Name such a file.")
-    refuse_taken(path)
     about = _about(model, body, origin, run, precision)
     made = _graph(model, body, about, precision)
     if precision != "float32":
         error_mm = precision_error_mm(_graph(model, body, {}, "float32"), made)
-        about["error_mm"] = json.dumps({name: round(mm, 4) for name, mm in error_mm.items()})
-        made = _graph(model, body, about, precision)
+        said = json.dumps({name: round(mm, 4) for name, mm in error_mm.items()})
+        made.metadata_props.add(key="error_mm", value=said)
     with new_path(path) as partial:
         onnx.save_model(made, partial)
     return path
-
-
-class OnnxCharacters:
-    """An exported predictor, run frame by frame; it remembers each character's past.
-
-    Parameters
-    ----------
-    path : a file that `export_onnx` wrote.
-    threads : of ONNX Runtime; its own choice when 0.
-    """
-
-    def __init__(self, path: Path, threads: int = 0) -> None:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        with damage_refused(lambda error: _foreign(path, type(error).__name__), *_UNREADABLE):
-            self._session = onnxruntime.InferenceSession(
-                os.fspath(path), options, providers=["CPUExecutionProvider"]
-            )
-        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
-        """What the file says of itself."""
-        if "state_layout" not in self.metadata:
-            raise _foreign(path, "without a state_layout")
-        _, betas, state = self._session.get_inputs()
-        self._beta_count, self._state_size = betas.shape[1], state.shape[1]
-        self.reset()
-
-    @property
-    def faces(self) -> NDArray[np.int64]:
-        """(F, 3) triangles of the vertices."""
-        stored = np.frombuffer(base64.b64decode(self.metadata["faces"]), "<u4")
-        return stored.reshape(-1, 3).astype(np.int64)
-
-    def reset(self) -> None:
-        """Forget the past; the next step may have another number of characters."""
-        self._state = np.zeros((0, self._state_size), np.float32)
-
-    def step(self, theta: ArrayLike, betas: ArrayLike) -> NDArray[np.float32]:
-        """Posed vertices (B, V, 3), metres, of the poses theta (B, 69) of B characters (B, 10)."""
-        theta, betas = np.asarray(theta, np.float32), np.asarray(betas, np.float32)
-        count = len(theta) if theta.ndim else 0
-        if theta.shape != (count, THETA_SIZE) or betas.shape != (count, self._beta_count):
-            raise DsnetError(
-                f"theta {theta.shape} and betas {betas.shape}",
-                f"theta (B, {THETA_SIZE}) and betas (B, {self._beta_count})",
-                "Pass one row for each character, also for a single one.",
-            )
-        if len(self._state) not in (0, count):
-            raise DsnetError(
-                f"{count} characters after {len(self._state)}",
-                "the same characters at every step",
-                "Call reset() when characters come or go.",
-            )
-        past = self._state if len(self._state) else np.zeros((count, self._state_size), np.float32)
-        given = {"theta": theta, "betas": betas, "state": past}
-        vertices, self._state = map(np.asarray, self._session.run(None, given))
-        return vertices
 
 
 def precision_error_mm(exact: onnx.ModelProto, reduced: onnx.ModelProto) -> dict[str, float]:
@@ -233,11 +155,3 @@ def _about(
         "state": "zeros for a character that begins; then next_state of the frame before",
         "faces": base64.b64encode(body.faces.astype("<u4").tobytes()).decode("ascii"),
     }
-
-
-def _foreign(path: Path, why: str) -> DsnetError:
-    return DsnetError(
-        f"{path}, which is no predictor ({why})",
-        "a file that `dsnet export --to onnx` wrote",
-        "Export it again, or name another file.",
-    )

@@ -1,4 +1,5 @@
-"""SMPL parameters and skin offsets: an `.npz` with AMASS's keys, and those that AMASS lacks.
+"""SMPL parameters and skin offsets: an `.npz` with AMASS's keys, and those that AMASS lacks; and
+Meshcapade's `.smpl`, which has no room for offsets that change.
 
 `poses` has the 52 joints of SMPL-H, as most of AMASS, or the 55 of SMPL-X, as its Blender add-on
 wants them; hands, jaw and eyes turn where the motion's do. `poses` and `trans` have z up as all of
@@ -31,6 +32,9 @@ _R_ZUP_YUP = Rotation.from_euler("x", 90, degrees=True)
 
 
 SMPLH_JOINTS, SMPLX_JOINTS = 52, 55
+_SMPL_GENDERS = {"neutral": 0, "male": 1, "female": 2}
+_SMPL_VERSIONS = {SMPLH_JOINTS: 1, SMPLX_JOINTS: 2}
+_CODEC_VERSION = 2
 
 
 def write(path: Path, moving: MovingBody, joints: int | None = None) -> None:
@@ -40,8 +44,7 @@ def write(path: Path, moving: MovingBody, joints: int | None = None) -> None:
     Beside these stand `betas` (10,), `gender`, `mocap_framerate`, `root_joint` (3,), the rest
     position that the root turns about, and facts of the export as texts.
     """
-    with_face = moving.body.kind == "smplx" or moving.motion.all_joints.shape[1] == SMPLX_JOINTS
-    joints = joints or (SMPLX_JOINTS if with_face else SMPLH_JOINTS)
+    joints = joints or _joints(moving)
     shape = (len(moving), moving.body.vertex_count, 3)
     with zipfile.ZipFile(path, "w") as archive:
         for name, value in _parameters(moving, joints).items():
@@ -57,6 +60,48 @@ def write(path: Path, moving: MovingBody, joints: int | None = None) -> None:
 def write_smplx(path: Path, moving: MovingBody) -> None:
     """The same with the joints of SMPL-X."""
     write(path, moving, SMPLX_JOINTS)
+
+
+def write_smpl(path: Path, moving: MovingBody) -> None:
+    """Write pose, path and shape as the library smplcodec reads them: y up."""
+    motion, count = moving.motion, _joints(moving)
+    pose = _full_pose(motion, count)
+    head, left, right = np.split(pose[:, N_JOINTS:], [-HAND_COUNT, -HAND_COUNT // 2], axis=1)
+    arrays: dict[str, Any] = {
+        "codecVersion": _CODEC_VERSION,
+        "smplVersion": _SMPL_VERSIONS[count],
+        "gender": _SMPL_GENDERS[moving.body.gender],
+        "shapeParameters": motion.betas,
+        "frameCount": len(pose),
+        "frameRate": motion.fps,
+        "bodyTranslation": motion.trans_m,
+        "bodyPose": pose[:, :N_JOINTS],
+        "headPose": head,
+        "leftHandPose": left,
+        "rightHandPose": right,
+    }
+    if count == SMPLH_JOINTS:
+        del arrays["headPose"]
+    with path.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def _joints(moving: MovingBody) -> int:
+    """Of SMPL-X where body or motion are, else of SMPL-H."""
+    with_face = moving.body.kind == "smplx" or moving.motion.all_joints.shape[1] == SMPLX_JOINTS
+    return SMPLX_JOINTS if with_face else SMPLH_JOINTS
+
+
+def _full_pose(motion: Motion, joints: int) -> NDArray[np.float64]:
+    """(T, joints, 3): hands last, which turn where the motion's do, as jaw and eyes."""
+    others = motion.hands_and_face
+    full = np.zeros((len(motion.theta), joints, 3))
+    full[:, :N_JOINTS] = motion.pose
+    if others is not None:
+        full[:, -HAND_COUNT:] = others[:, -HAND_COUNT:]
+        if N_JOINTS + others.shape[1] == joints:  # jaw and eyes, too
+            full[:, N_JOINTS:] = others
+    return full
 
 
 def _parameters(moving: MovingBody, joints: int) -> dict[str, Any]:
@@ -85,13 +130,7 @@ def _z_up(motion: Motion, root_joint_m: NDArray, joints: int) -> tuple[NDArray, 
 
     The root turns about its joint J, which lies at J + trans: turning the world turns that sum.
     """
-    pose, trans_m, others = motion.pose, motion.trans_m, motion.hands_and_face
-    full = np.zeros((len(pose), joints, 3))
-    full[:, :N_JOINTS] = pose
-    if others is not None:
-        full[:, -HAND_COUNT:] = others[:, -HAND_COUNT:]
-        if N_JOINTS + others.shape[1] == joints:  # jaw and eyes, too
-            full[:, N_JOINTS:] = others
-    full[:, 0] = (_R_ZUP_YUP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
-    turned_m = _R_ZUP_YUP.apply(trans_m + root_joint_m) - root_joint_m
-    return full.reshape(len(pose), -1), turned_m
+    full = _full_pose(motion, joints)
+    full[:, 0] = (_R_ZUP_YUP * Rotation.from_rotvec(full[:, 0])).as_rotvec()
+    turned_m = _R_ZUP_YUP.apply(motion.trans_m + root_joint_m) - root_joint_m
+    return full.reshape(len(full), -1), turned_m

@@ -21,8 +21,9 @@ class ExportConfig(Controls):
     """Write a body that performs a motion as a file for another tool: 60 fps, metres, y up."""
 
     to: str | None = None
-    """Format: usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, gif, mp4 or html of a motion; or
-    onnx, the predictor with its body as one graph. docs/export.md says how to open each."""
+    """Format: usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, smpl, gif, mp4 or html of a
+    motion; or onnx, the predictor with its body as one graph. docs/export.md says how to open
+    each."""
     motion: Path | None = None
     """One AMASS `.npz`, a BVH, or `sample:walking`; for all but onnx."""
     run: str | None = None

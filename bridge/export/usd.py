@@ -9,17 +9,16 @@ of every frame, exactly.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Tf, Usd, UsdGeom, Vt
 
-from bridge.errors import DsnetError
-from bridge.export.mesh_files import VertexNormals
+from bridge.export.mesh_files import surfaces
 from bridge.export.output import about, about_in_a_line
+from bridge.runtime import stepping
 from bridge.runtime.moving_body import MovingBody
 
 ROOT, MESH = "/Body", "/Body/Mesh"
@@ -32,11 +31,7 @@ def write(path: Path, moving: MovingBody) -> None:
         _write_frames(stage, moving)
         stage.Save()
     except Tf.ErrorException as error:
-        raise DsnetError(
-            f"--out, which USD cannot write ({str(error).splitlines()[-1].strip()})",
-            "a path that can be made, on a disk with room",
-            "Name another path.",
-        ) from error
+        raise OSError(str(error).splitlines()[-1].strip()[:200]) from error
 
 
 def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
@@ -49,7 +44,7 @@ def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
     stage.SetEndTimeCode(len(moving) - 1)
     layer = stage.GetRootLayer()
     layer.comment = about_in_a_line(moving)
-    layer.customLayerData = {"dsnet": _custom_data(facts)}
+    layer.customLayerData = {"dsnet": json.dumps(facts)}
     root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
     stage.SetDefaultPrim(root)
     Usd.ModelAPI(root).SetKind("component")
@@ -61,37 +56,20 @@ def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
     return stage
 
 
-def _custom_data(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """The same with USD's arrays in place of lists, of numbers or of texts."""
-    found: dict[str, Any] = {}
-    for key, value in facts.items():
-        if isinstance(value, Mapping):
-            value = _custom_data(value)
-        elif isinstance(value, list):
-            texts = all(isinstance(item, str) for item in value)
-            value = Vt.StringArray(value) if texts else Vt.DoubleArray(value)
-        found[key] = value
-    return found
-
-
 def _write_frames(stage: Usd.Stage, moving: MovingBody) -> None:
-    normals_of = VertexNormals(moving.body.faces, moving.body.vertex_count)
     mesh = UsdGeom.Mesh.Get(stage, MESH)
     points, normals = mesh.CreatePointsAttr(), mesh.CreateNormalsAttr()
     extent = mesh.CreateExtentAttr()
     size = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
         "offset_m", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex
     )
-    for posed in moving.shown("usd"):
-        sizes_m = np.linalg.norm(posed.offsets_m, axis=-1)
-        for row, time in enumerate(range(posed.frames.start, posed.frames.stop)):
-            vertices_m = posed.vertices_m[row]
-            points.Set(_vectors(vertices_m), time)
-            normals.Set(_vectors(normals_of(vertices_m)), time)
-            extent.Set(_vectors(np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])), time)
-            size.Set(Vt.FloatArray.FromNumpy(sizes_m[row]), time)
-        # What is saved is no longer held in memory.
-        stage.Save()
+    for time, (vertices_m, vertex_normals, sizes_m) in enumerate(surfaces(moving, "usd")):
+        points.Set(_vectors(vertices_m), time)
+        normals.Set(_vectors(vertex_normals), time)
+        extent.Set(_vectors(np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])), time)
+        size.Set(Vt.FloatArray.FromNumpy(sizes_m), time)
+        if (time + 1) % stepping.FRAMES_AT_ONCE == 0:  # what is saved is no longer held in memory
+            stage.Save()
 
 
 def _vectors(array: NDArray) -> Vt.Vec3fArray:

@@ -1,9 +1,12 @@
-"""Directions (..., 3), and the shortest turns between them."""
+"""Directions (..., 3), angles and shortest turns between them, and middles of two sides."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 
 def unit(vectors: NDArray) -> NDArray[np.float64]:
@@ -15,6 +18,17 @@ def unit(vectors: NDArray) -> NDArray[np.float64]:
 def angle_deg(one: NDArray, other: NDArray) -> NDArray[np.float64]:
     """(...) between directions (..., 3)."""
     return np.degrees(np.arccos(np.clip((unit(one) * unit(other)).sum(axis=-1), -1, 1)))
+
+
+def turn_deg(one: NDArray, other: NDArray) -> float:
+    """Median angle between rotations (..., 3, 3)."""
+    apart = Rotation.from_matrix(np.swapaxes(one, -1, -2) @ other)
+    return float(np.degrees(np.median(apart.magnitude())))
+
+
+def middle(places: Mapping[str, NDArray], name: str) -> NDArray[np.float64]:
+    """(..., 3) between the left and the right one."""
+    return 0.5 * (places[f"left_{name}"] + places[f"right_{name}"])
 
 
 def shortest_turn(start: NDArray, end: NDArray) -> NDArray[np.float64]:

@@ -35,7 +35,7 @@ from bridge.motion.motion import (
     unpack_theta,
 )
 from bridge.motion.readers import amass, read_motion_file
-from bridge.motion.smoothing import continuous_quaternions, smoothed
+from bridge.motion.smoothing import continuous_quaternions, continuous_rotations, smoothed
 from bridge.paper import N_JOINTS
 
 # Files store rates such as 120.00004577636719; a last frame must not be lost to that.
@@ -190,18 +190,6 @@ def _curved(
     turned = Rotation.from_quat(turns.reshape(-1, 4)).as_rotvec()
     moved = np.asarray(CubicSpline(source_s, values)(at_s), np.float64)
     return turned.reshape(len(at_s), -1, 3), moved
-
-
-def continuous_rotations(pose: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Of the axis-angle vectors (T, J, 3) of each rotation, the one nearest to the frame before."""
-    angle = np.linalg.norm(pose, axis=-1, keepdims=True)
-    axis = np.divide(pose, angle, out=np.zeros_like(pose), where=angle > 1e-9)
-    result = pose.copy()
-    for frame in range(1, len(pose)):
-        along = (result[frame - 1] * axis[frame]).sum(axis=-1, keepdims=True)
-        turns = np.round((along - angle[frame]) / (2 * np.pi))
-        result[frame] += 2 * np.pi * turns * axis[frame]
-    return result
 
 
 def between(before: NDArray, after: NDArray, share: NDArray) -> NDArray[np.floating]:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_PARENTS
-from bridge.motion.directions import angle_deg, shortest_turn, unit
+from bridge.motion.directions import angle_deg, middle, shortest_turn, turn_deg, unit
 from bridge.motion.skeletons import OWN_NAMES, SIDES, SkeletonMotion, plain_names, unusable
 
 Rest: TypeAlias = Mapping[str, NDArray[np.float64]]
@@ -66,45 +66,26 @@ def standing_up(skeleton: SkeletonMotion, joints: Mapping[str, int]) -> NDArray[
     """(3,) where the head is in the file's axes if it rests as somebody stands; else None."""
     rest = {name: skeleton.rest[joint] for name, joint in joints.items()}
     up = _pelvis(skeleton.path, rest) @ _Y
-    trunk = _mean(rest, "shoulder") - _mean(rest, "hip")
+    trunk = middle(rest, "shoulder") - middle(rest, "hip")
     legs = [rest[f"{side}_ankle"] - rest[f"{side}_hip"] for side in SIDES]
     stands = angle_deg(trunk, up) < 45 and all(angle_deg(leg, -up) < 60 for leg in legs)
     return up if stands else None
 
 
-def rest_turns(
-    skeleton: SkeletonMotion,
-    joints: Mapping[str, int],
-    smpl_rest_m: Rest,
-    sample: tuple[NDArray, NDArray],
-    up: NDArray,
-) -> tuple[dict[str, NDArray[np.float64]], list[str]]:
-    """(3, 3) R_j by the name of every joint of SMPL's that the file has, and what is to be said.
+class RestTurns:
+    """What turns SMPL's rest pose into the frames of a file's joints, parents first.
 
     Parameters
     ----------
     joints : numbers of the file's joints by SMPL's names.
     sample : (S, J, 3, 3) rotations and (S, J, 3) places of the file's joints in some frames.
     up : (3,) vertical of the file's world.
-    """
-    search = _Search(skeleton, joints, smpl_rest_m, sample, up)
-    for name in OWN_NAMES[1:]:
-        if name in joints:
-            search.find(name)
-    notes = []
-    if search.feet:
-        notes.append(
-            f"{skeleton.path} rests with feet that point elsewhere than a standing body's: "
-            f"{' and '.join(search.feet)} are taken to stand flat where they are lowest"
-        )
-    return search.found, notes
 
-
-class _Search:
-    """R_j of joint after joint, parents first.
-
-    `frames` are how the file's frames lie in SMPL's, `found` the same with bones brought onto the
-    file's.
+    Attributes
+    ----------
+    found : (3, 3) R_j by the name of every joint of SMPL's that the file has.
+    frames : the same before bones are brought onto the file's.
+    feet : ankles that are taken to stand flat where they are lowest.
     """
 
     def __init__(
@@ -125,8 +106,11 @@ class _Search:
         self.stands = standing_up(skeleton, joints) is not None
         # A skeleton that is SMPL's own, by its names, is taken as it is.
         self.is_smpls = set(plain_names(OWN_NAMES)) <= set(plain_names(skeleton.names))
+        for name in OWN_NAMES[1:]:
+            if name in joints:
+                self._find(name)
 
-    def find(self, name: str) -> None:
+    def _find(self, name: str) -> None:
         """One joint more."""
         above = OWN_NAMES[SMPL_PARENTS[OWN_NAMES.index(name)]]
         while above not in self.found:
@@ -136,7 +120,7 @@ class _Search:
         is_limb = name.endswith(_LIMBS) and end is not None
         smpl_bone = self.smpl_rest_m[end] - self.smpl_rest_m[name] if is_limb and end else along
         if name == "spine3" and self.chest is not None:
-            frame = self.chest if _turn_deg(frame, self.chest) > _OTHER_CHEST_DEG else frame
+            frame = self.chest if turn_deg(frame, self.chest) > _OTHER_CHEST_DEG else frame
         if self.is_smpls:
             pass
         elif name.endswith("ankle") and bone is not None:
@@ -161,11 +145,8 @@ class _Search:
     def _quietest(self, name: str, above: str, turns: Sequence[NDArray]) -> NDArray[np.float64]:
         """The one with which the joint turns least throughout, or the first if none is clearly."""
         world = self.turns[:, self.joints[above]] @ self.found[above]
-        local = np.swapaxes(world, -1, -2) @ self.turns[:, self.joints[name]]
-        turned_deg = [
-            float(np.degrees(np.median(Rotation.from_matrix(local @ turn).magnitude())))
-            for turn in turns
-        ]
+        local = self.turns[:, self.joints[name]]
+        turned_deg = [turn_deg(world, local @ turn) for turn in turns]
         best = int(np.argmin(turned_deg))
         return turns[best if turned_deg[best] < turned_deg[0] - _CLEARLY_DEG else 0]
 
@@ -190,18 +171,14 @@ class _Search:
         return np.stack([np.cross(sole, forward), sole, forward], axis=1).astype(np.float64)
 
 
-def leg_length(rest: NDArray, joints: Mapping[str, int]) -> float:
-    """Of the left thigh and shin, of places (J, 3)."""
-    hip, knee, ankle = (rest[joints[f"left_{name}"]] for name in ("hip", "knee", "ankle"))
+def leg_length(rest: Rest) -> float:
+    """Of the left thigh and shin."""
+    hip, knee, ankle = (rest[f"left_{name}"] for name in ("hip", "knee", "ankle"))
     return float(np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee))
 
 
-def _mean(rest: Rest, name: str) -> NDArray[np.float64]:
-    return 0.5 * (rest[f"left_{name}"] + rest[f"right_{name}"])
-
-
 def _pelvis(path: Path, rest: Rest) -> NDArray[np.float64]:
-    found = _frame(rest, "hip", _mean(rest, "hip"), _above(rest))
+    found = _frame(rest, "hip", middle(rest, "hip"), _above(rest))
     if found is None:
         raise unusable(path, "whose hips and trunk lie in one line at rest")
     return found
@@ -209,7 +186,7 @@ def _pelvis(path: Path, rest: Rest) -> NDArray[np.float64]:
 
 def _above(rest: Rest) -> NDArray[np.float64]:
     """The lowest joint of the trunk that is not in the pelvis itself."""
-    shoulders, hips = _mean(rest, "shoulder"), _mean(rest, "hip")
+    shoulders, hips = middle(rest, "shoulder"), middle(rest, "hip")
     for name in ("spine1", "spine2", "spine3", "neck"):
         if name in rest and np.linalg.norm(
             rest[name] - rest["pelvis"]
@@ -238,10 +215,6 @@ def _snapped(direction: NDArray, most_deg: float) -> NDArray[np.float64]:
     number = int(np.abs(direction).argmax())
     axis[number] = np.sign(direction[number])
     return axis if angle_deg(direction, axis) < most_deg else direction
-
-
-def _turn_deg(one: NDArray, other: NDArray) -> float:
-    return float(np.degrees(Rotation.from_matrix(one.T @ other).magnitude()))
 
 
 def _chest_frame(

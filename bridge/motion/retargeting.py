@@ -16,17 +16,18 @@ or refused where it is no matter of build.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body import load_body_model
-from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
+from bridge.body.model_data import SMPL_PARENTS
 from bridge.body.posing import shaped_joints
-from bridge.motion.directions import angle_deg, unit
+from bridge.motion.directions import angle_deg, middle, turn_deg, unit
 from bridge.motion.motion import AS_IT_SAYS, FARTHEST_M, HowRead, Motion, pack_theta
-from bridge.motion.rest_poses import Rest, leg_length, rest_turns, standing_up
+from bridge.motion.rest_poses import Rest, RestTurns, leg_length, standing_up
 from bridge.motion.skeletons import (
     OWN_NAMES,
     SIDES,
@@ -72,20 +73,18 @@ _LIMB_TOLD_DEG, _REFUSED_DEG = 10.0, 60.0
 def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
     """The motion as SMPL's joints do it, for a body of the mean shape; y up.
 
-    The root's path is scaled by the length of the legs, which also brings the file's unit to
+    The hips' path is scaled by the length of the legs, which also brings the file's unit to
     metres. The file tells neither shape nor gender. A skeleton is refused that lacks a joint which
     a body needs, or whose joints the moved body cannot follow.
     """
     joints = joints_by_name(skeleton, how.joint_map)
-    model_rest_m = shaped_joints(load_body_model("embedded:female"), np.zeros((1, N_BETAS)))[0]
-    smpl_rest_m: Rest = dict(zip(SMPL_JOINT_NAMES, model_rest_m, strict=True))
-    sampled = np.linspace(0, len(skeleton.root) - 1, min(_SAMPLED, len(skeleton.root)))
-    sampled = sampled.astype(np.intp)
-    notes = list(skeleton.notes)
+    smpl_rest_m: Rest = dict(zip(OWN_NAMES, mean_joints(), strict=True))
+    sampled, notes = some_frames(len(skeleton.root)), list(skeleton.notes)
     turns, places = skeleton.posed(sampled)
-    if not np.isfinite(places).all() or not leg_length(skeleton.rest, joints) > 0:
+    legs = leg_length({name: skeleton.rest[joint] for name, joint in joints.items()})
+    if not np.isfinite(places).all() or not legs > 0:
         raise unusable(skeleton.path, "whose legs have no length")
-    if _is_mirrored(joints, places):
+    if _is_mirrored({name: places[:, joint] for name, joint in joints.items()}):
         axis = int(
             np.abs(skeleton.rest[joints["left_hip"]] - skeleton.rest[joints["right_hip"]]).argmax()
         )
@@ -98,22 +97,25 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
     carriers = joints | {"pelvis": _pelvis_frame(skeleton, joints, turns)}
     upright, said = _upright(skeleton, joints, places, how)
     vertical = upright.T @ [0.0, 1.0, 0.0]
-    rest, told = rest_turns(skeleton, carriers, smpl_rest_m, (turns, places), vertical)
-    notes += [*said, *told]
-    _check(skeleton, smpl_rest_m, joints, _smpl_turns(upright @ turns, carriers, rest),
-           places @ upright.T, notes)  # fmt: skip
-    scale = leg_length(model_rest_m, {n: SMPL_JOINT_NAMES.index(n) for n in joints})
-    scale /= leg_length(skeleton.rest, joints)
-    count = len(skeleton.root)
+    found = RestTurns(skeleton, carriers, smpl_rest_m, (turns, places), vertical)
+    rest, feet = found.found, found.feet
+    notes += said
+    if feet:
+        notes.append(
+            f"{skeleton.path} rests with feet that point elsewhere than a standing body's: "
+            f"{' and '.join(feet)} are taken to stand flat where they are lowest"
+        )
+    world = _smpl_turns(upright @ turns, carriers, rest)
+    _check(skeleton, joints, world, places @ upright.T, notes)
+    scale, count = leg_length(smpl_rest_m) / legs, len(skeleton.root)
+    below_m = middle(smpl_rest_m, "hip") - smpl_rest_m["pelvis"]
     pose, trans_m = np.zeros((count, N_JOINTS, 3)), np.empty((count, 3))
     for frames, turns, places in skeleton.blocks():
-        trans_m[frames] = scale * places[:, joints["pelvis"]] @ upright.T
         world = _smpl_turns(upright @ turns, carriers, rest)
-        for number, parent in enumerate(SMPL_PARENTS[:N_JOINTS]):
-            local = (
-                np.swapaxes(world[:, parent], -1, -2) @ world[:, number] if number else world[:, 0]
-            )
-            pose[frames, number] = Rotation.from_matrix(local).as_rotvec()
+        hips = 0.5 * (places[:, joints["left_hip"]] + places[:, joints["right_hip"]])
+        # Files have their root anywhere between hips and waist.
+        trans_m[frames] = scale * hips @ upright.T - world[:, 0] @ below_m
+        pose[frames] = local_rotations(world)
     if (far_m := np.abs(trans_m).max()) > FARTHEST_M:
         raise unusable(skeleton.path, f"that goes {far_m:.3g} m off", "Export it near the origin.")
     return Motion(
@@ -140,49 +142,29 @@ def _pelvis_frame(skeleton: SkeletonMotion, joints: Mapping[str, int], turns: ND
     pelvis, (left, right) = joints["pelvis"], (
         skeleton.parents[joints[f"{side}_hip"]] for side in SIDES
     )  # fmt: skip
-    if left == right or _apart_deg(turns[:, left], turns[:, right]) > _SAME_FRAME_DEG:
+    if left == right or turn_deg(turns[:, left], turns[:, right]) > _SAME_FRAME_DEG:
         return pelvis
-    return left if _apart_deg(turns[:, pelvis], turns[:, left]) > _SAME_FRAME_DEG else pelvis
+    return left if turn_deg(turns[:, pelvis], turns[:, left]) > _SAME_FRAME_DEG else pelvis
 
 
-def _apart_deg(one: NDArray, other: NDArray) -> float:
-    turn = Rotation.from_matrix(np.swapaxes(one, -1, -2) @ other)
-    return float(np.degrees(np.median(turn.magnitude())))
-
-
-def _is_mirrored(joints: Mapping[str, int], places: NDArray) -> bool:
+def _is_mirrored(places: Places) -> bool:
     """Whether feet and knees point backwards, seen from where left and right are."""
-
-    def at(name: str) -> NDArray[np.float64]:
-        return places[:, joints[name]]
-
-    hips = (at("left_hip") + at("right_hip")) / 2
-    shoulders = (at("left_shoulder") + at("right_shoulder")) / 2
-    across = unit(at("left_hip") - at("right_hip")) + unit(
-        at("left_shoulder") - at("right_shoulder")
+    across = unit(places["left_hip"] - places["right_hip"]) + unit(
+        places["left_shoulder"] - places["right_shoulder"]
     )
-    forward = unit(np.cross(across, shoulders - hips))
+    forward = unit(np.cross(across, middle(places, "shoulder") - middle(places, "hip")))
     toes, knees = [], []
     for side in SIDES:
-        hip, knee, ankle = (at(f"{side}_{name}") for name in ("hip", "knee", "ankle"))
-        knees.append(_along(2 * knee - hip - ankle, forward) * _bent(hip, knee, ankle))
-        if f"{side}_foot" in joints:
-            shin = unit(knee - ankle)
-            toe = at(f"{side}_foot") - ankle
-            toes.append(_along(toe - _dots(toe, shin)[:, None] * shin, forward))
+        hip, knee, ankle = (places[f"{side}_{name}"] for name in ("hip", "knee", "ankle"))
+        sine = np.linalg.norm(np.cross(unit(knee - hip), unit(ankle - knee)), axis=-1)
+        knees.append(_dots(unit(2 * knee - hip - ankle), forward) * sine)
+        if f"{side}_foot" in places:
+            shin, toe = unit(knee - ankle), places[f"{side}_foot"] - ankle
+            toes.append(_dots(unit(toe - _dots(toe, shin)[:, None] * shin), forward))
     bent = float(np.mean(knees))
     if toes:
         return bool(np.median(toes) < -0.5 and bent < _STRAIGHT)
     return bent < -_STRAIGHT
-
-
-def _bent(hip: NDArray, knee: NDArray, ankle: NDArray) -> NDArray[np.float64]:
-    """Sine of how far each knee is bent."""
-    return np.linalg.norm(np.cross(unit(knee - hip), unit(ankle - knee)), axis=-1)
-
-
-def _along(one: NDArray, other: NDArray) -> NDArray[np.float64]:
-    return _dots(unit(one), other)
 
 
 def _dots(one: NDArray, other: NDArray) -> NDArray[np.float64]:
@@ -217,15 +199,10 @@ def _upright(
     return upright_turn(*found), notes
 
 
-def standing_direction(places: Mapping[str, NDArray]) -> NDArray[np.float64]:
-    """(3,) mean direction of trunk and legs, of places (S, 3) by SMPL's names; shorter than 1
-    where it changes."""
-
-    def middle(name: str) -> NDArray[np.float64]:
-        return 0.5 * (places[f"left_{name}"] + places[f"right_{name}"])
-
-    hips = middle("hip")
-    body = unit(middle("shoulder") - hips) + unit(hips - middle("ankle"))
+def standing_direction(places: Places) -> NDArray[np.float64]:
+    """(3,) mean direction of trunk and legs; shorter than 1 where it changes."""
+    hips = middle(places, "hip")
+    body = unit(middle(places, "shoulder") - hips) + unit(hips - middle(places, "ankle"))
     return 0.5 * body.mean(axis=0)
 
 
@@ -244,20 +221,50 @@ def _called(axis: tuple[str, int]) -> str:
     return axis[0] if axis[1] > 0 else f"-{axis[0]}"
 
 
+@cache
+def mean_joints() -> NDArray[np.float64]:
+    """(22, 3) SMPL's joints at rest, of the mean shape, metres."""
+    return shaped_joints(load_body_model("embedded:female"), np.zeros((1, N_BETAS)))[0, :N_JOINTS]
+
+
+def some_frames(count: int) -> NDArray[np.intp]:
+    """Numbers of those by which a whole motion is judged."""
+    return np.linspace(0, count - 1, min(_SAMPLED, count)).astype(np.intp)
+
+
+def smpl_places(world: NDArray) -> NDArray[np.float64]:
+    """(T, 22, 3) of the mean shape's joints, turned by (T, 22, 3, 3), the root's at the origin."""
+    places, rest_m = np.zeros((len(world), N_JOINTS, 3)), mean_joints()
+    for joint, parent in enumerate(SMPL_PARENTS[1:N_JOINTS], 1):
+        places[:, joint] = places[:, parent] + world[:, parent] @ (rest_m[joint] - rest_m[parent])
+    return places
+
+
+def world_rotations(pose: NDArray) -> NDArray[np.float64]:
+    """(T, 22, 3, 3) of joint rotations (T, 22, 3), axis-angle."""
+    world = Rotation.from_rotvec(pose.reshape(-1, 3)).as_matrix().reshape(*pose.shape, 3)
+    for joint, parent in enumerate(SMPL_PARENTS[1:N_JOINTS], 1):
+        world[:, joint] = world[:, parent] @ world[:, joint]
+    return world
+
+
+def local_rotations(world: NDArray) -> NDArray[np.float64]:
+    """(T, 22, 3) axis-angle of each joint in its parent's frame, of rotations (T, 22, 3, 3)."""
+    local = world.copy()
+    for joint, parent in enumerate(SMPL_PARENTS[1:N_JOINTS], 1):
+        local[:, joint] = np.swapaxes(world[:, parent], -1, -2) @ world[:, joint]
+    return Rotation.from_matrix(local.reshape(-1, 3, 3)).as_rotvec().reshape(len(world), -1, 3)
+
+
 def _check(
     skeleton: SkeletonMotion,
-    smpl_rest_m: Rest,
     joints: Mapping[str, int],
     world: NDArray,
     places: NDArray,
     notes: list[str],
 ) -> None:
     """Hold limbs and lines of the moved body (S, 22, 3, 3) against the file's (S, J, 3)."""
-    moved = np.zeros((len(world), N_JOINTS, 3))
-    for number, parent in enumerate(SMPL_PARENTS[:N_JOINTS]):
-        if number:
-            bone = smpl_rest_m[OWN_NAMES[number]] - smpl_rest_m[OWN_NAMES[parent]]
-            moved[:, number] = moved[:, parent] + world[:, parent] @ bone
+    moved = smpl_places(world)
     found: dict[str, float] = {}
     for name, (one, end) in (_LINES | _LIMBS).items():
         if one in joints and end in joints:

@@ -51,31 +51,28 @@ def is_real_motion(name: str) -> bool:
 
 def sequences_of(artifact: Artifact) -> list[MotionSequence]:
     """Read the sequence index of an artifact; `DsnetError` if it has none, or one that is none."""
-    found = [_sequence(entry) for entry in artifact.manifest["sequences"]]
-    if None in found:
+    try:
+        found = [MotionSequence(**entry) for entry in artifact.manifest["sequences"]]
+    except TypeError:
+        found = None
+    if found is None or not all(map(_is_one, found)):
         raise DsnetError(
             f"{artifact.path}, whose manifest has no list of sequences",
             "names, first frames, lengths and rates",
             "Delete the folder and run its stage again.",
         )
-    return [sequence for sequence in found if sequence]
+    return found
 
 
-def _sequence(entry: dict[str, Any]) -> MotionSequence | None:
-    """One sequence; None where the entry is none."""
-    try:
-        sequence = MotionSequence(**entry)
-    except TypeError:
-        return None
+def _is_one(sequence: MotionSequence) -> bool:
     names = (sequence.name, sequence.subject, sequence.motion, sequence.split)
     places = (sequence.start, sequence.length)
-    is_one = (
+    return (
         all(isinstance(name, str) for name in names)
         and all(type(place) is int and 0 <= place < _MOST_FRAMES for place in places)
         and isinstance(sequence.fps, (int, float))
         and 0 < sequence.fps < float("inf")
     )
-    return sequence if is_one else None
 
 
 def to_manifest(sequences: Iterable[MotionSequence]) -> list[dict[str, Any]]:

@@ -9,9 +9,14 @@ What cutoff suits differs from moment to moment, and `auto` seeks it. What moves
 with frequency, and the noise of a recording, read as acceleration, grows with frequency squared.
 Between them lies a valley. A dancer's is at 5 Hz, that of somebody who lands from a jump beyond 15:
 no one cutoff suits both (docs/prediction.md).
+
+Frames that come one by one cannot wait so long: `StreamSmoother` looks three ahead.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +26,8 @@ from scipy.signal.windows import hann
 from scipy.spatial.transform import Rotation
 
 from bridge.errors import DsnetError
-from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.motion import Motion, SmoothHz
+from bridge.motion.cuts import is_cut, pieces_between_cuts
+from bridge.motion.motion import Motion, SmoothHz, pack_theta, unpack_theta
 
 LEAST_HZ = 0.1
 """Slower, nothing of a motion is left, and a filter's numbers fall below what floats can hold."""
@@ -40,6 +45,17 @@ _CUTOFF_OF_VALLEY = 1.4
 """At its cutoff a filter has halved what it is given, at the valley motion is still all there is.
 Chosen on training motions of the own law (docs/prediction.md)."""
 _FEWEST_FRAMES = 16
+_STREAM_S, _STREAM_FRAMES = 0.7, 120
+"""Of a stream's window, and the most frames of it: more of them tell little and cost much."""
+_STREAM_SHARE = 0.45
+"""Of a rate, cutoffs are below it."""
+_TRUNK_VALUES = [*(4 * joint + n for joint in _TRUNK for n in range(4)), -3, -2, -1]
+_TRUNK_M = np.array([2 * _LEVER_M] * 4 * len(_TRUNK) + [1.0] * 3)
+"""What a change by 1 of these amounts to."""
+_BENT = 3
+"""The order of differences of which a smooth curve has few."""
+_RECENT_S, _SURE, _NO_ERROR_M2 = 0.4, 2.0, 1e-14
+"""How long errors count, how sharply the least is preferred, and what is none."""
 
 
 def smoothed(motion: Motion, smooth_hz: SmoothHz) -> Motion:
@@ -93,6 +109,77 @@ def noise_cutoff_hz(pose: NDArray, trans_m: NDArray, fps: float) -> NDArray[np.f
     return _CUTOFF_OF_VALLEY * np.exp(between)
 
 
+class StreamSmoother:
+    """`auto` for poses that come one by one, each answered three frames later.
+
+    In a window that ends three frames after the one that is answered lies, for each cutoff, the
+    curve of least third differences: what a Kalman smoother of constant acceleration finds. These
+    are mixed by how well each foretells frames of the trunk that are left out of it, the newest
+    most. No curve goes on over a cut.
+    """
+
+    look_ahead = 3
+
+    def __init__(self, fps: float) -> None:
+        self._fps = fps
+        self._size = min(max(round(_STREAM_S * fps), _FEWEST_FRAMES), _STREAM_FRAMES)
+        self._poses: list[NDArray] = []  # (69,) the newest
+        self._values: list[NDArray] = []  # (91,) of the same, quaternions and place
+        self._pieces: list[int] = []  # and between which cuts they lie
+        self._owed = 0
+
+    def push(self, theta: NDArray) -> NDArray[np.floating] | None:
+        """The pose (69,) that was given three frames ago; the first one at once, as it is, and then
+        none until three have come after the next."""
+        is_first, piece = not self._poses, 0
+        turned = Rotation.from_rotvec(unpack_theta(theta)[0]).as_quat()
+        if not is_first:
+            piece = self._pieces[-1] + int(is_cut(self._poses[-1][None], theta[None])[0])
+            before = self._values[-1][:-3].reshape(turned.shape)  # q and -q are one rotation
+            turned *= np.where((turned * before).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+        self._poses.append(theta)
+        self._values.append(np.concatenate([turned.ravel(), theta[-3:]]))
+        self._pieces.append(piece)
+        del self._poses[: -self._size], self._values[: -self._size], self._pieces[: -self._size]
+        self._owed += not is_first
+        if is_first:
+            return theta
+        return self._next() if self._owed > self.look_ahead else None
+
+    def finish(self) -> Iterator[NDArray[np.floating]]:
+        """The poses that no push has answered: nothing comes after them."""
+        while self._owed:
+            yield self._next()
+
+    def _next(self) -> NDArray[np.floating]:
+        at = len(self._poses) - self._owed
+        self._owed -= 1
+        rows = np.flatnonzero(np.array(self._pieces) == self._pieces[at])
+        if len(rows) <= _BENT:
+            return self._poses[at]
+        curves, newest = _curves_through(len(rows), self._fps), self._values[-1]
+        window = np.array(self._values)[rows] - newest  # small numbers lose less
+        trunk = window[:, _TRUNK_VALUES] * _TRUNK_M
+        fitted = 1 - np.diagonal(curves, axis1=1, axis2=2)
+        missed_m = (trunk - curves @ trunk) / fitted[..., None]  # (cutoffs, frames, values)
+        recent = np.exp(-np.arange(len(rows))[::-1] / (_RECENT_S * self._fps))
+        error_m2 = (missed_m**2).sum(axis=-1) @ recent / recent.sum() + _NO_ERROR_M2
+        shares = (error_m2 / error_m2.min()) ** (-_SURE * min(len(rows), _RECENT_S * self._fps))
+        found = newest + shares / shares.sum() @ curves[:, at - rows[0]] @ window
+        pose = Rotation.from_quat(found[:-3].reshape(-1, 4)).as_rotvec()
+        both = np.stack([unpack_theta(self._poses[at])[0], pose])
+        return pack_theta(continuous_rotations(both)[1], found[-3:])
+
+
+@lru_cache(maxsize=256)
+def _curves_through(count: int, fps: float) -> NDArray[np.float64]:
+    """(K, N, N) by a bank's cutoffs: what makes of N values those of a smooth curve."""
+    hz = np.array([hz for hz in _BANK_HZ if hz < _STREAM_SHARE * fps])
+    bent = np.diff(np.eye(count), _BENT, axis=0)
+    stiffness = (2 * np.sin(np.pi * hz / fps)) ** (-2 * _BENT)
+    return np.linalg.inv(np.eye(count) + stiffness[:, None, None] * (bent.T @ bent))
+
+
 def _fastest_hz(fps: float) -> float:
     return min(_FASTEST_HZ, fps / 3)
 
@@ -143,3 +230,15 @@ def continuous_quaternions(pose: NDArray[np.floating]) -> NDArray[np.floating]:
     signs = np.where(np.cumsum(opposite, axis=0) % 2 == 1, -1.0, 1.0)
     turns[1:] *= signs[..., None]
     return turns
+
+
+def continuous_rotations(pose: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Of the axis-angle vectors (T, J, 3) of each rotation, the one nearest to the frame before."""
+    angle = np.linalg.norm(pose, axis=-1, keepdims=True)
+    axis = np.divide(pose, angle, out=np.zeros_like(pose), where=angle > 1e-9)
+    result = pose.copy()
+    for frame in range(1, len(pose)):
+        along = (result[frame - 1] * axis[frame]).sum(axis=-1, keepdims=True)
+        turns = np.round((along - angle[frame]) / (2 * np.pi))
+        result[frame] += 2 * np.pi * turns * axis[frame]
+    return result

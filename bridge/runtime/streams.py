@@ -27,6 +27,7 @@ from bridge.motion import unpack_theta
 from bridge.motion.cuts import is_cut
 from bridge.motion.motion import FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_BETA
 from bridge.motion.resampling import between, going_on
+from bridge.motion.smoothing import StreamSmoother
 from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runs import Run
 from bridge.runtime.load_model import body_asked, find_model
@@ -173,6 +174,7 @@ class StreamingBodies:
         None.
     gender : of the packaged model's body, and of a folder's, `female` or `male`.
     fps : frames per second of what comes and goes, 10 to 1000.
+    smooth : leave out the noise of a recording (`bridge.motion.smoothing`), three frames later.
     """
 
     def __init__(
@@ -183,8 +185,9 @@ class StreamingBodies:
         body: BodyModelData | Path | str | None = None,
         gender: str = "female",
         fps: float = 60.0,
+        smooth: bool = False,
     ) -> None:
-        self._clock = FrameClock(fps)
+        self._clock, self._smooth = FrameClock(fps), smooth
         if isinstance(run, TrainedPlus):
             if not isinstance(body, BodyModelData):
                 raise DsnetError("a model without a body", "the body it moves", "Pass body=.")
@@ -200,7 +203,8 @@ class StreamingBodies:
         self._body, self._skin = body, Smpl(body, hands=False)
         self._characters: dict[int, _Character] = {}
         self._numbers = count()
-        self.latency_frames = self._clock.latency_frames(self._model.look_ahead)
+        self._late = self._clock.latency_frames(self._model.look_ahead)
+        self.latency_frames = self._late + (StreamSmoother.look_ahead if smooth else 0)
         """How many frames ago was what `step` answers."""
         self.latency_s = self.latency_frames / self._clock.fps
         """The same in seconds."""
@@ -217,7 +221,8 @@ class StreamingBodies:
         Takes, with her first step, longer than the steps after it: her tissue is brought to rest.
         """
         shape = _checked_betas(betas, self._body)
-        character = _Character(self._skin.person(shape), shape)
+        smoother = StreamSmoother(self._clock.fps) if self._smooth else None
+        character = _Character(self._skin.person(shape), shape, smoother)
         who = next(self._numbers)
         self._characters[who] = character
         return who
@@ -234,10 +239,15 @@ class StreamingBodies:
         if not here:
             return {}
         rows = [_checked_pose(f"theta of character {who}", theta) for who, theta in poses.items()]
-        self._advance(here, np.stack(rows))
-        moved = self._moved(here, [max(c.frames - 1 - self.latency_frames, 0) for c in here])
+        calm = [
+            c.smoother.push(row) if c.smoother else row for c, row in zip(here, rows, strict=True)
+        ]
+        known = [(c, row) for c, row in zip(here, calm, strict=True) if row is not None]
+        if known:
+            self._advance([c for c, _ in known], np.stack([row for _, row in known]))
+        moved = self._moved(here, [max(c.frames - 1 - self._late, 0) for c in here])
         for character in here:
-            character.forget(max(character.frames - self.latency_frames, 0), self._clock)
+            character.forget(max(character.frames - self._late, 0), self._clock)
         return dict(zip(poses, moved, strict=True))
 
     def leave(self, who: int) -> Iterator[MovedBody]:
@@ -248,8 +258,10 @@ class StreamingBodies:
         return self._owed(character)
 
     def _owed(self, character: _Character) -> Iterator[MovedBody]:
+        answered = max(character.frames - 1 - self._late, 0)
+        for row in character.smoother.finish() if character.smoother else ():
+            self._advance([character], row[None])
         character.finish(self._model)
-        answered = max(character.frames - 1 - self.latency_frames, 0)
         for frame in range(answered + 1, character.frames):
             yield from self._moved([character], [frame])
 
@@ -326,8 +338,9 @@ class _Character:
     shaped: ShapedBody
     betas: NDArray
     """(10,)."""
+    smoother: StreamSmoother | None = None
     frames: int = 0
-    """That she was given."""
+    """That she was given, of a smoother those that it has answered."""
     poses: list[NDArray] = field(default_factory=list)
     """The newest of them, (69,) each."""
     since_cut: int = 0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from itertools import count
 from pathlib import Path
 from typing import Protocol
 
@@ -118,7 +119,7 @@ def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> l
         else:
             taken.add(name)
             motions.append(path)
-    counts = ", ".join(f"{count} {why}" for why, count in left_out.items())
+    counts = ", ".join(f"{number} {why}" for why, number in left_out.items())
     if not motions:
         counts = counts or f"no {' or '.join(_suffixes())}"
         raise DsnetError(
@@ -150,19 +151,17 @@ class PeopleOfFolders:
 
     def __init__(self, shapes: Mapping[str, NDArray]) -> None:
         self._shapes = shapes
-        # By folder's name: who has which shape, and how many names have been looked at. A folder
-        # may hold thousands of people.
+        # By folder's name, who has which shape: a folder may hold thousands of people.
         self._known: dict[str, dict[tuple[float, ...], str]] = {}
-        self._looked_at: Counter[str] = Counter()
 
     def of_shape(self, name: str, betas: NDArray) -> str:
         """Who is called `name` and has the shape `betas` (10,), or a new name."""
         known, shape = self._known.setdefault(name, {}), tuple(betas.tolist())
-        while shape not in known:
-            number = self._looked_at[name] + 1
+        for number in count(len(known) + 1):
+            if shape in known:
+                break
             one = name if number == 1 else f"{name}-{number}"
             if one not in self._shapes:
                 return one
             known.setdefault(tuple(self._shapes[one].tolist()), one)
-            self._looked_at[name] = number
         return known[shape]

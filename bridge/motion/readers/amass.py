@@ -25,6 +25,7 @@ from bridge.motion.readers.smpl_arrays import (
     POSE_KEYS,
     ROOT_KEYS,
     WANTED,
+    WHOLE_KEYS,
     gender_stored,
     holds_poses,
     motion_of,
@@ -58,7 +59,7 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     )
     refused = file_refused(path, unusable, "Download the file again.", missing=missing)
     with refused, open_npz(motion_path(path)) as archive:
-        whole = any(key in archive for key in POSE_KEYS)
+        whole = any(key in archive for key in WHOLE_KEYS)
         arrays = _arrays(archive, [key for key in WANTED if not whole or key not in PART_KEYS])
     return motion_of(path, arrays, how)
 

@@ -1,5 +1,12 @@
 """Places of SMPL's joints, as HumanML3D (`new_joints`) and MDM (`results.npy`) have them: `.npy` of
-(T, 22, 3), 20 frames a second, y up."""
+(T, 22, 3), 20 frames a second, y up.
+
+Rotations are found by inverse kinematics in closed form.
+Pelvis and chest are turned onto their three bones each, all others by the shortest turn from the
+joint above. A thigh or an upper arm then turns about itself until its knee or elbow bends in the
+plane in which the file's bends, the more so the more it is bent. How forearms, hands and the head
+turn about themselves, places do not tell.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +15,22 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from bridge.body.model_data import SMPL_PARENTS
 from bridge.body.safe_pickle import as_array, load_restricted_item
 from bridge.errors import DsnetError
-from bridge.motion.from_joints import motion_from_joints
-from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
-from bridge.paper import N_JOINTS
+from bridge.motion.directions import shortest_turn, unit
+from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion, pack_theta
+from bridge.motion.retargeting import (
+    local_rotations,
+    mean_joints,
+    smpl_places,
+    standing_direction,
+    upright_turn,
+)
+from bridge.motion.skeletons import OWN_NAMES
+from bridge.paper import N_BETAS, N_JOINTS
 from bridge.runs.untrusted import NpyHeader, file_refused, open_regular, read_npy
 
 SUFFIXES = (".npy",)
@@ -22,6 +39,16 @@ _MOST_BYTES = 1 << 28
 _FEATURES = (263, 251)
 """Of HumanML3D and KIT, a frame."""
 _LONGEST_M = 1e6
+_CHILDREN = [
+    [joint for joint in range(N_JOINTS) if SMPL_PARENTS[joint] == parent]
+    for parent in range(N_JOINTS)
+]
+_HINGES = {1: (4, 7), 2: (5, 8), 16: (18, 20), 17: (19, 21)}
+"""Of a thigh or an upper arm, the joint at its end and the one beyond."""
+_HINGE_AXES = {1: (1.0, 0.0, 0.0), 2: (1.0, 0.0, 0.0), 16: (0.0, -1.0, 0.0), 17: (0.0, 1.0, 0.0)}
+"""About which it bends, in the rest pose."""
+_STRAIGHT, _BENT = 0.1, 0.35
+"""Sines of the bend below which it tells nothing, and above which it tells all."""
 _REMEDY = "Pass the places of SMPL's 22 joints, or poses as .npz."
 
 
@@ -77,3 +104,79 @@ def _refused(path: Path, flaw: str, remedy: str = _REMEDY) -> DsnetError:
     return DsnetError(
         f"{path}, {flaw}", "places of joints (T, 22, 3) as HumanML3D has them", remedy
     )
+
+
+def motion_from_joints(path: Path, joints: NDArray[np.float64], fps: float, how: HowRead) -> Motion:
+    """The motion of places (T, 22, 3) of SMPL's joints, in any unit, for a body of the mean shape.
+
+    Its notes say how far the joints of that body are from the file's.
+    """
+    notes = []
+    direction = standing_direction({name: joints[:, n] for n, name in enumerate(OWN_NAMES)})
+    axis = "xyz"[int(np.abs(direction).argmax())]
+    if how.up != "auto":
+        axis = how.up
+    elif axis != "y":
+        notes.append(f"{path} is taken as {axis} up, for its bodies stand so: --up says otherwise")
+    sign = 1 if how.up != "auto" or direction["xyz".index(axis)] > 0 else -1
+    rest_m = mean_joints()
+    joints = joints @ upright_turn(axis, sign).T
+    joints *= _legs(rest_m[None]).item() / float(np.median(_legs(joints)))
+    world = _turns(joints, rest_m)
+    moved_m = smpl_places(world) + joints[:, :1]
+    apart_cm = 100 * np.linalg.norm(moved_m - joints, axis=-1).mean(axis=0)
+    worst = int(apart_cm.argmax())
+    most = f", {OWN_NAMES[worst]} {apart_cm[worst]:.1f} cm" if apart_cm[worst] >= 0.05 else ""
+    notes.append(
+        f"{path} has places of joints alone: rotations are found by inverse kinematics, and the "
+        f"body's joints are {apart_cm.mean():.1f} cm from the file's in the mean{most}"
+    )
+    theta = pack_theta(local_rotations(world), joints[:, 0])
+    return Motion(theta, np.zeros(N_BETAS), "unknown", fps, fps, path, up="y", trans_of="joint",
+                  notes=tuple(notes))  # fmt: skip
+
+
+def _legs(joints: NDArray) -> NDArray[np.float64]:
+    """(T,) lengths of the left thigh and shin."""
+    return np.linalg.norm(np.diff(joints[:, (1, 4, 7)], axis=1), axis=-1).sum(axis=1)
+
+
+def _turns(joints: NDArray[np.float64], rest_m: NDArray) -> NDArray[np.float64]:
+    """(T, 22, 3, 3) world rotations."""
+    world = np.empty((len(joints), N_JOINTS, 3, 3))
+    for joint, children in enumerate(_CHILDREN):
+        above = world[:, SMPL_PARENTS[joint]]
+        rest = rest_m[children] - rest_m[joint]
+        bones = joints[:, children] - joints[:, joint, None]
+        if len(children) == 3:
+            world[:, joint] = _fitted(rest, bones)
+        elif children:
+            world[:, joint] = shortest_turn(above @ rest[0], bones[:, 0]) @ above
+        else:
+            world[:, joint] = above
+        if joint in _HINGES:
+            end, beyond = _HINGES[joint]
+            axis = np.cross(unit(bones[:, 0]), unit(joints[:, beyond] - joints[:, end]))
+            world[:, joint] = _twisted(world[:, joint], unit(bones[:, 0]), axis, _HINGE_AXES[joint])
+    return world
+
+
+def _fitted(rest: NDArray, bones: NDArray) -> NDArray[np.float64]:
+    """(T, 3, 3) rotations that bring directions (3, 3) nearest to those of bones (T, 3, 3)."""
+    left, _, right = np.linalg.svd(np.einsum("tix,iy->txy", unit(bones), unit(rest)))
+    left[..., 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    return left @ right
+
+
+def _twisted(
+    world: NDArray, bone: NDArray, axis: NDArray, rest_axis: tuple[float, float, float]
+) -> NDArray[np.float64]:
+    """Turned about its bone (T, 3) until its hinge lies along the axis (T, 3) of the bend."""
+    hinge = world @ np.array(rest_axis)
+    hinge = unit(hinge - (hinge * bone).sum(axis=1, keepdims=True) * bone)
+    sine = np.linalg.norm(axis, axis=1, keepdims=True)
+    told = np.clip((sine - _STRAIGHT) / (_BENT - _STRAIGHT), 0, 1)
+    towards = (1 - told) * hinge + told * axis / np.maximum(sine, 1e-12)
+    cosine, across = (hinge * towards).sum(axis=1), np.cross(hinge, towards)
+    angle = np.arctan2((across * bone).sum(axis=1), cosine)
+    return Rotation.from_rotvec(bone * angle[:, None]).as_matrix() @ world

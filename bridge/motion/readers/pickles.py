@@ -69,7 +69,7 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     return replace(motion, notes=(note, *motion.notes))
 
 
-def _opened(path: Path) -> tuple[Any, list[Mapping[Any, Any]]]:
+def _opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
     """What a file holds, and the people in it."""
     with file_refused(path, unusable, _REMEDY):
         with open_regular(path, _MOST_FILE_BYTES) as file:
@@ -79,37 +79,37 @@ def _opened(path: Path) -> tuple[Any, list[Mapping[Any, Any]]]:
         return found, [*_people(found)]
 
 
-def _people(found: Any) -> Iterator[Mapping[Any, Any]]:
+def _people(found: Any) -> Iterator[Mapping[str, Any]]:
     """The dictionaries with poses in what a file holds."""
-    if isinstance(found, dict) and isinstance(found.get(_WORLD), dict):
-        yield found[_WORLD]
-    elif isinstance(found, dict) and ("pose_world" in found or holds_poses(_named(found))):
-        yield found
+    person = _named(found)
+    if isinstance(person.get(_WORLD), dict):
+        yield _named(person[_WORLD])
+    elif "pose_world" in person or holds_poses(person):
+        yield person
     else:
-        inner = [v for n, v in found.items() if n != _CAMERA] if isinstance(found, dict) else found
-        for person in inner[:_MOST_PEOPLE] if isinstance(inner, list) else ():
-            if isinstance(person, dict) and holds_poses(_named(person)):
-                yield person
+        inner = [v for n, v in person.items() if n != _CAMERA] or found
+        for one in map(_named, inner[:_MOST_PEOPLE] if isinstance(inner, list) else ()):
+            if holds_poses(one):
+                yield one
 
 
-def _named(found: Mapping[Any, Any]) -> set[str]:
-    return {name.decode("latin1") if isinstance(name, bytes) else str(name) for name in found}
+def _named(found: Any) -> dict[str, Any]:
+    """A dictionary by text, of Python 2's bytes too; nothing of what is none."""
+    given = found if isinstance(found, dict) else {}
+    return {n.decode("latin1") if isinstance(n, bytes) else str(n): v for n, v in given.items()}
 
 
-def _arrays(person: Mapping[Any, Any]) -> dict[str, NDArray]:
+def _arrays(person: Mapping[str, Any]) -> dict[str, NDArray]:
     """By name; where a person has the world's and the camera's, the world's."""
-    given = {str(n.decode("latin1") if isinstance(n, bytes) else n): v for n, v in person.items()}
-    if "pose_world" in given:
-        given = {"pose": given["pose_world"], "trans": given.get("trans_world"), **_others(given)}
+    if "pose_world" in person:
+        camera = dict.fromkeys((*POSE_KEYS, "trans"))
+        world = {"pose": person["pose_world"], "trans": person.get("trans_world")}
+        person = {**person, **camera, **world}
     found = {}
     for name in WANTED:
-        value = given.get(name)
+        value = person.get(name)
         if isinstance(value, (str, bytes, int, float, np.ndarray)):
             found[name] = np.asarray(value)
         elif isinstance(value, Record):
             found[name] = as_array(value)
     return found
-
-
-def _others(given: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: v for name, v in given.items() if name not in (*POSE_KEYS, "trans")}

@@ -28,17 +28,28 @@ from bridge.motion.motion import (
     UpAxis,
     pack_theta,
 )
+from bridge.motion.retargeting import (
+    smpl_places,
+    some_frames,
+    standing_direction,
+    world_rotations,
+)
+from bridge.motion.skeletons import OWN_NAMES
 from bridge.paper import N_BETAS, N_JOINTS
 from bridge.runs.untrusted import text_of
 
-POSE_KEYS = ("poses", "pose", "smpl_poses", "fullpose", "bodyPose")
+WHOLE_KEYS = ("poses", "pose", "smpl_poses", "fullpose")
+"""Hands and face stand in the same array."""
+POSE_KEYS = (*WHOLE_KEYS, "bodyPose")
 ROOT_KEYS, BODY_KEYS = ("root_orient", "global_orient"), ("pose_body", "body_pose")
 TRANS_KEYS = ("trans", "transl", "smpl_trans", "bodyTranslation")
 BETAS_KEYS = ("betas", "shapeParameters")
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate", "frame_rate", "frameRate")
-PART_KEYS = ("pose_jaw", "pose_eye", "pose_hand", "left_hand_pose")
-"""Beside root and body: AMASS's, in the order of SMPL-X's joints; smplx's hands, which may be
-relative to a mean or to components that only a model file has."""
+FACE_KEYS = ("pose_jaw", "pose_eye", "headPose")
+HAND_KEYS = ("pose_hand", "leftHandPose", "rightHandPose")
+PART_KEYS = (*FACE_KEYS, *HAND_KEYS, "left_hand_pose")
+"""Beside root and body: AMASS's and smplcodec's, in the order of SMPL-X's joints; smplx's hands,
+which may be relative to a mean or to components that only a model file has."""
 WANTED = (*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS, *TRANS_KEYS, *BETAS_KEYS, *RATE_KEYS,
           "gender", "dmpls", "smpl_scaling", "source", "body_model")  # fmt: skip
 MOST_BYTES = MOST_FRAMES * 8 * 9 * 55
@@ -50,13 +61,13 @@ _KINDS = {24: "smpl", 52: "smplh", 53: "smplx", 55: "smplx"}
 _SIX = {132, 144}
 """Of 22 or 24 joints, the first two lines or columns of each matrix."""
 _MOVING = (52, 55)
-_PARTS: dict[str, int] = {"pose_jaw": 3, "pose_eye": 6, "pose_hand": 90}
-"""Numbers a frame."""
+_FACE_WIDTH, _HANDS_WIDTH = 9, 90
 _LEAST_KNEE_RAD = 0.02
 _GENDERS = {"f": "female", "m": "male", "n": "neutral", "0": "neutral", "1": "male", "2": "female"}
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
-_STANDING, _LYING = 0.7, 0.3
-"""Shares of an axis in the direction of a trunk that stands along it, and of one that does not."""
+_STANDING, _ASLANT = 0.7, 0.5
+"""Least share of y in the mean direction of trunk and legs that stand along it, and the largest of
+z beside it."""
 _SAME_BETAS = 0.05
 
 Arrays = Mapping[str, NDArray]
@@ -126,29 +137,22 @@ def _numbers(
 def _pose(path: Path, arrays: Arrays) -> NDArray[np.float64]:
     """Joint rotations (T, 22, 3), axis-angle, that a body can take."""
     root, body = _first(arrays, ROOT_KEYS), _first(arrays, BODY_KEYS)
-    if whole := _first(arrays, POSE_KEYS):
-        pose = _turns(path, arrays, whole)
-    elif root and body:
-        pose = np.concatenate([_turns(path, arrays, key) for key in (root, body)], axis=1)
-    else:
+    whole = _first(arrays, POSE_KEYS)
+    if not whole and not (root and body):
         named = f"a {body!r} and no 'root_orient'" if body else "no 'poses'"
         raise unusable(path, f"which has {named}", "Pass a motion, not a shape or a model file.")
+    keys = [key for key in ((whole,) if whole else (root, body)) if key]
+    parts = [_axis_angles(path, k, _by_joint(path, arrays, k)[:, :N_JOINTS]) for k in keys]
+    pose = np.concatenate(parts, axis=1)
     if pose.shape[1] < N_JOINTS:
         raise unusable(path, f"with poses of {pose.shape[1]} joints", "22 or more are needed.")
     if not len(pose):
         raise unusable(path, "which has zero frames", "Pass a motion with at least one frame.")
-    pose = pose[:, :N_JOINTS].astype(np.float64)
     # The largest entry: squares of what a hostile file holds overflow.
     if (angle_rad := np.abs(pose).max()) > LARGEST_ANGLE_RAD:
         flaw = f"whose 'poses' turn a joint by {angle_rad:.3g} rad"
         raise unusable(path, flaw, f"Angles are radians, at most {LARGEST_ANGLE_RAD:g}.")
     return pose
-
-
-def _turns(path: Path, arrays: Arrays, key: str) -> NDArray[np.float64]:
-    """(T, J, 3) axis-angle of an array of any layout, without hands and face."""
-    joints = _by_joint(path, arrays, key)
-    return _axis_angles(path, key, joints[:, :N_JOINTS])
 
 
 def _axis_angles(path: Path, key: str, joints: NDArray) -> NDArray[np.float64]:
@@ -190,25 +194,29 @@ def _others(
     path: Path, arrays: Arrays, frames: int, notes: list[str]
 ) -> tuple[str | None, NDArray[np.float64] | None]:
     """Whose body a pose is of, and (T, 30 or 33, 3) of its hands and face, where they move."""
-    if whole := _first(arrays, POSE_KEYS):
-        joints = _by_joint(path, arrays, whole)
-        kind, parts = _KINDS.get(joints.shape[1]), [joints[:, N_JOINTS:]]
+    whole = _first(arrays, POSE_KEYS)
+    joints = np.empty((0, N_JOINTS)) if whole is None else _by_joint(path, arrays, whole)
+    if joints.shape[1] > N_JOINTS:
+        kind, others = _KINDS.get(joints.shape[1]), joints[:, N_JOINTS:]
         if joints.shape[1] not in _MOVING or joints.shape[2] == 6:
             return kind, None
     else:
-        given = {key: arrays[key] for key in _PARTS if key in arrays}
         if "left_hand_pose" in arrays:
             notes.append(
                 f"{path} does not say what its 'left_hand_pose' is relative to: flat hands"
             )
-        kind = "smplh" if [*given] == ["pose_hand"] else "smplx" if given else None
-        parts = [given.get(key, np.zeros((frames, width))) for key, width in _PARTS.items()]
-        wide = [(frames, width) for width in _PARTS.values()]
-        if "pose_hand" not in given or [part.shape for part in parts] != wide:
+        face, hands = ([arrays[key] for key in keys if key in arrays]
+                       for keys in (FACE_KEYS, HAND_KEYS))  # fmt: skip
+        kind = "smplx" if face else "smplh" if hands else None
+        parts = [*face, *hands]
+        if not hands or any(part.ndim < 2 or len(part) != frames for part in parts):
             return kind, None
-        parts = [part.reshape(frames, -1, 3) for part in parts[2 if kind == "smplh" else 0 :]]
+        others = np.concatenate([part.reshape(frames, -1) for part in parts], axis=1)
+        if others.shape[1] != (_FACE_WIDTH if face else 0) + _HANDS_WIDTH:
+            return kind, None
+        others = others.reshape(frames, -1, 3)
     try:
-        turns = np.concatenate([_axis_angles(path, "hands", part) for part in parts], axis=1)
+        turns = _axis_angles(path, "hands", others)
         far_rad = np.abs(turns).max(initial=0.0)
     except DsnetError:
         turns, far_rad = None, np.inf
@@ -247,18 +255,18 @@ def _vertical(path: Path, pose: NDArray[np.float64], how: HowRead, notes: list[s
     """The axis along which the bodies stand; z, as in AMASS, if they stand along none."""
     if how.up != "auto":
         return how.up
-    trunk = Rotation.from_rotvec(pose[:, 0]).apply([0.0, 1.0, 0.0])
-    _, y, z = np.median(trunk, axis=0)
-    if y < -_STANDING and abs(z) < _LYING:
+    places = smpl_places(world_rotations(pose[some_frames(len(pose))]))
+    _, y, z = standing_direction(dict(zip(OWN_NAMES, places.swapaxes(0, 1), strict=True)))
+    if abs(y) < _STANDING or abs(z) > _ASLANT * abs(y):
+        return "z"
+    if y < 0:
         raise unusable(
             path,
             "whose bodies stand head down along y, as in the space of a camera",
             "Export the motion in the world's space, or say its vertical by --up.",
         )
-    if y > _STANDING and abs(z) < _LYING:
-        notes.append(f"{path} is taken as y up, for its bodies stand so: --up says otherwise")
-        return "y"
-    return "z"
+    notes.append(f"{path} is taken as y up, for its bodies stand so: --up says otherwise")
+    return "y"
 
 
 def _trans(

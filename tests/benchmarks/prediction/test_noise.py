@@ -89,3 +89,9 @@ def test_a_folder_without_recordings_is_one_line(tmp_path):
 
 def test_the_committed_page_is_made_of_its_numbers():
     assert PAGE.read_text() == noise.markdown(PAGE.with_suffix(".json"))
+
+
+def test_the_table_of_streams_is_made_of_its_numbers():
+    text = (PAGE.parents[2] / "prediction.md").read_text(encoding="utf-8")
+    table = text.partition("<!-- streams -->\n")[2].partition("\n<!-- end of streams -->")[0]
+    assert table == noise.streams_table(PAGE.with_name("noise_streams.json"))

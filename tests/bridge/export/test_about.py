@@ -134,9 +134,4 @@ def of_usd(path: Path) -> dict:
     from pxr import Usd
 
     stage = Usd.Stage.Open(str(path))
-    facts = stage.GetRootLayer().customLayerData["dsnet"]
-    controls = {
-        key: value if isinstance(value, (str, float)) else list(value)
-        for key, value in facts["controls"].items()
-    }
-    return facts | {"betas": list(facts["betas"]), "controls": controls}
+    return json.loads(stage.GetRootLayer().customLayerData["dsnet"])

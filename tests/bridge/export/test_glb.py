@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.export import glb
-from bridge.export.blend_shapes import ENOUGH_M, BlendShapes
+from bridge.export.glb import ENOUGH_M, BlendShapes
 from bridge.runtime.moving_body import MovingBody
 from tests.bridge.export.conftest import FRAMES, moving_body
 

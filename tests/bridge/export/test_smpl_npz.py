@@ -106,3 +106,28 @@ def test_hands_are_kept_beside_the_body(character, tmp_path):
     turns = [Rotation.from_rotvec(one.reshape(-1, 3)) for one in (motion.hands_and_face, hands)]
     np.testing.assert_allclose(turns[0].as_matrix(), turns[1].as_matrix(), atol=1e-9)
     np.testing.assert_allclose(motion.trans_m, moving.motion.trans_m, atol=1e-9)
+
+
+@pytest.mark.parametrize("others", [None, 30, 33])
+def test_smpl_is_read_by_its_own_library_and_by_ours(character, tmp_path, others):
+    moving = moving_body(character, 8)
+    if others:
+        turns = np.random.default_rng(1).uniform(-1, 1, (8, others, 3))
+        moving.motion = replace(moving.motion, hands_and_face=turns)
+    path = tmp_path / "walk.smpl"
+    smpl_npz.write_smpl(path, moving)
+    again = place_motion(load_motion_file(path), moving.body)
+    np.testing.assert_allclose(again.trans_m, moving.motion.trans_m, atol=1e-9)
+    np.testing.assert_array_equal(again.betas, moving.motion.betas)
+    assert (again.gender, again.source_fps) == ("female", 60.0)
+    both = [Rotation.from_rotvec(one.all_joints.reshape(-1, 3)) for one in (again, moving.motion)]
+    assert (both[0].inv() * both[1]).magnitude().max() < 1e-6
+    theirs = pytest.importorskip("smplcodec").SMPLCodec.from_file(path)
+    assert (theirs.smpl_version.name, theirs.gender.name) == (
+        "SMPLX" if others == 33 else "SMPLH",
+        "FEMALE",
+    )
+    wanted = moving.motion.all_joints
+    np.testing.assert_array_equal(theirs.full_pose[:, : wanted.shape[1]], wanted)
+    np.testing.assert_array_equal(theirs.body_translation, moving.motion.trans_m)
+    assert (theirs.frame_count, theirs.frame_rate) == (8, 60.0)

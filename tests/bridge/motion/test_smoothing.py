@@ -16,7 +16,13 @@ from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import RATES_HZ, Motion, pack_theta
 from bridge.motion.motion_checks import motion_warnings, tremor_mm
 from bridge.motion.readers.amass import SAMPLES, sample_path
-from bridge.motion.smoothing import SmoothHz, no_noise_hz, noise_cutoff_hz, smoothed
+from bridge.motion.smoothing import (
+    SmoothHz,
+    StreamSmoother,
+    no_noise_hz,
+    noise_cutoff_hz,
+    smoothed,
+)
 from tests.forged.amass import save, smplh
 
 FPS = 120.0
@@ -183,3 +189,49 @@ def test_no_motion_of_ours_trembles(name: str) -> None:
 def test_a_real_jumping_jack_at_its_own_rate_does_not_tremble() -> None:
     motion = load_motion_file(SAMPLE, 60.0)
     assert tremor_mm(unpack_theta(motion.theta)[1], motion.fps) < 0.2
+
+
+def streamed(motion: Motion) -> Motion:
+    """Frame by frame."""
+    smoother = StreamSmoother(motion.fps)
+    given = [smoother.push(theta) for theta in motion.theta]
+    assert [theta is None for theta in given] == [0 < n <= 3 for n in range(len(given))]
+    known = [theta for theta in given if theta is not None]
+    return replace(motion, theta=np.stack([*known, *smoother.finish()]))
+
+
+@pytest.mark.parametrize("fps", [10.0, 30.0, 60.0, 120.0, 1000.0])
+def test_a_stream_that_is_smooth_already_stays(fps):
+    """A path of even acceleration, and an arm that goes round once a second."""
+    time_s = np.arange(90) / fps
+    pose, trans_m = np.zeros((90, 22, 3)), np.zeros((90, 3))
+    pose[:, 16] = np.outer(2 * np.pi * time_s, [0, 0.6, 0.8])
+    trans_m[:, 1] = 1.0 - 4.9 * time_s**2 / fps
+    calm = streamed(of(pose, trans_m, fps))
+    np.testing.assert_allclose(calm.trans_m, trans_m, atol=1e-8)
+    np.testing.assert_allclose(calm.pose[:, 16], pose[:, 16], atol=1e-2)
+
+
+def test_a_stream_loses_its_noise_and_is_not_late():
+    motion = of(slow().pose[::2], slow().trans_m[::2], 60.0)
+    noisy = trembling(motion, 0.0007)
+    calm = streamed(noisy)
+
+    def felt(one: Motion) -> float:
+        return float(np.diff(one.trans_m - motion.trans_m, 2, axis=0).std())
+
+    assert felt(calm) < 0.1 * felt(noisy)
+    late = [
+        np.abs(calm.trans_m[9:-9, 1] - motion.trans_m[9 - n : -9 - n, 1]).mean() for n in range(3)
+    ]
+    assert np.argmin(late) == 0
+
+
+def test_a_stream_goes_on_over_no_cut():
+    motion = trembling(of(slow(60).pose, slow(60).trans_m, 60.0), 0.0007)
+    theta = motion.theta.copy()
+    theta[30:, 66] += 3.0
+    both = streamed(replace(motion, theta=theta)).theta
+    first = streamed(replace(motion, theta=theta[:30])).theta
+    np.testing.assert_allclose(both[:30], first, atol=1e-12)
+    assert np.abs(both[30:] - theta[30:]).max() < 0.01

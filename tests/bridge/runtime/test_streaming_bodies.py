@@ -15,6 +15,7 @@ from bridge.body import load_body_model
 from bridge.body.posing import Smpl
 from bridge.motion import unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.smoothing import StreamSmoother
 from bridge.runtime.stepping import DsnetModel, PlusModel, load_decoder, predict_whole
 from bridge.runtime.streams import MovedBody, StreamingBodies
 from tests.forged.swaying import swaying
@@ -70,6 +71,19 @@ def test_frame_by_frame_is_the_whole_motion(flesh, look_ahead, frames):
     posed = Smpl(BODY).person(BETAS).pose(*unpack_theta(theta), expected)
     np.testing.assert_allclose([body.vertices_m for body in found], posed, atol=1e-5)
     assert np.abs(expected).max() > 5e-3 or frames < 80
+
+
+@pytest.mark.parametrize("frames", [1, 3, 5, 60])
+def test_smoothed_bodies_are_those_of_the_smoothed_poses_three_frames_later(flesh, frames):
+    rng = np.random.default_rng(0)
+    theta = swaying(TIMES_S[:frames]) + rng.normal(0, 1e-3, (frames, 69))
+    bodies = StreamingBodies(flesh, body=BODY, smooth=True)
+    assert bodies.latency_frames == StreamingBodies(flesh, body=BODY).latency_frames + 3
+    smoother = StreamSmoother(60.0)
+    calm = [pose for pose in map(smoother.push, theta) if pose is not None]
+    calm = np.stack([*calm, *smoother.finish()])
+    expected = whole(partial(predict_whole, PlusModel(flesh, BODY)), calm)
+    np.testing.assert_allclose(offsets_of(streamed(bodies, theta, BETAS)), expected, atol=1e-5)
 
 
 def test_the_static_part_is_that_of_the_pose_answered(flesh_with_static_part):

@@ -102,8 +102,12 @@ def test_other_names_lengths_axes_and_rest_poses_keep_the_limbs_directions(tmp_p
         assert _angle_deg(turned[:, joint] @ bone, theirs).max() < 1e-3, (joint, end)
     for joint in (0, 3, 6, 9, 12, 15, 7, 8, 13, 14):  # trunk, head, collars and feet turn alike
         np.testing.assert_allclose(turned[:, joint], world_of(pose)[:, joint], atol=1e-6)
+    # The middle of the hips goes as theirs, by the length of the legs.
     leg, theirs = (_leg(joints) for joints in (REST_M, rest))
-    np.testing.assert_allclose(trans_m, places_m * leg / theirs, atol=1e-6)
+    below, their_below = (joints[[1, 2]].mean(axis=0) - joints[0] for joints in (REST_M, rest))
+    hips = trans_m + world_of(pose)[:, 0] @ below
+    their_hips = places_m + world_of(pose)[:, 0] @ their_below
+    np.testing.assert_allclose(hips, their_hips * leg / theirs, atol=1e-6)
 
 
 @pytest.mark.parametrize("down_deg", [45.0, 85.0])
