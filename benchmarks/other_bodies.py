@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.motion import load_motion_file
-from bridge.runs.artifact import machine
+from bridge.runs.writer import machine
 from bridge.runtime.load_model import TrainedModel, load_model
 from bridge.runtime.moving_body import MovingBody
 

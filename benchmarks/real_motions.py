@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from benchmarks.processes import run_as_process
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
@@ -28,7 +29,6 @@ from bridge.errors import DsnetError, notify
 from bridge.motion.motion import Y_UP_FROM_Z_UP, UpAxis, unpack_theta
 from bridge.motion.readers import read_motion_file
 from bridge.paper import N_BETAS, N_JOINTS
-from bridge.processes import run_as_process
 from bridge.runs.files import write_text_atomically
 
 Places = Mapping[str, NDArray[np.float64]]

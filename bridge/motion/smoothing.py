@@ -172,7 +172,7 @@ class StreamSmoother:
 
 
 @lru_cache(maxsize=256)
-def _curves_through(count: int, fps: float) -> NDArray[np.float64]:
+def _curves_through(count: int, fps: float) -> NDArray[np.floating]:
     """(K, N, N) by a bank's cutoffs: what makes of N values those of a smooth curve."""
     hz = np.array([hz for hz in _BANK_HZ if hz < _STREAM_SHARE * fps])
     bent = np.diff(np.eye(count), _BENT, axis=0)

@@ -115,10 +115,10 @@ class Run:
         }
         if current := self._current(stage, settings, digests):
             if work_folder(current.path).exists():  # of a process that was killed, or is at work
-                with suppress(DsnetError, OSError), self._alone(stage):
+                with suppress(DsnetError, OSError), self.alone(stage):
                     pass
             return current
-        with self._alone(stage):
+        with self.alone(stage):
             # Another process may have made it since.
             if current := self._current(stage, settings, digests):
                 return current
@@ -144,7 +144,7 @@ class Run:
         made_from = finished.manifest["config"], finished.manifest["upstream"]
         return finished if made_from == (settings, digests) else None
 
-    def _alone(self, stage: str) -> AbstractContextManager[Path]:
+    def alone(self, stage: str) -> AbstractContextManager[Path]:
         what = f"stage {stage!r} of run {self.name!r}"
         remedy = "Wait until it has ended, or pass another --run."
         return exclusive(self.path / stage, what, remedy, resumed=True)

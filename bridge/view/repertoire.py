@@ -118,7 +118,7 @@ def open_repertoire(
         raise DsnetError(f"run {run.name!r} without motions", "a motion", "Pass --motion FILE.")
     return replace(
         found,
-        predictors=found.predictors | _dsnets_of(run),
+        predictors={**found.predictors, **_dsnets_of(run)},
         people=_people(align) | people,
         truth=open_truth(run, best.origin),
     )
