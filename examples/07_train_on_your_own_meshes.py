@@ -12,7 +12,7 @@ import sys
 
 from bridge.processes import exit_with_one_line
 from bridge.runs import Run
-from bridge.runtime.stage_predict import predict_motion
+from bridge.runtime.prediction_files import predict_motion
 
 
 def dsnet(*command: str) -> None:

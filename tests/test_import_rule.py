@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterable
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -25,7 +26,7 @@ ORDER = [
     "fitting", "export", "view", "verify", "__init__.py", "cli.py",
 ]  # fmt: skip
 THIRD_PARTIES = {
-    "": {"tyro"},
+    "": set(),
     "__init__.py": set(),
     "cli.py": {"tyro"},
     "runs": {"filelock", "numpy", "ray", "threadpoolctl", "tqdm"},
@@ -33,8 +34,8 @@ THIRD_PARTIES = {
     "motion": {"numpy", "scipy"},
     "exchange": {"numpy", "safetensors"},
     "tissue": {"numpy", "scipy"},
-    "runtime": {"numpy", "onnx", "onnxruntime", "tyro"},
-    "markers": {"matplotlib", "numpy", "scipy"},
+    "runtime": {"matplotlib", "numpy", "onnx", "onnxruntime", "tyro"},
+    "markers": {"numpy", "scipy"},
     "fitting": {"numpy", "scipy"},
     "export": {
         "PIL",
@@ -79,6 +80,18 @@ def test_the_bridges_folders_import_in_one_direction() -> None:
     files = source_files("bridge")
     found = {path: upward(folder_of(path), imported_modules(path)) for path in files}
     assert not {str(path): names for path, names in found.items() if names}
+
+
+def test_no_files_import_one_another_in_a_circle() -> None:
+    """Not even inside functions; a package's name stands for its `__init__.py`."""
+    modules = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in source_files(*PACKAGES)
+    }
+    assert len(modules) > 100
+    TopologicalSorter(
+        {name: set(imported_modules(path)) & {*modules} - {name} for name, path in modules.items()}
+    ).prepare()
 
 
 def test_the_page_shows_this_order() -> None:

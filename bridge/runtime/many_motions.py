@@ -42,7 +42,7 @@ from bridge.runtime.load_model import (
     load_model,
 )
 from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.stage_predict import KIND, OF_MANY, fill_prediction, open_out_folder
+from bridge.runtime.prediction_files import KIND, OF_MANY, fill_prediction, open_out_folder
 
 REFUSED = "refused.txt"
 """In the folder that is written: each file that was refused, and why."""

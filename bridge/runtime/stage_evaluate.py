@@ -25,7 +25,7 @@ from bridge.runs import Run
 from bridge.runtime.controls import root_joint_m
 from bridge.runtime.load_model import load_for_motion
 from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.stage_predict import open_out_folder
+from bridge.runtime.prediction_files import open_out_folder
 from bridge.runtime.whose_betas import with_own_shape
 
 _FOOTER = "markers: measured on a person; body and its flesh: a model"

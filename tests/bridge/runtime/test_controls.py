@@ -29,7 +29,7 @@ from bridge.runtime.controls import (
 )
 from bridge.runtime.load_model import TrainedModel, load_model
 from bridge.runtime.moving_body import MovingBody, place_motion
-from bridge.runtime.stage_predict import predict_motion
+from bridge.runtime.prediction_files import predict_motion
 from tests.forged.cyclic import circling, save_on_the_spot
 
 LAP = 30

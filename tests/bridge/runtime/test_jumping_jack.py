@@ -16,7 +16,7 @@ from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
 from bridge.motion import Motion, load_motion_file, unpack_theta
 from bridge.runtime.controls import Controls
 from bridge.runtime.moving_body import place_motion
-from bridge.runtime.stage_predict import predict_motion
+from bridge.runtime.prediction_files import predict_motion
 from bridge.verify.reference.oscillators import moving
 
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"

@@ -24,7 +24,7 @@ from bridge.runtime.load_model import (
     packaged_folder,
 )
 from bridge.runtime.moving_body import MovingBody, place_motion
-from bridge.runtime.stage_predict import predict_motion
+from bridge.runtime.prediction_files import predict_motion
 from bridge.tissue.trained_plus import NAME
 from tests.forged import bvh
 from tests.forged.plus import write_plus

@@ -18,7 +18,8 @@ from bridge.runs import read_artifact
 from bridge.runtime import many_motions
 from bridge.runtime.controls import Controls
 from bridge.runtime.many_motions import REFUSED, predict_folder
-from bridge.runtime.stage_predict import predict_motion, what_to_write
+from bridge.runtime.prediction_files import predict_motion
+from bridge.runtime.stage_predict import what_to_write
 from tests.forged.amass import save, shape, smplh
 from tests.forged.many_motions import forge, tree
 

@@ -15,7 +15,7 @@ from bridge.motion import load_motion_file, unpack_theta
 from bridge.motion.smoothing import SmoothHz
 from bridge.runtime.controls import Controls
 from bridge.runtime.moving_body import place_motion
-from bridge.runtime.stage_predict import predict_motion
+from bridge.runtime.prediction_files import predict_motion
 from bridge.runtime.stepping import FRAMES_AT_ONCE, PlusModel, predict_whole
 from bridge.verify.reference.oscillators import moving
 from tests.forged.amass import save, smplh

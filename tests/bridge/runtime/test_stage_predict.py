@@ -20,7 +20,7 @@ from bridge.motion import load_motion_file, unpack_theta
 from bridge.runs import read_artifact, write_artifact
 from bridge.runtime.controls import Controls
 from bridge.runtime.moving_body import place_motion
-from bridge.runtime.stage_predict import open_out_folder, predict_motion
+from bridge.runtime.prediction_files import open_out_folder, predict_motion
 from bridge.verify.reference import dsnet
 from tests.bridge.runtime.conftest import autoencoder_arrays
 from tests.forged.amass import save, smplh
