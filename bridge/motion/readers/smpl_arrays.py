@@ -195,7 +195,7 @@ def _others(
 ) -> tuple[str | None, NDArray[np.float64] | None]:
     """Whose body a pose is of, and (T, 30 or 33, 3) of its hands and face, where they move."""
     whole = _first(arrays, POSE_KEYS)
-    joints = np.empty((0, N_JOINTS)) if whole is None else _by_joint(path, arrays, whole)
+    joints = np.empty((0, N_JOINTS, 3)) if whole is None else _by_joint(path, arrays, whole)
     if joints.shape[1] > N_JOINTS:
         kind, others = _KINDS.get(joints.shape[1]), joints[:, N_JOINTS:]
         if joints.shape[1] not in _MOVING or joints.shape[2] == 6:
