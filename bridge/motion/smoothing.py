@@ -177,7 +177,8 @@ def _curves_through(count: int, fps: float) -> NDArray[np.floating]:
     hz = np.array([hz for hz in _BANK_HZ if hz < _STREAM_SHARE * fps])
     bent = np.diff(np.eye(count), _BENT, axis=0)
     stiffness = (2 * np.sin(np.pi * hz / fps)) ** (-2 * _BENT)
-    return np.linalg.inv(np.eye(count) + stiffness[:, None, None] * (bent.T @ bent))
+    curves = np.linalg.inv(np.eye(count) + stiffness[:, None, None] * (bent.T @ bent))
+    return curves.astype(np.float64)
 
 
 def _fastest_hz(fps: float) -> float:
