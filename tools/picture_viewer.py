@@ -19,7 +19,7 @@ from tools.headless_chromium import PATIENCE_MS, chromium, open_page, why_missin
 
 PICTURE = Path(__file__).parents[1] / "docs" / "images" / "viewer.jpg"
 _SHOW = """([frame, colouring]) => { page.play(false); page.seek(frame);
-  const knob = document.getElementById("colouring"); knob.value = colouring; knob.onchange(); }"""
+  document.getElementById("colouring").value = colouring; }"""
 _SHOWN = (
     """(frame) => page.time === frame && page.curves.filter(Boolean).length === page.motion.count"""
 )

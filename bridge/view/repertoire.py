@@ -19,13 +19,7 @@ from bridge.errors import DsnetError, notify
 from bridge.exchange.dsnet import dsnets_of
 from bridge.markers.bony import flesh_in_pose
 from bridge.measure.pipelines import MotionArrays
-from bridge.motion import (
-    Motion,
-    MotionSequence,
-    load_amass_motion,
-    sequences_of,
-    subject_rows,
-)
+from bridge.motion import Motion, MotionSequence, load_amass_motion, sequences_of, subject_rows
 from bridge.motion.motion import DEFAULT_FPS
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import subject_and_motion
@@ -160,10 +154,9 @@ def _dsnets_of(run: Run) -> dict[str, str]:
 
 
 def _of_file(path: Path, body: BodyModelData, sequence: str = "") -> ViewedMotion:
-    def read() -> Motion:
-        return place_motion(with_own_shape(load_amass_motion(path), body), body)
-
-    return ViewedMotion(read, sequence)
+    return ViewedMotion(
+        lambda: place_motion(with_own_shape(load_amass_motion(path), body), body), sequence
+    )
 
 
 def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:
