@@ -17,9 +17,3 @@ class WeightsAlone(Loads):
     def noise_in_common(self, terms: Tensor) -> Tensor:
         """None, (0, N)."""
         return terms.new_zeros(0, terms.shape[-1])
-
-
-class AllAlike(WeightsAlone):
-    """Nor are vertices weighted."""
-
-    precision_m = 1e3

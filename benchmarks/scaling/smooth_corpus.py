@@ -120,18 +120,6 @@ class SmoothCorpus:
         corpus.record(sequences=to_manifest(self.aligned), source="synthetic", gender=_GENDER)
         corpus.finish(config={"gender": _GENDER}, upstream={"truth": digest})
 
-    def write_alignments(self, run: Run) -> None:
-        """Write `align` and `align_robust` as if the truth had been found."""
-        for name, aligner in {"align": "sgd", "align_robust": "robust"}.items():
-            writer = ArtifactWriter(run.path / name, name, data="synthetic")
-            self._put(writer, self.aligned)
-            frames = sum(self.lengths)
-            writer.put("frame_error", np.full(frames, 1e-3, np.float32), "m")
-            writer.record(aligner=aligner, notice=NOTICE)
-            config = {"aligner": aligner, "smpl": None, "lr": 1e-4, "momentum": 0.9, "steps": 0}
-            digest = run.artifact("corpus").content_sha256
-            writer.finish(config=config, upstream={"corpus": digest})
-
     def _sequence(
         self, subject: str, row: int, length: int, split: Split = "train"
     ) -> MotionSequence:

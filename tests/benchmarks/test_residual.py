@@ -71,7 +71,7 @@ def test_its_beginning_is_pca_to_the_last_digit():
 def test_training_bends_the_code_beyond_pca(tmp_path):
     model, _pca, offsets_m = started("standard")
     split = split_frames(FRAMES, seed=0)
-    plan = TrainingPlan(steps=400, learning_rate=3e-3, warmup_steps=20, cosine_decay=True)
+    plan = TrainingPlan(steps=150, learning_rate=3e-3, warmup_steps=20, cosine_decay=True)
     normaliser = fit_normaliser("standard", offsets_m, FRAMES)
     job = Training(model, normaliser, offsets_m, split, plan, tmp_path / "a.safetensors")
     result = job.run()
