@@ -94,7 +94,7 @@ def main(out: Path) -> None:
     found = {gender: measured(gender) for gender in ("female", "male")}
     print(json.dumps(found, indent=1))
     facts = {"people": PEOPLE, "noise_m": NOISE_M, "seed": SEED}
-    out.write_text(json.dumps(facts | found, indent=1) + "\n")
+    out.write_text(json.dumps(facts | found, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

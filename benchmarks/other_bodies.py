@@ -148,7 +148,9 @@ def main(out: Path) -> None:
     for name, numbers in found.items():
         numbers["median_frames_per_s"] = float(np.median(numbers["frames_per_s"]))
         print(name, {n: round(v, 2) for n, v in numbers.items() if not isinstance(v, list)})
-    out.write_text(json.dumps({"machine": machine(), "bodies": found}, indent=1) + "\n")
+    out.write_text(
+        json.dumps({"machine": machine(), "bodies": found}, indent=1) + "\n", encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":
