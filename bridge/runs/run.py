@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -124,7 +124,8 @@ class Run:
                 return current
             fingerprint = json_sha256([SCHEMA_VERSION, stage, settings, digests])
             writer = ArtifactWriter(self.path / stage, stage, data=data, fingerprint=fingerprint)
-            make(writer)
+            with _told_if_remade(upstream):
+                make(writer)
             writer.record_inputs(places, stamps)
             return writer.finish(config=settings, upstream=digests)
 
@@ -148,6 +149,22 @@ class Run:
         what = f"stage {stage!r} of run {self.name!r}"
         remedy = "Wait until it has ended, or pass another --run."
         return exclusive(self.path / stage, what, remedy, resumed=True)
+
+
+@contextmanager
+def _told_if_remade(upstream: Mapping[str, Artifact | Path]) -> Iterator[None]:
+    """What work fails with whose inputs another process makes anew meanwhile says nothing."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, DsnetError):
+            raise
+        for name, source in upstream.items():
+            if isinstance(source, Artifact) and not source.is_there():
+                received = f"{source.path}, which another process made anew meanwhile"
+                expected = f"the {name!r} that the work began with"
+                raise DsnetError(received, expected, "Run the same command again.") from error
+        raise
 
 
 def is_made(folder: Path) -> bool:
