@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +21,16 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bridge.body.model_data import HAND_COUNT
+from bridge.body.model_data import HAND_COUNT, Kind
 from bridge.body.posing import shaped_joints
 from bridge.export.output import about
 from bridge.motion import Motion
 from bridge.paper import N_JOINTS
 from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.whose_betas import pelvis_apart_m
 
 _TEXTS = ("data", "made_by", "predictor", "label", "model", "body_model", "motion")
 _R_ZUP_YUP = Rotation.from_euler("x", 90, degrees=True)
-
-
 SMPLH_JOINTS, SMPLX_JOINTS = 52, 55
 _SMPL_GENDERS = {"neutral": 0, "male": 1, "female": 2}
 _SMPL_VERSIONS = {SMPLH_JOINTS: 1, SMPLX_JOINTS: 2}
@@ -63,18 +63,24 @@ def write_smplx(path: Path, moving: MovingBody) -> None:
 
 
 def write_smpl(path: Path, moving: MovingBody) -> None:
-    """Write pose, path and shape as the library smplcodec reads them: y up."""
+    """Write pose, path and shape as the library smplcodec reads them: y up, for SMPL's body.
+
+    In place of an embedded body stands SMPL's of mean shape, with its pelvis at the same place.
+    """
     motion, count = moving.motion, _joints(moving)
+    kind: Kind = "smplx" if count == SMPLX_JOINTS else "smplh"
+    theirs = replace(motion, kind=kind, embedded_betas=False)
+    is_smpls = moving.body.source != "synthetic"
     pose = _full_pose(motion, count)
     head, left, right = np.split(pose[:, N_JOINTS:], [-HAND_COUNT, -HAND_COUNT // 2], axis=1)
     arrays: dict[str, Any] = {
         "codecVersion": _CODEC_VERSION,
         "smplVersion": _SMPL_VERSIONS[count],
         "gender": _SMPL_GENDERS[moving.body.gender],
-        "shapeParameters": motion.betas,
+        "shapeParameters": motion.betas if is_smpls else np.zeros_like(motion.betas),
         "frameCount": len(pose),
         "frameRate": motion.fps,
-        "bodyTranslation": motion.trans_m,
+        "bodyTranslation": motion.trans_m - pelvis_apart_m(theirs, moving.body),
         "bodyPose": pose[:, :N_JOINTS],
         "headPose": head,
         "leftHandPose": left,

@@ -145,10 +145,11 @@ class Run:
         made_from = finished.manifest["config"], finished.manifest["upstream"]
         return finished if made_from == (settings, digests) else None
 
-    def alone(self, stage: str) -> AbstractContextManager[Path]:
+    def alone(self, stage: str, *, resumed: bool = True) -> AbstractContextManager[Path]:
+        """The work folder of a stage, for one process; see `exclusive`."""
         what = f"stage {stage!r} of run {self.name!r}"
         remedy = "Wait until it has ended, or pass another --run."
-        return exclusive(self.path / stage, what, remedy, resumed=True)
+        return exclusive(self.path / stage, what, remedy, resumed=resumed)
 
 
 @contextmanager

@@ -64,7 +64,7 @@ def main(config: VerifyConfig) -> None:
             f"a run in {run.path.parent}",
             "Run ./reproduce.sh first, or pass --no-trained to compare random weights.",
         )
-    with run.alone(STAGE):
+    with run.alone(STAGE, resumed=False):  # there is nothing to go on from
         rows = _make(config, run)
     sys.stdout.write(f"{text_table(rows)}\n\n{summary(rows, diagnose(rows))}\n")
     sys.exit(0 if all(row.passed for row in rows) else 1)
@@ -77,17 +77,13 @@ def _make(config: VerifyConfig, run: Run) -> list[Row]:
     body = str(body_model_path(run)) if "align" in sources else EMBEDDED_BODY
     # A fresh writer each time: what is asked is whether they agree now.
     writer = ArtifactWriter(run.path / STAGE, STAGE, data=origin)
-    try:
-        checks = random_checks(config.seed, body)
-        if config.full_size:
-            checks += full_size_checks(config.seed)
-        if config.trained:
-            checks += trained_checks(run)
-        started = time.perf_counter()
-        rows, answers = verify(checks, writer.checkpoints / "work")
-    except BaseException:  # an interrupt, too: there is nothing to go on from
-        writer.discard()
-        raise
+    checks = random_checks(config.seed, body)
+    if config.full_size:
+        checks += full_size_checks(config.seed)
+    if config.trained:
+        checks += trained_checks(run)
+    started = time.perf_counter()
+    rows, answers = verify(checks, writer.checkpoints / "work")
     writer.record_measured(
         engines_s=round(time.perf_counter() - started, 2),
         seconds={name: round(sum(a.seconds.values()), 2) for name, a in answers.items()},
