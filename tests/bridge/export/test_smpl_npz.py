@@ -132,5 +132,5 @@ def test_smpl_is_read_by_its_own_library_and_by_ours(character, tmp_path, others
     np.testing.assert_array_equal(theirs.full_pose[:, : wanted.shape[1]], wanted)
     # SMPL's pelvis lies lower in its template.
     lowered_m = theirs.body_translation - moving.motion.trans_m
-    np.testing.assert_allclose(lowered_m[:, 1], 0.351 if others == 33 else 0.241, atol=1e-9)
+    np.testing.assert_allclose(lowered_m[:, 1], 0.351 if others == 33 else 0.241, atol=1e-4)
     assert (theirs.frame_count, theirs.frame_rate) == (8, 60.0)
