@@ -90,6 +90,14 @@ def exclusive(path: Path, what: str, remedy: str, *, resumed: bool = False) -> I
         _leave(path)
 
 
+def tidy(path: Path) -> None:
+    """Remove what a process left beside `path` that was killed when it was made; what one is at
+    that is alive stays."""
+    if work_folder(path).exists():
+        with suppress(DsnetError, OSError), exclusive(path, "", ""):
+            pass
+
+
 def _is_taken(path: Path, opened: ExitStack) -> bool:
     """Whether this process has a lock from now on; the system lets go when the process ends."""
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from bridge.runs.files import (
     runs_root,
     sha256_of,
     stamp_of,
+    tidy,
     work_folder,
 )
 from bridge.runs.writer import ArtifactWriter
@@ -114,9 +115,7 @@ class Run:
             for name, source in upstream.items()
         }
         if current := self._current(stage, settings, digests):
-            if work_folder(current.path).exists():  # of a process that was killed, or is at work
-                with suppress(DsnetError, OSError), self.alone(stage):
-                    pass
+            tidy(current.path)
             return current
         with self.alone(stage):
             # Another process may have made it since.

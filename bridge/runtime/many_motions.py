@@ -30,6 +30,7 @@ from bridge.runs.files import (
     runs_root,
     sha256_of,
     stamp_of,
+    tidy,
     write_text_atomically,
 )
 from bridge.runs.workers import WorkerPool, on_any_node, progress, worker_pool
@@ -144,7 +145,9 @@ def predict_folder(
         worker_pool(on_any_node("processes"), asked) as pool,
     ):
         files = _files(folder.resolve(), out.resolve())
-        done = {one.path for one in files if _is_done(one, asked, models)}
+        done = {one.path: one.out for one in files if _is_done(one, asked, models)}
+        for out_of_one in done.values():
+            tidy(out_of_one)
         found = _surveyed([one for one in files if one.path not in done], pool)
         if not done and not found:
             raise DsnetError(

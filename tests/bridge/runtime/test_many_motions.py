@@ -65,10 +65,14 @@ def test_what_is_done_is_not_done_again(given, tmp_path, capsys):
     out = tmp_path / "out"
     predict_folder(None, given, out)
     first = {path: path.stat().st_mtime_ns for path in out.rglob("*.npy")}
+    left = out / "Set1" / "01" / ".001_poses.partial"  # of a process killed when it was done
+    left.mkdir()
+    (left / "lock").touch()
     save(given / "Set0" / "00" / "000_poses.npz", smplh(7, 60.0))
     capsys.readouterr()
     predict_folder(None, given, out)
     assert "4 motions are done, 1 of 7 frames to do" in capsys.readouterr().err
+    assert not left.exists()
     again = {path: path.stat().st_mtime_ns for path in out.rglob("*.npy")}
     changed = {str(path.parent.relative_to(out)) for path in first if first[path] != again[path]}
     assert changed == {"Set0/00/000_poses"}
