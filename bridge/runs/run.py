@@ -22,7 +22,7 @@ from bridge.runs.files import (
     tidy,
     work_folder,
 )
-from bridge.runs.writer import ArtifactWriter
+from bridge.runs.writer import ArtifactWriter, is_begun
 
 ALIGNMENT = "align"
 # Beside the paper's aligner's, of the same meshes.
@@ -115,7 +115,8 @@ class Run:
             for name, source in upstream.items()
         }
         if current := self._current(stage, settings, digests):
-            tidy(current.path)
+            if not is_begun(current.path):
+                tidy(current.path)
             return current
         with self.alone(stage):
             # Another process may have made it since.

@@ -42,6 +42,7 @@ try:
 except ModuleNotFoundError:  # Windows
     resource = None
 
+_MADE = "made"
 _RECORDED_PACKAGES = ("numpy", "scipy", "torch", "tensorflow", "keras")
 
 
@@ -61,7 +62,7 @@ class ArtifactWriter:
         work = work_folder(self.path)
         self.checkpoints = work / "checkpoints"
         """Folder for checkpoints; it vanishes when the artifact is finished."""
-        self._made, self._replaced = work / "made", work / "replaced"
+        self._made, self._replaced = work / _MADE, work / "replaced"
         self._manifest: dict[str, Any] = {"schema": SCHEMA_VERSION, "kind": kind, "data": data}
         self._units: dict[str, str] = {}
         self._files: set[str] = set()
@@ -198,6 +199,11 @@ class ArtifactWriter:
                 path.rmdir()
             else:
                 path.unlink()
+
+
+def is_begun(path: Path) -> bool:
+    """Whether beside the artifact `path` lies another's making, which can be gone on with."""
+    return (work_folder(path) / _MADE).is_dir()
 
 
 def write_artifact(

@@ -155,6 +155,26 @@ def test_an_interrupted_stage_finds_its_checkpoints_only_with_the_same_inputs(
     assert not (artifact.path / "checkpoints").exists()
 
 
+def test_a_current_stage_leaves_another_configurations_checkpoints(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    calls = []
+    build(Config(), calls)
+
+    def make(writer):
+        kept = writer.checkpoints / "frame"
+        if not kept.exists():
+            kept.touch()
+            raise KeyboardInterrupt
+        writer.put("x", np.zeros(1), "m")
+
+    with pytest.raises(KeyboardInterrupt):
+        Run("r").build("stage", Config(seed=9), make, data="synthetic", upstream={})
+    build(Config(), calls)
+    assert len(calls) == 1
+    made = Run("r").build("stage", Config(seed=9), make, data="synthetic", upstream={})
+    assert made.array("x").shape == (1,)
+
+
 def test_a_refused_input_leaves_nothing_behind(tmp_path, monkeypatch):
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
 
