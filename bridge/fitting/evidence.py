@@ -16,7 +16,7 @@ from bridge.markers.bony import bony_motion
 from bridge.markers.marker_files import pose_file, read_markers
 from bridge.markers.registration import SPOTS, Registered, register
 from bridge.markers.segments import SEGMENTS, Cloud, Frame, Pose, faster, segment_frames
-from bridge.markers.skin import on_flesh
+from bridge.markers.skin import at_spots
 from bridge.motion import Motion, load_motion_file
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
@@ -158,7 +158,7 @@ def _series(take: Take, cloud: Cloud, reading: NDArray) -> dict[str, list[Series
     posed = segment_frames(bare, pose, real)
     turns, columns = _turns(body, pose, vertices.values()), {n: k for k, n in enumerate(vertices)}
     series: dict[str, list[Series]] = {}
-    for label, spot, moved_mm, good in on_flesh(cloud, real, fps):
+    for label, spot, moved_mm, good in at_spots(cloud, real, fps):
         if not spot.flesh or label not in columns:
             continue
         column, alone = columns[label], posed[spot.segment]

@@ -125,7 +125,7 @@ class _Fit:
         self._normals = shaped_normals(body, betas)[model.nodes.vertices[nodes]].astype(np.float64)
         columns = {name: self._base[name][:, None] for name in ("wave_speed", "bending")}
         coupled = coupling(columns, sp.csr_matrix(laplacian))
-        self._patch = coupled, self._normals, self._base["normal_ratio"]
+        self._unfitted = coupled, self._normals, self._base["normal_ratio"]
         self._shares = region.shares[nodes]
         self._clips = [(clip, clip.series[part]) for clip in clips]
         self._loads = [clip.load[:, nodes] for clip in clips]
@@ -177,7 +177,7 @@ class _Fit:
     def _errors(self, sets: NDArray) -> NDArray[np.float64]:
         """(R, M) of M sets of changes (M, 3), in units of what is expected."""
         constants = changed(self._base, self._shares, self._normals, sets)
-        rolled = Patch(constants, *self._patch).roll(self._loads, self._reading)
+        rolled = Patch(constants, *self._unfitted).roll(self._loads, self._reading)
         found = []
         for (clip, series), offsets_m in zip(self._clips, rolled, strict=True):
             for column, one in enumerate(series):

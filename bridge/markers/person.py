@@ -79,15 +79,18 @@ def fit_person(body: BodyModelData, motion: Motion, markers: Markers) -> FittedP
         apart = np.stack([points[label] for label in vertices], axis=1) - here - _STANDOFF_M * out
         seen = np.stack([cloud.seen[label][some] for label in vertices], axis=1)
         prior = (np.arange(len(found)) < shapes).astype(float)
-        found = found + _step(moves, apart, out, seen, prior, found)
+        found = found + _newton_step(moves, apart, out, seen, prior, found)
     return FittedPerson(found[:-3], off_mm[0], off_mm[-1])
 
 
-def _step(
+def _newton_step(
     moves: NDArray, apart: NDArray, out: NDArray, seen: NDArray, prior: NDArray, found: NDArray
 ) -> NDArray[np.float64]:
     """One step of Gauss and Newton: (P,) from moves (P, T, N, 3) of each parameter towards markers
-    that lie apart (T, N, 3), where the skin's normals are out (T, N, 3)."""
+    that lie apart (T, N, 3), where the skin's normals are out (T, N, 3).
+
+    Parameters that are found (P,) are drawn to 0 where their prior (P,) is 1, not 0.
+    """
     # Where along the skin a marker is stuck nobody says; hair and shoes are no skin.
     sizes_m = np.linalg.norm(apart, axis=-1).mean(0)
     trust = seen / len(seen) / _OFF_M**2 / np.maximum(sizes_m / (1.5 * np.median(sizes_m)), 1)

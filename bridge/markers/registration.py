@@ -30,10 +30,6 @@ _OUTWARD = 0.1
 on another body model, and markers stand 9.5 mm off the skin."""
 
 
-SOFT = ("chest", "belly", "buttocks", "thighs", "calves", "upper_arms")
-"""Parts of the body whose flesh markers tell of."""
-
-
 @dataclass(frozen=True)
 class Spot:
     """A soft (or bony) place that has a marker."""
@@ -66,6 +62,8 @@ def _spots() -> Iterator[tuple[str, Spot]]:
 
 
 SPOTS = dict(_spots())
+SOFT = tuple(dict.fromkeys(spot.flesh for spot in SPOTS.values() if spot.flesh))
+"""Parts of the body whose flesh markers tell of."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,7 @@ def compare_offsets(
     edge = int(_EDGE_S * fps)
     inner[edge : len(inner) - edge] = True
     rows, curves = [], {}
-    for label, spot, moved_mm, good in on_flesh(real, real_frames, fps):
+    for label, spot, moved_mm, good in at_spots(real, real_frames, fps):
         frame, at_rest, swung = (f[spot.segment] for f in (real_frames, bare_frames, full_frames))
         rest = at_rest.local_mm(bare.points_m[label])
         moved, added, posed, pose_there, total_there = (
@@ -177,7 +177,7 @@ def compare_offsets(
     )
 
 
-def on_flesh(
+def at_spots(
     cloud: Cloud, frames: Mapping[str, Frame], fps: float
 ) -> Iterator[tuple[str, Spot, NDArray[np.float64], NDArray[np.bool_]]]:
     """Label, place, motion (T, 3) in its segment's frame, millimetres, and frames (T,) that count

@@ -119,10 +119,12 @@ class Evaluation:
         """With what SMPL alone lacks of the registered mesh, in unseen motions of the true one."""
         name, truth = found.sequence.name, self._truth
         registered = all(name in pipeline.align.places for pipeline in self._pipelines)
-        if not registered and (truth is None or name not in truth.places):
+        if registered:
+            truth = None
+        elif truth is None or name not in truth.places:
             return
         pipelines = {one.pipeline.name: one.pipeline for one in chosen}.values()
-        reference = [one.align for one in pipelines] if registered or truth is None else [truth]
+        reference = [one.align for one in pipelines] if truth is None else [truth]
         compared = [*(one.motions for one in pipelines), *reference]
         means_m: dict[str, list[NDArray[np.float64]]] = {one.name: [] for one in chosen}
         sums = {one.name: ErrorSums() for one in chosen}
@@ -130,7 +132,7 @@ class Evaluation:
             # A new person is the same everywhere, and posing is what costs most.
             posed: Posed = {}
             real_m = None
-            if not registered and truth is not None:
+            if truth is not None:
                 real = self._posed(truth, name, frames, posed)
                 real_m = real.vertices_m + real.carried(truth.offsets_m(name, frames))
             for pipeline in pipelines:

@@ -181,9 +181,9 @@ class SpectrumSums(Sums):
         steps = frequency_steps(frames, true.fps)
         # The transform is linear: the difference need not be transformed too.
         cosines_m = (true.cosines_m, predicted.cosines_m, predicted.cosines_m - true.cosines_m)
-        squares = (np.einsum("kvx,kvx->k", one, one).astype(np.float64) for one in cosines_m)
+        squares = (np.einsum("kvx,kvx->k", one, one) for one in cosines_m)
         energy = [np.bincount(steps, square, minlength=_STEPS) for square in squares]
-        return cls(np.stack(energy).astype(np.float64), frames * vertices)
+        return cls(np.stack(energy), frames * vertices)
 
     def rms_mm(self) -> NDArray[np.float64]:
         """(3, 60) true, predicted and error: root mean square of each step of frequency, mm."""

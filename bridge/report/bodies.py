@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,22 +23,11 @@ _ALONG = 7
 """Bodies of one motion in Figure 1."""
 _OF_A_PERSON = 3
 """Bodies of one person in a row of Figure 9."""
-Column = tuple[str, NDArray[np.float64], "NDArray[np.floating] | None"]
-"""Title, posed bodies (N, V, 3), and if they are coloured by it, a size (N, V); metres."""
+Series = tuple[str, NDArray[np.float64], "NDArray[np.floating] | None"]
+"""Title, posed bodies (N, V, 3), and if they are coloured by it, a size (N, V); metres. A column,
+in Figure 1 a row."""
 Cell = tuple[NDArray[np.float64], "NDArray[np.floating] | None"]
-"""One of them."""
-
-
-class Grid(NamedTuple):
-    """Pictures in rows and columns, none for some; the rest is what `draw_panels` takes."""
-
-    cells: Sequence[Sequence[Cell | None]]
-    column_titles: Sequence[str]
-    row_titles: Sequence[str]
-    title: str
-    colour_label: str
-    width_in: float
-    framed: Collection[tuple[int, int]] = ()
+"""A posed body (V, 3), and if it is coloured by it, a size (V,); metres."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +63,11 @@ class Scene:
         shapes = np.repeat(motions.betas(name)[None], len(frames), axis=0)
         return pose_vertices(self.body, shapes, pose, trans * [0.0, 1.0, 0.0], offsets_m)
 
-    def moved_by(self, pipeline: Pipeline, name: str, frames: NDArray) -> Column:
-        """By a pipeline's own predictor."""
-        part_m = pipeline.predicted_m(pipeline.default, name, frames)
-        moved = self.pose(pipeline.motions, name, frames, part_m)
-        return pipeline.predictors[pipeline.default], moved, np.linalg.norm(part_m, axis=-1)
+    def moved_by(self, pipeline: Pipeline, name: str, frames: NDArray) -> Series:
+        """What a pipeline's default predictor is called, the bodies that it moves, and how far."""
+        offsets_m = pipeline.predicted_m(pipeline.default, name, frames)
+        moved = self.pose(pipeline.motions, name, frames, offsets_m)
+        return pipeline.predictors[pipeline.default], moved, np.linalg.norm(offsets_m, axis=-1)
 
     def picture(
         self, camera: Camera, body: NDArray, colours: NDArray | None = None
@@ -93,12 +81,20 @@ def draw_figure1(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     bodies that skeleton and shape give, and what each pipeline makes of them."""
     frames = np.linspace(0, sequence.length - 1, _ALONG + 1).round().astype(int)[1:]
     name, first = sequence.name, scene.pipelines[0]
-    rows: list[Column] = [("SMPL", scene.pose(first.motions, name, frames, None), None)]
+    rows: list[Series] = [("SMPL", scene.pose(first.motions, name, frames, None), None)]
     rows += [scene.moved_by(pipeline, name, frames) for pipeline in scene.pipelines]
     cells = [_cells(row) for row in rows]
     title = f"Figure 1: skin offsets of an unseen motion, {name}"
-    titles = _times(sequence, frames), [label for label, *_ in rows]
-    _draw(path, scene, Grid(cells, *titles, title, "skin offset", 10.0))
+    _draw(
+        path,
+        scene,
+        cells,
+        column_titles=_times(sequence, frames),
+        row_titles=[label for label, *_ in rows],
+        title=title,
+        colour_label="skin offset",
+        width_in=10.0,
+    )
 
 
 def draw_figure2(path: Path, scene: Scene, sequence: MotionSequence) -> None:
@@ -112,7 +108,7 @@ def draw_figure2(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     shaped = shaped_vertices(scene.body, shapes)
     # The rest pose stands on the floor of the others.
     rise_m = np.array([0.0, fitted[..., 1].min() - shaped[..., 1].min(), 0.0])
-    columns: list[Column] = [
+    columns: list[Series] = [
         ("(a) S", fitted, None),
         ("(b) W⁻¹(S)", unposed + rise_m, None),
         ("(c) M(β)", shaped + rise_m, None),
@@ -120,7 +116,9 @@ def draw_figure2(path: Path, scene: Scene, sequence: MotionSequence) -> None:
         ("(e) M(β, θ) + Δ", fitted, np.linalg.norm(offsets_m, axis=-1)),
     ]
     title = f"Figure 2: alignment of {name}"
-    _draw_columns(path, scene, columns, _times(sequence, frames), title, "Δ", 10.0)
+    _draw_columns(
+        path, scene, columns, _times(sequence, frames), title=title, colour_label="Δ", width_in=10.0
+    )
 
 
 def draw_figure9(
@@ -143,8 +141,17 @@ def draw_figure9(
     cells = [[cell for one in pair for cell in bodies_of(one)] for pair in shown.values()]
     new = [(r, c) for r, row in enumerate(cells) for c in range(_OF_A_PERSON, len(row)) if row[c]]
     title = f"Figure 9: {pipeline.predictors[pipeline.default]}, known and (framed) new people"
-    titles = ["", "known", "", "", "new", ""], list(shown)
-    _draw(path, scene, Grid(cells, *titles, title, "skin offset", 9.0, new))
+    _draw(
+        path,
+        scene,
+        cells,
+        column_titles=["", "known", "", "", "new", ""],
+        row_titles=list(shown),
+        title=title,
+        colour_label="skin offset",
+        width_in=9.0,
+        framed=new,
+    )
 
 
 def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
@@ -153,13 +160,21 @@ def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     aligned_m = first.align.frames("offsets", name, frames)
     rebuilt_m = first.predicted_m(AUTOENCODER, name, frames)
     original, rebuilt = (scene.pose(first.motions, name, frames, o) for o in (aligned_m, rebuilt_m))
-    columns: list[Column] = [
+    columns: list[Series] = [
         ("original mesh", original, None),
         ("reconstruction", rebuilt, None),
         ("per-vertex error", rebuilt, np.linalg.norm(rebuilt - original, axis=-1)),
     ]
     title = "Figure 4: the autoencoder's reconstruction"
-    _draw_columns(path, scene, columns, _times(sequence, frames), title, "error", 7.0)
+    _draw_columns(
+        path,
+        scene,
+        columns,
+        _times(sequence, frames),
+        title=title,
+        colour_label="error",
+        width_in=7.0,
+    )
 
 
 def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
@@ -172,32 +187,67 @@ def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
     aligned_m = first.align.frames("offsets", name, frames)
     truth, plain = (scene.pose(first.motions, name, frames, o) for o in (aligned_m, None))
     letters = iter("cdef")
-    columns: list[Column] = [("(a) ground truth", truth, None), ("(b) SMPL", plain, None)]
+    columns: list[Series] = [("(a) ground truth", truth, None), ("(b) SMPL", plain, None)]
     for pipeline in scene.pipelines:
-        label, moved, part_m = scene.moved_by(pipeline, name, frames)
+        label, moved, size_m = scene.moved_by(pipeline, name, frames)
         columns.append((f"({next(letters)}) SMPL + {label}", moved, None))
-        columns.append((f"({next(letters)}) part of {label}", moved, part_m))
+        columns.append((f"({next(letters)}) part of {label}", moved, size_m))
     title = f"Figure 7: a sequence that no predictor saw, {name}"
     width_in = 9.0 + 2.0 * (len(scene.pipelines) - 1)
-    _draw_columns(path, scene, columns, _times(sequence, frames), title, "contribution", width_in)
+    _draw_columns(
+        path,
+        scene,
+        columns,
+        _times(sequence, frames),
+        title=title,
+        colour_label="contribution",
+        width_in=width_in,
+    )
 
 
-def _cells(column: Column) -> list[Cell]:
-    _, posed, sizes_m = column
+def _cells(series: Series) -> list[Cell]:
+    _, posed, sizes_m = series
     return list(zip(posed, [None] * len(posed) if sizes_m is None else sizes_m, strict=True))
 
 
 def _draw_columns(
-    path: Path, scene: Scene, columns: Sequence[Column], times: Sequence[str], *look: Any
+    path: Path,
+    scene: Scene,
+    columns: Sequence[Series],
+    times: Sequence[str],
+    *,
+    title: str,
+    colour_label: str,
+    width_in: float,
 ) -> None:
     """As `_draw`, of columns with their titles."""
-    cells = list(zip(*map(_cells, columns), strict=True))
-    _draw(path, scene, Grid(cells, [label for label, *_ in columns], times, *look))
+    _draw(
+        path,
+        scene,
+        list(zip(*map(_cells, columns), strict=True)),
+        column_titles=[label for label, *_ in columns],
+        row_titles=times,
+        title=title,
+        colour_label=colour_label,
+        width_in=width_in,
+    )
 
 
-def _draw(path: Path, scene: Scene, grid: Grid) -> None:
-    """A picture for each cell, on one scale of colour; white where there is none."""
-    shown = [cell for row in grid.cells for cell in row if cell]
+def _draw(
+    path: Path,
+    scene: Scene,
+    cells: Sequence[Sequence[Cell | None]],
+    *,
+    column_titles: Sequence[str],
+    row_titles: Sequence[str],
+    title: str,
+    colour_label: str,
+    width_in: float,
+    framed: Collection[tuple[int, int]] = (),
+) -> None:
+    """As `draw_panels`: a picture for each cell, on one scale of colour; white where there is
+    none."""
+    shown = [cell for row in cells for cell in row if cell]
     top_m = scale_top_m([size_m for _, size_m in shown if size_m is not None])
     camera = frame_camera([body for body, _ in shown], height_px=scene.panel_px)
 
@@ -208,9 +258,19 @@ def _draw(path: Path, scene: Scene, grid: Grid) -> None:
         colours = None if size_m is None else magnitude_colours(size_m, top_m)
         return scene.picture(camera, body, colours)
 
-    pictures = [[picture(cell) for cell in row] for row in grid.cells]
-    titles = {key: value for key, value in grid._asdict().items() if key != "cells"}
-    draw_panels(path, pictures, origin=scene.origin, colour_top_m=top_m, **titles)
+    pictures = [[picture(cell) for cell in row] for row in cells]
+    draw_panels(
+        path,
+        pictures,
+        origin=scene.origin,
+        column_titles=column_titles,
+        row_titles=row_titles,
+        title=title,
+        colour_top_m=top_m,
+        colour_label=colour_label,
+        width_in=width_in,
+        framed=framed,
+    )
 
 
 def _lively_frames(scene: Scene, sequence: MotionSequence, count: int) -> NDArray[np.int64]:

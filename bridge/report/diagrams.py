@@ -81,7 +81,7 @@ def draw_figure5(path: Path, train: Artifact) -> None:
             if row:
                 _arrow(axes, (column, row - 0.45), (column, row))
                 axes.text(column + 0.05, row - 0.225, width, va="center", fontsize=8)
-    lstm = 3.27
+    lstm = 0.27 + [text for text, *_ in boxes].index("LSTM")
     for start in (-0.8, 0.3, 1.3, 2.3):
         _arrow(axes, (start, lstm), (start + (0.5 if start < 0 else 0.4), lstm))
     axes.text(0.5, lstm + 0.1, "state", ha="center", fontsize=8)

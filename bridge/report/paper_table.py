@@ -28,7 +28,6 @@ from bridge.runs.untrusted import open_npz
 Stages = Mapping[str, Artifact]
 
 _PEOPLE = {"female": "women", "male": "men"}
-_AS_IT_IS = "as the autoencoder gives"
 _SET = "set by the run"
 _ONE_GENDER = "one gender at a time, like the paper's own training"
 
@@ -233,7 +232,9 @@ def _dsnet(stages: Stages) -> dict[str, Measured]:
         "dsnet_lr": Measured(predictor["lr"], f"`{name}`: {departs}"),
         "epoch_s": Measured(made.get(f"epoch_s_{name}"), f"another machine: {made['machine']}"),
         "dsnet_epochs": Measured(config["epochs"]),
-        "latent_scale": Measured("one standard deviation" if scaled else _AS_IT_IS),
+        "latent_scale": Measured(
+            "one standard deviation" if scaled else "as the autoencoder gives"
+        ),
     }
 
 

@@ -38,6 +38,7 @@ _GRID_PX, _BORDER = 4, 4
 """Pixels between points where the floor's light is found; more of them around the picture."""
 _LIFT_M, _AWAY = 1e-3, -0.3
 _OUTLINE_PX = 8.0
+_NOWHERE_M = np.float32(-1e9)
 """Where depth changes by more than so many pixels from one to the next, there is an outline."""
 _SCATTERED = (np.array([[0, 1, 2, 3, 4, 5, 6, 7], [0, 4, 2, 6, 1, 5, 3, 7]]) + 0.5) / 8
 """Places of an outline's rays in a pixel: each eighth of its width, and of its height, has one."""
@@ -157,7 +158,7 @@ def render_bodies(
     sent = srgb_to_linear(np.concatenate(painted)) * _light_on(surface, camera.axes[2])[:, None]
     sent = sent.astype(np.float32)
     floor = np.repeat(_light_on_floor(surface, camera)[..., None], 3, axis=2)
-    light, depth = floor.copy(), np.full(floor.shape[:2], -1e9, np.float32)
+    light, depth = floor.copy(), np.full(floor.shape[:2], _NOWHERE_M)
     about = camera.pixels_about(surface.vertices)
     y, x = np.mgrid[about]
     hit, depth[about], seen = surface.seen(*camera.rays(x + 0.5, y + 0.5), sent)
@@ -184,7 +185,8 @@ class _Surface:
     def seen(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32], sent: NDArray
     ) -> tuple[NDArray[np.bool_], NDArray[np.float32], NDArray]:
-        """Which rays (..., 3) meet a body, how far they come (...), what arrives by them (M, 3).
+        """Which rays (..., 3) meet a body, how far they come (...), `_NOWHERE_M`
+        if they meet none, and what arrives by them (M, 3).
 
         `sent` (V, 3) is what each vertex sends, and faces what lies between their corners'.
         """
@@ -197,7 +199,7 @@ class _Surface:
         arrives += sent[corners[:, 1]] * u
         arrives += sent[corners[:, 2]] * v
         shape = origins.shape[:-1]
-        far = np.where(hit, met["tfar"], np.float32(-1e9))
+        far = np.where(hit, met["tfar"], _NOWHERE_M)
         return hit.reshape(shape), far.reshape(shape), arrives
 
     def reached(self, points: NDArray, normals: NDArray, rays: NDArray) -> NDArray[np.float32]:
