@@ -134,7 +134,7 @@ class SpringDecomposedSkinning:
         for start in range(0, len(theta), _BLOCK_FRAMES):
             rows = slice(start, start + _BLOCK_FRAMES)
             world_m = self._chosen.gain * np.einsum("vh,thx->tvx", weights, lag_m[rows])
-            linear = person.skin(*unpack_theta(np.asarray(theta[rows], np.float64)))[1]
+            _, linear = person.skin(*unpack_theta(np.asarray(theta[rows], np.float64)))
             parts.append(np.linalg.solve(linear, world_m[..., None])[..., 0].astype(np.float32))
         return np.concatenate(parts)
 
@@ -164,7 +164,7 @@ class _Trial:
         chosen = farthest_points(np.asarray(body.v_template, np.float64), count)
         self.motion = (*carried_by_skeleton(rig, body, clip.betas, clip.theta), clip.fps)
         person = Smpl(body, chosen, np.float64).person(clip.betas)
-        linear = person.skin(*unpack_theta(np.asarray(clip.theta, np.float64)))[1]
+        _, linear = person.skin(*unpack_theta(np.asarray(clip.theta, np.float64)))
         self._to_rest = np.linalg.inv(linear)
         self._weights = {power: rig.weights(power)[chosen] for power in powers}
         self._true_m = np.asarray(clip.offsets_m[:, chosen], np.float64)

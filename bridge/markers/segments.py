@@ -141,13 +141,14 @@ def segment_frames(
             if label in cloud.points_m and cloud.seen[label].mean() > SEEN_ENOUGH
         ]
         joint = SMPL_JOINT_NAMES.index(segment.bone)
-        bone, ends = pose.turns[:, joint], [cloud.points_m[label] for label in found]
-        good = np.logical_and.reduce([cloud.seen[label] for label in found])
+        bone = pose.turns[:, joint]
         if len(segment.labels) > 2:
             if len(found) > 2:
                 weights = None if like is None else like[name].weights
                 frames[name] = _rigid_frame(cloud, found, bone, weights)
             continue
+        ends = [cloud.points_m[label] for label in found]
+        good = np.logical_and.reduce([cloud.seen[label] for label in found])
         if "hip" in segment.labels and found and (pelvis := frames.get("pelvis")):
             ends = [_carried(pelvis, pose.joints_m[:, joint]), *ends]
             good = pelvis.good & good
