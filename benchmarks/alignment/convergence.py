@@ -114,7 +114,7 @@ def _measure(
     rules = config.rules()
     with tqdm(total=sum(r.steps for r in rules), unit="step", disable=None) as progress:
         for rule in rules:
-            found = track(objective, clips, rule, descent)
+            found = track(clips, rule, descent)
             for (shape, values), pose, trans, steps in zip(
                 betas.items(), *(part.chunk(len(betas)) for part in found), strict=True
             ):
@@ -134,7 +134,7 @@ def _clips(
     before = objective.arrange(known.before).repeat(len(betas), 1)
     targets = [objective.arrange(meshes) for meshes in known.meshes.unbind(1)]
     start = ClipSet(shapes, before[None], *rigid_start(shapes, before))
-    found = track(objective, start, Rule(first_frame_steps), Descent())
+    found = track(start, Rule(first_frame_steps), Descent())
     return ClipSet(
         shapes,
         torch.stack(targets).repeat(1, len(betas), 1),

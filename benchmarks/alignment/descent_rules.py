@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from torch_align_ae.alignment.mesh_distance import MeshDistance, Shapes
+from torch_align_ae.alignment.mesh_distance import Shapes
 from torch_align_ae.alignment.sgd import Descending, Descent, batches
 from torch_align_ae.workers import torch_workers
 
@@ -55,25 +55,24 @@ class Tracked(NamedTuple):
     """(B, T) steps that were taken."""
 
 
-def track(objective: MeshDistance, clips: ClipSet, rule: Rule, descent: Descent) -> Tracked:
+def track(clips: ClipSet, rule: Rule, descent: Descent) -> Tracked:
     """Fit every frame by `rule`, each started from the one before; both cores are used."""
 
-    def follow(objective: MeshDistance, rows: list[int]) -> tuple[Tensor, ...]:
+    def follow(clips: ClipSet, rows: list[int]) -> tuple[Tensor, ...]:
         shapes = clips.shapes.rows(rows)
         pose, trans, found = clips.pose[rows], clips.trans[rows], []
         for target in clips.targets:
-            pose, trans, steps = _fit(objective, shapes, (pose, trans), target[rows], rule, descent)
+            pose, trans, steps = _fit(shapes, (pose, trans), target[rows], rule, descent)
             found.append((pose, trans, steps))
         return tuple(torch.stack(parts, 1) for parts in zip(*found, strict=True))
 
-    with torch_workers("threads", objective) as pool:
+    with torch_workers("threads", clips) as pool:
         found = list(pool.map(follow, batches(len(clips.pose))))
     return Tracked(*(torch.cat(parts) for parts in zip(*found, strict=True)))
 
 
 @torch.inference_mode()
 def _fit(
-    objective: MeshDistance,
     shapes: Shapes,
     start: tuple[Tensor, Tensor],
     target: Tensor,
@@ -81,7 +80,7 @@ def _fit(
     descent: Descent,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """`fit_pose` under a rule; also gives the steps that each body took, (B,)."""
-    distance, descending = objective.to(target), Descending(descent, *start)
+    distance, descending = shapes.objective.to(target), Descending(descent, *start)
     patience = rule.steps if rule.patience is None else rule.patience
     waited, steps = torch.zeros(2, len(target), dtype=torch.int64)
     pose, trans = start

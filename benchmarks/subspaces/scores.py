@@ -32,11 +32,6 @@ class NetworkCodec:
     normaliser: Normaliser
 
     @property
-    def vertex_count(self) -> int:
-        """V."""
-        return len(self.normaliser.mean_m)
-
-    @property
     def latent_size(self) -> int:
         """n."""
         return self.model.latent_size

@@ -149,9 +149,9 @@ def shape_equations(
     sample, posed = shaped.sample, shaped.posed(pose)
     joint_shapedirs = sample.smpl.joint_shapedirs[:, :N_JOINTS]
     # (B, 10, 22, 3) derivative of `posed.shift`, which is linear in the joints, by the betas.
-    there = pose._replace(trans=torch.zeros_like(pose.trans))
+    unmoved = pose._replace(trans=torch.zeros_like(pose.trans))
     shapes = [shaped._replace(joints=joints) for joints in joint_shapedirs]
-    shifts = torch.stack([one.posed(there).shift for one in shapes], 1)
+    shifts = torch.stack([one.posed(unmoved).shift for one in shapes], 1)
 
     def by_betas(patch: SampledPatch) -> Tensor:
         shapedirs = sample.smpl.shapedirs[:, :, sample.vertices[patch.vertices]]

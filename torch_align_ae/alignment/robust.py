@@ -164,7 +164,8 @@ class RobustFit(CorpusFit):
         return pose
 
     def calibrate(self, subject: str) -> tuple[Tensor, Tissue]:
-        """Learn the shape (10,) and then how soft the body is where, from frames of all recordings.
+        """Learn the shape (10,) and how soft the body is where, from frames of all the subject's
+        recordings.
 
         The first frame's tissue hangs and moves, and a shape fitted to it keeps that for ever. So
         once the loads are known the shape is corrected, round by round, by all frames without

@@ -188,7 +188,7 @@ class SgdFit(CorpusFit):
         meshes = np.concatenate([self.meshes[one.name].read(0, 1) for one in self.sequences])
         targets = self._objective.arrange(torch.from_numpy(meshes))
         leading = [self._subject_of.index(row) for row in range(max(self._subject_of) + 1)]
-        # A step of few subjects takes its time between operations: one core does them all at once.
+        # All subjects at once, not by the workers: a step of few takes its time between operations.
         shapes, *lead = fit_shape_and_pose(self._objective, targets[leading], self._descent)
         betas = shapes[self._subject_of]
         firsts = ((betas[rows], targets[rows]) for rows in batches(len(meshes)))

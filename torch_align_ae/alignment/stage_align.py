@@ -98,7 +98,9 @@ def _inputs(
     if config.smpl is None or not config.dyna:
         given, missing = ("--dyna", "--smpl") if config.smpl is None else ("--smpl", "--dyna")
         raise DsnetError(
-            f"{given} without {missing}", "both, or neither for a corpus", f"Pass {missing} too."
+            f"{given} without {missing}",
+            "both, or neither for the run's own corpus",
+            f"Pass {missing} too.",
         )
     dyna = {f"dyna_{index}": path for index, path in enumerate(config.dyna)}
     return config.smpl, config.dyna, {"smpl": config.smpl, **dyna}

@@ -70,8 +70,10 @@ class Pace:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingPlan(Schedule, Pace):
-    """`steps` are all; the last epoch may be a part of one."""
+    """Pace and learning rate of one training, all decided."""
 
+    steps: int = field()
+    """Optimiser steps in all; the last epoch may be a part of one."""
     bfloat16: bool = False
     """Whether a step multiplies bfloat16 matrices; weights, their sums and validation, by which the
     best ones are chosen, stay float32."""
@@ -104,6 +106,8 @@ class TrainingResult:
 class Training(Generic[Network]):
     """One model on its way through a plan; `run` may be killed and called again anywhere.
 
+    Once it is made the process computes reproducibly, and `normaliser` is on the model's device.
+
     The best weights so far lie in a file beside the checkpoint, not in memory, of which Casas and
     Otaduy's autoencoder takes four times its own size as it is: weights, gradients, Adam's moments.
     """
@@ -121,6 +125,7 @@ class Training(Generic[Network]):
     """Seconds of each step that this process took; of a GPU only the time to ask for it."""
 
     def __post_init__(self) -> None:
+        compute_reproducibly()
         self.learning_rate = self.plan.learning_rate
         self._device = next(self.model.parameters()).device
         self.normaliser.to(self._device)
@@ -135,9 +140,7 @@ class Training(Generic[Network]):
         if self.plan.learning_rate_of_loss:
             self.learning_rate = self.plan.learning_rate_of_loss * result.validation_losses[0]
         done, end, patience = int(result.steps[-1]), self.plan.steps, self.plan.patience
-        bar = tqdm(total=end, initial=done, desc=self.label, unit="step", disable=None)
-        compute_reproducibly()
-        with bar:
+        with tqdm(total=end, initial=done, desc=self.label, unit="step", disable=None) as bar:
             while done < end and not 0 < patience <= len(result.losses) - result.best:
                 upto = min(done + (self.plan.validate_every or self._epoch_steps), end)
                 loss = self._train(range(done, upto), bar)
@@ -255,8 +258,13 @@ class Training(Generic[Network]):
         return result
 
     def _assign(self, weights: dict[str, NDArray]) -> None:
-        tensors = {name: torch.from_numpy(array) for name, array in weights.items()}
-        self.model.load_state_dict(tensors, strict=False)  # what is not learned is not kept
+        named = dict(self.model.named_parameters())
+        if lacking := ", ".join(sorted(named.keys() - weights)):
+            raise DsnetError(
+                f"{self.best_file} without {lacking}", "all weights", "Remove it to train anew."
+            )
+        tensors = {name: torch.from_numpy(weights[name]) for name in named}
+        self.model.load_state_dict(tensors, strict=False)  # buffers are not kept
 
 
 def scored_frames(split: FrameSplit, wanted: int) -> NDArray[np.int64]:

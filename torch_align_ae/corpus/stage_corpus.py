@@ -162,6 +162,7 @@ def _make_corpus(
     make_form = form_named(config.form)
     form = make_form and make_form(body, config.seed)
     theta, offsets, betas = (truth.array(name) for name in ("theta", "offsets", "betas"))
+    static = truth.array("static") if form else None
     rows = subject_rows(sequences_of(truth))
     sequences = [sequence for sequence in sequences_of(truth) if sequence.split != "test"]
     path, frames = writer.file_path(f"dyna_{config.gender}.h5"), sum(s.length for s in sequences)
@@ -173,8 +174,8 @@ def _make_corpus(
             own_betas = np.asarray(betas[rows[sequence.subject]], np.float64)
             own_theta = np.asarray(theta[sequence.frames], np.float64)
             own_offsets = offsets[sequence.frames]
-            if form:
-                own_offsets = own_offsets + truth.array("static")[sequence.frames]
+            if static is not None:
+                own_offsets = own_offsets + static[sequence.frames]
             meshes = posed_meshes(body, own_betas, own_theta, own_offsets)
             if form:
                 meshes = form.registered(sequence.name, meshes, FPS)

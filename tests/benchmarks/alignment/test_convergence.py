@@ -104,41 +104,36 @@ def clips(smpl, truth):
     meshes = objective.arrange(smpl(betas.repeat_interleave(LENGTH, 0), pose, trans))
     targets = meshes.view(2, LENGTH, -1).transpose(0, 1)
     start = pose.view(2, LENGTH, 22, 3)[:, 0] + 0.02, trans.view(2, LENGTH, 3)[:, 0]
-    return objective, ClipSet(objective.shapes(betas), targets[1:3], *start)
+    return ClipSet(objective.shapes(betas), targets[1:3], *start)
 
 
 def test_a_fixed_number_of_steps_is_the_stages_own_descent(clips):
-    objective, known = clips
-    pose, trans = known.pose, known.trans
-    for target in known.targets:
-        pose, trans = fit_pose(known.shapes, (pose, trans), target, 9, Descent())
-    found = track(objective, known, Rule(9), Descent())
+    pose, trans = clips.pose, clips.trans
+    for target in clips.targets:
+        pose, trans = fit_pose(clips.shapes, (pose, trans), target, 9, Descent())
+    found = track(clips, Rule(9), Descent())
     np.testing.assert_allclose(found.pose[:, -1], pose, atol=1e-5)
     np.testing.assert_allclose(found.trans[:, -1], trans, atol=1e-5)
     assert (found.steps == 9).all()
 
 
 def test_patience_ends_a_frame(clips):
-    objective, known = clips
-    soon = track(objective, known, Rule(100, patience=2), Descent())
-    late = track(objective, known, Rule(100, patience=20), Descent())
+    soon = track(clips, Rule(100, patience=2), Descent())
+    late = track(clips, Rule(100, patience=20), Descent())
     assert (soon.steps < late.steps).all()
 
 
 def test_endless_patience_is_a_fixed_number_of_steps(clips):
-    objective, known = clips
-    found = track(objective, known, Rule(12, patience=12), Descent())
-    expected = track(objective, known, Rule(12), Descent())
+    found = track(clips, Rule(12, patience=12), Descent())
+    expected = track(clips, Rule(12), Descent())
     np.testing.assert_array_equal(found.pose, expected.pose)
 
 
 def test_a_falling_rate_comes_closer(clips, smpl, truth):
-    objective, known = clips
-
     def distance(rule):
-        found = track(objective, known, rule, Descent())
+        found = track(clips, rule, Descent())
         posed = smpl(truth[0], found.pose[:, -1], found.trans[:, -1])
-        return (objective.arrange(posed) - known.targets[-1]).norm(dim=1).mean()
+        return (clips.shapes.objective.arrange(posed) - clips.targets[-1]).norm(dim=1).mean()
 
     assert distance(Rule(120, decays=True)) < 0.5 * distance(Rule(120))
 

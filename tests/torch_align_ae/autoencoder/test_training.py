@@ -12,6 +12,7 @@ import torch
 
 from bridge import DsnetError
 from bridge.exchange import load_weights
+from bridge.exchange.weights import save_checkpoint
 from bridge.motion.splits import split_frames
 from bridge.paper import INFERRED_WIDTHS
 from torch_align_ae.autoencoder.codes import Codec, fit_normaliser, reconstruction_r2
@@ -198,6 +199,16 @@ def test_how_often_is_validated_changes_no_weight(tmp_path, steps):
         np.testing.assert_array_equal(last[1][name], last[0][name], err_msg=name)
 
 
+def test_kept_weights_that_lack_one_are_refused(tmp_path):
+    job = training(tmp_path, TrainingPlan(steps=3, batch_size=64))
+    job.run()
+    kept = load_weights(job.best_file)
+    del kept["to_latent.bias"]
+    save_checkpoint(job.best_file, kept)
+    with pytest.raises(DsnetError, match=r"a\.best\.safetensors without to_latent\.bias"):
+        job.run()
+
+
 @pytest.mark.parametrize("losses", [[5.0, math.nan], [5.0, math.inf], [math.nan]])
 def test_a_loss_that_is_not_finite_is_one_line(tmp_path, monkeypatch, losses):
     job = training(tmp_path, TrainingPlan(steps=6, batch_size=64))
@@ -219,6 +230,25 @@ def test_an_epoch_shows_every_training_frame_once(tmp_path):
 
     np.testing.assert_array_equal(key(seen), key(expected))
     np.testing.assert_array_equal(key(other), key(expected))
+
+
+def test_a_plan_says_its_steps():
+    unsaid = {}
+    with pytest.raises(TypeError, match="steps"):
+        TrainingPlan(**unsaid)
+
+
+def test_the_first_validation_loss_is_computed_reproducibly(tmp_path, monkeypatch):
+    torch.use_deterministic_algorithms(False)
+    job, seen = training(tmp_path, TrainingPlan(steps=1, batch_size=64)), []
+
+    def noted() -> float:
+        seen.append(torch.are_deterministic_algorithms_enabled())
+        return 1.0
+
+    monkeypatch.setattr(job, "validation_loss", noted)
+    job.run()
+    assert seen == [True, True]
 
 
 def test_learning_rate_warms_up_and_decays():

@@ -88,6 +88,11 @@ def test_nothing_goes_through_the_floor_and_contact_is_on_it(motion, row):
     assert found.lowest_m[standing].max() < 0.02
 
 
+def test_a_foot_without_steps_stands():
+    planner = Planner.drawn("50004", "hips", np.arange(FRAMES) / FPS, 1.0, seed=0)
+    np.testing.assert_array_equal(planner.foot([]).ball_m, np.zeros((FRAMES, 3)))
+
+
 @every_motion
 @lean_and_heavy
 def test_a_foot_in_contact_does_not_slide(motion, row):

@@ -187,11 +187,8 @@ class _Hops:
         spread_sink_m: float = 0.0,
     ) -> None:
         self._planner = m
-        contact_s, crouch_m, take_off_m = (
-            contact_s / m.tempo,
-            crouch_m * m.size,
-            take_off_m * m.size,
-        )
+        contact_s /= m.tempo
+        crouch_m, take_off_m = crouch_m * m.size, take_off_m * m.size
         # More than fill the time; the same whatever the frame rate.
         span_s = m.times_s[-1] + 0.01 - begin_s
         count = int(np.ceil(span_s / (0.7 * (flight_s + contact_s)))) + 1

@@ -210,6 +210,8 @@ class Planner:
 
     def foot(self, steps: Sequence[Step]) -> FootPath:
         """A foot that stands in its place, goes through `steps` and stands between them."""
+        if not steps:
+            return FootPath(self.axis())
         lift_m = self.zeros()
         along, here = np.zeros((len(lift_m), 3)), np.zeros(3)  # x, z, metres, and heading
         flat_s = steps[0].start_s - 0.28

@@ -73,8 +73,7 @@ def pose_body(skeleton: Skeleton, plan: BodyPlan) -> Array:
         pose[:, _JOINT[name]] = rotation
     pelvis_m = skeleton.joints_m[0] + plan.pelvis_m
     pelvis_m[:, 1] -= _STANDING_DROP * skeleton.joints_m[_JOINT["left_hip"], 1]
-    for side in _SIDES:
-        _pose_leg(pose, skeleton, pelvis_m, plan, side)
+    _pose_legs(pose, skeleton, pelvis_m, plan)
     if plan.carried is not None:
         # Lift or lower the pelvis until the skin lies on the floor; legs and their skin follow.
         planned_m = pelvis_m[:, 1].copy()
@@ -82,8 +81,7 @@ def pose_body(skeleton: Skeleton, plan: BodyPlan) -> Array:
             lowest_m = _lowest_m(skeleton, pose, _trans_m(skeleton, pelvis_m))
             lying_m = pelvis_m[:, 1] - lowest_m - _SINKS_IN_M
             pelvis_m[:, 1] = planned_m + plan.carried * (lying_m - planned_m)
-            for side in _SIDES:
-                _pose_leg(pose, skeleton, pelvis_m, plan, side)
+            _pose_legs(pose, skeleton, pelvis_m, plan)
     return pack_theta(pose, _trans_m(skeleton, pelvis_m))
 
 
@@ -114,45 +112,39 @@ def _lowest_m(skeleton: Skeleton, pose: Array, trans_m: Array) -> Array:
     return np.round(lowest_m[:, 0] + soft, 9)
 
 
-def _pose_leg(pose: Array, skeleton: Skeleton, pelvis_m: Array, plan: BodyPlan, side: str) -> None:
-    """Set hip, knee, ankle and toes of a `pose` (T, 22, 3), so that the ball of the foot, SMPL's
-    `foot` joint, is where the plan has it while the pelvis is at `pelvis_m` (T, 3)."""
-    joints = [_JOINT[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot")]
-    hip, knee, ankle, ball = skeleton.joints_m[joints]
-    thigh, calf, heel, root = knee - hip, ankle - knee, ankle - ball, skeleton.joints_m[0]
-    foot, pelvis = plan.feet[_SIDES.index(side)], Rotation.from_rotvec(pose[:, 0])
-    hip_m = pelvis_m + pelvis.apply(hip - root)
-    stand_m = ball.copy()
-    stand_m[0] -= (1 - _STANCE_WIDTH) * (ankle[0] - hip[0])
-    if np.any(foot.heading):  # the place of a foot of a body that has turned on the spot
-        about_y, axis_m = Rotation.from_rotvec(np.outer(foot.heading, _Y)), root * (1.0, 0.0, 1.0)
-        stand_m = axis_m + about_y.apply(stand_m - axis_m)
-    ball_m = np.broadcast_to(stand_m + foot.ball_m, hip_m.shape)
-    yaw = np.broadcast_to(foot.yaw + foot.heading, len(hip_m))
-    reach_m = _STRETCH * float(np.linalg.norm(thigh) + np.linalg.norm(calf))
-    least = _least_pitch(hip_m, ball_m, heel, yaw, reach_m)
-    # The asked-for pitch, or as much more as lets the leg reach: a smooth maximum of the two.
-    pitch = _HEEL_SOFTNESS * np.logaddexp(foot.pitch / _HEEL_SOFTNESS, least / _HEEL_SOFTNESS)
-    turned = _foot_turn(pitch, yaw)
-    target = pelvis.inv().apply(ball_m + turned.apply(heel) - hip_m)
-    bent = np.outer(_knee_angle(thigh, calf, np.linalg.norm(target, axis=1)), _X)
-    # The hip points the bent leg at its target, and the knee's axis to the side.
-    bending, splay = (
-        Rotation.from_rotvec(bent),
-        Rotation.from_rotvec(np.outer(yaw - plan.heading, _Y)),
-    )
-    rest = _frame(thigh + bending.apply(calf), np.broadcast_to(_X, target.shape))
-    aim = Rotation.from_matrix(_frame(target, splay.apply(_X)) @ rest.swapaxes(1, 2))
-    flat = 1 / (1 + (np.maximum(ball_m[:, 1] - ball[1], 0.0) / _TOES_FLAT_BELOW_M) ** 2)
-    ankle_turn = (pelvis * aim * bending).inv() * turned
-    turns = (
-        aim.as_rotvec(),
-        bending.as_rotvec(),
-        ankle_turn.as_rotvec(),
-        np.outer(-pitch * flat, _X),
-    )
-    for joint, turn in zip(joints, turns, strict=True):
-        pose[:, joint] = turn
+def _pose_legs(pose: Array, skeleton: Skeleton, pelvis_m: Array, plan: BodyPlan) -> None:
+    """Set hips, knees, ankles and toes of a `pose` (T, 22, 3), so that the ball of each foot,
+    SMPL's `foot` joint, is where the plan has it while the pelvis is at `pelvis_m` (T, 3)."""
+    root, pelvis = skeleton.joints_m[0], Rotation.from_rotvec(pose[:, 0])
+    for side, foot in zip(_SIDES, plan.feet, strict=True):
+        joints = [_JOINT[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot")]
+        hip, knee, ankle, ball = skeleton.joints_m[joints]
+        thigh, calf, heel = knee - hip, ankle - knee, ankle - ball
+        hip_m = pelvis_m + pelvis.apply(hip - root)
+        stand_m = ball.copy()
+        stand_m[0] -= (1 - _STANCE_WIDTH) * (ankle[0] - hip[0])
+        if np.any(foot.heading):  # the place of a foot of a body that has turned on the spot
+            about_y = Rotation.from_rotvec(np.outer(foot.heading, _Y))
+            axis_m = root * (1.0, 0.0, 1.0)
+            stand_m = axis_m + about_y.apply(stand_m - axis_m)
+        ball_m = np.broadcast_to(stand_m + foot.ball_m, hip_m.shape)
+        yaw = np.broadcast_to(foot.yaw + foot.heading, len(hip_m))
+        reach_m = _STRETCH * float(np.linalg.norm(thigh) + np.linalg.norm(calf))
+        least = _least_pitch(hip_m, ball_m, heel, yaw, reach_m)
+        # The asked-for pitch, or as much more as lets the leg reach: a smooth maximum of the two.
+        pitch = _HEEL_SOFTNESS * np.logaddexp(foot.pitch / _HEEL_SOFTNESS, least / _HEEL_SOFTNESS)
+        turned = _foot_turn(pitch, yaw)
+        target = pelvis.inv().apply(ball_m + turned.apply(heel) - hip_m)
+        bent = _knee_angle(thigh, calf, np.linalg.norm(target, axis=1))
+        # The hip points the bent leg at its target, and the knee's axis to the side.
+        bending = Rotation.from_rotvec(np.outer(bent, _X))
+        splay = Rotation.from_rotvec(np.outer(yaw - plan.heading, _Y))
+        rest = _frame(thigh + bending.apply(calf), np.broadcast_to(_X, target.shape))
+        aim = Rotation.from_matrix(_frame(target, splay.apply(_X)) @ rest.swapaxes(1, 2))
+        ankle_turn = (pelvis * aim * bending).inv() * turned
+        flat = 1 / (1 + (np.maximum(ball_m[:, 1] - ball[1], 0.0) / _TOES_FLAT_BELOW_M) ** 2)
+        turns = [turn.as_rotvec() for turn in (aim, bending, ankle_turn)]
+        pose[:, joints] = np.stack([*turns, np.outer(-pitch * flat, _X)], axis=1)
 
 
 def _foot_turn(pitch: Array, yaw: Array) -> Rotation:
