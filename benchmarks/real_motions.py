@@ -1,4 +1,4 @@
-"""`python -m benchmarks.real_motions FOLDER --out FILE.json`: real files, and what comes of them.
+"""`python -m benchmarks.real_motions --folder FOLDER --out FILE.json`: what comes of real files.
 
 Each file is read as `dsnet predict` reads it, and by hand: BVH by a small reader of its own, with
 the joints and the vertical that `FILES` names; arrays by NumPy. Compared are the directions of
@@ -22,21 +22,19 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.processes import run_as_process
-from bridge.body import load_body_model
-from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
-from bridge.body.posing import shaped_joints
+from bridge.body.model_data import SMPL_PARENTS
 from bridge.errors import DsnetError, notify
 from bridge.motion.motion import Y_UP_FROM_Z_UP, UpAxis, unpack_theta
 from bridge.motion.readers import read_motion_file
-from bridge.paper import N_BETAS, N_JOINTS
+from bridge.motion.retargeting import mean_joints
+from bridge.motion.skeletons import OWN_NAMES, SIDES
+from bridge.paper import N_JOINTS
 from bridge.runs.files import write_text_atomically
 
 Places = Mapping[str, NDArray[np.float64]]
 """(T, 3) by SMPL's names, y up."""
-NAMES = SMPL_JOINT_NAMES[:N_JOINTS]
 PARTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
-SIDES = ("left", "right")
 LINES: dict[str, Callable[[Places], NDArray]] = {
     "hips": lambda at: at["left_hip"] - at["right_hip"],
     "shoulders": lambda at: at["left_shoulder"] - at["right_shoulder"],
@@ -198,7 +196,7 @@ def compared(path: Path, real: RealFile) -> dict[str, Any]:
         motion = read_motion_file(path)
     except DsnetError as error:
         return {**about, "refused": str(error)}
-    rest_m = shaped_joints(load_body_model("embedded:female"), np.zeros((1, N_BETAS)))[0]
+    rest_m = mean_joints()
     pose, trans_m = unpack_theta(motion.about_root_joint(rest_m[0]).theta)
     ours = posed(pose, trans_m, rest_m, motion.up)
     theirs = by_hand(path, real, rest_m)
@@ -232,7 +230,7 @@ def by_hand(path: Path, real: RealFile, rest_m: NDArray) -> Places:
         return {ours: turned(places[to], real.up) for ours, to in real.skeleton.named().items()}
     stored = np.load(path, allow_pickle=False)
     if path.suffix == ".npy":
-        return {name: turned(stored[:, number], real.up) for number, name in enumerate(NAMES)}
+        return {name: turned(stored[:, number], real.up) for number, name in enumerate(OWN_NAMES)}
     pose, trans = ("bodyPose", "bodyTranslation") if "bodyPose" in stored else ("poses", "trans")
     pose = stored[pose].reshape(len(stored[pose]), -1, 3)[:, :N_JOINTS]
     return posed(pose, stored[trans], rest_m, real.up)
@@ -275,7 +273,7 @@ def posed(pose: NDArray, trans_m: NDArray, rest_m: NDArray, up: UpAxis) -> Place
     for joint, parent in enumerate(SMPL_PARENTS[1:N_JOINTS], 1):
         places.append(places[parent] + world[parent].apply(rest_m[joint] - rest_m[parent]))
         world.append(world[parent] * Rotation.from_rotvec(pose[:, joint]))
-    return {name: turned(one, up) for name, one in zip(NAMES, places, strict=True)}
+    return {name: turned(one, up) for name, one in zip(OWN_NAMES, places, strict=True)}
 
 
 def turned(places: NDArray, up: UpAxis) -> NDArray[np.float64]:
@@ -311,9 +309,9 @@ def legs(places: Places) -> float:
 
 
 def markdown(path: Path) -> str:
-    """The table of a result: a line an origin, its worst file's limb."""
-    files = json.loads(path.read_text(encoding="utf-8"))["files"].values()
-    rows = []
+    """The table of a result: a line an origin, its worst file's limb; and how many are refused."""
+    given = json.loads(path.read_text(encoding="utf-8"))["files"].values()
+    files, rows = [one for one in given if "refused" not in one], []
     for origin in dict.fromkeys(one["origin"] for one in files):
         own = [one for one in files if one["origin"] == origin]
         lines_deg = (max(one["lines_deg"][name] for one in own) for name in LINES)
@@ -323,12 +321,13 @@ def markdown(path: Path) -> str:
                 origin=origin,
                 files=len(own),
                 frames=sum(one["frames"] for one in own),
-                limbs_deg=max(one["limbs_deg"] for one in own),
+                limbs_deg=max(one["worst_limb_deg"] for one in own),
                 lines=", ".join(f"{deg:.1f}" for deg in lines_deg),
                 travel=f"{max(gone):.1f}" if gone else "in place",
             )
         )
-    return HEAD + "\n".join(rows)
+    refused = len(given) - len(files)
+    return HEAD + "\n".join(rows) + (f"\n\nRefused: {refused} of {len(given)}." if refused else "")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,8 @@ How a person moved behind a noisy recording nobody knows, so what is predicted f
 scored. Here it can: the test motions that we invented are clean and their flesh is known. They are
 given what real recordings have faster than 8 Hz, turn by turn and joint by joint, are smoothed as
 `--smooth-hz` does, and what `dsnet_plus` predicts is compared with the flesh of the clean motion.
-The clean motions, smoothed alike, say what smoothing takes away. What is finished is kept.
+The clean motions, smoothed alike, say what smoothing takes away. A finished run is kept, if
+it has the same cutoffs.
 """
 
 from __future__ import annotations
@@ -84,6 +85,7 @@ def main(config: NoiseConfig) -> None:
     noises = [Noise.of(path) for path in paths]
     path = config.out.with_suffix(".json")
     kept = json.loads(path.read_text(encoding="utf-8"))["runs"] if path.exists() else {}
+    kept = {n: clips for n, clips in kept.items() if [*clips[0]["scores"]] == [*config.cutoffs]}
     found = {
         name: kept.get(name) or list(_clips(Run(name), noises, config.cutoffs))
         for name in config.runs

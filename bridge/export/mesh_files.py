@@ -47,11 +47,13 @@ class VertexNormals:
         return (normals / np.where(length > 0, length, 1)).astype(np.float32)
 
 
-def surfaces(moving: MovingBody, what: str) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
-    """Of each frame, told as `what` on the terminal: places and normals (V, 3), metres, and sizes
-    of the skin offsets (V,)."""
+def surfaces(
+    moving: MovingBody, what: str | None = None
+) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
+    """Of each frame, told as `what`, if as any, on the terminal: places and normals (V, 3), metres,
+    and sizes of the skin offsets (V,)."""
     normals = VertexNormals(moving.body.faces, moving.body.vertex_count)
-    for posed in moving.shown(what):
+    for posed in moving.shown(what) if what else moving:
         sizes_m = np.linalg.norm(posed.offsets_m, axis=-1)
         for vertices_m, size_m in zip(posed.vertices_m, sizes_m, strict=True):
             yield vertices_m, normals(vertices_m), size_m
@@ -102,7 +104,7 @@ def _write_cache(folder: Path, name: str, header: bytes, moving: MovingBody, dty
         file.write(header)
         for posed in moving.shown("points"):
             file.write(np.ascontiguousarray(posed.vertices_m, dtype).tobytes())
-    first = next(_meshes(moving, "base"))
+    first = next(_meshes(moving))
     _save_obj(folder / "body.obj", first, f"base mesh of a point cache: {about_in_a_line(moving)}")
     (folder / "about.json").write_text(json.dumps(about(moving), indent=2) + "\n", encoding="utf-8")
 
@@ -112,7 +114,7 @@ def _save_obj(path: Path, mesh: trimesh.Trimesh, comment: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def _meshes(moving: MovingBody, what: str) -> Iterator[trimesh.Trimesh]:
+def _meshes(moving: MovingBody, what: str | None = None) -> Iterator[trimesh.Trimesh]:
     """Of each frame; `offset_m` of a vertex is the length of its skin offset."""
     for vertices_m, normals, sizes_m in surfaces(moving, what):
         yield trimesh.Trimesh(

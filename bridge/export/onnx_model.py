@@ -19,14 +19,15 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.errors import DsnetError
 from bridge.exchange import load_weights
 from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
-from bridge.export.output import new_path
+from bridge.export.output import new_path, refuse_taken
 from bridge.paper import N_JOINTS, THETA_SIZE
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runtime.network_graphs import dsnet_body_graph
-from bridge.runtime.onnx_graph import GraphSession, Precision
+from bridge.runtime.onnx_graph import PRECISIONS, GraphSession, Precision
 from bridge.runtime.plus_graph import plus_graph
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import NAME, TrainedPlus
@@ -82,8 +83,13 @@ def export_onnx(
     Raises
     ------
     DsnetError
-        If the file exists or cannot be written, or predictor and body do not fit.
+        If there is no such precision, the file exists or cannot be written, or predictor and body
+        do not fit.
     """
+    if precision not in PRECISIONS:
+        known = ", ".join(PRECISIONS)
+        raise DsnetError(f"precision {precision!r}", f"one of {known}", "Name one of these.")
+    refuse_taken(path)
     about = _about(model, body, origin, run, precision)
     made = _graph(model, body, about, precision)
     if precision != "float32":

@@ -65,19 +65,21 @@ def write_smplx(path: Path, moving: MovingBody) -> None:
 def write_smpl(path: Path, moving: MovingBody) -> None:
     """Write pose, path and shape as the library smplcodec reads them: y up, for SMPL's body.
 
-    In place of an embedded body stands SMPL's of mean shape, with its pelvis at the same place.
+    In place of an embedded body, or of SMPL's where jaw and eyes make it SMPL-X's, stands the
+    written kind's of mean shape, with its pelvis at the same place.
     """
     motion, count = moving.motion, _joints(moving)
     kind: Kind = "smplx" if count == SMPLX_JOINTS else "smplh"
     theirs = replace(motion, kind=kind, embedded_betas=False)
-    is_smpls = moving.body.source != "synthetic"
+    same_betas = (moving.body.kind == "smplx") == (kind == "smplx")
+    same_betas &= moving.body.source != "synthetic"
     pose = _full_pose(motion, count)
     head, left, right = np.split(pose[:, N_JOINTS:], [-HAND_COUNT, -HAND_COUNT // 2], axis=1)
     arrays: dict[str, Any] = {
         "codecVersion": _CODEC_VERSION,
         "smplVersion": _SMPL_VERSIONS[count],
         "gender": _SMPL_GENDERS[moving.body.gender],
-        "shapeParameters": motion.betas if is_smpls else np.zeros_like(motion.betas),
+        "shapeParameters": motion.betas if same_betas else np.zeros_like(motion.betas),
         "frameCount": len(pose),
         "frameRate": motion.fps,
         "bodyTranslation": motion.trans_m - pelvis_apart_m(theirs, moving.body),

@@ -112,7 +112,7 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
     pose, trans_m = np.zeros((count, N_JOINTS, 3)), np.empty((count, 3))
     for frames, turns, places in skeleton.blocks():
         world = _smpl_turns(upright @ turns, carriers, rest)
-        hips = 0.5 * (places[:, joints["left_hip"]] + places[:, joints["right_hip"]])
+        hips = middle({name: places[:, joint] for name, joint in joints.items()}, "hip")
         # Files have their root anywhere between hips and waist.
         trans_m[frames] = scale * hips @ upright.T - world[:, 0] @ below_m
         pose[frames] = local_rotations(world)

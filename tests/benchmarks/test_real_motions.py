@@ -35,12 +35,25 @@ def test_a_file_that_is_read_wrong_is_seen(tmp_path):
     assert wrong["limbs_deg"] > 60
 
 
+def test_refused_files_are_left_out_of_the_table_and_counted(tmp_path):
+    found = json.loads(RESULT.read_text(encoding="utf-8"))["files"]
+    found["freebvh.bvh"] = {"origin": "Mixamo", "refused": "why"}
+    found["aitviewer.bvh"] = {"origin": "aitviewer", "refused": "why"}
+    path = tmp_path / "found.json"
+    path.write_text(json.dumps({"files": found}))
+    table = markdown(path)
+    assert "| Mixamo | 3 |" in table
+    assert "aitviewer" not in table
+    assert table.endswith(f"\n\nRefused: 2 of {len(found)}.")
+
+
 def test_the_committed_table_is_that_of_its_numbers_and_meets_the_goal():
     found = json.loads(RESULT.read_text(encoding="utf-8"))["files"]
     assert found.keys() == FILES.keys()
     assert len({one["origin"] for one in found.values()}) >= 10
     for one in found.values():
         assert one["limbs_deg"] < 5
+        assert one["worst_limb_deg"] < 5
         assert one["travel_cm_a_metre"] is None or one["travel_cm_a_metre"] < 2
     page = (DOCS / "motion_files.md").read_text(encoding="utf-8")
     table = page.partition("<!-- real -->\n")[2].partition("\n<!-- end of real -->")[0]

@@ -45,13 +45,20 @@ ROOT_KEYS, BODY_KEYS = ("root_orient", "global_orient"), ("pose_body", "body_pos
 TRANS_KEYS = ("trans", "transl", "smpl_trans", "bodyTranslation")
 BETAS_KEYS = ("betas", "shapeParameters")
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate", "frame_rate", "frameRate")
-FACE_KEYS = ("pose_jaw", "pose_eye", "headPose")
-HAND_KEYS = ("pose_hand", "leftHandPose", "rightHandPose")
-PART_KEYS = (*FACE_KEYS, *HAND_KEYS, "left_hand_pose")
-"""Beside root and body: AMASS's and smplcodec's, in the order of SMPL-X's joints; smplx's hands,
-which may be relative to a mean or to components that only a model file has."""
+_FACES = {"pose_jaw": 3, "pose_eye": 6}, {"headPose": 9}
+_HANDS = {"pose_hand": 90}, {"leftHandPose": 45, "rightHandPose": 45}
+"""Numbers a frame of what stands beside root and body: AMASS's and smplcodec's, in the order of
+SMPL-X's joints."""
+PART_KEYS = (*(key for parts in (*_FACES, *_HANDS) for key in parts), "left_hand_pose")
+"""These, and smplx's hands, which may be relative to a mean or to components that only a model
+file has."""
+_SAID_KINDS = {
+    "smplVersion": {"0": "smpl", "1": "smplh", "2": "smplx"},
+    "surface_model_type": {"smpl": "smpl", "smplh": "smplh", "smplx": "smplx"},
+}
+"""What smplcodec's files and AMASS's say of whose body they are."""
 WANTED = (*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS, *TRANS_KEYS, *BETAS_KEYS, *RATE_KEYS,
-          "gender", "dmpls", "smpl_scaling", "source", "body_model")  # fmt: skip
+          *_SAID_KINDS, "gender", "dmpls", "smpl_scaling", "source", "body_model")  # fmt: skip
 MOST_BYTES = MOST_FRAMES * 8 * 9 * 55
 """Of an array: matrices of SMPL-X's joints."""
 _WIDTHS = {66: "SMPL's 22 joints", 72: "SMPL", 156: "SMPL-H", 159: "SMPL-X without its jaw or eyes",
@@ -61,13 +68,16 @@ _KINDS = {24: "smpl", 52: "smplh", 53: "smplx", 55: "smplx"}
 _SIX = {132, 144}
 """Of 22 or 24 joints, the first two lines or columns of each matrix."""
 _MOVING = (52, 55)
-_FACE_WIDTH, _HANDS_WIDTH = 9, 90
+_SMPLS_BODY = 23
+"""Joints of SMPL without its root: only SMPL's end with two for the hands."""
 _LEAST_KNEE_RAD = 0.02
 _GENDERS = {"f": "female", "m": "male", "n": "neutral", "0": "neutral", "1": "male", "2": "female"}
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
 _STANDING, _ASLANT = 0.7, 0.5
-"""Least share of y in the mean direction of trunk and legs that stand along it, and the largest of
-z beside it."""
+"""Least share of an axis in the mean direction of trunk and legs that stand along it, and the
+largest of the other one beside it."""
+_LYING = 0.3
+"""Largest share of z in the direction of a trunk that is upright along y, as of who sits."""
 _SAME_BETAS = 0.05
 
 Arrays = Mapping[str, NDArray]
@@ -83,7 +93,9 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
     notes: list[str] = []
     pose = _pose(path, arrays)
     kind, others = _others(path, arrays, len(pose), notes)
-    up = _vertical(path, pose, how, notes)
+    kind = _said_kind(path, arrays, notes) or kind
+    is_codecs = _first(arrays, POSE_KEYS) == "bodyPose"
+    up = _vertical(path, pose, how, is_codecs, notes)
     trans_m = _trans(path, arrays, len(pose), up, notes)
     betas, fps = _betas(path, arrays, notes), _rate(path, arrays, usual_fps)
     return Motion(
@@ -193,8 +205,9 @@ def _by_joint(path: Path, arrays: Arrays, key: str) -> NDArray:
 def _others(
     path: Path, arrays: Arrays, frames: int, notes: list[str]
 ) -> tuple[str | None, NDArray[np.float64] | None]:
-    """Whose body a pose is of, and (T, 30 or 33, 3) of its hands and face, where they move."""
-    whole = _first(arrays, POSE_KEYS)
+    """Whose body a pose is of by its shape, and (T, 30 or 33, 3) of its hands and face, where they
+    move."""
+    whole, body = _first(arrays, POSE_KEYS), _first(arrays, BODY_KEYS)
     joints = np.empty((0, N_JOINTS, 3)) if whole is None else _by_joint(path, arrays, whole)
     if joints.shape[1] > N_JOINTS:
         kind, others = _KINDS.get(joints.shape[1]), joints[:, N_JOINTS:]
@@ -205,16 +218,14 @@ def _others(
             notes.append(
                 f"{path} does not say what its 'left_hand_pose' is relative to: flat hands"
             )
-        face, hands = ([arrays[key] for key in keys if key in arrays]
-                       for keys in (FACE_KEYS, HAND_KEYS))  # fmt: skip
-        kind = "smplx" if face else "smplh" if hands else None
-        parts = [*face, *hands]
-        if not hands or any(part.ndim < 2 or len(part) != frames for part in parts):
-            return kind, None
-        others = np.concatenate([part.reshape(frames, -1) for part in parts], axis=1)
-        if others.shape[1] != (_FACE_WIDTH if face else 0) + _HANDS_WIDTH:
-            return kind, None
-        others = others.reshape(frames, -1, 3)
+        face, hands = (next((parts for parts in layouts if parts.keys() & arrays.keys()), None)
+                       for layouts in (_FACES, _HANDS))  # fmt: skip
+        if not face and not hands:
+            is_smpls = not whole and body and _by_joint(path, arrays, body).shape[1] == _SMPLS_BODY
+            return "smpl" if is_smpls else None, None
+        kind, parts = "smplx" if face else "smplh", (face or {}) | (hands or _HANDS[0])
+        each = [_part(path, arrays, key, (frames, width), notes) for key, width in parts.items()]
+        others = np.concatenate(each, axis=1).reshape(frames, -1, 3)
     try:
         turns = _axis_angles(path, "hands", others)
         far_rad = np.abs(turns).max(initial=0.0)
@@ -224,6 +235,31 @@ def _others(
         notes.append(f"{path} has hands or a face that turn by {far_rad:.3g} rad: left at rest")
         return kind, None
     return kind, turns if far_rad else None
+
+
+def _part(
+    path: Path, arrays: Arrays, key: str, shape: tuple[int, int], notes: list[str]
+) -> NDArray:
+    """(T, width) of a hand or a part of the face; zero if absent or none such."""
+    part = arrays.get(key, np.zeros(shape))
+    if part.shape[:1] == shape[:1] and part.size == np.prod(shape) and part.dtype.kind in "iuf":
+        return part.reshape(shape)
+    notes.append(f"{path} has {key!r} of shape {part.shape}, not {shape}: left at rest")
+    return np.zeros(shape)
+
+
+def _said_kind(path: Path, arrays: Arrays, notes: list[str]) -> str | None:
+    """Whose body a pose is of, where the file says it."""
+    key = _first(arrays, tuple(_SAID_KINDS))
+    if key is None:
+        return None
+    said = _said(arrays, key).lower()
+    if said not in _SAID_KINDS[key]:
+        notes.append(
+            f"{path} is of a kind of body that is not known ({key} {said[:20]!r}): "
+            "its betas may mean another shape"
+        )
+    return _SAID_KINDS[key].get(said)
 
 
 def _of_matrices(path: Path, given: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -251,15 +287,27 @@ def _of_matrices(path: Path, given: NDArray[np.float64]) -> NDArray[np.float64]:
     return pose if knees_rad > 0 else -pose
 
 
-def _vertical(path: Path, pose: NDArray[np.float64], how: HowRead, notes: list[str]) -> UpAxis:
-    """The axis along which the bodies stand; z, as in AMASS, if they stand along none."""
+def _vertical(
+    path: Path, pose: NDArray[np.float64], how: HowRead, is_codecs: bool, notes: list[str]
+) -> UpAxis:
+    """The axis along which the bodies stand, or their trunks y; if they stand along none, z as in
+    AMASS, but of smplcodec's files y."""
     if how.up != "auto":
         return how.up
-    places = smpl_places(world_rotations(pose[some_frames(len(pose))]))
-    _, y, z = standing_direction(dict(zip(OWN_NAMES, places.swapaxes(0, 1), strict=True)))
-    if abs(y) < _STANDING or abs(z) > _ASLANT * abs(y):
+    world = world_rotations(pose[some_frames(len(pose))])
+    places = smpl_places(world).swapaxes(0, 1)
+    _, y, z = standing_direction(dict(zip(OWN_NAMES, places, strict=True)))
+    _, trunk_y, trunk_z = np.median(world[:, 0, :, 1], axis=0)
+    stands = abs(y) >= _STANDING and abs(z) <= _ASLANT * abs(y)
+    sits = trunk_y > _STANDING and abs(trunk_z) < _LYING
+    if not stands and not sits:
+        if not is_codecs:
+            return "z"
+        if z < _STANDING or abs(y) > _ASLANT * z:
+            return "y"
+        notes.append(f"{path} is taken as z up, for its bodies stand so: --up says otherwise")
         return "z"
-    if y < 0:
+    if stands and y < 0:
         raise unusable(
             path,
             "whose bodies stand head down along y, as in the space of a camera",

@@ -60,6 +60,22 @@ def test_noise_goes_on_without_a_leap_in_longer_motions(tmp_path):
     assert steps_rad.magnitude().max() <= within + 1e-9
 
 
+def test_scores_are_kept_for_the_same_cutoffs_alone(tmp_path, monkeypatch):
+    recording(tmp_path, 20.0, 1e-3)
+    out, made = tmp_path / "noise.json", []
+
+    def clips(run, _, cutoffs):
+        made.append((run.name, cutoffs))
+        return [{"scores": {cutoff: {} for cutoff in cutoffs}}]
+
+    monkeypatch.setattr(noise, "_clips", clips)
+    for cutoffs in (("none", "8"), ("none", "8"), ("none", "stream")):
+        noise.main(noise.NoiseConfig(out, ("demo",), tmp_path, cutoffs))
+    assert made == [("demo", ("none", "8")), ("demo", ("none", "stream"))]
+    (kept,) = json.loads(out.read_text())["runs"]["demo"]
+    assert [*kept["scores"]] == ["none", "stream"]
+
+
 def test_energies_are_summed_up_by_cutoff_and_input(tmp_path):
     def clip(clean: tuple[float, float], noisy: tuple[float, float]) -> dict:
         scores = {

@@ -10,6 +10,7 @@ import pytest
 import trimesh
 
 from bridge.export.mesh_files import write_mdd, write_obj, write_pc2, write_ply
+from bridge.runtime.moving_body import MovingBody
 from tests.bridge.export.conftest import FRAMES, moving_body
 
 
@@ -36,8 +37,12 @@ def test_mdd(performed, tmp_path):
 
 
 @pytest.mark.parametrize("write", [write_pc2, write_mdd])
-def test_a_caches_base_mesh_has_its_points_in_their_order(performed, tmp_path, write):
-    write(tmp_path, performed.moving)
+def test_a_caches_base_mesh_has_its_points_in_their_order(performed, tmp_path, monkeypatch, write):
+    moving = MovingBody(performed.moving.trained, performed.moving.motion)
+    shown, told = moving.shown, []
+    monkeypatch.setattr(moving, "shown", lambda what: told.append(what) or shown(what))
+    write(tmp_path, moving)
+    assert told == ["points"]  # a bar that the base mesh alone would leave unfinished
     base = trimesh.load_mesh(tmp_path / "body.obj", process=False, maintain_order=True)
     np.testing.assert_allclose(base.vertices, performed.vertices_m[0], atol=1e-6)
     np.testing.assert_array_equal(base.faces, performed.moving.body.faces)

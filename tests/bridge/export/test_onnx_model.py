@@ -16,6 +16,7 @@ import pytest
 from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.exchange.dsnet import Scaling, TrainedDsnet
+from bridge.export import onnx_model
 from bridge.export.onnx_model import (
     DecodedDsnet,
     export_onnx,
@@ -116,11 +117,19 @@ def test_a_run_is_exported_by_its_artifacts(plus, tmp_path, monkeypatch):
         np.testing.assert_array_equal(loaded.arrays()[name], array)
 
 
+def test_a_path_that_is_taken_is_refused_before_anything_is_made(plus, exported, monkeypatch):
+    monkeypatch.setattr(onnx_model, "_graph", lambda *_: pytest.fail("made"))
+    with pytest.raises(DsnetError, match="exists"):
+        export_onnx(plus, BODY, exported, origin="synthetic")
+
+
 def test_what_cannot_be_written_is_one_line_and_leaves_nothing(plus, exported, tmp_path):
     before = exported.read_bytes()
     with pytest.raises(DsnetError, match="exists"):
         export_onnx(plus, BODY, exported, origin="synthetic")
     assert exported.read_bytes() == before
+    with pytest.raises(DsnetError, match="float16"):
+        export_onnx(plus, BODY, tmp_path / "a.onnx", origin="synthetic", precision="int4")  # pyright: ignore[reportArgumentType]
     (tmp_path / "file").write_text("")
     with pytest.raises(DsnetError, match="cannot be written"):
         export_onnx(plus, BODY, tmp_path / "file" / "a.onnx", origin="synthetic")

@@ -13,6 +13,7 @@ from bridge.export import smpl_npz
 from bridge.motion import load_motion_file, unpack_theta
 from bridge.runtime.moving_body import MovingBody, place_motion
 from tests.bridge.export.conftest import FRAMES, moving_body
+from tests.forged.bodies import person
 
 
 @pytest.fixture(scope="module")
@@ -123,14 +124,40 @@ def test_smpl_is_read_by_its_own_library_and_by_ours(character, tmp_path, others
     assert (again.gender, again.source_fps) == ("female", 60.0)
     both = [Rotation.from_rotvec(one.all_joints.reshape(-1, 3)) for one in (again, moving.motion)]
     assert (both[0].inv() * both[1]).magnitude().max() < 1e-6
+    wanted = moving.motion.all_joints
+    # SMPL's pelvis lies lower in its template.
+    lower_m = 0.351 if others == 33 else 0.241
+    with np.load(path) as arrays:
+        assert arrays["smplVersion"] == (2 if others == 33 else 1)
+        np.testing.assert_array_equal(arrays["bodyPose"], wanted[:, :22])
+        if others:
+            hands = np.concatenate([arrays["leftHandPose"], arrays["rightHandPose"]], axis=1)
+            np.testing.assert_array_equal(hands, wanted[:, -30:])
+        if others == 33:
+            np.testing.assert_array_equal(arrays["headPose"], wanted[:, 22:25])
+        lowered_m = arrays["bodyTranslation"] - moving.motion.trans_m
+        np.testing.assert_allclose(lowered_m[:, 1], lower_m, atol=1e-4)
     theirs = pytest.importorskip("smplcodec").SMPLCodec.from_file(path)
     assert (theirs.smpl_version.name, theirs.gender.name) == (
         "SMPLX" if others == 33 else "SMPLH",
         "FEMALE",
     )
-    wanted = moving.motion.all_joints
     np.testing.assert_array_equal(theirs.full_pose[:, : wanted.shape[1]], wanted)
-    # SMPL's pelvis lies lower in its template.
     lowered_m = theirs.body_translation - moving.motion.trans_m
-    np.testing.assert_allclose(lowered_m[:, 1], 0.351 if others == 33 else 0.241, atol=1e-4)
+    np.testing.assert_allclose(lowered_m[:, 1], lower_m, atol=1e-4)
     assert (theirs.frame_count, theirs.frame_rate) == (8, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "others", "kept"),
+    [("smpl", 30, True), ("smplh", 30, True), ("smpl", 33, False), ("smplh", 33, False),
+     ("smplx", 30, True), ("smplx", 33, True)],
+)  # fmt: skip
+def test_smpl_has_betas_only_of_the_kind_that_is_written(character, tmp_path, kind, others, kept):
+    moving = moving_body(character, 8)
+    moving.trained = replace(moving.trained, other_body=person(kind))
+    hands_and_face = np.full((8, others, 3), 0.1)
+    moving.motion = replace(moving.motion, betas=np.ones(10), hands_and_face=hands_and_face)
+    smpl_npz.write_smpl(tmp_path / "walk.smpl", moving)
+    with np.load(tmp_path / "walk.smpl") as arrays:
+        assert arrays["shapeParameters"].tolist() == [float(kept)] * 10

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
 from bridge.motion import load_amass_motion, load_motion_file
@@ -266,11 +267,126 @@ def test_hands_and_face_in_parts_are_smplxs_in_its_order(target: Path) -> None:
     assert whole.hands_and_face is not None
     found = whole.hands_and_face.reshape(5, 99)
     np.testing.assert_array_equal(found, np.concatenate([*parts.values()], axis=1))
-    no_face = {"poses": None, "pose_jaw": None, "pose_eye": None}
+    no_face = {"poses": None, "pose_jaw": None, "pose_eye": None, "surface_model_type": None}
     hands = amass.read(save(target, smplx() | parts, **no_face))
     assert hands.kind == "smplh"
     assert hands.hands_and_face is not None
     np.testing.assert_array_equal(hands.hands_and_face.reshape(5, 90), parts["pose_hand"])
+
+
+CODECS = {"bodyPose": np.zeros((5, 22, 3)), "bodyTranslation": np.zeros((5, 3)), "frameRate": 60.0}
+SPLIT = {"root_orient": np.zeros((5, 3)), "body_pose": np.zeros((5, 63)), "fps": 60.0}
+
+
+@pytest.mark.parametrize(
+    ("arrays", "kind"),
+    [
+        (CODECS, None),
+        *((CODECS | {"smplVersion": n}, kind) for n, kind in enumerate(("smpl", "smplh", "smplx"))),
+        # What the file says goes before what its shapes are like.
+        (CODECS | {"smplVersion": 2, "leftHandPose": np.ones((5, 15, 3))}, "smplx"),
+        (SPLIT, None),
+        (SPLIT | {"surface_model_type": "smplx"}, "smplx"),
+        (SPLIT | {"surface_model_type": np.array(b"SMPLH")}, "smplh"),
+        (smplh() | {"surface_model_type": "smpl"}, "smpl"),
+        (SPLIT | {"body_pose": np.zeros((5, 69))}, "smpl"),
+        (SPLIT | {"body_pose": np.zeros((5, 23, 3))}, "smpl"),
+    ],
+)
+def test_whose_body_it_is_says_the_file_or_its_shapes(
+    target: Path, arrays: dict[str, Any], kind: str | None
+) -> None:
+    motion = amass.read(save(target, arrays))
+    assert motion.kind == kind
+    assert not any("not known" in note for note in motion.notes)
+
+
+@pytest.mark.parametrize(
+    "said", [{"smplVersion": 3}, {"smplVersion": [2, 2]}, {"surface_model_type": "skel"}]
+)
+def test_a_body_that_is_not_known_is_told(target: Path, said: dict[str, Any]) -> None:
+    motion = amass.read(save(target, CODECS | said))
+    assert motion.kind is None
+    assert any(f"not known ({next(iter(said))} " in note for note in motion.notes)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "given", "columns", "count"),
+    [
+        (SPLIT, {"pose_jaw": 3, "pose_hand": 90}, [slice(3), slice(9, 99)], 33),  # no eyes
+        (SPLIT, {"pose_eye": 6}, [slice(3, 9)], 33),
+        (CODECS, {"leftHandPose": 45}, [slice(45)], 30),
+        (CODECS, {"rightHandPose": 45}, [slice(45, 90)], 30),
+        (CODECS, {"headPose": 9, "rightHandPose": 45}, [slice(9), slice(54, 99)], 33),
+    ],
+)
+def test_parts_that_are_absent_are_at_rest_and_the_others_move(
+    target: Path, arrays: dict[str, Any], given: dict[str, int], columns: list[slice], count: int
+) -> None:
+    rng = np.random.default_rng(5)
+    parts = {key: rng.uniform(-1, 1, (5, width)) for key, width in given.items()}
+    motion = amass.read(save(target, arrays | parts))
+    expected = np.zeros((5, 3 * count))
+    for where, part in zip(columns, parts.values(), strict=True):
+        expected[:, where] = part
+    assert motion.hands_and_face is not None
+    np.testing.assert_array_equal(motion.hands_and_face.reshape(5, -1), expected)
+    assert not any("left at rest" in note for note in motion.notes)
+
+
+@pytest.mark.parametrize("wrong", [np.ones((4, 45)), np.ones((5, 12)), np.array("flat")])
+def test_parts_of_another_shape_are_left_at_rest_and_told(target: Path, wrong: np.ndarray) -> None:
+    left = np.full((5, 45), 0.2)
+    motion = amass.read(save(target, CODECS, leftHandPose=left, rightHandPose=wrong))
+    assert motion.hands_and_face is not None
+    found = motion.hands_and_face.reshape(5, 90)
+    np.testing.assert_array_equal(found, np.concatenate([left, np.zeros((5, 45))], axis=1))
+    assert ["'rightHandPose' of shape" in note for note in motion.notes].count(True) == 1
+
+
+def turned(root: Rotation, arrays: dict[str, Any], hips: float = 0.0) -> dict[str, Any]:
+    """Somebody whose root is turned, and who with hips of -pi/2 sits with legs stretched."""
+    pose = np.zeros((5, 22, 3))
+    pose[:, 0], pose[:, 1:3, 0] = root.as_rotvec(), hips
+    named = {"bodyPose": pose} if "bodyPose" in arrays else {"poses": pose.reshape(5, 66)}
+    return arrays | named
+
+
+def rolled(degrees: float) -> Rotation:
+    """About x: by 90, what has y up has z up; with y up it lies on its face."""
+    return Rotation.from_euler("x", degrees, degrees=True)
+
+
+PLAIN = {"trans": np.zeros((5, 3)), "fps": 60.0}
+
+
+@pytest.mark.parametrize(
+    ("arrays", "up", "told"),
+    [
+        (turned(rolled(0), PLAIN, hips=-1.57), "y", True),  # sits, as z up people do below
+        (turned(rolled(90), PLAIN, hips=-1.57), "z", False),
+        (turned(rolled(0), PLAIN), "y", True),
+        (turned(rolled(-90), PLAIN), "z", False),
+        (turned(rolled(180), PLAIN, hips=-1.57), "z", False),  # bends down
+        # Meshcapade's have y up: who lies with the head to -z or x, who bends, who is aslant.
+        (turned(rolled(-90), CODECS), "y", False),
+        (turned(Rotation.from_euler("z", 90, degrees=True), CODECS), "y", False),
+        (turned(rolled(90), CODECS, hips=-1.57), "y", False),
+        (turned(rolled(50), CODECS), "y", False),
+        # Who stands along z may lie.
+        (turned(rolled(90), CODECS), "z", True),
+    ],
+)
+def test_which_way_is_up(target: Path, arrays: dict[str, Any], up: str, told: bool) -> None:
+    motion = amass.read(save(target, arrays))
+    assert motion.up == up
+    said = f"is taken as {up} up, for its bodies stand so: --up says otherwise"
+    assert any(said in note for note in motion.notes) == told
+
+
+def test_who_stands_in_a_cameras_space_is_refused(target: Path) -> None:
+    with pytest.raises(DsnetError, match="head down along y"):
+        amass.read(save(target, turned(rolled(180), PLAIN)))
 
 
 @pytest.mark.parametrize("value", [np.nan, 1e9])

@@ -138,6 +138,8 @@ def test_no_case_of_others_is_silently_another_motion(pattern: str) -> None:
             motion = load_motion_file(path, 60.0 if path.name.startswith(("54", "65")) else None)
         except DsnetError:
             continue
+        trunk = Rotation.from_rotvec(motion.pose[:, 0]).apply([0.0, 1.0, 0.0])
+        assert np.median(trunk[:, 1]) > 0.9, path
         turn_deg, place_m = apart(motion, load_motion_file(other))
         said = motion_warnings(motion, pieces_between_cuts(motion.theta))
         assert (turn_deg < MOST_DEG and place_m < MOST_M) or said, (path, turn_deg, place_m)
