@@ -183,7 +183,7 @@ class SpectrumSums(Sums):
         cosines_m = (true.cosines_m, predicted.cosines_m, predicted.cosines_m - true.cosines_m)
         squares = (np.einsum("kvx,kvx->k", one, one) for one in cosines_m)
         energy = [np.bincount(steps, square, minlength=_STEPS) for square in squares]
-        return cls(np.stack(energy), frames * vertices)
+        return cls(np.stack(energy, dtype=np.float64), frames * vertices)
 
     def rms_mm(self) -> NDArray[np.float64]:
         """(3, 60) true, predicted and error: root mean square of each step of frequency, mm."""
