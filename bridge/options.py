@@ -20,18 +20,20 @@ class Bounds:
 
     least: float = -math.inf
     most: float = math.inf
-    open_below: bool = False
-    """Whether `least` itself is refused."""
+    ends_open: bool = False
+    """Whether `least` and `most` themselves are refused."""
 
     def hold(self, value: float) -> bool:
-        above = value > self.least if self.open_below else value >= self.least
-        return math.isfinite(value) and above and value <= self.most
+        at_end = not self.ends_open and value in (self.least, self.most)
+        return math.isfinite(value) and (at_end or self.least < value < self.most)
 
     def __str__(self) -> str:
+        if self.most < math.inf and self.ends_open:
+            return f"more than {self.least:g} and less than {self.most:g}"
         if self.most < math.inf:
             return f"{self.least:.0f} to {self.most:.0f}"
         if self.least > -math.inf:
-            return f"more than {self.least:g}" if self.open_below else f"{self.least:g} or more"
+            return f"more than {self.least:g}" if self.ends_open else f"{self.least:g} or more"
         return "a finite number"
 
 
@@ -40,7 +42,7 @@ _WHOLE = Bounds(0)
 
 PositiveInt = Annotated[int, Bounds(1)]
 NonNegativeInt = Annotated[int, _WHOLE]
-PositiveFloat = Annotated[float, Bounds(0, open_below=True)]
+PositiveFloat = Annotated[float, Bounds(0, ends_open=True)]
 NonNegativeFloat = Annotated[float, Bounds(0)]
 Seed = Annotated[int, _SEEDS]
 

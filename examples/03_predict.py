@@ -11,12 +11,12 @@ import sys
 import numpy as np
 
 from bridge.motion import load_motion_file
+from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import load_model
-from bridge.runtime.moving_body import MovingBody, place_motion
 
 motion = load_motion_file(sys.argv[1] if len(sys.argv) > 1 else "sample:jumping_jacks")
 trained = load_model(run=None, gender=motion.gender)  # Run("demo") takes that run's best
-moving = MovingBody(trained, place_motion(motion, trained.body))
+moving = controlled_body(trained, motion, Controls())
 
 for posed in moving:  # some frames at a time: memory does not grow with the motion
     size_mm = 1e3 * np.linalg.norm(posed.offsets_m, axis=-1)  # (T', V) in the rest pose

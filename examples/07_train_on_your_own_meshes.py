@@ -7,17 +7,16 @@ D-FAUST's files do, (V, 3, T) metres at 60 frames a second: docs/data.md. What t
 lies in runs/mine; stopped ones go on where they were.
 """
 
-import subprocess
 import sys
 
-from bridge.processes import exit_with_one_line
+from bridge.processes import exit_with_one_line, outcome_of_module
 from bridge.runs import Run
 from bridge.runtime.prediction_files import predict_motion
 
 
 def dsnet(*command: str) -> None:
     """A stage, which is a process of its own; one that fails has said why."""
-    if status := subprocess.call([sys.executable, "-m", "bridge.cli", *command]):
+    if status := outcome_of_module("bridge.cli", *command, quiet=False)[0]:
         sys.exit(status)
 
 

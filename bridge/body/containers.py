@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-import safetensors.numpy
 from numpy.typing import NDArray
+from safetensors import safe_open
 
 from bridge.body.safe_pickle import MOST_BYTES, load_restricted, load_restricted_item
 from bridge.body.torch_files import load_torch
@@ -78,7 +78,7 @@ def read_fields(path: Path, wanted: Mapping[str, int]) -> Mapping[str, Any]:
         if start[:6] == b"\x93NUMPY":
             return _dictionary(path, _of_npy(path, file))
         if start[8:9] == b"{" and start[7:8] == b"\0":
-            return safetensors.numpy.load(file.read())
+            return _of_tensors(path)
         for pattern, what, remedy in _STRANGERS:
             if re.match(pattern, start, re.DOTALL | re.IGNORECASE):
                 raise refused(path, what, remedy=remedy)
@@ -113,6 +113,14 @@ def _of_zip(path: Path, file: IO[bytes], wanted: Mapping[str, int]) -> Mapping[s
     if inside := [name for name in names if name.endswith((".npz", ".pkl"))]:
         raise refused(path, "an archive, not unpacked", remedy=f"Unpack it, and pass {inside[0]}")
     raise refused(path, f"an archive without a body model ({', '.join(names[:3])})")
+
+
+def _of_tensors(path: Path) -> Mapping[str, NDArray]:
+    """Those whose types NumPy has."""
+    with safe_open(path, "numpy") as file:
+        types = {name: file.get_slice(name).get_dtype() for name in file.keys()}  # noqa: SIM118
+        known = re.compile(r"F(16|32|64)|[IU]\d+|BOOL").fullmatch
+        return {name: file.get_tensor(name) for name, one in types.items() if known(one)}
 
 
 def _of_npz(path: Path, archive: UntrustedNpz, wanted: Mapping[str, int]) -> Mapping[str, Any]:

@@ -45,7 +45,7 @@ FARTHEST_BETA = 3.0
 """Betas are in standard deviations of the people whom a body model was made from."""
 CLOSE_ENOUGH = 0.5
 """In cm and kg: what may be missed."""
-_CM_OR_KG = Bounds(0, 1000, open_below=True)
+_CM_OR_KG = Bounds(0, 1000, ends_open=True)
 _PRIOR = 0.1
 """Of a beta of 1, in such misses: it chooses among shapes that measure the same, unmeasurably."""
 

@@ -22,6 +22,7 @@ from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from bridge.runtime.controls import root_joint_m
 from bridge.runtime.stepping import PlusModel, codes_of
+from bridge.runtime.whose_betas import with_own_shape
 from bridge.tissue.oscillators import node_loads
 from bridge.tissue.trained_plus import TrainedPlus
 
@@ -76,12 +77,13 @@ class Take:
 
 
 def read_take(path: Path, body: BodyModelData) -> Take:
-    """The part of a file's motion that is fitted, its chest by markers on bone.
+    """The part of a file's motion that is fitted, its chest by markers on bone, its shape by all
+    where the file's betas are not the body's.
 
     `DsnetError` if it has no markers, none on the bone of the chest, or none on soft places, or
     says a rate at which nobody falls.
     """
-    motion = load_motion_file(pose_file(path))
+    motion = with_own_shape(load_motion_file(pose_file(path)), body, told=False)
     markers = read_markers(path, motion.source_fps, motion.duration_s)
     motion = motion.about_root_joint(root_joint_m(body, motion.betas))
     registered = register(body, motion, markers)

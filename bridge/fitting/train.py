@@ -60,6 +60,8 @@ class _Told:
     estimates: dict[str, Estimate]
     refused: dict[str, str]
     """Why, by the names of files."""
+    betas: list[float]
+    """(10,) of the body that was fitted."""
 
 
 def train_on_markers(run: Run, folder: Path) -> None:
@@ -149,7 +151,7 @@ def _make(
             "people who run, jump or dance, with LBUST, MBLLY, LBUM, LTHI or the like",
             "Pass other motions.",
         )
-    trained = _model(body, model, people, fitted, who)
+    trained = _model(body, model, told, fitted, who)
     refuse_nonfinite(trained.arrays(), FITTED, _REMEDY)
     save_weights(writer.file_path(f"{NAME}.safetensors"), trained.arrays())
     table = render("fitted.md.j2", parts=SOFT, fitted=fitted)
@@ -173,7 +175,7 @@ def _tell(tools: tuple[BodyModelData, TrainedPlus], item: tuple[_Person, Path]) 
     if kept.is_file():
         stored = json.loads(kept.read_text(encoding="utf-8"))
         estimates = {part: Estimate(**one) for part, one in stored["estimates"].items()}
-        return _Told(estimates, stored["refused"])
+        return _Told(estimates, stored["refused"], stored.get("betas", [*person.betas]))
     takes: list[Take] = []
     refused = {}
     for file in person.files:
@@ -182,7 +184,8 @@ def _tell(tools: tuple[BodyModelData, TrainedPlus], item: tuple[_Person, Path]) 
         except DsnetError as error:
             refused[str(file)] = _why(file, error)
     takes = sorted(takes, key=lambda take: -len(take.motion.theta))[:_MOST_TAKES]
-    told = _Told(fit_person(body, model, takes) if takes else {}, refused)
+    betas = takes[0].motion.betas.tolist() if takes else [*person.betas]
+    told = _Told(fit_person(body, model, takes) if takes else {}, refused, betas)
     write_text_atomically(kept, json.dumps(asdict(told)))
     return told
 
@@ -190,7 +193,7 @@ def _tell(tools: tuple[BodyModelData, TrainedPlus], item: tuple[_Person, Path]) 
 def _model(
     body: BodyModelData,
     model: TrainedPlus,
-    people: Sequence[_Person],
+    people: Sequence[_Told],
     fitted: Mapping[str, Fitted],
     who: Mapping[str, list[int]],
 ) -> TrainedPlus:

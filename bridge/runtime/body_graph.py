@@ -31,7 +31,7 @@ _UNIT = np.eye(3)[..., None, None]
 def posed_bones(
     graph: Graph, body: BodyModelData, theta: Value, betas: Value
 ) -> tuple[Value, Value]:
-    """Of theta (B, 69) and betas (B, 10), without their place in the world: bones (B, 12, 23) from
+    """Of theta (B, 69) and betas (B, S), without their place in the world: bones (B, 12, 23) from
     the rest pose, whose rows are the columns of [R | t] one after another, and R - I (B, 189)."""
     with graph.section("bones"):
         rotations = _rotations(graph, theta)  # (3, 3, 23, B)
@@ -130,7 +130,7 @@ class Surface:
         return self._graph.array("weights", self._bone_weights)
 
     def rest(self, turning: Value, betas: Value) -> Value:
-        """(B, 3, K) the rest pose, metres, of R - I (B, 189) and betas (B, 10)."""
+        """(B, 3, K) the rest pose, metres, of R - I (B, 189) and betas (B, S)."""
         moved = self._posing(turning) + betas @ self._shapes
         return (moved + self._template).reshape(0, 3, -1)
 

@@ -141,13 +141,13 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
                 f"Read it by load_motion_file(path, {name}={wanted!r}).",
             )
     body, gain = trained.body, controls.gain
-    asked = controls.asked_betas(body)
-    motion = with_own_shape(motion, body, told=asked is None)
+    betas = controls.asked_betas(body)
+    motion = with_own_shape(motion, body, told=betas is None)
     if controls.pose == "bony":
         motion = bony_pose(body, motion)
     if controls.part_gain:
         gain = blended_gain(body, gain, gains_of_parts(controls.part_gain))
-    placed = place_motion(motion, body, asked)
+    placed = place_motion(motion, body, betas)
     placed, loop = put_on_floor(placed, body, controls.floor, motion.betas), None
     if controls.loop:
         placed, loop = _looped(placed, body)

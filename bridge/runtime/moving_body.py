@@ -174,11 +174,19 @@ def place_motion(
     motion: Motion, body: BodyModelData, betas: NDArray[np.float64] | None = None
 ) -> Motion:
     """A motion as its file has it, turned to y up about the root joint of the body that will be
-    posed, with the shape betas (10,) in place of the file's; the pelvis is where the file's kind of
+    posed, with the shape betas (S,) in place of the file's; the pelvis is where the file's kind of
     body has it. DsnetError if it is not one of a body of a person's size.
     """
     if betas is not None:
         motion = replace(motion, betas=betas)
+    apart_m = pelvis_apart_m(motion, body)
+    placed = motion.about_root_joint(persons_root_joint_m(motion, body) + apart_m)
+    return replace(placed, theta=pack_theta(placed.pose, placed.trans_m + apart_m))
+
+
+def persons_root_joint_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:
+    """(3,) of a body at rest, metres, of the motion's betas (S,). DsnetError if the motion is not
+    one of a body of a person's size."""
     with np.errstate(over="ignore", invalid="ignore"):
         rest = body.v_template + body.shapedirs @ motion.betas
         size_m, far_m = np.ptp(rest, axis=0).max(), np.abs(motion.trans_m).max()
@@ -188,9 +196,7 @@ def place_motion(
             f"a person within {FARTHEST_M:g} m of the origin",
             "Check the file's betas and trans; --betas gives another shape.",
         )
-    apart_m = pelvis_apart_m(motion, body)
-    placed = motion.about_root_joint((body.J_regressor @ rest)[0] + apart_m)
-    return replace(placed, theta=pack_theta(placed.pose, placed.trans_m + apart_m))
+    return (body.J_regressor @ rest)[0]
 
 
 def lowest_points_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:

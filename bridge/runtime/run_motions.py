@@ -19,6 +19,7 @@ from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat, check_options
 from bridge.runs import Artifact, Run
 from bridge.runs.run import body_model_path
+from bridge.runtime.whose_betas import with_own_shape
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,14 +71,16 @@ def gather(
 ) -> MotionSet:
     """The aligned sequences in their own order, then one test sequence for each file.
 
-    `source_fps` is the rate of all files, where what they say of themselves is wrong.
+    `source_fps` is the rate of all files, where what they say of themselves is wrong. Whose file it
+    is, its betas tell; the shape is that of its person on the run's body.
     """
     sequences = sequences_of(encoded)
     theta = [np.array(encoded.array("theta"))]
     start = len(theta[0])
     betas = np.array(encoded.array("betas"))
     shapes = {subject: betas[row] for subject, row in subject_rows(sequences).items()}
-    fitted, people, body = set(shapes), PeopleOfFolders(shapes), None
+    fitted, stated, body = set(shapes), {**shapes}, None
+    people = PeopleOfFolders(stated)
     for path in files:
         body = body or load_paper_body(str(body_model_path(run)))
         subject, name = subject_and_motion(path)
@@ -88,7 +91,9 @@ def gather(
         # Those whom the run was aligned with keep the shape that was fitted.
         if subject not in fitted:
             subject = people.of_shape(subject, motion.betas)
-        shape = shapes.setdefault(subject, motion.betas)
+        if subject not in shapes:
+            stated[subject], shapes[subject] = motion.betas, with_own_shape(motion, body).betas
+        shape = shapes[subject]
         motion = motion.about_root_joint(
             (body.J_regressor @ (body.v_template + body.shapedirs @ shape))[0]
         )

@@ -22,9 +22,8 @@ from bridge.options import PositiveFloat
 from bridge.report.pages import render
 from bridge.report.panels import save_figure
 from bridge.runs import Run
-from bridge.runtime.controls import root_joint_m
 from bridge.runtime.load_model import load_for_motion
-from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.moving_body import MovingBody, persons_root_joint_m
 from bridge.runtime.prediction_files import open_out_folder
 from bridge.runtime.whose_betas import with_own_shape
 
@@ -81,7 +80,7 @@ def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     how = HowRead(up="z")
     trained, motion = load_for_motion(run, None, pose_file(markers), config.motion_fps, how=how)
     motion = with_own_shape(motion, trained.body)  # where it is, the markers say
-    motion = motion.about_root_joint(root_joint_m(trained.body, motion.betas))
+    motion = motion.about_root_joint(persons_root_joint_m(motion, trained.body))
     moving = MovingBody(trained, motion)
     found = read_markers(markers, motion.source_fps, motion.duration_s)
     if found.note:

@@ -18,12 +18,13 @@ from bridge.motion import Motion
 _REMEDY = "--shape says another, --body takes the body model whose betas they are"
 _EMBEDDED = "an embedded body's"
 _SPACES = {"smpl": "SMPL's", "smplh": "SMPL's", "smplx": "SMPL-X's"}
-_PELVIS_M = {
+PELVIS_M = {
     _EMBEDDED: (0.0, 0.0, 0.0),
     "SMPL's": (-0.002, -0.241, 0.029),
     "SMPL-X's": (0.003, -0.351, 0.012),
 }
-"""Where mean templates have it: a root's translation counts from there."""
+"""Where mean templates have it: a root's translation counts from there. Of the published models of
+SMPL and SMPL-X, rounded to millimetres; one place serves women and men."""
 
 
 def with_own_shape(motion: Motion, body: BodyModelData, told: bool = True) -> Motion:
@@ -31,34 +32,41 @@ def with_own_shape(motion: Motion, body: BodyModelData, told: bool = True) -> Mo
 
     On a body of their space and gender they are the file's: of SMPL's family, or, if this project
     wrote the file, an embedded one. Any other takes the shape that the file's markers say, or its
-    mean one, and a line on stderr says which, if it is to be `told`.
+    mean one, and a line on stderr says which, or that the file does not tell whose betas it has and
+    they are taken as the body's, if it is to be `told`.
     """
     given = np.concatenate([motion.betas, motion.more_betas])
     betas, note = fitted_betas(body, given)
-    if motion.embedded_betas:
-        note = None
+    notes = [] if note is None or motion.embedded_betas else [note]
     if given.any() and (whose := _strange_space(motion, body)):
         betas, how = _of_markers(motion, body)
-        note = f"the betas of {motion.source} are {whose}: {how}; {_REMEDY}"
-    if note and told:
-        notify(note)
+        notes = [f"the betas of {motion.source} are {whose}: {how}; {_REMEDY}"]
+    elif given.any() and not motion.embedded_betas and _is_unsaid(motion):
+        unsaid = "does not say whose betas it has: taken as the body's"
+        notes.append(f"{motion.source} {unsaid}; {_REMEDY}")
+    for line in notes if told else ():
+        notify(line)
     padded = np.pad(betas, (0, body.shapedirs.shape[-1] - len(betas)))
     return replace(motion, betas=padded, more_betas=np.zeros(0))
 
 
 def pelvis_apart_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:
-    """(3,) from the pelvis of the body's template to where that of the file's kind of body lies;
-    nothing where the file does not tell its kind."""
+    """(3,) from the pelvis of the body's template to where that of the file's kind of body lies. A
+    file that does not tell its kind is of the body's, or SMPL's where that is an embedded one."""
     theirs, ours = _spaces(motion, body)
-    if theirs in (None, ours):
-        return np.zeros(3)
-    return _PELVIS_M[theirs] - body.joints[0]
+    theirs = theirs or ("SMPL's" if ours == _EMBEDDED else ours)
+    return np.zeros(3) if theirs == ours else PELVIS_M[theirs] - body.joints[0]
 
 
 def _spaces(motion: Motion, body: BodyModelData) -> tuple[str | None, str]:
     """Whose betas a motion has, None where its file does not tell, and whose the body takes."""
     theirs = _EMBEDDED if motion.embedded_betas else _SPACES.get(motion.kind or "")
     return theirs, _EMBEDDED if body.source == "synthetic" else _SPACES[body.kind]
+
+
+def _is_unsaid(motion: Motion) -> bool:
+    """Whether a file does not tell of which kind of body, or of which gender, its betas are."""
+    return motion.kind is None or motion.gender == "unknown"
 
 
 def _strange_space(motion: Motion, body: BodyModelData) -> str:

@@ -12,6 +12,7 @@ import pytest
 from bridge import DsnetError
 from bridge.cli import COMMANDS, main
 from bridge.options import (
+    Bounds,
     NonNegativeFloat,
     NonNegativeInt,
     PositiveFloat,
@@ -80,6 +81,22 @@ def test_what_makes_none_is_one_line(config, message):
     with pytest.raises(DsnetError) as caught:
         check_options(config)
     assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "held", "text"),
+    [
+        (Bounds(0, 20), [0, 1, 20], "0 to 20"),
+        (Bounds(0, 20, ends_open=True), [1], "more than 0 and less than 20"),
+        (Bounds(0), [0, 1, 20, 30], "0 or more"),
+        (Bounds(0, ends_open=True), [1, 20, 30], "more than 0"),
+        (Bounds(), [-1, 0, 1, 20, 30], "a finite number"),
+    ],
+)
+def test_bounds_say_what_they_hold(bounds, held, text):
+    given = [-math.inf, -1, 0, 1, 20, 30, math.inf, math.nan]
+    assert [value for value in given if bounds.hold(value)] == held
+    assert str(bounds) == text
 
 
 @pytest.mark.parametrize("command", HERE)

@@ -69,6 +69,7 @@ def forge_mosh(run: Path, names: tuple[str, ...]) -> None:
             betas=np.full(16, float(index + 1)),
             gender="female",
             mocap_framerate=100.0,
+            source="synthetic",
         )
     writer.finish()
 
@@ -99,13 +100,16 @@ def test_a_run_with_one_predictor_is_predicted_by_it(encoded_run, trained_dsnet)
     assert set(made.manifest["arrays"]) == {"theta", "betas", "latents_dsnet_standardised"}
 
 
+@pytest.mark.parametrize(("source", "used"), [("synthetic", 1.0), ("AMASS", 0.0)])
 def test_people_in_a_flat_amass_folder_keep_their_own_shapes(
-    trained, encoded_run, tmp_path, monkeypatch
+    trained, encoded_run, tmp_path, monkeypatch, source, used
 ):
-    """None of the files is in a folder of its subject, so all are called alike."""
+    """None of the files is in a folder of its subject, so all are called alike. The body is an
+    embedded one, on which betas of others mean nothing."""
     folder = tmp_path / "flat"
     for number, name in enumerate(("jump", "run", "walk")):
-        save(folder / f"{name}_poses.npz", smplh(), betas=np.full(16, float(number // 2 + 1)))
+        save(folder / f"{name}_poses.npz", smplh(), betas=np.full(16, float(number // 2 + 1)),
+             source=source)  # fmt: skip
     monkeypatch.setattr(run_motions, "body_model_path", lambda run: "embedded:female")
     stage_infer.main(InferConfig("tiny", amass=folder))
     made = read_artifact(encoded_run / "infer")
@@ -113,7 +117,8 @@ def test_people_in_a_flat_amass_folder_keep_their_own_shapes(
     people = [sequence.subject for sequence in sequences[-3:]]
     assert people == ["flat", "flat", "flat-2"]
     shapes = [made.array("betas")[rows[person]] for person in people]
-    np.testing.assert_array_equal(shapes, np.repeat([[1.0], [1.0], [2.0]], 10, axis=1))
+    expected = used * np.repeat([[1.0], [1.0], [2.0]], 10, axis=1)
+    np.testing.assert_array_equal(shapes, expected)
 
 
 def test_unseen_motions_follow_with_fitted_or_stored_shapes(trained, encoded_run, monkeypatch):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from safetensors.numpy import save
 
 from bridge import DsnetError
 from bridge.body import load_body_model, load_paper_body, pose_vertices
@@ -124,6 +125,18 @@ def test_what_arrays_amount_to_is_checked_before_they_are_read(tmp_path: Path) -
     (tmp_path / "a.npz").write_bytes(zipped({f"{name}.npy": file.getvalue() for name in names}))
     with pytest.raises(DsnetError, match="201326592 numbers"):
         load_body_model(tmp_path / "a.npz")
+
+
+def test_tensors_of_types_that_numpy_lacks_are_left_out(tmp_path: Path) -> None:
+    body = person()
+    stored = {name: np.ascontiguousarray(values) for name, values in fields_of(body).items()}
+    content = save(stored | {"one": np.zeros(3, np.int16), "two": np.zeros(3, np.uint8)})
+    end = 8 + int.from_bytes(content[:8], "little")
+    header = content[8:end].replace(b'"I16"', b'"BF16"').replace(b'"U8"', b'"F8_E4M3"')
+    content = struct.pack("<Q", len(header)) + header + content[end:]
+    (tmp_path / "SMPL_FEMALE.safetensors").write_bytes(content)
+    found = load_body_model(tmp_path / "SMPL_FEMALE.safetensors")
+    np.testing.assert_array_equal(found.v_template, body.v_template)
 
 
 def test_a_header_longer_than_a_tensors_file_is_refused(tmp_path: Path) -> None:

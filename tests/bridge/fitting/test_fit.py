@@ -213,6 +213,19 @@ def test_a_take_in_pieces_is_refused(
         read_take(tmp_path / "cut.npz", body)
 
 
+def test_betas_of_another_body_model_give_way_to_markers(
+    tmp_path: Path, body: BodyModelData, base: TrainedPlus, jumping: Motion
+) -> None:
+    write_take(tmp_path / "a.npz", PlusModel(base, body), body, BETAS,
+               np.asarray(jumping.theta, np.float64), np.random.default_rng(0))  # fmt: skip
+    np.testing.assert_array_equal(read_take(tmp_path / "a.npz", body).motion.betas, BETAS)
+    stored: dict[str, Any] = dict(np.load(tmp_path / "a.npz"))
+    del stored["source"]
+    np.savez(tmp_path / "a.npz", **stored | {"betas": np.full(16, -2.0)})
+    fitted = read_take(tmp_path / "a.npz", body).motion.betas
+    assert np.abs(fitted - BETAS)[:2].max() < 0.3
+
+
 def test_a_rate_at_which_nobody_falls_is_refused(
     tmp_path: Path, body: BodyModelData, base: TrainedPlus, jumping: Motion
 ) -> None:

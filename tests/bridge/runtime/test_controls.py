@@ -145,6 +145,13 @@ def test_shape_floor_and_betas_reach_the_body(character, bouncing):
     np.testing.assert_array_equal(betas, [1.0] + [0.0] * 9)
 
 
+@pytest.mark.parametrize("asked", [Controls(), Controls(betas="1" + ",0" * 9)])
+def test_whose_a_files_betas_are_is_told_where_they_are_meant(character, bouncing, capsys, asked):
+    a_mans = replace(bouncing, betas=TALL, gender="male")
+    controlled_body(character, a_mans, asked)
+    assert bool(capsys.readouterr().err) == (asked.betas is None)
+
+
 @pytest.mark.usefixtures("blank_strip")
 def test_the_command_takes_and_records_them(plus_run, tmp_path):
     path = save_on_the_spot(tmp_path / "given" / "bounce.npz", LAP, LAP)

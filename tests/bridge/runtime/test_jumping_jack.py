@@ -17,6 +17,7 @@ from bridge.motion import Motion, load_motion_file, unpack_theta
 from bridge.runtime.controls import Controls
 from bridge.runtime.moving_body import place_motion
 from bridge.runtime.prediction_files import predict_motion
+from bridge.runtime.whose_betas import with_own_shape
 from bridge.verify.reference.oscillators import moving
 
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
@@ -29,19 +30,25 @@ END = slice(-18, None)
 """The last 0.3 s."""
 
 
+@pytest.fixture(scope="module", params=[False, True], ids=["file", "markers"])
+def by_markers(request) -> bool:
+    """Whose shape: her file's, or as her markers have it, as without an option."""
+    return request.param
+
+
 @pytest.fixture(scope="module", params=[120.0, 60.0])
-def motion(request) -> Motion:
-    return place_motion(load_motion_file(SAMPLE, request.param), BODY)
+def motion(request, by_markers) -> Motion:
+    read = load_motion_file(SAMPLE, request.param)
+    return place_motion(with_own_shape(read, BODY) if by_markers else read, BODY)
 
 
 @pytest.fixture
-def mean_mm(plus_run, motion, tmp_path, monkeypatch) -> np.ndarray:
+def mean_mm(plus_run, motion, by_markers, tmp_path, monkeypatch) -> np.ndarray:
     """(T,) mean offset of each frame, as `dsnet predict --motion` gives it."""
     monkeypatch.setattr(
         "bridge.report.panels.draw_motion_strip", lambda path, *_, **__: path.touch()
     )
-    # Of the shape that her file says: a larger bust, as her markers have it, swings slower.
-    betas = ",".join(map(str, motion.betas))
+    betas = None if by_markers else ",".join(map(str, motion.betas))
     controls = Controls(motion_fps=motion.source_fps, betas=betas)
     made = predict_motion(plus_run, SAMPLE, tmp_path / "out", controls=controls)
     assert made.manifest["starts_anew_at"] == []
@@ -59,12 +66,12 @@ def pelvis_acceleration_g(motion: Motion) -> np.ndarray:
     return np.gradient(np.gradient(height_m)) * motion.fps**2 / 9.81
 
 
-def test_it_peaks_at_a_landing(mean_mm, motion):
+def test_it_peaks_at_a_landing(mean_mm, motion, by_markers):
     landings = np.flatnonzero(pelvis_acceleration_g(motion) > 4 * (motion.source_fps / 120) ** 2)
     assert len(landings) > 3
     after = mean_mm.argmax() - landings
-    # 0.17 s: half a vibration of 3 Hz, as flesh swings that hangs.
-    assert after[after >= 0].min() <= 10
+    # 0.17 s: half a vibration of 3 Hz, as flesh swings that hangs; 0.2 s: of 2.5, a larger bust.
+    assert after[after >= 0].min() <= (12 if by_markers else 10)
 
 
 def test_it_dies_away_as_she_stands(mean_mm):

@@ -59,6 +59,32 @@ def test_the_pelvis_of_this_projects_files_is_the_embedded_bodies(tmp_path):
     np.testing.assert_allclose(placed.trans_m + OF_SMPLX_M, motion.trans_m, atol=1e-4)
 
 
+@pytest.mark.parametrize("up", ["y", "z"])
+@pytest.mark.parametrize("name", BODIES)
+def test_a_file_that_tells_no_kind_is_the_bodys_or_smpls(tmp_path, name, up):
+    said = load_motion_file(of_smpl(tmp_path / "a.npz", up))
+    kind = {"smplx": "smplx"}.get(name, "smpl")
+    unsaid = load_motion_file(of_smpl(tmp_path / "b.npz", up, poses=said_poses(tmp_path)))
+    assert unsaid.kind is None
+    expected = place_motion(replace(said, kind=kind), BODIES[name])
+    np.testing.assert_allclose(place_motion(unsaid, BODIES[name]).theta, expected.theta, atol=1e-9)
+
+
+def said_poses(folder: Path) -> NDArray[np.float64]:
+    """(T, 66) those of the 22 joints that every kind has."""
+    with np.load(folder / "a.npz") as stored:
+        return stored["poses"][:, :66]
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_place_of_the_joint_itself_is_the_same_on_all(tmp_path, name):
+    """As BVHs and files of joints have it, which are of no kind."""
+    read = load_motion_file(of_smpl(tmp_path / "a.npz", "y"))
+    motion = replace(read, kind=None, trans_of="joint")
+    placed = place_motion(motion, BODIES[name])
+    np.testing.assert_allclose(placed.trans_m + BODIES[name].joints[0], motion.trans_m, atol=1e-9)
+
+
 def posed(body: BodyModelData, rest_m: NDArray, pose: NDArray, trans: NDArray) -> NDArray:
     """(V, 3) by SMPL's formula: chained joints, then skinning by weights."""
     joints, turns = body.joints, Rotation.from_rotvec(pose).as_matrix()

@@ -186,6 +186,26 @@ class TestWhoseBetas:
         assert not self.shaped(tmp_path, body, **source).any()
         assert "are a female body's, the body is male" in capsys.readouterr().err
 
+    @pytest.mark.parametrize("gender", ["female", "male", "neutral"])
+    def test_of_a_gender_are_for_bodies_of_it(self, tmp_path, capsys, gender):
+        path = save(tmp_path / "a.npz", smplh(5), betas=self.FILE, gender=gender)
+        found = with_own_shape(load_motion_file(path), of_others(HOME)).betas
+        said = f"are a {gender} body's, the body is female" in capsys.readouterr().err
+        assert said == (gender != "female") == (not found.any())
+
+    @pytest.mark.parametrize("changes", [{"gender": None}, {"poses": np.zeros((5, 66))}])
+    def test_of_nobody_in_particular_are_used_with_a_line(self, tmp_path, capsys, changes):
+        path = save(tmp_path / "a.npz", smplh(5) | {"betas": self.FILE}, **changes)
+        motion = load_motion_file(path)
+        found = with_own_shape(motion, of_others(HOME))
+        np.testing.assert_array_equal(found.betas, self.FILE)
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"{path} does not say whose betas it has: taken as the body's; --shape" in line
+        with_own_shape(motion, of_others(HOME), told=False)
+        with_own_shape(replace(motion, betas=np.zeros(10)), of_others(HOME))
+        with_own_shape(replace(motion, embedded_betas=True), HOME)
+        assert not capsys.readouterr().err
+
 
 def test_a_runs_own_model_is_carried_over_too(plus_run: Run, body_file):
     trained, motion = load_for_motion(plus_run, None, Path(SAMPLE), body=str(body_file))
