@@ -13,7 +13,7 @@ static part at all is one of the candidates, and the simplest that comes near th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import reduce
 from typing import NamedTuple
 
@@ -32,6 +32,8 @@ _CONSTANT_RIDGE = 1e-4
 _MOST_FOLDS = 32
 """Of more kinds of motion several are left out together: the equations of each fold take
 megabytes."""
+_ARRAYS = ("constant", "by_pose", "left_out_error", "chosen")
+"""What a checkpoint calls the fields of `NodeStatic`."""
 
 
 class _Sums(NamedTuple):
@@ -79,11 +81,12 @@ class NodeStatic:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> NodeStatic:
-        return cls(**{field.name: arrays[f"static/{field.name}"] for field in fields(cls)})
+        return cls(*(arrays[f"static/{name}"] for name in _ARRAYS))
 
     def arrays(self) -> dict[str, NDArray]:
         """Everything, `static/<name>`, for a checkpoint."""
-        return {f"static/{name}": value for name, value in vars(self).items()}
+        values = vars(self).values()
+        return {f"static/{name}": value for name, value in zip(_ARRAYS, values, strict=True)}
 
     @classmethod
     def nothing(cls, people: int, features: int, nodes: int) -> NodeStatic:

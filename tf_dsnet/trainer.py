@@ -16,6 +16,7 @@ from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_chec
 from tf_dsnet.framework import Tensor, be_reproducible, keras, tf
 from tf_dsnet.model import (
     BlockLSTM,
+    assign_variables,
     build_dsnet,
     named_variables,
     named_weights,
@@ -103,9 +104,10 @@ class Trainer:
 
     def restore(self, state: Mapping[str, NDArray]) -> None:
         """Go back to what `state` returned, in this process or in an earlier one."""
-        for name, variable in self._variables().items():
-            # A file may give scalars (the step counter) back with one axis.
-            variable.assign(np.reshape(state[name], variable.shape))
+        own = self._variables()
+        # A file may give scalars (the step counter) back with one axis.
+        scalars = {n: np.squeeze(state[n]) for n, v in own.items() if n in state and not v.ndim}
+        assign_variables(own, {**state, **scalars}, self.model.name)
 
     def _variables(self) -> dict[str, keras.Variable]:
         moments = {variable.path: variable for variable in self.optimizer.variables}

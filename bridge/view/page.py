@@ -24,8 +24,8 @@ from bridge.view.repertoire import Repertoire, path_title, take_of
 from bridge.view.scene import BUNDLE, Scene
 
 HOST = "127.0.0.1"
-_KEPT = 8
-"""Assets, of some 10 MB each at most."""
+_KEPT = 16
+"""Assets, of 50 MB each at most: two motions with four tracks each, beside what every page has."""
 _GZIP, _LEVEL = b"\x1f\x8b", 6
 
 

@@ -146,7 +146,8 @@ def take_of(moving: MovingBody) -> tuple[ViewedMotion, MotionArrays | None]:
 
 def _dsnets_of(run: Run) -> dict[str, str]:
     """Labels of the paper's networks, where the run has all that moves bodies by them."""
-    if not all(run.finished(stage) for stage in PIPELINES[-1].stages):
+    stages = next(pipeline.stages for pipeline in PIPELINES if TRAIN in pipeline.stages)
+    if not all(map(run.finished, stages)):
         return {}
     trained = run.artifact(TRAIN)
     entries = trained.manifest["predictors"]

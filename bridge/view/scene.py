@@ -33,6 +33,7 @@ from bridge.runtime.controls import gains_of_parts, root_joint_m
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.plus_graph import plus_graph, plus_layout
 from bridge.runtime.stepping import PlusModel
+from bridge.runtime.whose_betas import _PELVIS_M
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.view.repertoire import TRUTH, Repertoire, ViewedMotion
 
@@ -71,11 +72,10 @@ class Scene:
         """Why nothing lives in the page; empty where something does."""
         self.assets: dict[str, Callable[[], bytes]] = {"scene": self._scene}
         """Bytes by name; `runtime`, which runs graphs, is packed by gzip."""
-        if self._plus:
-            graph = partial(plus_graph, self._plus, self._body, in_parts=True)
+        if plus := self._plus:
             self.assets |= {
                 "runtime": (BUNDLE / "runtime.wasm.gz").read_bytes,
-                "model": lambda: graph().SerializeToString(),
+                "model": lambda: plus_graph(plus, self._body, in_parts=True).SerializeToString(),
                 "shapes": self._shapes,
             }
         for number, (_, take) in enumerate(self._takes):
@@ -144,6 +144,7 @@ class Scene:
             },
             "root_joint": body.joints[0].tolist(),
             "root_joint_shapes": np.stack(root_shapes).tolist(),
+            "pelvis_m": _PELVIS_M,
         }
 
     def _shapes(self) -> bytes:
@@ -187,7 +188,6 @@ class Scene:
             "name": self._takes[number][0],
             "theta": _text(theta, "<f8"),
             "betas": motion.betas.tolist(),
-            "gender": motion.gender,
             "fps": motion.fps,
             "first": 0,
             "count": len(theta),

@@ -37,6 +37,7 @@ def test_a_changed_byte_is_named(copied_runs, execute) -> None:
     assert done.stderr.count("\n") == 1, done.stderr
     array[3, 5] = before
     array.flush()
+    assert execute([DSNET, "check", "--run", "smoke"], copied_runs).returncode == 0
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Bodies that are the embedded one in other clothes: other numbering, mesh, shapes, place."""
+"""Bodies that are the embedded one in other clothes: other shapes, place, holes, loose pieces."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-
-PELVIS_M = np.array([-0.002, -0.241, 0.029])
-"""Where real files have it."""
+from tests.forged.bodies import PELVIS_M
 
 
 def with_other_shapes(

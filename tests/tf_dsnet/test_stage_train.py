@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ def test_stage_leaves_both_predictors(encoded_run):
     for name in BOTH:
         assert artifact.array(f"loss_{name}").shape == (5,)
         assert artifact.array(f"validation_loss_{name}").shape == (3,)
+        assert artifact.manifest["provenance"][f"epoch_s_{name}"] > 0
     np.testing.assert_array_equal(artifact.array("validation_epochs"), [2, 4, 5])
     assert artifact.manifest["parameters"] == {"dsnet": 65_140, "dsnet_trainable": 65_020}
     assert artifact.manifest["default"] == "dsnet_standardised"
@@ -108,8 +110,19 @@ def test_a_predictor_whose_checkpoint_is_behind_catches_up(encoded_run, monkeypa
         patch.setattr(trainer.DsnetTraining, "save", dying_save)
         with pytest.raises(KeyboardInterrupt):
             stage_train.main(TINY)
+    ticks = threading.local()
+
+    def tick() -> int:
+        """A clock of each thread by which every epoch takes a second."""
+        ticks.now = getattr(ticks, "now", 0) + 1
+        return ticks.now
+
+    monkeypatch.setattr(stage_train, "time", SimpleNamespace(perf_counter=tick))
     stage_train.main(TINY)
-    assert read_artifact(encoded_run / "train").content_sha256 == whole.content_sha256
+    resumed = read_artifact(encoded_run / "train")
+    assert resumed.content_sha256 == whole.content_sha256
+    # One predictor had one epoch left, the other three.
+    assert [resumed.manifest["provenance"][f"epoch_s_{name}"] for name in BOTH] == [1.0, 1.0]
 
 
 def test_unknown_run_is_one_line(runs):

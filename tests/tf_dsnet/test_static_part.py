@@ -108,6 +108,15 @@ def test_a_checkpoint_brings_all_of_it_back(clips):
         assert (again.chosen, again.left_out_error) == (static.chosen, static.left_out_error)
 
 
+def test_checkpoints_keep_the_names_of_their_arrays():
+    """Else a training that was killed does not go on."""
+    arrays = NodeStatic.nothing(PEOPLE, 207, NODES).arrays()
+    names = ["constant", "by_pose", "left_out_error", "chosen"]
+    assert [*arrays] == [f"static/{name}" for name in names]
+    shapes = [(PEOPLE, NODES, 3), (207, NODES, 3), (0,), (1,)]
+    assert [array.shape for array in arrays.values()] == shapes
+
+
 def test_of_many_kinds_of_motion_some_are_left_out_together(clips, monkeypatch):
     """As many folds as kinds up to 32; each takes megabytes of equations."""
     planted = np.random.default_rng(3).normal(scale=3e-3, size=(PEOPLE, NODES, 3))

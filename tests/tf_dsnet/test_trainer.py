@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bridge.errors import DsnetError
 from bridge.exchange.dsnet import Clips, fit_scaling, load_unpadded_clips, make_clips
 from bridge.runs import read_artifact
 from tf_dsnet.trainer import Trainer
@@ -35,6 +36,17 @@ def test_restored_trainer_goes_on_bit_identically(clips):
     assert [second.epoch(number) for number in range(2, 4)] == losses[2:]
     assert_same_state(whole, second)
     assert int(second.state()["adam/iteration"]) == 12
+
+
+@pytest.mark.parametrize("of", ["fc_enc_1/kernel", "adam/fc_enc_1_kernel_momentum"])
+def test_another_networks_state_is_refused_in_one_line(clips, of):
+    trainer = Trainer(clips, lr=1e-3)
+    state = trainer.state()
+    wrong = [state | {of: state[of].T}, state | {f"{of}_2": state[of]}]
+    for given in (*wrong, {name: array for name, array in state.items() if name != of}):
+        with pytest.raises(DsnetError, match=of) as caught:
+            trainer.restore(given)
+        assert "\n" not in str(caught.value)
 
 
 def test_seed_decides(clips):

@@ -2,8 +2,7 @@
 // (bridge/motion/readers/amass.py, resampling.py, cuts.py), within the same bounds.
 import { unzipSync } from "fflate";
 
-// Where the pelvis of a file's kind of body lies: bridge/runtime/whose_betas.py.
-const SMPL = [-0.002, -0.241, 0.029], PELVIS = { 72: SMPL, 156: SMPL, 165: [0.003, -0.351, 0.012] };
+export const GENDERS = ["female", "male", "neutral"];
 const WIDTHS = [72, 156, 165], JOINTS = 22, FPS = 60, MOST_FRAMES = 108000;
 const MOST_BYTES = { poses: MOST_FRAMES * 165 * 8, trans: MOST_FRAMES * 24, betas: 1 << 16 };
 const CUT_M = 0.5, CUT_RAD = (150 / 180) * Math.PI, UPRIGHT = [-Math.SQRT1_2, 0, 0, Math.SQRT1_2];
@@ -67,7 +66,7 @@ export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   const theta = atSixty(poses.data, trans.data, frames, width, rate, count), said = (name) => array(name)?.text?.trim() ?? "";
   const gender = said("gender").toLowerCase(), embedded = said("source").startsWith("synthetic") || said("body_model").startsWith("embedded:");
   return { theta, frames: count, first: 0, count, starts: [0], by_joint: BY_JOINT, unplaced: true, betas: [...betas.data.slice(0, 10)], fps: FPS,
-           gender: ["female", "male", "neutral"].includes(gender) ? gender : "unknown", embedded, pelvis: embedded ? null : PELVIS[width], says: [] };
+           gender: GENDERS.includes(gender) ? gender : "unknown", embedded, space: embedded ? "" : width === 165 ? "SMPL-X's" : "SMPL's", says: [] };
 }
 
 const quaternion = (v) => {

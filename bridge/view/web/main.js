@@ -1,5 +1,5 @@
 // The page: what is shown, when, and what the knobs say. The model runs in a worker.
-import { readAmass } from "./amass.js";
+import { GENDERS, readAmass } from "./amass.js";
 import { Body, bytesOf, numbersOf } from "./body.js";
 import { Curves, inkOf } from "./curves.js";
 import { COLOURS, Stage } from "./stage.js";
@@ -105,9 +105,7 @@ function perform({ theta, ...next }, tracks, why) {
   $("motion").value = motion.number;
   forget();
   work("perform", { motion, theta, tracks, betas, epoch }, Object.values(tracks));
-  const whose = `The file's betas are a ${motion.gender}'s, the body is ${scene.gender}.`;
-  const isStrange = ["female", "male"].includes(motion.gender) && motion.gender !== scene.gender;
-  $("odd").textContent = [why, ...motion.says, isStrange && whose].filter(Boolean).join("; ");
+  $("odd").textContent = [why, ...motion.says].filter(Boolean).join("; ");
   people();
 }
 
@@ -130,9 +128,11 @@ async function take(file) {
   try {
     if (scene.baked) throw new Error("this page holds no model, only what was baked into it: dsnet view --motion FILE");
     const read = readAmass(new Uint8Array(await file.arrayBuffer()), scene.most_frames);
-    if (!read.embedded && read.betas.some((beta) => beta !== 0)) {
+    const isOther = read.gender !== scene.gender && [read.gender, scene.gender].every((one) => GENDERS.includes(one));
+    if ((!read.embedded || isOther) && read.betas.some((beta) => beta !== 0)) {
+      const whose = read.embedded ? `a ${read.gender} body's, the body is ${scene.gender}` : "another body model's";
       read.betas = read.betas.map(() => 0);
-      read.says.push("Its betas are another body model's: the mean shape is taken. By its markers: dsnet view --motion FILE.");
+      read.says.push(`Its betas are ${whose}: the mean shape is taken. By its markers: dsnet view --motion FILE.`);
     }
     own = { ...read, name: file.name };
     $("motion").options[scene.motions.length]?.remove();
@@ -147,7 +147,11 @@ async function take(file) {
 function ask(index) {
   const mine = frames;
   frames.set(index, null);
-  work("frame", { index, epoch }).then(({ parts, exact }) => { if (parts && mine === frames) frames.set(index, { ...parts, exact }); });
+  work("frame", { index, epoch }).then(({ parts, exact }) => {
+    if (mine !== frames) return;
+    if (parts) frames.set(index, { ...parts, exact });
+    else frames.delete(index); // it failed, and is asked for again
+  });
 }
 
 function surveyed(found) {
@@ -192,7 +196,7 @@ function turn(now) {
     const at = loops ? index % count : Math.min(index, last);
     if (!frames.has(at)) ask(at);
   }
-  for (const index of frames.keys()) if ((index - one + count) % count > 4 * AHEAD) frames.delete(index);
+  for (const index of frames.keys()) if ((index - one + count) % count > Math.max(4 * AHEAD, ahead)) frames.delete(index);
   const a = frames.get(one), b = frames.get(then);
   if (a && (b || next === one)) show(a, b, next, next - one); // else what is shown stays, and time waits
 }

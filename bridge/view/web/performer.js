@@ -118,9 +118,9 @@ export class Roll {
 
 // By what the root's place of another shape differs: how it goes with the root joint, a file says,
 // and it counts from the pelvis of the file's kind of body.
-function rootShift({ by_joint, unplaced, pelvis, betas: own }, betas, { root_joint, root_joint_shapes }) {
+function rootShift({ by_joint, unplaced, space, betas: own }, betas, { root_joint, root_joint_shapes, pelvis_m }) {
   if (!root_joint) return [0, 0, 0];
   const joint = (shape) => root_joint.map((c, axis) => root_joint_shapes[axis].reduce((sum, s, i) => sum + s * (shape[i] ?? 0), c));
-  const from = unplaced ? [0, 0, 0] : joint(own), to = joint(betas), apart = root_joint.map((c, axis) => (pelvis ? pelvis[axis] - c : 0));
+  const from = unplaced ? [0, 0, 0] : joint(own), to = joint(betas), apart = root_joint.map((c, axis) => (pelvis_m[space]?.[axis] ?? c) - c);
   return by_joint.map((row, axis) => row.reduce((sum, part, k) => sum + part * (to[k] - from[k] + apart[k]), apart[axis]));
 }

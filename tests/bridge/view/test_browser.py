@@ -61,8 +61,8 @@ def with_truth(browser, run) -> Iterator[Shown]:
         assert shown.errors == []
 
 
-def predicted_m(motion: str | Path, **controls: Any) -> np.ndarray:
-    trained, read = load_for_motion(None, None, Path(motion))
+def predicted_m(motion: str | Path, body: str | None = None, **controls: Any) -> np.ndarray:
+    trained, read = load_for_motion(None, None, Path(motion), body=body)
     moving = controlled_body(trained, read, Controls(**controls))
     return np.concatenate([piece.vertices_m for piece in moving])
 
@@ -228,17 +228,27 @@ def test_a_file_is_read_as_python_reads_it(dancing, tmp_path, rate):
     assert found["gender"] == expected.gender
 
 
-@pytest.mark.parametrize("source", ["synthetic", "a stranger's"])
-def test_a_dropped_motion_plays_as_predicted(browser, tmp_path, source):
-    """On the body of its betas, or, where they are another body model's, of the mean shape."""
+@pytest.mark.parametrize(
+    ("source", "gender", "whose"),
+    [
+        ("synthetic", "female", ""),
+        ("synthetic", "unknown", ""),
+        ("synthetic", "male", "a male body's, the body is female"),
+        ("a stranger's", "female", "another body model's"),
+    ],
+)
+def test_a_dropped_motion_plays_as_predicted(browser, tmp_path, source, gender, whose):
+    """On the body of its betas, or, where they are another's, of the mean shape."""
+    changed = {"mocap_framerate": 100, "betas": np.linspace(-1, 1, 16)}
     with np.load(sample_path("walking")) as sample:
-        changed = {"mocap_framerate": 100, "betas": np.linspace(-1, 1, 16), "source": source}
-        np.savez(tmp_path / "mine.npz", **{**sample, **changed})
+        np.savez(tmp_path / "mine.npz", **{**sample, **changed, "source": source, "gender": gender})
     with served(browser, packaged()) as shown:
         shown.page.set_input_files("#file", str(tmp_path / "mine.npz"))
         shown.until("page.motion?.name === 'mine.npz'")
-        assert ("another body model's" in shown.page.inner_text("#odd")) == (source != "synthetic")
-        expected_m = predicted_m(tmp_path / "mine.npz")
+        said = shown.page.inner_text("#odd")
+        assert said.count("betas") == bool(whose)
+        assert whose in said
+        expected_m = predicted_m(tmp_path / "mine.npz", "embedded:female")
         for frame in (len(expected_m) - 1, 0):
             found_m = shown.vertices_m("dsnet_plus", frame)
             np.testing.assert_allclose(found_m, expected_m[frame], atol=CLOSE_M)
@@ -281,6 +291,25 @@ def test_a_hostile_file_is_one_line_and_what_played_plays_on(dancing, tmp_path, 
 def test_what_is_no_npz_is_one_line(dancing, tmp_path, bytes_, words):
     (tmp_path / "a.bvh").write_bytes(bytes_)
     assert words in dropped(dancing, tmp_path / "a.bvh")
+
+
+_FAILS_ONCE = """const send = Worker.prototype.postMessage;
+let failed = false;
+Worker.prototype.postMessage = function (job, ...more) {
+  const fails = !failed && job.job === "frame" && job.index === 3;
+  failed ||= fails;
+  return send.call(this, fails ? { ...job, index: NaN } : job, ...more);
+};"""
+
+
+def test_a_frame_that_failed_is_asked_for_again(browser):
+    with (
+        serving(packaged(), 0) as address,
+        open_page(browser, address, before=_FAILS_ONCE) as opened,
+    ):
+        shown = Shown(opened)
+        shown.until("page.time > 4")
+        assert shown.says() != ""
 
 
 @pytest.mark.parametrize(
