@@ -170,7 +170,7 @@ def _train(
 ) -> Mapping[str, float]:
     """Predictors side by side, epoch by epoch: one alone leaves half of two cores idle. Gives mean
     seconds of the epochs of each; nothing where all were behind its checkpoint."""
-    seconds: dict[str, float] = defaultdict(float)
+    seconds: dict[str, list[float]] = defaultdict(list)
     first = min(len(training.losses) for training in trainings.values())
     # disable=None: quiet when the output is not a terminal.
     epochs = tqdm(range(first, config.epochs), desc=" and ".join(trainings), total=config.epochs,
@@ -180,9 +180,11 @@ def _train(
             validate = _due(epoch, config.validate_every, config.epochs)
 
             def advance(_: None, name: str) -> None:
-                started = time.perf_counter()
-                trainings[name].epoch(epoch, validate=validate)  # noqa: B023
-                seconds[name] += (time.perf_counter() - started) / (config.epochs - first)
+                training, started = trainings[name], time.perf_counter()
+                is_new = len(training.losses) == epoch  # noqa: B023
+                training.epoch(epoch, validate=validate)  # noqa: B023
+                if is_new:
+                    seconds[name].append(time.perf_counter() - started)
 
             list(pool.map(advance, trainings))  # raises what a thread raised
             if validate:
@@ -190,7 +192,7 @@ def _train(
             if _due(epoch, config.checkpoint_every, config.epochs):
                 for training in trainings.values():
                     training.save()
-    return seconds
+    return {name: float(np.mean(each)) for name, each in seconds.items()}
 
 
 def _due(epoch: int, every: int, epochs: int) -> bool:

@@ -33,7 +33,7 @@ from bridge.runtime.controls import gains_of_parts, root_joint_m
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.plus_graph import plus_graph, plus_layout
 from bridge.runtime.stepping import PlusModel
-from bridge.runtime.whose_betas import _PELVIS_M
+from bridge.runtime.whose_betas import PELVIS_M
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.view.repertoire import TRUTH, Repertoire, ViewedMotion
 
@@ -144,7 +144,7 @@ class Scene:
             },
             "root_joint": body.joints[0].tolist(),
             "root_joint_shapes": np.stack(root_shapes).tolist(),
-            "pelvis_m": _PELVIS_M,
+            "pelvis_m": PELVIS_M,
         }
 
     def _shapes(self) -> bytes:
