@@ -221,7 +221,8 @@ def test_betas_of_another_body_model_give_way_to_markers(
     np.testing.assert_array_equal(read_take(tmp_path / "a.npz", body).motion.betas, BETAS)
     stored: dict[str, Any] = dict(np.load(tmp_path / "a.npz"))
     del stored["source"]
-    np.savez(tmp_path / "a.npz", **stored | {"betas": np.full(16, -2.0)})
+    stored["betas"] = np.full(16, -2.0)
+    np.savez(tmp_path / "a.npz", **stored)
     fitted = read_take(tmp_path / "a.npz", body).motion.betas
     assert np.abs(fitted - BETAS)[:2].max() < 0.3
 
