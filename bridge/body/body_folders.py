@@ -65,7 +65,8 @@ def find_body_file(folder: Path, gender: str | None, kind: str | None) -> tuple[
     chosen = [body for body in bodies if body.gender == wanted]
     if not chosen:
         files = ", ".join(str(body.path.relative_to(folder)) for body in bodies[:6])
-        raise refused(folder, f"no {wanted} body in it", f"one of {files}", "Name a file itself")
+        remedy = "Name a file itself, or another --gender"
+        raise refused(folder, f"no {wanted} body in it", f"one of {files}", remedy)
     known = [body._replace(kind=body.kind or _kind_inside(body.path)) for body in chosen]
     best = min(known, key=lambda body: _NEXT_BEST[kind].index(body.kind or "smplx"))
     file = best.path.relative_to(folder)

@@ -100,10 +100,9 @@ def embedded_gender(gender: str) -> tuple[str, str | None]:
     if gender in EMBEDDED_GENDERS:
         return gender, None
     taken, other = EMBEDDED_GENDERS
-    line = (
-        f"a neutral body's motion is put on {EMBEDDED_PREFIX}{taken}: --body takes another, such "
-    )
-    return taken, f"{line}as {EMBEDDED_PREFIX}{other}" if gender == "neutral" else None
+    line = f"a neutral body's motion is put on {EMBEDDED_PREFIX}{taken}"
+    how = f"--gender {other} or --body takes another"
+    return taken, f"{line}: {how}" if gender == "neutral" else None
 
 
 def unpack(gender: str, arrays: Mapping[str, np.ndarray]) -> BodyModelData:

@@ -121,6 +121,7 @@ def _parameters(moving: MovingBody, joints: int) -> dict[str, Any]:
         "trans": trans_m,
         "betas": motion.betas,
         "gender": facts["gender"],
+        "surface_model_type": moving.body.kind,  # whose the betas are, whatever joints there are
         "mocap_framerate": motion.fps,
         "up_axis": "z",
         "theta": motion.theta,

@@ -11,7 +11,7 @@ from bridge.export.formats import FORMATS, chosen_format
 from bridge.export.output import new_path, refuse_taken
 from bridge.runs import Run
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import body_asked, find_model, load_for_motion
+from bridge.runtime.load_model import body_asked, find_model, of_gender
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.stepping import PlusModel
 
@@ -71,7 +71,7 @@ def main(config: ExportConfig) -> None:
 def _export_predictor(config: ExportConfig, out: Path) -> None:
     from bridge.export.onnx_model import export_onnx, load_exportable
 
-    if config.motion is not None or config.given():
+    if config.motion is not None or config.given().keys() - {"gender"}:
         raise DsnetError(
             "--to onnx with a motion or what moves it",
             "a predictor alone: the graph takes any motion and shape",
@@ -79,7 +79,8 @@ def _export_predictor(config: ExportConfig, out: Path) -> None:
         )
     run = None if config.run is None else Run(config.run)
     body = body_asked(config.body)
-    chosen = find_model(run, next(iter(config.predictor), None), body=body)
+    name = next(iter(config.predictor), None)
+    chosen = of_gender(find_model(run, name, config.gender or "unknown", body), config.gender)
     notify(f"{chosen.name} ({chosen.label}) of {chosen.owner}: {chosen.why}")
     model = chosen.other_body and chosen.model
     export_onnx(
@@ -99,9 +100,5 @@ def _moving_bodies(config: ExportConfig) -> list[MovingBody]:
     if config.motion is None:
         raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
     run = None if config.run is None else Run(config.run)
-    how, body = config.how_read(), body_asked(config.body)
-    opened = [
-        load_for_motion(run, name, config.motion, config.motion_fps, config.smooth_hz, how, body)
-        for name in config.predictor or (None,)
-    ]
+    opened = [config.load(run, name, config.motion) for name in config.predictor or (None,)]
     return [controlled_body(trained, motion, config) for trained, motion in opened]

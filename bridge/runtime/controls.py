@@ -6,7 +6,7 @@ export and the viewer iterate over.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -26,7 +26,8 @@ from bridge.motion.motion import HowRead, Up
 from bridge.motion.skeletons import read_joint_map
 from bridge.options import Bounds, PositiveFloat, check_options, numbers_by_name
 from bridge.paper import N_BETAS
-from bridge.runtime.load_model import TrainedModel
+from bridge.runs import Run
+from bridge.runtime.load_model import TrainedModel, body_asked, load_for_motion, load_model
 from bridge.runtime.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
 from bridge.runtime.whose_betas import with_own_shape
 
@@ -58,6 +59,8 @@ class Controls:
     body: Path | None = None
     """Another body than the predictor was trained on, or DSNET_BODY for always: an SMPL, SMPL-H or
     SMPL-X model file, a folder of them, or `embedded:male`; for `dsnet_plus`."""
+    gender: Literal["female", "male", "neutral"] | None = None
+    """Of the body, where the motion file says none or another."""
     pose: Literal["file", "bony"] = "file"
     """`bony`: the chest follows the file's markers on bone; a pose that was fitted to all of them,
     as AMASS's, holds part of the bounce, which predicted flesh would then count twice."""
@@ -99,10 +102,24 @@ class Controls:
         given = {n: getattr(self, n) for n, default in own.items() if getattr(self, n) != default}
         return {n: str(said) if isinstance(said, Path) else said for n, said in given.items()}
 
+    def load(
+        self,
+        run: Run | None,
+        predictor: str | None,
+        path: Path,
+        load: Callable[..., TrainedModel] = load_model,
+    ) -> tuple[TrainedModel, Motion]:
+        """A predictor on the body that is asked for, and the motion of a file as it has it: see
+        `load_for_motion`."""
+        body, how = body_asked(self.body), self.how_read()
+        return load_for_motion(
+            run, predictor, path, self.motion_fps, self.smooth_hz, how, body, load
+        )
+
     def how_read(self) -> HowRead:
         """What they say of the motion file."""
         names = {} if self.joint_map is None else read_joint_map(self.joint_map)
-        return HowRead(self.up, names)
+        return HowRead(self.up, names, self.gender)
 
     def asked_betas(self, body: BodyModelData) -> NDArray[np.float64] | None:
         """(S,) betas of the shape that is asked for; None where the motion's own is meant."""

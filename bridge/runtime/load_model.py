@@ -16,6 +16,7 @@ from typing import Any
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX, embedded_gender
+from bridge.body.model_data import GENDERS
 from bridge.errors import DsnetError, did_you_mean, notify
 from bridge.motion import Motion, load_motion_file
 from bridge.motion.motion import AS_IT_SAYS, HowRead
@@ -184,12 +185,25 @@ def load_for_motion(
 
     A run that cannot predict is told before the file is read. `motion_fps` is the file's rate,
     where it says none or a wrong one; what is faster than `smooth_hz` is left out. Who has many
-    motions passes a `load` that remembers.
+    motions passes a `load` that remembers. DsnetError if `how` asks for a body of a gender that
+    is not the body's.
     """
     trained = None if run is None or body else load(run, predictor)
     motion = load_motion_file(path, motion_fps, smooth_hz=smooth_hz, how=how)
-    like = motion.gender, body, motion.kind, len(motion.more_betas)
-    return trained or load(run, predictor, *like), motion
+    like = how.gender or motion.gender, body, motion.kind, len(motion.more_betas)
+    return of_gender(trained or load(run, predictor, *like), how.gender), motion
+
+
+def of_gender(trained: TrainedModel, asked: str | None) -> TrainedModel:
+    """The same; DsnetError if it moves a body of another gender than was asked for, if any was."""
+    has = trained.body.gender
+    if asked and has in GENDERS and has != asked:
+        raise DsnetError(
+            f"--gender {asked} with {trained.body.name} for {trained.name} of {trained.owner}",
+            f"a {has} body's",
+            "Leave --gender out, or pass another --body, or a --run that was trained on one.",
+        )
+    return trained
 
 
 def packaged_folder(gender: str) -> Path:

@@ -39,7 +39,6 @@ from bridge.runtime.load_model import (
     TrainedModel,
     body_asked,
     find_model,
-    load_for_motion,
     load_model,
 )
 from bridge.runtime.moving_body import MovingBody
@@ -67,10 +66,7 @@ class Asked:
 
     def load(self, path: Path) -> tuple[TrainedModel, Motion]:
         """The predictor of a file's motion, and the motion as the file has it."""
-        asked, how = self.controls, self.controls.how_read()
-        body = asked.body and str(asked.body)
-        options = asked.motion_fps, asked.smooth_hz, how, body, _load
-        return load_for_motion(self.run, self.predictor, path, *options)
+        return self.controls.load(self.run, self.predictor, path, _load)
 
     def moving(self, path: Path) -> tuple[MovingBody, list[str]]:
         """The body that performs it, and all that is to be told of it, which no terminal is."""

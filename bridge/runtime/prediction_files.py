@@ -18,7 +18,6 @@ from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.files import MANIFEST, exclusive, runs_root
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import body_asked, load_for_motion
 from bridge.runtime.moving_body import MovedFrames, MovingBody
 
 KIND = "prediction"
@@ -60,15 +59,7 @@ def predict_motion(
     """
     path, controls = Path(path), controls or Controls()
     controls.check()
-    trained, motion = load_for_motion(
-        run,
-        predictor,
-        path,
-        controls.motion_fps,
-        controls.smooth_hz,
-        controls.how_read(),
-        body_asked(controls.body),
-    )
+    trained, motion = controls.load(run, predictor, path)
     moving = controlled_body(trained, motion, controls)
     with open_out_folder(Path(out), trained.origin) as writer:
         moving.announce()

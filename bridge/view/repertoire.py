@@ -31,8 +31,8 @@ from bridge.runtime.load_model import (
     PIPELINES,
     TrainedModel,
     body_asked,
-    load_for_motion,
     load_model,
+    of_gender,
 )
 from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.runtime.whose_betas import with_own_shape
@@ -86,13 +86,11 @@ def open_repertoire(
         trained on a run's own sequences and people are left out.
     """
     asked, takes = controls or Controls(), {}
-    body = body_asked(asked.body)
     if path is None:
-        best = load_model(run, body=body)
+        best = load_model(run, None, asked.gender or "unknown", body_asked(asked.body))
+        of_gender(best, asked.gender)
     else:
-        best, motion = load_for_motion(
-            run, None, path, asked.motion_fps, asked.smooth_hz, asked.how_read(), body
-        )
+        best, motion = asked.load(run, None, path)
         moving = controlled_body(best, motion, asked)
         flesh = [] if asked.pose == "bony" else flesh_in_pose(motion)
         for warning in (*motion_warnings(moving.motion, moving.pieces), *flesh):

@@ -314,7 +314,8 @@ def test_the_static_part_is_in_the_whole_and_beside_it(runs, monkeypatch):
 def test_motions_of_known_and_new_people_follow(runs, monkeypatch, tmp_path):
     run = trained_run(runs, monkeypatch, misfit_m=0.01)
     save(tmp_path / "amass/50001/kicking_poses.npz", smplh(61, 120.0))
-    save(tmp_path / "amass/50077/kicking_poses.npz", smplh(61, 120.0), betas=np.full(16, 0.5))
+    save(tmp_path / "amass/50077/kicking_poses.npz", smplh(61, 120.0), betas=np.full(16, 0.5),
+         source="synthetic")  # fmt: skip
     infer_plus(InferConfig("tiny", amass=tmp_path / "amass"))()
     made = read_artifact(run / "infer_plus")
     known, new = sequences_of(made)[-2:]

@@ -3,10 +3,13 @@
 import { unzipSync } from "fflate";
 
 export const GENDERS = ["female", "male", "neutral"];
+const KIND = "surface_model_type"; // whose body it is, where a file says it
 const WIDTHS = [72, 156, 165], JOINTS = 22, FPS = 60, MOST_FRAMES = 108000;
 const MOST_BYTES = { poses: MOST_FRAMES * 165 * 8, trans: MOST_FRAMES * 24, betas: 1 << 16 };
 const CUT_M = 0.5, CUT_RAD = (150 / 180) * Math.PI, UPRIGHT = [-Math.SQRT1_2, 0, 0, Math.SQRT1_2];
-const BY_JOINT = [[0, 0, 0], [0, -1, 1], [0, -1, -1]]; // the root turns about the root joint, and so does the world: R J - J
+const ASLANT = 0.5; // of a trunk, most of the other vertical beside the one along which it stands
+// The root turns about the root joint, and so does the world: R J - J.
+const BY_JOINT = { y: [[0, 0, 0], [0, 0, 0], [0, 0, 0]], z: [[0, 0, 0], [0, -1, 1], [0, -1, -1]] };
 const TYPES = { f4: Float32Array, f8: Float64Array, i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array,
                 i4: Int32Array, u4: Uint32Array, i8: BigInt64Array, u8: BigUint64Array };
 
@@ -34,7 +37,7 @@ function readNpy(bytes, name) {
 
 export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   if (bytes[0] !== 0x50 || bytes[1] !== 0x4b) refuse("this is no .npz; BVH and other formats need Python: dsnet view --motion FILE");
-  const rates = ["mocap_framerate", "mocap_frame_rate"], wanted = ["poses", "trans", "betas", "gender", "source", "body_model", ...rates];
+  const rates = ["mocap_framerate", "mocap_frame_rate"], wanted = ["poses", "trans", "betas", "gender", "source", "body_model", KIND, ...rates];
   let files;
   try {
     files = unzipSync(bytes, { filter: ({ name, originalSize }) => {
@@ -56,17 +59,33 @@ export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   if (trans.shape[0] !== frames || trans.shape[1] !== 3) refuse(`'trans' have shape ${trans.shape} beside ${frames} frames of poses`);
   if (!(rate >= 1)) refuse(`its frame rate is ${rate}`);
   if (betas.data.length < 10) refuse(`'betas' have shape ${betas.shape}; expected 10 or more`);
-  const heights = Float64Array.from({ length: frames }, (_, i) => trans.data[3 * i + 2]).sort();
-  const middle = (heights[(frames - 1) >> 1] + heights[frames >> 1]) / 2; // sorted as numbers
-  if (Math.abs(middle) > 50) refuse(`'trans' are ${middle.toPrecision(3)} m high over half of the time: metres are expected`);
   for (let i = 0; i < poses.data.length; i++) // hands are left at rest, whatever they hold
     if (i % width < 3 * JOINTS && !(Math.abs(poses.data[i]) <= 100)) refuse(`'poses' hold ${poses.data[i]}: radians are expected`);
+  const up = vertical(poses.data, frames, width), middle = median(frames, (i) => trans.data[3 * i + (up === "y" ? 1 : 2)]);
+  if (Math.abs(middle) > 50) refuse(`'trans' are ${middle.toPrecision(3)} m high over half of the time: metres are expected`);
   const count = Math.floor(((frames - 1) / rate) * FPS + 1e-3) + 1;
   if (count > Math.min(MOST_FRAMES, mostFrames)) refuse(`a motion of ${count} frames; a page shows ${mostFrames}: cut it into several files`);
-  const theta = atSixty(poses.data, trans.data, frames, width, rate, count), said = (name) => array(name)?.text?.trim() ?? "";
+  const theta = atSixty(poses.data, trans.data, frames, width, rate, count, up), said = (name) => array(name)?.text?.trim() ?? "";
+  const isSmplx = (said(KIND).toLowerCase() || (width === 165 && "smplx")) === "smplx";
   const gender = said("gender").toLowerCase(), embedded = said("source").startsWith("synthetic") || said("body_model").startsWith("embedded:");
-  return { theta, frames: count, first: 0, count, starts: [0], by_joint: BY_JOINT, unplaced: true, betas: [...betas.data.slice(0, 10)], fps: FPS,
-           gender: GENDERS.includes(gender) ? gender : "unknown", embedded, space: embedded ? "" : width === 165 ? "SMPL-X's" : "SMPL's", says: [] };
+  return { theta, frames: count, first: 0, count, starts: [0], by_joint: BY_JOINT[up], unplaced: true, betas: [...betas.data.slice(0, 10)], fps: FPS,
+           gender: GENDERS.includes(gender) ? gender : "unknown", embedded, space: embedded ? "" : isSmplx ? "SMPL-X's" : "SMPL's",
+           says: up === "y" ? ["It is taken as y up, for its bodies stand so."] : [] };
+}
+
+function median(count, value) {
+  const sorted = Float64Array.from({ length: count }, (_, i) => value(i)).sort(); // as numbers
+  return (sorted[(count - 1) >> 1] + sorted[count >> 1]) / 2;
+}
+
+// The axis along which trunks stand; of bodies that lie or bend Python tells it, by the legs too.
+function vertical(poses, frames, width) {
+  const roots = Array.from({ length: frames }, (_, i) => quaternion(poses.subarray(i * width, i * width + 3)));
+  const trunks = roots.map((q) => times(times(q, [0, 1, 0, 0]), inverse(q)));
+  const [y, z] = [1, 2].map((axis) => median(frames, (i) => trunks[i][axis]));
+  if (z > 0 && Math.abs(y) <= ASLANT * z) return "z";
+  if (y > 0 && Math.abs(z) <= ASLANT * y) return "y";
+  return refuse("its bodies stand along neither y nor z; Python tells which is up: dsnet view --motion FILE");
 }
 
 const quaternion = (v) => {
@@ -84,7 +103,7 @@ const inverse = ([x, y, z, w]) => [-x, -y, -z, w];
 
 // Between frames: Slerp joint by joint and translation linearly; of slower files than 60 fps cubic splines of quaternions and
 // translation, as at a corner the tissue would be hit. y up, axis-angles continuous in time.
-function atSixty(poses, trans, frames, width, rate, count) {
+function atSixty(poses, trans, frames, width, rate, count, up) {
   const theta = new Float64Array(count * 69), quats = [...Array(JOINTS)].map(() => [...Array(4)].map(() => new Float64Array(frames)));
   const moved = [0, 1, 2].map((k) => Float64Array.from({ length: frames }, (_, row) => trans[3 * row + k]));
   const turned = (row, j) => quats[j].map((part) => part[row]);
@@ -105,7 +124,7 @@ function atSixty(poses, trans, frames, width, rate, count) {
     for (let j = 0; j < JOINTS; j++) {
       let q = curved ? turns[j].map((part) => onSpline(part, one, two, share)) : turned(one, j);
       if (!curved && share > 0) q = times(q, quaternion(rotvec(times(inverse(q), turned(two, j))).map((x) => x * share)));
-      if (j === 0) q = times(UPRIGHT, q);
+      if (j === 0 && up === "z") q = times(UPRIGHT, q);
       const v = rotvec(q), angle = Math.hypot(...v);
       if (f && angle > 1e-9) {
         const before = theta.subarray((f - 1) * 69 + 3 * j, (f - 1) * 69 + 3 * j + 3), axis = v.map((x) => x / angle);
@@ -115,7 +134,7 @@ function atSixty(poses, trans, frames, width, rate, count) {
       theta.set(v, f * 69 + 3 * j);
     }
     const [x, y, z] = curved ? path.map((part) => onSpline(part, one, two, share)) : moved.map((part) => part[one] * (1 - share) + part[two] * share);
-    theta.set([x, z, -y], f * 69 + 66);
+    theta.set(up === "z" ? [x, z, -y] : [x, y, z], f * 69 + 66);
   }
   return theta;
 }

@@ -81,4 +81,4 @@ def test_no_embedded_body_is_neutral() -> None:
     assert embedded_gender("unknown") == ("female", None)
     gender, line = embedded_gender("neutral")
     assert gender == "female"
-    assert "embedded:male" in (line or "")
+    assert "--gender male" in (line or "")

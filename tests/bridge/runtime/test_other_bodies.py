@@ -118,7 +118,34 @@ def test_men_are_moved_where_the_body_is_a_mans():
 
 def test_a_neutral_motion_is_told_whose_body_it_gets(capsys):
     find_model(None, gender="neutral")
-    assert "embedded:female: --body" in capsys.readouterr().err
+    assert "embedded:female: --gender male or --body" in capsys.readouterr().err
+
+
+def test_a_gender_is_asked_for_where_the_file_says_another(body_file, tmp_path, capsys):
+    """The body is of it, the betas are still those of the file's."""
+    path = walk(5, tmp_path / "a.npz")
+    with np.load(path) as stored:
+        np.savez(path, **{**stored, "gender": "neutral", "betas": TestWhoseBetas.FILE})
+    trained, motion = Controls(gender="male").load(None, None, path)
+    assert (trained.body.name, motion.gender) == ("embedded:male", "neutral")
+    assert not capsys.readouterr().err
+    (tmp_path / "bodies").mkdir()
+    for body in (of_others(load_body_model("embedded:male")), load_body_model(body_file)):
+        body.save_smpl_npz(tmp_path / "bodies" / f"SMPL_{body.gender.upper()}.npz")
+    trained, motion = Controls(gender="male", body=tmp_path / "bodies").load(None, None, path)
+    assert trained.body.gender == "male"
+    with_own_shape(motion, trained.body)
+    assert "are a neutral body's, the body is male" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("body", [None, Path("embedded:female")])
+def test_a_gender_that_the_body_is_not_of_is_refused(plus_run, body):
+    asked = Controls(gender="male", body=body)
+    said = "--gender male with embedded:female for dsnet_plus of .*; expected a female body's"
+    with pytest.raises(DsnetError, match=said):
+        asked.load(plus_run, None, Path(SAMPLE))
+    with pytest.raises(DsnetError, match=said):
+        open_repertoire(plus_run, None, asked)
 
 
 def test_a_page_has_nothing_of_a_body_of_others(body_file):

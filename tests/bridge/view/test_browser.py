@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bridge.body.parts import PARTS
 from bridge.cli import main
@@ -214,10 +215,13 @@ def dropped(shown: Shown, path: Path) -> str:
     return shown.says()
 
 
+@pytest.mark.parametrize("up", ["y", "z"])
 @pytest.mark.parametrize("rate", [60, 50, 59.94, 100, 120.00004577636719])
-def test_a_file_is_read_as_python_reads_it(dancing, tmp_path, rate):
+def test_a_file_is_read_as_python_reads_it(dancing, tmp_path, rate, up):
     with np.load(sample_path("dancing")) as sample:
         arrays = {**sample, "mocap_framerate": np.array(rate), "betas": np.linspace(-1, 1, 16)}
+    if up == "y":
+        arrays |= y_up(arrays)
     np.savez_compressed(tmp_path / "a.npz", **arrays)
     text = base64.b64encode((tmp_path / "a.npz").read_bytes()).decode()
     read = """(text) => { const found = page.readAmass(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)));
@@ -226,6 +230,22 @@ def test_a_file_is_read_as_python_reads_it(dancing, tmp_path, rate):
     np.testing.assert_allclose(np.reshape(found["theta"], (-1, 69)), expected.theta, atol=1e-12)
     np.testing.assert_array_equal(found["betas"], expected.betas)
     assert found["gender"] == expected.gender
+    assert ("y up" in " ".join(found["says"])) == (up == "y")
+
+
+def y_up(arrays: dict[str, Any]) -> dict[str, Any]:
+    """The same motion as programs of animation store it."""
+    turn = Rotation.from_euler("x", -90, degrees=True)
+    poses = arrays["poses"].copy()
+    poses[:, :3] = (turn * Rotation.from_rotvec(poses[:, :3])).as_rotvec()
+    return {"poses": poses, "trans": turn.apply(arrays["trans"])}
+
+
+def test_a_body_that_lies_is_left_to_python(dancing, tmp_path):
+    arrays = smplh()
+    arrays["poses"][:, 0] = np.pi / 4
+    np.savez_compressed(tmp_path / "a.npz", **arrays)
+    assert "along neither y nor z" in dropped(dancing, tmp_path / "a.npz")
 
 
 @pytest.mark.parametrize(
