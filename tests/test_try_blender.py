@@ -35,7 +35,7 @@ def test_what_cannot_be_had_is_one_line_and_leaves_nothing(
 
 
 def test_the_page_tells_every_step_that_is_tried():
-    assert {"usd", "glb", "abc", "pc2", "mdd", "obj", "ply"} <= {way.name for way in ways()}
+    assert {"usd", "glb", "abc", "pc2", "mdd", "bvh", "obj", "ply"} <= {way.name for way in ways()}
     with pytest.raises(SystemExit, match=r"export.md, Blender, USD: nothing there is Frame Rate"):
         told("USD", r"Frame Rate\* to (61)")
 
@@ -45,7 +45,7 @@ def truth() -> Truth:
     ball = trimesh.creation.icosphere(radius=0.85)
     vertices_m = np.add(ball.vertices, [0, 0, 0.85], dtype=np.float32)
     sizes_m = np.linspace(0, 0.01, len(vertices_m), dtype=np.float32)
-    return Truth(np.array([0]), vertices_m[None], sizes_m[None], 9)
+    return Truth(np.array([0]), vertices_m[None], vertices_m[None, :24] + 1, sizes_m[None], 9)
 
 
 @pytest.fixture
@@ -84,6 +84,14 @@ def test_a_body_that_is_where_it_should_be_passes(seen, truth):
 def test_a_body_that_is_not_is_noticed(key, change, said, seen, truth):
     _, wrong = judge(tuple(ALLOWED), BOUND_MM, {**seen, key: change(seen[key])}, truth)
     assert any(what.startswith(said) for what in wrong), wrong
+
+
+def test_a_skeleton_has_its_joints_where_they_should_be(seen, truth):
+    skeleton = {key: seen[key] for key in ("range", "bones")}
+    for apart_m, wrong in ((0, []), (2e-5, ["more than 0.0100 mm"])):
+        joints_m = np.add(truth.joints_m, [apart_m, 0, 0])
+        found = judge(("bones",), BOUND_MM, {**skeleton, "vertices_m": joints_m}, truth)
+        assert found[1] == wrong
 
 
 def test_an_attribute_that_blender_did_not_read_is_noticed(seen, truth):

@@ -4,7 +4,8 @@
 
 JOB is JSON, written by `tools.try_blender` from the steps that `docs/export.md` tells: `how` to
 import `path` at which `frames`, at what rate `fps`, and the `.npz` for what is seen, `out`; for a
-cache its `base` mesh, `time_mode` and `turn_deg`; for meshes the two `axes`, forward and up.
+cache its `base` mesh, `time_mode` and `turn_deg`; for meshes the two `axes`, forward and up; for a
+skeleton its `joints`, whose places stand for vertices.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ Seen = dict[str, np.ndarray]
 
 def main(job: dict[str, Any]) -> None:
     """Do one job, and write its arrays to the `.npz` that it names."""
-    ways = {"usd": usd, "glb": glb, "abc": abc, "cache": cache, "single": single}
+    ways = {"usd": usd, "glb": glb, "abc": abc, "cache": cache, "single": single, "bvh": bvh}
     frames = list(ways[job["how"]](job))
     scene, bones = bpy.context.scene, [len(armature.bones) for armature in bpy.data.armatures]
     every: dict[str, Any] = {key: [frame[key] for frame in frames] for key in frames[0]}
@@ -74,6 +75,18 @@ def single(job: dict[str, Any]) -> Iterator[Seen]:
         new_scene(job["fps"])
         import_mesh(job, job["path"].format(frame))
         yield from evaluated(the_mesh(), [0])
+
+
+def bvh(job: dict[str, Any]) -> Iterator[Seen]:
+    """*File > Import > Motion Capture*, into a scene of the file's rate."""
+    new_scene(job["fps"])
+    bpy.ops.import_anim.bvh(filepath=job["path"])
+    [skeleton] = [thing for thing in bpy.data.objects if thing.type == "ARMATURE"]
+    to_world = np.array(skeleton.matrix_world)
+    for frame in job["frames"]:
+        bpy.context.scene.frame_set(frame)
+        heads = np.array([skeleton.pose.bones[joint].head for joint in job["joints"]])
+        yield {"vertices_m": heads @ to_world[:3, :3].T + to_world[:3, 3]}
 
 
 def new_scene(fps: int | None = None) -> None:

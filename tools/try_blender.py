@@ -23,7 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.body.posing import posed_joints
 from bridge.export.mesh_files import VertexNormals
+from bridge.runtime.controls import Controls, controlled_body
 from tools.built_wheel import ROOT
 from tools.try_pythons import find_python, last_line, run, say
 
@@ -66,6 +69,7 @@ class Truth:
 
     frames: NDArray[np.int64]
     vertices_m: NDArray[np.float32]
+    joints_m: NDArray[np.float64]
     sizes_m: NDArray[np.float32]
     last: int
 
@@ -107,7 +111,7 @@ def install(folder: Path) -> str | None:
 def make_files(folder: Path) -> None:
     """Predict and export, two at a time."""
     exports = {to: f"BODY.{to}" for to in ("usd", "glb", "abc")}
-    exports |= {name: name for name in ("pc2", "mdd", "obj", "ply")}
+    exports |= {"bvh": "BODY.bvh"} | {name: name for name in ("pc2", "mdd", "obj", "ply")}
     commands = [["export", "--to", to, "--out", str(folder / out)] for to, out in exports.items()]
     commands.append(["predict", "--out", str(folder / "predicted")])
     with ThreadPoolExecutor(2) as pool:
@@ -143,6 +147,8 @@ def ways() -> list[BlenderImport]:
     frame = "{0}/frame_{{:05d}}.{0}".format
     rate = r"Frame Rate\* to (\d+)"
     glb = {"how": "glb", "path": "BODY.glb", "fps": int(*told("glTF", rate))}
+    begin = int(*told("BVH", r"begins at frame (\d+)"))
+    bvh = {"how": "bvh", "path": "BODY.bvh", "fps": int(*told("BVH", rate)), "begin": begin}
     abc = {"how": "abc", "path": "BODY.abc", "fps": int(*told("Alembic", rate))}
     normals, sizes = ("normals_off_deg",), ("offset_m_off",)
     return [
@@ -152,6 +158,7 @@ def ways() -> list[BlenderImport]:
         BlenderImport("pc2", pc2),
         BlenderImport("mdd", mdd),
         BlenderImport("mdd, by time", {**mdd, "time_mode": "TIME", "fps": 24}),
+        BlenderImport("bvh", {**bvh, "joints": SMPL_JOINT_NAMES}, ("bones",)),
         BlenderImport("obj", {**single, "path": frame("obj")}, (*UPRIGHT, *normals)),
         BlenderImport("ply", {**single, "path": frame("ply")}, (*UPRIGHT, *normals, *sizes)),
     ]
@@ -161,9 +168,17 @@ def read_truth(folder: Path) -> Truth:
     """The prediction's first and last frame and some between them."""
     vertices_m, offsets_m = (np.load(folder / f"{name}.npy") for name in ("vertices", "offsets"))
     frames = np.linspace(0, len(vertices_m) - 1, TRIED).round().astype(int)
-    x, y, z = np.moveaxis(vertices_m[frames], -1, 0)
+    moving = controlled_body(*Controls().load(None, None, Path(MOTION[1])), Controls())
+    pose, trans_m = moving.pose[frames], moving.motion.trans_m[frames]
+    _, joints_m = posed_joints(moving.body, moving.motion.betas, pose, trans_m)
     sizes_m = np.linalg.norm(offsets_m[frames], axis=-1)
-    return Truth(frames, np.stack([x, -z, y], axis=-1), sizes_m, len(vertices_m) - 1)
+    return Truth(frames, z_up(vertices_m[frames]), z_up(joints_m), sizes_m, len(vertices_m) - 1)
+
+
+def z_up(places_m: NDArray) -> NDArray:
+    """As Blender has them, from y up."""
+    x, y, z = np.moveaxis(places_m, -1, 0)
+    return np.stack([x, -z, y], axis=-1)
 
 
 def works(python: str, way: BlenderImport, folder: Path, truth: Truth) -> bool:
@@ -171,6 +186,7 @@ def works(python: str, way: BlenderImport, folder: Path, truth: Truth) -> bool:
     frames = truth.frames
     if way.job.get("time_mode") == "TIME":
         frames = frames * (way.job["fps"] / FPS)
+    frames = frames + way.job.get("begin", 0)
     job = {**way.job, "frames": frames.tolist(), "out": "seen.npz"}
     done = run([python, "-I", str(IMPORTER), json.dumps(job)], cwd=folder, timeout=COMMAND_S)
     if done.returncode:
@@ -199,16 +215,14 @@ def judge(
     claims: tuple[str, ...], most_mm: float, seen: dict[str, np.ndarray], truth: Truth
 ) -> tuple[float, list[str]]:
     """Largest distance of a vertex in mm, and what is not as it should be, of `claims` too."""
-    off_mm = 1e3 * float(np.linalg.norm(seen["vertices_m"] - truth.vertices_m, axis=-1).max())
+    places_m = truth.vertices_m if "faces" in seen else truth.joints_m
+    off_mm = 1e3 * float(np.linalg.norm(seen["vertices_m"] - places_m, axis=-1).max())
     up_m = seen["vertices_m"][0, :, 2]
-    normals_of = VertexNormals(seen["faces"][0], len(up_m))
-    normals = np.stack([normals_of(vertices_m) for vertices_m in truth.vertices_m])
-    cosines = np.einsum("fvx,fvx->fv", normals, seen["normals"])
     nothing = np.array([np.nan])
     found = {
         "height_m": np.ptp(up_m),
         "lowest_m": up_m.min(),
-        "normals_off_deg": np.degrees(np.arccos(cosines.clip(-1, 1))).max(),
+        "normals_off_deg": normals_off_deg(seen, truth) if "faces" in seen else np.nan,
         "offset_m_off": np.abs(seen.get("offset_m", nothing) - truth.sizes_m).max(),
         "rate_after_import": seen.get("imported_fps", nothing)[0],
         "frames_off": np.abs(seen["range"] - [0, truth.last]).max(),
@@ -220,6 +234,14 @@ def judge(
         if not least <= found[claim] <= most:
             wrong.append(f"{claim} is {found[claim]:.6g}; expected {least} to {most}")
     return off_mm, wrong
+
+
+def normals_off_deg(seen: dict[str, np.ndarray], truth: Truth) -> float:
+    """Largest angle between normals of vertices and those of the true surface."""
+    normals_of = VertexNormals(seen["faces"][0], truth.vertices_m.shape[1])
+    normals = np.stack([normals_of(vertices_m) for vertices_m in truth.vertices_m])
+    cosines = np.einsum("fvx,fvx->fv", normals, seen["normals"])
+    return np.degrees(np.arccos(cosines.clip(-1, 1))).max()
 
 
 if __name__ == "__main__":
