@@ -53,6 +53,7 @@ def reproduce(tmp_path: Path) -> Reproduce:
     def run(*options: str) -> subprocess.CompletedProcess[str]:
         command = [str(project / "reproduce.sh"), *options]
         environment = {**os.environ, "PATH": found_first}
+        environment.pop("DSNET_RUNS", None)
         return subprocess.run(
             command, cwd=caller, env=environment, capture_output=True, text=True, check=False
         )

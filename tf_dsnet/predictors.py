@@ -57,9 +57,9 @@ class PredictorSettings:
     """Length to which sequences are padded or clipped (paper: 300)."""
     batch_size: Fixed[PositiveInt] = 16
     """Sequences in a batch (paper: 16)."""
-    lr_faithful: PositiveFloat = 1e-4
+    lr_faithful: Fixed[PositiveFloat] = 1e-4
     """Adam's learning rate for `dsnet_faithful` (paper: 0.0001)."""
-    lr_standardised: PositiveFloat = 1e-3
+    lr_standardised: Fixed[PositiveFloat] = 1e-3
     """Adam's learning rate for `dsnet_standardised`; a departure where it is not 0.0001."""
     masked: Fixed[bool] = False
     """Leave padded frames out of the loss and of the batch normalisation (the paper does not)."""

@@ -26,6 +26,8 @@ class ViewConfig:
     body: Path | None = None
     """Another body than the predictor was trained on, or DSNET_BODY for always: an SMPL, SMPL-H or
     SMPL-X model file, or a folder of them."""
+    gender: Literal["female", "male", "neutral"] | None = None
+    """Of the body, where the motion file says none or another."""
     motion: Path | None = None
     """AMASS `.npz`, a BVH, or a sample such as `sample:walking`, that is shown first."""
     motion_fps: PositiveFloat | None = None

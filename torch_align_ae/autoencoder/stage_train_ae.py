@@ -129,7 +129,7 @@ class TrainAutoencoderConfig(Pace):
     preset: PresetName = "measured"
     """How the paper's silences are filled: by its plainest words (`literal`), by what was measured
     to learn, or by what learns in a few hundred steps (`short`)."""
-    split: SplitName = "frame"
+    split: Fixed[SplitName] = "frame"
     """70 % of the frames, as in the paper, or 70 % of the sequences, which does not leak."""
     include_held_out: Fixed[bool] = False
     """Draw from the validation sequences too, as the paper does: its code has seen the clip on

@@ -39,7 +39,7 @@ def flesh() -> TrainedPlus:
     return soft_flesh(load_body_model(BODY))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def run(tmp_path_factory, flesh) -> Iterator[Run]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSNET_RUNS", str(tmp_path_factory.mktemp("runs")))
