@@ -44,6 +44,7 @@ def renumbered(body: BodyModelData, seed: int = 0) -> tuple[BodyModelData, NDArr
         weights=body.weights[order],
         J_regressor=body.J_regressor[:, order],
         faces=rng.permutation(number[body.faces]),
+        texture=None,
     )
     return other, order
 
@@ -106,6 +107,7 @@ def _with_middles(body: BodyModelData, ends: NDArray, faces: NDArray) -> BodyMod
         weights=more(body.weights),
         J_regressor=sp.hstack([body.J_regressor, nothing], format="csr"),
         faces=faces,
+        texture=None,
     )
 
 

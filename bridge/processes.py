@@ -137,7 +137,8 @@ def _signals_answered() -> Iterator[None]:
         yield
     finally:
         for one, earlier in before.items():
-            signal.signal(one, earlier)
+            if signal.getsignal(one) is answer:  # else the process ends, and is deaf already
+                signal.signal(one, earlier)
         # Nothing is left to interrupt but the interpreter's own end, which would not be silent.
         atexit.register(_be_deaf)
 

@@ -31,6 +31,7 @@ from tools.embedded_body.makehuman import (
     SampledBodies,
 )
 from tools.embedded_body.symmetry import symmetric_points
+from tools.embedded_body.texture import texture_of
 from tools.embedded_body.tpose import to_tpose
 from tools.embedded_body.weights import smooth_weights
 
@@ -50,7 +51,7 @@ def main() -> None:
     base = makehuman.base_mesh()
     sampled = {p.gender: makehuman.sample(p) for p in (FEMALE, MALE)}
     unseen = {p.gender: makehuman.sample(unseen_part(p)) for p in (FEMALE, MALE)}
-    build(base, sampled, unseen, out)
+    build(base, sampled, unseen, makehuman.obj, out)
 
 
 def unseen_part(population: Population) -> Population:
@@ -59,7 +60,11 @@ def unseen_part(population: Population) -> Population:
 
 
 def build(
-    base: BaseMesh, sampled: dict[str, SampledBodies], unseen: dict[str, SampledBodies], out: Path
+    base: BaseMesh,
+    sampled: dict[str, SampledBodies],
+    unseen: dict[str, SampledBodies],
+    obj: str,
+    out: Path,
 ) -> None:
     """From samples to assets and their checksums."""
     priority, base = _priority(base), _smoothed(base, sampled)
@@ -87,7 +92,17 @@ def build(
         report.shapes(body, shapes)
         report.unseen(body, others[0][:, index], others[1])
         report.pose_blend_shapes(body, fit)
+    build_texture(obj, out)
     _write_checksums(out)
+
+
+def build_texture(obj: str, out: Path) -> None:
+    """Of MakeHuman's `base.obj`, for both bodies, whose faces are the same."""
+    with np.load(out / "embedded_female.npz") as body:
+        index, faces, template_m = (
+            body[name] for name in ("makehuman_index", "faces", "v_template")
+        )
+    packing.write_asset(out / "embedded_texture.npz", texture_of(obj, index, faces, template_m))
 
 
 def _smoothed(base: BaseMesh, sampled: dict[str, SampledBodies]) -> BaseMesh:

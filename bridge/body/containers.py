@@ -35,6 +35,8 @@ MOST_FILE_BYTES = 1 << 30
 _MOST_NUMBERS = 1 << 27
 """Of all arrays that are read: as float64 they take a gigabyte."""
 MODELS = "They are at smpl.is.tue.mpg.de, mano.is.tue.mpg.de and smpl-x.is.tue.mpg.de"
+TEXTURE = "vt", "ft"
+"""Fields that a file may have for pictures; nobody needs them."""
 _AGAIN = "Download the file again"
 _UNPACK = "Unpack it, and pass one body of it (.npz or .pkl, of one gender)"
 _PICKLE = rb"\x80[\0-\x05]|[(}\])cN]|P[^\n]*\n"
@@ -127,6 +129,7 @@ def _of_npz(path: Path, archive: UntrustedNpz, wanted: Mapping[str, int]) -> Map
     if set(archive) == {"arr_0"} and archive["arr_0"].dtype.hasobject:
         return _dictionary(path, _object(archive, "arr_0"))
     headers = {name: archive[name] for name in archive if name in wanted}
+    headers = {n: one for n, one in headers.items() if n not in TEXTURE or not one.dtype.hasobject}
     plain = {name: one for name, one in headers.items() if not one.dtype.hasobject}
     for name in plain:  # all, before any is read
         archive.check(name, wanted[name])

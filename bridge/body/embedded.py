@@ -16,6 +16,9 @@ Layout of an asset (plain arrays, no pickles):
 `regressor_value`     float32 (24, R)  their signed weights, up to a factor
 `makehuman_index`     uint16 (V,)      index of each vertex in MakeHuman's base mesh
 ===================== ================ ==========================================================
+
+`assets/embedded_texture.npz` says how MakeHuman's pictures of skin lie on either: `places` uint16
+(T, 2), in 65535ths, and `corners` uint16 (F, 3).
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ from bridge.body.model_data import (
     POSE_FEATURE_COUNT,
     SMPL_PARENTS,
     BodyModelData,
+    Texture,
 )
 from bridge.body.smpl_files import load_smpl_file
 from bridge.errors import DsnetError
@@ -76,8 +80,10 @@ def load_body_model(
             " or ".join(EMBEDDED_PREFIX + known for known in EMBEDDED_GENDERS),
             "Choose one of these or give the path of an SMPL model file",
         )
-    with _open_asset(gender) as archive:
-        return unpack(gender, {name: archive.array(name) for name in archive})
+    with _open_asset(gender) as archive, _open_asset("texture") as texture:
+        places, corners = texture.array("places") / 65535, texture.array("corners")
+        body = unpack(gender, {name: archive.array(name) for name in archive})
+        return replace(body, texture=Texture(places, corners.astype(np.int64)))
 
 
 def load_paper_body(path: str | Path) -> BodyModelData:
@@ -133,6 +139,6 @@ def unpack(gender: str, arrays: Mapping[str, np.ndarray]) -> BodyModelData:
     )
 
 
-def _open_asset(gender: str) -> AbstractContextManager[UntrustedNpz]:
-    asset = resources.files("bridge.body") / "assets" / f"embedded_{gender}.npz"
+def _open_asset(name: str) -> AbstractContextManager[UntrustedNpz]:
+    asset = resources.files("bridge.body") / "assets" / f"embedded_{name}.npz"
     return open_npz(str(asset))

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, Any, Literal, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -69,6 +69,15 @@ HAND_COUNT = 2 * 3 * len(_FINGERS)
 """Joints of both hands of SMPL-H and SMPL-X, the last of each."""
 
 
+class Texture(NamedTuple):
+    """How a picture lies on a body's skin."""
+
+    places: np.ndarray
+    """(T, 2) on the picture, 0 to 1 from its lower left corner."""
+    corners: np.ndarray
+    """(F, 3) int64, which of them each corner of each face has."""
+
+
 @dataclass(frozen=True, eq=False)
 class BodyModelData:
     """Everything that Eq. 1-2 need, in metres: V vertices, F faces, J = 24, 52 or 55 joints of
@@ -104,6 +113,8 @@ class BodyModelData:
     hands_mean: np.ndarray | None = None
     """(30, 3) axis-angle of relaxed fingers, where the file has it. Zero pose is flat hands: who
     stored a pose relative to this one adds it."""
+    texture: Texture | None = None
+    """Of the faces, where the file has it, as SMPL-X's do."""
     notes: tuple[str, ...] = ()
     """What a user would want to know of the file, a line each."""
 
@@ -190,6 +201,8 @@ def _smpl_fields(data: BodyModelData) -> dict[str, Any]:
     if data.hands_mean is not None:
         left, right = data.hands_mean.reshape(2, -1)
         fields |= {"hands_meanl": left, "hands_meanr": right}
+    if data.texture is not None:
+        fields |= {"vt": data.texture.places, "ft": data.texture.corners}
     return fields
 
 
@@ -248,6 +261,9 @@ def _check(data: BodyModelData) -> None:
         joint = next(joint for joint in range(joints) if parents[joint] != known[joint])
         found = f"joint {joint} has parent {parents[joint]}: another skeleton"
         raise _invalid(data, found, f"parent {known[joint]}, as in {data.kind}")
+    if data.texture is not None and data.texture.corners.shape != faces.shape:
+        found = f"texture of corners {data.texture.corners.shape}"
+        raise _invalid(data, found, f"those of faces {faces.shape}")
     for name in ("weights", "J_regressor"):
         sums = np.asarray(getattr(data, name).sum(axis=1)).ravel()
         if (worst := float(np.abs(sums - 1.0).max(initial=0.0))) > 1e-3:

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from safetensors import SafetensorError
 
 from bridge.body.body_checks import checked_person, checked_surface
-from bridge.body.containers import MODELS, read_fields, refused
+from bridge.body.containers import MODELS, TEXTURE, read_fields, refused
 from bridge.body.model_data import (
     GENDER_FIELD,
     GENDERS,
@@ -25,6 +25,7 @@ from bridge.body.model_data import (
     SHAPES_FIELD,
     SOURCE_FIELD,
     BodyModelData,
+    Texture,
 )
 from bridge.body.safe_pickle import MOST_BYTES, as_array
 from bridge.errors import DsnetError
@@ -53,7 +54,7 @@ _FIELDS = {
     SHAPES_FIELD: _Field((SHAPES_FIELD,), "", needed=False),
 }
 _WANTED = {name: MOST_BYTES for field in _FIELDS.values() for name in field.names}
-_WANTED |= {SOURCE_FIELD: 1 << 12, GENDER_FIELD: 1 << 12}
+_WANTED |= {SOURCE_FIELD: 1 << 12, GENDER_FIELD: 1 << 12} | dict.fromkeys(TEXTURE, MOST_BYTES)
 _BY_FIELD: dict[str, tuple[str, str]] = {
     "eigvec": ("DMPL's directions of soft tissue", "Pass it to --dmpl"),
     "skin_template_v": ("SKEL's, another skeleton", MODELS),
@@ -208,8 +209,21 @@ def _body(path: Path, arrays: dict[str, np.ndarray], fields: Mapping[str, Any]) 
         parents=parents,
         expressiondirs=arrays.get("expr_dirs", dirs[:, :, shapes:]),
         hands_mean=hands,
+        texture=_texture(fields, arrays["f"].shape),
         notes=notes,
     )
+
+
+def _texture(fields: Mapping[str, Any], faces: tuple[int, ...]) -> Texture | None:
+    """Where a file has one that fits its faces."""
+    try:
+        places, corners = (as_array(fields[name]).astype(np.float64) for name in TEXTURE)
+        indices = corners.astype(np.int64)
+        fits = places.shape[1:] == (2,) and corners.shape == faces and (indices == corners).all()
+        fits &= np.isfinite(places).all() and 0 <= indices.min() <= indices.max() < len(places)
+    except (*DAMAGE, RuntimeWarning):
+        return None
+    return Texture(places, indices) if fits else None
 
 
 def _shapes_of(

@@ -17,14 +17,11 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from scipy import sparse
-from trimesh.exchange.obj import export_obj
 from trimesh.exchange.ply import export_ply
 
+from bridge.body import BodyModelData
 from bridge.export.output import about, about_in_a_line
 from bridge.runtime.moving_body import MovingBody
-
-_OBJ_DIGITS = 6
-"""After the point: micrometres."""
 
 
 class VertexNormals:
@@ -61,15 +58,23 @@ def surfaces(
 
 def write_obj(folder: Path, moving: MovingBody) -> None:
     """Write `frame_00000.obj`, ... into an empty folder."""
-    comment = about_in_a_line(moving)
-    for number, mesh in enumerate(_meshes(moving, "obj")):
-        _save_obj(folder / f"frame_{number:05d}.obj", mesh, f"frame {number} of {comment}")
+    comment, faces = about_in_a_line(moving), _obj_faces(moving.body)
+    for number, (vertices_m, normals, _) in enumerate(surfaces(moving, "obj")):
+        path, said = folder / f"frame_{number:05d}.obj", f"frame {number} of {comment}"
+        _save_obj(path, vertices_m, normals, faces, said)
 
 
 def write_ply(folder: Path, moving: MovingBody) -> None:
     """Write `frame_00000.ply`, ..., binary, with the size of each vertex's skin offset."""
     comment = about_in_a_line(moving)
-    for number, mesh in enumerate(_meshes(moving, "ply")):
+    for number, (vertices_m, normals, sizes_m) in enumerate(surfaces(moving, "ply")):
+        mesh = trimesh.Trimesh(
+            vertices_m,
+            moving.body.faces,
+            vertex_normals=normals,
+            vertex_attributes={"offset_m": sizes_m},
+            process=False,
+        )
         # A comment stands after the two lines that a header begins with.
         magic, kind, rest = export_ply(mesh, vertex_normal=True).split(b"\n", 2)
         said = f"comment frame {number} of {comment}".encode("ascii")
@@ -104,23 +109,27 @@ def _write_cache(folder: Path, name: str, header: bytes, moving: MovingBody, dty
         file.write(header)
         for posed in moving.shown("points"):
             file.write(np.ascontiguousarray(posed.vertices_m, dtype).tobytes())
-    first = next(_meshes(moving))
-    _save_obj(folder / "body.obj", first, f"base mesh of a point cache: {about_in_a_line(moving)}")
+    vertices_m, normals, _ = next(surfaces(moving))
+    said = f"base mesh of a point cache: {about_in_a_line(moving)}"
+    _save_obj(folder / "body.obj", vertices_m, normals, _obj_faces(moving.body), said)
     (folder / "about.json").write_text(json.dumps(about(moving), indent=2) + "\n", encoding="utf-8")
 
 
-def _save_obj(path: Path, mesh: trimesh.Trimesh, comment: str) -> None:
-    text = export_obj(mesh, include_normals=True, digits=_OBJ_DIGITS, header=comment)
-    path.write_text(text, encoding="utf-8")
+def _save_obj(path: Path, vertices_m: NDArray, normals: NDArray, faces: str, comment: str) -> None:
+    """To the micrometre."""
+    places = _lines("v %.6f %.6f %.6f", vertices_m) + _lines("vn %.6f %.6f %.6f", normals)
+    path.write_text(f"# {comment}\n{places}{faces}", encoding="utf-8")
 
 
-def _meshes(moving: MovingBody, what: str | None = None) -> Iterator[trimesh.Trimesh]:
-    """Of each frame; `offset_m` of a vertex is the length of its skin offset."""
-    for vertices_m, normals, sizes_m in surfaces(moving, what):
-        yield trimesh.Trimesh(
-            vertices_m,
-            moving.body.faces,
-            vertex_normals=normals,
-            vertex_attributes={"offset_m": sizes_m},
-            process=False,
-        )
+def _obj_faces(body: BodyModelData) -> str:
+    """Places on the texture, and faces, whose corners are vertex/place/normal."""
+    own = body.faces + 1
+    if body.texture is None:
+        return _lines("f %d//%d %d//%d %d//%d", np.stack([own, own], axis=2))
+    corners = np.stack([own, body.texture.corners + 1, own], axis=2)
+    faces = _lines("f %d/%d/%d %d/%d/%d %d/%d/%d", corners)
+    return _lines("vt %.6f %.6f", body.texture.places) + faces
+
+
+def _lines(form: str, rows: NDArray) -> str:
+    return (form + "\n") * len(rows) % tuple(rows.ravel().tolist())

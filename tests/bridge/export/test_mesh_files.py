@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,6 +66,25 @@ def test_obj(character, tmp_path):
         np.testing.assert_array_equal(mesh.faces, character.body.faces)
         lines = [line.split()[1:] for line in path.read_text().splitlines() if line[:3] == "vn "]
         np.testing.assert_allclose(np.array(lines, float), _normals(mesh), atol=1e-3)
+
+
+@pytest.mark.parametrize("textured", [True, False])
+def test_an_objs_texture_is_the_bodys(performed, tmp_path, textured):
+    moving, body = performed.moving, performed.moving.body
+    if not textured:
+        body = replace(body, texture=None)
+        moving = MovingBody(moving.trained.on(body, "another's"), moving.motion)
+    write_pc2(tmp_path, moving)
+    lines = [line.split() for line in (tmp_path / "body.obj").read_text().splitlines()]
+    places = [line[1:] for line in lines if line[0] == "vt"]
+    faces = np.array([[c.split("/") for c in line[1:]] for line in lines if line[0] == "f"])
+    np.testing.assert_array_equal(faces[..., 0].astype(int) - 1, body.faces)
+    np.testing.assert_array_equal(faces[..., 2], faces[..., 0])
+    if body.texture is None:
+        assert (places, set(faces[..., 1].ravel())) == ([], {""})
+        return
+    np.testing.assert_allclose(np.array(places, float), body.texture.places, atol=1e-6)
+    np.testing.assert_array_equal(faces[..., 1].astype(int) - 1, body.texture.corners)
 
 
 def test_ply(performed, tmp_path):

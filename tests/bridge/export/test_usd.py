@@ -55,6 +55,14 @@ def test_it_is_valid(stage):
     assert [error.GetMessage() for error in errors] == []
 
 
+def test_texture(performed, stage):
+    primvar = UsdGeom.PrimvarsAPI(stage.GetPrimAtPath("/Body/Mesh")).GetPrimvar("st")
+    assert primvar.GetInterpolation() == "faceVarying"
+    places, corners = performed.moving.body.texture
+    flat = np.array(primvar.ComputeFlattened())
+    np.testing.assert_allclose(flat, places[corners.ravel()], atol=1e-6)
+
+
 def test_points_normals_extent_and_offsets(performed, stage):
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/Body/Mesh"))
     assert mesh.GetPrim().GetStage().GetDefaultPrim().GetTypeName() == "Xform"
