@@ -218,12 +218,12 @@ def _texture(fields: Mapping[str, Any], faces: tuple[int, ...]) -> Texture | Non
     """Where a file has one that fits its faces."""
     try:
         places, corners = (as_array(fields[name]).astype(np.float64) for name in TEXTURE)
-        indices = corners.astype(np.int64)
-        fits = places.shape[1:] == (2,) and corners.shape == faces and (indices == corners).all()
-        fits &= np.isfinite(places).all() and 0 <= indices.min() <= indices.max() < len(places)
-    except (*DAMAGE, RuntimeWarning):
+    except (*DAMAGE, RecursionError):
         return None
-    return Texture(places, indices) if fits else None
+    if places.shape[1:] != (2,) or corners.shape != faces or not np.isfinite(places).all():
+        return None
+    known = np.isin(corners, np.arange(len(places))).all()
+    return Texture(places, corners.astype(np.int64)) if known else None
 
 
 def _shapes_of(
