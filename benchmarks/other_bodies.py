@@ -107,7 +107,6 @@ def _with_middles(body: BodyModelData, ends: NDArray, faces: NDArray) -> BodyMod
         weights=more(body.weights),
         J_regressor=sp.hstack([body.J_regressor, nothing], format="csr"),
         faces=faces,
-        texture=None,
     )
 
 

@@ -114,7 +114,7 @@ class BodyModelData:
     """(30, 3) axis-angle of relaxed fingers, where the file has it. Zero pose is flat hands: who
     stored a pose relative to this one adds it."""
     texture: Texture | None = None
-    """Of the faces, where the file has it, as SMPL-X's do."""
+    """Of the faces, where the file has it, as SMPL-X's do; other faces leave it behind."""
     notes: tuple[str, ...] = ()
     """What a user would want to know of the file, a line each."""
 
@@ -132,6 +132,8 @@ class BodyModelData:
             object.__setattr__(self, name, _whole_numbers(self, name))
         if self.hands_mean is not None:
             object.__setattr__(self, "hands_mean", np.asarray(self.hands_mean, np.float64))
+        if self.texture is not None and self.texture.corners.shape != self.faces.shape:
+            object.__setattr__(self, "texture", None)
         _check(self)
 
     @property
@@ -261,9 +263,6 @@ def _check(data: BodyModelData) -> None:
         joint = next(joint for joint in range(joints) if parents[joint] != known[joint])
         found = f"joint {joint} has parent {parents[joint]}: another skeleton"
         raise _invalid(data, found, f"parent {known[joint]}, as in {data.kind}")
-    if data.texture is not None and data.texture.corners.shape != faces.shape:
-        found = f"texture of corners {data.texture.corners.shape}"
-        raise _invalid(data, found, f"those of faces {faces.shape}")
     for name in ("weights", "J_regressor"):
         sums = np.asarray(getattr(data, name).sum(axis=1)).ravel()
         if (worst := float(np.abs(sums - 1.0).max(initial=0.0))) > 1e-3:

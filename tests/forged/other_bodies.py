@@ -60,7 +60,6 @@ def open_in_pieces(body: BodyModelData) -> BodyModelData:
             [body.J_regressor, sp.csr_matrix((len(body.parents), added))], format="csr"
         ),
         faces=np.concatenate([faces, count + ball_faces, count + len(ball) + ball_faces]),
-        texture=None,
     )
 
 

@@ -140,13 +140,14 @@ def test_what_is_no_skin_is_refused(
     female: BodyModelData, edit: Callable[[np.ndarray], np.ndarray], words: str
 ) -> None:
     with pytest.raises(DsnetError, match=words):
-        checked_surface(replace(female, texture=None, faces=edit(female.faces)))
+        checked_surface(replace(female, faces=edit(female.faces)))
 
 
 def test_a_file_is_checked_when_it_is_loaded(female: BodyModelData, tmp_path: Path) -> None:
     assert checked_surface(female) is female
-    open_ = replace(female, faces=female.faces[:-20], texture=None)
+    open_ = replace(female, faces=female.faces[:-20])
     assert checked_surface(open_) is open_
+    assert open_.texture is None
     replace(female, faces=female.faces[:, ::-1]).save_smpl_npz(tmp_path / "inside_out.npz")
     with pytest.raises(DsnetError, match=r"inside_out\.npz: faces that wind clockwise"):
         load_body_model(tmp_path / "inside_out.npz")
