@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,9 +117,8 @@ def draw_figure2(path: Path, scene: Scene, sequence: MotionSequence) -> None:
         ("(e) M(β, θ) + Δ", fitted, np.linalg.norm(offsets_m, axis=-1)),
     ]
     title = f"Figure 2: alignment of {name}"
-    _draw_columns(
-        path, scene, columns, _times(sequence, frames), title=title, colour_label="Δ", width_in=10.0
-    )
+    titles = _times(sequence, frames)
+    _draw_columns(path, scene, columns, titles, title=title, colour_label="Δ", width_in=10.0)
 
 
 def draw_figure9(
@@ -165,16 +165,8 @@ def draw_figure4(path: Path, scene: Scene, sequence: MotionSequence) -> None:
         ("reconstruction", rebuilt, None),
         ("per-vertex error", rebuilt, np.linalg.norm(rebuilt - original, axis=-1)),
     ]
-    title = "Figure 4: the autoencoder's reconstruction"
-    _draw_columns(
-        path,
-        scene,
-        columns,
-        _times(sequence, frames),
-        title=title,
-        colour_label="error",
-        width_in=7.0,
-    )
+    title, titles = "Figure 4: the autoencoder's reconstruction", _times(sequence, frames)
+    _draw_columns(path, scene, columns, titles, title=title, colour_label="error", width_in=7.0)
 
 
 def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
@@ -193,16 +185,8 @@ def draw_figure7(path: Path, scene: Scene, sequence: MotionSequence) -> None:
         columns.append((f"({next(letters)}) SMPL + {label}", moved, None))
         columns.append((f"({next(letters)}) part of {label}", moved, size_m))
     title = f"Figure 7: a sequence that no predictor saw, {name}"
-    width_in = 9.0 + 2.0 * (len(scene.pipelines) - 1)
-    _draw_columns(
-        path,
-        scene,
-        columns,
-        _times(sequence, frames),
-        title=title,
-        colour_label="contribution",
-        width_in=width_in,
-    )
+    look = {"colour_label": "contribution", "width_in": 9.0 + 2.0 * (len(scene.pipelines) - 1)}
+    _draw_columns(path, scene, columns, _times(sequence, frames), title=title, **look)
 
 
 def _cells(series: Series) -> list[Cell]:
@@ -211,42 +195,16 @@ def _cells(series: Series) -> list[Cell]:
 
 
 def _draw_columns(
-    path: Path,
-    scene: Scene,
-    columns: Sequence[Series],
-    times: Sequence[str],
-    *,
-    title: str,
-    colour_label: str,
-    width_in: float,
+    path: Path, scene: Scene, columns: Sequence[Series], row_titles: Sequence[str], **look: Any
 ) -> None:
     """As `_draw`, of columns with their titles."""
-    _draw(
-        path,
-        scene,
-        list(zip(*map(_cells, columns), strict=True)),
-        column_titles=[label for label, *_ in columns],
-        row_titles=times,
-        title=title,
-        colour_label=colour_label,
-        width_in=width_in,
-    )
+    cells, titles = list(zip(*map(_cells, columns), strict=True)), [label for label, *_ in columns]
+    _draw(path, scene, cells, column_titles=titles, row_titles=row_titles, **look)
 
 
-def _draw(
-    path: Path,
-    scene: Scene,
-    cells: Sequence[Sequence[Cell | None]],
-    *,
-    column_titles: Sequence[str],
-    row_titles: Sequence[str],
-    title: str,
-    colour_label: str,
-    width_in: float,
-    framed: Collection[tuple[int, int]] = (),
-) -> None:
-    """As `draw_panels`: a picture for each cell, on one scale of colour; white where there is
-    none."""
+def _draw(path: Path, scene: Scene, cells: Sequence[Sequence[Cell | None]], **look: Any) -> None:
+    """As `draw_panels`, which has titles and `look`: a picture for each cell, on one scale of
+    colour; white where there is none."""
     shown = [cell for row in cells for cell in row if cell]
     top_m = scale_top_m([size_m for _, size_m in shown if size_m is not None])
     camera = frame_camera([body for body, _ in shown], height_px=scene.panel_px)
@@ -259,18 +217,7 @@ def _draw(
         return scene.picture(camera, body, colours)
 
     pictures = [[picture(cell) for cell in row] for row in cells]
-    draw_panels(
-        path,
-        pictures,
-        origin=scene.origin,
-        column_titles=column_titles,
-        row_titles=row_titles,
-        title=title,
-        colour_top_m=top_m,
-        colour_label=colour_label,
-        width_in=width_in,
-        framed=framed,
-    )
+    draw_panels(path, pictures, origin=scene.origin, colour_top_m=top_m, **look)
 
 
 def _lively_frames(scene: Scene, sequence: MotionSequence, count: int) -> NDArray[np.int64]:

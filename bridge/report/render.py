@@ -38,8 +38,8 @@ _GRID_PX, _BORDER = 4, 4
 """Pixels between points where the floor's light is found; more of them around the picture."""
 _LIFT_M, _AWAY = 1e-3, -0.3
 _OUTLINE_PX = 8.0
-_NOWHERE_M = np.float32(-1e9)
 """Where depth changes by more than so many pixels from one to the next, there is an outline."""
+_NOWHERE_M = np.float32(-1e9)
 _SCATTERED = (np.array([[0, 1, 2, 3, 4, 5, 6, 7], [0, 4, 2, 6, 1, 5, 3, 7]]) + 0.5) / 8
 """Places of an outline's rays in a pixel: each eighth of its width, and of its height, has one."""
 
@@ -185,8 +185,8 @@ class _Surface:
     def seen(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32], sent: NDArray
     ) -> tuple[NDArray[np.bool_], NDArray[np.float32], NDArray]:
-        """Which rays (..., 3) meet a body, how far they come (...), `_NOWHERE_M`
-        if they meet none, and what arrives by them (M, 3).
+        """Which rays (..., 3) meet a body, how far they come (...), `_NOWHERE_M` if they meet none,
+        and what arrives by them (M, 3).
 
         `sent` (V, 3) is what each vertex sends, and faces what lies between their corners'.
         """

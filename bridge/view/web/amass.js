@@ -7,7 +7,7 @@ const KIND = "surface_model_type"; // whose body it is, where a file says it
 const WIDTHS = [72, 156, 165], JOINTS = 22, FPS = 60, MOST_FRAMES = 108000;
 const MOST_BYTES = { poses: MOST_FRAMES * 165 * 8, trans: MOST_FRAMES * 24, betas: 1 << 16 };
 const CUT_M = 0.5, CUT_RAD = (150 / 180) * Math.PI, UPRIGHT = [-Math.SQRT1_2, 0, 0, Math.SQRT1_2];
-const ASLANT = 0.5; // of a trunk, most of the other vertical beside the one along which it stands
+const ASLANT = 0.5; // of a trunk along z, most of y beside it
 // The root turns about the root joint, and so does the world: R J - J.
 const BY_JOINT = { y: [[0, 0, 0], [0, 0, 0], [0, 0, 0]], z: [[0, 0, 0], [0, -1, 1], [0, -1, -1]] };
 const TYPES = { f4: Float32Array, f8: Float64Array, i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array,
@@ -84,7 +84,7 @@ function vertical(poses, frames, width) {
   const trunks = roots.map((q) => times(times(q, [0, 1, 0, 0]), inverse(q)));
   const [y, z] = [1, 2].map((axis) => median(frames, (i) => trunks[i][axis]));
   if (z > 0 && Math.abs(y) <= ASLANT * z) return "z";
-  if (y > 0 && Math.abs(z) <= ASLANT * y) return "y";
+  if (y > 0.7 && Math.abs(z) < 0.3) return "y"; // as Python has it of who sits
   return refuse("its bodies stand along neither y nor z; Python tells which is up: dsnet view --motion FILE");
 }
 

@@ -149,17 +149,17 @@ def test_a_texture_is_kept(tmp_path: Path, suffix: str) -> None:
         {"ft": np.zeros((5, 3), int)},
         {"ft": np.array([[1], [2, 3]], object)},
         {"ft": np.array("none")},
+        {"ft": np.full(person("smplx").faces.shape, 70)},
     ],
 )
-@pytest.mark.parametrize("above", [0, 70])
 def test_a_texture_that_does_not_fit_is_left_out(
-    tmp_path: Path, damaged: dict[str, np.ndarray], above: int
+    tmp_path: Path, damaged: dict[str, np.ndarray]
 ) -> None:
     body = person("smplx")
     body.save_smpl_npz(tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz") as stored:
-        right = {"vt": np.zeros((70, 2)), "ft": np.zeros(body.faces.shape, int) + above}
-        np.savez(tmp_path / "a.npz", **{**stored, **right, **({} if above else damaged)})
+        right = {"vt": np.zeros((70, 2)), "ft": np.zeros(body.faces.shape, int)}
+        np.savez(tmp_path / "a.npz", **{**stored, **right, **damaged})
     assert load_body_model(tmp_path / "a.npz").texture is None
 
 

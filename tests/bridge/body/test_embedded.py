@@ -61,7 +61,10 @@ def test_pictures_of_skin_lie_on_it_without_tears(body: BodyModelData) -> None:
         np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1)
         for triangles in (places[corners], body.v_template[body.faces])
     )
-    # Corners that lie across a seam are drawn to the next one, whose edge is as long as others'.
+    # Corners that lie across a seam are drawn to the next one: as NOTICE.md says, of 1 in 100.
+    torn = (np.diff(np.sort(corners, axis=1), axis=1) == 0).any(axis=1)
+    assert 0.005 < torn.mean() < 0.01
+    assert np.quantile((on_picture / on_skin)[~torn], 0.99) < 2.1
     assert (on_picture < 3 * on_skin).mean() > 0.995
     sides = places[corners[:, 1:]] - places[corners[:, :1]]
     areas = np.linalg.det(sides) / 2
