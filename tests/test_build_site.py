@@ -61,8 +61,8 @@ class Html(HTMLParser):
         (
             "docs/metrics.md",
             "metrics.md",
-            "[`stops.py`](../bridge/measure/stops.py)",
-            "[`stops.py`](api/bridge.measure.stops.md)",
+            "[`metrics.py`](../bridge/measure/metrics.py)",
+            "[`metrics.py`](api/bridge.measure.metrics.md)",
         ),
         (
             "docs/metrics.md",

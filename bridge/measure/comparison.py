@@ -43,14 +43,6 @@ from bridge.measure.pipelines import (
     Pipeline,
     candidates,
 )
-from bridge.measure.stops import (
-    Decays,
-    RestSums,
-    StillSpan,
-    joint_speed_m_s,
-    still_spans,
-    swing_sums_m,
-)
 from bridge.motion import MotionSequence, unpack_theta
 from bridge.motion.splits import cell_of, trained_people_and_kinds
 
@@ -69,8 +61,6 @@ class SequenceErrors:
     """(T,) error of the posed mesh in each frame, mean over its vertices."""
     offset_size_m: dict[str, NDArray[np.float32]] = field(default_factory=dict)
     """(T,) mean length of the moving offsets in each frame; of what moves, and of `TRUE`."""
-    spans: list[StillSpan] = field(default_factory=list)
-    """When the body stands still."""
 
 
 class Evaluation:
@@ -162,59 +152,41 @@ class Evaluation:
     def _compare_offsets(self, found: SequenceErrors, chosen: Sequence[Candidate]) -> None:
         name, truth = found.sequence.name, self._truth
         if truth is not None and name in truth.places:
-            self._compare_with(found, truth, truth, chosen)
+            self._compare_with(found, truth, chosen)
             return
         for pipeline in {one.pipeline.name: one.pipeline for one in chosen}.values():
             if name in pipeline.align.places:
                 own = [one for one in chosen if one.pipeline is pipeline]
-                self._compare_with(found, pipeline.align, pipeline.motions, own)
+                self._compare_with(found, pipeline.align, own)
 
     def _compare_with(
-        self,
-        found: SequenceErrors,
-        reference: MotionArrays,
-        motions: MotionArrays,
-        chosen: Sequence[Candidate],
+        self, found: SequenceErrors, reference: MotionArrays, chosen: Sequence[Candidate]
     ) -> None:
-        """Compare with the reference's offsets; `motions` say when the body stands still."""
         name = found.sequence.name
-        fps, given_fps = (arrays.places[name].fps for arrays in (reference, motions))
         lengths = (one.pipeline.offsets.places[name].length for one in chosen)
         frames = slice(0, min(reference.places[name].length, *lengths))
-        theta = motions.frames("theta", name, frames)
-        speed = joint_speed_m_s(self._body, motions.betas(name), theta, given_fps)
-        spans = still_spans(speed, given_fps)
-        vertices = self._body.vertex_count
-        curves_m = {one.name: np.zeros((2, frames.stop)) for one in chosen if one.moves}
-        curves_m[TRUE] = np.zeros((2, frames.stop))
+        fps, vertices = reference.places[name].fps, self._body.vertex_count
+        sizes_m = {one.name: np.zeros(frames.stop) for one in chosen if one.moves}
+        sizes_m[TRUE] = np.zeros(frames.stop)
         for piece in frame_blocks(slice(0, vertices), _VERTICES_AT_ONCE):
             total_m = _single(reference.offsets_m(name, frames, piece))
             static = reference.has("static")
             static_m = _single(reference.frames("static", name, frames, piece)) if static else None
             true = Offsets(total_m, fps, static_m)
-            curves_m[TRUE] += _curves_m(true, spans)
+            sizes_m[TRUE] += _sizes_m(true)
             for one in chosen:
                 predicted = _predicted(one, name, frames, piece, true)
-                errors = rest_pose_errors(predicted, true, spans, moves=one.moves)
+                errors = rest_pose_errors(predicted, true, moves=one.moves)
                 add_errors(found.errors[one.name], errors)
                 if one.moves:
-                    curves_m[one.name] += _curves_m(predicted, spans)
-        sizes_m, swings_m = (
-            {key: curves[row] / vertices for key, curves in curves_m.items()} for row in (0, 1)
-        )
-        for key in curves_m.keys() - {TRUE}:
-            found.errors[key]["decay"] = Decays.of(swings_m[key], swings_m[TRUE], spans, fps)
-        if TRUE not in found.offset_size_m:
-            # Of several alignments the first stands for the truth in figures.
-            found.spans = spans
-        else:
+                    sizes_m[one.name] += _sizes_m(predicted)
+        if TRUE in found.offset_size_m:  # of several alignments the first stands for the truth
             del sizes_m[TRUE]
-        found.offset_size_m |= {key: size_m.astype(np.float32) for key, size_m in sizes_m.items()}
+        means_m = {key: size_m / vertices for key, size_m in sizes_m.items()}
+        found.offset_size_m |= {key: mean_m.astype(np.float32) for key, mean_m in means_m.items()}
 
 
-def rest_pose_errors(
-    predicted: Offsets, true: Offsets, spans: Sequence[StillSpan], *, moves: bool
-) -> Errors:
+def rest_pose_errors(predicted: Offsets, true: Offsets, *, moves: bool) -> Errors:
     """Errors on some vertices; a predictor whose offsets do not change has no movement to judge."""
     found: Errors = {"offsets": ErrorSums.of(predicted.total_m, true.total_m)}
     if true.static_m is not None:
@@ -224,7 +196,6 @@ def rest_pose_errors(
     if moves:
         found["velocity"] = VelocitySums.of(predicted, true)
         found["spectrum"] = SpectrumSums.of(predicted, true)
-        found["rest"] = RestSums.of(predicted, true, spans)
     return found
 
 
@@ -239,10 +210,9 @@ def _predicted(one: Candidate, name: str, frames: slice, vertices: slice, true: 
     return Offsets(total_m, true.fps, None if static_m is None else _single(static_m))
 
 
-def _curves_m(offsets: Offsets, spans: Sequence[StillSpan]) -> NDArray[np.float64]:
-    """(2, T) length of the moving offsets and swing after stops, summed over vertices, metres."""
-    sizes_m = np.linalg.norm(offsets.moving_m, axis=-1).sum(axis=1, dtype=np.float64)
-    return np.stack([sizes_m, swing_sums_m(offsets, spans)])
+def _sizes_m(offsets: Offsets) -> NDArray[np.float64]:
+    """(T,) length of the moving offsets, summed over vertices, metres."""
+    return np.linalg.norm(offsets.moving_m, axis=-1).sum(axis=1, dtype=np.float64)
 
 
 def _single(offsets_m: NDArray) -> NDArray[np.float32]:

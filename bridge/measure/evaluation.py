@@ -115,10 +115,6 @@ def _described(row: SequenceErrors, evaluation: Evaluation) -> dict[str, Any]:
         "cell": evaluation.groups(sequence)[-1],
         "person": "known" if evaluation.knows(sequence) else "new",
         "frames": sequence.length,
-        "stands_still_s": [
-            [edge / sequence.fps for edge in (span.frames.start, span.frames.stop)]
-            for span in row.spans
-        ],
         "errors": {name: GroupErrors([errors]).summary() for name, errors in row.errors.items()},
         "mesh_frame_error_mm": {
             name: {"mean": float(mm.mean()), "min": float(mm.min()), "max": float(mm.max())}

@@ -230,7 +230,7 @@ def frequency_steps(frames: int, fps: float) -> NDArray[np.int64]:
 
 Errors = dict[str, Sums]
 """Of one predictor, by what is compared: `mesh`, `offsets` and, where the truth tells them apart,
-`moving` and `static`; of what moves `velocity`, `spectrum`, `rest` and `decay`."""
+`moving` and `static`; of what moves `velocity` and `spectrum`."""
 
 
 def add_errors(total: Errors, part: Errors) -> None:

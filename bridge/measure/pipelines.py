@@ -147,7 +147,7 @@ class Candidate:
 
     @property
     def moves(self) -> bool:
-        """Whether its offsets change: else it has no velocity, spectrum or decay."""
+        """Whether its offsets change: else it has no velocity and no spectrum."""
         return self.kind not in (PERSON_MEAN, SEQUENCE_MEAN, SMPL)
 
     def predicts(self, sequence: str) -> bool:

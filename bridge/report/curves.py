@@ -106,7 +106,7 @@ def draw_figure10(
 
 
 def draw_offset_size(path: Path, evaluate: Artifact, sequence: Mapping[str, Any]) -> None:
-    """Mean length of the moving offsets in each frame; shaded where the body stands still."""
+    """Mean length of the moving offsets in each frame."""
     title = f"Size of the skin offsets over time, {sequence['name']} (never trained on)"
     styles = {TRUE: _TRUE_STYLE} | trained_styles(evaluate)
     _draw_over_time(path, evaluate, OFFSET_SIZE, sequence, styles, title, "mean over vertices [mm]")
@@ -132,24 +132,18 @@ def _draw_over_time(
                 axes.plot(times_s, 1e3 * curve_m, line, color=colour, label=label, linewidth=1.5)
         axes.set_ylim(bottom=0.0, top=1.35 * axes.get_ylim()[1])  # room for the legend
         axes.set_xlim(0, sequence["frames"] / fps)
-        for start_s, stop_s in sequence["stands_still_s"] if kind == OFFSET_SIZE else ():
-            axes.axvspan(start_s, stop_s, color="#000000", alpha=0.07, linewidth=0)
 
 
-def stopping_sequence(evaluate: Artifact) -> dict[str, Any] | None:
-    """The measured test sequence whose flesh swings most after a stop, or the first; or None."""
+def liveliest_sequence(evaluate: Artifact) -> dict[str, Any] | None:
+    """The test sequence whose true offsets change fastest; None if none is measured."""
     default = evaluate.manifest["default"]
-
-    def swing_mm(one: dict[str, Any]) -> float:
-        decay = one["errors"][default]["decay"]
-        return decay["true_mm"] if decay else 0.0
-
     tested = [
         one
         for one in evaluate.manifest["per_sequence"]
         if one["split"] == "test" and "velocity" in one["errors"].get(default, {})
     ]
-    return max(tested, key=swing_mm, default=None)
+    speeds = [one["errors"][default]["velocity"]["true_rms_mm_s"] for one in tested]
+    return tested[int(np.argmax(speeds))] if tested else None
 
 
 def draw_spectrum(path: Path, evaluate: Artifact) -> None:

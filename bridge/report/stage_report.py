@@ -36,8 +36,8 @@ from bridge.report.curves import (
     draw_offset_size,
     draw_plus_loss,
     draw_spectrum,
+    liveliest_sequence,
     plus_losses,
-    stopping_sequence,
 )
 from bridge.report.diagrams import draw_figure3, draw_figure5
 from bridge.report.pages import render_html, render_markdown
@@ -152,7 +152,7 @@ def plan_figures(scene: Scene) -> list[Figure]:
     train_ae, train = (stages[name] if papers else None for name in ("train-ae", "train"))
     plus = stages.get(TRAIN_PLUS)
     # Nothing moves without test sequences whose true offsets are known.
-    stopping = stopping_sequence(evaluate)
+    lively = liveliest_sequence(evaluate)
     planned: list[tuple[Any, ...]] = [  # name, what draws it, of what
         ("figure1_strip", draw_figure1, scene, _unseen(scene)),
         ("figure2_alignment", draw_figure2, scene, clip),
@@ -164,8 +164,8 @@ def plan_figures(scene: Scene) -> list[Figure]:
         ("figure8_error", draw_figure8, evaluate, held_out),
         ("figure9_people", draw_figure9, scene, papers and _people_of_figure9(scene)),
         ("figure10_spine2", _draw_figure10, scene, _turning(scene)),
-        ("decay", draw_offset_size, evaluate, stopping),
-        ("spectrum", draw_spectrum, stopping and evaluate),
+        ("over_time", draw_offset_size, evaluate, lively),
+        ("spectrum", draw_spectrum, lively and evaluate),
         ("loss_autoencoder", draw_autoencoder_loss, train_ae),
         ("loss_dsnet", draw_dsnet_loss, train),
         ("loss_plus", draw_plus_loss, plus and plus_losses(plus) and plus),

@@ -178,7 +178,7 @@ def test_what_is_not_compared_has_no_numbers(evaluated):
     result = evaluate.manifest["per_sequence"][-1]
     assert "autoencoder" not in result["errors"]
     assert set(result["errors"]["smpl"]) == {"mesh", "offsets"}
-    moving = {"mesh", "offsets", "velocity", "spectrum", "decay", "rest"}
+    moving = {"mesh", "offsets", "velocity", "spectrum"}
     assert set(result["errors"]["dsnet_small"]) == moving
     assert frames_m(evaluate, MESH_ERROR, "autoencoder", "99001_kicking") is None
     assert evaluate.array("mesh_error_autoencoder").shape == (22,)

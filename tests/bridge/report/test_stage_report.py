@@ -32,7 +32,7 @@ FIGURES = (
     "figure8_error",
     "figure9_people",
     "figure10_spine2",
-    "decay",
+    "over_time",
     "spectrum",
     "loss_autoencoder",
     "loss_dsnet",
@@ -202,21 +202,6 @@ def test_the_page_names_law_form_gravity_and_bodies(folder):
     assert "Static and moving" not in (folder / "report.md").read_text()
 
 
-def test_decay_and_rest_have_a_row_for_each_predictor(folder):
-    def stop(results):
-        found = results["cells"]["test"]["dsnet_plus"]
-        found["decay"] = {"stops": 3, "off_s": 0.05, "true_s": 0.4, "predicted_s": 0.35,
-                          "true_mm": 1.2, "predicted_mm": 1.1}  # fmt: skip
-        found["rest"] = {"predicted_mm": 0.6, "true_mm": 0.5, "error_mm": 0.2}
-
-    page = page_of(folder, stop)
-    expected = (
-        "| DSNet plus | 3 | 0.35 | 0.40 | 0.05 | 1.10 | 1.20 | 0.60 | 0.50 | 0.20 |\n"
-        "| DSNet, small | 0 | - | - | - | - | - | - | - | - |"
-    )
-    assert expected in page
-
-
 def test_departures_of_both_pipelines_are_told(folder):
     page = (folder / "report.md").read_text()
     assert "- `dsnet_small`: a wrong turn\n- `dsnet_plus`: no autoencoder" in page
@@ -306,7 +291,7 @@ def test_the_best_pipeline_alone_has_a_report(own_alignment, forged_runs, tmp_pa
     drawn = {path.stem for path in (runs / "best" / "report" / "figures").iterdir()}
     assert drawn == {
         "figure1_strip", "figure2_alignment", "figure6_lengths", "figure7_validation",
-        "figure8_error", "figure10_spine2", "decay", "spectrum", "loss_plus",
+        "figure8_error", "figure10_spine2", "over_time", "spectrum", "loss_plus",
     }  # fmt: skip
     assert "DSNet plus" in page
     assert "autoencoder" not in page.partition("## Every test group")[0]
