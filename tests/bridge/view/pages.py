@@ -12,9 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bridge.runtime.controls import Controls, controlled_body
+from bridge.runtime.load_model import load_for_motion
 from bridge.view.page import document, serving
+from bridge.view.repertoire import open_repertoire
 from bridge.view.scene import Scene
 from tools.headless_chromium import PATIENCE_MS, OpenPage, open_page
+from tools.headless_firefox import FirefoxPage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -33,12 +37,31 @@ _VERTICES = """async ([name, frame]) => {
   return btoa(text);
 }"""
 
+TORN = """async (wanted) => {
+  const canvas = document.getElementById("view"), turn = () => new Promise(requestAnimationFrame);
+  const copy = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height });
+  const flat = copy.getContext("2d", { willReadFrequently: true }), seen = [];
+  const pixels = () => { flat.drawImage(canvas, 0, 0); return flat.getImageData(0, 0, copy.width, copy.height).data; };
+  page.play(true);
+  while (seen.length < wanted) { await turn(); if (page.time !== seen.at(-1)?.time) seen.push({ time: page.time, was: pixels() }); }
+  let apart = 0;
+  for (const { time, was } of seen) {
+    page.seek(time);
+    for (let i = 0; i < 400 && !(page.time === time && page.frames.get(Math.floor(time)) && page.frames.get(Math.ceil(time))); i++) await turn();
+    await turn(); await turn();
+    pixels().forEach((value, i) => { apart += value !== was[i]; });
+  }
+  return apart;
+}"""  # fmt: skip  # noqa: E501
+"""How many numbers of pixels differ between playing and resting, of so many moments."""
+
 
 class Shown:
     """A page that is ready."""
 
-    def __init__(self, opened: OpenPage) -> None:
-        self.page, self.errors = opened.page, opened.errors
+    def __init__(self, opened: OpenPage | FirefoxPage) -> None:
+        self.page: Any = opened.page if isinstance(opened, OpenPage) else opened
+        self.errors = opened.errors
         self.page.wait_for_selector("body[data-ready]", state="attached")
 
     def vertices_m(self, name: str, frame: int) -> np.ndarray:
@@ -106,3 +129,21 @@ def track_m(track: bytes) -> np.ndarray:
     step_m = np.frombuffer(track, "<f4", 1)[0]
     steps = np.frombuffer(track, "<i2", offset=4).reshape(-1, 3, 6890)
     return (step_m * np.cumsum(steps, axis=0, dtype=np.int16)).transpose(0, 2, 1)
+
+
+def packaged(motion: str | Path = "sample:dancing") -> Scene:
+    return Scene(open_repertoire(None, Path(motion)))
+
+
+def predicted_m(motion: str | Path, body: str | None = None, **controls: Any) -> np.ndarray:
+    trained, read = load_for_motion(None, None, Path(motion), body=body)
+    moving = controlled_body(trained, read, Controls(**controls))
+    return np.concatenate([piece.vertices_m for piece in moving])
+
+
+def dropped(shown: Shown, path: Path) -> str:
+    """What the page says of a file."""
+    shown.page.evaluate("document.getElementById('says').textContent = ''")
+    shown.page.set_input_files("#file", str(path))
+    shown.until("document.getElementById('says').textContent !== ''")
+    return shown.says()

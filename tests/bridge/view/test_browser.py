@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,13 +16,12 @@ from bridge.cli import main
 from bridge.errors import DsnetError
 from bridge.motion import load_motion_file
 from bridge.motion.readers.amass import sample_path
-from bridge.runtime.controls import Controls, controlled_body, root_joint_m
-from bridge.runtime.load_model import load_for_motion
+from bridge.runtime.controls import root_joint_m
 from bridge.view.page import serving
 from bridge.view.repertoire import open_repertoire
 from bridge.view.scene import BUNDLE, STEP_M, Scene
 from tests.bridge.view.conftest import JUMP
-from tests.bridge.view.pages import Shown, on_disk, served
+from tests.bridge.view.pages import TORN, Shown, dropped, on_disk, packaged, predicted_m, served
 from tests.forged.amass import smplh
 from tools.headless_chromium import chromium, open_page, why_missing
 
@@ -44,10 +42,6 @@ def browser() -> Iterator[Browser]:
         yield found
 
 
-def packaged(motion: str | Path = "sample:dancing") -> Scene:
-    return Scene(open_repertoire(None, Path(motion)))
-
-
 @pytest.fixture(scope="module")
 def dancing(browser) -> Iterator[Shown]:
     with served(browser, packaged()) as shown:
@@ -60,12 +54,6 @@ def with_truth(browser, run) -> Iterator[Shown]:
     with served(browser, Scene(open_repertoire(run, None))) as shown:
         yield shown
         assert shown.errors == []
-
-
-def predicted_m(motion: str | Path, body: str | None = None, **controls: Any) -> np.ndarray:
-    trained, read = load_for_motion(None, None, Path(motion), body=body)
-    moving = controlled_body(trained, read, Controls(**controls))
-    return np.concatenate([piece.vertices_m for piece in moving])
 
 
 @pytest.mark.parametrize("gender", ["female", "male"])
@@ -87,28 +75,10 @@ def test_bodies_are_those_of_predict_after_any_jump_in_any_shape(browser, tmp_pa
         assert shown.errors == []
 
 
-_TORN = """async (wanted) => {
-  const canvas = document.getElementById("view"), turn = () => new Promise(requestAnimationFrame);
-  const copy = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height });
-  const flat = copy.getContext("2d", { willReadFrequently: true }), seen = [];
-  const pixels = () => { flat.drawImage(canvas, 0, 0); return flat.getImageData(0, 0, copy.width, copy.height).data; };
-  page.play(true);
-  while (seen.length < wanted) { await turn(); if (page.time !== seen.at(-1)?.time) seen.push({ time: page.time, was: pixels() }); }
-  let apart = 0;
-  for (const { time, was } of seen) {
-    page.seek(time);
-    for (let i = 0; i < 400 && !(page.time === time && page.frames.get(Math.floor(time)) && page.frames.get(Math.ceil(time))); i++) await turn();
-    await turn(); await turn();
-    pixels().forEach((value, i) => { apart += value !== was[i]; });
-  }
-  return apart;
-}"""  # fmt: skip  # noqa: E501
-
-
 def test_what_plays_is_what_rests_pixel_by_pixel(dancing):
     dancing.surveyed()
     dancing.set(colouring="size")
-    assert dancing.page.evaluate(_TORN, 12) == 0
+    assert dancing.page.evaluate(TORN, 12) == 0
     dancing.set(colouring="none")
 
 
@@ -205,14 +175,6 @@ def test_a_baked_body_plays(browser, run, tmp_path):
         apart_m = np.linalg.norm(true_m - alone_m, axis=1)
         np.testing.assert_allclose(apart_m, np.sqrt(3) * 0.01, atol=4 * STEP_M)
         assert shown.errors == []
-
-
-def dropped(shown: Shown, path: Path) -> str:
-    """What the page says of a file."""
-    shown.page.evaluate("document.getElementById('says').textContent = ''")
-    shown.page.set_input_files("#file", str(path))
-    shown.until("document.getElementById('says').textContent !== ''")
-    return shown.says()
 
 
 @pytest.mark.parametrize("up", ["y", "z"])
