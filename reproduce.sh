@@ -177,7 +177,7 @@ run_stages() {
         done
     done
     run_stage report "$run" "$seed"
-    echo "report: runs/$run/report/report.html" >&2
+    echo "report: $root/$run/report/report.html" >&2
 }
 
 # With the options that `run_stages` has found.

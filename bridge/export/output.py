@@ -15,38 +15,38 @@ from bridge.runtime.moving_body import MovingBody
 
 
 @contextmanager
-def new_path(out: Path, flag: str = "--out") -> Iterator[Path]:
-    """Where to write what will be `out`, which `flag` names; an exception leaves nothing.
+def new_path(out: Path) -> Iterator[Path]:
+    """Where to write what will be `out`; an exception leaves nothing.
 
     The path has the same name, so that writers which go by suffixes find theirs. `DsnetError` if
     `out` is there, lies in a run, cannot be written, or another process is writing it.
     """
-    refuse_taken(out, flag)
+    refuse_taken(out)
     out = out.resolve()
-    what, remedy = f"{flag} {out}", "Wait until it has ended, or name another path."
+    what, remedy = f"--out {out}", "Wait until it has ended, or name another path."
     try:
         with exclusive(out, what, remedy) as work:
-            refuse_taken(out, flag)  # once more: it may have been made before we were alone
+            refuse_taken(out)  # once more: it may have been made before we were alone
             (made := work / "made").mkdir()  # the lock beside it has a name, too
             yield made / out.name
             os.replace(made / out.name, out)
     except OSError as error:
         raise DsnetError(
-            f"{flag} {out}, which cannot be written ({error.strerror or error})",
+            f"--out {out}, which cannot be written ({error.strerror or error})",
             "a path that can be made, on a disk with room",
             "Name another path.",
         ) from error
 
 
-def refuse_taken(out: Path, flag: str = "--out") -> None:
+def refuse_taken(out: Path) -> None:
     """Refuse a path that is there, or lies in a run."""
     if os.path.lexists(out):
         raise DsnetError(
-            f"{flag} {out}, which exists", "a new path", "Remove it, or name another path."
+            f"--out {out}, which exists", "a new path", "Remove it, or name another path."
         )
     if runs_root().resolve() in out.resolve().parent.parents:
         raise DsnetError(
-            f"{flag} {out}, a path in a run",
+            f"--out {out}, a path in a run",
             "a path outside of the runs",
             "Name another path.",
         )

@@ -6,7 +6,7 @@ alone", whose R2 is 0, is M(beta', theta'), another mesh in each pipeline. It is
 
 - the registered mesh S_t, for sequences that were aligned: M(beta', theta') + aligned offset is
   S_t exactly (Eq. 5), so that the distance of the offsets, carried by skinning, is that of meshes;
-- the true mesh M(beta, theta) + true offset, for unseen motions of synthetic data. Where beta' was
+- the true mesh M(beta, theta) + true offset, for synthetic sequences that were not. Where beta' was
   fitted it is not the true beta, and the offsets of the two differ by that in the rest pose.
 
 *Offsets in the rest pose* are held against the simulation's for synthetic data, so that what
@@ -106,7 +106,7 @@ class Evaluation:
         return found
 
     def _compare_meshes(self, found: SequenceErrors, chosen: Sequence[Candidate]) -> None:
-        """With what SMPL alone lacks of the registered mesh, in unseen motions of the true one."""
+        """With what SMPL alone lacks of the registered mesh, of the true one without alignment."""
         name, truth = found.sequence.name, self._truth
         registered = all(name in pipeline.align.places for pipeline in self._pipelines)
         if registered:

@@ -221,7 +221,7 @@ def read_npy(stream: IO[bytes]) -> NDArray[Any]:
     return np.ndarray(header.shape, header.dtype, data, order=header.order)
 
 
-def map_npy(path: Path, mode: Literal["r", "r+"] = "r") -> NDArray[Any]:
+def map_npy(path: Path) -> NDArray[Any]:
     """Memory-map the array of a `.npy`, all of which must be there; an empty one has no map."""
     with open_regular(path) as stream:
         header, begins = NpyHeader.read(stream), stream.tell()
@@ -229,7 +229,7 @@ def map_npy(path: Path, mode: Literal["r", "r+"] = "r") -> NDArray[Any]:
             raise ValueError(f"no {header.dtype} of shape {header.shape} in it")
     if not math.prod(header.shape):
         return np.empty(header.shape, header.dtype)
-    return np.memmap(path, header.dtype, mode, begins, header.shape, header.order)
+    return np.memmap(path, header.dtype, "r", begins, header.shape, header.order)
 
 
 class UntrustedNpz:

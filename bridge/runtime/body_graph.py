@@ -1,4 +1,4 @@
-"""Posing a body inside an ONNX graph: Eq. 1-2, which `bridge.body.posing` computes in float64.
+"""Posing a body inside an ONNX graph: Eq. 1-2, which `bridge.body.posing` computes in NumPy.
 
 Bones have coordinates first, joints and characters last, (3, 4, 23, B): then all small matrices are
 multiplied in a few operations on long rows. Vertices are the last axis, (B, 3, V), so that each

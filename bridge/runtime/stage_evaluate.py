@@ -36,7 +36,7 @@ class EvaluateConfig:
     """Measure every prediction of both pipelines: about 5 ms a frame, 1 GB.
 
     Gives errors of the posed meshes against the registered ones, which a licensed user has too, and
-    for synthetic data against the true meshes of unseen motions; R2, velocity and spectrum
+    for synthetic data against the true meshes of what was not aligned; R2, velocity and spectrum
     of the offsets, by test group. With --markers it measures instead how a predictor moves
     skin where somebody's markers were: on the pose of the file and, as such poses hold part of the
     bounce, on one whose chest follows markers on bone.

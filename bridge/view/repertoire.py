@@ -1,7 +1,7 @@
 """What there is to be seen: motions, people and predictors, of a run or of the package.
 
 The simulated truth is to be looked at beside predictions: nothing is computed from it but errors.
-Apart from evaluation this is the one reader, and what it reads reaches no predictor.
+Apart from evaluation and the report this is the one reader, and what it reads reaches no predictor.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What the suite is given and what it leaves: `DSNET_FAULTS_*`, a tiny run, and a tally.
 
-DSNET_FAULTS_KILLS   how many kills over all stages (11)
+DSNET_FAULTS_KILLS   how many kills (one a stage)
 DSNET_FAULTS_FLIPS   how many flipped bytes in finished artifacts (120)
 DSNET_FAULTS_LONG    with any value, every stage goes through every fault
 DSNET_FAULTS_JSON    file to write the counts into

@@ -44,7 +44,7 @@ Crossing = Literal["full", "rotating"]
 
 @dataclass(frozen=True)
 class CorpusConfig:
-    """Make the synthetic corpus and, apart from it, the truth that only evaluation may read.
+    """Make the synthetic corpus and, apart from it, the truth, which no predictor is given.
 
     Costs 165 kB of disk a frame for the truth and the meshes, half as much again in forms other
     than clean, and time for the soft tissue above all; what it took stands in the manifests and

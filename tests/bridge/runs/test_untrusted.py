@@ -190,8 +190,7 @@ def test_anything_else_is_refused(text, tmp_path):
     path = tmp_path / "x.npy"
     path.write_bytes(stream.getvalue())
     with pytest.raises(ValueError, match=r"none of a \.npy|in it|dimension"):
-        map_npy(path, "r+")
-    assert path.read_bytes() == stream.getvalue()
+        map_npy(path)
 
 
 def runs_python(*_: object) -> None:

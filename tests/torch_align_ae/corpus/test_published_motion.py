@@ -77,10 +77,10 @@ def test_a_large_bust_walks_as_published(sizes):
 def test_a_large_bust_runs_farther_than_published(sizes):
     """Scurr 2011, D cup, bare: 152 +- 42 mm, half of it vertical, some 76 +- 21 mm.
 
-    Not met: the law gives up to twice as much, for this trunk goes 95 mm up and down near the
+    Not met: the law gives 1.8 times as much, for this trunk goes 95 mm up and down near the
     bust's own frequency, while in jumping jacks it gives what markers on a woman say.
     """
-    assert 76 - 21 < sizes[0, 1, 0] < 2.4 * 76
+    assert 76 - 21 < sizes[0, 1, 0] < 2 * 76
 
 
 def test_motion_of_the_bust_follows_its_size(sizes):
