@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -113,39 +114,43 @@ def firefox() -> Iterator[FirefoxPage]:
     """A browser with one page, and a screen for it; both end with the block."""
     from websockets.sync.client import connect
 
-    display_read, display_write = os.pipe()
-    with (
-        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
-        _running(["Xvfb", "-displayfd", str(display_write), "-screen", "0", "1280x1024x24"],
-                 pass_fds=[display_write]),
-        os.fdopen(display_read) as displays,
-    ):  # fmt: skip
-        os.close(display_write)
-        lines = (f"user_pref({json.dumps(k)}, {json.dumps(v)});\n" for k, v in _QUIET.items())
-        with open(f"{profile}/user.js", "w", encoding="utf-8") as preferences:
-            preferences.writelines(lines)
-        command = ["firefox", "--no-remote", "--remote-debugging-port", "0"]
-        environment = {**os.environ, "DISPLAY": f":{displays.readline().strip()}"}
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name, _screen() as display:
+        profile, log = Path(name), Path(name) / "log"
+        lines = [f"user_pref({json.dumps(k)}, {json.dumps(v)});\n" for k, v in _QUIET.items()]
+        (profile / "user.js").write_text("".join(lines), encoding="utf-8")
+        command = ["firefox", "--no-remote", "--remote-debugging-port", "0", "--profile", name]
+        environment = {**os.environ, "DISPLAY": f":{display}"}
         with (
-            _running([*command, "--profile", profile], env=environment) as browser,
-            connect(f"{_address(browser)}/session", max_size=None, proxy=None) as socket,
+            log.open("w", encoding="utf-8") as stream,
+            _running(command, env=environment, stderr=stream) as browser,
+            connect(f"{_address(browser, log)}/session", max_size=None, proxy=None) as socket,
         ):
             yield FirefoxPage(socket)
 
 
-def _address(browser: subprocess.Popen[str]) -> str:
-    assert browser.stderr is not None
-    for line in browser.stderr:
-        if found := re.search(r"BiDi listening on (ws://\S+)", line):
-            return found[1]
-    raise RuntimeError("Firefox ended before it listened")
+@contextmanager
+def _screen() -> Iterator[int]:
+    """Number of a display that nobody sees."""
+    size = ("-screen", "0", "1280x1024x24")
+    command = ["Xvfb", "-displayfd", "1", *size]
+    with _running(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as screen:
+        assert screen.stdout is not None
+        yield int(screen.stdout.readline())
+
+
+def _address(browser: subprocess.Popen[str], log: Path) -> str:
+    end_s = time.monotonic() + PATIENCE_S
+    while not (found := re.search(r"BiDi listening on (ws://\S+)", log.read_text("utf-8"))):
+        if browser.poll() is not None or time.monotonic() > end_s:
+            raise RuntimeError(f"Firefox did not listen: {log.read_text('utf-8')}")
+        time.sleep(0.1)
+    return found[1]
 
 
 @contextmanager
 def _running(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **options)
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.communicate(timeout=PATIENCE_S)
+    with subprocess.Popen(command, text=True, **options) as process:
+        try:
+            yield process
+        finally:
+            process.terminate()
