@@ -140,11 +140,15 @@ def _screen() -> Iterator[int]:
 
 def _address(browser: subprocess.Popen[str], log: Path) -> str:
     end_s = time.monotonic() + PATIENCE_S
-    while not (found := re.search(r"BiDi listening on (ws://\S+)", log.read_text("utf-8"))):
+    while not (found := re.search(r"BiDi listening on (ws://\S+)", _text(log))):
         if browser.poll() is not None or time.monotonic() > end_s:
-            raise RuntimeError(f"Firefox did not listen: {log.read_text('utf-8')}")
+            raise RuntimeError(f"Firefox did not listen: {_text(log)}")
         time.sleep(0.1)
     return found[1]
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
 
 
 @contextmanager
