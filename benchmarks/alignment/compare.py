@@ -24,7 +24,6 @@ from tqdm import tqdm
 
 from benchmarks.alignment.compare_page import draw_figures, markdown
 from benchmarks.alignment.contenders import TITLES, Estimate, contenders
-from benchmarks.alignment.gravity import RECORDED
 from benchmarks.alignment.known_sequences import (
     HELD_OUT,
     TUNING,
@@ -92,7 +91,6 @@ def compare(config: CompareConfig, suite: Suite) -> dict[str, Any]:
     frames = sum(len(one.theta) for one in known)
     results = {
         "data": "synthetic",
-        **RECORDED,
         "suite": asdict(suite),
         "aligners": {
             name: {

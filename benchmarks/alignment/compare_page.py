@@ -15,7 +15,6 @@ from benchmarks.alignment.absorption_figures import (
     draw_error_bodies,
 )
 from benchmarks.alignment.contenders import Estimate
-from benchmarks.alignment.gravity import banner
 from benchmarks.alignment.known_sequences import KnownSequence
 from benchmarks.alignment.scores import Scores, body_of
 from bridge.body.model_data import SMPL_JOINT_NAMES
@@ -51,7 +50,7 @@ _RULE = ["---", *("---:" for _ in _COLUMNS)]
 _PAGE = """\
 # Aligners on the {suite} sequences (synthetic data)
 
-{banner}{table}
+{table}
 
 R² is that of the offsets against the simulated truth, 0 for SMPL alone; `absorbed` is the share of
 the true offsets that pose and shape took. smplfitter never turns the toes, hence the column without
@@ -73,7 +72,6 @@ def markdown(results: Mapping[str, Any]) -> str:
     ]
     return _PAGE.format(
         suite=suite["name"].replace("_", "-"),
-        banner=banner(results),
         table="\n".join(f"| {' | '.join(row)} |" for row in [["aligner", *_COLUMNS], _RULE, *rows]),
         count=len(suite["pairs"]),
         frames=suite["frames"],

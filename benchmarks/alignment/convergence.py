@@ -19,7 +19,6 @@ import torch
 from tqdm import tqdm
 
 from benchmarks.alignment.descent_rules import ClipSet, Rule, track
-from benchmarks.alignment.gravity import RECORDED
 from benchmarks.alignment.known_clips import KnownClips, load_clips
 from benchmarks.processes import run_as_process
 from bridge.runs import Run
@@ -85,7 +84,6 @@ def main(config: ConvergenceConfig) -> dict[str, Any]:
     rows, shapes_rms = _measure(config, smpl, known)
     results = {
         "data": "synthetic",
-        **RECORDED,
         "clips": names,
         "betas_rms_frame_1": shapes_rms,
         "rules": rows,

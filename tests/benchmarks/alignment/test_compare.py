@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from benchmarks.alignment import peer_smplfitter
+from benchmarks.alignment import compare_page, peer_smplfitter
 from benchmarks.alignment.compare import CompareConfig, compare
 from benchmarks.alignment.contenders import TITLES, Estimate, contenders
 from benchmarks.alignment.known_sequences import HELD_OUT, TUNING, Suite, known_sequences
@@ -182,3 +183,9 @@ def test_an_unknown_contender_is_refused(tmp_path):
     with pytest.raises(DsnetError, match="smplify"):
         compare(CompareConfig(out=tmp_path / "new", contenders=("smplify",)), TINY)
     assert not (tmp_path / "new").exists()
+
+
+def test_the_committed_page_is_what_its_results_say():
+    folder = Path(__file__).parents[3] / "docs" / "results" / "alignment"
+    results = json.loads((folder / "compare_held_out.json").read_text())
+    assert (folder / "compare_held_out.md").read_text() == compare_page.markdown(results)
