@@ -162,5 +162,4 @@ def test_results(run, tmp_path):
     ]
     stored = json.loads((tmp_path / "out" / "convergence.json").read_text())
     assert (stored["rules"], stored["data"]) == (rows, "synthetic")
-    assert stored["gravity_m_s2"] == pytest.approx(9.81)
     assert "torch" in stored["provenance"]["versions"]
