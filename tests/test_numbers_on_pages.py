@@ -20,7 +20,7 @@ def results(name: str) -> Any:
 
 def laws() -> Iterator[str]:
     runs = results("alignment/laws")["runs"]
-    r2 = {name: f"{runs[name]['r2']:.3f}" for name in ("cmu_own", "cmu_second", "cmu_third")}
+    r2 = {name: f"{runs[name]['r2']:.3f}" for name in ("bed_own", "bed_second", "bed_third")}
     own, second, third = r2.values()
     yield f"{own} under `own`, {second} under `second` and {third} under `third`"
     yield f"captured-like form it is {runs['bed_captured']['r2']:.2f}:"
