@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from bridge.motion.splits import CELLS
 from tests.pages import ROOT
 
 NEW_UNSEEN = "new_person_unseen_motion"
@@ -35,6 +36,12 @@ def steps() -> Iterator[str]:
     }
     yield f"{r2[50]} after 50 steps a frame, {r2[100]} after 100, {r2[400]} after 400"
     yield f"and {r2[800]} after 800"
+    falling = next(
+        rule
+        for rule in rules
+        if (rule["kind"], rule["steps"], rule["betas"]) == ("decayed", 400, "true")
+    )
+    yield f"falls to zero within a frame gives {falling['r2']:.2f} in 400 steps"
 
 
 def unlike() -> Iterator[str]:
@@ -50,6 +57,15 @@ def unlike() -> Iterator[str]:
 def held_out() -> Iterator[str]:
     without, with_clip, _ = results("held_out/held_out")["rows"]
     yield f"from {without['r2_held_out']:.3f} to {with_clip['r2_held_out']:.3f}"
+
+
+def papers_size() -> Iterator[str]:
+    cells = results("paper/results")["cells"]
+    clip = cells["validation"]
+    best = max(clip[name]["mesh"]["r2"] for name in ("dsnet_standardised", "dsnet_faithful"))
+    yield f"R² of the posed mesh is {best:.2f}, and the code"
+    (plus,) = {f"{cells[cell]['dsnet_plus']['offsets']['r2']:.2f}" for cell in (*CELLS, "train")}
+    yield f"`dsnet_plus` has R² {plus} in every group**"
 
 
 def of_seeds(corpus: str) -> list[Any]:
@@ -84,11 +100,12 @@ def real(corpus: str) -> str:
 
 def strangers() -> Iterator[str]:
     found = [results("prediction/strangers")["found"][gender] for gender in ("female", "male")]
-    whole, chest = (
-        " and ".join(f"{one['new people'][part]['median']:.2f}" for one in found)
-        for part in ("all", "chest")
+    whole, chest, thighs = (
+        " and ".join(dict.fromkeys(f"{one['new people'][part]['median']:.2f}" for one in found))
+        for part in ("all", "chest", "thighs")
     )
     yield f"swing at {whole} times the frequency that the law gives them, their chests at {chest}"
+    yield f"times, their thighs at {thighs}"
 
 
 def recordings() -> Iterator[str]:
@@ -138,7 +155,7 @@ def many_motions() -> Iterator[str]:
 SAID = {
     "alignment": (laws, steps),
     "data": (unlike,),
-    "findings": (held_out,),
+    "findings": (held_out, papers_size),
     "motion_files": (many_motions,),
     "prediction": (tissues, strangers, recordings),
 }

@@ -55,6 +55,9 @@ TORN = """async (wanted) => {
 }"""  # fmt: skip  # noqa: E501
 """How many numbers of pixels differ between playing and resting, of so many moments."""
 
+BETAS = [1.0, -1.0, 0.5, 0.3, 0.0, 0.0, 0.0, 0.0, 0.2, -2.0]
+CLOSE_M = 1e-5
+
 
 class Shown:
     """A page that is ready."""
@@ -68,6 +71,20 @@ class Shown:
         """(V, 3) of a body, when its exact frame is drawn."""
         text = self.page.evaluate(_VERTICES, [name, frame])
         return np.frombuffer(base64.b64decode(text), "<f4").reshape(-1, 3)
+
+    def moves_as_predicted(
+        self,
+        motion: str | Path,
+        *frames: int,
+        body: str | None = None,
+        close_m: float = CLOSE_M,
+        **controls: Any,
+    ) -> None:
+        """Frames of the one body, in this order, are those of `dsnet predict`; -1 is the last."""
+        expected_m = predicted_m(motion, body, **controls)
+        for frame in frames:
+            found_m = self.vertices_m("dsnet_plus", frame % len(expected_m))
+            np.testing.assert_allclose(found_m, expected_m[frame], atol=close_m)
 
     def says(self) -> str:
         """Its one line."""

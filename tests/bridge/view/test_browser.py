@@ -21,7 +21,7 @@ from bridge.view.page import serving
 from bridge.view.repertoire import open_repertoire
 from bridge.view.scene import BUNDLE, STEP_M, Scene
 from tests.bridge.view.conftest import JUMP
-from tests.bridge.view.pages import TORN, Shown, dropped, on_disk, packaged, predicted_m, served
+from tests.bridge.view.pages import BETAS, TORN, Shown, dropped, on_disk, packaged, served
 from tests.forged.amass import smplh
 from tools.headless_chromium import chromium, open_page, why_missing
 
@@ -32,8 +32,6 @@ pytestmark = [
     pytest.mark.browser,
     pytest.mark.skipif(why_missing() is not None, reason=why_missing() or ""),
 ]
-BETAS = [1.0, -1.0, 0.5, 0.3, 0.0, 0.0, 0.0, 0.0, 0.2, -2.0]
-CLOSE_M = 1e-5
 
 
 @pytest.fixture(scope="module")
@@ -61,17 +59,11 @@ def test_bodies_are_those_of_predict_after_any_jump_in_any_shape(browser, tmp_pa
     with np.load(sample_path("dancing")) as sample:
         np.savez(tmp_path / "a.npz", **{**sample, "gender": np.array(gender)})
     with served(browser, packaged(tmp_path / "a.npz")) as shown:
-        expected_m = predicted_m(tmp_path / "a.npz")
-        for frame in (len(expected_m) - 1, 0, 131, 7):
-            found_m = shown.vertices_m("dsnet_plus", frame)
-            np.testing.assert_allclose(found_m, expected_m[frame], atol=CLOSE_M)
+        shown.moves_as_predicted(tmp_path / "a.npz", -1, 0, 131, 7)
         shown.page.evaluate("(betas) => page.person(betas)", BETAS)
         shown.set(**{"gain": 2, f"part{PARTS.index('belly')}": 3})
         asked = {"betas": ",".join(map(str, BETAS)), "gain": 2.0, "part_gain": ("belly=3",)}
-        expected_m = predicted_m(tmp_path / "a.npz", **asked)
-        for frame in (60, len(expected_m) - 1, 0):
-            found_m = shown.vertices_m("dsnet_plus", frame)
-            np.testing.assert_allclose(found_m, expected_m[frame], atol=CLOSE_M)
+        shown.moves_as_predicted(tmp_path / "a.npz", 60, -1, 0, **asked)
         assert shown.errors == []
 
 
@@ -86,10 +78,7 @@ def test_a_loop_is_that_of_predict(browser):
     with served(browser, packaged("sample:walk_cycle")) as shown:
         shown.set(loop=True)
         shown.until("page.motion.first > 0")
-        expected_m = predicted_m("sample:walk_cycle", loop=True)
-        for frame in (0, len(expected_m) - 1):
-            found_m = shown.vertices_m("dsnet_plus", frame)
-            np.testing.assert_allclose(found_m, expected_m[frame], atol=3e-4)
+        shown.moves_as_predicted("sample:walk_cycle", 0, -1, close_m=3e-4, loop=True)
 
 
 def test_the_truth_is_in_step_and_curves_are_its_distances(with_truth):
@@ -154,10 +143,8 @@ def test_a_file_opens_from_a_disk_without_a_network(browser, tmp_path):
     main(["export", "--to", "html", "--motion", "sample:jumping_jacks", "--gain", "2",
           "--out", str(out)])  # fmt: skip
     assert out.stat().st_size < 10e6
-    expected_m = predicted_m("sample:jumping_jacks", gain=2.0)
     with on_disk(browser, out) as shown:
-        found_m = shown.vertices_m("dsnet_plus", 100)
-        np.testing.assert_allclose(found_m, expected_m[100], atol=CLOSE_M)
+        shown.moves_as_predicted("sample:jumping_jacks", 100, gain=2.0)
         asked = "() => fetch('https://example.org/').then(() => 'sent', () => 'kept')"
         assert shown.page.evaluate(asked) == "kept"
         assert [one for one in shown.errors if "example.org" not in one] == []
@@ -230,10 +217,7 @@ def test_a_dropped_motion_plays_as_predicted(browser, tmp_path, source, gender, 
         said = shown.page.inner_text("#odd")
         assert said.count("betas") == bool(whose)
         assert whose in said
-        expected_m = predicted_m(tmp_path / "mine.npz", "embedded:female")
-        for frame in (len(expected_m) - 1, 0):
-            found_m = shown.vertices_m("dsnet_plus", frame)
-            np.testing.assert_allclose(found_m, expected_m[frame], atol=CLOSE_M)
+        shown.moves_as_predicted(tmp_path / "mine.npz", -1, 0, body="embedded:female")
         joint_m = root_joint_m(open_repertoire(None, None).best.body, np.zeros(10))
         assert np.abs(joint_m).max() > 0  # else nothing would be turned about it
         assert shown.errors == []

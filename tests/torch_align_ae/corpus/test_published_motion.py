@@ -9,6 +9,7 @@ from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.parts import PARTS, part_weights
 from bridge.body.posing import shaped_vertices
+from tests.pages import ROOT
 from tests.torch_align_ae.corpus.test_soft_tissue import displaced, tissue, vibrate
 from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
@@ -81,6 +82,8 @@ def test_a_large_bust_runs_farther_than_published(sizes):
     bust's own frequency, while in jumping jacks it gives what markers on a woman say.
     """
     assert 76 - 21 < sizes[0, 1, 0] < 2 * 76
+    page = (ROOT / "docs" / "data.md").read_text(encoding="utf-8")
+    assert f"{sizes[0, 1, 0] / 76:.1f} times as far in running" in page
 
 
 def test_motion_of_the_bust_follows_its_size(sizes):
