@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.body.parts import GROUPS, PARTS, part_weights
 from bridge.body.posing import shaped_joints, shaped_vertices
+from bridge.body.shapes import find_shape, parse_shape
 from bridge.errors import DsnetError, notify
 from bridge.markers.bony import bony_pose
 from bridge.motion import Motion, pack_theta
@@ -86,8 +88,6 @@ class Controls:
         if self.betas is not None:
             _parsed_betas(self.betas)
         if self.shape:
-            from bridge.body.shapes import parse_shape
-
             if not self._words():
                 raise DsnetError("an empty --shape", "names or measurements", "Pass --shape tall.")
             parse_shape(self._words())
@@ -128,8 +128,6 @@ class Controls:
             return np.pad(given[:count], (0, max(0, count - N_BETAS)))
         if not self.shape:
             return None
-        from bridge.body.shapes import find_shape
-
         return find_shape(body, self._words())
 
 
@@ -199,8 +197,6 @@ def _parsed_betas(text: str) -> NDArray[np.float64]:
 
 def blended_gain(body: BodyModelData, gain: float, of_parts: ArrayLike) -> NDArray[np.float32]:
     """(V,) gains of vertices from one of all and those of `PARTS` (11,), which fade as they do."""
-    from bridge.body.parts import part_weights
-
     return (gain * part_weights(body) @ np.asarray(of_parts)).astype(np.float32)
 
 
@@ -209,8 +205,6 @@ def gains_of_parts(part_gain: Sequence[str]) -> NDArray[np.float64]:
 
     `part_gain` is `part=gain` of `PARTS` and `GROUPS`; a part's own counts more than its group's.
     """
-    from bridge.body.parts import GROUPS, PARTS
-
     remedy = "Pass --part-gain belly=2 chest=0.5."
     said = numbers_by_name("--part-gain", part_gain, (*PARTS, *GROUPS), GAINS, remedy)
     group_of = {part: group for group, parts in GROUPS.items() for part in parts}

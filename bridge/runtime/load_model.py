@@ -18,6 +18,7 @@ from bridge.body import BodyModelData, load_body_model
 from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX, embedded_gender
 from bridge.body.model_data import GENDERS
 from bridge.errors import DsnetError, did_you_mean, notify
+from bridge.exchange.dsnet import load_trained_dsnet
 from bridge.motion import Motion, load_motion_file
 from bridge.motion.motion import AS_IT_SAYS, HowRead
 from bridge.motion.smoothing import SmoothHz
@@ -54,8 +55,6 @@ def _open_plus(trained: TrainedModel, body: BodyModelData) -> Model:
 
 
 def _open_dsnet(trained: TrainedModel, body: BodyModelData) -> Model:
-    from bridge.exchange.dsnet import load_trained_dsnet
-
     if body is not trained.own_body and body_digest(body) != body_digest(trained.own_body):
         raise DsnetError(
             f"{trained.name} of {trained.owner} with the body {body.name}",

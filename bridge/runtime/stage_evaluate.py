@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from tyro.conf import Fixed
 
 from bridge.errors import DsnetError, notify
@@ -128,8 +129,6 @@ def write_comparisons(
 
 def _draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
     """Curves of the first marker of each region: one column for each pose."""
-    from matplotlib.figure import Figure
-
     first: dict[str, Row] = {}
     for row in next(iter(comparisons.values())).rows:
         first.setdefault(row.region, row)

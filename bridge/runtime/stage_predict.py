@@ -9,6 +9,7 @@ from pathlib import Path
 from bridge.errors import DsnetError, did_you_mean
 from bridge.runs import Run
 from bridge.runtime.controls import Controls
+from bridge.runtime.many_motions import predict_folder
 from bridge.runtime.prediction_files import OF_MANY, OF_ONE, WRITABLE, predict_motion
 
 
@@ -47,10 +48,7 @@ def main(config: PredictConfig) -> None:
         raise DsnetError("--motion without --out", "a folder to write", "Pass --out DIR.")
     write = what_to_write(config.write, OF_MANY if config.motion.is_dir() else OF_ONE)
     run = None if config.run is None else Run(config.run)
-    if config.motion.is_dir():
-        from bridge.runtime.many_motions import predict_folder as predict
-    else:
-        predict = predict_motion
+    predict = predict_folder if config.motion.is_dir() else predict_motion
     predict(
         run, config.motion, config.out, predictor=config.predictor, controls=config, write=write
     )

@@ -15,24 +15,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
+from bridge.exchange.dsnet import TrainedDsnet
 from bridge.exchange.weights import load_weights
 from bridge.motion.loops import Lap
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact
+from bridge.runtime.network_graphs import decoder_graph, dsnet_layout, dsnet_step_graph
 from bridge.runtime.onnx_graph import GraphSession
 from bridge.runtime.plus_graph import plus_layout, plus_step_graph
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
-
-if TYPE_CHECKING:
-    from bridge.exchange.dsnet import TrainedDsnet
 
 FRAMES_AT_ONCE = 64
 """Frames in a piece of offsets: what is held in memory at a time."""
@@ -141,8 +140,6 @@ class DsnetModel:
     codes_are_latents = True
 
     def __init__(self, network: TrainedDsnet, decoder: GraphSession | None = None) -> None:
-        from bridge.runtime.network_graphs import dsnet_layout, dsnet_step_graph
-
         self._memory = dsnet_layout(network).size
         self._run = GraphSession(dsnet_step_graph(network), threads=1)
         self._decoder = decoder
@@ -174,8 +171,6 @@ class DsnetModel:
 
 def load_decoder(codec: Artifact) -> GraphSession:
     """The decoder of a finished `train-ae`: `latents` (B, 100) to `offsets` (B, V, 3), metres."""
-    from bridge.runtime.network_graphs import decoder_graph
-
     arrays = load_weights(codec.file("autoencoder.safetensors"))
     weights = {name.removeprefix("model."): array for name, array in arrays.items()}
     return GraphSession(decoder_graph(weights, codec.manifest["architecture"]))

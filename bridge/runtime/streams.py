@@ -15,7 +15,6 @@ from fractions import Fraction
 from itertools import count
 from math import ceil, floor
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.body import BodyModelData
 from bridge.body.posing import ShapedBody, Smpl
 from bridge.errors import DsnetError
+from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.motion import unpack_theta
 from bridge.motion.cuts import is_cut
 from bridge.motion.motion import FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_BETA
@@ -35,9 +35,6 @@ from bridge.runtime.moving_body import LARGEST_BODY_M
 from bridge.runtime.stepping import DsnetModel, Model, PlusModel, finished
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
-
-if TYPE_CHECKING:
-    from bridge.exchange.dsnet import TrainedDsnet
 
 RATES_HZ = (10.0, 1000.0)
 """Slower than the slowest, motion between frames is guessed; faster, nobody shows it."""
@@ -94,8 +91,6 @@ class StreamingPredictor:
         self, run: str | os.PathLike[str] | TrainedDsnet, predictor: str | None = None
     ) -> None:
         if isinstance(run, (str, os.PathLike)):
-            from bridge.exchange.dsnet import load_trained_dsnet
-
             run = load_trained_dsnet(Run(os.fspath(run)).artifact("train"), predictor)
         self._model = DsnetModel(run)
         self.reset()
