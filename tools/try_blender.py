@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import posed_joints
-from bridge.export.mesh_files import VertexNormals
+from bridge.body.surface_operators import vertex_normals
 from bridge.runtime.controls import Controls, controlled_body
 from tools.built_wheel import ROOT
 from tools.try_pythons import find_python, last_line, run, say
@@ -238,8 +238,8 @@ def judge(
 
 def normals_off_deg(seen: dict[str, np.ndarray], truth: Truth) -> float:
     """Largest angle between normals of vertices and those of the true surface."""
-    normals_of = VertexNormals(seen["faces"][0], truth.vertices_m.shape[1])
-    normals = np.stack([normals_of(vertices_m) for vertices_m in truth.vertices_m])
+    faces = seen["faces"][0]
+    normals = np.stack([vertex_normals(vertices_m, faces) for vertices_m in truth.vertices_m])
     cosines = np.einsum("fvx,fvx->fv", normals, seen["normals"])
     return np.degrees(np.arccos(cosines.clip(-1, 1))).max()
 

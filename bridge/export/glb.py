@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.posing import joint_rotations, pose_features, shaped_joints, shaped_vertices
-from bridge.export.mesh_files import VertexNormals
+from bridge.body.surface_operators import vertex_normals
 from bridge.export.output import about
 from bridge.motion.smoothing import continuous_quaternions
 from bridge.runtime.moving_body import MovedFrames, MovingBody
@@ -122,8 +122,12 @@ class _Buffer:
         self.size = 0
 
     def add(self, array: NDArray, *, bounds: bool = False) -> int:
-        """The accessor of (N,) or (N, width) numbers; with their bounds where glTF wants them."""
+        """The accessor of (N,) or (N, width) numbers; with their bounds where glTF wants them.
+
+        Real numbers are stored in 32 bits.
+        """
         rows = np.ascontiguousarray(array).reshape(len(array), -1)
+        rows = rows.astype("f4") if rows.dtype == "f8" else rows
         stored = rows.tobytes()
         self.views.append({"buffer": 0, "byteOffset": self.size, "byteLength": len(stored)})
         said = {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()} if bounds else {}
@@ -142,7 +146,7 @@ def write(path: Path, moving: MovingBody) -> None:
     bones = len(joints_m)
     bind = np.tile(np.eye(4), (bones, 1, 1))
     bind[:, 3, :3] = -joints_m  # glTF's matrices lie column by column
-    skin = {"joints": [*range(bones)], "skeleton": 0, "inverseBindMatrices": buffer.add(_f4(bind))}
+    skin = {"joints": [*range(bones)], "skeleton": 0, "inverseBindMatrices": buffer.add(bind)}
     extras = {"dsnet": {**about(moving), "largest_error_mm": 1e3 * shapes.error_m}}
     scene = {
         "asset": {"version": "2.0", "generator": "dsnet", "extras": extras},
@@ -166,10 +170,6 @@ def write(path: Path, moving: MovingBody) -> None:
         file.writelines(buffer.parts)
 
 
-def _f4(array: NDArray) -> NDArray[np.float32]:
-    return array.astype("f4")
-
-
 def _bones(body: BodyModelData, joints_m: NDArray) -> list[dict[str, Any]]:
     """A node a joint, at rest."""
     nodes = []
@@ -182,24 +182,23 @@ def _bones(body: BodyModelData, joints_m: NDArray) -> list[dict[str, Any]]:
 
 
 def _mesh(buffer: _Buffer, body: BodyModelData, shapes: BlendShapes) -> dict[str, Any]:
-    normals = VertexNormals(body.faces, body.vertex_count)
     attributes = {
-        "POSITION": buffer.add(_f4(shapes.rest_m), bounds=True),
-        "NORMAL": buffer.add(normals(shapes.rest_m)),
+        "POSITION": buffer.add(shapes.rest_m, bounds=True),
+        "NORMAL": buffer.add(vertex_normals(shapes.rest_m, body.faces)),
     }
     order = np.argsort(-body.weights, axis=1, kind="stable")
     shares = np.take_along_axis(body.weights, order, axis=1)
     for number, start in enumerate(range(0, (shares > 0).sum(axis=1).max(), _SET)):
         joints, share = (array[:, start : start + _SET] for array in (order, shares))
         attributes[f"JOINTS_{number}"] = buffer.add(np.where(share > 0, joints, 0).astype("u1"))
-        attributes[f"WEIGHTS_{number}"] = buffer.add(_f4(share))
+        attributes[f"WEIGHTS_{number}"] = buffer.add(share)
     primitive: dict[str, Any] = {
         "attributes": attributes,
         "indices": buffer.add(body.faces.astype("u4").ravel()),
     }
     mesh: dict[str, Any] = {"name": "body", "primitives": [primitive]}
     if shapes.names:
-        added = [buffer.add(_f4(shape_m), bounds=True) for shape_m in shapes.shapes_m]
+        added = [buffer.add(shape_m, bounds=True) for shape_m in shapes.shapes_m]
         primitive["targets"] = [{"POSITION": accessor} for accessor in added]
         mesh |= {"weights": [0.0] * len(added), "extras": {"targetNames": shapes.names}}
     return mesh
@@ -208,7 +207,7 @@ def _mesh(buffer: _Buffer, body: BodyModelData, shapes: BlendShapes) -> dict[str
 def _animation(
     buffer: _Buffer, moving: MovingBody, joints_m: NDArray, shapes: BlendShapes
 ) -> dict[str, Any]:
-    time = buffer.add(_f4(np.arange(len(moving)) / moving.motion.fps), bounds=True)
+    time = buffer.add(np.arange(len(moving)) / moving.motion.fps, bounds=True)
     turns = continuous_quaternions(moving.pose)
     followed = [(0, "translation", joints_m[0] + moving.motion.trans_m)]
     for joint in range(turns.shape[1]):
@@ -218,5 +217,5 @@ def _animation(
     samplers, channels = [], []
     for node, what, values in followed:
         channels.append({"sampler": len(samplers), "target": {"node": node, "path": what}})
-        samplers.append({"input": time, "output": buffer.add(_f4(values))})
+        samplers.append({"input": time, "output": buffer.add(values)})
     return {"name": moving.motion.source.stem, "samplers": samplers, "channels": channels}

@@ -16,32 +16,12 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy import sparse
 from trimesh.exchange.ply import export_ply
 
 from bridge.body import BodyModelData
+from bridge.body.surface_operators import vertex_normals
 from bridge.export.output import about, about_in_a_line
 from bridge.runtime.moving_body import MovingBody
-
-
-class VertexNormals:
-    """Unit normals of a surface's vertices: the mean of the faces about each, by their areas.
-
-    `faces` (F, 3) have their vertices counter-clockwise from outside.
-    """
-
-    def __init__(self, faces: NDArray, vertex_count: int) -> None:
-        self._faces = faces
-        found = trimesh.geometry.index_sparse(vertex_count, faces, dtype=np.float32)
-        self._faces_of_vertex = sparse.csr_array(found)  # (V, F)
-
-    def __call__(self, vertices: NDArray) -> NDArray[np.float32]:
-        """(V, 3) of vertices (V, 3); zero where a vertex has no area about it."""
-        corners = vertices[self._faces]
-        area_vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals = self._faces_of_vertex @ area_vectors
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
-        return (normals / np.where(length > 0, length, 1)).astype(np.float32)
 
 
 def surfaces(
@@ -49,11 +29,10 @@ def surfaces(
 ) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
     """Of each frame, told as `what`, if as any, on the terminal: places and normals (V, 3), metres,
     and sizes of the skin offsets (V,)."""
-    normals = VertexNormals(moving.body.faces, moving.body.vertex_count)
     for posed in moving.shown(what) if what else moving:
         sizes_m = np.linalg.norm(posed.offsets_m, axis=-1)
         for vertices_m, size_m in zip(posed.vertices_m, sizes_m, strict=True):
-            yield vertices_m, normals(vertices_m), size_m
+            yield vertices_m, vertex_normals(vertices_m, moving.body.faces), size_m
 
 
 def write_obj(folder: Path, moving: MovingBody) -> None:
