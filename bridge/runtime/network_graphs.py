@@ -16,7 +16,7 @@ from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import TrainedDsnet
 from bridge.exchange.weights import BATCH_NORM_EPSILON, mesh_autoencoder_to_keras
-from bridge.paper import FEATURES, INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
+from bridge.paper import FEATURES, INPUT_SIZE, N_BETAS, THETA_SIZE
 from bridge.runtime.body_graph import Surface, posed_bones, translated, translation
 from bridge.runtime.onnx_graph import Graph, Precision, StateLayout, Value, product
 
@@ -42,8 +42,7 @@ def dsnet_step_graph(network: TrainedDsnet) -> onnx.ModelProto:
     past = layout.read(graph.input("state", ("B", layout.size)))
     latents, after = _stepped(graph, network, motion, past)
     outputs = {"codes": latents, "next_state": layout.written(graph, after)}
-    shapes = {"codes": ("B", LATENT_SIZE), "next_state": ("B", layout.size)}
-    return graph.model("dsnet_step", outputs, shapes, checked=False)
+    return graph.model("dsnet_step", outputs, checked=False)
 
 
 def dsnet_body_graph(
@@ -134,8 +133,7 @@ def decoder_graph(weights: Weights, architecture: Mapping[str, Any]) -> onnx.Mod
 
     Parameters
     ----------
-    weights : named as by PyTorch. Without `normaliser.mean_m` and `normaliser.scale_m` the graph
-        gives normalised offsets.
+    weights : named as by PyTorch, with `normaliser.mean_m` and `normaliser.scale_m`.
     architecture : `widths`, `activation`, `negative_slope`, as in the manifest of `train-ae`.
     """
     graph = Graph()
@@ -164,27 +162,23 @@ def decoded(
     def linear(layer: str, features: Value) -> Value:
         """On the last axis."""
         multiply = product(graph, f"{layer}/kernel", held[f"{layer}/kernel"], precision)
-        bias = graph.array(f"{layer}/bias", held[f"{layer}/bias"])
-        return graph.apply("Add", multiply(features), bias, layer=layer)
+        return multiply(features) + graph.array(f"{layer}/bias", held[f"{layer}/bias"])
 
     def per_vertex(layer: str, features: Value) -> Value:
         """On each vertex's features (B, in, V)."""
         kernel, bias = (graph.array(f"{layer}/{n}", held[f"{layer}/{n}"])
                         for n in ("kernel", "bias"))  # fmt: skip
-        mixed = kernel.transpose(1, 0) @ features
-        return graph.apply("Add", mixed, bias.reshape(1, -1, 1), layer=layer)
+        return kernel.transpose(1, 0) @ features + bias.reshape(1, -1, 1)
 
-    def activated(layer: str, values: Value) -> Value:
-        return graph.apply(activation, values, layer=f"{layer}_activation", **slope)
+    def activated(values: Value) -> Value:
+        return graph.apply(activation, values, **slope)
 
-    row = activated("from_latent", linear("from_latent", latents))
-    features = row.reshape(0, widths[-1], FEATURES[-1]).transpose(0, 2, 1)
-    for number in range(1, len(widths)):
-        features = activated(f"decoder.conv_{number}", linear(f"decoder.conv_{number}", features))
-    features = activated("decoder.linear_1", per_vertex("decoder.linear_1", features))
-    values = per_vertex("to_coordinates", features)
-    if "normaliser.mean_m" not in weights:
-        return values
-    scale_m, mean_m = (graph.array(name, weights[name].T)
-                       for name in ("normaliser.scale_m", "normaliser.mean_m"))  # fmt: skip
-    return graph.apply("Add", values * scale_m, mean_m, layer="normaliser.denormalise")
+    with graph.section("decoder"):
+        row = activated(linear("from_latent", latents))
+        features = row.reshape(0, widths[-1], FEATURES[-1]).transpose(0, 2, 1)
+        for number in range(1, len(widths)):
+            features = activated(linear(f"decoder.conv_{number}", features))
+        features = activated(per_vertex("decoder.linear_1", features))
+        scale_m, mean_m = (graph.array(name, weights[name].T)
+                           for name in ("normaliser.scale_m", "normaliser.mean_m"))  # fmt: skip
+        return per_vertex("to_coordinates", features) * scale_m + mean_m

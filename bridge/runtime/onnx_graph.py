@@ -88,10 +88,7 @@ Operand = Value | float
 
 
 class Graph:
-    """Builds a float32 graph of `Value`s, each with a name below that of its section.
-
-    A value that is a network's layer has the layer's name, without a `/`.
-    """
+    """Builds a float32 graph of `Value`s, each with a name below that of its section."""
 
     def __init__(self) -> None:
         self._inputs: list[onnx.ValueInfoProto] = []
@@ -122,12 +119,9 @@ class Graph:
         """Indices or shapes; equal ones are held once."""
         return self._constant(np.asarray(values, np.int64))
 
-    def apply(self, op: str, *inputs: Operand, layer: str = "", **attributes: Any) -> Value:
-        """One operation with one output, which may be named as a network's layer."""
-        given = [self._value(operand).name for operand in inputs]
-        output = layer or self._name(op)
-        self._nodes.append(helper.make_node(op, given, [output], **attributes))
-        return Value(self, output)
+    def apply(self, op: str, *inputs: Operand, **attributes: Any) -> Value:
+        """One operation with one output."""
+        return self.apply_many(op, 1, *inputs, **attributes)[0]
 
     def apply_many(self, op: str, count: int, *inputs: Operand, **attributes: Any) -> list[Value]:
         given = [self._value(operand).name for operand in inputs]
@@ -215,7 +209,7 @@ class Graph:
         checked : infer shapes within and check it; what is run at once the runtime checks.
         """
         for output, value in outputs.items():
-            self.apply("Identity", value, layer=output)
+            self._nodes.append(helper.make_node("Identity", [value.name], [output]))
         infos = [_info(name, TensorProto.FLOAT, (shapes or {}).get(name)) for name in outputs]
         graph = helper.make_graph(self._nodes, name, self._inputs, infos, self._arrays)
         model = helper.make_model(

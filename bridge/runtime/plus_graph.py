@@ -70,7 +70,6 @@ def plus_step_graph(model: TrainedPlus, body: BodyModelData) -> onnx.ModelProto:
     return step.graph.model(
         "dsnet_plus_step",
         {"codes": step.codes, "next_state": step.layout.written(step.graph, step.after)},
-        {"codes": ("B", 3, len(model.nodes)), "next_state": ("B", step.layout.size)},
         checked=False,
     )
 

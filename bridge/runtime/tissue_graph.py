@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -260,16 +261,11 @@ def _surface(
 
 def _faces_around(body: BodyModelData, nodes: NDArray) -> NDArray[np.int64]:
     """(K, D) faces at each node; where there are fewer, one that there is not."""
-    corners = np.argsort(body.faces.ravel(), kind="stable")  # by vertex
-    starts, stops = (
-        np.searchsorted(body.faces.ravel(), nodes, side, sorter=corners)
-        for side in ("left", "right")
-    )
-    found = [corners[start:stop] // 3 for start, stop in zip(starts, stops, strict=True)]
-    around = np.full((len(nodes), max(map(len, found))), len(body.faces))
-    for row, faces in zip(around, found, strict=True):
-        row[: len(faces)] = faces
-    return around
+    corners = body.faces.ravel()
+    ends = np.cumsum(np.bincount(corners, minlength=body.vertex_count))
+    of_vertices = np.split(np.argsort(corners, kind="stable") // 3, ends[:-1])
+    columns = zip_longest(*(of_vertices[node] for node in nodes), fillvalue=len(body.faces))
+    return np.array([*columns]).T
 
 
 def _cross(first: Value, second: Value) -> Value:
