@@ -106,7 +106,8 @@ def precision_error_mm(exact: onnx.ModelProto, reduced: onnx.ModelProto) -> dict
 
     Three different bodies hop and swing all of their joints for a second.
     """
-    count = GraphSession(exact).input_shapes["betas"][1]
+    session = GraphSession(exact)
+    count = session.input_shapes["betas"][1]
     betas = np.repeat([[-1.0], [0.0], [1.0]], count, axis=1)
     times_s = np.arange(FPS)[:, None, None] / FPS
     joint = np.arange(THETA_SIZE)
@@ -115,21 +116,10 @@ def precision_error_mm(exact: onnx.ModelProto, reduced: onnx.ModelProto) -> dict
     theta[..., -3:] = 0
     theta[..., -2] = _HOP_M * np.abs(np.sin(8 * times_s[..., 0]))
     theta, betas = theta.astype(np.float32), betas.astype(np.float32)
-    apart_m = _clip(reduced, theta, betas) - _clip(exact, theta, betas)
+    apart_m = GraphSession(reduced).rolled(theta, betas) - session.rolled(theta, betas)
     error_mm = 1e3 * np.linalg.norm(apart_m, axis=-1)
     found = error_mm.mean(), np.percentile(error_mm, 99), error_mm.max()
     return dict(zip(("mean_mm", "percentile_99_mm", "max_mm"), map(float, found), strict=True))
-
-
-def _clip(model: onnx.ModelProto, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
-    """(T, B, V, 3)."""
-    run, frames = GraphSession(model), []
-    state = np.zeros((len(betas), run.input_shapes["state"][1]), np.float32)
-    for poses in theta:
-        found = run(theta=poses, betas=betas, state=state)
-        state = found["next_state"]
-        frames.append(found["vertices"])
-    return np.stack(frames)
 
 
 def _graph(

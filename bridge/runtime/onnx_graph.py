@@ -367,3 +367,13 @@ class GraphSession:
         """The graph's outputs by name, of its inputs."""
         outputs = map(np.asarray, self._session.run(self._names, inputs))
         return dict(zip(self._names, outputs, strict=True))
+
+    def rolled(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
+        """(T, B, V, 3) vertices, metres, by a predictor with its body, of characters who begin in
+        the first of the poses theta (T, B, 69), of shapes betas (B, S)."""
+        state, frames = np.zeros((len(betas), self.input_shapes["state"][1]), np.float32), []
+        for poses in theta:
+            found = self(theta=poses, betas=betas, state=state)
+            state = found["next_state"]
+            frames.append(found["vertices"])
+        return np.stack(frames)

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import onnx
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
@@ -45,22 +44,12 @@ def dsnet_graph(
     """The whole graph of DSNet and the decoder, frame by frame, from poses to the posed skin."""
     network, data = TrainedDsnet.from_arrays("dsnet", weights), load_body_model(body)
     graph = network_graphs.dsnet_body_graph(network, weights, architecture, data)
-    return _stepped(graph, theta, betas)
+    return {"layer/vertices": GraphSession(graph).rolled(theta, betas)}
 
 
 def plus_graph(weights: Tensors, theta: NDArray, betas: NDArray, body: str) -> Tensors:
     graph = plus_body_graph(TrainedPlus.from_arrays(weights), load_body_model(body))
-    return _stepped(graph, theta, betas)
-
-
-def _stepped(graph: onnx.ModelProto, theta: NDArray, betas: NDArray) -> Tensors:
-    session, frames = GraphSession(graph), []
-    state = np.zeros((len(betas), session.input_shapes["state"][1]), np.float32)
-    for pose in theta:
-        outputs = session(theta=pose, betas=betas, state=state)
-        state = outputs["next_state"]
-        frames.append(outputs["vertices"])
-    return {"layer/vertices": np.stack(frames)}
+    return {"layer/vertices": GraphSession(graph).rolled(theta, betas)}
 
 
 if __name__ == "__main__":
