@@ -8,7 +8,6 @@ titles, the colours' scale in cm and whose data it is.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain, product
 
 import numpy as np
@@ -24,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body.posing import Smpl
 from bridge.motion import unpack_theta
 from bridge.report.panels import MAGNITUDE_COLOURS, footer, magnitude_colours, scale_top_m
-from bridge.report.render import Camera, frame_camera, render_bodies
+from bridge.report.render import frame_camera, render_bodies
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.workers import progress, worker_pool
 from bridge.runtime.moving_body import MovingBody
@@ -55,7 +54,7 @@ class RenderedClip:
         self._motion = motion = moving[0].motion
         self._step = max(1, round(motion.fps / fps))
         self.fps = motion.fps / self._step
-        self._stage = set_stage(moving, self._step, body_px * (1 + len(moving)))
+        self._stage = ClipStage(moving, self._step, body_px * (1 + len(moving)))
         self._alone = Smpl(self._body).person(motion.betas)
         camera, titles = self._stage.camera, [one.trained.label for one in moving]
         self._page = ClipPage(
@@ -111,54 +110,49 @@ class RenderedClip:
         return self._alone.pose(pose, trans_m)[0]
 
 
-@dataclass(frozen=True, eq=False)
 class ClipStage:
-    """How to place the bodies of each frame, and what is common to all pictures."""
+    """Where the bodies of each frame stand, and what is common to all pictures.
 
-    turn: Rotation
-    """About the vertical, of the whole motion."""
-    path_m: NDArray[np.float64]
-    """(T, 3) smoothed walk along the floor, before the turn; zero upwards."""
-    apart_m: float
-    """From one body to the next, to the right."""
-    camera: Camera
-    top_m: float
-    """Size of skin offsets that gets the darkest colour."""
+    Predicts the motion once and fits the `camera`, `width_px` wide, to each `step`-th frame. Skin
+    offsets of the size `top_m` get the darkest colour.
+
+    Parameters
+    ----------
+    moving : the same motion by each predictor; before their columns is one for SMPL alone.
+    """
+
+    def __init__(self, moving: Sequence[MovingBody], step: int, width_px: int) -> None:
+        motion = moving[0].motion
+        pose, trans_m = unpack_theta(motion.theta)
+        path_m = gaussian_filter1d(trans_m, _SMOOTH_S * motion.fps, axis=0, mode="nearest")
+        self._path_m = path_m * [1.0, 0.0, 1.0]
+        self._turn, self._apart_m = turned_to_camera(pose, _ASIDE_RAD), 0.0
+        looked_at = -(-len(motion.theta) // (step * _FRAMES_MEASURED))
+        low, high, sizes_m = np.full(3, np.inf), np.full(3, -np.inf), []
+        for posed in chain.from_iterable(one.shown("measure") for one in moving):
+            for row in range(-posed.frames.start % step, len(posed), step):
+                frame = posed.frames.start + row
+                seen = self.place(posed.vertices_m[row, ::_VERTICES_SKIPPED], frame, 0)
+                low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
+                if frame // step % looked_at == 0:
+                    offsets_m = posed.offsets_m[row, ::_VERTICES_SKIPPED]
+                    sizes_m.append(np.linalg.norm(offsets_m, axis=1))
+        self._apart_m = high[0] - low[0] + _GAP_M
+        high[0] += self._apart_m * len(moving)
+        corners = np.array(list(product(*zip(low, high, strict=True))))
+        size = np.ptp(corners, axis=0)
+        height_px = width_px * (size[1] + 0.15 * size[2]) / size[0]
+        height_px = int(np.clip(height_px, 0.4 * width_px, 1.2 * width_px)) // 2 * 2
+        self.camera = frame_camera(
+            [corners], height_px=height_px, width_px=width_px, azimuth_deg=0.0
+        )
+        self.top_m = scale_top_m(np.concatenate(sizes_m))
 
     def place(self, vertices_m: NDArray, frame: int, column: int) -> NDArray[np.float64]:
         """(V, 3) vertices of one frame where they are drawn, in a column from 0."""
-        placed = self.turn.apply(vertices_m - self.path_m[frame])
-        placed[:, 0] += column * self.apart_m
+        placed = self._turn.apply(vertices_m - self._path_m[frame])
+        placed[:, 0] += column * self._apart_m
         return placed
-
-
-def set_stage(moving: Sequence[MovingBody], step: int, width_px: int) -> ClipStage:
-    """Predict the motion once and fit a camera of `width_px` to each `step`-th frame.
-
-    `moving` is the same motion by each predictor; before their columns is one for SMPL alone.
-    """
-    motion = moving[0].motion
-    pose, trans_m = unpack_theta(motion.theta)
-    path_m = gaussian_filter1d(trans_m, _SMOOTH_S * motion.fps, axis=0, mode="nearest")
-    path_m = path_m * [1.0, 0.0, 1.0]
-    turn = turned_to_camera(pose, _ASIDE_RAD)
-    looked_at = -(-len(motion.theta) // (step * _FRAMES_MEASURED))
-    low, high, sizes_m = np.full(3, np.inf), np.full(3, -np.inf), []
-    for posed in chain.from_iterable(one.shown("measure") for one in moving):
-        for row in range(-posed.frames.start % step, len(posed), step):
-            path_here_m = path_m[posed.frames.start + row]
-            seen = turn.apply(posed.vertices_m[row, ::_VERTICES_SKIPPED] - path_here_m)
-            low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
-            if (posed.frames.start + row) // step % looked_at == 0:
-                sizes_m.append(np.linalg.norm(posed.offsets_m[row, ::_VERTICES_SKIPPED], axis=1))
-    apart_m = high[0] - low[0] + _GAP_M
-    high[0] += apart_m * len(moving)
-    corners = np.array(list(product(*zip(low, high, strict=True))))
-    size = np.ptp(corners, axis=0)
-    height_px = width_px * (size[1] + 0.15 * size[2]) / size[0]
-    height_px = int(np.clip(height_px, 0.4 * width_px, 1.2 * width_px)) // 2 * 2
-    camera = frame_camera([corners], height_px=height_px, width_px=width_px, azimuth_deg=0.0)
-    return ClipStage(turn, path_m, apart_m, camera, scale_top_m(np.concatenate(sizes_m)))
 
 
 def turned_to_camera(

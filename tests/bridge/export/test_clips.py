@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from bridge import DsnetError
 from bridge.body.posing import shaped_joints
 from bridge.export import clips
-from bridge.export.clip_pictures import ClipPage, set_stage
+from bridge.export.clip_pictures import ClipPage, ClipStage
 from bridge.motion import pack_theta, unpack_theta
 from bridge.report.panels import FOOTERS, footer
 from bridge.runtime.moving_body import MovingBody
@@ -119,7 +119,7 @@ def test_an_encoder_that_fails_says_why(short, tmp_path):
 
 
 def test_every_body_of_the_motion_is_in_the_picture(performed):
-    stage = set_stage([performed.moving], step=2, width_px=400)
+    stage = ClipStage([performed.moving], step=2, width_px=400)
     camera = stage.camera
     target, origin = np.array(camera.target_m), np.array(camera.origin_m)
     half = np.tan(np.radians(camera.field_of_view_deg) / 2)
@@ -148,8 +148,8 @@ def test_a_body_that_turned_and_went_away_is_drawn_where_it_was(short):
     elsewhere = MovingBody(short.trained, motion)
     (turned,) = elsewhere
     np.testing.assert_allclose(
-        set_stage([elsewhere], 2, 400).place(turned.vertices_m[3], 3, 1),
-        set_stage([short], 2, 400).place(posed.vertices_m[3], 3, 1),
+        ClipStage([elsewhere], 2, 400).place(turned.vertices_m[3], 3, 1),
+        ClipStage([short], 2, 400).place(posed.vertices_m[3], 3, 1),
         atol=2e-2,
     )
 
