@@ -153,21 +153,20 @@ def fitted_betas(
 
 
 def full_pose(
-    data: BodyModelData, pose: NDArray[np.floating], hands_and_face: NDArray[np.floating] | None
+    pose: NDArray[np.floating], hands_and_face: NDArray[np.floating] | None, joints: int
 ) -> NDArray[np.floating]:
-    """(T, J, 3) of a body's 22 joints (T, 22, 3) and `bridge.motion.Motion.hands_and_face`; the 22
-    alone where no others move.
+    """(T, joints, 3) of 22 joints (T, 22, 3) and `bridge.motion.Motion.hands_and_face`; `joints`
+    are SMPL-H's 52 or SMPL-X's 55.
 
-    Fingers go to the fingers of SMPL-H or SMPL-X, jaw and eyes to SMPL-X's; what the body lacks is
-    left out, and what the motion lacks stays at rest.
+    Fingers go to the fingers, jaw and eyes to SMPL-X's; what the skeleton lacks is left out, and
+    what the motion lacks stays at rest.
     """
-    if hands_and_face is None or data.kind == "smpl":
-        return pose[:, :N_JOINTS]
-    full = np.zeros((len(pose), len(data.parents), 3), pose.dtype)
-    full[:, :N_JOINTS] = pose[:, :N_JOINTS]
-    full[:, -HAND_COUNT:] = hands_and_face[:, -HAND_COUNT:]
-    if full.shape[1] - N_JOINTS == hands_and_face.shape[1]:
-        full[:, N_JOINTS:] = hands_and_face
+    full = np.zeros((len(pose), joints, 3), pose.dtype)
+    full[:, :N_JOINTS] = pose
+    if hands_and_face is not None:
+        full[:, -HAND_COUNT:] = hands_and_face[:, -HAND_COUNT:]
+        if joints - N_JOINTS == hands_and_face.shape[1]:
+            full[:, N_JOINTS:] = hands_and_face
     return full
 
 

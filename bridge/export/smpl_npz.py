@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import HAND_COUNT, Kind
-from bridge.body.posing import shaped_joints
+from bridge.body.posing import full_pose, shaped_joints
 from bridge.export.output import about
 from bridge.motion import Motion
 from bridge.paper import N_JOINTS
@@ -73,7 +73,7 @@ def write_smpl(path: Path, moving: MovingBody) -> None:
     theirs = replace(motion, kind=kind, embedded_betas=False)
     same_betas = (moving.body.kind == "smplx") == (kind == "smplx")
     same_betas &= moving.body.source != "synthetic"
-    pose = _full_pose(motion, count)
+    pose = full_pose(motion.pose, motion.hands_and_face, count)
     head, left, right = np.split(pose[:, N_JOINTS:], [-HAND_COUNT, -HAND_COUNT // 2], axis=1)
     arrays: dict[str, Any] = {
         "codecVersion": _CODEC_VERSION,
@@ -98,18 +98,6 @@ def _joints(moving: MovingBody) -> int:
     """Of SMPL-X where body or motion are, else of SMPL-H."""
     with_face = moving.body.kind == "smplx" or moving.motion.all_joints.shape[1] == SMPLX_JOINTS
     return SMPLX_JOINTS if with_face else SMPLH_JOINTS
-
-
-def _full_pose(motion: Motion, joints: int) -> NDArray[np.float64]:
-    """(T, joints, 3): hands last, which turn where the motion's do, as jaw and eyes."""
-    others = motion.hands_and_face
-    full = np.zeros((len(motion.theta), joints, 3))
-    full[:, :N_JOINTS] = motion.pose
-    if others is not None:
-        full[:, -HAND_COUNT:] = others[:, -HAND_COUNT:]
-        if N_JOINTS + others.shape[1] == joints:  # jaw and eyes, too
-            full[:, N_JOINTS:] = others
-    return full
 
 
 def _parameters(moving: MovingBody, joints: int) -> dict[str, Any]:
@@ -139,7 +127,7 @@ def _z_up(motion: Motion, root_joint_m: NDArray, joints: int) -> tuple[NDArray, 
 
     The root turns about its joint J, which lies at J + trans: turning the world turns that sum.
     """
-    full = _full_pose(motion, joints)
+    full = full_pose(motion.pose, motion.hands_and_face, joints)
     full[:, 0] = (_R_ZUP_YUP * Rotation.from_rotvec(full[:, 0])).as_rotvec()
     turned_m = _R_ZUP_YUP.apply(motion.trans_m + root_joint_m) - root_joint_m
     return full.reshape(len(full), -1), turned_m

@@ -99,7 +99,10 @@ class MovingBody:
     @property
     def pose(self) -> NDArray[np.floating]:
         """(T, 22, 3) joint rotations, axis-angle, or all that the body has where others move."""
-        return full_pose(self.body, self.motion.pose, self.motion.hands_and_face)
+        pose, others = self.motion.pose, self.motion.hands_and_face
+        if others is None or self.body.kind == "smpl":
+            return pose
+        return full_pose(pose, others, len(self.body.parents))
 
     @property
     def latents(self) -> NDArray[np.float32] | None:

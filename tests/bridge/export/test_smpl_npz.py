@@ -86,9 +86,11 @@ def test_fingers_jaw_and_eyes_are_kept(performed, tmp_path):
     rng, moving = np.random.default_rng(3), performed.moving
     others = rng.normal(0, 0.3, (FRAMES, 33, 3))
     motion = replace(moving.motion, hands_and_face=others)
+    moved = MovingBody(moving.trained, motion)
+    np.testing.assert_array_equal(moved.pose, motion.pose)  # SMPL's own skin has none of them
     for joints, kept in ((52, others[:, 3:]), (55, others)):
         path = tmp_path / f"{joints}.npz"
-        smpl_npz.write(path, MovingBody(moving.trained, motion), joints)
+        smpl_npz.write(path, moved, joints)
         with np.load(path) as archive:
             poses = archive["poses"].reshape(FRAMES, joints, 3)
         np.testing.assert_array_equal(poses[:, 22:], kept)
