@@ -96,9 +96,6 @@ class Load:
     inertia: NDArray[np.float32]
     gravity: NDArray[np.float32]
 
-    def __getitem__(self, frames: slice) -> Load:
-        return Load(self.inertia[frames], self.gravity[frames])
-
     def __len__(self) -> int:
         return len(self.inertia)
 

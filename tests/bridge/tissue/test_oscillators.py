@@ -489,9 +489,3 @@ def test_motions_longer_than_what_is_skinned_at_once_have_no_seam(body):
     whole, tail = loads(body, theta), loads(body, theta[250:])
     np.testing.assert_allclose(whole.inertia[251:-1], tail.inertia[1:-1], atol=1e-5)
     np.testing.assert_allclose(whole.gravity[250:], tail.gravity, atol=1e-6)
-
-
-def test_a_slice_of_a_load_is_that_of_its_frames(body):
-    load = loads(body, moving(12))
-    np.testing.assert_array_equal(load[3:7].inertia, load.inertia[3:7])
-    np.testing.assert_array_equal(load[3:7].gravity, load.gravity[3:7])
