@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_paper_body
+from bridge.errors import DsnetError
 from bridge.exchange.dsnet import LATENTS_OF, code_of
 from bridge.motion import MotionSequence, subject_rows, to_manifest
 from bridge.motion.cuts import predict_between_cuts
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
+from bridge.options import PositiveFloat
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.files import ArrayFile
 from bridge.runs.run import (
@@ -31,7 +33,7 @@ from bridge.runs.run import (
     body_model_path,
 )
 from bridge.runs.workers import on_any_node, progress, worker_pool
-from bridge.runtime.run_motions import AmassOptions, MotionSet, find_motions, gather
+from bridge.runtime.run_motions import MotionSet, find_motions, gather
 from bridge.runtime.stepping import PlusModel, codes_of
 from bridge.tissue.trained_plus import NAME, TrainedPlus
 
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class InferConfig(AmassOptions):
+class InferConfig:
     """Predict the run's sequences at their whole length, then its MoSh-like motions, by every
     predictor that the run has trained.
 
@@ -50,13 +52,22 @@ class InferConfig(AmassOptions):
 
     run: str = "demo"
     """Name of the run whose predictors predict."""
+    amass: Path | None = None
+    """Folder of AMASS files or BVHs in place of the corpus's MoSh-like motions: docs/data.md."""
+    amass_fps: PositiveFloat | None = None
+    """Frames per second of these files, where what they say of themselves is wrong."""
 
 
 PROFILES = {name: InferConfig(run=name) for name in ("smoke", "demo", "paper")}
 
 
 def main(config: InferConfig) -> None:
-    config.check()
+    if config.amass_fps is not None and config.amass is None:
+        raise DsnetError(
+            f"--amass-fps {config.amass_fps:g} without --amass",
+            "the frame rate of a folder's files",
+            "Pass --amass DIR, or leave --amass-fps out.",
+        )
     run = Run(config.run)
     run.refuse_interrupted(TRAIN, TRAIN_PLUS)
     has_plus = run.finished(TRAIN_PLUS)

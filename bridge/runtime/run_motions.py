@@ -10,36 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_paper_body
-from bridge.errors import DsnetError, notify
+from bridge.errors import notify
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import PeopleOfFolders, find_motion_files, subject_and_motion
 from bridge.motion.resampling import load_motion_file
-from bridge.options import PositiveFloat, check_options
 from bridge.runs import Artifact, Run
 from bridge.runs.run import body_model_path
 from bridge.runtime.whose_betas import with_own_shape
-
-
-@dataclass(frozen=True, kw_only=True)
-class AmassOptions:
-    """Which motions are predicted beside the run's own sequences."""
-
-    amass: Path | None = None
-    """Folder of AMASS files or BVHs in place of the corpus's MoSh-like motions: docs/data.md."""
-    amass_fps: PositiveFloat | None = None
-    """Frames per second of these files, where what they say of themselves is wrong."""
-
-    def check(self) -> None:
-        """Refuse a rate of no files with `DsnetError`, and one that is none."""
-        check_options(self)
-        if self.amass_fps is not None and self.amass is None:
-            raise DsnetError(
-                f"--amass-fps {self.amass_fps:g} without --amass",
-                "the frame rate of a folder's files",
-                "Pass --amass DIR, or leave --amass-fps out.",
-            )
 
 
 @dataclass(frozen=True, eq=False)
