@@ -29,13 +29,12 @@ class KerasSMPL:
         self.data, self.dtype = data, dtype
         self.vertex_count = len(data.v_template)
         self.parents: tuple[int, ...] = tuple(data.parents.tolist())
-        joint_shapedirs = [data.J_regressor @ data.shapedirs[:, axis] for axis in range(3)]
         self._template = tf.constant(data.v_template.T, dtype)  # (3, V)
         self._shapedirs = _rows(data.shapedirs, dtype)  # (10, 3 V)
         self._posedirs = _rows(data.posedirs, dtype)  # (207, 3 V)
         self._weights = tf.constant(data.weights.T, dtype)  # (24, V)
         self._joint_template = tf.constant(data.joints, dtype)  # (24, 3)
-        self._joint_shapedirs = tf.constant(np.stack(joint_shapedirs, 1).transpose(2, 0, 1), dtype)
+        self._joint_shapedirs = tf.constant(data.joint_shapes.transpose(2, 0, 1), dtype)
 
     def __call__(
         self, betas: Tensor, pose: Tensor, trans: Tensor, offsets: Tensor | None = None

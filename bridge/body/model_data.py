@@ -157,6 +157,12 @@ class BodyModelData:
         return self.J_regressor @ self.v_template
 
     @property
+    def joint_shapes(self) -> np.ndarray:
+        """(J, 3, S) displacement of the joints per unit of each beta, metres."""
+        moved = self.J_regressor @ self.shapedirs.reshape(self.vertex_count, -1)
+        return moved.reshape(len(moved), *self.shapedirs.shape[1:])
+
+    @property
     def body_weights(self) -> np.ndarray:
         """(V, 22) skinning weights of SMPL's first 22 joints: hands' are the wrists', a face's the
         head's."""

@@ -77,9 +77,9 @@ def _rotations(graph: Graph, theta: Value) -> Value:
 
 def _joints(graph: Graph, body: BodyModelData, betas: Value) -> Value:
     """(3, 1, 23, B) places in the rest pose, metres."""
-    by_shape = np.stack([body.J_regressor @ axis for axis in body.shapedirs.transpose(1, 0, 2)])
-    kernel, template = np.zeros((3, BONES, by_shape.shape[2])), np.zeros((3, BONES))
-    kernel[:, :N_JOINTS], template[:, :N_JOINTS] = by_shape[:, :N_JOINTS], body.joints[:N_JOINTS].T
+    kernel, template = np.zeros((3, BONES, body.shapedirs.shape[2])), np.zeros((3, BONES))
+    kernel[:, :N_JOINTS] = body.joint_shapes[:N_JOINTS].transpose(1, 0, 2)
+    template[:, :N_JOINTS] = body.joints[:N_JOINTS].T
     moved = betas @ graph.array("joint_shapes", kernel.reshape(3 * BONES, -1).T)
     placed = moved + graph.array("joint_template", template.ravel())
     return placed.transpose(1, 0).reshape(3, 1, BONES, -1)

@@ -276,8 +276,7 @@ def _cross(first: Value, second: Value) -> Value:
 
 def _depths(graph: Graph, body: BodyModelData, points_m: Value, betas: Value) -> Value:
     """(B, K, 1) distance of points (B, K, 3) to the nearest bone's axis."""
-    by_shape = np.stack([body.J_regressor @ axis for axis in body.shapedirs.transpose(1, 0, 2)], 1)
-    joints_m = _shaped(graph, "joints", body.joints, by_shape, betas)
+    joints_m = _shaped(graph, "joints", body.joints, body.joint_shapes, betas)
     with_parent = ends_of_bones(body.joints, body.parents)
     begins = joints_m.gather(body.parents[with_parent], axis=1)
     bones = (joints_m.gather(with_parent, axis=1) - begins).reshape(0, 1, -1, 3)

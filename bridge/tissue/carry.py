@@ -104,7 +104,9 @@ class _Fitted:
         self._body, self._other, self._skin = body, other, skin
         self._frame = _Frame.of(body)
         self._others_joints = other.joints[:N_JOINTS]
-        self._by_shape, self._others_by_shape = map(_joint_directions, (body, other))
+        self._by_shape, self._others_by_shape = (
+            one.joint_shapes[:N_JOINTS] for one in (body, other)
+        )
         normals = vertex_normals(other.v_template, other.faces)[skin]
         self._surface, self._normals = other.v_template[skin], normals
         self._tree = KDTree(np.hstack([self._surface, _NORMAL_M * normals]))
@@ -192,12 +194,6 @@ class _Fitted:
         system = np.concatenate([ours, bones])
         wanted = np.concatenate([theirs, theirs_bones.reshape(len(bones), -1)])
         return np.linalg.lstsq(system, wanted, rcond=None)[0].T, self.betas
-
-
-def _joint_directions(body: BodyModelData) -> NDArray[np.float64]:
-    """(22, 3, S) what betas do to joints."""
-    moved = body.J_regressor[:N_JOINTS] @ body.shapedirs.reshape(body.vertex_count, -1)
-    return moved.reshape(N_JOINTS, 3, -1)
 
 
 @dataclass(frozen=True, eq=False)

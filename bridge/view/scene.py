@@ -134,7 +134,6 @@ class Scene:
             return skin
         layout = plus_layout(plus)
         moves = layout.columns("moves")
-        root_shapes = [(body.J_regressor @ body.shapedirs[:, axis])[0] for axis in range(3)]
         return skin | {
             "graph": {
                 "predictor": self._live,
@@ -143,7 +142,7 @@ class Scene:
                 "moves": [moves.start, moves.stop],
             },
             "root_joint": body.joints[0].tolist(),
-            "root_joint_shapes": np.stack(root_shapes).tolist(),
+            "root_joint_shapes": body.joint_shapes[0].tolist(),
             "pelvis_m": PELVIS_M,
         }
 

@@ -78,14 +78,13 @@ class SMPL(nn.Module):
         super().__init__()
         self.data = data
         self.parents: tuple[int, ...] = tuple(data.parents.tolist())
-        joint_shapedirs = [data.J_regressor @ data.shapedirs[:, axis] for axis in range(3)]
         buffers = {
             "template": data.v_template.T,  # (3, V)
             "shapedirs": data.shapedirs.transpose(2, 1, 0),  # (S, 3, V)
             "posedirs": data.posedirs.transpose(2, 1, 0),  # (9 (J - 1), 3, V)
             "weights": data.weights.T,  # (J, V)
             "joint_template": data.joints,  # (J, 3)
-            "joint_shapedirs": np.stack(joint_shapedirs, 1).transpose(2, 0, 1),  # (S, J, 3)
+            "joint_shapedirs": data.joint_shapes.transpose(2, 0, 1),  # (S, J, 3)
         }
         for name, array in buffers.items():
             tensor = torch.from_numpy(np.ascontiguousarray(array)).to(dtype)
