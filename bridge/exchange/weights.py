@@ -192,7 +192,7 @@ def mesh_autoencoder_to_keras(weights: Mapping[str, NDArray]) -> dict[str, NDArr
     converted = {}
     for name, array in weights.items():
         layer, _, variable = name.rpartition(".")
-        if _is_convolution(name) and array.ndim == 3:
+        if array.ndim == 3:  # a convolution's, of kernel size 1
             array = array[..., 0]
         converted[f"{layer}/{_named(variable, _KERAS_VARIABLES)}"] = _reversed(array)
     return converted
@@ -204,7 +204,7 @@ def mesh_autoencoder_from_keras(weights: Mapping[str, NDArray]) -> dict[str, NDA
     for name, array in weights.items():
         layer, _, variable = name.rpartition("/")
         array = _reversed(array)
-        if _is_convolution(name) and array.ndim == 2:
+        if ".conv_" in name and array.ndim == 2:
             array = array[..., np.newaxis]
         converted[f"{layer}.{_named(variable, variables)}"] = array
     return converted
@@ -252,10 +252,6 @@ def autoencoder_shapes(widths: tuple[int, ...] = INFERRED_WIDTHS) -> Shapes:
 def _reversed(array: NDArray) -> NDArray:
     """A copy with the axes in reverse order: (in, out) to (out, in) and back."""
     return np.array(array.T, order="C")
-
-
-def _is_convolution(name: str) -> bool:
-    return ".conv_" in name
 
 
 def _named(name: str, names: Mapping[str, str]) -> str:

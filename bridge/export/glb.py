@@ -52,7 +52,7 @@ class BlendShapes:
         self._body, self._pose = moving.body, moving.pose
         posedirs = self._body.posedirs
         self._posedirs = posedirs.reshape(-1, posedirs.shape[-1]).T.astype(np.float32)
-        self._mean_m, self.directions = self._fitted(moving)
+        self._fit(moving)
         shaped_m = shaped_vertices(self._body, moving.motion.betas[None])[0]
         self.rest_m = shaped_m + self._mean_m.reshape(-1, 3)
         self.error_m, found = 0.0, []
@@ -62,8 +62,8 @@ class BlendShapes:
             self.error_m = max(self.error_m, self._missed_m(moved_m, found[-1]))
         self.names, self.shapes_m, self.weights = self._one_sided(np.concatenate(found))
 
-    def _fitted(self, moving: MovingBody) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(3V,) the frames' mean, and as many directions (K, 3V), orthonormal, as they need."""
+    def _fit(self, moving: MovingBody) -> None:
+        """Find the mean (3V,) and as many directions (K, 3V), orthonormal, as the frames need."""
         chosen = np.linspace(0, len(moving) - 1, min(FRAMES_FITTED, len(moving)))
         chosen, kept = chosen.round().astype(int), []
         for posed in moving:
@@ -78,8 +78,8 @@ class BlendShapes:
         weights_m = self._along(frames_m)
         for count in range(1, len(self.directions)):
             if self._missed_m(frames_m, weights_m[:, :count]) <= ENOUGH_M:
-                return self._mean_m, self.directions[:count]
-        return self._mean_m, self.directions
+                self.directions = self.directions[:count]
+                return
 
     def displaced_m(self, posed: MovedFrames) -> NDArray[np.float32]:
         """(T', 3V) of each frame's rest pose from the shaped body: before skinning, metres."""

@@ -36,14 +36,15 @@ def with_own_shape(motion: Motion, body: BodyModelData, told: bool = True) -> Mo
     they are taken as the body's, if it is to be `told`.
     """
     given = np.concatenate([motion.betas, motion.more_betas])
+    unsaid = motion.kind is None or motion.gender == "unknown"
     betas, note = fitted_betas(body, given)
     notes = [] if note is None or motion.embedded_betas else [note]
     if given.any() and (whose := _strange_space(motion, body)):
         betas, how = _of_markers(motion, body)
         notes = [f"the betas of {motion.source} are {whose}: {how}; {_REMEDY}"]
-    elif given.any() and not motion.embedded_betas and _is_unsaid(motion):
-        unsaid = "does not say whose betas it has: taken as the body's"
-        notes.append(f"{motion.source} {unsaid}; {_REMEDY}")
+    elif given.any() and unsaid and not motion.embedded_betas:
+        taken = "does not say whose betas it has: taken as the body's"
+        notes.append(f"{motion.source} {taken}; {_REMEDY}")
     for line in notes if told else ():
         notify(line)
     padded = np.pad(betas, (0, body.shapedirs.shape[-1] - len(betas)))
@@ -62,11 +63,6 @@ def _spaces(motion: Motion, body: BodyModelData) -> tuple[str | None, str]:
     """Whose betas a motion has, None where its file does not tell, and whose the body takes."""
     theirs = _EMBEDDED if motion.embedded_betas else _SPACES.get(motion.kind or "")
     return theirs, _EMBEDDED if body.source == "synthetic" else _SPACES[body.kind]
-
-
-def _is_unsaid(motion: Motion) -> bool:
-    """Whether a file does not tell of which kind of body, or of which gender, its betas are."""
-    return motion.kind is None or motion.gender == "unknown"
 
 
 def _strange_space(motion: Motion, body: BodyModelData) -> str:
