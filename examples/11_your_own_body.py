@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_for_motion
 
 body_file = sys.argv[1] if len(sys.argv) > 1 else "embedded:male"
 motion_file = sys.argv[2] if len(sys.argv) > 2 else "sample:jumping_jacks"
-trained, motion = load_for_motion(None, None, Path(motion_file), body=body_file)
-moving = controlled_body(trained, motion, Controls())  # gains, loops, shapes: see Controls
+controls = Controls(body=Path(body_file))  # gains, loops, shapes as well
+trained, motion = controls.load(None, None, Path(motion_file))
+moving = controlled_body(trained, motion, controls)
 body = trained.body
 print(f"{body.kind} of {body.vertex_count} vertices, {body.gender}: {trained.why}")
 

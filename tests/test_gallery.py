@@ -13,7 +13,6 @@ from PIL import Image
 from bridge import DsnetError
 from bridge.motion.readers.amass import sample_path
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_for_motion
 from tests.forged.cyclic import circling
 from tools import build_gallery
 from tools.build_gallery import (
@@ -120,7 +119,7 @@ def test_pictures_of_the_packaged_model(sample, tmp_path, monkeypatch, name):
 
 @pytest.mark.parametrize("draw", [draw_upright, draw_lying])
 def test_each_body_has_its_colours(sample, tmp_path, draw):
-    character, motion = load_for_motion(None, None, sample)
+    character, motion = Controls().load(None, None, sample)
     moving = [controlled_body(character, motion, Controls(gain=gain)) for gain in (0.0, 3.0)]
     bodies = [performed("still", moving[0]), performed("moved", moving[1])]
     path = tmp_path / "a.png"
@@ -141,7 +140,7 @@ def test_a_lap_is_one_round_of_what_repeats():
 
 
 def test_a_lap_of_the_sample_closes():
-    character, motion = load_for_motion(None, None, Path("sample:jumping_jacks"))
+    character, motion = Controls().load(None, None, Path("sample:jumping_jacks"))
     lap = closed_lap(motion.theta, 3)
     moving = controlled_body(character, replace(motion, theta=lap), Controls(loop=True))
     assert len(moving) == len(lap) > 40

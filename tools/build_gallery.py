@@ -30,7 +30,6 @@ from bridge.export.clips import write_gif
 from bridge.motion import load_motion_file
 from bridge.runs import Run
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_for_motion
 from bridge.runtime.moving_body import MovingBody
 from tools.gallery.laps import best_lap, closed, closed_lap
 from tools.gallery.performed import (
@@ -205,7 +204,7 @@ def _moved(
     """A part of a motion (T, 69), by the run's DSNet and by its best predictor."""
     run, moving = Run(config.run), []
     for name in (shown_dsnet(run), None):
-        character, motion = load_for_motion(run, name, file, smooth_hz=controls.smooth_hz)
+        character, motion = controls.load(run, name, file)
         motion = replace(motion, theta=part(motion.theta))
         moving.append(controlled_body(character, motion, controls))
     return moving
@@ -214,8 +213,8 @@ def _moved(
 def _beside_the_truth(run: Run, kind: str) -> tuple[list[Performed], MovingBody]:
     """SMPL alone, the run's DSNet, its best predictor and the truth; and one that moves so."""
     file = motion_of_kind(run, kind)
-    best, motion = load_for_motion(run, None, file)
-    dsnet, _ = load_for_motion(run, shown_dsnet(run), file)
+    best, motion = Controls().load(run, None, file)
+    dsnet, _ = Controls().load(run, shown_dsnet(run), file)
     of = controlled_body(best, motion, Controls())
     bodies = [
         performed("SMPL alone", controlled_body(best, motion, Controls(gain=0.0))),
@@ -228,7 +227,7 @@ def _beside_the_truth(run: Run, kind: str) -> tuple[list[Performed], MovingBody]
 
 def _draw_asked(config: Gallery, path: Path, asked: dict[str, Controls], title: str) -> None:
     """The sample motion by the packaged model, once for each label; the last decides when."""
-    character, motion = load_for_motion(None, None, SAMPLE)
+    character, motion = Controls().load(None, None, SAMPLE)
     moving = {label: controlled_body(character, motion, c) for label, c in asked.items()}
     bodies = [performed(label, one) for label, one in moving.items()]
     of = next(iter(moving.values()))

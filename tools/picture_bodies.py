@@ -13,7 +13,6 @@ import numpy as np
 from bridge.report.bodies import frame_camera, render_bodies
 from bridge.report.panels import draw_panels, magnitude_colours
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_for_motion
 
 OUT = Path("docs/images/other_body.png")
 FRAMES = (30, 68, 102, 150, 205)
@@ -23,9 +22,9 @@ TOP_M = 0.05
 def main(other: str) -> None:
     """Draw both in a few frames."""
     camera, pictures, titles = None, [], []
-    for body in (None, other):
-        trained, motion = load_for_motion(None, None, Path("sample:jumping_jacks"), body=body)
-        moving = controlled_body(trained, motion, Controls(floor="shift"))
+    for body in (None, Path(other)):
+        asked = Controls(body=body, floor="shift")
+        moving = controlled_body(*asked.load(None, None, Path("sample:jumping_jacks")), asked)
         parts = [(part.vertices_m, part.offsets_m) for part in moving]
         vertices_m, offsets_m = (np.concatenate(both) for both in zip(*parts, strict=True))
         posed = np.array(vertices_m[[*FRAMES]], np.float64)

@@ -27,7 +27,7 @@ from bridge.motion import Motion, load_motion_file, pack_theta, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.motion.readers.amass import motion_path
 from bridge.runs.files import write_text_atomically
-from bridge.runtime.load_model import TrainedModel, load_for_motion
+from bridge.runtime.load_model import TrainedModel, load_model
 from bridge.runtime.moving_body import MovingBody, place_motion
 
 EMBEDDED_MARKERS = {
@@ -66,7 +66,8 @@ def main(config: MarkerPoseConfig) -> dict[str, Any]:
 
 
 def _measured(name: str, seed: int) -> dict[str, dict[str, float]]:
-    trained, motion = load_for_motion(None, None, Path(f"sample:{name}"))
+    motion = load_motion_file(f"sample:{name}")
+    trained = load_model(None, gender=motion.gender)
     body, true = trained.body, place_motion(motion, trained.body)
     offsets_m = _offsets(trained, true)
     vertices = _all_markers(body)

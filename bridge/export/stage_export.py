@@ -11,7 +11,6 @@ from bridge.export.formats import FORMATS, chosen_format
 from bridge.export.output import new_path, refuse_taken
 from bridge.runs import Run
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import body_asked, find_model, of_gender
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.stepping import PlusModel
 
@@ -78,9 +77,7 @@ def _export_predictor(config: ExportConfig, out: Path) -> None:
             "Leave out --motion, --gain, --betas and the like.",
         )
     run = None if config.run is None else Run(config.run)
-    body = body_asked(config.body)
-    name = next(iter(config.predictor), None)
-    chosen = of_gender(find_model(run, name, config.gender or "unknown", body), config.gender)
+    chosen = config.model(run, next(iter(config.predictor), None))
     notify(f"{chosen.name} ({chosen.label}) of {chosen.owner}: {chosen.why}")
     model = chosen.other_body and chosen.model
     export_onnx(

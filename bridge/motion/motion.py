@@ -51,8 +51,6 @@ class HowRead:
     """Its vertical axis."""
     joint_map: Mapping[str, str] = field(default_factory=dict)
     """The file's joints by SMPL's names, where names do not tell."""
-    gender: str | None = None
-    """Of the body that is to move; betas stay those of the gender that the file says."""
 
 
 AS_IT_SAYS = HowRead()

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
-from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.body.model_data import GENDERS, SMPL_JOINT_NAMES
 from bridge.body.parts import GROUPS, PARTS, part_weights
 from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.body.shapes import find_shape, parse_shape
 from bridge.errors import DsnetError, notify
 from bridge.markers.bony import bony_pose
-from bridge.motion import Motion, pack_theta
+from bridge.motion import Motion, load_motion_file, pack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import REMEDY, Lap, close_lap
 from bridge.motion.motion import HowRead, Up
@@ -29,7 +29,7 @@ from bridge.motion.skeletons import read_joint_map
 from bridge.options import Bounds, PositiveFloat, check_options, numbers_by_name
 from bridge.paper import N_BETAS
 from bridge.runs import Run
-from bridge.runtime.load_model import TrainedModel, body_asked, load_for_motion, load_model
+from bridge.runtime.load_model import TrainedModel, body_asked, load_model
 from bridge.runtime.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
 from bridge.runtime.whose_betas import with_own_shape
 
@@ -109,17 +109,45 @@ class Controls:
         path: Path,
         load: Callable[..., TrainedModel] = load_model,
     ) -> tuple[TrainedModel, Motion]:
-        """A predictor on the body that is asked for, and the motion of a file as it has it: see
-        `load_for_motion`."""
-        body, how = body_asked(self.body), self.how_read()
-        return load_for_motion(
-            run, predictor, path, self.motion_fps, self.smooth_hz, how, body, load
-        )
+        """A predictor on the body that is asked for, and the motion of a file as it has it.
+
+        A run that cannot predict is told before the file is read. Who has many motions passes a
+        `load` that remembers.
+        """
+        trained = None
+        if run is not None and not body_asked(self.body):
+            trained = self.model(run, predictor, load=load)
+        how = self.how_read()
+        motion = load_motion_file(path, self.motion_fps, smooth_hz=self.smooth_hz, how=how)
+        return trained or self.model(run, predictor, motion, load), motion
+
+    def model(
+        self,
+        run: Run | None,
+        predictor: str | None,
+        motion: Motion | None = None,
+        load: Callable[..., TrainedModel] = load_model,
+    ) -> TrainedModel:
+        """A predictor on the body that is asked for, else on one that suits a motion; without a run
+        the package's. DsnetError if the body is of another gender than was asked for, if any was.
+        """
+        gender, kind, more_betas = "unknown", None, 0
+        if motion is not None:
+            gender, kind, more_betas = motion.gender, motion.kind, len(motion.more_betas)
+        body = body_asked(self.body)
+        found = load(run, predictor, self.gender or gender, body, kind, more_betas)
+        if self.gender and self.gender != found.body.gender and found.body.gender in GENDERS:
+            raise DsnetError(
+                f"--gender {self.gender} with {found.body.name} for {found.name} of {found.owner}",
+                f"a {found.body.gender} body's",
+                "Leave --gender out, or pass another --body, or a --run that was trained on one.",
+            )
+        return found
 
     def how_read(self) -> HowRead:
         """What they say of the motion file."""
         names = {} if self.joint_map is None else read_joint_map(self.joint_map)
-        return HowRead(self.up, names, self.gender)
+        return HowRead(self.up, names)
 
     def asked_betas(self, body: BodyModelData) -> NDArray[np.float64] | None:
         """(S,) betas of the shape that is asked for; None where the motion's own is meant."""

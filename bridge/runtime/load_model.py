@@ -16,12 +16,8 @@ from typing import Any
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX, embedded_gender
-from bridge.body.model_data import GENDERS
 from bridge.errors import DsnetError, did_you_mean, notify
 from bridge.exchange.dsnet import load_trained_dsnet
-from bridge.motion import Motion, load_motion_file
-from bridge.motion.motion import AS_IT_SAYS, HowRead
-from bridge.motion.smoothing import SmoothHz
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
@@ -33,16 +29,6 @@ from bridge.tissue.trained_plus import TrainedPlus
 
 PACKAGED = "packaged-model"
 """Kind of the package's artifacts."""
-
-
-@dataclass(frozen=True)
-class Pipeline:
-    """Some stages of a run that together predict motions."""
-
-    stages: tuple[str, ...]
-    """Whose artifacts are needed; the manifest of the first names the predictors and a default."""
-    open: Callable[[TrainedModel, BodyModelData], Model]
-    """A predictor on a body; `DsnetError` if it cannot move that one."""
 
 
 def _open_plus(trained: TrainedModel, body: BodyModelData) -> Model:
@@ -66,13 +52,15 @@ def _open_dsnet(trained: TrainedModel, body: BodyModelData) -> Model:
     return DsnetModel(network, load_decoder(artifacts["train-ae"]))
 
 
-PIPELINES = (
-    Pipeline((TRAIN_MARKERS,), _open_plus),
-    Pipeline((TRAIN_PLUS,), _open_plus),
-    Pipeline(("train", "train-ae"), _open_dsnet),
-)
-"""Whose predictors can be asked for, the best first: `dsnet_plus` with constants of people's skin
-markers, `dsnet_plus`, and the paper's DSNet."""
+PIPELINES: dict[tuple[str, ...], Callable[[TrainedModel, BodyModelData], Model]] = {
+    (TRAIN_MARKERS,): _open_plus,
+    (TRAIN_PLUS,): _open_plus,
+    ("train", "train-ae"): _open_dsnet,
+}
+"""Stages of a run that together predict motions, the best first: `dsnet_plus` with constants of
+people's skin markers, `dsnet_plus`, and the paper's DSNet. The manifest of the first stage names
+the predictors and a default; the function opens one on a body, `DsnetError` if it cannot move that.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,15 +79,14 @@ class TrainedModel:
     trained_on: str
     """The same of the body that it was trained on."""
     artifacts: Mapping[str, Artifact]
-    """What it is made of, by stage."""
-    pipeline: Pipeline
+    """What it is made of, by stage, in the order of its pipeline."""
     other_body: BodyModelData | None = None
     """That it moves, if not the one that it was trained on."""
 
     @property
     def origin(self) -> DataOrigin:
         """Of what it was trained on."""
-        return self.artifacts[self.pipeline.stages[0]].origin
+        return next(iter(self.artifacts.values())).origin
 
     @property
     def upstream(self) -> dict[str, str]:
@@ -139,7 +126,7 @@ class TrainedModel:
             )
 
         with damage_refused(refusal):
-            return self.pipeline.open(self, body)
+            return PIPELINES[tuple(self.artifacts)](self, body)
 
 
 def body_asked(given: Path | str | None) -> str | None:
@@ -163,46 +150,18 @@ def load_model(
     `body` is the model file of another body than it was trained on, or a folder, from which one of
     the gender and `kind` is taken (`bridge.motion.Motion`); with `more_betas` than ten if it has.
     """
-    found = find_model(run, predictor, gender, body, kind, more_betas)
-    for note in () if found.other_body is None else found.other_body.notes:
-        notify(note)
+    if body is None:
+        found = find_model(run, predictor, gender)
+    else:
+        moved = load_body_model(body, gender, kind)
+        known = (one for one in (moved.gender, gender) if one in EMBEDDED_GENDERS)
+        shapes = N_BETAS + min(more_betas, max(moved.shapedirs.shape[-1] - N_BETAS, 0))
+        found = find_model(run, predictor, next(known, "unknown"))
+        found = found.on(moved.with_shapes(shapes), body)
+        for note in moved.notes:
+            notify(note)
     _ = found.model
     return found
-
-
-def load_for_motion(
-    run: Run | None,
-    predictor: str | None,
-    path: Path,
-    motion_fps: float | None = None,
-    smooth_hz: SmoothHz | None = None,
-    how: HowRead = AS_IT_SAYS,
-    body: str | None = None,
-    load: Callable[..., TrainedModel] = load_model,
-) -> tuple[TrainedModel, Motion]:
-    """A predictor, and the motion of a file as it has it; without a run, of the motion's gender.
-
-    A run that cannot predict is told before the file is read. `motion_fps` is the file's rate,
-    where it says none or a wrong one; what is faster than `smooth_hz` is left out. Who has many
-    motions passes a `load` that remembers. DsnetError if `how` asks for a body of a gender that
-    is not the body's.
-    """
-    trained = None if run is None or body else load(run, predictor)
-    motion = load_motion_file(path, motion_fps, smooth_hz=smooth_hz, how=how)
-    like = how.gender or motion.gender, body, motion.kind, len(motion.more_betas)
-    return of_gender(trained or load(run, predictor, *like), how.gender), motion
-
-
-def of_gender(trained: TrainedModel, asked: str | None) -> TrainedModel:
-    """The same; DsnetError if it moves a body of another gender than was asked for, if any was."""
-    has = trained.body.gender
-    if asked and has in GENDERS and has != asked:
-        raise DsnetError(
-            f"--gender {asked} with {trained.body.name} for {trained.name} of {trained.owner}",
-            f"a {has} body's",
-            "Leave --gender out, or pass another --body, or a --run that was trained on one.",
-        )
-    return trained
 
 
 def packaged_folder(gender: str) -> Path:
@@ -210,38 +169,25 @@ def packaged_folder(gender: str) -> Path:
     return Path(str(resources.files("bridge.runtime"))) / "models" / gender
 
 
-def find_model(
-    run: Run | None,
-    asked: str | None = None,
-    gender: str = "unknown",
-    body: str | None = None,
-    kind: str | None = None,
-    more_betas: int = 0,
-) -> TrainedModel:
-    """As `load_model`, with nothing of it read yet but manifests and the body."""
-    if body is not None:
-        moved = load_body_model(body, gender, kind)
-        known = (one for one in (moved.gender, gender) if one in EMBEDDED_GENDERS)
-        shapes = N_BETAS + min(more_betas, max(moved.shapedirs.shape[-1] - N_BETAS, 0))
-        found = find_model(run, asked, next(known, "unknown"))
-        return found.on(moved.with_shapes(shapes), body)
+def find_model(run: Run | None, asked: str | None = None, gender: str = "unknown") -> TrainedModel:
+    """As `load_model`, on the body that it was trained on; nothing is read yet but manifests."""
     if run is None:
         taken, line = embedded_gender(gender)
         if line:
             notify(line)
         return _packaged(asked, taken)
     trained = {
-        pipeline: read_artifact(run.path / pipeline.stages[0]).manifest
-        for pipeline in PIPELINES
-        if run.finished(pipeline.stages[0])
+        stages: read_artifact(run.path / stages[0]).manifest
+        for stages in PIPELINES
+        if run.finished(stages[0])
     }
     train = f"`dsnet train --run {run.name}`"
     if not trained:
         if not run.path.is_dir():
             run.artifact(TRAIN_PLUS)  # says which runs there are
-        finished = " or ".join(f"a finished stage {p.stages[0]!r}" for p in PIPELINES[1:])
+        finished = " or ".join(f"a finished stage {first!r}" for first, *_ in [*PIPELINES][1:])
         raise DsnetError(f"run {run.name!r} without a trained predictor", finished, f"Run {train}.")
-    for pipeline, manifest in trained.items():
+    for stages, manifest in trained.items():
         name = asked or str(manifest["default"])
         if name in manifest["predictors"]:
             entry = manifest["predictors"][name]
@@ -252,8 +198,7 @@ def find_model(
                 owner=f"run {run.name!r}",
                 body_model=_body_of(run, manifest),
                 trained_on=_body_of(run, manifest),
-                artifacts=run.artifacts(*pipeline.stages),
-                pipeline=pipeline,
+                artifacts=run.artifacts(*stages),
             )
     there = [name for manifest in trained.values() for name in manifest["predictors"]]
     raise DsnetError(
@@ -287,5 +232,4 @@ def _packaged(asked: str | None, gender: str) -> TrainedModel:
         body_model=EMBEDDED_PREFIX + gender,
         trained_on=EMBEDDED_PREFIX + gender,
         artifacts={TRAIN_PLUS: artifact},
-        pipeline=PIPELINES[1],
     )

@@ -18,12 +18,13 @@ from bridge.markers.registration import register
 from bridge.markers.segments import CUT_HZ
 from bridge.markers.skin import BANDS_HZ, Comparison, Row, compare_offsets
 from bridge.measure.evaluation import evaluate_run
+from bridge.motion import load_motion_file
 from bridge.motion.motion import HowRead
 from bridge.options import PositiveFloat
 from bridge.report.pages import render
 from bridge.report.panels import save_figure
 from bridge.runs import Run
-from bridge.runtime.load_model import load_for_motion
+from bridge.runtime.load_model import load_model
 from bridge.runtime.moving_body import MovingBody, persons_root_joint_m
 from bridge.runtime.prediction_files import open_out_folder
 from bridge.runtime.whose_betas import with_own_shape
@@ -78,8 +79,8 @@ def main(config: EvaluateConfig) -> None:
 def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
     """Compare what a predictor makes of a motion with the markers of that motion."""
     run = None if config.run is None else Run(config.run)
-    how = HowRead(up="z")
-    trained, motion = load_for_motion(run, None, pose_file(markers), config.motion_fps, how=how)
+    motion = load_motion_file(pose_file(markers), config.motion_fps, how=HowRead(up="z"))
+    trained = load_model(run, None, motion.gender)
     motion = with_own_shape(motion, trained.body)  # where it is, the markers say
     motion = motion.about_root_joint(persons_root_joint_m(motion, trained.body))
     moving = MovingBody(trained, motion)

@@ -30,7 +30,7 @@ from bridge.motion.resampling import between, going_on
 from bridge.motion.smoothing import StreamSmoother
 from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runs import Run
-from bridge.runtime.load_model import body_asked, find_model
+from bridge.runtime.load_model import body_asked, find_model, load_model
 from bridge.runtime.moving_body import LARGEST_BODY_M
 from bridge.runtime.stepping import DsnetModel, Model, PlusModel, finished
 from bridge.tissue.oscillators import FPS
@@ -188,13 +188,12 @@ class StreamingBodies:
                 raise DsnetError("a model without a body", "the body it moves", "Pass body=.")
             self._model: Model = PlusModel(run, body)
         else:
-            given = isinstance(body, BodyModelData)
-            path = None if given else body_asked(body)
-            found = find_model(
-                None if run is None else Run(os.fspath(run)), predictor, gender, path
-            )
-            body = body if given else found.body
-            self._model = found.open(body)
+            of = None if run is None else Run(os.fspath(run))
+            if isinstance(body, BodyModelData):
+                self._model = find_model(of, predictor, gender).open(body)
+            else:
+                found = load_model(of, predictor, gender, body_asked(body))
+                self._model, body = found.model, found.body
         self._body, self._skin = body, Smpl(body, hands=False)
         self._characters: dict[int, _Character] = {}
         self._numbers = count()

@@ -27,13 +27,7 @@ from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
 from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, TRAIN
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import (
-    PIPELINES,
-    TrainedModel,
-    body_asked,
-    load_model,
-    of_gender,
-)
+from bridge.runtime.load_model import PIPELINES, TrainedModel, load_model
 from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.runtime.whose_betas import with_own_shape
 
@@ -87,8 +81,7 @@ def open_repertoire(
     """
     asked, takes = controls or Controls(), {}
     if path is None:
-        best = load_model(run, None, asked.gender or "unknown", body_asked(asked.body))
-        of_gender(best, asked.gender)
+        best = asked.model(run, None)
     else:
         best, motion = asked.load(run, None, path)
         moving = controlled_body(best, motion, asked)
@@ -144,7 +137,7 @@ def take_of(moving: MovingBody) -> tuple[ViewedMotion, MotionArrays | None]:
 
 def _dsnets_of(run: Run) -> dict[str, str]:
     """Labels of the paper's networks, where the run has all that moves bodies by them."""
-    stages = next(pipeline.stages for pipeline in PIPELINES if TRAIN in pipeline.stages)
+    stages = next(stages for stages in PIPELINES if TRAIN in stages)
     if not all(map(run.finished, stages)):
         return {}
     trained = run.artifact(TRAIN)

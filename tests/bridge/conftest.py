@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_for_motion
 from tests.forged.markers import Known
 
 
@@ -16,7 +15,7 @@ from tests.forged.markers import Known
 def known() -> Known:
     """A woman whose flesh is what the packaged model predicts of jumping jacks."""
     path = Path("sample:jumping_jacks")
-    trained, motion = load_for_motion(None, None, path)
+    trained, motion = Controls().load(None, None, path)
     moving = controlled_body(trained, motion, Controls())
     offsets = np.concatenate([part.offsets_m for part in moving]).astype(np.float64)
     return Known(trained.body, moving.motion, offsets)

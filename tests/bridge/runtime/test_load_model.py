@@ -19,7 +19,6 @@ from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import (
     PACKAGED,
     find_model,
-    load_for_motion,
     load_model,
     packaged_folder,
 )
@@ -141,7 +140,7 @@ def test_a_bvh_moves_her_as_the_motion_does_that_it_was_made_of(tmp_path):
     body = load_body_model("embedded:female")
     skeleton = bvh.Skeleton(SMPL_JOINT_NAMES, SMPL_PARENTS, body.J_regressor @ body.v_template)
     (tmp_path / "walk.bvh").write_text(bvh.text(skeleton, bvh.world_of(pose), places_m))
-    character, motion = load_for_motion(None, None, tmp_path / "walk.bvh")
+    character, motion = Controls().load(None, None, tmp_path / "walk.bvh")
     moved = [
         np.concatenate([posed.vertices_m for posed in MovingBody(character, one)])
         for one in (
@@ -179,7 +178,7 @@ def test_hops_shake_every_body_and_standing_stills_it(gender, first_beta, hops):
 
 def test_the_flesh_of_the_sample_that_repeats_does_too():
     """Over the seam its steps change no more than within the lap, as they do without --loop."""
-    character, motion = load_for_motion(None, None, Path("sample:walk_cycle"))
+    character, motion = Controls().load(None, None, Path("sample:walk_cycle"))
     laps = [
         np.concatenate(
             [p.offsets_m for p in controlled_body(character, motion, Controls(loop=loop))]

@@ -17,7 +17,7 @@ from bridge.cli import main
 from bridge.motion import load_motion_file
 from bridge.runs import Run, read_artifact
 from bridge.runtime.controls import Controls
-from bridge.runtime.load_model import TrainedModel, find_model, load_for_motion, load_model
+from bridge.runtime.load_model import TrainedModel, find_model, load_model
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.streams import StreamingBodies
 from bridge.runtime.whose_betas import with_own_shape
@@ -108,7 +108,7 @@ def test_the_papers_networks_are_bound_to_their_body(trained_run, body_file):
 
 
 def test_men_are_moved_where_the_body_is_a_mans():
-    found = find_model(None, gender="female", body="embedded:male")
+    found = load_model(None, gender="female", body="embedded:male")
     assert (found.body_model, found.trained_on, found.other_body) == (
         "embedded:male",
         "embedded:male",
@@ -235,9 +235,9 @@ class TestWhoseBetas:
 
 
 def test_a_runs_own_model_is_carried_over_too(plus_run: Run, body_file):
-    trained, motion = load_for_motion(plus_run, None, Path(SAMPLE), body=str(body_file))
+    trained, motion = Controls(body=body_file).load(plus_run, None, Path(SAMPLE))
     assert isinstance(trained, TrainedModel)
-    own, _ = load_for_motion(plus_run, None, Path(SAMPLE))
+    own, _ = Controls().load(plus_run, None, Path(SAMPLE))
     _, order = renumbered(HOME)
     short = replace(motion, theta=motion.theta[:40])
     found, expected = (

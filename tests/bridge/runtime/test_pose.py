@@ -14,7 +14,6 @@ from bridge import DsnetError
 from bridge.cli import main
 from bridge.motion import load_motion_file
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_for_motion
 from bridge.runtime.moving_body import MovingBody
 from tests.forged.c3d import c3d
 from tests.forged.markers import VERTICES, Known, pose_arrays, sampled, stageii
@@ -50,7 +49,7 @@ def of_mosh(folder: Path, known: Known) -> Path:
 
 
 def moved(path: Path, controls: Controls) -> MovingBody:
-    trained, motion = load_for_motion(None, None, path)
+    trained, motion = Controls().load(None, None, path)
     return controlled_body(trained, motion, controls)
 
 

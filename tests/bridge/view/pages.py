@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_for_motion
 from bridge.view.page import document, serving
 from bridge.view.repertoire import open_repertoire
 from bridge.view.scene import Scene
@@ -153,8 +152,8 @@ def packaged(motion: str | Path = "sample:dancing") -> Scene:
 
 
 def predicted_m(motion: str | Path, body: str | None = None, **controls: Any) -> np.ndarray:
-    trained, read = load_for_motion(None, None, Path(motion), body=body)
-    moving = controlled_body(trained, read, Controls(**controls))
+    asked = Controls(body=body and Path(body), **controls)
+    moving = controlled_body(*asked.load(None, None, Path(motion)), asked)
     return np.concatenate([piece.vertices_m for piece in moving])
 
 
