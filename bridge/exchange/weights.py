@@ -30,6 +30,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,7 @@ from safetensors.numpy import load_file, save_file
 
 from bridge.errors import DsnetError, notify
 from bridge.paper import DSNET_WIDTHS, FEATURES, INFERRED_WIDTHS, INPUT_SIZE, LATENT_SIZE
+from bridge.runs import Artifact
 from bridge.runs.files import arrays_sha256
 from bridge.runs.untrusted import damage_refused, is_of_the_machine, open_regular
 
@@ -163,6 +165,14 @@ def load_checkpoint(path: Path) -> dict[str, NDArray] | None:
         notify(f"{path} is damaged; what it held is made again")
         return None
     return arrays
+
+
+def load_autoencoder(codec: Artifact) -> tuple[dict[str, NDArray], dict[str, Any]]:
+    """Weights of a finished `train-ae`, named as by PyTorch, with those of its normaliser, and its
+    architecture."""
+    arrays = load_weights(codec.file("autoencoder.safetensors"))
+    weights = {name.removeprefix("model."): array for name, array in arrays.items()}
+    return weights, codec.manifest["architecture"]
 
 
 def dsnet_to_torch(weights: Mapping[str, NDArray]) -> dict[str, NDArray]:

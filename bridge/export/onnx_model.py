@@ -8,74 +8,30 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 
-from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError
-from bridge.exchange import load_weights
-from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
-from bridge.export.output import new_path, refuse_taken
 from bridge.paper import N_JOINTS, THETA_SIZE
-from bridge.runs import Artifact
-from bridge.runs.artifact import DataOrigin
-from bridge.runtime.network_graphs import dsnet_body_graph
+from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.onnx_graph import PRECISIONS, GraphSession, Precision
-from bridge.runtime.plus_graph import plus_graph
 from bridge.tissue.oscillators import FPS
-from bridge.tissue.trained_plus import NAME, TrainedPlus
 
 _BEND_RAD, _HOP_M = 0.6, 0.25
 
 
-@dataclass(frozen=True, eq=False)
-class DecodedDsnet:
-    """A trained DSNet and the decoder of its latents."""
-
-    network: TrainedDsnet
-    decoder: Mapping[str, NDArray]
-    """Named as by PyTorch, the normaliser's included."""
-    architecture: Mapping[str, Any]
-    """As in the manifest of `train-ae`."""
-
-
-Exportable = TrainedPlus | DecodedDsnet
-
-
-def load_exportable(artifacts: Mapping[str, Artifact], predictor: str) -> Exportable:
-    """A predictor from the artifacts, by stage, of the pipeline that it is of."""
-    if len(artifacts) == 1:
-        return TrainedPlus.load(*artifacts.values())
-    codec = artifacts["train-ae"]
-    stored = load_weights(codec.file("autoencoder.safetensors"))
-    decoder = {name.removeprefix("model."): array for name, array in stored.items()}
-    network = load_trained_dsnet(artifacts["train"], predictor)
-    return DecodedDsnet(network, decoder, codec.manifest["architecture"])
-
-
 def export_onnx(
-    model: Exportable,
-    body: BodyModelData,
-    path: Path,
-    *,
-    origin: DataOrigin,
-    run: str = "",
-    precision: Precision = "float32",
-) -> Path:
-    """Write one predictor with the body that it moves, whole or not at all.
+    path: Path, chosen: TrainedModel, *, run: str = "", precision: Precision = "float32"
+) -> None:
+    """Write one predictor with the body that it moves to a new path.
 
     Costs a second, or with fewer bits some ten.
 
     Parameters
     ----------
-    origin : of what it was trained on; a synthetic body makes it synthetic too.
     run : name of the run that it is from.
     precision : of the large kernels (`bridge.runtime.onnx_graph`). What fewer bits cost is
         measured and written into the file: `error_mm`, see `precision_error_mm`.
@@ -83,22 +39,17 @@ def export_onnx(
     Raises
     ------
     DsnetError
-        If there is no such precision, the file exists or cannot be written, or predictor and body
-        do not fit.
+        If there is no such precision, or predictor and body do not fit.
     """
     if precision not in PRECISIONS:
         known = ", ".join(PRECISIONS)
         raise DsnetError(f"precision {precision!r}", f"one of {known}", "Name one of these.")
-    refuse_taken(path)
-    about = _about(model, body, origin, run, precision)
-    made = _graph(model, body, about, precision)
+    made = chosen.model.graph(_about(chosen, run, precision), precision)
     if precision != "float32":
-        error_mm = precision_error_mm(_graph(model, body, {}, "float32"), made)
+        error_mm = precision_error_mm(chosen.model.graph({}, "float32"), made)
         said = json.dumps({name: round(mm, 4) for name, mm in error_mm.items()})
         made.metadata_props.add(key="error_mm", value=said)
-    with new_path(path) as partial:
-        onnx.save_model(made, partial)
-    return path
+    onnx.save_model(made, path)
 
 
 def precision_error_mm(exact: onnx.ModelProto, reduced: onnx.ModelProto) -> dict[str, float]:
@@ -122,24 +73,13 @@ def precision_error_mm(exact: onnx.ModelProto, reduced: onnx.ModelProto) -> dict
     return dict(zip(("mean_mm", "percentile_99_mm", "max_mm"), map(float, found), strict=True))
 
 
-def _graph(
-    model: Exportable, body: BodyModelData, about: Mapping[str, str], precision: Precision
-) -> onnx.ModelProto:
-    if isinstance(model, TrainedPlus):
-        return plus_graph(model, body, about, precision)
-    network, decoder = model.network, model.decoder
-    return dsnet_body_graph(network, decoder, model.architecture, body, about, precision)
-
-
-def _about(
-    model: Exportable, body: BodyModelData, origin: DataOrigin, run: str, precision: Precision
-) -> dict[str, str]:
-    plus = isinstance(model, TrainedPlus)
-    synthetic = "synthetic" in (origin, body.source)
+def _about(chosen: TrainedModel, run: str, precision: Precision) -> dict[str, str]:
+    body = chosen.body
+    synthetic = "synthetic" in (chosen.origin, body.source)  # whichever of both
     return {
         "run": run,
-        "predictor": NAME if plus else model.network.name,
-        "data": "synthetic" if synthetic else origin,
+        "predictor": chosen.name,
+        "data": "synthetic" if synthetic else chosen.origin,
         "body": body.name,
         "gender": body.gender,
         "precision": precision,

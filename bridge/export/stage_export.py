@@ -8,11 +8,11 @@ from typing import Literal
 
 from bridge.errors import DsnetError, notify
 from bridge.export.formats import FORMATS, chosen_format
+from bridge.export.onnx_model import export_onnx
 from bridge.export.output import new_path, refuse_taken
 from bridge.runs import Run
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.stepping import PlusModel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,8 +68,6 @@ def main(config: ExportConfig) -> None:
 
 
 def _export_predictor(config: ExportConfig, out: Path) -> None:
-    from bridge.export.onnx_model import export_onnx, load_exportable
-
     if config.motion is not None or config.given().keys() - {"gender"}:
         raise DsnetError(
             "--to onnx with a motion or what moves it",
@@ -79,17 +77,8 @@ def _export_predictor(config: ExportConfig, out: Path) -> None:
     run = None if config.run is None else Run(config.run)
     chosen = config.model(run, next(iter(config.predictor), None))
     notify(f"{chosen.name} ({chosen.label}) of {chosen.owner}: {chosen.why}")
-    model = chosen.other_body and chosen.model
-    export_onnx(
-        model.trained
-        if isinstance(model, PlusModel)
-        else load_exportable(chosen.artifacts, chosen.name),
-        chosen.body,
-        out,
-        origin=chosen.origin,
-        run=config.run or "packaged",
-        precision=config.precision,
-    )
+    with new_path(out) as path:
+        export_onnx(path, chosen, run=config.run or "packaged", precision=config.precision)
 
 
 def _moving_bodies(config: ExportConfig) -> list[MovingBody]:

@@ -23,7 +23,7 @@ from bridge.runs import Artifact, Run, read_artifact
 from bridge.runs.artifact import DataOrigin
 from bridge.runs.run import TRAIN_MARKERS, TRAIN_PLUS, body_model_path
 from bridge.runs.untrusted import damage_refused
-from bridge.runtime.stepping import DsnetModel, Model, PlusModel, load_decoder
+from bridge.runtime.stepping import DsnetModel, Model, PlusModel
 from bridge.tissue.carry_cache import body_digest, carried_over
 from bridge.tissue.trained_plus import TrainedPlus
 
@@ -49,7 +49,7 @@ def _open_dsnet(trained: TrainedModel, body: BodyModelData) -> Model:
         )
     artifacts = trained.artifacts
     network = load_trained_dsnet(artifacts["train"], trained.name)
-    return DsnetModel(network, load_decoder(artifacts["train-ae"]))
+    return DsnetModel(network, artifacts["train-ae"], body)
 
 
 PIPELINES: dict[tuple[str, ...], Callable[[TrainedModel, BodyModelData], Model]] = {

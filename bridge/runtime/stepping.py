@@ -12,24 +12,30 @@ is the deployable graph without the skin, run by ONNX Runtime.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from typing import Protocol
 
 import numpy as np
+import onnx
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import TrainedDsnet
-from bridge.exchange.weights import load_weights
+from bridge.exchange.weights import load_autoencoder
 from bridge.motion.loops import Lap
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact
-from bridge.runtime.network_graphs import decoder_graph, dsnet_layout, dsnet_step_graph
-from bridge.runtime.onnx_graph import GraphSession
-from bridge.runtime.plus_graph import plus_layout, plus_step_graph
+from bridge.runtime.network_graphs import (
+    decoder_graph,
+    dsnet_body_graph,
+    dsnet_layout,
+    dsnet_step_graph,
+)
+from bridge.runtime.onnx_graph import GraphSession, Precision
+from bridge.runtime.plus_graph import plus_graph, plus_layout, plus_step_graph
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
 
@@ -75,6 +81,10 @@ class Model(Protocol):
     def offsets_m(self, betas: NDArray, codes: Codes, theta: NDArray) -> Piece:
         """(N, V, 3) skin offsets in the rest pose, metres, of codes (N, ...) in the poses theta
         (N, 69), of characters betas (N, 10) or frames of one (10,)."""
+        ...
+
+    def graph(self, metadata: Mapping[str, str], precision: Precision) -> onnx.ModelProto:
+        """The step and the posed skin as one graph, for tools that have ONNX Runtime alone."""
         ...
 
 
@@ -128,21 +138,32 @@ class PlusModel:
         static_m = self.trained.static_m(self._body, betas, theta)
         return offsets_m if static_m is None else offsets_m + static_m
 
+    def graph(self, metadata: Mapping[str, str], precision: Precision) -> onnx.ModelProto:
+        return plus_graph(self.trained, self._body, metadata, precision)
+
 
 class DsnetModel:
     """The paper's DSNet, a `Model` whose codes are latents (100,).
 
-    `decoder` makes of `latents` (B, 100) `offsets` (B, V, 3), metres; None where only codes are
-    asked.
+    Parameters
+    ----------
+    codec : the finished `train-ae` whose decoder makes offsets of latents, and
+    body : the body model that they are of; None where only codes are asked.
     """
 
     look_ahead = 0
     codes_are_latents = True
 
-    def __init__(self, network: TrainedDsnet, decoder: GraphSession | None = None) -> None:
+    def __init__(
+        self,
+        network: TrainedDsnet,
+        codec: Artifact | None = None,
+        body: BodyModelData | None = None,
+    ) -> None:
+        self._network, self._codec, self._body = network, codec, body
         self._memory = dsnet_layout(network).size
         self._run = GraphSession(dsnet_step_graph(network), threads=1)
-        self._decoder = decoder
+        self._decoder = codec and GraphSession(decoder_graph(*load_autoencoder(codec)))
 
     def reset(self, betas: NDArray, theta0: NDArray) -> State:
         state = np.zeros((len(betas), N_BETAS + self._memory), np.float32)
@@ -168,12 +189,11 @@ class DsnetModel:
         assert self._decoder is not None
         return self._decoder(latents=codes)["offsets"]
 
-
-def load_decoder(codec: Artifact) -> GraphSession:
-    """The decoder of a finished `train-ae`: `latents` (B, 100) to `offsets` (B, V, 3), metres."""
-    arrays = load_weights(codec.file("autoencoder.safetensors"))
-    weights = {name.removeprefix("model."): array for name, array in arrays.items()}
-    return GraphSession(decoder_graph(weights, codec.manifest["architecture"]))
+    def graph(self, metadata: Mapping[str, str], precision: Precision) -> onnx.ModelProto:
+        assert self._codec is not None
+        assert self._body is not None
+        codec = load_autoencoder(self._codec)
+        return dsnet_body_graph(self._network, *codec, self._body, metadata, precision)
 
 
 @dataclass(frozen=True, eq=False)

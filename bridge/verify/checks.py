@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.exchange import load_weights
 from bridge.exchange.dsnet import (
     TrainedDsnet,
     dsnets_of,
@@ -21,6 +20,7 @@ from bridge.exchange.dsnet import (
     load_unpadded_clips,
     make_clips,
 )
+from bridge.exchange.weights import load_autoencoder
 from bridge.paper import INFERRED_WIDTHS, INPUT_SIZE, LATENT_SIZE, N_VERTICES
 from bridge.runs import Artifact, Run
 from bridge.runs.run import body_model_path
@@ -173,9 +173,8 @@ def trained_checks(run: Run) -> list[Check]:
         weights = TrainedPlus.load(train_plus).arrays()
         graphs.append(("plus-graph-trained", "plus_graph", weights, {}))
     if train_ae:
-        stored = load_weights(train_ae.file("autoencoder.safetensors"))
-        weights = {name.removeprefix("model."): array for name, array in stored.items()}
-        options = {"architecture": dict(train_ae.manifest["architecture"])}
+        weights, architecture = load_autoencoder(train_ae)
+        options = {"architecture": dict(architecture)}
         checks += _trained_autoencoder(weights, options, run.artifact("align").array("offsets"))
         if dsnets and options["architecture"]["widths"][0] == N_VERTICES:
             both = {**dsnets[0].arrays(), **weights}

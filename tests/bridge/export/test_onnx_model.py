@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import base64
+import errno
 import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import onnx
@@ -15,18 +18,16 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model
+from bridge.cli import main
 from bridge.exchange.dsnet import Scaling, TrainedDsnet
-from bridge.export import onnx_model
-from bridge.export.onnx_model import (
-    DecodedDsnet,
-    export_onnx,
-    load_exportable,
-    precision_error_mm,
-)
+from bridge.export.onnx_model import export_onnx, precision_error_mm
 from bridge.runs import Run, write_artifact
+from bridge.runtime.controls import Controls
 from bridge.runtime.onnx_graph import GraphSession
+from bridge.runtime.stepping import DsnetModel, Model, PlusModel
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
+from tests.forged.codec import write_codec
 from tests.forged.plus import write_plus
 
 BODY = load_body_model("embedded:female")
@@ -40,19 +41,27 @@ def plus() -> TrainedPlus:
     return TrainedPlus.from_arrays(draws.tissue(1, BODY))
 
 
+def chosen(model: Model, name: str, origin: str = "synthetic") -> Any:
+    """What `export_onnx` asks of a `TrainedModel`."""
+    return SimpleNamespace(model=model, name=name, origin=origin, body=BODY)
+
+
 @pytest.fixture(scope="module")
 def exported(plus, tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("exported") / "new" / "plus.onnx"
-    return export_onnx(plus, BODY, path, origin="synthetic", run="demo")
+    path = tmp_path_factory.mktemp("exported") / "plus.onnx"
+    export_onnx(path, chosen(PlusModel(plus, BODY), "dsnet_plus"), run="demo")
+    return path
 
 
-def decoded_dsnet() -> DecodedDsnet:
+@pytest.fixture(scope="module")
+def dsnet(tmp_path_factory) -> DsnetModel:
     decoder = draws.autoencoder_weights(1, WIDTHS)
     decoder["normaliser.mean_m"] = np.zeros((6890, 3), np.float32)
     decoder["normaliser.scale_m"] = np.full((6890, 3), 1e-3, np.float32)
     network = TrainedDsnet("dsnet_faithful", draws.dsnet_weights(2), Scaling.identity())
     architecture = {"widths": WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1}
-    return DecodedDsnet(network, decoder, architecture)
+    folder = tmp_path_factory.mktemp("run") / "train-ae"
+    return DsnetModel(network, write_codec(folder, decoder, architecture), BODY)
 
 
 def metadata(path: Path) -> dict[str, str]:
@@ -84,9 +93,9 @@ def test_the_layout_names_every_column_of_the_state(exported):
     assert [name for name, _, _ in layout[:2]] == ["age", "betas"]
 
 
-def test_the_papers_network_is_exported_too(tmp_path):
-    path = export_onnx(decoded_dsnet(), BODY, tmp_path / "a.onnx", origin="licensed",
-                       precision="float16")  # fmt: skip
+def test_the_papers_network_is_exported_too(dsnet, tmp_path):
+    path = tmp_path / "a.onnx"
+    export_onnx(path, chosen(dsnet, "dsnet_faithful", "licensed"), precision="float16")
     assert metadata(path)["predictor"] == "dsnet_faithful"
     # Trained on licensed data, but the body is invented.
     assert metadata(path)["data"] == "synthetic"
@@ -97,9 +106,9 @@ def test_the_papers_network_is_exported_too(tmp_path):
     assert np.isfinite(moved["vertices"]).all()
 
 
-def test_fewer_bits_are_measured_and_the_file_says_so(tmp_path):
-    path = export_onnx(decoded_dsnet(), BODY, tmp_path / "a.onnx", origin="synthetic",
-                       precision="int8")  # fmt: skip
+def test_fewer_bits_are_measured_and_the_file_says_so(dsnet, tmp_path):
+    path = tmp_path / "a.onnx"
+    export_onnx(path, chosen(dsnet, "dsnet_faithful"), precision="int8")
     about = metadata(path)
     error = json.loads(about["error_mm"])
     assert 0 < error["mean_mm"] < error["percentile_99_mm"] < error["max_mm"] < 1.0
@@ -108,32 +117,53 @@ def test_fewer_bits_are_measured_and_the_file_says_so(tmp_path):
 
 
 def test_a_run_is_exported_by_its_artifacts(plus, tmp_path, monkeypatch):
-    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
-    write_artifact(tmp_path / "r" / "align", "align", {}, units={}, data="synthetic")
-    made = write_plus(Run("r"), plus)
-    loaded = load_exportable({"train_plus": made}, "dsnet_plus")
-    assert isinstance(loaded, TrainedPlus)
-    for name, array in plus.arrays().items():
-        np.testing.assert_array_equal(loaded.arrays()[name], array)
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
+    align, body = tmp_path / "runs" / "r" / "align", {"smpl": "embedded:female"}
+    write_artifact(align, "align", {}, units={}, data="synthetic", config=body)
+    write_plus(Run("r"), plus)
+    out = tmp_path / "new" / "a.onnx"
+    main(["export", "--to", "onnx", "--run", "r", "--out", str(out)])
+    assert [path.name for path in out.parent.iterdir()] == ["a.onnx"]
+    assert metadata(out)["run"] == "r"
+    theta = np.random.default_rng(1).normal(0, 0.3, (4, 2, 69)).astype(np.float32)
+    graphs = onnx.load_model(out), PlusModel(plus, BODY).graph({}, "float32")
+    found, expected = (GraphSession(graph).rolled(theta, BETAS) for graph in graphs)
+    np.testing.assert_array_equal(found, expected)
 
 
-def test_a_path_that_is_taken_is_refused_before_anything_is_made(plus, exported, monkeypatch):
-    monkeypatch.setattr(onnx_model, "_graph", lambda *_: pytest.fail("made"))
-    with pytest.raises(DsnetError, match="exists"):
-        export_onnx(plus, BODY, exported, origin="synthetic")
+def refused(capsys, *options: str) -> str:
+    """What `dsnet export --to onnx` says of options, in one line."""
+    with pytest.raises(SystemExit) as stopped:
+        main(["export", "--to", "onnx", *options])
+    said = capsys.readouterr().err
+    assert stopped.value.code == 2
+    return said.splitlines()[-1]
 
 
-def test_what_cannot_be_written_is_one_line_and_leaves_nothing(plus, exported, tmp_path):
+def test_a_path_that_is_taken_is_refused_before_anything_is_made(exported, capsys, monkeypatch):
+    monkeypatch.setattr(Controls, "model", lambda *_: pytest.fail("loaded"))
     before = exported.read_bytes()
-    with pytest.raises(DsnetError, match="exists"):
-        export_onnx(plus, BODY, exported, origin="synthetic")
+    assert "which exists" in refused(capsys, "--out", str(exported))
     assert exported.read_bytes() == before
-    with pytest.raises(DsnetError, match="float16"):
-        export_onnx(plus, BODY, tmp_path / "a.onnx", origin="synthetic", precision="int4")  # pyright: ignore[reportArgumentType]
+
+
+def test_what_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path, capsys, monkeypatch):
     (tmp_path / "file").write_text("")
-    with pytest.raises(DsnetError, match="cannot be written"):
-        export_onnx(plus, BODY, tmp_path / "file" / "a.onnx", origin="synthetic")
+    path = tmp_path / "file" / "a.onnx"
+    assert "cannot be written" in refused(capsys, "--out", str(path))
+
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(onnx, "save_model", full)
+    assert "No space left" in refused(capsys, "--out", str(tmp_path / "a.onnx"))
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_an_unknown_precision_is_refused(plus, tmp_path):
+    model = chosen(PlusModel(plus, BODY), "dsnet_plus")
+    with pytest.raises(DsnetError, match="float16"):
+        export_onnx(tmp_path / "a.onnx", model, precision="int4")  # pyright: ignore[reportArgumentType]
 
 
 def test_the_example_runs_with_numpy_and_onnxruntime_alone(exported):

@@ -16,9 +16,11 @@ from bridge.runs import ArtifactWriter, Run, write_artifact
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 from tests.forged.amass import save, smplh
+from tests.forged.codec import write_codec
 from tests.forged.plus import soft_flesh, write_plus
 
 WIDTHS = (6890, 12, 8, 6, 4)
+ARCHITECTURE = {"widths": WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1}
 
 
 def autoencoder_arrays() -> dict[str, NDArray]:
@@ -35,7 +37,7 @@ def autoencoder_arrays() -> dict[str, NDArray]:
 def mesh_decoder() -> tuple[dict[str, NDArray], dict[str, Any]]:
     """The decoder's weights under PyTorch's names, and its architecture."""
     weights = {name.removeprefix("model."): a for name, a in autoencoder_arrays().items()}
-    return weights, {"widths": WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1}
+    return weights, ARCHITECTURE
 
 
 @pytest.fixture(scope="session")
@@ -74,10 +76,8 @@ def plus_run(aligned_run: Run, flesh: TrainedPlus) -> Run:
 def trained_run(aligned_run: Run, trained: TrainedDsnet) -> Run:
     """Run `r` with both networks at the body's size."""
     folder = aligned_run.path
-    codec = ArtifactWriter(folder / "train-ae", "train-ae", data="synthetic")
-    save_weights(codec.file_path("autoencoder.safetensors"), autoencoder_arrays())
-    codec.record(architecture={"widths": WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1})
-    upstream = {"train-ae": codec.finish().content_sha256}
+    codec = write_codec(folder / "train-ae", autoencoder_arrays(), ARCHITECTURE)
+    upstream = {"train-ae": codec.content_sha256}
     train = ArtifactWriter(folder / "train", "train", data="synthetic")
     arrays = {"dsnet_standardised": trained.arrays(), "dsnet_faithful": trained.weights}
     for name, stored in arrays.items():

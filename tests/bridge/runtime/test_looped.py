@@ -16,7 +16,6 @@ from bridge.runtime.stepping import (
     DsnetModel,
     PlusModel,
     Prediction,
-    load_decoder,
     predict_loop,
     predict_whole,
 )
@@ -64,9 +63,8 @@ def test_the_last_frame_leads_into_the_first(flesh):
 
 
 def test_the_networks_tissue_repeats_too(trained, trained_run):
-    network = partial(
-        predict_whole, DsnetModel(trained, load_decoder(trained_run.artifact("train-ae")))
-    )
+    codec = trained_run.artifact("train-ae")
+    network = partial(predict_whole, DsnetModel(trained, codec, BODY))
     lap = lap_of(circling(LAP + 1, LAP, turn_rad=1e-9, stride_m=1e-12))
     found = predict_loop(network, lap, BETAS)
     assert found.latents is not None

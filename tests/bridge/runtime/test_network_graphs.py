@@ -20,6 +20,7 @@ from bridge.runtime.stepping import DsnetModel, predict_whole
 from bridge.verify import draws
 from bridge.verify.draws import SMALL_WIDTHS
 from bridge.verify.reference import mesh_autoencoder
+from tests.forged.codec import write_codec
 
 ACTIVATIONS = ("leaky_relu", "elu", "tanh", "relu")
 VERTICES = SMALL_WIDTHS[0]
@@ -64,10 +65,8 @@ def clip(model) -> np.ndarray:
     return np.stack(found)
 
 
-def expected(network, decoder, architecture) -> np.ndarray:
-    predict = partial(
-        predict_whole, DsnetModel(network, GraphSession(decoder_graph(decoder, architecture)))
-    )
+def expected(model: DsnetModel) -> np.ndarray:
+    predict = partial(predict_whole, model)
     clips = []
     for theta, betas in zip(THETA.swapaxes(0, 1), BETAS, strict=True):
         offsets_m = np.concatenate(list(predict(theta, betas).offsets_m))
@@ -77,11 +76,12 @@ def expected(network, decoder, architecture) -> np.ndarray:
 
 
 @pytest.mark.parametrize("activation", ["leaky_relu", "tanh"])
-def test_frame_by_frame_is_the_whole_clip(trained, mesh_decoder, activation):
+def test_frame_by_frame_is_the_whole_clip(trained, mesh_decoder, activation, tmp_path):
     decoder, architecture = mesh_decoder
     architecture = {**architecture, "activation": activation}
-    found = clip(dsnet_body_graph(trained, decoder, architecture, BODY))
-    wanted = expected(trained, decoder, architecture)
+    codec = write_codec(tmp_path / "train-ae", decoder, architecture)
+    model = DsnetModel(trained, codec, BODY)
+    found, wanted = clip(model.graph({}, "float32")), expected(model)
     np.testing.assert_allclose(found, wanted, atol=1e-5)
     rest = pose_vertices(BODY, BETAS, *unpack_theta(THETA[-1]))
     assert np.abs(wanted[-1] - rest).max() > 1e-3

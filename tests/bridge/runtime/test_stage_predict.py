@@ -126,7 +126,7 @@ def test_a_body_of_no_persons_size_or_place_is_one_line(
 
 def test_networks_that_give_no_numbers_are_one_line(trained_run, motion, tmp_path, monkeypatch):
     nan = {name: np.full_like(a, np.nan) for name, a in autoencoder_arrays().items()}
-    monkeypatch.setattr("bridge.runtime.stepping.load_weights", lambda path: nan)
+    monkeypatch.setattr("bridge.exchange.weights.load_weights", lambda path: nan)
     with pytest.raises(DsnetError, match="not finite from frame 0"):
         predict_motion(trained_run, motion, tmp_path / "out")
     assert not list(tmp_path.glob("*out*"))

@@ -16,7 +16,7 @@ from bridge.body.posing import Smpl
 from bridge.motion import unpack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.smoothing import StreamSmoother
-from bridge.runtime.stepping import DsnetModel, PlusModel, load_decoder, predict_whole
+from bridge.runtime.stepping import DsnetModel, PlusModel, predict_whole
 from bridge.runtime.streams import MovedBody, StreamingBodies
 from tests.forged.swaying import swaying
 
@@ -231,9 +231,8 @@ def test_dsnet_gives_latents_too(trained_run, trained):
     assert bodies.latency_frames == 0
     bodies.join(np.zeros(10))
     found = streamed(bodies, theta, BETAS)
-    predict = partial(
-        predict_whole, DsnetModel(trained, load_decoder(trained_run.artifact("train-ae")))
-    )
+    codec = trained_run.artifact("train-ae")
+    predict = partial(predict_whole, DsnetModel(trained, codec, BODY))
     parts = [predict(theta[part], BETAS) for part in (slice(25), slice(25, None))]
     latents = np.concatenate([part.latents for part in parts if part.latents is not None])
     np.testing.assert_allclose(latents_of(found), latents, atol=1e-5)
