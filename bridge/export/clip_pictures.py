@@ -155,17 +155,10 @@ class ClipStage:
         return placed
 
 
-def turned_to_camera(
-    pose: NDArray, aside_rad: float, looked_at: tuple[float, float, float] = (0.0, 0.0, 1.0)
-) -> Rotation:
-    """About the vertical, so that a camera that looks along -z sees the front of pose (T, 22, 3).
-
-    Parameters
-    ----------
-    aside_rad : by how much the camera stands aside.
-    looked_at : what is to look at the camera, in the root's frame: the front, +z.
-    """
-    ahead = Rotation.from_rotvec(pose[:, 0]).apply(looked_at).mean(axis=0)
+def turned_to_camera(pose: NDArray, aside_rad: float) -> Rotation:
+    """About the vertical, so that a camera that looks along -z, and stands aside by an angle, sees
+    the front of pose (T, 22, 3)."""
+    ahead = Rotation.from_rotvec(pose[:, 0]).apply([0.0, 0.0, 1.0]).mean(axis=0)
     return Rotation.from_euler("y", aside_rad - np.arctan2(ahead[0], ahead[2]))
 
 

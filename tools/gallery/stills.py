@@ -91,7 +91,9 @@ def draw_upright(path: Path, moment: Moment, look: Look) -> None:
 
 def draw_lying(path: Path, moment: Moment, look: Look) -> None:
     """The same of bodies that lie: their heads to the left, one below the other."""
-    turn = turned_to_camera(moment.pose, -np.pi / 2, looked_at=(0.0, 1.0, 0.0))
+    # As if the head were the front.
+    root = Rotation.from_rotvec(moment.pose[:, 0]) * Rotation.from_euler("x", -np.pi / 2)
+    turn = turned_to_camera(root.as_rotvec()[:, None], -np.pi / 2)
     placed_m = [_at_home(body_m, turn) for body_m in moment.vertices_m]
     width_px = look.width_px * 7 // 9
     camera = frame_camera(
