@@ -152,7 +152,7 @@ def packaged(motion: str | Path = "sample:dancing") -> Scene:
 
 
 def predicted_m(motion: str | Path, body: str | None = None, **controls: Any) -> np.ndarray:
-    asked = Controls(body=body and Path(body), **controls)
+    asked = Controls(body=Path(body) if body else None, **controls)
     moving = controlled_body(*asked.load(None, None, Path(motion)), asked)
     return np.concatenate([piece.vertices_m for piece in moving])
 
