@@ -51,7 +51,7 @@ THIRD_PARTIES = {
     },
     "view": {"numpy", "scipy"},
     "measure": {"numpy", "scipy"},
-    "verify": {"numpy", "onnx", "tyro"},
+    "verify": {"numpy", "tyro"},
     "report": {"embreex", "jinja2", "markdown_it", "matplotlib", "numpy", "scipy", "tyro"},
 }
 
