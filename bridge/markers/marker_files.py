@@ -17,7 +17,7 @@ from bridge.errors import DsnetError
 from bridge.markers.segments import SEEN_ENOUGH, SEGMENTS, Cloud, bridged
 from bridge.markers.stored import npz_has_markers, read_c3d, read_mosh, read_npz, refused
 from bridge.motion.motion import Y_UP_FROM_Z_UP
-from bridge.motion.readers import mosh
+from bridge.motion.readers import format_of
 from bridge.motion.readers.amass import motion_path
 from bridge.paper import N_VERTICES
 from bridge.runs.untrusted import file_refused
@@ -91,7 +91,7 @@ def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Mar
         own file says.
     """
     with file_refused(path, _not_loaded, _REMEDY):
-        read = read_c3d if _is_c3d(path) else read_mosh if mosh.sniff(path) else read_npz
+        read = read_c3d if _is_c3d(path) else read_mosh if format_of(path) == "moshpp" else read_npz
         stored = read(motion_path(path))
         data = np.array(stored.points, np.float64) if stored.points.dtype.kind in "iuf" else None
     if data is None or data.shape != (len(data), len(stored.labels), 3) or not stored.labels:
@@ -142,7 +142,8 @@ def marker_file(path: Path) -> Path | None:
     if not path.is_file():
         return None
     with file_refused(path, _not_loaded, _REMEDY):
-        if mosh.sniff(path) or _is_c3d(path) or (path.suffix == ".npz" and npz_has_markers(path)):
+        is_npz = path.suffix == ".npz" and npz_has_markers(path)
+        if is_npz or _is_c3d(path) or format_of(path) == "moshpp":
             return path
     stems = (path.name.removesuffix(ending) for ending in _POSES if path.name.endswith(ending))
     beside = (path.with_name(f"{stem}.c3d") for stem in stems)

@@ -1,4 +1,4 @@
-"""Files of motions: one module a format, and which files of a folder are motions.
+"""Files of motions: one line a format, and which files of a folder are motions.
 
 A new format is a module here and its line in `READERS`. The order is that in which they are asked;
 what none of them knows is refused by its name.
@@ -7,10 +7,10 @@ what none of them knows is refused by its name.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import count
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple
 
 from numpy.typing import NDArray
 
@@ -19,42 +19,38 @@ from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers import amass, bvh, joints, mosh, pickles
 
 
-class MotionReader(Protocol):
-    """What a module of this folder has."""
+class MotionReader(NamedTuple):
+    """Who reads the files of one format."""
 
-    @property
-    def SUFFIXES(self) -> tuple[str, ...]:
-        """Of its files below a folder."""
-        ...
+    suffixes: tuple[str, ...]
+    """Of its files, in small letters."""
+    read: Callable[[Path, HowRead], Motion]
+    """Reads and checks one; `DsnetError` if it is missing or holds no usable motion."""
+    gender_of: Callable[[Path], str | None] = lambda _: "unknown"
+    """Whose motion a file is; None if it is none. As few bytes as possible are read."""
+    ending: str = ""
+    """Of its files' names, before the suffix."""
 
-    def sniff(self, path: Path) -> bool:
-        """Whether a file is for this reader: by its name, or by its first bytes."""
-        ...
-
-    def read(self, path: Path, how: HowRead) -> Motion:
-        """Read and check it; `DsnetError` if it is missing or holds no usable motion.
-
-        `how` is what the user says of it: its vertical axis, its joints."""
-        ...
-
-    def gender_of(self, path: Path) -> str | None:
-        """Whose motion it is; None if it is none. As few bytes as possible are read."""
-        ...
+    def knows(self, path: Path) -> bool:
+        """Whether a file is of this format, by its name."""
+        return path.suffix.lower() in self.suffixes and path.stem.endswith(self.ending)
 
 
-READERS: dict[str, MotionReader] = {
-    "amass": amass,
-    "bvh": bvh,
-    "moshpp": mosh,
-    "video": pickles,
-    "joints": joints,
+READERS = {
+    "amass": MotionReader((".npz", ".smpl"), amass.read, amass.gender_of),
+    "bvh": MotionReader((".bvh",), bvh.read),
+    "moshpp": MotionReader((".pkl",), mosh.read, mosh.gender_of, "_stageii"),
+    "video": MotionReader((".pkl", ".pickle", ".pt", ".pth"), pickles.read, pickles.gender_of),
+    "joints": MotionReader((".npy",), joints.read, joints.gender_of),
 }
 """By the names that a synthetic corpus's motions begin with if real people made them."""
 
 
 def format_of(path: Path) -> str | None:
     """Whose file it is, of `READERS`; None of no reader's."""
-    return next((name for name, one in READERS.items() if one.sniff(path)), None)
+    if str(path).startswith(amass.SAMPLE_PREFIX):
+        return "amass"
+    return next((name for name, one in READERS.items() if one.knows(path)), None)
 
 
 def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
@@ -89,11 +85,12 @@ def stated_gender(path: Path) -> str | None:
 
     As few bytes as possible are read; `DsnetError` if the file is damaged.
     """
-    return next((one.gender_of(path) for one in READERS.values() if one.sniff(path)), None)
+    name = format_of(path)
+    return READERS[name].gender_of(path) if name else None
 
 
 def _suffixes() -> list[str]:
-    return [suffix for reader in READERS.values() for suffix in reader.SUFFIXES]
+    return [suffix for reader in READERS.values() for suffix in reader.suffixes]
 
 
 def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> list[Path]:
@@ -111,7 +108,7 @@ def find_motion_files(folder: Path, gender: str, known: Iterable[str] = ()) -> l
         stated = stated_gender(path)
         if stated is None:
             # Other pickles and arrays than motions are everywhere.
-            left_out.update(["without poses"] * (path.suffix in amass.SUFFIXES))
+            left_out.update(["without poses"] * (path.suffix in READERS["amass"].suffixes))
         elif stated == other:
             left_out[f"of {other} bodies"] += 1
         elif name in taken:

@@ -33,7 +33,6 @@ from bridge.motion.readers.smpl_arrays import (
 )
 from bridge.runs.untrusted import NpyHeader, UntrustedNpz, file_refused, open_npz
 
-SUFFIXES = (".npz", ".smpl")
 SAMPLE_PREFIX = "sample:"
 CYCLE = "walk_cycle"
 """The one that repeats, in place: its last frame is its first again."""
@@ -43,11 +42,6 @@ _MOST_BYTES = dict.fromkeys((*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS), MO
 _MOST_BYTES |= dict.fromkeys(("trans", "transl", "bodyTranslation"), MOST_FRAMES * 24)
 _MOST_BYTES |= {"dmpls": MOST_FRAMES * 64} | dict.fromkeys(BETAS_KEYS, MOST_FRAMES * 128)
 _MOST_TEXT_BYTES = 1 << 12
-
-
-def sniff(path: Path) -> bool:
-    """By its name."""
-    return str(path).startswith(SAMPLE_PREFIX) or path.suffix.lower() in SUFFIXES
 
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:

@@ -20,22 +20,11 @@ from bridge.motion.retargeting import retargeted
 from bridge.motion.skeletons import SkeletonMotion, unusable
 from bridge.runs.untrusted import file_refused, open_regular
 
-SUFFIXES = (".bvh",)
 _MOST_BYTES = 64 << 20
 """A minute of fifty joints at 120 Hz takes a fifth of it."""
 _MOST_JOINTS = 512
 _ROUNDED, _FASTEST = 5e-5, 1e6
 _HEAD = re.compile(r"(frames|frame\s*time)\s*:\s*(\S+)\s*", re.IGNORECASE)
-
-
-def sniff(path: Path) -> bool:
-    """By its name."""
-    return path.suffix.lower() in SUFFIXES
-
-
-def gender_of(path: Path) -> str | None:
-    """A BVH does not tell, and is not read to be found."""
-    return "unknown"
 
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:

@@ -33,7 +33,6 @@ from bridge.motion.skeletons import OWN_NAMES
 from bridge.paper import N_BETAS, N_JOINTS
 from bridge.runs.untrusted import NpyHeader, file_refused, open_regular, read_npy
 
-SUFFIXES = (".npy",)
 _FPS = 20.0
 _MOST_BYTES = 1 << 28
 _FEATURES = (263, 251)
@@ -50,11 +49,6 @@ _HINGE_AXES = {1: (1.0, 0.0, 0.0), 2: (1.0, 0.0, 0.0), 16: (0.0, -1.0, 0.0), 17:
 _STRAIGHT, _BENT = 0.1, 0.35
 """Sines of the bend below which it tells nothing, and above which it tells all."""
 _REMEDY = "Pass the places of SMPL's 22 joints, or poses as .npz."
-
-
-def sniff(path: Path) -> bool:
-    """By its name."""
-    return path.suffix.lower() in SUFFIXES
 
 
 def gender_of(path: Path) -> str | None:

@@ -18,19 +18,12 @@ from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
 from bridge.motion.readers.smpl_arrays import gender_in, motion_of
 from bridge.runs.untrusted import file_refused, open_regular
 
-SUFFIXES = (".pkl",)
-_NAME = "_stageii"
 _MOST_BYTES = MOST_FRAMES * 100 * 3 * 8 * 4
 """Markers as they were seen, as they were used and as they were fitted, and the pose."""
 _MOST_OPCODES = 4_000_000
 """Names and markers of every frame are lists: 10,000 frames of 67 markers take 1.3 million."""
 _REMEDY = "Copy it again, or pass an AMASS file (.npz)."
 _ARRAYS = {"fullpose": "poses", "trans": "trans", "betas": "betas", "dmpls": "dmpls"}
-
-
-def sniff(path: Path) -> bool:
-    """By its name."""
-    return path.suffix in SUFFIXES and path.stem.endswith(_NAME)
 
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
@@ -50,7 +43,7 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
 
 def gender_of(path: Path) -> str | None:
     """The gender that a file states; None for other pickles, such as body models."""
-    return _gender(load_fields(path)) if path.stem.endswith(_NAME) else None
+    return _gender(load_fields(path))
 
 
 def load_fields(path: Path) -> Mapping[str, Any]:

@@ -29,17 +29,11 @@ from bridge.motion.readers.smpl_arrays import (
 )
 from bridge.runs.untrusted import file_refused, open_regular
 
-SUFFIXES = (".pkl", ".pickle", ".pt", ".pth")
 _MOST_FILE_BYTES = 1 << 31
 _AISTPP_FPS = 60.0
 _MOST_PEOPLE = 10_000
 _REMEDY = "Save its arrays as .npz."
 _WORLD, _CAMERA = "smpl_params_global", "smpl_params_incam"
-
-
-def sniff(path: Path) -> bool:
-    """By its name."""
-    return path.suffix.lower() in SUFFIXES
 
 
 def gender_of(path: Path) -> str | None:
