@@ -25,7 +25,10 @@ from numpy.typing import NDArray
 from benchmarks.systems.autoregression import Autoregression, DrivenClip, OneStepFit
 from benchmarks.systems.fitted_once import FitOutcome, FittedOnce
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, changes
-from bridge.body.shapes import body_mass_index
+from bridge.body.model_data import BodyModelData
+from bridge.body.posing import shaped_vertices
+from bridge.body.shapes import DENSITY_KG_M3
+from bridge.body.surface_operators import volume_m3
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import (
     DMPL,
@@ -42,6 +45,12 @@ from tf_dsnet.predictors import BodyOf, PredictMotion, PredictorSettings, Traini
 RIDGES = (1e-6, 1e-4, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 10.0)
 """Penalties of a frame that are tried, where inputs and latents have a spread of 1."""
 _LAW, _BMI = "law", "bmi_kg_m2"
+
+
+def body_mass_index(body: BodyModelData, betas: NDArray) -> float:
+    """Mass by height squared, kg/m^2, of a person of shape betas (10,) in the rest pose."""
+    vertices = shaped_vertices(body, np.asarray(betas, np.float64)[None])[0]
+    return DENSITY_KG_M3 * volume_m3(vertices, body.faces) / float(np.ptp(vertices[:, 1])) ** 2
 
 
 def _law_shape(size: int) -> tuple[int, int, int]:

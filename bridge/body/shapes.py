@@ -8,7 +8,6 @@ them; arms are left out. All measurements are of the rest pose.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,8 @@ GIRTHS = {
     "hips": ("left_hip", "left_knee", 0.12),
 }
 """Height of each girth's plane: from one joint to another, and what part of the way."""
+MEASURES = ("height", "weight", *GIRTHS)
+"""From soles to crown, cm; of the volume at `DENSITY_KG_M3`, kg; and girths, cm."""
 _TRUNK = (
     "pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar", "left_hip", "right_hip",
 )  # fmt: skip
@@ -50,28 +51,6 @@ _PRIOR = 0.1
 """Of a beta of 1, in such misses: it chooses among shapes that measure the same, unmeasurably."""
 
 
-@dataclass(frozen=True)
-class Measurements:
-    """Of one person."""
-
-    height: float
-    """From soles to crown, cm."""
-    weight: float
-    """Of the volume at `DENSITY_KG_M3`, kg."""
-    chest: float
-    """Girth, cm: see `GIRTHS`."""
-    waist: float
-    """Girth, cm."""
-    hips: float
-    """Girth, cm."""
-
-    def __str__(self) -> str:
-        return " ".join(f"{name}={value:.1f}" for name, value in asdict(self).items())
-
-
-MEASURES = tuple(Measurements.__dataclass_fields__)
-
-
 class MeasuredBody:
     """A body model whose shapes are measured."""
 
@@ -81,8 +60,8 @@ class MeasuredBody:
         trunk = body.weights[:, [SMPL_JOINT_NAMES.index(name) for name in _TRUNK]].sum(axis=1) > 0.5
         self._trunk = body.faces[trunk[body.faces].all(axis=1)]
 
-    def __call__(self, betas: NDArray) -> Measurements:
-        """Of the shape betas (10,)."""
+    def __call__(self, betas: NDArray) -> dict[str, float]:
+        """`MEASURES` of the shape betas (10,)."""
         vertices = shaped_vertices(self._body, np.asarray(betas)[None])[0]
         joints = self._body.J_regressor @ vertices
         heights_m: dict[str, float] = dict(zip(SMPL_JOINT_NAMES, joints[:, 1], strict=True))
@@ -91,7 +70,7 @@ class MeasuredBody:
             for name, (one, two, part) in GIRTHS.items()
         }
         weight_kg = DENSITY_KG_M3 * volume_m3(vertices, self._body.faces)
-        return Measurements(100 * float(np.ptp(vertices[:, 1])), weight_kg, **girths)
+        return {"height": 100 * float(np.ptp(vertices[:, 1])), "weight": weight_kg, **girths}
 
     def _girth_m(self, vertices: NDArray, height_m: float) -> float:
         # Importing these takes longer than the first frames of a motion, which need no tape.
@@ -104,12 +83,6 @@ class MeasuredBody:
         lines = trimesh.intersections.mesh_plane(cut, [0, 1, 0], [0, height_m, 0])
         # Of a flat hull SciPy calls the length of its border its area.
         return float(ConvexHull(np.reshape(lines, (-1, 3))[:, [0, 2]]).area)
-
-
-def body_mass_index(body: BodyModelData, betas: NDArray) -> float:
-    """Mass by height squared, kg/m^2, of a person of shape betas (10,) in the rest pose."""
-    vertices = shaped_vertices(body, np.asarray(betas, np.float64)[None])[0]
-    return DENSITY_KG_M3 * volume_m3(vertices, body.faces) / float(np.ptp(vertices[:, 1])) ** 2
 
 
 def find_shape(body: BodyModelData, words: Sequence[str]) -> NDArray[np.float64]:
@@ -126,7 +99,7 @@ def find_shape(body: BodyModelData, words: Sequence[str]) -> NDArray[np.float64]
     betas = np.zeros(measured.shape_count)
     wanted: dict[str, float] = {}
     for factors in named:
-        now = asdict(measured(betas))
+        now = measured(betas)
         wanted |= {name: factor * now[name] for name, factor in factors.items()}
         betas = betas_that_measure(measured, wanted, betas)
     return betas_that_measure(measured, wanted | stated, betas) if stated else betas
@@ -160,7 +133,7 @@ def betas_that_measure(
     from scipy.optimize import least_squares
 
     def misses(betas: NDArray) -> NDArray:
-        found = asdict(measured(betas))
+        found = measured(betas)
         return np.array([found[name] - value for name, value in wanted.items()])
 
     def residuals(betas: NDArray) -> NDArray:
@@ -170,11 +143,14 @@ def betas_that_measure(
     limits = (-FARTHEST_BETA, FARTHEST_BETA)
     betas = least_squares(residuals, first, bounds=limits, xtol=1e-4, ftol=1e-6).x
     if np.abs(misses(betas)).max(initial=0.0) > CLOSE_ENOUGH:
-        asked = " ".join(f"{name}={value:.1f}" for name, value in wanted.items())
         raise DsnetError(
-            f"a shape of {asked}",
+            f"a shape of {_said(wanted)}",
             f"one that {measured.shape_count} betas within {FARTHEST_BETA:g} give (the nearest has "
-            f"{measured(betas)})",
+            f"{_said(measured(betas))})",
             "Ask for less, or for fewer measurements; --betas gives any shape.",
         )
     return betas
+
+
+def _said(measures: Mapping[str, float]) -> str:
+    return " ".join(f"{name}={value:.1f}" for name, value in measures.items())

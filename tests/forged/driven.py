@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.systems.dyna_like import body_mass_index
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, kinematics
 from bridge.body import BodyModelData
-from bridge.body.shapes import body_mass_index
 from bridge.exchange.dsnet import UnpaddedClip, join_inputs
 from tf_dsnet.predictors import TrainingData
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ MEAN = np.zeros(10)
 
 
 def measured(body: BodyModelData, betas: np.ndarray = MEAN) -> dict[str, float]:
-    return asdict(MeasuredBody(body)(betas))
+    return MeasuredBody(body)(betas)
 
 
 def test_a_persons_measurements(body):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from itertools import combinations
 
 import numpy as np
@@ -17,15 +16,15 @@ from tests.sources import ROOT
 
 FEMALE = load_body_model("embedded:female")
 MEASURED = MeasuredBody(FEMALE)
-MEAN = asdict(MEASURED(np.zeros(10)))
+MEAN = MEASURED(np.zeros(10))
 SOME = st.sets(st.sampled_from(MEASURES), min_size=1)
 
 
 def check(betas: np.ndarray, names: set[str]) -> None:
     """What a person measures is found again, by betas that are no farther from the mean."""
-    wanted = {name: value for name, value in asdict(MEASURED(betas)).items() if name in names}
+    wanted = {name: value for name, value in MEASURED(betas).items() if name in names}
     found = betas_that_measure(MEASURED, wanted)
-    again = asdict(MEASURED(found))
+    again = MEASURED(found)
     assert {name: again[name] for name in wanted} == pytest.approx(wanted, abs=0.1)
     assert np.linalg.norm(found) < np.linalg.norm(betas) + 0.05
 
@@ -48,7 +47,7 @@ def test_the_mean_person_has_zero_betas():
 
 
 def test_a_measurement_counts_more_than_a_name():
-    found = asdict(MEASURED(find_shape(FEMALE, ["tall", "weight=60"])))
+    found = MEASURED(find_shape(FEMALE, ["tall", "weight=60"]))
     assert found["height"] == pytest.approx(1.08 * MEAN["height"], abs=0.5)
     assert found["weight"] == pytest.approx(60, abs=0.5)
 
@@ -69,9 +68,9 @@ def test_every_name_is_within_reach(gender, names):
 
 def check_name(body, names) -> None:
     measured = MeasuredBody(body)
-    found = asdict(measured(find_shape(body, names)))
+    found = measured(find_shape(body, names))
     *before, last = names
-    expected = asdict(measured(find_shape(body, before)))
+    expected = measured(find_shape(body, before))
     for measure, factor in SHAPES[last].items():
         assert found[measure] == pytest.approx(factor * expected[measure], abs=0.5)
 

@@ -38,9 +38,9 @@ def test_markers_tell_a_known_person() -> None:
     found = fit_person(BODY, motion, markers)
     assert found.fitted_mm < 20 < found.mean_shape_mm
     real, fitted, mean = (MeasuredBody(BODY)(b) for b in (hers, found.betas, np.zeros(10)))
-    assert abs(mean.weight - real.weight) > 8
-    assert abs(fitted.height - real.height) < 2
-    assert abs(fitted.weight - real.weight) < 3
+    assert abs(mean["weight"] - real["weight"]) > 8
+    assert abs(fitted["height"] - real["height"]) < 2
+    assert abs(fitted["weight"] - real["weight"]) < 3
 
 
 def off_mm(motion: Motion, markers: Markers, betas: np.ndarray) -> float:

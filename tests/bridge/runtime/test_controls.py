@@ -138,7 +138,9 @@ def test_a_moving_start_is_no_jolt(character, bouncing):
 def test_shape_floor_and_betas_reach_the_body(character, bouncing):
     asked = Controls(shape=("height=175",), floor="shift")
     moving = controlled_body(character, bouncing, asked)
-    assert MeasuredBody(character.body)(moving.motion.betas).height == pytest.approx(175, abs=0.5)
+    assert MeasuredBody(character.body)(moving.motion.betas)["height"] == pytest.approx(
+        175, abs=0.5
+    )
     low = min(posed.vertices_m[..., 1].min() for posed in moving)
     assert abs(low) < 0.01
     betas = controlled_body(character, bouncing, Controls(betas="1" + ",0" * 9)).motion.betas

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from bridge.body.shapes import body_mass_index
 from bridge.tissue.shape import (
     SHAPE_FEATURES,
     distance_to_bones_m,
@@ -28,13 +27,6 @@ def test_a_body_grown_all_over_is_deeper_and_larger_but_as_stout(body, nodes):
     np.testing.assert_allclose(depth[depth > 0], np.log(1.1), rtol=1e-3)
     np.testing.assert_allclose(girth, 2 * np.log(1.1), rtol=1e-4)
     np.testing.assert_allclose(mass, 0.0, atol=1e-5)
-
-
-def test_a_body_grown_all_over_weighs_more_for_its_height(body):
-    grown = replace(body, shapedirs=np.repeat(np.asarray(body.v_template)[:, :, None], 10, axis=2))
-    there, larger = (body_mass_index(grown, np.array([b] + [0.0] * 9)) for b in (0.0, 0.1))
-    assert 15 < there < 35
-    np.testing.assert_allclose(larger, 1.1 * there)
 
 
 def test_distance_is_that_to_the_bone_or_its_nearer_end():

@@ -13,13 +13,13 @@ from benchmarks.systems.dyna_like import (
     RIDGES,
     DynaLaw,
     DynaLike,
+    body_mass_index,
     closed_loop_error,
     fit_law,
     standard_shape,
 )
 from benchmarks.systems.fitted_once import FittedOnce
 from bridge import DsnetError
-from bridge.body.shapes import body_mass_index
 from bridge.exchange import load_weights, save_weights
 from bridge.paper import N_BETAS
 from tests.forged.driven import forged_data, people
@@ -62,6 +62,13 @@ def test_shape_matters_and_is_held_to_the_known_range(trained, data, body):
     assert standard_shape(80.0, np.array([20.0, 22.0])) == 1.0
     assert standard_shape(10.0, np.array([20.0, 22.0])) == -1.0
     assert standard_shape(25.0, np.array([20.0])) == 0.0
+
+
+def test_a_body_grown_all_over_weighs_more_for_its_height(body):
+    grown = replace(body, shapedirs=np.repeat(np.asarray(body.v_template)[:, :, None], 10, axis=2))
+    there, larger = (body_mass_index(grown, np.array([b] + [0.0] * 9)) for b in (0.0, 0.1))
+    assert 15 < there < 35
+    np.testing.assert_allclose(larger, 1.1 * there)
 
 
 def test_every_known_person_and_those_between_have_decaying_modes(trained, body):
