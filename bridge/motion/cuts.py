@@ -14,7 +14,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.motion.motion import unpack_theta
@@ -35,32 +35,21 @@ _SETTLED_RAD_S = np.radians(700.0)
 _LONGEST_LEAP_S = 0.1
 
 
-def find_cuts(pose: ArrayLike, trans_m: ArrayLike) -> list[int]:
-    """The first frame after each cut of joint rotations (T, J, 3), axis-angle, and trans (T, 3)."""
-    pose, trans_m = np.asarray(pose, np.float64), np.asarray(trans_m, np.float64)
-    cuts: list[int] = []
-    for first in range(0, len(pose) - 1, _FRAMES_AT_ONCE):
-        frames = slice(first, first + _FRAMES_AT_ONCE)
-        after = pose[1:][frames], trans_m[1:][frames]
-        jumps = _jumps(pose[:-1][frames], trans_m[:-1][frames], *after)
-        cuts.extend((np.flatnonzero(jumps) + first + 1).tolist())
-    return cuts
-
-
 def is_cut(before: NDArray, after: NDArray) -> NDArray[np.bool_]:
     """(N,) whether there is a cut from theta (N, 69) to the frame after it (N, 69)."""
-    return _jumps(*unpack_theta(before), *unpack_theta(after))
+    (pose, trans_m), (next_pose, next_trans_m) = unpack_theta(before), unpack_theta(after)
+    turn_rad = turns_rad(pose[:, _NO_LEAVES], next_pose[:, _NO_LEAVES]).max(axis=1)
+    far_m = np.linalg.norm(next_trans_m - trans_m, axis=1)
+    return (far_m >= CUT_M) | (turn_rad >= CUT_RAD)
 
 
 def pieces_between_cuts(theta: NDArray) -> list[slice]:
     """The frames of a motion (T, 69) as pieces without a cut: slices that follow one another."""
-    return pieces_of(*unpack_theta(theta))
-
-
-def pieces_of(pose: NDArray, trans_m: NDArray) -> list[slice]:
-    """The same of joint rotations (T, J, 3), axis-angle, and translations (T, 3)."""
-    cuts = find_cuts(pose, trans_m)
-    return [slice(first, end) for first, end in pairwise([0, *cuts, len(pose)])]
+    theta, begins = np.asarray(theta, np.float64), [0]
+    for first in range(0, len(theta) - 1, _FRAMES_AT_ONCE):
+        part = theta[first : first + _FRAMES_AT_ONCE + 1]
+        begins.extend((np.flatnonzero(is_cut(part[:-1], part[1:])) + first + 1).tolist())
+    return [slice(*ends) for ends in pairwise([*begins, len(theta)])]
 
 
 def predict_between_cuts(predict: Callable[[NDArray], NDArray], theta: NDArray) -> NDArray:
@@ -86,11 +75,3 @@ def turns_rad(pose: NDArray, next_pose: NDArray) -> NDArray[np.float64]:
     """(N, J) angles between joint rotations (N, J, 3) of frames and those after them."""
     before, after = (Rotation.from_rotvec(p.reshape(-1, 3)) for p in (pose, next_pose))
     return (before.inv() * after).magnitude().reshape(len(pose), -1)
-
-
-def _jumps(
-    pose: NDArray, trans_m: NDArray, next_pose: NDArray, next_trans_m: NDArray
-) -> NDArray[np.bool_]:
-    turn_rad = turns_rad(pose[:, _NO_LEAVES], next_pose[:, _NO_LEAVES]).max(axis=1)
-    far_m = np.linalg.norm(next_trans_m - trans_m, axis=1)
-    return (far_m >= CUT_M) | (turn_rad >= CUT_RAD)

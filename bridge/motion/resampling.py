@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from bridge.errors import DsnetError
-from bridge.motion.cuts import pieces_of
+from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import (
     AS_IT_SAYS,
     DEFAULT_FPS,
@@ -36,7 +36,6 @@ from bridge.motion.motion import (
 )
 from bridge.motion.readers import amass, read_motion_file
 from bridge.motion.smoothing import continuous_quaternions, continuous_rotations, smoothed
-from bridge.paper import N_JOINTS
 
 # Files store rates such as 120.00004577636719; a last frame must not be lost to that.
 _FRAME_TOLERANCE = 1e-3
@@ -125,7 +124,7 @@ def _prepared(
         turn = Y_UP_FROM_Z_UP if up == "y" else Y_UP_FROM_Z_UP.inv()
         pose[:, 0] = (turn * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
         trans_m = turn.apply(trans_m)
-    for piece in pieces_of(pose[:, :N_JOINTS], trans_m):
+    for piece in pieces_between_cuts(pack_theta(pose, trans_m)):
         pose[piece] = continuous_rotations(pose[piece])
     return motion.posed(pose, trans_m, fps=float(fps), up=up, dmpls=dmpls)
 
@@ -150,7 +149,7 @@ def _resample(
     line = np.concatenate(lines, axis=1)  # (T, 3) or (T, 11)
     times_s = np.arange(resampled_frames(count, motion.fps, fps)) / fps
     times_s = np.minimum(times_s, (count - 1) / motion.fps)
-    pieces = pieces_of(motion.pose, trans_m)
+    pieces = pieces_between_cuts(motion.theta)
     first_times_s = np.array([piece.start for piece in pieces]) / motion.fps
     first_samples = np.searchsorted(times_s, first_times_s - _FRAME_TOLERANCE / fps)
     found = []

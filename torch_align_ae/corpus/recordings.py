@@ -14,7 +14,7 @@ import numpy as np
 from tyro.conf import Fixed
 
 from bridge.errors import DsnetError, did_you_mean, notify
-from bridge.motion.cuts import find_cuts
+from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import (
     find_motion_files,
@@ -228,8 +228,9 @@ def _real(config: CorpusConfig, files: Iterable[Path]) -> list[Recording]:
             notify(f"{path}: left out; it does not say its rate, --amass-fps does")
             continue
         frames = min(len(stored.pose), int(config.amass_seconds * fps) + 1)
-        if jumps := find_cuts(stored.pose[:frames], stored.trans_m[:frames]):
-            frames = jumps[0]
+        first, *others = pieces_between_cuts(stored.theta[:frames])
+        if others:
+            frames = first.stop
             notify(f"{path}: used up to {frames / fps:.2f} s, where it jumps")
         if frames - 1 < _SHORTEST_S * fps:
             notify(f"{path}: left out; shorter than {_SHORTEST_S:g} s")

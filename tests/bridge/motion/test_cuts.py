@@ -10,9 +10,8 @@ import pytest
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
-from bridge.motion import Motion, load_amass_motion, load_motion_file, unpack_theta
+from bridge.motion import Motion, load_amass_motion, load_motion_file, pack_theta, unpack_theta
 from bridge.motion.cuts import (
-    find_cuts,
     frames_of_rest_pose,
     is_cut,
     pieces_between_cuts,
@@ -29,6 +28,11 @@ from tests.forged.swaying import swaying
 
 def still(frames: int = 40) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((frames, 22, 3)), np.zeros((frames, 3))
+
+
+def find_cuts(pose: np.ndarray, trans_m: np.ndarray) -> list[int]:
+    """The first frame of each piece but the first."""
+    return [piece.start for piece in pieces_between_cuts(pack_theta(pose, trans_m))[1:]]
 
 
 def test_a_root_that_is_elsewhere_is_a_cut():
