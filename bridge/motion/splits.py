@@ -46,24 +46,30 @@ def split_autoencoder_frames(
     """The autoencoder's 70 % and 30 % of the sequences that DSNet may be trained on.
 
     The paper draws from all frames, the validation sequence's too (`include_held_out`); then its
-    code has seen the clip on which DSNet is judged.
+    code has seen the clip on which DSNet is judged. By sequence, no clip lies on both sides.
     """
     known = [sequence for sequence in index if include_held_out or sequence.split == "train"]
-    if by == "sequence":
-        return split_sequences(known, seed)
-    return split_frames(_frames(known, range(len(known))), seed)
+    if by == "frame":
+        return split_frames(_frames(known), seed)
+    if len(known) < 2:
+        raise DsnetError(
+            f"{len(known)} aligned sequences", "at least 2", "Use the frame-level split."
+        )
+    rows = split_frames(np.arange(len(known)), seed)
+    sides = ([known[row] for row in side] for side in (rows.train, rows.validation))
+    return FrameSplit(*map(_frames, sides))
 
 
 def held_out_frames(index: Sequence[MotionSequence]) -> NDArray[np.int64]:
     """Frames of the sequences on which nothing but the paper's autoencoder is trained."""
-    return _frames(index, [row for row, s in enumerate(index) if s.split != "train"])
+    return _frames([sequence for sequence in index if sequence.split != "train"])
 
 
 def split_frames(frames: NDArray[np.int64], seed: int) -> FrameSplit:
     """Draw floor(0.7 n) frames at random, as the paper does: 15,051 and 6,451 of 21,502.
 
     Neighbouring frames of one clip fall on both sides, so its validation error
-    is nearly a training error; `split_sequences` is stricter.
+    is nearly a training error; a split by sequence is stricter.
     """
     if len(frames) < 2:
         raise DsnetError(
@@ -71,29 +77,14 @@ def split_frames(frames: NDArray[np.int64], seed: int) -> FrameSplit:
             "at least 2",
             "Align a longer sequence: dsnet align.",
         )
-    return FrameSplit(*map(np.sort, _drawn(frames, seed)))
-
-
-def split_sequences(index: Sequence[MotionSequence], seed: int) -> FrameSplit:
-    """Draw floor(0.7 S) whole sequences at random, so that no clip lies on both sides."""
-    if len(index) < 2:
-        raise DsnetError(
-            f"{len(index)} aligned sequences", "at least 2", "Use the frame-level split."
-        )
-    train, validation = _drawn(np.arange(len(index)), seed)
-    return FrameSplit(_frames(index, train), _frames(index, validation))
-
-
-def _drawn(items: NDArray[np.int64], seed: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    order = np.random.default_rng(seed).permutation(items)
+    order = np.random.default_rng(seed).permutation(frames)
     # In integers: 0.7 * n in floating point can fall just below a whole number.
-    cut = len(items) * TRAIN_TENTHS // 10
-    return order[:cut], order[cut:]
+    cut = len(frames) * TRAIN_TENTHS // 10
+    return FrameSplit(np.sort(order[:cut]), np.sort(order[cut:]))
 
 
-def _frames(index: Sequence[MotionSequence], rows: Iterable[int]) -> NDArray[np.int64]:
-    chosen = (index[row].frames for row in sorted(rows))
-    parts = [np.arange(part.start, part.stop) for part in chosen]
+def _frames(sequences: Iterable[MotionSequence]) -> NDArray[np.int64]:
+    parts = [np.arange(one.frames.start, one.frames.stop) for one in sequences]
     return np.concatenate(parts) if parts else np.empty(0, np.int64)
 
 
@@ -105,15 +96,10 @@ def chunks(
         yield np.asarray(offsets_m[frames[start : start + size]], dtype=np.float32)
 
 
-def decoded_sequences(index: Iterable[MotionSequence]) -> list[MotionSequence]:
+def decoded_sequences(index: Sequence[MotionSequence]) -> list[MotionSequence]:
     """Validation and test sequences, and the first training sequence of each subject."""
-    chosen, represented = [], set()
-    for sequence in index:
-        if sequence.split != "train" or sequence.subject not in represented:
-            chosen.append(sequence)
-        if sequence.split == "train":
-            represented.add(sequence.subject)
-    return chosen
+    first = {one.subject: one for one in reversed(index) if one.split == "train"}
+    return [one for one in index if one.split != "train" or one is first[one.subject]]
 
 
 def take_suffix(take: int) -> str:

@@ -17,7 +17,6 @@ from bridge.motion.splits import (
     kind_of,
     split_autoencoder_frames,
     split_frames,
-    split_sequences,
     splits_of_names,
     take_suffix,
     trained_people_and_kinds,
@@ -50,7 +49,7 @@ def test_sequences_stay_whole():
         MotionSequence(f"s_{k}", "s", str(k), int(start), length, 60.0)
         for k, (start, length) in enumerate(zip(starts, [5, 8, 3, 9, 4, 6], strict=True))
     ]
-    split = split_sequences(index, seed=0)
+    split = split_autoencoder_frames(index, 0, by="sequence", include_held_out=True)
     sides = [{bool(np.isin(f, split.train)) for f in range(35)[s.frames]} for s in index]
     assert all(len(side) == 1 for side in sides)
     assert sum(True in side for side in sides) == 4
@@ -63,6 +62,8 @@ def test_sequences_stay_whole():
 def test_too_few_frames_is_one_line(count):
     with pytest.raises(DsnetError, match="at least 2"):
         split_frames(np.arange(count), seed=0)
+    with pytest.raises(DsnetError, match=r"at least 2.*frame-level"):
+        split_autoencoder_frames(_corpus()[:count], 0, by="sequence", include_held_out=True)
 
 
 def _corpus() -> list[MotionSequence]:
