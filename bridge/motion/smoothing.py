@@ -15,6 +15,7 @@ Frames that come one by one cannot wait so long: `StreamSmoother` looks three ah
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from functools import lru_cache
 
@@ -122,25 +123,22 @@ class StreamSmoother:
 
     def __init__(self, fps: float) -> None:
         self._fps = fps
-        self._size = min(max(round(_STREAM_S * fps), _FEWEST_FRAMES), _STREAM_FRAMES)
-        self._poses: list[NDArray] = []  # (69,) the newest
-        self._values: list[NDArray] = []  # (91,) of the same, quaternions and place
-        self._pieces: list[int] = []  # and between which cuts they lie
+        size = min(max(round(_STREAM_S * fps), _FEWEST_FRAMES), _STREAM_FRAMES)
+        self._newest: deque[tuple[NDArray, NDArray, int]] = deque(maxlen=size)
+        """Theta (69,), quaternions and place (91,), and between which cuts it lies."""
         self._owed = 0
 
     def push(self, theta: NDArray) -> NDArray[np.floating] | None:
         """The pose (69,) that was given three frames ago; the first one at once, as it is, and then
         none until three have come after the next."""
-        is_first, piece = not self._poses, 0
+        is_first, piece = not self._newest, 0
         turned = Rotation.from_rotvec(unpack_theta(theta)[0]).as_quat()
         if not is_first:
-            piece = self._pieces[-1] + int(is_cut(self._poses[-1][None], theta[None])[0])
-            before = self._values[-1][:-3].reshape(turned.shape)  # q and -q are one rotation
+            last, values, piece = self._newest[-1]
+            piece += int(is_cut(last[None], theta[None])[0])
+            before = values[:-3].reshape(turned.shape)  # q and -q are one rotation
             turned *= np.where((turned * before).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
-        self._poses.append(theta)
-        self._values.append(np.concatenate([turned.ravel(), theta[-3:]]))
-        self._pieces.append(piece)
-        del self._poses[: -self._size], self._values[: -self._size], self._pieces[: -self._size]
+        self._newest.append((theta, np.concatenate([turned.ravel(), theta[-3:]]), piece))
         self._owed += not is_first
         if is_first:
             return theta
@@ -152,13 +150,14 @@ class StreamSmoother:
             yield self._next()
 
     def _next(self) -> NDArray[np.floating]:
-        at = len(self._poses) - self._owed
+        poses, values, pieces = zip(*self._newest, strict=True)
+        at = len(poses) - self._owed
         self._owed -= 1
-        rows = np.flatnonzero(np.array(self._pieces) == self._pieces[at])
+        rows = np.flatnonzero(np.array(pieces) == pieces[at])
         if len(rows) <= _BENT:
-            return self._poses[at]
-        curves, newest = _curves_through(len(rows), self._fps), self._values[-1]
-        window = np.array(self._values)[rows] - newest  # small numbers lose less
+            return poses[at]
+        curves, newest = _curves_through(len(rows), self._fps), values[-1]
+        window = np.array(values)[rows] - newest  # small numbers lose less
         trunk = window[:, _TRUNK_VALUES] * _TRUNK_M
         fitted = 1 - np.diagonal(curves, axis1=1, axis2=2)
         missed_m = (trunk - curves @ trunk) / fitted[..., None]  # (cutoffs, frames, values)
@@ -167,7 +166,7 @@ class StreamSmoother:
         shares = (error_m2 / error_m2.min()) ** (-_SURE * min(len(rows), _RECENT_S * self._fps))
         found = newest + shares / shares.sum() @ curves[:, at - rows[0]] @ window
         pose = Rotation.from_quat(found[:-3].reshape(-1, 4)).as_rotvec()
-        both = np.stack([unpack_theta(self._poses[at])[0], pose])
+        both = np.stack([unpack_theta(poses[at])[0], pose])
         return pack_theta(continuous_rotations(both)[1], found[-3:])
 
 
