@@ -58,8 +58,21 @@ class Run:
         self.path = runs_root() / name
 
     def finished(self, stage: str) -> bool:
-        """Whether there is an artifact of `stage`, current or not; as `is_made`."""
-        return is_made(self.path / stage)
+        """Whether there is an artifact of `stage`, current or not.
+
+        A folder that has lost its manifest is refused: damage, not a stage that was never made.
+        """
+        folder = self.path / stage
+        if is_finished(folder) or not folder.exists():
+            return is_finished(folder)
+        if is_finished(folder):  # put into place between the two questions
+            return True
+        command = f"`dsnet {command_of(stage)} --run {self.name}`"
+        raise DsnetError(
+            f"{folder}, which has lost its {MANIFEST}",
+            "the folder of a finished stage, or none",
+            f"Run {command} again, with the options that it had.",
+        )
 
     def refuse_interrupted(self, *stages: str) -> None:
         """Refuse to go on without a stage whose making was begun and not ended."""
@@ -76,8 +89,57 @@ class Run:
         for stage in stages:
             if not self.finished(stage):
                 raise self._without(stage)
-        check_chain(self.path, stages)
+        self.check_chain(stages)
         return {stage: read_artifact(self.path / stage) for stage in stages}
+
+    def check_chain(self, stages: Iterable[str]) -> None:
+        """Refuse stages that are older than what they, or those before, were made of.
+
+        What was deleted since cannot be compared and is passed over. The refusal names the stages
+        to run again, in order.
+        """
+        seen: dict[str, bool] = {}
+        newer: list[str] = []
+
+        def is_old(stage: str, *later: str) -> bool:
+            if stage in later:
+                raise DsnetError(
+                    f"stage {stage!r} of {self.path}, which was made from itself",
+                    "one chain",
+                    "Delete its folder and run its stage again.",
+                )
+            if stage not in seen:
+                artifact = read_artifact(self.path / stage)
+                sources = artifact.manifest["upstream"]
+                changed = [has_changed(artifact, source, stage, *later) for source in sources]
+                seen[stage] = any(changed)  # each source was looked at, so that each is named
+            return seen[stage]
+
+        def has_changed(artifact: Artifact, source: str, *later: str) -> bool:
+            present = recorded = artifact.manifest["upstream"][source]
+            place = artifact.manifest["provenance"].get("inputs", {}).get(source)
+            if place and (self.path / place).is_file():
+                present = artifact.present_sha256(self.path / place, place, recorded)
+            elif not place and self.finished(source):
+                if is_old(source, *later):
+                    return True
+                present = read_artifact(self.path / source).content_sha256
+            if present != recorded:
+                newer.append(place or source)
+            return present != recorded
+
+        for stage in stages:
+            is_old(stage)
+        if not (old := [stage for stage, found in seen.items() if found]):
+            return
+        remade = ", ".join(map(repr, dict.fromkeys(newer)))
+        those = f"stages {', '.join(old)} are" if len(old) > 1 else f"stage {old[0]} is"
+        commands = (f"`dsnet {command_of(stage)} --run {self.name}`" for stage in old)
+        raise DsnetError(
+            f"run {self.name!r}, whose {those} older than {remade}",
+            "one chain",
+            f"Run {', '.join(dict.fromkeys(commands))} again, with the options they had.",
+        )
 
     def _without(self, stage: str) -> DsnetError:
         having = f"run {self.name!r} without {stage!r}"
@@ -166,73 +228,6 @@ def _told_if_remade(upstream: Mapping[str, Artifact | Path]) -> Iterator[None]:
                 expected = f"the {name!r} that the work began with"
                 raise DsnetError(received, expected, "Run the same command again.") from error
         raise
-
-
-def is_made(folder: Path) -> bool:
-    """Whether a stage's folder is there, finished.
-
-    One that has lost its manifest is refused: damage, not a stage that was never made.
-    """
-    if is_finished(folder) or not folder.exists():
-        return is_finished(folder)
-    if is_finished(folder):  # put into place between the two questions
-        return True
-    command = command_of(folder.name)
-    raise DsnetError(
-        f"{folder}, which has lost its {MANIFEST}",
-        "the folder of a finished stage, or none",
-        f"Run `dsnet {command} --run {folder.parent.name}` again, with the options that it had.",
-    )
-
-
-def check_chain(folder: Path, stages: Iterable[str]) -> None:
-    """Refuse stages in a run's folder that are older than what they, or those before, were made of.
-
-    What was deleted since cannot be compared and is passed over. The refusal names the stages to
-    run again, in order.
-    """
-    seen: dict[str, bool] = {}
-    newer: list[str] = []
-
-    def is_old(stage: str, *later: str) -> bool:
-        if stage in later:
-            raise DsnetError(
-                f"stage {stage!r} of {folder}, which was made from itself",
-                "one chain",
-                "Delete its folder and run its stage again.",
-            )
-        if stage not in seen:
-            artifact = read_artifact(folder / stage)
-            sources = artifact.manifest["upstream"]
-            changed = [has_changed(artifact, source, stage, *later) for source in sources]
-            seen[stage] = any(changed)  # each source was looked at, so that each is named
-        return seen[stage]
-
-    def has_changed(artifact: Artifact, source: str, *later: str) -> bool:
-        present = recorded = artifact.manifest["upstream"][source]
-        place = artifact.manifest["provenance"].get("inputs", {}).get(source)
-        if place and (folder / place).is_file():
-            present = artifact.present_sha256(folder / place, place, recorded)
-        elif not place and is_made(folder / source):
-            if is_old(source, *later):
-                return True
-            present = read_artifact(folder / source).content_sha256
-        if present != recorded:
-            newer.append(place or source)
-        return present != recorded
-
-    for stage in stages:
-        is_old(stage)
-    if not (old := [stage for stage, found in seen.items() if found]):
-        return
-    run = folder.name
-    those = f"stages {', '.join(old)} are" if len(old) > 1 else f"stage {old[0]} is"
-    commands = (f"`dsnet {command_of(stage)} --run {run}`" for stage in old)
-    raise DsnetError(
-        f"run {run!r}, whose {those} older than {', '.join(map(repr, dict.fromkeys(newer)))}",
-        "one chain",
-        f"Run {', '.join(dict.fromkeys(commands))} again, with the options they had.",
-    )
 
 
 def best_alignment_of(run: Run) -> str | None:

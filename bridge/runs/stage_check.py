@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from bridge.errors import DsnetError
 from bridge.runs.artifact import read_artifact
 from bridge.runs.files import is_finished
-from bridge.runs.run import STAGES, Run, check_chain, is_made
+from bridge.runs.run import STAGES, Run
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,13 @@ def main(config: CheckConfig) -> None:
             sys.stdout.write(f"{folder.name:<12} is not a stage of dsnet, left alone\n")
     if faults:
         raise faults[0]
-    check_chain(run.path, stages)
+    run.check_chain(stages)
     sys.stdout.write(f"run {run.name!r}: {len(stages)} stages, one chain\n")
 
 
 def _fault(run: Run, stage: str) -> DsnetError | None:
     try:
-        is_made(run.path / stage)
+        run.finished(stage)
         artifact = read_artifact(run.path / stage)
         artifact.verify()
     except DsnetError as error:

@@ -21,7 +21,6 @@ from bridge import DsnetError
 from bridge.motion.sequences import sequences_of
 from bridge.runs import ArtifactWriter, Run, read_artifact, write_artifact
 from bridge.runs.artifact import content_digest
-from bridge.runs.run import check_chain
 
 UNITS = {"betas": "1", "offsets": "m"}
 
@@ -429,10 +428,13 @@ def test_a_value_that_a_stage_did_not_write_is_told(folder: Path) -> None:
         sequences_of(read_artifact(folder))
 
 
-def test_a_stage_that_was_made_from_itself_is_refused(folder: Path) -> None:
+def test_a_stage_that_was_made_from_itself_is_refused(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DSNET_RUNS", str(folder.parents[1]))
     forge(folder, lambda m: m["upstream"].update(align="0"))
     with pytest.raises(DsnetError, match="made from itself"):
-        check_chain(folder.parent, ["align"])
+        Run(folder.parent.name).check_chain(["align"])
 
 
 def written(path: Path, at: float) -> Path:
