@@ -390,8 +390,7 @@ def _said(arrays: Arrays, key: str) -> str:
 
 def gender_stored(arrays: Arrays) -> str:
     """As it is stored: text, bytes, their first letter, or a number as `.smpl` files have it."""
-    stored = arrays.get("gender", np.array("unknown"))
-    return gender_in(text_of(stored)) if stored.size == 1 else "unknown"
+    return gender_in(_said(arrays, "gender"))
 
 
 def gender_in(stated: object) -> str:
