@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any
 
 from bridge import __version__
-from bridge.errors import DsnetError, did_you_mean
+from bridge.errors import unknown_name
 from bridge.installation import require_packages_of
 from bridge.processes import exit_with_one_line
 
@@ -57,13 +57,11 @@ def main(arguments: Sequence[str] | None = None, **settings: Any) -> None:
 
 def _run(command: str, options: list[str], settings: Mapping[str, Any]) -> None:
     if command not in COMMANDS:
-        remedy = did_you_mean(command, COMMANDS, "See dsnet --help.")
-        raise DsnetError(f"command {command!r}", f"one of {', '.join(COMMANDS)}", remedy)
+        raise unknown_name(f"command {command!r}", command, COMMANDS, "See dsnet --help.")
     # It chooses the defaults that --help shows.
     profile = _take(options, "--profile")
     if profile not in (None, *PROFILES):
-        remedy = did_you_mean(profile, PROFILES, "Pass --profile demo.")
-        raise DsnetError(f"profile {profile!r}", f"one of {', '.join(PROFILES)}", remedy)
+        raise unknown_name(f"profile {profile!r}", profile, PROFILES, "Pass --profile demo.")
     engine, address = _take(options, "--engine"), _take(options, "--address")
     require_packages_of(COMMANDS[command][0])
     # Late, so that whoever interrupts while these load reads one line.

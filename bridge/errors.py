@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 
 _LONGEST = 4000
@@ -50,6 +50,11 @@ class DsnetError(Exception):
     def __reduce__(self) -> tuple[type[DsnetError], tuple[str, str, str]]:
         """As its parts, so that it also comes back from a worker process."""
         return type(self), (self.received, self.expected, self.remedy)
+
+
+def unknown_name(received: str, name: str, known: Collection[str], remedy: str) -> DsnetError:
+    """The refusal of a name that is none of those known; `received` also says where it stood."""
+    return DsnetError(received, f"one of {', '.join(known)}", did_you_mean(name, known, remedy))
 
 
 class MissingPackageError(DsnetError, ModuleNotFoundError):

@@ -19,7 +19,7 @@ import os
 from collections.abc import Mapping
 from typing import TypeVar
 
-from bridge.errors import DsnetError, did_you_mean
+from bridge.errors import DsnetError, unknown_name
 
 VARIABLE = "DSNET_PLUGINS"
 Entry = TypeVar("Entry")
@@ -51,6 +51,5 @@ def entry_named(name: str, flag: str, entries: Mapping[str, Entry]) -> Entry:
     """The entry of a name that was given as an option, or that a file holds."""
     if name not in entries:
         remedy = f"Name one of these, or in {VARIABLE} the module that registers {name}."
-        known = f"one of {', '.join(entries)}"
-        raise DsnetError(f"{flag} {name}", known, did_you_mean(name, entries, remedy))
+        raise unknown_name(f"{flag} {name}", name, entries, remedy)
     return entries[name]

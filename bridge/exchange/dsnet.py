@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError, did_you_mean
+from bridge.errors import DsnetError, unknown_name
 from bridge.exchange.weights import load_weights
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.motion.sequences import Split
@@ -240,8 +240,5 @@ def check_trained(train: Artifact, name: str) -> None:
     there = list(train.manifest["predictors"])
     if name not in there:
         command = f"dsnet train --predictors {' '.join(there)} NAME"
-        raise DsnetError(
-            f"predictor {name!r} asked of {train.path}",
-            f"one of {', '.join(there)}",
-            did_you_mean(name, there, f"Name one of these, or train it too: {command}."),
-        )
+        remedy = f"Name one of these, or train it too: {command}."
+        raise unknown_name(f"predictor {name!r} asked of {train.path}", name, there, remedy)

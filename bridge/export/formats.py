@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-from bridge.errors import DsnetError, did_you_mean
+from bridge.errors import DsnetError, unknown_name
 from bridge.installation import require_package
 
 
@@ -64,9 +64,7 @@ FORMATS = {
 def chosen_format(name: str, out: Path) -> Format:
     """The format `name`, if it can be written here to a path like `out`."""
     if name not in FORMATS:
-        known = ", ".join(FORMATS)
-        remedy = did_you_mean(name, FORMATS, "Pass one of these.")
-        raise DsnetError(f"--to {name}", f"one of {known}", remedy)
+        raise unknown_name(f"--to {name}", name, FORMATS, "Pass one of these.")
     form = FORMATS[name]
     if form.package and form.extra:
         require_package(form.package, form.extra, f"--to {name}")

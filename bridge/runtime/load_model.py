@@ -16,7 +16,7 @@ from typing import Any
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.embedded import EMBEDDED_GENDERS, EMBEDDED_PREFIX, embedded_gender
-from bridge.errors import DsnetError, did_you_mean, notify
+from bridge.errors import DsnetError, did_you_mean, notify, unknown_name
 from bridge.exchange.dsnet import load_trained_dsnet
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run, read_artifact
@@ -201,11 +201,9 @@ def find_model(run: Run | None, asked: str | None = None, gender: str = "unknown
                 artifacts=run.artifacts(*stages),
             )
     there = [name for manifest in trained.values() for name in manifest["predictors"]]
-    raise DsnetError(
-        f"predictor {asked!r} asked of run {run.name!r}",
-        f"one of {', '.join(there)}",
-        did_you_mean(asked or "", there, f"Name one of these, or train another: {train}."),
-    )
+    received = f"predictor {asked!r} asked of run {run.name!r}"
+    remedy = f"Name one of these, or train another: {train}."
+    raise unknown_name(received, asked or "", there, remedy)
 
 
 def _body_of(run: Run, manifest: Mapping[str, Any]) -> str:
