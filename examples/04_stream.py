@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from bridge.motion import load_amass_motion
+from bridge import load_motion
 from bridge.runtime.streams import StreamingBodies
 
 bodies = StreamingBodies(fps=60)  # of the package; StreamingBodies("demo") takes that run's best
-theta = load_amass_motion("sample:jumping_jacks").theta
+theta = load_motion("sample:jumping_jacks").theta
 
 anna = bodies.join(np.zeros(10))
 bella = None

@@ -5,11 +5,11 @@ The same as options of `dsnet predict`, `export` and `view`: --gain, --part-gain
 
 import numpy as np
 
-from bridge.motion import load_amass_motion
+from bridge import load_motion
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import load_model
 
-motion = load_amass_motion("sample:jumping_jacks")
+motion = load_motion("sample:jumping_jacks")
 trained = load_model(run=None, gender=motion.gender)
 for controls in (
     Controls(),

@@ -172,6 +172,5 @@ class Motion:
         if self.up == self.trans_of:
             return self
         joint = np.asarray(root_joint_m, dtype=np.float64)
-        turned = {"z": Y_UP_FROM_Z_UP, "y": Y_UP_FROM_Z_UP.inv()}.get(self.trans_of)
-        shift = (0 if turned is None else turned.apply(joint)) - joint
+        shift = (Y_UP_FROM_Z_UP.apply(joint) if self.trans_of == "z" else 0) - joint
         return replace(self, theta=pack_theta(self.pose, self.trans_m + shift))

@@ -15,7 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -30,36 +30,15 @@ from bridge.motion.motion import (
     HowRead,
     Motion,
     SmoothHz,
-    UpAxis,
     pack_theta,
     unpack_theta,
 )
-from bridge.motion.readers import amass, read_motion_file
+from bridge.motion.readers import read_motion_file
 from bridge.motion.smoothing import continuous_quaternions, continuous_rotations, smoothed
 
 # Files store rates such as 120.00004577636719; a last frame must not be lost to that.
 _FRAME_TOLERANCE = 1e-3
 _FEWEST_OF_SPLINE = 4
-
-
-def load_amass_motion(
-    path: Path | str,
-    *,
-    root_joint_m: ArrayLike | None = None,
-    fps: float = DEFAULT_FPS,
-    source_fps: float | None = None,
-    up: UpAxis = "y",
-) -> Motion:
-    """Read an AMASS `.npz` (SMPL-H or SMPL-X) or a sample; see `load_motion_file`.
-
-    Parameters
-    ----------
-    root_joint_m : (3,) rest position of the root joint of the body that will be posed, metres;
-        0 when None. It can be given later: `Motion.about_root_joint`.
-    up : vertical axis of the result; AMASS's files have z, whatever the bodies do.
-    """
-    motion = _prepared(amass.read(Path(path), HowRead(up="z")), source_fps, fps, None, up)
-    return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
 
 
 def load_motion_file(
@@ -82,17 +61,7 @@ def load_motion_file(
         one that suits each moment; None: nothing.
     how : what else the user says of the file.
     """
-    return _prepared(read_motion_file(Path(path), how), source_fps, fps, smooth_hz, "y")
-
-
-def _prepared(
-    motion: Motion,
-    source_fps: float | None,
-    fps: float,
-    smooth_hz: SmoothHz | None,
-    up: UpAxis,
-) -> Motion:
-    """Smoothed, resampled and turned upright."""
+    motion = read_motion_file(Path(path), how)
     if not (np.isfinite(fps) and fps > 0):
         raise DsnetError(f"fps={fps}", "a positive number", "Pass 60, the paper's rate.")
     if source_fps is not None:
@@ -120,13 +89,12 @@ def _prepared(
             "Check its rate, or cut it into several files.",
         )
     pose, trans_m, dmpls = _resample(motion, fps)
-    if up != motion.up:
-        turn = Y_UP_FROM_Z_UP if up == "y" else Y_UP_FROM_Z_UP.inv()
-        pose[:, 0] = (turn * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
-        trans_m = turn.apply(trans_m)
+    if motion.up == "z":
+        pose[:, 0] = (Y_UP_FROM_Z_UP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
+        trans_m = Y_UP_FROM_Z_UP.apply(trans_m)
     for piece in pieces_between_cuts(pack_theta(pose, trans_m)):
         pose[piece] = continuous_rotations(pose[piece])
-    return motion.posed(pose, trans_m, fps=float(fps), up=up, dmpls=dmpls)
+    return motion.posed(pose, trans_m, fps=float(fps), up="y", dmpls=dmpls)
 
 
 def resampled_frames(frame_count: int, source_fps: float, fps: float = DEFAULT_FPS) -> int:

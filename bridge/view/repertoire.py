@@ -19,8 +19,8 @@ from bridge.errors import DsnetError, notify
 from bridge.exchange.dsnet import dsnets_of
 from bridge.markers.bony import flesh_in_pose
 from bridge.measure.pipelines import MotionArrays
-from bridge.motion import Motion, MotionSequence, load_amass_motion, sequences_of, subject_rows
-from bridge.motion.motion import DEFAULT_FPS
+from bridge.motion import Motion, MotionSequence, load_motion_file, sequences_of, subject_rows
+from bridge.motion.motion import DEFAULT_FPS, HowRead
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import subject_and_motion
 from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
@@ -146,9 +146,11 @@ def _dsnets_of(run: Run) -> dict[str, str]:
 
 
 def _of_file(path: Path, body: BodyModelData, sequence: str = "") -> ViewedMotion:
-    return ViewedMotion(
-        lambda: place_motion(with_own_shape(load_amass_motion(path), body), body), sequence
-    )
+    def read() -> Motion:
+        motion = load_motion_file(path, how=HowRead(up="z"))
+        return place_motion(with_own_shape(motion, body), body)
+
+    return ViewedMotion(read, sequence)
 
 
 def _people(align: Artifact) -> dict[str, NDArray[np.float64]]:

@@ -6,6 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from bridge.motion import Motion, load_motion_file
+from bridge.motion.motion import HowRead
 
 
 def _standing(frames: int, width: int) -> dict[str, np.ndarray]:
@@ -70,3 +74,16 @@ def save(path: Path, arrays: dict[str, Any], **changes: Any) -> Path:
     kept = {key: value for key, value in arrays.items() if value is not None}
     np.savez(path, **kept)
     return path
+
+
+def load_amass_motion(
+    path: Path | str, *, root_joint_m: ArrayLike | None = None, **options: Any
+) -> Motion:
+    """A file as z up, whatever its bodies do, made y up, about a root joint (3,) where given."""
+    motion = load_motion_file(path, how=HowRead(up="z"), **options)
+    return motion if root_joint_m is None else motion.about_root_joint(root_joint_m)
+
+
+def load_as_it_lies(path: Path | str) -> Motion:
+    """A file at 60 Hz that is not turned: as if it were y up."""
+    return load_motion_file(path, how=HowRead(up="y"))

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from bridge.body import BodyModelData
 from bridge.body.posing import shaped_joints
 from bridge.motion import unpack_theta
-from bridge.motion.resampling import load_amass_motion, load_motion_file
+from bridge.motion.motion import HowRead
+from bridge.motion.resampling import load_motion_file
 from bridge.paper import N_JOINTS
 from torch_align_ae.corpus.dyna_files import FPS
 from torch_align_ae.corpus.motions import Skeleton, perform
@@ -45,8 +46,8 @@ class CorpusMotions:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "motion.npz"
             self.write_amass(path, recording)
-            joint_m = self._root_joint_m(recording.subject)
-            motion = load_amass_motion(path, root_joint_m=joint_m, fps=FPS)
+            motion = load_motion_file(path, fps=FPS, how=HowRead(up="z"))
+        motion = motion.about_root_joint(self._root_joint_m(recording.subject))
         return motion.theta.astype(np.float32)
 
     def write_amass(self, path: Path, recording: Recording) -> None:

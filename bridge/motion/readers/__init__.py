@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from itertools import count
+from os.path import isfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -66,7 +67,8 @@ def read_motion_file(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         )
     if name is not None:
         return READERS[name].read(path, how)
-    if not path.is_file():
+    # Of a name that is too long pathlib's raises.
+    if not isfile(path):  # noqa: PTH113
         return amass.read(path, how)  # which says that there is none, or that it is a folder
     raise DsnetError(
         f"{path}, a file of type {path.suffix or 'unknown'}, which is not read",

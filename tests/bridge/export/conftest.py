@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bridge.motion import load_amass_motion
 from bridge.runtime.load_model import TrainedModel, load_model
 from bridge.runtime.moving_body import MovingBody, place_motion
+from tests.forged.amass import load_amass_motion
 
 FRAMES = 66
 """More than one piece."""

@@ -16,8 +16,9 @@ from bridge.body.surface_operators import vertex_normals
 from bridge.markers.marker_files import Markers, read_markers
 from bridge.markers.person import fit_person
 from bridge.markers.registration import register
-from bridge.motion import Motion, load_amass_motion, load_motion_file, unpack_theta
+from bridge.motion import Motion, load_motion_file, unpack_theta
 from bridge.runtime.whose_betas import with_own_shape
+from tests.forged.amass import load_amass_motion
 
 BODY = load_body_model("embedded:female")
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"

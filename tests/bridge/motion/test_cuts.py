@@ -10,7 +10,7 @@ import pytest
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
-from bridge.motion import Motion, load_amass_motion, load_motion_file, pack_theta, unpack_theta
+from bridge.motion import Motion, load_motion_file, pack_theta, unpack_theta
 from bridge.motion.cuts import (
     frames_of_rest_pose,
     is_cut,
@@ -20,7 +20,7 @@ from bridge.motion.cuts import (
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import read_motion_file
 from bridge.motion.readers.amass import SAMPLES, sample_path
-from tests.forged.amass import save, smplh
+from tests.forged.amass import load_as_it_lies, save, smplh
 from tests.forged.bvh import Skeleton, text, world_of
 from tests.forged.lively import lively
 from tests.forged.swaying import swaying
@@ -116,7 +116,7 @@ def test_resampling_keeps_to_one_side_of_a_cut(tmp_path, rate):
     trans[:, 0] = times_s
     trans[cut:, 0] += 2.0
     path = save(tmp_path / "cut.npz", smplh(count, rate), poses=poses, trans=trans)
-    motion = load_amass_motion(path, up="z")
+    motion = load_as_it_lies(path)
 
     pose, trans_m = unpack_theta(motion.theta)
     expected_s = np.arange(len(pose)) / 60
@@ -131,7 +131,7 @@ def test_a_frame_astray_between_two_samples_is_gone(tmp_path):
     poses = np.zeros((121, 156))
     poses[51, 1] = np.pi
     path = save(tmp_path / "astray.npz", smplh(121, 120.0), poses=poses, trans=np.zeros((121, 3)))
-    motion = load_amass_motion(path, up="z")
+    motion = load_as_it_lies(path)
     np.testing.assert_allclose(motion.theta, np.zeros((61, 69)), atol=1e-12)
     assert motion.dmpls is not None
     assert motion.dmpls.shape == (61, 8)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from bridge.errors import DsnetError
-from bridge.motion import Motion, load_amass_motion, load_motion_file, pack_theta
+from bridge.motion import Motion, load_motion_file, pack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion_checks import find_pops, motion_warnings, steepest_fall_g
 from bridge.motion.readers.amass import SAMPLES, sample_path
-from tests.forged.amass import save, smplh
+from tests.forged.amass import load_amass_motion, save, smplh
 
 SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sample.npz"
 

@@ -16,7 +16,7 @@ from bridge.body.parts import PARTS, part_weights
 from bridge.body.posing import Smpl
 from bridge.body.shapes import MeasuredBody
 from bridge.cli import main
-from bridge.motion import Motion, load_amass_motion, pack_theta, unpack_theta
+from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.runs import Run
 from bridge.runtime.controls import (
     Controls,
@@ -30,6 +30,7 @@ from bridge.runtime.controls import (
 from bridge.runtime.load_model import TrainedModel, load_model
 from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.runtime.prediction_files import predict_motion
+from tests.forged.amass import load_amass_motion
 from tests.forged.cyclic import circling, save_on_the_spot
 
 LAP = 30

@@ -13,7 +13,7 @@ from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.cli import main
-from bridge.motion import Motion, load_amass_motion, pack_theta, unpack_theta
+from bridge.motion import Motion, pack_theta, unpack_theta
 from bridge.runs import Run, read_artifact
 from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import (
@@ -26,6 +26,7 @@ from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.runtime.prediction_files import predict_motion
 from bridge.tissue.trained_plus import NAME
 from tests.forged import bvh
+from tests.forged.amass import load_amass_motion
 from tests.forged.plus import write_plus
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from bridge.body import load_body_model
-from bridge.motion import load_amass_motion, pack_theta
+from bridge.motion import pack_theta
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.runtime.stepping import PlusModel, predict_whole
 from bridge.runtime.streams import StreamingBodies
-from tests.forged.amass import save, smplh
+from tests.forged.amass import load_as_it_lies, save, smplh
 from tests.forged.swaying import swaying
 
 BODY = load_body_model("embedded:female")
@@ -47,7 +47,7 @@ def common(fps: int, offsets: np.ndarray, ticks: np.ndarray) -> tuple[np.ndarray
 @pytest.mark.parametrize("fps", [24, 30, 60, 90, 100, 120])
 @pytest.mark.parametrize("cut", [None, 31])
 def test_a_stream_is_its_file_resampled_and_predicted(flesh, tmp_path, fps, cut, monkeypatch):
-    """`load_amass_motion` resamples the file, across no cut either; then 1e-5 m.
+    """`load_motion_file` resamples the file, across no cut either; then 1e-5 m.
 
     Without the splines through slow files, which look ahead.
     """
@@ -59,7 +59,7 @@ def test_a_stream_is_its_file_resampled_and_predicted(flesh, tmp_path, fps, cut,
     poses = np.zeros((frames, 156))
     poses[:, :66] = theta[:, :66]
     path = save(tmp_path / "m.npz", smplh(frames, float(fps)), poses=poses, trans=theta[:, 66:])
-    resampled = load_amass_motion(path, up="z").theta
+    resampled = load_as_it_lies(path).theta
     assert len(pieces_between_cuts(resampled)) == (1 if cut is None else 2)
     stored = pack_theta(poses[:, :66].reshape(-1, 22, 3), theta[:, 66:])
     found, expected = common(fps, streamed(flesh, stored, fps), whole(flesh, resampled))

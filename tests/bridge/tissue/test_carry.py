@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from benchmarks.other_bodies import cut_finer, renumbered
 from bridge.body import BodyModelData, load_body_model
-from bridge.motion import load_amass_motion
 from bridge.runtime.load_model import load_model
 from bridge.runtime.stepping import PlusModel, predict_whole
 from bridge.tissue import carry_cache
 from bridge.tissue.carry import carried, flesh_vertices
 from bridge.tissue.carry_cache import body_digest, cache_folder, carried_over
 from bridge.tissue.trained_plus import TrainedPlus
+from tests.forged.amass import load_amass_motion
 from tests.forged.other_bodies import open_in_pieces, with_other_shapes, with_pelvis_off
 
 HOME = load_body_model("embedded:female")

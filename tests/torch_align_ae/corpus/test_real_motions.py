@@ -15,9 +15,9 @@ from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of, subject_rows, unpack_theta
-from bridge.motion.resampling import load_amass_motion, load_motion_file
+from bridge.motion.resampling import load_motion_file
 from bridge.runs import read_artifact
-from tests.forged.amass import save, shape, smplh
+from tests.forged.amass import load_amass_motion, save, shape, smplh
 from tests.forged.bvh import Skeleton, text, world_of
 from tests.forged.lively import lively
 from torch_align_ae.corpus import stage_corpus as stage

@@ -15,9 +15,9 @@ from bridge.body.posing import shaped_vertices
 from bridge.errors import DsnetError
 from bridge.motion import sequences_of, subject_rows, unpack_theta
 from bridge.motion.readers import subject_and_motion
-from bridge.motion.resampling import load_amass_motion
 from bridge.motion.splits import CELLS, cell_of, trained_people_and_kinds
 from bridge.runs import read_artifact
+from tests.forged.amass import load_amass_motion
 from torch_align_ae.body import SMPL, unpose
 from torch_align_ae.corpus import stage_corpus as stage
 from torch_align_ae.corpus.dyna_files import dyna_sequences

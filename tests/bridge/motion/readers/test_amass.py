@@ -13,13 +13,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
-from bridge.motion import load_amass_motion, load_motion_file
+from bridge.motion import load_motion_file
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.loops import close_lap
 from bridge.motion.motion import MOST_FRAMES
 from bridge.motion.readers import amass
 from bridge.motion.readers.amass import CYCLE, SAMPLES, motion_path, sample_path
-from tests.forged.amass import save, shape, smpl, smplh, smplx
+from tests.forged.amass import load_amass_motion, save, shape, smpl, smplh, smplx
 
 Layout = Callable[..., dict[str, Any]]
 

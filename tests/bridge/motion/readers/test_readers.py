@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.motion import load_amass_motion, load_motion_file
+from bridge.motion import load_motion_file
 from bridge.motion.readers import (
     READERS,
     MotionReader,
@@ -19,7 +19,7 @@ from bridge.motion.readers import (
     subject_and_motion,
 )
 from bridge.motion.sequences import is_real_motion
-from tests.forged.amass import save, shape, smplh, smplx
+from tests.forged.amass import load_as_it_lies, save, shape, smplh, smplx
 from tests.pages import python_blocks
 
 
@@ -136,7 +136,7 @@ def test_a_new_format_is_the_file_and_the_line_that_contributing_shows(
     exec(block, module.__dict__)
     monkeypatch.setitem(READERS, "text", MotionReader((".txt",), module.read))
     walking = load_motion_file("sample:walking")
-    lying = load_amass_motion("sample:walking", up="z").theta
+    lying = load_as_it_lies("sample:walking").theta
     (tmp_path / "anna").mkdir()
     path = tmp_path / "anna" / "walk.txt"
     np.savetxt(path, lying)
