@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from bridge.body.safe_pickle import as_array, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.motion.motion import MOST_FRAMES, RATES_HZ
-from bridge.motion.readers.mosh import load_fields, within
+from bridge.motion.readers.pickles import opened, within
 from bridge.runs.untrusted import NpyHeader, UntrustedNpz, open_npz, open_regular
 
 _MOST_MARKERS = 500
@@ -102,7 +102,8 @@ def _is_smpl(archive: UntrustedNpz) -> bool:
 
 def read_mosh(path: Path) -> Stored:
     """The markers of `stageii_debug_details`, and the vertices that MoSh++ found for them."""
-    fields = load_fields(path)
+    _, people = opened(path)
+    fields = people[0] if people else {}
     details = fields.get("stageii_debug_details")
     points, labels = (within(details, key) for key in ("markers_orig", "labels_orig"))
     if points is None or labels is None:

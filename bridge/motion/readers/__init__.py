@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bridge.errors import DsnetError, notify
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
-from bridge.motion.readers import amass, bvh, joints, mosh, pickles
+from bridge.motion.readers import amass, bvh, joints, pickles
 
 
 class MotionReader(NamedTuple):
@@ -40,7 +40,7 @@ class MotionReader(NamedTuple):
 READERS = {
     "amass": MotionReader((".npz", ".smpl"), amass.read, amass.gender_of),
     "bvh": MotionReader((".bvh",), bvh.read),
-    "moshpp": MotionReader((".pkl",), mosh.read, mosh.gender_of, "_stageii"),
+    "moshpp": MotionReader((".pkl",), pickles.read, pickles.gender_of, pickles.OF_MOSH),
     "video": MotionReader((".pkl", ".pickle", ".pt", ".pth"), pickles.read, pickles.gender_of),
     "joints": MotionReader((".npy",), joints.read, joints.gender_of),
 }

@@ -1,9 +1,11 @@
-"""Pickles and torch files of generators and of models that see people in videos.
+"""Pickles and torch files of MoSh++, of generators, and of models that see people in videos.
 
-AIST++ (`smpl_poses`, `smpl_trans`, `smpl_scaling`, 60 frames a second), WHAM (people by number;
-plain or by joblib), GVHMR (`smpl_params_global`), and any other dictionary of SMPL's arrays. What
-they hold is read by `bridge.body.safe_pickle`, which runs nothing, and without PyTorch. Poses in
-the space of a camera alone are refused: nobody knows there where the floor is.
+MoSh++'s `*_stageii.pkl` (AMASS's `poses` are its `fullpose`; its rate is that of the recording, of
+which it may have fitted every other frame, `ds_rate`), AIST++ (`smpl_poses`, `smpl_trans`,
+`smpl_scaling`, 60 frames a second), WHAM (people by number; plain or by joblib), GVHMR
+(`smpl_params_global`), and any other dictionary of SMPL's arrays. What they hold is read by
+`bridge.body.safe_pickle`, which runs nothing, and without PyTorch. Poses in the space of a camera
+alone are refused: nobody knows there where the floor is.
 """
 
 from __future__ import annotations
@@ -16,37 +18,48 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body.safe_pickle import Record, as_array, load_restricted
+from bridge.body.safe_pickle import MOST_OPCODES, Record, as_array, load_restricted
 from bridge.body.torch_files import load_torch
 from bridge.errors import DsnetError
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers.smpl_arrays import (
     POSE_KEYS,
     WANTED,
+    gender_in,
     holds_poses,
     motion_of,
     unusable,
 )
 from bridge.runs.untrusted import file_refused, open_regular
 
+OF_MOSH = "_stageii"
+"""How the names of MoSh++'s files end."""
 _MOST_FILE_BYTES = 1 << 31
+_MOST_OPCODES = 4_000_000
+"""MoSh++'s names and markers of every frame are lists: 10,000 frames of 67 markers take 1.3
+million."""
 _AISTPP_FPS = 60.0
 _MOST_PEOPLE = 10_000
 _REMEDY = "Save its arrays as .npz."
 _WORLD, _CAMERA = "smpl_params_global", "smpl_params_incam"
+_DETAILS = "stageii_debug_details"
 
 
 def gender_of(path: Path) -> str | None:
-    """None of these files tells; which is a motion, only reading it does."""
+    """The gender that a file states; which is a motion, only reading it tells. A damaged one is
+    refused if it is MoSh++'s by its name."""
     try:
-        return "unknown" if _opened(path)[1] else None
+        _, people = opened(path)
     except DsnetError:
+        if path.stem.endswith(OF_MOSH):
+            raise
         return None
+    return gender_in(_gender(people[0])) if people else None
 
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file; of several people the one who is seen longest."""
-    found, people = _opened(path)
+    found, people = opened(path)
     if not people:
         if isinstance(found, dict) and _CAMERA in found:
             remedy = f"Export the world's ({_WORLD}) too."
@@ -63,14 +76,22 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     return replace(motion, notes=(note, *motion.notes))
 
 
-def _opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
+def opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
     """What a file holds, and the people in it."""
     with file_refused(path, unusable, _REMEDY):
         with open_regular(path, _MOST_FILE_BYTES) as file:
             is_zip = file.read(2) == b"PK"
             file.seek(0)
-            found = load_torch(file) if is_zip else load_restricted(file)
+            most = _MOST_OPCODES if path.stem.endswith(OF_MOSH) else MOST_OPCODES
+            found = load_torch(file) if is_zip else load_restricted(file, most)
         return found, [*_people(found)]
+
+
+def within(value: Any, *names: str) -> Any:
+    """What lies under names in dictionaries in one another; None where there is nothing."""
+    for name in names:
+        value = value.get(name) if isinstance(value, dict) else None
+    return value
 
 
 def _people(found: Any) -> Iterator[Mapping[str, Any]]:
@@ -99,6 +120,8 @@ def _arrays(person: Mapping[str, Any]) -> dict[str, NDArray]:
         camera = dict.fromkeys((*POSE_KEYS, "trans"))
         world = {"pose": person["pose_world"], "trans": person.get("trans_world")}
         person = {**person, **camera, **world}
+    rate = _rate(person.get(_DETAILS))
+    person = {"mocap_frame_rate": rate, **person, "gender": _gender(person)}
     found = {}
     for name in WANTED:
         value = person.get(name)
@@ -107,3 +130,17 @@ def _arrays(person: Mapping[str, Any]) -> dict[str, NDArray]:
         elif isinstance(value, Record):
             found[name] = as_array(value)
     return found
+
+
+def _gender(person: Mapping[str, Any]) -> Any:
+    """As it is stated, or as MoSh++ was told."""
+    return person.get("gender", within(person, _DETAILS, "cfg", "surface_model", "gender"))
+
+
+def _rate(details: Any) -> float | None:
+    """Of the frames that MoSh++ fitted, Hz."""
+    rate, every = within(details, "mocap_frame_rate"), within(details, "cfg", "mocap", "ds_rate")
+    if rate is None:
+        return None
+    number = rate if isinstance(rate, (int, float)) else as_array(rate).item()
+    return number / (every if isinstance(every, int) and every > 0 else 1)

@@ -120,7 +120,7 @@ class Intruder:
         (lambda raw: raw[: len(raw) // 2], "does not load"),
         (lambda raw: b"<html>" + raw, "does not load"),
         (lambda raw: b"", "does not load"),
-        (lambda raw: pickle.dumps({"v_template": 1}), "no 'fullpose'"),
+        (lambda raw: pickle.dumps({"v_template": 1}), "without poses of SMPL"),
     ],
 )
 def test_a_damaged_pickle_is_refused(

@@ -118,10 +118,14 @@ def test_other_arrays_are_refused(tmp_path: Path, array: np.ndarray, complaint: 
 def test_a_folder_of_any_kind_is_searched(tmp_path: Path) -> None:
     save(tmp_path / "anna" / "walk_poses.npz", smplh())
     (tmp_path / "anna" / "run.pkl").write_bytes(pickle.dumps({0: person()}))
+    (tmp_path / "anna" / "his.pkl").write_bytes(pickle.dumps(person() | {"gender": "male"}))
     (tmp_path / "anna" / "model.pkl").write_bytes(pickle.dumps({"v_template": np.zeros(3)}))
     (tmp_path / "anna" / "odd.pt").write_bytes(b"PK")
     np.save(tmp_path / "anna" / "hop.npy", joints_m())
     np.save(tmp_path / "anna" / "mean.npy", np.zeros(263))
     found = {path.name for path in find_motion_files(tmp_path, "female")}
     assert found == {"walk_poses.npz", "run.pkl", "hop.npy"}
+    (tmp_path / "anna" / "half_stageii.pkl").write_bytes(b"PK")
+    with pytest.raises(DsnetError, match=r"half_stageii\.pkl, which does not load"):
+        find_motion_files(tmp_path, "female")
     assert pickles.gender_of(tmp_path / "none.pkl") is None
