@@ -106,7 +106,9 @@ def _of_zip(path: Path, file: IO[bytes], wanted: Mapping[str, int]) -> Mapping[s
     try:
         with open_npz(path, MOST_FILE_BYTES) as archive:
             if len(archive):
-                return _of_npz(path, archive, wanted)
+                if set(archive) == {"arr_0"} and archive["arr_0"].dtype.hasobject:
+                    return _dictionary(path, _object(archive, "arr_0"))
+                return npz_fields(archive, wanted)
             names = [name for name in archive.others if not re.search(r"__MACOSX|/\._", name)]
     except zipfile.BadZipFile as error:
         raise refused(path, f"an archive that is cut short ({error})", remedy=_AGAIN) from error
@@ -125,13 +127,12 @@ def _of_tensors(path: Path) -> Mapping[str, NDArray]:
         return {name: file.get_tensor(name) for name, one in types.items() if known(one)}
 
 
-def _of_npz(path: Path, archive: UntrustedNpz, wanted: Mapping[str, int]) -> Mapping[str, Any]:
-    if set(archive) == {"arr_0"} and archive["arr_0"].dtype.hasobject:
-        return _dictionary(path, _object(archive, "arr_0"))
+def npz_fields(archive: UntrustedNpz, wanted: Mapping[str, int]) -> Mapping[str, Any]:
+    """As `read_fields`, of an `.npz`: of what is wanted nothing is read before all is checked."""
     headers = {name: archive[name] for name in archive if name in wanted}
     headers = {n: one for n, one in headers.items() if n not in TEXTURE or not one.dtype.hasobject}
     plain = {name: one for name, one in headers.items() if not one.dtype.hasobject}
-    for name in plain:  # all, before any is read
+    for name in plain:
         archive.check(name, wanted[name])
     if (total := sum(math.prod(header.shape) for header in plain.values())) > _MOST_NUMBERS:
         raise ValueError(f"{total} numbers, not at most {_MOST_NUMBERS}")
@@ -141,7 +142,6 @@ def _of_npz(path: Path, archive: UntrustedNpz, wanted: Mapping[str, int]) -> Map
 
 def _object(archive: UntrustedNpz, name: str) -> Any:
     with archive.member(name) as stream:
-        NpyHeader.read(stream)
         return load_restricted_item(stream)
 
 
@@ -149,6 +149,7 @@ def _of_npy(path: Path, file: IO[bytes]) -> Any:
     header = NpyHeader.read(file)
     if not header.dtype.hasobject:
         raise refused(path, f"one array of shape {header.shape}, as of vertices alone")
+    file.seek(0)
     return load_restricted_item(file)
 
 

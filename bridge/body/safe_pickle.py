@@ -22,6 +22,8 @@ from typing import IO, Any
 import numpy as np
 import scipy.sparse as sp
 
+from bridge.runs.untrusted import NpyHeader
+
 MOST_BYTES = 1 << 29
 """Of an array in a body's file: SMPL-X's pose blend shapes take 122 MB, those of SMPL's surface cut
 four times as fine 137."""
@@ -237,6 +239,7 @@ def _joblib_array(file: IO[bytes], state: Any) -> np.ndarray:
 def load_restricted_item(file: IO[bytes]) -> Any:
     """Unpickle the object in an `.npy` that holds one, as NumPy stores what is no array; of several
     the array of them, for `as_array`."""
+    NpyHeader.read(file)
     array = load_restricted(file)
     if not isinstance(array, Record) or array.kind != "array":
         raise UnpicklingError("no array")

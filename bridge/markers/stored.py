@@ -22,7 +22,7 @@ from bridge.body.safe_pickle import as_array, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.motion.motion import MOST_FRAMES, RATES_HZ
 from bridge.motion.readers.pickles import opened, within
-from bridge.runs.untrusted import NpyHeader, UntrustedNpz, open_npz, open_regular
+from bridge.runs.untrusted import UntrustedNpz, open_npz, open_regular
 
 _MOST_MARKERS = 500
 _KEYS = (("marker_data", "marker_labels"), ("markers", "labels"))
@@ -84,7 +84,6 @@ def read_npz(path: Path) -> Stored:
         vertices = None
         if _VERTICES in archive and archive[_VERTICES].dtype.hasobject and _is_smpl(archive):
             with archive.member(_VERTICES) as stream:
-                NpyHeader.read(stream)
                 vertices = load_restricted_item(stream)
     if labels.dtype.kind not in "US":
         raise refused(path, f"names of type {labels.dtype}", "text")

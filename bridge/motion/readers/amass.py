@@ -6,15 +6,10 @@ the short synthetic motions of the package, which are such files.
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from bridge.body.safe_pickle import load_restricted_item
+from bridge.body.containers import npz_fields
 from bridge.errors import DsnetError, did_you_mean
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
 from bridge.motion.readers.smpl_arrays import (
@@ -26,22 +21,24 @@ from bridge.motion.readers.smpl_arrays import (
     ROOT_KEYS,
     WANTED,
     WHOLE_KEYS,
+    arrays_of,
     gender_stored,
     holds_poses,
     motion_of,
     unusable,
 )
-from bridge.runs.untrusted import NpyHeader, UntrustedNpz, file_refused, open_npz
+from bridge.runs.untrusted import file_refused, open_npz
 
 SAMPLE_PREFIX = "sample:"
 CYCLE = "walk_cycle"
 """The one that repeats, in place: its last frame is its first again."""
 SAMPLES = ("dancing", "jumping_jacks", CYCLE, "walking")
 
-_MOST_BYTES = dict.fromkeys((*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS), MOST_BYTES)
+_MOST_TEXT_BYTES = 1 << 12
+_MOST_BYTES = dict.fromkeys(WANTED, _MOST_TEXT_BYTES)
+_MOST_BYTES |= dict.fromkeys((*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS), MOST_BYTES)
 _MOST_BYTES |= dict.fromkeys(("trans", "transl", "bodyTranslation"), MOST_FRAMES * 24)
 _MOST_BYTES |= {"dmpls": MOST_FRAMES * 64} | dict.fromkeys(BETAS_KEYS, MOST_FRAMES * 128)
-_MOST_TEXT_BYTES = 1 << 12
 
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
@@ -54,14 +51,18 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     refused = file_refused(path, unusable, "Download the file again.", missing=missing)
     with refused, open_npz(motion_path(path)) as archive:
         whole = any(key in archive for key in WHOLE_KEYS)
-        arrays = _arrays(archive, [key for key in WANTED if not whole or key not in PART_KEYS])
+        unread = PART_KEYS if whole else ()
+        wanted = {key: most for key, most in _MOST_BYTES.items() if key not in unread}
+        arrays = arrays_of(npz_fields(archive, wanted))
     return motion_of(path, arrays, how)
 
 
 def gender_of(path: Path) -> str | None:
     """The gender that a file states, or None if it has no poses and so is no motion."""
     with file_refused(path, unusable, "Download it again."), open_npz(path) as archive:
-        return gender_stored(_arrays(archive, ("gender",))) if holds_poses(archive) else None
+        if not holds_poses(archive):
+            return None
+        return gender_stored(arrays_of(npz_fields(archive, {"gender": _MOST_TEXT_BYTES})))
 
 
 def motion_path(name_or_path: Path | str) -> Path:
@@ -82,28 +83,3 @@ def motion_path(name_or_path: Path | str) -> Path:
 def sample_path(name: str) -> Path:
     """Where a sample lies, or will when it is built."""
     return Path(str(resources.files("bridge.motion"))) / "samples" / f"{name}.npz"
-
-
-def _arrays(archive: UntrustedNpz, wanted: Iterable[str]) -> dict[str, NDArray]:
-    """Those of the wanted arrays that there are, none of which is read before all are checked."""
-    there = [key for key in wanted if key in archive]
-    pickled = [key for key in there if archive[key].dtype.hasobject and not holds_poses({key})]
-    plain = [key for key in there if key not in pickled]
-    for key in plain:
-        archive.check(key, _MOST_BYTES.get(key, _MOST_TEXT_BYTES))
-    objects = {key: _object(archive, key) for key in pickled}
-    return {key: archive.array(key) for key in plain} | {
-        key: np.array(value) for key, value in objects.items() if value is not None
-    }
-
-
-def _object(archive: UntrustedNpz, key: str) -> str | int | float | None:
-    """What stands in an array of one object: text or a number; of a list of one, its item."""
-    with archive.member(key) as stream:
-        NpyHeader.read(stream)
-        item = load_restricted_item(stream)
-    item = item[0] if isinstance(item, (list, tuple)) and len(item) == 1 else item
-    item = item.decode("latin1") if isinstance(item, bytes) else item
-    if not isinstance(item, (str, int, float)) and item is not None:
-        raise pickle.UnpicklingError(f"{key!r} is an object of another kind")
-    return item

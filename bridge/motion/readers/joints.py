@@ -64,11 +64,9 @@ def gender_of(path: Path) -> str | None:
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file; of several samples the first."""
     with file_refused(path, _refused, _REMEDY), open_regular(path, _MOST_BYTES) as file:
-        if NpyHeader.read(file).dtype.hasobject:
-            joints = _of_samples(load_restricted_item(file))
-        else:
-            file.seek(0)
-            joints = read_npy(file)
+        has_objects = NpyHeader.read(file).dtype.hasobject
+        file.seek(0)
+        joints = _of_samples(load_restricted_item(file)) if has_objects else read_npy(file)
     joints = joints[0] if joints.ndim == 4 and len(joints) == 1 else joints
     if joints.ndim == 2 and joints.shape[1] in _FEATURES:
         remedy = "Recover its joints first, as HumanML3D does by recover_from_ric."

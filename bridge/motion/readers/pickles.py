@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body.safe_pickle import MOST_OPCODES, Record, as_array, load_restricted
+from bridge.body.safe_pickle import MOST_OPCODES, as_array, load_restricted
 from bridge.body.torch_files import load_torch
 from bridge.errors import DsnetError
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers.smpl_arrays import (
     POSE_KEYS,
-    WANTED,
+    arrays_of,
     gender_in,
     holds_poses,
     motion_of,
@@ -122,14 +122,7 @@ def _arrays(person: Mapping[str, Any]) -> dict[str, NDArray]:
         person = {**person, **camera, **world}
     rate = _rate(person.get(_DETAILS))
     person = {"mocap_frame_rate": rate, **person, "gender": _gender(person)}
-    found = {}
-    for name in WANTED:
-        value = person.get(name)
-        if isinstance(value, (str, bytes, int, float, np.ndarray)):
-            found[name] = np.asarray(value)
-        elif isinstance(value, Record):
-            found[name] = as_array(value)
-    return found
+    return arrays_of(person)
 
 
 def _gender(person: Mapping[str, Any]) -> Any:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Container, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body.embedded import EMBEDDED_PREFIX
+from bridge.body.safe_pickle import Record, as_array
 from bridge.errors import DsnetError
 from bridge.motion.motion import (
     FARTHEST_M,
@@ -115,6 +117,21 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
         or _said(arrays, "body_model").startswith(EMBEDDED_PREFIX),
         notes=tuple(notes),
     )
+
+
+def arrays_of(fields: Mapping[str, Any]) -> dict[str, NDArray]:
+    """Those of `WANTED` among a file's fields: numbers, text, arrays and what
+    `bridge.body.safe_pickle.as_array` makes one of, each alone or in a list of one."""
+    found = {}
+    for name in WANTED:
+        value = fields.get(name)
+        if isinstance(value, (list, tuple)) and len(value) == 1:
+            value = value[0]
+        if isinstance(value, (str, bytes, int, float, np.ndarray)):
+            found[name] = np.asarray(value)
+        elif isinstance(value, Record):
+            found[name] = as_array(value)
+    return found
 
 
 def holds_poses(names: Container[str]) -> bool:
