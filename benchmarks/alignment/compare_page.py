@@ -108,13 +108,14 @@ def draw_figures(
                 title=f"Figure 10: rotation vector of {_FIGURE10_JOINT}, {one.recording.name}",
                 origin="synthetic",
             )
+    absorptions = {look: scores[name].errors.absorption for name, look in drawn.items()}
     draw_absorption(
         folder / f"absorption_{suite_name}.png",
-        {look: scores[name].errors.absorption.summary() for name, look in drawn.items()},
+        {look: one.summary() for look, one in absorptions.items()},
         title="What alignment takes from the offsets, and what it adds",
         origin="synthetic",
     )
-    rms_m = {look: scores[name].errors.absorption.rms_m() for name, look in drawn.items()}
+    rms_m = {look: np.sqrt(one.sums[:2] / one.frames) for look, one in absorptions.items()}
     draw_error_bodies(
         folder / f"absorption_body_{suite_name}.png",
         _standing_body(),

@@ -4,8 +4,8 @@ A small wrong turn w of a joint moves the vertices below it by w x (x - p), p be
 place. The scalar product of that motion with the true offsets is w . sum (x - p) x f, the
 offsets' torque about the joint if each offset is read as a force f on its vertex. So the share of
 the offsets' energy that a joint took is the work of its error against that torque, and the shares
-of all joints and of the translation add up to `absorbed_by_pose` of `absorption.py`, to first
-order and but for the pose blend shapes. A negative share gives back what other joints took.
+of all joints and of the translation add up to what the pose absorbed, to first order and but for
+the pose blend shapes. A negative share gives back what other joints took.
 """
 
 from __future__ import annotations

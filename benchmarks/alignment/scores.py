@@ -14,7 +14,7 @@ from benchmarks.alignment.joint_absorption import CARRIERS, JointLoads, pose_err
 from benchmarks.alignment.known_sequences import KnownSequence
 from bridge.body import BodyModelData, load_body_model, pose_vertices
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.measure.alignment import Alignment, AlignmentErrors, spread
+from bridge.measure.alignment import Absorption, AlignmentErrors, spread
 from bridge.motion import unpack_theta
 from bridge.paper import N_JOINTS
 from torch_align_ae.body import SMPL, rest_pose_offsets
@@ -27,7 +27,7 @@ class Scores:
 
     def __init__(self) -> None:
         # Both bodies have the same vertices in the same parts: sums over genders have a meaning.
-        self.errors = AlignmentErrors.of(body_of("female"))
+        self.errors = AlignmentErrors(Absorption(body_of("female")))
         self.r2_of_sequence: dict[str, float] = {}
         self._residuals_m: list[NDArray[np.float32]] = []
         self._turns: list[NDArray[np.float64]] = []
@@ -37,11 +37,8 @@ class Scores:
     def add(self, known: KnownSequence, loads: JointLoads, estimate: Estimate) -> None:
         """Take in one sequence; `loads` are those of its true offsets."""
         offsets_m, residual_m = _unpose(known, estimate)
-        errors = AlignmentErrors.of(body_of(known.recording.gender))
-        errors.add(
-            Alignment(estimate.betas, estimate.theta, offsets_m),
-            Alignment(known.betas, known.theta, known.offsets_m),
-        )
+        errors = AlignmentErrors(Absorption(body_of(known.recording.gender)))
+        errors.add((estimate.theta, offsets_m), (known.theta, known.offsets_m))
         self.errors += errors
         self.r2_of_sequence[known.recording.name] = errors.offsets.r2
         self._residuals_m.append(residual_m)

@@ -8,9 +8,8 @@ difference,
     invented = rms |D' - (1 - absorbed) D|    what the estimate has that is not in proportion to D
 
 over any set of vertices and frames. The two do not overlap: invented is perpendicular to D, so
-1 - R2 = sum |a|^2 / sum |D|^2 = absorbed^2 + sum |invented|^2 / sum |D|^2. Of a, the part
-S(beta') - S(beta) is the shape's; the rest is the pose's. An energy ratio alone would not tell
-dynamics that were lost from errors that have nothing to do with them.
+1 - R2 = sum |a|^2 / sum |D|^2 = absorbed^2 + sum |invented|^2 / sum |D|^2. An energy ratio alone
+would not tell dynamics that were lost from errors that have nothing to do with them.
 """
 
 from __future__ import annotations
@@ -42,37 +41,26 @@ class Absorption(Sums):
     body: BodyModelData = field(metadata={"add": lambda own, _: own})
     frames: int = 0
     sums: NDArray[np.float64] = field(init=False)
-    """(4, V) of the true offsets, the error, what was taken of the true ones, and by the shape."""
+    """(3, V) of the true offsets, the error, and what was taken of the true ones, square metres."""
 
     def __post_init__(self) -> None:
-        self.sums = np.zeros((4, self.body.vertex_count))
+        self.sums = np.zeros((3, self.body.vertex_count))
 
-    def add(
-        self, found_m: ArrayLike, true_m: ArrayLike, found_betas: ArrayLike, true_betas: ArrayLike
-    ) -> None:
-        """Take in offsets (T, V, 3) of one sequence; betas are (10,), or (T, 10) of each frame."""
+    def add(self, found_m: ArrayLike, true_m: ArrayLike) -> None:
+        """Take in offsets (T, V, 3) of one sequence, metres."""
         true = np.asarray(true_m, dtype=np.float64)
         difference = true - np.asarray(found_m, dtype=np.float64)
-        change = np.subtract(found_betas, true_betas, dtype=np.float64)
-        by_shape = np.tensordot(np.atleast_2d(change), self.body.shapedirs, axes=(-1, -1))
-        by_shape = np.broadcast_to(by_shape, true.shape)
         self.frames += len(true)
-        pairs = (true, true), (difference, difference), (difference, true), (by_shape, true)
+        pairs = (true, true), (difference, difference), (difference, true)
         self.sums += [np.einsum("tvx,tvx->v", *pair) for pair in pairs]
-
-    def rms_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Root mean square over frames of each vertex's true offset and of its error, (V,) m."""
-        true, error = np.sqrt(self.sums[:2] / max(self.frames, 1))
-        return true, error
 
     def of(self, vertices: NDArray[np.bool_] | slice = slice(None)) -> dict[str, float | None]:
         """Figures of some vertices (V,) bool, or of all.
 
         `share` of the body's true energy; `true_mm`, `error_mm` and `invented_mm`, root mean
-        squares; `r2`; `absorbed`, and of that `absorbed_by_pose`. What would be a ratio to nothing
-        is None.
+        squares; `r2`; `absorbed`. What would be a ratio to nothing is None.
         """
-        true, error, taken, by_shape = (float(sums[vertices].sum()) for sums in self.sums)
+        true, error, taken = (float(sums[vertices].sum()) for sums in self.sums)
         count = max(self.frames * len(self.sums[0, vertices]), 1)
         share = true / max(float(self.sums[0].sum()), np.finfo(float).tiny)
         tells = share >= _LEAST_SHARE
@@ -85,7 +73,6 @@ class Absorption(Sums):
             "invented_mm": 1e3 * float(np.sqrt(max(invented, 0.0) / count)),
             "r2": 1.0 - error / true if tells else None,
             "absorbed": taken / true if tells else None,
-            "absorbed_by_pose": (taken - by_shape) / true if tells else None,
         }
 
     def summary(self) -> dict[str, Any]:
@@ -99,16 +86,9 @@ class Absorption(Sums):
         return {"whole": self.of(), "parts": parts}
 
 
-@dataclass(frozen=True)
-class Alignment:
-    """Shape, poses and offsets of one sequence, found or true."""
-
-    betas: NDArray[np.floating]
-    """(10,), or (T, 10) when each frame has its own."""
-    theta: NDArray[np.floating]
-    """(T, 69)."""
-    offsets_m: NDArray[np.floating]
-    """(T, V, 3) all that the mesh has over SMPL, in the rest pose; may be memory-mapped."""
+Aligned = tuple[NDArray[np.floating], NDArray[np.floating]]
+"""Theta (T, 69) of one sequence, and offsets (T, V, 3): all that the mesh has over SMPL, in the
+rest pose, metres; may be memory-mapped."""
 
 
 @dataclass
@@ -120,18 +100,14 @@ class AlignmentErrors(Sums):
     angles_deg: list[NDArray[np.float64]] = field(default_factory=list)
     shifts_mm: list[NDArray[np.float64]] = field(default_factory=list)
 
-    @classmethod
-    def of(cls, body: BodyModelData) -> AlignmentErrors:
-        return cls(Absorption(body))
-
-    def add(self, found: Alignment, true: Alignment) -> None:
-        for block in frame_blocks(slice(0, len(found.theta))):
-            pair = found.offsets_m[block], true.offsets_m[block]
+    def add(self, found: Aligned, true: Aligned) -> None:
+        (theta, offsets_m), (true_theta, true_offsets_m) = found, true
+        for block in frame_blocks(slice(0, len(theta))):
+            pair = offsets_m[block], true_offsets_m[block]
             self.offsets.add(*pair)
-            betas = found.betas if found.betas.ndim == 1 else found.betas[block]
-            self.absorption.add(*pair, betas, true.betas)
-        pose, trans = unpack_theta(found.theta)
-        true_pose, true_trans = unpack_theta(true.theta)
+            self.absorption.add(*pair)
+        pose, trans = unpack_theta(theta)
+        true_pose, true_trans = unpack_theta(true_theta)
         self.angles_deg.append(rotation_error_deg(pose, true_pose))
         self.shifts_mm.append(1e3 * np.linalg.norm(trans - true_trans, axis=-1))
 
@@ -159,19 +135,16 @@ def alignment_errors(
 
     def errors_of(body: BodyModelData, name: str) -> AlignmentErrors:
         # Alignment cannot tell a misfit that stays from flesh that moves, and is not asked to.
+        every = slice(None)
         found, true = (
-            Alignment(
-                arrays.betas(name),
-                arrays.frames("theta", name, slice(None)),
-                arrays.offsets_m(name, slice(None)),
-            )
+            (arrays.frames("theta", name, every), arrays.offsets_m(name, every))
             for arrays in (align, truth)
         )
-        own = AlignmentErrors.of(body)
+        own = AlignmentErrors(Absorption(body))
         own.add(found, true)
         return own
 
-    errors = AlignmentErrors.of(body)
+    errors = AlignmentErrors(Absorption(body))
     with worker_pool("threads", body) as pool:
         for own in pool.map(errors_of, shared):
             errors += own

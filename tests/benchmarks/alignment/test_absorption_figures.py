@@ -37,8 +37,8 @@ def test_bars_show_the_parts_that_move(tmp_path, drawn):
     belly = np.isin(body.weights.argmax(axis=1), [0, 3])  # pelvis and spine1
     true[:, belly] = 0.01
     half, none = Absorption(body), Absorption(body)
-    half.add(0.5 * true, true, np.zeros(10), np.zeros(10))
-    none.add(true, true, np.zeros(10), np.zeros(10))
+    half.add(0.5 * true, true)
+    none.add(true, true)
     summaries = {ONE: half.summary(), OTHER: none.summary()}
     draw_absorption(tmp_path / "bars.png", summaries, title="any", origin="synthetic")
     absorbed = drawn[0].get_axes()[0]
