@@ -12,8 +12,9 @@ from torch import Tensor
 
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
-from bridge.measure.metrics import ErrorSums, rotation_error_deg
+from bridge.measure.metrics import ErrorSums
 from bridge.motion import sequences_of, subject_rows, unpack_theta
+from bridge.motion.cuts import turns_rad
 from bridge.runs import Run
 from bridge.runs.run import corpus_body_path
 from torch_align_ae.body import SMPL, rest_pose_offsets
@@ -54,7 +55,7 @@ class KnownClips:
             distances.append(apart.mean(1))
         return {
             "r2": together.r2,
-            "pose_deg": float(rotation_error_deg(pose, self.pose).mean()),
+            "pose_deg": float(np.degrees(turns_rad(pose.numpy(), self.pose)).mean()),
             "mesh_mm": 1e3 * float(torch.cat(distances).mean()),
             "r2_of_clip": r2_of_clip,
         }

@@ -22,9 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.measure.metrics import ErrorSums, Sums, frame_blocks, rotation_error_deg
+from bridge.measure.metrics import ErrorSums, Sums, frame_blocks
 from bridge.measure.pipelines import MotionArrays
 from bridge.motion import unpack_theta
+from bridge.motion.cuts import turns_rad
 from bridge.runs.workers import worker_pool
 
 # Of a part that holds less of the body's energy, no share can be told: it hardly moves.
@@ -108,7 +109,7 @@ class AlignmentErrors(Sums):
             self.absorption.add(*pair)
         pose, trans = unpack_theta(theta)
         true_pose, true_trans = unpack_theta(true_theta)
-        self.angles_deg.append(rotation_error_deg(pose, true_pose))
+        self.angles_deg.append(np.degrees(turns_rad(pose, true_pose)))
         self.shifts_mm.append(1e3 * np.linalg.norm(trans - true_trans, axis=-1))
 
     def summary(self) -> dict[str, Any]:

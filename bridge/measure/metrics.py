@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dct
-from scipy.spatial.transform import Rotation
 
 _BIN_M = 1e-5
 _BINS = 50_000
@@ -278,20 +277,3 @@ def frame_blocks(frames: slice, size: int = FRAMES_AT_ONCE) -> Iterator[slice]:
     """Cut a range of frames or vertices into pieces that fit in memory."""
     for start in range(frames.start, frames.stop, size):
         yield slice(start, min(start + size, frames.stop))
-
-
-def mean_offset_m(offsets_m: NDArray, frames: slice) -> NDArray[np.float64]:
-    """Mean (V, 3) over a range of frames of (F, V, 3)."""
-    total = np.zeros(offsets_m.shape[1:])
-    for block in frame_blocks(frames):
-        total += offsets_m[block].sum(axis=0, dtype=np.float64)
-    return total / (frames.stop - frames.start)
-
-
-def rotation_error_deg(pose: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
-    """Angle (...,) between rotations given as axis-angle vectors (..., 3), degrees."""
-    pose, reference = np.asarray(pose, np.float64), np.asarray(reference, np.float64)
-    difference = Rotation.from_rotvec(pose.reshape(-1, 3)).inv() * Rotation.from_rotvec(
-        reference.reshape(-1, 3)
-    )
-    return np.degrees(difference.magnitude()).reshape(pose.shape[:-1])

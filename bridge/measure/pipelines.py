@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.measure.metrics import mean_offset_m
+from bridge.measure.metrics import frame_blocks
 from bridge.motion import MotionSequence, sequences_of, subject_rows
 from bridge.runs import Artifact, Run
 from bridge.runs.run import INFER, INFER_PLUS
@@ -202,9 +202,9 @@ def mean_offsets_m(align: MotionArrays) -> dict[str, NDArray[np.float64]]:
     frames = Counter[str]()
     for sequence in align.places.values():
         if sequence.split == "train":
-            own_m = sequence.length * mean_offset_m(offsets_m, sequence.frames)
-            before_m = sums_m.get(sequence.subject)
-            sums_m[sequence.subject] = own_m if before_m is None else before_m + own_m
+            for block in frame_blocks(sequence.frames):
+                own_m = offsets_m[block].sum(axis=0, dtype=np.float64)
+                sums_m[sequence.subject] = sums_m.get(sequence.subject, 0.0) + own_m
             frames[sequence.subject] += sequence.length
     means = {subject: sum_m / frames[subject] for subject, sum_m in sums_m.items()}
     nobody = [np.zeros(offsets_m.shape[1:])]

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from bridge.measure.metrics import (
     BANDS_HZ,
@@ -18,8 +17,6 @@ from bridge.measure.metrics import (
     VelocitySums,
     frame_blocks,
     frequency_steps,
-    mean_offset_m,
-    rotation_error_deg,
 )
 
 FPS, FRAMES = 60.0, 240
@@ -77,22 +74,6 @@ def test_blocks_cover_the_range_once():
     assert [frame for block in blocks for frame in range(block.start, block.stop)] == [
         *range(5, 17)
     ]
-
-
-def test_mean_offset_is_the_ranges_own():
-    offsets = np.random.default_rng(0).normal(size=(90, 4, 3)).astype(np.float32)
-    expected = offsets[3:80].astype(np.float64).mean(axis=0)
-    np.testing.assert_allclose(mean_offset_m(offsets, slice(3, 80)), expected, atol=1e-12)
-
-
-@given(seed=st.integers(0, 10**6), angle_deg=st.floats(0, 180))
-def test_rotation_error_is_the_angle_between(seed, angle_deg):
-    rng = np.random.default_rng(seed)
-    reference = Rotation.random(2, rng)
-    axis = rng.normal(size=3)
-    turn = Rotation.from_rotvec(np.radians(angle_deg) * axis / np.linalg.norm(axis))
-    found = rotation_error_deg((reference * turn).as_rotvec(), reference.as_rotvec())
-    np.testing.assert_allclose(found, angle_deg, atol=1e-5)
 
 
 def velocities(predicted_m, true_m, cut=None):

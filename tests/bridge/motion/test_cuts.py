@@ -6,6 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES, SMPL_PARENTS
@@ -16,6 +19,7 @@ from bridge.motion.cuts import (
     is_cut,
     pieces_between_cuts,
     predict_between_cuts,
+    turns_rad,
 )
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import read_motion_file
@@ -33,6 +37,16 @@ def still(frames: int = 40) -> tuple[np.ndarray, np.ndarray]:
 def find_cuts(pose: np.ndarray, trans_m: np.ndarray) -> list[int]:
     """The first frame of each piece but the first."""
     return [piece.start for piece in pieces_between_cuts(pack_theta(pose, trans_m))[1:]]
+
+
+@given(seed=st.integers(0, 10**6), angle_deg=st.floats(0, 180))
+def test_a_turn_is_the_angle_between(seed, angle_deg):
+    rng = np.random.default_rng(seed)
+    reference = Rotation.random(2, rng)
+    axis = rng.normal(size=3)
+    turn = Rotation.from_rotvec(np.radians(angle_deg) * axis / np.linalg.norm(axis))
+    pair = ((reference * turn).as_rotvec()[None], reference.as_rotvec()[None])
+    np.testing.assert_allclose(np.degrees(turns_rad(*pair)), angle_deg, atol=1e-5)
 
 
 def test_a_root_that_is_elsewhere_is_a_cut():
