@@ -47,6 +47,8 @@ def logit_slope(preload: float) -> float:
 class Region:
     """One part of a model's body: how much of a change each node takes, and what it is now."""
 
+    there: NDArray[np.float64]
+    """(K,) how far each node belongs to the part."""
     shares: NDArray[np.float64]
     """(K,) 1 in soft flesh of the part, 0 elsewhere and where skin lies on bone."""
     typical: NDArray[np.float64]
@@ -66,7 +68,7 @@ class Region:
         typical /= typical.sum()
         bone, soft = np.log(2 * np.pi * _BONE_HZ), typical @ np.log(omega)
         softness = np.clip((bone - np.log(omega)) / max(bone - soft, 0.1), 0, 1)
-        return cls(there * softness, typical)
+        return cls(there, there * softness, typical)
 
 
 def constants_of(
@@ -83,23 +85,10 @@ def constants_of(
     }
 
 
-@dataclass(frozen=True, eq=False)
-class Constants:
-    """What is fitted: of K nodes, in M sets, (K, M) each."""
-
-    omega: NDArray[np.float64]
-    """W, 1/s."""
-    damping_ratio: NDArray[np.float64]
-    stiffening: NDArray[np.float64]
-    """a, 1/m^2."""
-    sag: NDArray[np.float64]
-    """Metres."""
-
-
 def changed(
     base: Mapping[str, NDArray], shares: NDArray, normals: NDArray, sets: NDArray
-) -> Constants:
-    """The constants (K, M) of nodes that take their shares of M changes (M, 3).
+) -> dict[str, NDArray[np.float64]]:
+    """The node fields (K, M) that are fitted, of nodes that take their shares of M changes (M, 3).
 
     Parameters
     ----------
@@ -113,12 +102,12 @@ def changed(
     taut = 1 + (wide["normal_ratio"] - 1) * normals[:, 1, None] ** 2
     sag_m = preload * -GRAVITY_M_S2[1] / omega**2
     stiffening = (preload - 1) / (3 - preload) / (sag_m**2 * taut)
-    return Constants(
-        omega,
-        wide["damping_ratio"] * np.exp(part * sets[:, 1]),
-        (wide["stiffening"] * factor**4) ** (1 - part) * stiffening**part,
-        (wide["sag"] / factor**2) ** (1 - part) * sag_m**part,
-    )
+    return {
+        "omega": omega,
+        "damping_ratio": wide["damping_ratio"] * np.exp(part * sets[:, 1]),
+        "stiffening": (wide["stiffening"] * factor**4) ** (1 - part) * stiffening**part,
+        "sag": (wide["sag"] / factor**2) ** (1 - part) * sag_m**part,
+    }
 
 
 def with_changes(
@@ -133,7 +122,7 @@ def with_changes(
     for part, change in changes.items():
         base = {name: np.exp(log[:, 0].astype(np.float64)) for name, log in logs.items()}
         now = changed(base, regions[part].shares, normals, np.asarray(change)[None])
-        logs |= {name: np.log(values).astype(np.float32) for name, values in vars(now).items()}
+        logs |= {name: np.log(values).astype(np.float32) for name, values in now.items()}
     # The preload of flesh, a s^2, is then everybody's, whatever W each has: s falls with W^2.
     power = np.array([-2 * SAG_POWER], np.float32) if changes else model.weights.stiffening_power
     return replace(model, weights=replace(model.weights, base=logs, stiffening_power=power))
@@ -148,24 +137,30 @@ class Patch:
 
     Parameters
     ----------
+    constants : (K, M) of each node field that is fitted, as `changed` gives them.
     coupled : (K, K) dt^2 C / 4.
     normals, normal_ratio : (K, 3) and (K,).
     """
 
     def __init__(
-        self, constants: Constants, coupled: NDArray, normals: NDArray, normal_ratio: NDArray
+        self,
+        constants: Mapping[str, NDArray],
+        coupled: NDArray,
+        normals: NDArray,
+        normal_ratio: NDArray,
     ) -> None:
         def wide(values: NDArray) -> NDArray[np.float64]:
             return values[:, None, :, None]
 
-        hanging = constants.sag**2 * (1 + (normal_ratio[:, None] - 1) * normals[:, 1, None] ** 2)
-        taut = constants.stiffening * hanging  # a |s|_P^2
-        spring = _STEP_S**2 / 4 * constants.omega**2 / (1 + 3 * taut)
+        omega, sag_m = constants["omega"], constants["sag"]
+        hanging = sag_m**2 * (1 + (normal_ratio[:, None] - 1) * normals[:, 1, None] ** 2)
+        taut = constants["stiffening"] * hanging  # a |s|_P^2
+        spring = _STEP_S**2 / 4 * omega**2 / (1 + 3 * taut)
         self._spring, self._standing = wide(spring), wide(2 * spring * taut)
-        self._stiffer = wide(2 * spring * constants.stiffening)
-        self._hung = wide(2 * constants.sag) * np.array([0.0, -1.0, 0.0])[:, None, None]
-        self._drag = _STEP_S * wide(constants.damping_ratio * constants.omega)
-        self._heavy = _STEP_S * wide(constants.omega)
+        self._stiffer = wide(2 * spring * constants["stiffening"])
+        self._hung = wide(2 * sag_m) * np.array([0.0, -1.0, 0.0])[:, None, None]
+        self._drag = _STEP_S * wide(constants["damping_ratio"] * omega)
+        self._heavy = _STEP_S * wide(omega)
         self._normals = normals[:, :, None, None]
         self._beyond = normal_ratio[:, None, None, None] - 1
         bound = np.abs(coupled).sum(axis=1)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from bridge.body import BodyModelData
-from bridge.body.parts import PARTS, part_weights
 from bridge.fitting.constants import (
     Patch,
     Region,
@@ -115,7 +114,7 @@ class _Fit:
         part: str,
         region: Region,
     ) -> None:
-        there = part_weights(body)[model.nodes.vertices, PARTS.index(part)] > _LEAST_SHARE
+        there = region.there > _LEAST_SHARE
         laplacian = model.nodes.laplacian.toarray().astype(np.float64)
         # What they pull at moves too; what lies beyond stands still.
         nodes = np.flatnonzero(np.abs(laplacian) @ there > 0)

@@ -41,8 +41,6 @@ class Fitted:
     damping_ratio: list[float]
     preload: list[float]
     sag_mm: list[float]
-    people_differ: list[float]
-    """Standard deviations over people, of the logarithms and of the preload's logit."""
     told: bool
     """Whether markers say it, and not what was assumed before."""
     doubt: str
@@ -89,7 +87,6 @@ def share(part: str, estimates: Sequence[Estimate]) -> Fitted:
         _rounded(damping),
         _rounded(preload_of(ends[:, 2])),
         _rounded(1e3 * sag_m * np.exp(np.array([0, -1, 1]) * _NINETY * sag_sd)),
-        _rounded(spread),
         bool(deviation[0] < _TOLD * before[0]),
         next((one.doubt for one in estimates if one.doubt), ""),
         mean.tolist(),

@@ -14,7 +14,6 @@ from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_ta
 from bridge import DsnetError
 from bridge.body import BodyModelData
 from bridge.fitting.constants import (
-    Constants,
     Patch,
     Region,
     changed,
@@ -69,10 +68,8 @@ def test_what_a_fit_rolls_is_what_the_product_steps(
     normals = shaped_normals(body, BETAS)[nodes.vertices].astype(np.float64)
     coupled = coupling(columns, nodes.laplacian)
     load = driving_load(model, body, replace(jumping, theta=np.asarray(jumping.theta, np.float64)))
-    names = ("omega", "damping_ratio", "stiffening", "sag")
-    constants = Constants(*(her[name][:, None] for name in names))
     soft = Region.of(body, model, "chest").typical.argsort()[-10:]
-    flesh = Patch(constants, coupled, normals, her["normal_ratio"])
+    flesh = Patch(columns, coupled, normals, her["normal_ratio"])
     (rolled,) = flesh.roll([load], [np.eye(len(nodes))[soft]])
     stepped = codes.transpose(0, 2, 1)[:, soft]
     assert np.ptp(stepped[..., 1]) > 0.05
@@ -102,9 +99,9 @@ def test_preload_is_that_of_the_law(body: BodyModelData, base: TrainedPlus) -> N
     normals = np.array([[1.0, 0.0, 0.0]]).repeat(len(her["omega"]), 0)
     sets = np.array([[0.1, 0.0, float(logit(p))] for p in (1.3, 2.0, 2.6)])
     found = changed(her, np.ones(len(normals)), normals, sets)
-    strain = found.stiffening * found.sag**2
+    strain, omega = found["stiffening"] * found["sag"] ** 2, found["omega"]
     np.testing.assert_allclose(
-        found.omega**2 / (1 + 3 * strain) * (1 + strain) * found.sag, 9.81, rtol=1e-6
+        omega**2 / (1 + 3 * strain) * (1 + strain) * found["sag"], 9.81, rtol=1e-6
     )
     np.testing.assert_allclose(preload_of(logit(np.array([1.3, 2.0, 2.6]))), [1.3, 2.0, 2.6])
 
