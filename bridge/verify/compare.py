@@ -29,29 +29,8 @@ from bridge.verify.engine import (
     write_requests,
 )
 
-
-class Tolerance(NamedTuple):
-    """How far two engines may differ, relative to the tensor's scale, and why so far."""
-
-    limit: float
-    reason: str
-
-
-TOLERANCES = {
-    "FLOAT64": Tolerance(
-        1e-10,
-        "2^-53 is 1.1e-16; sums of 6890 terms, 1000 steps of a recurrence or ten of Adam leave "
-        "five digits to spare, and the smallest classical mistake (Adam's epsilon) is above it",
-    ),
-    "FLOAT32_FORWARD": Tolerance(
-        1e-5, "2^-24 is 6e-8, times the square root of the longest sum (6890 terms: 83) is 5e-6"
-    ),
-    "FLOAT32_GRADIENT": Tolerance(
-        1e-4,
-        "a gradient sums over frames and vertices what a forward pass has already rounded, and "
-        "its terms cancel: one digit more than forwards",
-    ),
-}
+TOLERANCES = {"FLOAT64": 1e-10, "FLOAT32_FORWARD": 1e-5, "FLOAT32_GRADIENT": 1e-4}
+"""How far two engines may differ, relative to the tensor's scale; docs/verification.md says why."""
 CAUSES = {
     "layers": "layer {layer}",
     "loss": "the loss",
@@ -138,7 +117,7 @@ def compare(
         if name not in check.leave_out:
             parts.setdefault(part_of(name), []).append(name)
     for part, names in parts.items():
-        limit = tolerance_of(part, dtype).limit
+        limit = tolerance_of(part, dtype)
         differences = {n: _difference(expected[n], found.get(n), dtype) for n in names}
         worst = max(differences, key=lambda name: differences[name].max_rel)
         max_abs = max(difference.max_abs for difference in differences.values())
@@ -183,7 +162,7 @@ def part_of(tensor: str) -> str:
     return {"layer": "layers", "grad": "gradients"}.get(kind, kind)
 
 
-def tolerance_of(part: str, dtype: DTypeName) -> Tolerance:
+def tolerance_of(part: str, dtype: DTypeName) -> float:
     if dtype == "float64":
         return TOLERANCES["FLOAT64"]
     forward = part in ("layers", "loss", "losses")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -93,7 +92,6 @@ class Answer:
 
     folder: Path
     versions: Mapping[str, str]
-    seconds: Mapping[str, float]
     errors: Mapping[str, str]
     """By case: why there is no file."""
     failure: str = ""
@@ -119,7 +117,7 @@ def ask(engine: str, request: Path, out: Path) -> Answer:
     status, said = outcome_of_module(ENGINES[engine], engine, str(request), str(out))
     if status:
         last = (said.strip().splitlines() or ["and said nothing"])[-1]
-        return Answer(out, {}, {}, {}, f"the process ended with {status}: {last}")
+        return Answer(out, {}, {}, f"the process ended with {status}: {last}")
     return Answer(out, **json.loads((out / "answer.json").read_text(encoding="utf-8")))
 
 
@@ -138,10 +136,9 @@ def answer(
     packages: Iterable[str],
 ) -> None:
     """Compute an engine's cases of a request, and say how it went."""
-    seconds: dict[str, float] = {}
     errors: dict[str, str] = {}
     for case in json.loads((request / f"{engine}.json").read_text(encoding="utf-8")):
-        name, started = case["case"], time.perf_counter()
+        name = case["case"]
         weights, inputs = (
             _in_precision(load_tensors(request / case[kind]), case["dtype"]) if case[kind] else {}
             for kind in ("weights", "inputs")
@@ -154,9 +151,8 @@ def answer(
             errors[name] = " ".join(f"{type(error).__name__}: {error}".split())
             continue
         save_tensors(out / f"{name}.safetensors", tensors)
-        seconds[name] = round(time.perf_counter() - started, 3)
     versions = {package: version_of(package) for package in ("numpy", *packages)}
-    said = json.dumps({"versions": versions, "seconds": seconds, "errors": errors}, indent=1)
+    said = json.dumps({"versions": versions, "errors": errors}, indent=1)
     (out / "answer.json").write_text(said, encoding="utf-8")
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -26,7 +25,6 @@ from bridge.verify.engine import Answer
 
 STAGE = "verify"
 EMBEDDED_BODY = "embedded:female"
-_NUMBERS = ("max abs", "max rel", "tolerance")
 
 
 @dataclass(frozen=True)
@@ -82,12 +80,7 @@ def _make(config: VerifyConfig, run: Run) -> list[Row]:
         checks += full_size_checks(config.seed)
     if config.trained:
         checks += trained_checks(run)
-    started = time.perf_counter()
     rows, answers = verify(checks, writer.checkpoints / "work")
-    writer.record_measured(
-        engines_s=round(time.perf_counter() - started, 2),
-        seconds={name: round(sum(a.seconds.values()), 2) for name, a in answers.items()},
-    )
     text = json.dumps(parity(rows, answers), indent=1, allow_nan=False) + "\n"
     writer.file_path("parity.json").write_text(text, encoding="utf-8")
     settings = {key: value for key, value in asdict(config).items() if key != "run"}
@@ -101,7 +94,7 @@ def parity(rows: Sequence[Row], answers: Mapping[str, Answer]) -> dict[str, Any]
     return {
         "passed": all(row.passed for row in rows),
         "diagnosis": diagnose(rows),
-        "tolerances": {name: limit._asdict() for name, limit in TOLERANCES.items()},
+        "tolerances": TOLERANCES,
         "engines": {name: dict(answer.versions) for name, answer in answers.items()},
         "rows": [
             {key: None if value == float("inf") else value for key, value in asdict(row).items()}
@@ -113,11 +106,7 @@ def parity(rows: Sequence[Row], answers: Mapping[str, Answer]) -> dict[str, Any]
 def text_table(rows: Sequence[Row]) -> str:
     lines = [list(_cells(rows[0])), *(list(_cells(row).values()) for row in rows)]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    formats = [
-        f"{{:{'>' if name in _NUMBERS else '<'}{width}}}"
-        for name, width in zip(lines[0], widths, strict=True)
-    ]
-    return "\n".join("  ".join(formats).format(*line).rstrip() for line in lines)
+    return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in lines)
 
 
 def _cells(row: Row) -> dict[str, str]:

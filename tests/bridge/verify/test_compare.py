@@ -101,7 +101,7 @@ def test_zeros_must_be_zeros():
     ],
 )
 def test_tolerances_are_the_stated_ones(part, dtype, limit):
-    assert tolerance_of(part, dtype).limit == limit
+    assert tolerance_of(part, dtype) == limit
 
 
 def test_no_number_on_either_side_agrees_with_nothing():
