@@ -39,7 +39,7 @@ body = load_body_model("embedded:female")
 camera = frame_camera([body.v_template], height_px=700, width_px=500)
 def draw():
     clock, processor = time.perf_counter(), time.process_time()
-    render_bodies([body.v_template], body.faces, camera=camera)
+    render_bodies([body.v_template], body.faces, camera=camera, colours=[None])
     return time.perf_counter() - clock, time.process_time() - processor
 draw()
 taken = [draw() for _ in range(5)]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -48,31 +47,18 @@ _SCATTERED = (np.array([[0, 1, 2, 3, 4, 5, 6, 7], [0, 4, 2, 6, 1, 5, 3, 7]]) + 0
 class Camera:
     """Where the pictures are taken from; one camera for all panels that are to be compared."""
 
-    origin_m: NDArray[np.float64]
-    """(3,)."""
     target_m: NDArray[np.float64]
     """(3,) point at the centre of the picture, about which rays are given."""
-    field_of_view_deg: float
-    """Angle that the picture's width covers."""
+    away_m: NDArray[np.float64]
+    """(3,) from the target to the camera."""
+    axes: NDArray[np.float64]
+    """(3, 3) right, up and back."""
+    pixel: float
+    """Width of a pixel at unit distance."""
     floor_m: float
     """Height of the floor, y up."""
     width_px: int
     height_px: int
-
-    @cached_property
-    def away_m(self) -> NDArray[np.float64]:
-        """(3,) from the target to the camera."""
-        return self.origin_m - self.target_m
-
-    @cached_property
-    def axes(self) -> NDArray[np.float64]:
-        """(3, 3) right, up and back."""
-        return _axes(self.away_m / np.linalg.norm(self.away_m))
-
-    @property
-    def pixel(self) -> float:
-        """Width of a pixel at unit distance."""
-        return 2 * float(np.tan(np.radians(self.field_of_view_deg) / 2)) / self.width_px
 
     def rays(self, x_px: NDArray, y_px: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Where rays (..., 3) through points of the picture begin, and their directions."""
@@ -110,7 +96,9 @@ def frame_camera(
     points = np.concatenate([np.asarray(body, dtype=np.float64) for body in bodies])
     azimuth, elevation = np.radians(azimuth_deg), np.radians(elevation_deg)
     flat = np.cos(elevation)
-    axes = _axes(np.array([np.sin(azimuth) * flat, np.sin(elevation), np.cos(azimuth) * flat]))
+    back = np.array([np.sin(azimuth) * flat, np.sin(elevation), np.cos(azimuth) * flat])
+    right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
+    axes = np.stack([right, np.cross(back, right), back])
     seen = points @ axes.T
     low, high = seen.min(axis=0), seen.max(axis=0)
     centre, half = (low + high) / 2, (high - low) / 2 * (1 + 2 * _MARGIN)
@@ -120,20 +108,14 @@ def frame_camera(
     distance = 9.0 * max(half[1], half[0] * height_px / width_px) + half[2]
     half_width = max(half[0], half[1] * width_px / height_px)
     return Camera(
-        origin_m=centre @ axes + distance * axes[2],
         target_m=centre @ axes,
-        field_of_view_deg=float(np.degrees(2 * np.arctan(half_width / (distance - half[2])))),
+        away_m=distance * back,
+        axes=axes,
+        pixel=float(2 * half_width / (distance - half[2]) / width_px),
         floor_m=float(points[:, 1].min()),
         width_px=width_px,
         height_px=height_px,
     )
-
-
-def _axes(back: NDArray) -> NDArray[np.float64]:
-    """Right, up and back of a view, (3, 3), by its unit vector back."""
-    right = np.cross([0.0, 1.0, 0.0], back)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(back, right), back])
 
 
 def render_bodies(
@@ -141,7 +123,7 @@ def render_bodies(
     faces: ArrayLike,
     *,
     camera: Camera,
-    colours: Sequence[ArrayLike | None] | None = None,
+    colours: Sequence[ArrayLike | None],
 ) -> NDArray[np.uint8]:
     """Picture (height, width, 3) in sRGB of bodies on a floor in soft light.
 
@@ -150,7 +132,6 @@ def render_bodies(
     """
     # About the target: far from the origin, single precision would be too coarse.
     surface = _Surface([np.asarray(body) - camera.target_m for body in bodies], np.asarray(faces))
-    colours = [None] * len(bodies) if colours is None else colours
     painted = [
         np.broadcast_to(CLAY_SRGB if colour is None else colour, np.shape(body))
         for body, colour in zip(bodies, colours, strict=True)

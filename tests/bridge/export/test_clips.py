@@ -121,11 +121,9 @@ def test_an_encoder_that_fails_says_why(short, tmp_path):
 def test_every_body_of_the_motion_is_in_the_picture(performed):
     stage = ClipStage([performed.moving], step=2, width_px=400)
     camera = stage.camera
-    target, origin = np.array(camera.target_m), np.array(camera.origin_m)
-    half = np.tan(np.radians(camera.field_of_view_deg) / 2)
-    back = origin - target
-    distance = np.linalg.norm(back)
-    back /= distance
+    target, half = camera.target_m, camera.pixel * camera.width_px / 2
+    distance = np.linalg.norm(camera.away_m)
+    back = camera.away_m / distance
     right = np.array([1.0, 0.0, 0.0])
     up = np.cross(back, right)
     for frame in range(0, len(performed.vertices_m), 2):

@@ -115,13 +115,13 @@ def test_camera_sees_every_body(seed, azimuth, elevation):
     rng = np.random.default_rng(seed)
     bodies = [rng.normal(size=(20, 3)) + rng.normal(scale=3, size=3) for _ in range(3)]
     camera = frame_camera(bodies, height_px=100, azimuth_deg=azimuth, elevation_deg=elevation)
-    origin, target = np.array(camera.origin_m), np.array(camera.target_m)
+    origin, target = camera.target_m + camera.away_m, camera.target_m
     forward = (target - origin) / np.linalg.norm(target - origin)
     right = np.cross(forward, [0, 1, 0])
     right /= np.linalg.norm(right)
     relative = np.concatenate(bodies) - origin
     depth = relative @ forward
-    half_width = np.tan(np.radians(camera.field_of_view_deg) / 2)
+    half_width = camera.pixel * camera.width_px / 2
     assert (np.abs(relative @ right) / depth <= half_width * 1.001).all()
     half_height = half_width * camera.height_px / camera.width_px
     up = np.cross(right, forward)
