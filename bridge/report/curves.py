@@ -183,35 +183,19 @@ def draw_autoencoder_loss(path: Path, train_ae: Artifact) -> None:
     _draw_losses(path, title, train_ae.origin, {"": curves}, "step", y)
 
 
-def draw_dsnet_loss(path: Path, train: Artifact) -> None:
-    """Losses of each predictor; their units differ, so each has axes of its own."""
-    validated = np.asarray(train.array("validation_epochs"))
-    panels = {}
-    for name, one in train.manifest["predictors"].items():
-        loss = np.asarray(train.array(f"loss_{name}"))
-        validation = np.asarray(train.array(f"validation_loss_{name}"))
-        panels[f"{one['label']}, Adam {one['lr']:g}"] = {
-            "training": (1 + np.arange(len(loss)), loss),
-            "validation": (validated, validation),
-        }
-    title = "Loss of DSNet (Section 4.3)"
-    _draw_losses(path, title, train.origin, panels, "epoch", "loss of a sequence")
-
-
-def draw_plus_loss(path: Path, train_plus: Artifact) -> None:
-    losses = plus_losses(train_plus)
-    curves = {label: (1 + np.arange(len(loss)), loss) for label, loss in losses.items()}
-    title = "Loss of this repository's predictors"
-    _draw_losses(path, title, train_plus.origin, {"": curves}, "step", "loss")
-
-
-def plus_losses(train_plus: Artifact) -> dict[str, np.ndarray]:
-    """The recorded losses by label; a predictor that is solved for in one go has none."""
-    return {
-        one["label"]: np.asarray(train_plus.array(f"loss_{name}"))
-        for name, one in train_plus.manifest["predictors"].items()
-        if f"loss_{name}" in train_plus.manifest["arrays"]
-    }
+def draw_predictor_losses(path: Path, title: str, x: str, y: str, trained: Artifact) -> None:
+    """Losses of each predictor that has some; their units differ, so each has axes of its own."""
+    arrays = trained.manifest["arrays"]
+    panels: dict[str, dict[str, tuple[NDArray, NDArray]]] = {}
+    for name, one in trained.manifest["predictors"].items():
+        if f"loss_{name}" in arrays:
+            loss = trained.array(f"loss_{name}")
+            panel = one["label"] + (f", Adam {one['lr']:g}" if "lr" in one else "")
+            panels[panel] = {"training": (1 + np.arange(len(loss)), loss)}
+            if (validated := f"validation_loss_{name}") in arrays:
+                curve = trained.array("validation_epochs"), trained.array(validated)
+                panels[panel]["validation"] = curve
+    _draw_losses(path, title, trained.origin, panels, x, y)
 
 
 def _draw_losses(
@@ -222,9 +206,8 @@ def _draw_losses(
     figure = new_figure(width_in, 3.6, title=title, origin=origin)
     row = figure.subplots(1, len(panels), squeeze=False)[0]
     for axes, (panel, curves) in zip(row, panels.items(), strict=True):
-        others = zip(cycle(_TRAINED), cycle(_LINES), strict=False)
         for label, (steps, values) in curves.items():
-            colour, line = _LOSSES.get(label) or next(others)
+            colour, line = _LOSSES[label]
             marker = "o" if len(steps) < 20 else ""
             axes.plot(steps, values, line, marker=marker, color=colour, label=label, linewidth=1.2)
         values = np.concatenate([values for _, values in curves.values()])

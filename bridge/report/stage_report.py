@@ -29,15 +29,13 @@ from bridge.report.bodies import (
 from bridge.report.curves import (
     TRUE_POSE,
     draw_autoencoder_loss,
-    draw_dsnet_loss,
     draw_figure6,
     draw_figure8,
     draw_figure10,
     draw_offset_size,
-    draw_plus_loss,
+    draw_predictor_losses,
     draw_spectrum,
     liveliest_sequence,
-    plus_losses,
 )
 from bridge.report.diagrams import draw_figure3, draw_figure5
 from bridge.report.pages import render_html, render_markdown
@@ -151,8 +149,12 @@ def plan_figures(scene: Scene) -> list[Figure]:
     clip = scene.predicted()[held_out["name"]] if held_out else None
     train_ae, train = (stages[name] if papers else None for name in ("train-ae", "train"))
     plus = stages.get(TRAIN_PLUS)
+    # What is solved for in one go has no losses.
+    has_losses = plus and any(name.startswith("loss_") for name in plus.manifest["arrays"])
     # Nothing moves without test sequences whose true offsets are known.
     lively = liveliest_sequence(evaluate)
+    of_dsnet = "Loss of DSNet (Section 4.3)", "epoch", "loss of a sequence"
+    of_plus = "Loss of this repository's predictors", "step", "loss"
     planned: list[tuple[Any, ...]] = [  # name, what draws it, of what
         ("figure1_strip", draw_figure1, scene, _unseen(scene)),
         ("figure2_alignment", draw_figure2, scene, clip),
@@ -167,8 +169,8 @@ def plan_figures(scene: Scene) -> list[Figure]:
         ("over_time", draw_offset_size, evaluate, lively),
         ("spectrum", draw_spectrum, lively and evaluate),
         ("loss_autoencoder", draw_autoencoder_loss, train_ae),
-        ("loss_dsnet", draw_dsnet_loss, train),
-        ("loss_plus", draw_plus_loss, plus and plus_losses(plus) and plus),
+        ("loss_dsnet", draw_predictor_losses, *of_dsnet, train),
+        ("loss_plus", draw_predictor_losses, *of_plus, has_losses and plus),
     ]
     return [Figure(name, draw, given) for name, draw, *given in planned if given[-1]]
 
