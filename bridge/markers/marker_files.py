@@ -50,6 +50,7 @@ _SAME_PLACE = {
     },
 }  # fmt: skip
 """Other names of the same places, in the marker sets of AMASS's sources, Plug-in Gait and ISB's."""
+_PADDED_FRAMES = 15
 _ON_HEADS = SEGMENTS["head"].labels
 _ON_FEET = ("LANK", "RANK", "LHEE", "RHEE", "LTOE", "RTOE")
 
@@ -200,9 +201,12 @@ def _in_metres(path: Path, data: NDArray, per_m: float | None) -> tuple[NDArray[
 def _resampled(points: NDArray, fps: float, to_fps: float, count: int) -> NDArray[np.float64]:
     if len(points) == count and abs(fps - to_fps) < 0.01:
         return points
+    if len(points) == 1:
+        return points.repeat(count, axis=0)
     if fps > 1.5 * to_fps:  # what is faster than the new rate can hold would fold back
         low = butter(4, 0.45 * to_fps, fs=fps, output="sos")
-        points = np.asarray(sosfiltfilt(low, points, axis=0), np.float64)
+        padded = min(_PADDED_FRAMES, len(points) - 1)
+        points = np.asarray(sosfiltfilt(low, points, axis=0, padlen=padded), np.float64)
     at_s = np.minimum(np.arange(count) / to_fps, (len(points) - 1) / fps)
     return np.asarray(CubicSpline(np.arange(len(points)) / fps, points)(at_s), np.float64)
 

@@ -160,7 +160,7 @@ def segment_frames(
 def bridged(points: NDArray, seen: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(T, 3) points, with smooth bridges over the frames in which they were not seen."""
     out = np.array(points, np.float64)
-    if seen.all() or seen.sum() < 4:
+    if seen.all() or seen.sum() < 2:
         return out
     frames = np.arange(len(out))
     curve = PchipInterpolator(frames[seen], out[seen])

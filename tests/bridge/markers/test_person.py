@@ -44,6 +44,23 @@ def test_markers_tell_a_known_person() -> None:
     assert abs(fitted["weight"] - real["weight"]) < 3
 
 
+@pytest.mark.parametrize("frames", [1, 2, 3, 4, 15, 16])
+@pytest.mark.parametrize("times_the_rate", [1, 2])
+def test_a_take_shorter_than_its_filter_tells_a_shape_too(frames: int, times_the_rate: int) -> None:
+    """With gaps from three frames on; at twice the motion's rate markers are low-passed."""
+    motion = load_amass_motion("sample:dancing")
+    motion = replace(motion, theta=motion.theta[: -(-frames // times_the_rate)])
+    rows = np.random.default_rng(0).choice(BODY.vertex_count, 60, replace=False)
+    person = Smpl(BODY, rows, np.float64).person(np.zeros(10))
+    pelvis_m = shaped_joints(BODY, np.zeros((1, 10)))[0, 0]
+    posed = person.pose(*unpack_theta(motion.about_root_joint(pelvis_m).theta))
+    skin = np.asarray(posed, np.float64)
+    points_m = skin.repeat(times_the_rate, axis=0)[:frames]
+    points_m[1:2, : 10 if frames > 2 else 0] = np.nan
+    markers = Markers(points_m, tuple(f"M{row}" for row in rows), times_the_rate * motion.fps)
+    assert fit_person(BODY, motion, markers).fitted_mm < 10
+
+
 def off_mm(motion: Motion, markers: Markers, betas: np.ndarray) -> float:
     own = replace(motion, betas=betas).about_root_joint(shaped_joints(BODY, betas[None])[0, 0])
     return float(np.median([*register(BODY, own, markers).distance_mm.values()]))
