@@ -17,15 +17,15 @@ from bridge.body import BodyModelData, load_paper_body
 from bridge.errors import notify
 from bridge.measure.alignment import alignment_errors
 from bridge.measure.comparison import Evaluation, SequenceErrors
-from bridge.measure.metrics import STEP_HZ, GroupErrors, SpectrumSums
+from bridge.measure.metrics import GroupErrors, SpectrumSums
 from bridge.measure.pipelines import MotionArrays, Pipeline, pipelines_of, stages_of_pipelines
 from bridge.motion import MotionSequence, to_manifest
+from bridge.motion.sequences import end_to_end
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import INFER_PLUS, body_model_path
 from bridge.runs.workers import progress, worker_pool
 
 MESH_ERROR, OFFSET_SIZE = "mesh_error", "offset_size"
-_EVERYTHING = "everything"
 _TEST_BED = {"tissue": "own", "form": "clean", "gravity": True, "gender": None}
 
 
@@ -74,19 +74,16 @@ def evaluate_pipelines(
         rows = pool.map(Evaluation.compare, sequences)
         for row in progress(rows, what="evaluate", unit="sequence", total=len(sequences)):
             described.append(_described(row, evaluation))
-            for group in (_EVERYTHING, *evaluation.groups(row.sequence)):
+            for group in evaluation.groups(row.sequence):
                 for name, errors in row.errors.items():
                     groups.setdefault(group, {}).setdefault(name, GroupErrors()).add(errors)
             # Its sums are in the groups', and take a megabyte or more.
             table.append(replace(row, errors={}))
     _put_frames(writer, MESH_ERROR, [(row.sequence, row.mesh_error_m) for row in table])
     _put_frames(writer, OFFSET_SIZE, [(row.sequence, row.offset_size_m) for row in table])
-    everything = groups.pop(_EVERYTHING, {})
-    tested = any(sequence.split == "test" for sequence in sequences)
-    for name, found in (groups.get("test", {}) if tested else everything).items():
+    for name, found in groups.get("test", {}).items():
         if isinstance(spectrum := found.sums.get("spectrum"), SpectrumSums):
             writer.put(f"spectrum_{name}", spectrum.rms_mm(), "mm; true, predicted, error")
-    alignments = {one.alignment: alignment_errors(one.align, known, body) for one in pipelines}
     writer.record(
         sequences=to_manifest(sequences),
         predictors={name: one.label for name, one in evaluation.candidates.items()},
@@ -98,15 +95,12 @@ def evaluate_pipelines(
             group: {name: errors.summary() for name, errors in by_name.items()}
             for group, by_name in groups.items()
         },
-        spectrum_step_hz=STEP_HZ,
-        alignment=alignments[pipelines[0].alignment],
-        alignments=alignments,
+        alignments={one.alignment: alignment_errors(one.align, known, body) for one in pipelines},
     )
 
 
 def _described(row: SequenceErrors, evaluation: Evaluation) -> dict[str, Any]:
     sequence = row.sequence
-    frames_mm = {name: 1e3 * m.astype(np.float64) for name, m in row.mesh_error_m.items()}
     return {
         "name": sequence.name,
         "subject": sequence.subject,
@@ -115,10 +109,9 @@ def _described(row: SequenceErrors, evaluation: Evaluation) -> dict[str, Any]:
         "cell": evaluation.groups(sequence)[-1],
         "person": "known" if evaluation.knows(sequence) else "new",
         "frames": sequence.length,
-        "errors": {name: GroupErrors([errors]).summary() for name, errors in row.errors.items()},
-        "mesh_frame_error_mm": {
-            name: {"mean": float(mm.mean()), "min": float(mm.min()), "max": float(mm.max())}
-            for name, mm in frames_mm.items()
+        "errors": {
+            name: {measure: sums.summary() for measure, sums in errors.items()}
+            for name, errors in row.errors.items()
         },
     }
 
@@ -148,13 +141,11 @@ def _put_frames(
     values: dict[str, list[NDArray[np.float32]]] = {}
     for sequence, by_name in rows:
         for name, frames in by_name.items():
-            own = places.setdefault(name, [])
-            start = own[-1].frames.stop if own else 0
-            own.append(replace(sequence, start=start, length=len(frames)))
+            places.setdefault(name, []).append(replace(sequence, length=len(frames)))
             values.setdefault(name, []).append(frames)
     for name, parts in values.items():
         writer.put(f"{kind}_{name}", np.concatenate(parts), "m, mean over vertices")
-    index = {name: to_manifest(own) for name, own in places.items()}
+    index = {name: to_manifest(end_to_end(own)) for name, own in places.items()}
     writer.record(**{f"{kind}_sequences": index})
 
 

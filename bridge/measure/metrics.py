@@ -7,7 +7,7 @@ thousands of sequences only the sums are kept.
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, TypeVar
@@ -240,11 +240,9 @@ def add_errors(total: Errors, part: Errors) -> None:
 class GroupErrors:
     """One predictor's errors over the sequences of a group."""
 
-    def __init__(self, sequences: Iterable[Errors] = ()) -> None:
+    def __init__(self) -> None:
         self.sums: Errors = {}
         self._squares: dict[str, list[tuple[float, float]]] = {}
-        for errors in sequences:
-            self.add(errors)
 
     def add(self, errors: Errors) -> None:
         add_errors(self.sums, errors)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bridge.exchange import load_weights
+from bridge.measure.evaluation import MESH_ERROR, frames_m
 from bridge.motion import sequences_of
 from bridge.motion.sequences import is_real_motion
 from bridge.paper import (
@@ -163,7 +164,7 @@ def _sizes(stages: Stages) -> dict[str, Measured]:
 
 def _alignment(stages: Stages) -> dict[str, Measured]:
     config = stages["align"].manifest["config"]
-    error = stages["evaluate"].manifest["alignment"]["frame_error_mm"]["mean"]
+    error = stages["evaluate"].manifest["alignments"]["align"]["frame_error_mm"]["mean"]
     found = {"align_error_mm": Measured(round(error, 3))}
     for key in ("lr", "momentum", "steps"):
         found[f"align_{key}"] = (
@@ -239,15 +240,15 @@ def _dsnet(stages: Stages) -> dict[str, Measured]:
 
 
 def _results(stages: Stages) -> dict[str, Measured]:
-    evaluated = validation_result(stages["evaluate"])
-    if evaluated is None:
+    evaluate, name = stages["evaluate"], stages["decode"].manifest["default"]
+    evaluated = validation_result(evaluate)
+    error_m = frames_m(evaluate, MESH_ERROR, name, evaluated["name"]) if evaluated else None
+    if evaluated is None or error_m is None:
         nothing = Measured(None, "no validation sequence in this run")
         return {"figure8_error": nothing, "dsnet_r2": nothing}
-    name = stages["decode"].manifest["default"]
-    error_mm = evaluated["mesh_frame_error_mm"][name]
+    ends_m = float(error_m.min()), float(error_m.max())
     metres, centimetres = (
-        " to ".join(f"{error_mm[key] / millimetres:.2g}" for key in ("min", "max"))
-        for millimetres in (1e3, 10)
+        " to ".join(f"{scale * end_m:.2g}" for end_m in ends_m) for scale in (1, 100)
     )
     return {
         "figure8_error": Measured(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Iterable, Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from bridge.runs import Artifact, Run
 from bridge.runs.artifact import read_artifact
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, TRAIN_PLUS
 
-_MEASURED = ("predictors", "default", "pipelines", "test_bed", "cells", "alignment", "alignments")
+_MEASURED = ("predictors", "default", "pipelines", "test_bed", "cells", "alignments")
 _FORWARD = ("layers", "loss", "losses")
 _PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream": "numpy"}
 _OF_EVERY_STAGE = ("command", "finished_utc", "sha256", "stamps", "input_stamps")
@@ -51,7 +51,6 @@ def summarise(
     summary = {
         "run": run_name,
         "data": stages["evaluate"].origin,
-        "validation": validation,
         **{key: evaluate[key] for key in _MEASURED},
         "seeds": _of_seeds(stages, others) if others else None,
         "table_1": _table_1(stages),
@@ -61,14 +60,15 @@ def summarise(
         "verification": verification(stages),
         "stages": {name: _stage(artifact.manifest) for name, artifact in stages.items()},
     }
-    return _without_nan(summary)
+    # JSON has no NaN: a number that is not one becomes null.
+    return json.loads(json.dumps(summary), parse_constant=lambda _: None)
 
 
 def _papers_pipeline(stages: Stages, gender: str) -> dict[str, Any]:
     """Networks of the paper's pipeline and its numbers beside ours."""
     if "decode" not in stages:
-        return dict.fromkeys(("parameters", "autoencoder", "dsnet", "paper"))
-    train_ae, train = stages["train-ae"].manifest, stages["train"].manifest
+        return dict.fromkeys(("parameters", "autoencoder", "paper"))
+    train_ae = stages["train-ae"].manifest
     trained = train_ae["autoencoder"]
     # Share of the initial squared error on validation frames that training took away.
     fall = 1.0 - (1.0 - trained["r2_validation"]) / (1.0 - trained["r2_initial"])
@@ -78,12 +78,6 @@ def _papers_pipeline(stages: Stages, gender: str) -> dict[str, Any]:
             "training": trained | {"error_fall": fall},
             "pca": train_ae["pca"],
             "comparisons": train_ae.get("comparisons", []),
-        },
-        "dsnet": {
-            "default": stages["decode"].manifest["default"],
-            "predictors": train["predictors"],
-            "epochs": train["config"]["epochs"],
-            "parameters_trainable": train["parameters"].get("dsnet_trainable"),
         },
         "paper": compare(measure(stages, gender)),
     }
@@ -172,15 +166,6 @@ def _stage(manifest: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _without_nan(value: Any) -> Any:
-    """JSON has no NaN: a number that is not one becomes null."""
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def of_other_seeds(run: Run, evaluate: Artifact) -> dict[int, Artifact]:
     """`evaluate` of the runs `<run>-seed<N>` beside a run, by seed; who left the run's alignment is
     left out."""
@@ -215,19 +200,11 @@ def spread_over(
 ) -> dict[str, dict[str, dict[str, dict[str, dict[str, float]]]]]:
     """Mean and standard deviation (of a sample) over seeds of what each of these `cells`, by seed,
     measured: by test group, predictor, reference and number, as in each of them."""
-    first, *others = cells
+    every = list(cells)
     spread: dict[str, Any] = {}
-    for cell, of_predictors in first.items():
-        for name in predictors:
-            for reference, number in _SPREAD:
-                every = [
-                    one.get(cell, {}).get(name, {}).get(reference, {}).get(number)
-                    for one in ({cell: of_predictors}, *others)
-                ]
-                if None not in every:
-                    own = spread.setdefault(cell, {}).setdefault(name, {})
-                    own.setdefault(reference, {})[number] = {
-                        "mean": float(np.mean(every)),
-                        "sd": float(np.std(every, ddof=1)),
-                    }
+    for cell, name, (reference, number) in product(every[0], predictors, _SPREAD):
+        found = [one.get(cell, {}).get(name, {}).get(reference, {}).get(number) for one in every]
+        if None not in found:
+            own = spread.setdefault(cell, {}).setdefault(name, {}).setdefault(reference, {})
+            own[number] = {"mean": float(np.mean(found)), "sd": float(np.std(found, ddof=1))}
     return spread

@@ -92,9 +92,10 @@ def test_results_hold_the_numbers(folder):
         "dsnet": 65_140,
         "casas_otaduy": 284_678_770,
     }
-    assert results["validation"]["name"] == "50004_one_leg_jump"
-    assert 0.5 < results["validation"]["errors"]["dsnet_small"]["mesh"]["r2"] < 1.0
-    assert results["dsnet"]["default"] == "dsnet_small"
+    (held_out,) = (one for one in results["sequences"] if one["split"] == "validation")
+    assert held_out["name"] == "50004_one_leg_jump"
+    assert 0.5 < held_out["errors"]["dsnet_small"]["mesh"]["r2"] < 1.0
+    assert results["pipelines"]["paper"]["default"] == "dsnet_small"
     assert results["stages"]["train"]["seed"] == 0
     assert "numpy" in results["stages"]["train"]["versions"]
     verdicts = {row["quantity"]: row["verdict"] for row in results["paper"]}
@@ -220,7 +221,7 @@ def test_a_run_without_sgd_has_none_of_its_settings(folder):
 
 
 def test_absorbed_and_invented_add_up_to_what_is_missing(folder):
-    alignment = json.loads((folder / "results.json").read_text())["alignment"]
+    alignment = json.loads((folder / "results.json").read_text())["alignments"]["align"]
     markdown = (folder / "report.md").read_text()
     said = re.search(r"([\d.]+) absorbed and ([\d.]+) invented\.", markdown)
     assert said is not None
@@ -252,7 +253,8 @@ def test_engines_without_gradients_are_named(folder):
 
 
 def test_the_worst_body_parts_are_listed_first(folder):
-    parts = json.loads((folder / "results.json").read_text())["alignment"]["absorption"]["parts"]
+    alignments = json.loads((folder / "results.json").read_text())["alignments"]
+    parts = alignments["align"]["absorption"]["parts"]
     worst = sorted(parts, key=lambda name: -parts[name]["error_mm"])[:6]
     table = (folder / "report.md").read_text().partition("| body part |")[2].partition("\n\n")[0]
     assert [row.split(" | ")[0].strip("| ") for row in table.splitlines()[2:]] == worst
