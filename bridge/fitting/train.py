@@ -39,14 +39,6 @@ _REMEDY = "Leave the motion out that is wild."
 
 
 @dataclass(frozen=True)
-class MarkersRecord:
-    """What decides whether the artifact is current."""
-
-    people: tuple[tuple[str, ...], ...]
-    """Digests of each person's files."""
-
-
-@dataclass(frozen=True)
 class _Person:
     betas: tuple[float, ...]
     files: tuple[Path, ...]
@@ -74,7 +66,7 @@ def train_on_markers(run: Run, folder: Path) -> None:
     )
     run.build(
         TRAIN_MARKERS,
-        MarkersRecord(tuple(person.digests for person in people)),
+        {"people": [person.digests for person in people]},
         lambda writer: _make(writer, base, gender, people, refused),
         data="licensed",
         upstream=base.artifacts if own else {"packaged": base.artifacts[TRAIN_PLUS]},

@@ -7,7 +7,7 @@ rows give the figures.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,13 +29,6 @@ MESH_ERROR, OFFSET_SIZE = "mesh_error", "offset_size"
 _TEST_BED = {"tissue": "own", "form": "clean", "gravity": True, "gender": None}
 
 
-@dataclass(frozen=True)
-class Evaluated:
-    """What decides whether an evaluation is current."""
-
-    run: str
-
-
 def evaluate_run(run: Run) -> None:
     """Measure every prediction of a run, saying what it lacks; a current result is kept."""
     upstream = run.artifacts(*stages_of_pipelines(run))
@@ -50,7 +43,7 @@ def evaluate_run(run: Run) -> None:
     body = load_paper_body(str(body_model_path(run)))
     run.build(
         "evaluate",
-        Evaluated(run.name),
+        {},
         lambda writer: evaluate_pipelines(writer, pipelines, upstream.get("truth"), body),
         data=origin,
         upstream=upstream,

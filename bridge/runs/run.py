@@ -162,12 +162,13 @@ class Run:
         """Make the artifact of `stage` unless one of the same inputs and configuration exists.
 
         `make` fills the writer; when it is interrupted, its work stays, and the next call with the
-        same inputs finds its checkpoints there. `config`, a dataclass, is saved without `run`, so a
-        renamed run stays current. `upstream` are artifacts and paths of input files: their digests
-        decide whether the stage is current.
+        same inputs finds its checkpoints there. `config`, a dataclass or a mapping, is saved
+        without `run`, so a renamed run stays current. `upstream` are artifacts and paths of input
+        files: their digests decide whether the stage is current.
         """
         # As it will be read back, to compare equal.
-        settings = json.loads(json.dumps(asdict(config), default=str))
+        given = config if isinstance(config, Mapping) else asdict(config)
+        settings = json.loads(json.dumps(given, default=str))
         settings.pop("run", None)
         files = {name: source for name, source in upstream.items() if isinstance(source, Path)}
         places = {name: self._place(path) for name, path in files.items()}
