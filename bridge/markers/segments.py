@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body.model_data import SMPL_JOINT_NAMES, BodyModelData
 from bridge.body.posing import posed_joints
 from bridge.motion import Motion, unpack_theta
+from bridge.motion.directions import shortest_turn, unit
 
 CUT_HZ = 1.2
 """Slower motion is the pose's and the frame's drift, not flesh."""
@@ -115,8 +116,6 @@ class Frame:
     """(T,) whether enough markers were seen."""
     weights: NDArray[np.float64] | None = None
     """(N,) of a rigid segment's markers: still ones weigh more."""
-    residual_mm: float | None = None
-    """Largest rms of a rigid segment's markers about their mean shape."""
 
     def local_mm(self, points_m: NDArray) -> NDArray[np.float64]:
         """(T, 3) points in this frame, millimetres."""
@@ -182,30 +181,22 @@ def _carried(pelvis: Frame, hip_m: NDArray) -> NDArray[np.float64]:
 
 def _limb_frame(start_m: NDArray, end_m: NDArray, bone: NDArray, good: NDArray) -> Frame:
     """The bone's frame (T, 3, 3), turned the short way so that its long axis is the markers'."""
-    axis = end_m - start_m
-    axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    axis = unit(end_m - start_m)
     mean = np.einsum("tyx,ty->tx", bone, axis)[good].mean(axis=0)
-    now = bone @ (mean / np.linalg.norm(mean))
-    turn = np.cross(now, axis)
-    sine = np.linalg.norm(turn, axis=1, keepdims=True)
-    cosine = (now * axis).sum(axis=1, keepdims=True)
-    turn *= np.arctan2(sine, cosine) / np.maximum(sine, 1e-12)
-    return Frame(Rotation.from_rotvec(turn).as_matrix() @ bone, end_m, good)
+    return Frame(shortest_turn(bone @ mean, axis) @ bone, end_m, good)
 
 
 def _rigid_frame(cloud: Cloud, labels: list[str], bone: NDArray, weights: NDArray | None) -> Frame:
     points = np.stack([cloud.points_m[label] for label in labels], axis=1)
     seen = np.stack([cloud.seen[label] for label in labels], axis=1)
-    turns, places, residual_m, weights = rigid_motion(points, seen, weights)
+    turns, places, weights = rigid_motion(points, seen, weights)
     mean = Rotation.from_matrix(np.einsum("tyx,tyz->txz", bone, turns)).mean().as_matrix()
-    return Frame(
-        turns @ mean.T, places, seen.sum(axis=1) > 2, weights, 1e3 * float(residual_m.max())
-    )
+    return Frame(turns @ mean.T, places, seen.sum(axis=1) > 2, weights)
 
 
 def rigid_motion(
     points_m: NDArray, seen: NDArray[np.bool_], weights: NDArray | None = None
-) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+) -> tuple[NDArray, NDArray, NDArray]:
     """The motion of N points that keep their mean shape as well as they can (Kabsch).
 
     Points are weighted by how still they are against the others, unless `weights` (N,) are given.
@@ -218,22 +209,23 @@ def rigid_motion(
 
     Returns
     -------
-    Turns (T, 3, 3), places (T, 3), rms of each point about the shape (N,), weights (N,).
+    Turns (T, 3, 3), places (T, 3), weights (N,).
     """
     # Where fewer than three are seen their bridges stand in; such frames are not scored.
     seen = seen | (seen.sum(axis=1, keepdims=True) < 3)
     first = int(np.argmax(seen.all(axis=1)))
     shape = points_m[first] - points_m[first].mean(axis=0)
-    fixed, trust = weights is not None, np.ones(len(shape)) if weights is None else weights
+    trust = np.ones(len(shape)) if weights is None else weights
     for _ in range(_ROUNDS):
         turns, places = _kabsch(points_m, shape, seen * trust)
         inside = np.einsum("tyx,tny->tnx", turns, points_m - places[:, None])
         there = seen[..., None]
         shape = (there * inside).sum(axis=0) / there.sum(axis=0)
-        squares = (there * (inside - shape) ** 2).sum(axis=(0, 2)) / seen.sum(axis=0)
-        trust = trust if fixed else 1 / (squares + _STILL_M**2)
+        if weights is None:
+            squares = (there * (inside - shape) ** 2).sum(axis=(0, 2)) / seen.sum(axis=0)
+            trust = 1 / (squares + _STILL_M**2)
     if seen.all():
-        return turns, places, np.sqrt(squares), trust
+        return turns, places, trust
     whole = np.stack([bridged(inside[:, i], seen[:, i]) for i in range(len(shape))], axis=1)
     whole_m = places[:, None] + np.einsum("txy,tny->tnx", turns, whole)
     return rigid_motion(whole_m, np.ones_like(seen), trust)

@@ -93,8 +93,6 @@ class Comparison:
     rows: list[Row]
     floor_mm: dict[str, list[float]]
     """rms in x, y, z of a marker on bone in the frame of the others: what the method cannot see."""
-    residual_mm: dict[str, float]
-    """Of each rigid segment's markers about their shape."""
     curves: dict[str, Curves] = field(default_factory=dict)
 
     def summary(self) -> dict:
@@ -104,7 +102,6 @@ class Comparison:
             "bands_hz": BANDS_HZ,
             "rows": [asdict(row) for row in self.rows],
             "floor_rms_mm": self.floor_mm,
-            "residual_mm": self.residual_mm,
         }
 
 
@@ -169,12 +166,7 @@ def compare_offsets(
             "segment (CLAV, C7, T8, LBAK, RBAK for the chest)",
             "Name them as AMASS does, or pass another file.",
         )
-    return Comparison(
-        rows,
-        _floor_mm(real, pose, real_frames, inner, fps),
-        {name: round(f.residual_mm, 2) for name, f in real_frames.items() if f.residual_mm},
-        curves,
-    )
+    return Comparison(rows, _floor_mm(real, pose, real_frames, inner, fps), curves)
 
 
 def at_spots(
@@ -201,7 +193,7 @@ def _floor_mm(
         labels = [label for label in SEGMENTS[name].labels if label in real.points_m]
         for label in labels if len(labels) > 3 else ():
             others = [other for other in labels if other != label]
-            turns, places, *_ = rigid_motion(
+            turns, places, _ = rigid_motion(
                 np.stack([real.points_m[other] for other in others], axis=1),
                 np.stack([real.seen[other] for other in others], axis=1),
             )
