@@ -133,7 +133,7 @@ def _left(results: dict[str, Any], cell: str, pipeline: str = "paper") -> str:
     """What the best of a pipeline's predictors leaves of its SMPL's error."""
     own, errors = results["pipelines"][pipeline], results["cells"][cell]
     least = min((errors[name]["mesh"] for name in own["predictors"]), key=itemgetter("mean_mm"))
-    smpl = errors[smpl_of(results, own)]["mesh"]["mean_mm"]
+    smpl = errors[smpl_of(results, pipeline)]["mesh"]["mean_mm"]
     return f"{least['mean_mm']:.2f} of {smpl:.2f} mm (R² {least['r2'] + 0.0:.2f})"
 
 

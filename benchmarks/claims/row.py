@@ -62,7 +62,7 @@ def default_of(run: dict[str, Any]) -> str:
 
 
 def smpl_mm(run: dict[str, Any], cell: str) -> float:
-    return run["cells"][cell][smpl_of(run, run["pipelines"]["paper"])]["mesh"]["mean_mm"]
+    return run["cells"][cell][smpl_of(run, "paper")]["mesh"]["mean_mm"]
 
 
 def best_r2(run: dict[str, Any], cell: str) -> float:

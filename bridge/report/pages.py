@@ -29,9 +29,9 @@ def main_table(results: Mapping[str, Any]) -> str:
     against = dict.fromkeys(CELLS, "true mesh") | {"validation": "registered mesh"}
     heads = [f"{title}, against the {against[cell]}" for cell, title in cells.items()]
     rows = ["| mean error, R² | " + " | ".join(heads) + " |", "|---" + "|---:" * len(cells) + "|"]
-    for pipeline in results["pipelines"].values():
+    for key, pipeline in results["pipelines"].items():
         own = {name: results["predictors"][name] for name in pipeline["predictors"]}
-        own[smpl_of(results, pipeline)] = f"*SMPL alone, as `{pipeline['aligner']}` fitted it*"
+        own[smpl_of(results, key)] = f"*SMPL alone, as `{pipeline['aligner']}` fitted it*"
         for name, label in own.items():
             found = [_mm_and_r2(results["cells"][cell].get(name, {})) for cell in cells]
             rows.append(f"| {label} | " + " | ".join(found) + " |")
@@ -41,8 +41,8 @@ def main_table(results: Mapping[str, Any]) -> str:
 def verdict_lines(results: Mapping[str, Any]) -> list[str]:
     """For each pipeline a sentence: in which test groups it does better than its SMPL alone."""
     lines = []
-    for pipeline in results["pipelines"].values():
-        name, smpl = pipeline["default"], smpl_of(results, pipeline)
+    for key, pipeline in results["pipelines"].items():
+        name, smpl = pipeline["default"], smpl_of(results, key)
         better, worse = [], []
         for cell, title in results["cell_titles"].items():
             errors = results["cells"][cell]
@@ -55,10 +55,9 @@ def verdict_lines(results: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def smpl_of(results: Mapping[str, Any], pipeline: Mapping[str, Any]) -> str:
-    """What SMPL alone is called in a pipeline's own motions."""
-    key = next(key for key, one in results["pipelines"].items() if one == pipeline)
-    return f"{SMPL}_{key}" if f"{SMPL}_{key}" in results["predictors"] else SMPL
+def smpl_of(results: Mapping[str, Any], pipeline: str) -> str:
+    """What SMPL alone is called in the motions of the pipeline of that name."""
+    return own if (own := f"{SMPL}_{pipeline}") in results["predictors"] else SMPL
 
 
 def _mm_and_r2(errors: Mapping[str, Any]) -> str:

@@ -177,13 +177,14 @@ def plan_figures(scene: Scene) -> list[Figure]:
 
 def _unseen(scene: Scene) -> MotionSequence | None:
     """The first test sequence of the hardest group that the run has."""
-    predicted, hardest_first = scene.predicted(), list(reversed(CELLS))
+    predicted, easiest_first = scene.predicted(), list(CELLS)
     tested = [
-        (hardest_first.index(one["cell"]), place, one["name"])
-        for place, one in enumerate(scene.stages["evaluate"].manifest["per_sequence"])
+        one
+        for one in scene.stages["evaluate"].manifest["per_sequence"]
         if one["split"] == "test" and one["name"] in predicted
     ]
-    return predicted[min(tested)[-1]] if tested else None
+    hardest = max(tested, key=lambda one: easiest_first.index(one["cell"]), default=None)
+    return hardest and predicted[hardest["name"]]
 
 
 def _people_of_figure9(scene: Scene) -> dict[str, tuple[MotionSequence | None, ...]]:
