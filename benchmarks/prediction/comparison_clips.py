@@ -13,7 +13,7 @@ from bridge.measure.pipelines import stages_of_pipelines
 from bridge.motion import sequences_of
 from bridge.report.bodies import Scene
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
-from bridge.report.render import frame_camera
+from bridge.report.render import frame_camera, render_bodies
 from bridge.runs import Run
 from bridge.runs.run import body_model_path
 
@@ -47,7 +47,10 @@ def draw_clips(path: Path, run: Run, name: str) -> None:
     sizes_m = {label: np.linalg.norm(rows_m, axis=-1) for label, rows_m in rows.items()}
     colours = {label: magnitude_colours(one, top_m) for label, one in sizes_m.items()}
     pictures = [
-        [scene.picture(camera, *one) for one in zip(posed[n], colours[n], strict=True)]
+        [
+            render_bodies([body], scene.body.faces, camera=camera, colours=[paint])
+            for body, paint in zip(posed[n], colours[n], strict=True)
+        ]
         for n in rows
     ]
     fps = next(s.fps for s in sequences_of(stages["truth"]) if s.name == name)

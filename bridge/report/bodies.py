@@ -16,7 +16,7 @@ from bridge.body.posing import rest_vertices, shaped_vertices
 from bridge.measure.pipelines import AUTOENCODER, MotionArrays, Pipeline, pipelines_of
 from bridge.motion import MotionSequence, unpack_theta
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
-from bridge.report.render import Camera, frame_camera, render_bodies
+from bridge.report.render import frame_camera, render_bodies
 from bridge.runs import Artifact
 from bridge.runs.artifact import DataOrigin
 
@@ -69,12 +69,6 @@ class Scene:
         offsets_m = pipeline.predicted_m(pipeline.default, name, frames)
         moved = self.pose(pipeline.motions, name, frames, offsets_m)
         return pipeline.predictors[pipeline.default], moved, np.linalg.norm(offsets_m, axis=-1)
-
-    def picture(
-        self, camera: Camera, body: NDArray, colours: NDArray | None = None
-    ) -> NDArray[np.uint8]:
-        """One body (V, 3), perhaps in colours (V, 3)."""
-        return render_bodies([body], self.body.faces, camera=camera, colours=[colours])
 
 
 def draw_figure1(path: Path, scene: Scene, sequence: MotionSequence) -> None:
@@ -214,7 +208,7 @@ def _draw(path: Path, scene: Scene, cells: Sequence[Sequence[Cell | None]], **lo
             return np.full((camera.height_px, camera.width_px, 3), 255, np.uint8)
         body, size_m = cell
         colours = None if size_m is None else magnitude_colours(size_m, top_m)
-        return scene.picture(camera, body, colours)
+        return render_bodies([body], scene.body.faces, camera=camera, colours=[colours])
 
     pictures = [[picture(cell) for cell in row] for row in cells]
     draw_panels(path, pictures, origin=scene.origin, colour_top_m=top_m, **look)

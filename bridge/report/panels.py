@@ -67,13 +67,13 @@ def draw_panels(
     title: str,
     origin: DataOrigin,
     column_titles: Sequence[str],
-    row_titles: Sequence[str] | None = None,
-    colour_top_m: float | None = None,
-    colour_label: str = "",
+    row_titles: Sequence[str],
+    colour_top_m: float,
+    colour_label: str,
     width_in: float = 9.0,
     framed: Collection[tuple[int, int]] = (),
 ) -> None:
-    """Write a grid of pictures, with a colour bar in centimetres when `colour_top_m` is given.
+    """Write a grid of pictures, with a colour bar from 0 to `colour_top_m` in centimetres.
 
     Those in the rows and columns that are `framed` stand in boxes.
     """
@@ -88,10 +88,8 @@ def draw_panels(
             _show(axes[row, column], picture, framed=(row, column) in framed)
             if row == 0:
                 axes[row, column].set_title(fill(column_titles[column], 18), fontsize=9)
-        if row_titles:
-            axes[row, 0].set_ylabel(fill(row_titles[row], 18), fontsize=9)
-    if colour_top_m is not None:
-        _add_colour_bar(figure, list(axes.flat), colour_top_m, colour_label)
+        axes[row, 0].set_ylabel(fill(row_titles[row], 18), fontsize=9)
+    _add_colour_bar(figure, list(axes.flat), colour_top_m, colour_label)
     save_figure(figure, path)
 
 

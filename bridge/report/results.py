@@ -36,7 +36,7 @@ _SHOWN_OF_STAGES = ("wall_time_s", "peak_memory_mb", "machine", "versions")
 
 
 def summarise(
-    stages: Stages, run_name: str, gender: str, others: Mapping[int, Artifact] | None = None
+    stages: Stages, run_name: str, gender: str, others: Mapping[int, Artifact]
 ) -> dict[str, Any]:
     """The contents of `results.json`; lengths in millimetres where the key says so.
 
