@@ -126,7 +126,7 @@ def _settings(config: SubspacesConfig, align: Artifact) -> dict[str, Any]:
         "run": config.run,
         "data": align.origin,
         "alignment": align.manifest["kind"],
-        "aligner": align.manifest.get("aligner"),
+        "aligner": align.manifest["config"].get("aligner"),
         "offsets": align.content_sha256,
         "split": config.split,
         "seed": config.seed,

@@ -236,7 +236,7 @@ def best_alignment_of(run: Run) -> str | None:
     if run.finished(ROBUST_ALIGNMENT):
         return ROBUST_ALIGNMENT
     if run.finished(ALIGNMENT):
-        aligner = read_artifact(run.path / ALIGNMENT).manifest.get("aligner")
+        aligner = read_artifact(run.path / ALIGNMENT).manifest["config"].get("aligner")
         return ALIGNMENT if aligner == "robust" else None
     return None
 

@@ -46,7 +46,7 @@ def leave_run(held_out: str = HELD_OUT, name: str = "align_robust", seed: int = 
         {"offsets": offsets_m},
         units={"offsets": "m"},
         data="synthetic",
-        aligner="robust" if name == "align_robust" else "sgd",
+        config={"aligner": "robust" if name == "align_robust" else "sgd"},
         sequences=to_manifest(index),
     )
     return offsets_m

@@ -228,7 +228,7 @@ def test_a_current_result_is_kept(run, monkeypatch):
 
 
 def test_the_papers_alignment_is_refused_in_one_line(runs, monkeypatch):
-    run = forge_run(runs, monkeypatch, kind="align", aligner="sgd")
+    run = forge_run(runs, monkeypatch, kind="align", config={"aligner": "sgd"})
     with pytest.raises(DsnetError, match="without an alignment by the robust aligner") as caught:
         stage_train_plus.main(TINY)
     assert "\n" not in str(caught.value)
@@ -237,7 +237,7 @@ def test_the_papers_alignment_is_refused_in_one_line(runs, monkeypatch):
 
 
 def test_a_robust_alignment_in_the_papers_place_is_as_good(runs, monkeypatch):
-    run = forge_run(runs, monkeypatch, kind="align", aligner="robust")
+    run = forge_run(runs, monkeypatch, kind="align", config={"aligner": "robust"})
     stage_train_plus.main(replace(TINY, rounds=1))
     assert set(read_artifact(run / "train_plus").manifest["upstream"]) == {"align"}
 

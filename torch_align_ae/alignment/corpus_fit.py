@@ -12,7 +12,7 @@ from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -109,10 +109,6 @@ class AlignedFiles:
 class CorpusFit(ABC):
     """A corpus to align by one method; `write` fills the artifact."""
 
-    ALIGNER: ClassVar[str]
-    LEARNED: ClassVar[Mapping[str, str]]
-    """What the artifact holds of what is learned: names and units."""
-
     def __init__(
         self, smpl: SMPL, sequences: Sequence[MotionSequence], meshes: Mapping[str, Meshes]
     ) -> None:
@@ -120,7 +116,7 @@ class CorpusFit(ABC):
 
     @abstractmethod
     def learn(self) -> dict[str, NDArray]:
-        """`LEARNED`, and whatever else fitting begins with."""
+        """`betas` (S, 10), and whatever else fitting begins with."""
 
     @abstractmethod
     def groups(self) -> list[list[Window]]:
@@ -159,6 +155,5 @@ class CorpusFit(ABC):
                     files.theta.write(window.rows.start, theta)
                     bar.update(len(theta))
                 mark_written(mark, files.digest(group))
-        for name, unit in self.LEARNED.items():
-            writer.put(name, learned[name], unit)
-        writer.record(sequences=to_manifest(self.sequences), aligner=self.ALIGNER)
+        writer.put("betas", learned["betas"], "1")
+        writer.record(sequences=to_manifest(self.sequences))

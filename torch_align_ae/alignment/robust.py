@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -57,7 +57,7 @@ _SHAPE_STEPS = 8
 _FIRST_STEPS = 2
 # The shape moves slowly and its equations cost as much as a round.
 _ROUNDS_PER_SHAPE = 2
-_OF_A_SUBJECT = {"betas": "1", "compliance": "s^2", "deviation": "m", "noise": "m"}
+_OF_A_SUBJECT = ("betas", "compliance", "deviation", "noise")
 
 
 @dataclass(frozen=True)
@@ -79,15 +79,7 @@ class RobustSettings:
 
 
 class RobustFit(CorpusFit):
-    """One corpus to align: of each sequence the meshes, less their loads by a law of tissue.
-
-    Besides what every aligner gives, the artifact holds what was learned of each subject's
-    tissue: `compliance` (S, K, N) and `deviation` (S, N) at `sample_vertices` (N,) of the mesh, and
-    the meshes' `noise` (S,).
-    """
-
-    ALIGNER = "robust"
-    LEARNED: ClassVar = {**_OF_A_SUBJECT, "sample_vertices": "index"}
+    """One corpus to align: of each sequence the meshes, less their loads by a law of tissue."""
 
     def __init__(
         self,
@@ -109,8 +101,7 @@ class RobustFit(CorpusFit):
             found = progress(found, what="subjects", unit="subject", total=len(names))
             columns = zip(*((betas, *tissue) for betas, tissue in found), strict=True)
             named = zip(_OF_A_SUBJECT, columns, strict=True)
-            learned = {name: torch.stack(column).numpy() for name, column in named}
-        return {**learned, "sample_vertices": self._sample.vertices.numpy()}
+            return {name: torch.stack(column).numpy() for name, column in named}
 
     def groups(self) -> list[list[Window]]:
         return [windows(sequence, _FRAMES_PER_WINDOW) for sequence in self.sequences]

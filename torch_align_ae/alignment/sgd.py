@@ -17,7 +17,7 @@ import os
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -151,9 +151,6 @@ class SgdFit(CorpusFit):
 
     Shapes come from the first frame of each subject's first sequence and then stay (Section 3.3).
     """
-
-    ALIGNER = "sgd"
-    LEARNED: ClassVar = {"betas": "1"}
 
     def __init__(
         self,

@@ -37,7 +37,7 @@ def test_the_sequence_that_is_given_back_least_is_named(tmp_path, monkeypatch):
     turned_m = np.concatenate([true_m[frames:], true_m[:frames]])
     write(run, "corpus", {}, sequences=forward, config=config)
     write(run, "truth", {"offsets": turned_m}, sequences=backward)
-    write(run, "align", {"offsets": aligned_m}, sequences=forward, aligner="robust")
+    write(run, "align", {"offsets": aligned_m}, sequences=forward, config={"aligner": "robust"})
     out = tmp_path / "laws.json"
     laws.main(laws.LawsConfig(out, ("bed",)))
     found = json.loads(out.read_text())["runs"]["bed"]

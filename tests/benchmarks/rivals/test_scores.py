@@ -65,15 +65,15 @@ def run(tmp_path, monkeypatch):
     put("truth", {"theta": theta, "betas": betas, "offsets": offsets}, SEQUENCES)
     aligned = {"theta": theta[:ALIGNED], "betas": betas[:1], "offsets": offsets[:ALIGNED]}
     aligned["frame_error"] = np.zeros(ALIGNED, np.float32)
-    put("align", aligned, SEQUENCES[:2], aligner="robust")
+    put("align", aligned, SEQUENCES[:2])
     put("infer_plus", {"theta": theta, "betas": betas}, SEQUENCES)
     return tmp_path
 
 
-def put(stage, arrays, sequences, **extra):
+def put(stage, arrays, sequences):
     write_artifact(
-        Run("toy").path / stage, stage, arrays, units=dict.fromkeys(arrays, "1"),
-        data="synthetic", sequences=to_manifest(sequences), config={"smpl": None}, **extra,
+        Run("toy").path / stage, stage, arrays, units=dict.fromkeys(arrays, "1"), data="synthetic",
+        sequences=to_manifest(sequences), config={"smpl": None, "aligner": "robust"},
     )  # fmt: skip
 
 
