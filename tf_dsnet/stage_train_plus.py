@@ -275,7 +275,8 @@ def _make(
     static = NodeStatic.nothing(count, clips[0].features.shape[1], len(nodes))
     checkpoint = writer.checkpoints / f"{NAME}.safetensors"
     if (state := load_checkpoint(checkpoint)) is not None:
-        losses, static = state["history/loss"].tolist(), NodeStatic.from_arrays(state)
+        losses = state["history/loss"].tolist()
+        static = NodeStatic(state["static/constant"], state["static/by_pose"])
         training.restore(state)
     done = len(losses) // config.steps
     bar = tqdm(range(done, config.rounds), desc=NAME, unit="round", disable=None, initial=done,
@@ -287,8 +288,12 @@ def _make(
             raise DsnetError(received, "a number", _REMEDY)
         if number + 1 in training.static_rounds():
             static = fit_static(clips, training.simulate(), count)
-        history = {"history/loss": np.array(losses)}
-        save_checkpoint(checkpoint, {**training.state(), **static.arrays(), **history})
+        so_far = {
+            "history/loss": np.array(losses),
+            "static/constant": static.constant_m,
+            "static/by_pose": static.by_pose_m,
+        }
+        save_checkpoint(checkpoint, {**training.state(), **so_far})
         bar.set_postfix(loss=losses[-1])
     constants_m = training.constants_m(static, align.array("offsets"))
     trained = training.trained(StaticPart(constants_m, static.by_pose_m))
@@ -305,5 +310,5 @@ def _make(
         people=people.names,
         parameters={"learned": int(sum(array.size for array in learned))},
         sequences_trained_on=len(clips),
-        static={"chosen": static.chosen, "left_out_error": static.left_out_error},
+        static=static.kind,
     )

@@ -12,7 +12,7 @@ static part at all is one of the candidates, and the simplest that comes near th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import NamedTuple
@@ -25,15 +25,12 @@ from tf_dsnet.plus_clips import NodeClip
 
 RIDGES = (None, np.inf, 1e-1, 1e-2, 1e-3, 1e-4)
 """Candidates: no static part, a constant alone, and pose features with weaker and weaker ridge."""
-_NAMES = ("none", "constant", *(f"pose, ridge {ridge:g}" for ridge in RIDGES[2:]))
 _WORTH = 0.02
 """Share of the error that a less simple candidate must take away to be chosen."""
 _CONSTANT_RIDGE = 1e-4
 _MOST_FOLDS = 32
 """Of more kinds of motion several are left out together: the equations of each fold take
 megabytes."""
-_ARRAYS = ("constant", "by_pose", "left_out_error", "chosen")
-"""What a checkpoint calls the fields of `NodeStatic`."""
 
 
 class _Sums(NamedTuple):
@@ -56,42 +53,25 @@ class _Sums(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NodeStatic:
-    """A static part at the nodes, and how its candidates fared on motions left out."""
+    """A static part at the nodes: of each person, and by the pose."""
 
     constant_m: NDArray[np.float32]  # (P, K, 3)
     by_pose_m: NDArray[np.float32]  # (207, K, 3)
-    left_out: NDArray[np.float64]
-    """Share of the residual's energy that each candidate that was tried leaves on motions left
-    out."""
-    best: NDArray[np.integer]
-    """(1,) which candidate was chosen."""
 
     @property
-    def chosen(self) -> str:
-        return _NAMES[int(self.best[0])]
-
-    @property
-    def left_out_error(self) -> dict[str, float]:
-        """The same by name of the candidate."""
-        return dict(zip(_NAMES, self.left_out.tolist(), strict=False))
+    def kind(self) -> str:
+        """What was found: `none`, a `constant` of each person, or of the `pose` besides."""
+        if self.by_pose_m.any():
+            return "pose"
+        return "constant" if self.constant_m.any() else "none"
 
     def of(self, clip: NodeClip) -> NDArray[np.float32]:
         """(T, K, 3) for one clip."""
         return self.constant_m[clip.person] + np.tensordot(clip.features, self.by_pose_m, 1)
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> NodeStatic:
-        return cls(*(arrays[f"static/{name}"] for name in _ARRAYS))
-
-    def arrays(self) -> dict[str, NDArray]:
-        """Everything, `static/<name>`, for a checkpoint."""
-        values = vars(self).values()
-        return {f"static/{name}": value for name, value in zip(_ARRAYS, values, strict=True)}
-
-    @classmethod
     def nothing(cls, people: int, features: int, nodes: int) -> NodeStatic:
-        zeros = [np.zeros((count, nodes, 3), np.float32) for count in (people, features)]
-        return cls(*zeros, left_out=np.zeros(0), best=np.zeros(1, np.int64))
+        return cls(*(np.zeros((count, nodes, 3), np.float32) for count in (people, features)))
 
 
 def fit_static(clips: Sequence[NodeClip], moving_m: Sequence[NDArray], people: int) -> NodeStatic:
@@ -106,11 +86,10 @@ def fit_static(clips: Sequence[NodeClip], moving_m: Sequence[NDArray], people: i
     # With one kind of motion nothing says what carries over.
     candidates = RIDGES if len(folds) > 1 else RIDGES[:1]
     errors = np.array([_left_out(folds, total, ridge, people) for ridge in candidates])
-    best = np.flatnonzero(errors <= errors.min() + _WORTH * total.energy)[:1]
-    solution = _solve(total, candidates[best[0]], people)
+    best = np.flatnonzero(errors <= errors.min() + _WORTH * total.energy)[0]
+    solution = _solve(total, candidates[best], people)
     at_nodes = solution.reshape(len(solution), -1, 3).astype(np.float32)
-    constant, by_pose = np.split(at_nodes, [people])
-    return NodeStatic(constant, by_pose, errors / max(total.energy, 1e-30), best)
+    return NodeStatic(*np.split(at_nodes, [people]))
 
 
 def _sums(clip: NodeClip, residual_m: NDArray, people: int) -> _Sums:

@@ -12,6 +12,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import BodyModelData
+from bridge.exchange import load_weights
 from bridge.options import check_options
 from bridge.runs import read_artifact
 from bridge.tissue.nodes import TissueNodes
@@ -187,8 +188,7 @@ def test_a_misfit_of_each_frame_is_found_at_every_vertex(runs, monkeypatch):
     run = forge_run(runs, monkeypatch, misfit_m=0.01)
     stage_train_plus.main(replace(TINY, rounds=6, steps=8, window=24, batch_size=5, lr=0.1))
     artifact = read_artifact(run / "train_plus")
-    assert artifact.manifest["static"]["chosen"] != "none"
-    assert artifact.manifest["static"]["left_out_error"]["constant"] < 0.5
+    assert artifact.manifest["static"] != "none"
     constant = TrainedPlus.load(artifact).static.constant_m
     np.testing.assert_allclose(constant[..., 2].mean(), 0.01, rtol=0.15)
     np.testing.assert_allclose(constant[..., :2].mean((0, 1)), 0.0, atol=0.002)
@@ -200,7 +200,7 @@ def test_killed_stage_resumes_bit_identically(runs, monkeypatch, killed_in):
     run = forge_run(runs, monkeypatch, misfit_m=0.01)
     stage_train_plus.main(TINY)
     whole = read_artifact(run / "train_plus")
-    assert whole.manifest["static"]["chosen"] != "none"
+    assert whole.manifest["static"] != "none"
     (run / "train_plus").rename(run / "uninterrupted")
     numbers: list[int] = []
     one_round = PlusTraining.round
@@ -216,6 +216,9 @@ def test_killed_stage_resumes_bit_identically(runs, monkeypatch, killed_in):
     with pytest.raises(KeyboardInterrupt):
         stage_train_plus.main(TINY)
     assert not (run / "train_plus").exists()
+    (checkpoint,) = run.rglob("checkpoints/dsnet_plus.safetensors")
+    static = {n: a.shape for n, a in load_weights(checkpoint).items() if n.startswith("static/")}
+    assert static == {"static/constant": (PEOPLE, 60, 3), "static/by_pose": (207, 60, 3)}
     stage_train_plus.main(TINY)
     assert numbers == [*range(killed_in + 1), *range(killed_in, 3)]
     assert read_artifact(run / "train_plus").content_sha256 == whole.content_sha256

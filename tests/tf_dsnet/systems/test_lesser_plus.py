@@ -58,5 +58,5 @@ def test_what_is_left_out_does_nothing_and_the_rest_is_learned(train):
 
 def test_without_a_static_part_none_is_learned(train):
     artifact, model = train(static=False)
-    assert artifact.manifest["static"] == {"chosen": "none", "left_out_error": {}}
+    assert artifact.manifest["static"] == "none"
     assert not model.static.constant_m.any()
