@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from tyro.conf import Fixed
@@ -25,8 +25,7 @@ from bridge.motion.readers import (
 from bridge.motion.resampling import load_motion_file, resampled_frames
 from bridge.motion.smoothing import SmoothHz
 from bridge.motion.splits import take_suffix
-from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
-from torch_align_ae.corpus.dyna_files import FPS
+from bridge.options import Bounds, NonNegativeInt, PositiveFloat, Seed
 from torch_align_ae.corpus.motions import DYNA_MOTIONS, HELD_OUT_MOTIONS, WHOLE_S
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
 
@@ -57,15 +56,15 @@ class CorpusConfig:
     """Seed of every subject's style of moving."""
     gender: Gender = "female"
     """Whose bodies."""
-    subjects: PositiveInt = 5
+    subjects: Annotated[int, Bounds(1, 5)] = 5
     """How many of the five subjects."""
     motions: tuple[str, ...] = tuple(DYNA_MOTIONS)
     """Dyna motions. All of them, of all subjects, make the paper's 67 sequences exactly."""
-    mean_frames: PositiveInt = 321
+    mean_frames: Annotated[int, Bounds(60)] = 321
     """Mean length of a sequence at 60 fps; the full corpus has the paper's total instead."""
     mosh_motions: tuple[str, ...] = tuple(HELD_OUT_MOTIONS)
     """Held-out kinds of motion that nobody is trained on."""
-    mosh_seconds: PositiveFloat = 5.0
+    mosh_seconds: Annotated[float, Bounds(1)] = 5.0
     """Length of each held-out motion; lying down and getting up takes its own time if longer."""
     retakes: Fixed[NonNegativeInt] = 3
     """How many of the motions, the last ones, known people do again and new people too."""
@@ -120,12 +119,6 @@ class CorpusPlan(NamedTuple):
 
 def plan_of(config: CorpusConfig) -> CorpusPlan:
     """The recordings that a configuration asks for; nothing is made yet."""
-    if min(config.mean_frames, config.mosh_seconds * FPS) < 60:
-        raise DsnetError(
-            f"mean_frames={config.mean_frames}, mosh_seconds={config.mosh_seconds:g}",
-            "at least 60 frames and 1 second",
-            "Longer sequences, fewer motions or subjects.",
-        )
     # Of bodies of any gender: no body of theirs is used.
     files = find_motion_files(config.amass, "any") if config.amass else []
     dyna, held_out = _dyna(config), [*_held_out(config), *_real(config, files)]
@@ -144,10 +137,8 @@ def _dyna(config: CorpusConfig) -> list[Recording]:
     if not motions:
         raise DsnetError("no motions", f"some of {', '.join(DYNA_MOTIONS)}", "Pass --motions hips.")
     _check_names(motions, DYNA_MOTIONS)
-    people, most = SUBJECTS[gender][: config.subjects], len(SUBJECTS[gender])
-    if not 1 <= config.subjects <= most:
-        raise DsnetError(f"{config.subjects} subjects", f"1 to {most}", "Pass --subjects 5.")
-    if len(people) == most and set(motions) == set(DYNA_MOTIONS):
+    people = SUBJECTS[gender][: config.subjects]
+    if people == SUBJECTS[gender] and set(motions) == set(DYNA_MOTIONS):
         pairs = itertools.product(people, DYNA_MOTIONS)
         pairs = [(who, what) for who, what in pairs if f"{who.name}_{what}" not in _MISSING]
         lengths = _full_lengths(len(pairs), FULL_FRAMES[gender], config.seed)

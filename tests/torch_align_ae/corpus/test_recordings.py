@@ -12,6 +12,7 @@ from bridge.body.posing import shaped_vertices
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
 from bridge.motion.splits import CELLS, cell_of
+from bridge.options import check_options
 from torch_align_ae.corpus.motions import DYNA_MOTIONS
 from torch_align_ae.corpus.recordings import CorpusConfig, plan_of
 from torch_align_ae.corpus.stage_corpus import PROFILES
@@ -128,17 +129,23 @@ def test_subjects_differ_from_lean_to_heavy(gender):
 
 
 @pytest.mark.parametrize(
-    ("subjects", "motions", "complaint"),
+    ("motions", "complaint"),
     [
-        (5, ("waltz",), "motions waltz"),
-        (6, ("hips",), "6 sub"),
-        (5, (), "no motions"),
-        (2, ("hips", "knees", "hips"), "motions hips more than once"),
+        (("waltz",), "motions waltz"),
+        ((), "no motions"),
+        (("hips", "knees", "hips"), "motions hips more than once"),
     ],
 )
-def test_what_there_is_not_is_refused(subjects, motions, complaint):
+def test_what_there_is_not_is_refused(motions, complaint):
     with pytest.raises(DsnetError, match=complaint):
-        plan_of(CorpusConfig(subjects=subjects, motions=motions))
+        plan_of(CorpusConfig(motions=motions))
+
+
+def test_people_there_are_not_are_refused():
+    every = max(map(len, SUBJECTS.values()))
+    check_options(CorpusConfig(subjects=every))
+    with pytest.raises(DsnetError, match=f"--subjects {every + 1}; expected 1 to {every}"):
+        check_options(CorpusConfig(subjects=every + 1))
 
 
 @pytest.mark.parametrize(
