@@ -87,9 +87,9 @@ class _PaperSgd:
         self._smpl, self._descent = SMPL(data), descent
         self._sequences = _index(recordings)
         self._meshes, self._artifact = folder / f"dyna_{data.gender}.h5", folder / data.gender
-        with write_dyna(self._meshes, data.faces) as file:
+        with write_dyna(self._meshes, data.faces) as add:
             for recording in recordings:
-                file.add(recording.name, recording.meshes_m)
+                add(recording.name, recording.meshes_m)
 
     def __call__(self) -> list[Estimate]:
         writer = ArtifactWriter(self._artifact, "align", data="synthetic")

@@ -170,10 +170,10 @@ class SmoothCorpus:
             )
             for body in self._bodies
         }
-        with write_dyna(corpus.file_path(f"dyna_{_GENDER}.h5"), data.faces) as file:
+        with write_dyna(corpus.file_path(f"dyna_{_GENDER}.h5"), data.faces) as add:
             for sequence in self.aligned:
                 body, part = self._part(sequence)
-                file.add(sequence.name, meshes[id(body)][part])
+                add(sequence.name, meshes[id(body)][part])
 
 
 def short_lengths(count: int, least: int, most: int) -> Iterator[int]:

@@ -6,7 +6,7 @@ time, whatever the file's chunks and float type are.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,27 +143,20 @@ def of_one_gender(sequences: Sequence[DynaSequence], gender: str) -> list[DynaSe
     return kept
 
 
-class DynaWriter:
-    """Appends sequences to a file that `write_dyna` opened."""
-
-    def __init__(self, file: h5py.File) -> None:
-        self._file = file
-
-    def add(self, name: str, frames: ArrayLike) -> None:
-        """Store (T, 6890, 3) vertices in metres under `<subject>_<motion>`."""
-        vertices = np.asarray(frames, dtype=np.float32)
-        shape = (N_VERTICES, 3, len(vertices))
-        chunks = (N_VERTICES, 3, min(FRAMES_PER_CHUNK, len(vertices)))
-        dataset = self._file.create_dataset(name, shape, np.float32, chunks=chunks)
-        # Chunk by chunk, so that the transposed copy stays small.
-        for start in range(0, len(vertices), FRAMES_PER_CHUNK):
-            window = slice(start, start + FRAMES_PER_CHUNK)
-            dataset[:, :, window] = np.moveaxis(vertices[window], 0, -1)
-
-
 @contextmanager
-def write_dyna(path: Path, faces: ArrayLike) -> Iterator[DynaWriter]:
-    """Write a Dyna-format file sequence by sequence."""
+def write_dyna(path: Path, faces: ArrayLike) -> Iterator[Callable[[str, NDArray], None]]:
+    """Write a Dyna-format file: what it gives adds (T, 6890, 3) vertices in metres under
+    `<subject>_<motion>`."""
     with h5py.File(path, "w") as file:
         file.create_dataset(FACES_KEY, data=np.asarray(faces, dtype=np.uint32))
-        yield DynaWriter(file)
+
+        def add(name: str, frames: NDArray) -> None:
+            shape = (N_VERTICES, 3, len(frames))
+            chunks = (N_VERTICES, 3, min(FRAMES_PER_CHUNK, len(frames)))
+            dataset = file.create_dataset(name, shape, np.float32, chunks=chunks)
+            # Chunk by chunk, so that the transposed copy stays small.
+            for start in range(0, len(frames), FRAMES_PER_CHUNK):
+                window = slice(start, start + FRAMES_PER_CHUNK)
+                dataset[:, :, window] = np.moveaxis(frames[window], 0, -1)
+
+        yield add

@@ -167,7 +167,7 @@ def _make_corpus(
     sequences = [sequence for sequence in sequences_of(truth) if sequence.split != "test"]
     path, frames = writer.file_path(f"dyna_{config.gender}.h5"), sum(s.length for s in sequences)
     with (
-        write_dyna(path, body.faces) as file,
+        write_dyna(path, body.faces) as add,
         progress(what="meshes", unit="frame", total=frames) as bar,
     ):
         for sequence in sequences:
@@ -179,7 +179,7 @@ def _make_corpus(
             meshes = posed_meshes(body, own_betas, own_theta, own_offsets)
             if form:
                 meshes = form.registered(sequence.name, meshes, FPS)
-            file.add(sequence.name, meshes)
+            add(sequence.name, meshes)
             bar.update(sequence.length)
     with h5py.File(path, "r+") as file:
         file.attrs["source"] = "synthetic"

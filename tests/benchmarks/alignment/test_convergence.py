@@ -64,9 +64,9 @@ def run(tmp_path, monkeypatch, body, smpl, truth):
     found = Run("t")
     writer = ArtifactWriter(found.path / "corpus", "corpus", data="synthetic")
     body.save_smpl_npz(writer.file_path("SMPL_FEMALE.npz"))
-    with write_dyna(writer.file_path("dyna_female.h5"), body.faces) as file:
+    with write_dyna(writer.file_path("dyna_female.h5"), body.faces) as add:
         for sequence in index:
-            file.add(sequence.name, meshes[sequence.frames])
+            add(sequence.name, meshes[sequence.frames])
     writer.finish()
     write_artifact(
         found.path / "truth",

@@ -52,7 +52,7 @@ def corpus(tmp_path_factory, body, smpl, motion):
     folder = tmp_path_factory.mktemp("meshes")
     body.save_smpl_npz(folder / "SMPL_FEMALE.npz")
     truth = {}
-    with write_dyna(folder / "dyna.h5", body.faces) as writer:
+    with write_dyna(folder / "dyna.h5", body.faces) as add:
         for number, (name, length) in enumerate(
             {"50004_hips": 35, "50004_one_leg_jump": 3, "50020_hips": 20}.items()
         ):
@@ -61,7 +61,7 @@ def corpus(tmp_path_factory, body, smpl, motion):
             pose, trans = motion(length, phase=number)
             ripple = 0.002 * torch.sin(torch.arange(length) * 0.5 + number)[:, None, None]
             offsets = ripple.expand(-1, 6890, 3)
-            writer.add(name, smpl(betas, pose, trans, offsets).numpy())
+            add(name, smpl(betas, pose, trans, offsets).numpy())
             truth[name] = betas[0], pose, trans
     return folder, truth
 

@@ -271,9 +271,9 @@ def test_resuming_ends_with_the_same_bytes(config, monkeypatch):
 
 def test_meshes_in_another_order_are_refused(config, body, smpl, tmp_path):
     shuffled = np.random.default_rng(0).permutation(6890)
-    with write_dyna(tmp_path / "odd.h5", body.faces) as writer:
+    with write_dyna(tmp_path / "odd.h5", body.faces) as add:
         mesh = smpl(torch.zeros(1, 10), torch.zeros(1, 22, 3), torch.zeros(1, 3)).numpy()
-        writer.add("50004_hips", np.repeat(mesh[:, shuffled], 4, 0))
+        add("50004_hips", np.repeat(mesh[:, shuffled], 4, 0))
     odd = AlignConfig(**{**vars(config), "dyna": (tmp_path / "odd.h5",)})
     with pytest.raises(DsnetError, match=r"50004_hips.*SMPL's vertex order"):
         main(odd)

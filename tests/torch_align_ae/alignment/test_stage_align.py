@@ -192,8 +192,8 @@ def test_missing_inputs_leave_nothing(runs, config, tmp_path):
 
 def test_body_of_the_other_gender(runs, config, body, tmp_path):
     male = tmp_path / "male.h5"
-    with write_dyna(male, body.faces) as writer:
-        writer.add("50009_hips", body.v_template[None])
+    with write_dyna(male, body.faces) as add:
+        add("50009_hips", body.v_template[None])
     with pytest.raises(DsnetError, match="50009"):
         main(dataclasses.replace(config, dyna=(male,)))
 
@@ -201,8 +201,8 @@ def test_body_of_the_other_gender(runs, config, body, tmp_path):
 def test_meshes_of_another_vertex_order(runs, config, body, tmp_path):
     shuffled = tmp_path / "shuffled.h5"
     order = np.random.default_rng(0).permutation(6890)
-    with write_dyna(shuffled, body.faces) as writer:
-        writer.add("50004_hips", body.v_template[None, order])
+    with write_dyna(shuffled, body.faces) as add:
+        add("50004_hips", body.v_template[None, order])
     with pytest.raises(DsnetError, match="vertex order"):
         main(dataclasses.replace(config, dyna=(shuffled,)))
     assert not (runs / "t" / "align").exists()
@@ -212,8 +212,8 @@ def test_nan_in_a_later_frame(runs, config, body, tmp_path):
     path = tmp_path / "nan.h5"
     frames = np.repeat(body.v_template[None], 3, axis=0)
     frames[2, 5] = np.nan
-    with write_dyna(path, body.faces) as writer:
-        writer.add("50004_hips", frames)
+    with write_dyna(path, body.faces) as add:
+        add("50004_hips", frames)
     with pytest.raises(DsnetError, match="frame 2"):
         main(dataclasses.replace(config, dyna=(path,)))
     assert list((runs / "t").iterdir()) == []
@@ -236,8 +236,8 @@ def test_a_frame_that_is_no_body_is_named_wherever_it_is(
     frames = np.repeat(body.v_template[None], 40, axis=0)
     frames[37] = spoil(frames[37])
     path = tmp_path / "spoilt.h5"
-    with write_dyna(path, body.faces) as writer:
-        writer.add("50004_hips", frames)
+    with write_dyna(path, body.faces) as add:
+        add("50004_hips", frames)
     few = RobustSettings(vertices=300, steps=3, calibration_frames=8, calibration_rounds=2)
     odd = dataclasses.replace(config, dyna=(path,), aligner=aligner, robust=few)
     with pytest.raises(DsnetError, match=message) as caught:

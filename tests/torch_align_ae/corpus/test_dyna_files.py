@@ -29,9 +29,9 @@ def clip(body):
 @pytest.fixture
 def file(tmp_path, body, clip):
     path = tmp_path / "dyna.h5"
-    with write_dyna(path, body.faces) as writer:
-        writer.add("50020_hips", clip)
-        writer.add("50004_one_leg_jump", clip[5:8])
+    with write_dyna(path, body.faces) as add:
+        add("50020_hips", clip)
+        add("50004_one_leg_jump", clip[5:8])
     return path
 
 
@@ -64,16 +64,16 @@ def test_entries_split_subject_and_motion_at_the_first_underscore(file):
 
 def test_equal_content_gives_equal_bytes(tmp_path, body, clip):
     for name in "ab":
-        with write_dyna(tmp_path / name, body.faces) as writer:
-            writer.add("50004_hips", clip)
+        with write_dyna(tmp_path / name, body.faces) as add:
+            add("50004_hips", clip)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
 def test_iterating_holds_one_sequence(tmp_path, body, clip):
     path = tmp_path / "dyna.h5"
-    with write_dyna(path, body.faces) as writer:
+    with write_dyna(path, body.faces) as add:
         for motion in range(12):
-            writer.add(f"50004_m{motion}", clip)
+            add(f"50004_m{motion}", clip)
     tracemalloc.start()
     for sequence in dyna_sequences([path]):
         sequence.read()
