@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, subject_rows, subjects_of
-from bridge.motion.sequences import Split
 from bridge.runs import Artifact
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import Load, node_loads
@@ -34,43 +33,31 @@ class NodeClip:
         return len(self.offsets_m)
 
 
-@dataclass(frozen=True, eq=False)
-class KnownPeople:
+def known_people(align: Artifact) -> tuple[list[str], NDArray[np.float32]]:
     """Those who are trained on, in order of first appearance, and their betas (P, 10)."""
-
-    names: list[str]
-    betas: NDArray[np.float32]
-
-    @classmethod
-    def of(cls, align: Artifact) -> KnownPeople:
-        sequences = sequences_of(align)
-        names = subjects_of(s for s in sequences if s.split == "train")
-        rows = subject_rows(sequences)
-        betas = np.array(align.array("betas")[[rows[name] for name in names]], np.float32)
-        return cls(names, betas)
+    sequences = sequences_of(align)
+    names = subjects_of(s for s in sequences if s.split == "train")
+    rows = subject_rows(sequences)
+    return names, np.array(align.array("betas")[[rows[name] for name in names]], np.float32)
 
 
 def node_clips(
-    align: Artifact, body: BodyModelData, nodes: TissueNodes, people: KnownPeople, split: Split
+    align: Artifact, body: BodyModelData, nodes: TissueNodes, names: list[str], betas: NDArray
 ) -> list[NodeClip]:
-    """The sequences of one split whose people are known, of four frames or more."""
-    chosen = [
-        s
-        for s in sequences_of(align)
-        if s.split == split and s.subject in people.names and s.length >= 4
-    ]
+    """The training sequences of four frames or more; names and betas (P, 10) are their people's."""
+    chosen = [s for s in sequences_of(align) if s.split == "train" and s.length >= 4]
     if not chosen:
         raise DsnetError(
-            f"{align.path} without a sequence of split {split!r}",
+            f"{align.path} without a sequence of split 'train'",
             "at least one of four frames",
             "Align more sequences.",
         )
     clips, all_theta, all_offsets_m = [], align.array("theta"), align.array("offsets")
     for sequence in chosen:
-        person = people.names.index(sequence.subject)
+        person = names.index(sequence.subject)
         theta = np.asarray(all_theta[sequence.frames], np.float64)
         at_nodes = [nodes.gather(all_offsets_m[rows]) for rows in sequence.pieces(_FRAMES_AT_ONCE)]
-        load = node_loads(body, nodes.vertices, people.betas[person], theta, sequence.fps)
+        load = node_loads(body, nodes.vertices, betas[person], theta, sequence.fps)
         features, offsets_m = static_features(body, theta), np.concatenate(at_nodes)
         clips.append(NodeClip(sequence, person, theta, offsets_m, load, features))
     return clips

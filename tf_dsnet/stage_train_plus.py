@@ -32,7 +32,7 @@ from bridge.tissue.trained_plus import (
 )
 from tf_dsnet.framework import Tensor, be_reproducible, tf
 from tf_dsnet.oscillators import OscillatorLayer, OscillatorLearner
-from tf_dsnet.plus_clips import KnownPeople, NodeClip, node_clips
+from tf_dsnet.plus_clips import NodeClip, known_people, node_clips
 from tf_dsnet.static_part import NodeStatic, fit_static
 
 LABEL = "DSNet+, oscillators"
@@ -76,7 +76,8 @@ class TrainPlusConfig:
 
 
 class PlusTraining:
-    """Oscillators and their optimizer, and the clips that they learn from.
+    """Oscillators and their optimizer, and the clips that they learn from, of people of `betas`
+    (P, 10).
 
     Windows of some frames are simulated from a given state and compared with the aligned offsets.
     In the first rounds that state is the data's own, which teaches frequencies fast. Then it is the
@@ -89,15 +90,15 @@ class PlusTraining:
         settings: TrainPlusConfig,
         body: BodyModelData,
         nodes: TissueNodes,
-        people: KnownPeople,
+        betas: NDArray[np.float32],
         clips: Sequence[NodeClip],
     ) -> None:
         be_reproducible(settings.seed)
         self.settings, self._body, self._nodes = settings, body, nodes
-        self._people, self._clips = people, list(clips)
-        self._features = np.stack([shape_features(body, b, nodes.vertices) for b in people.betas])
-        self._normals = np.stack([shaped_normals(body, b)[nodes.vertices] for b in people.betas])
-        self._shares = np.stack([shares_of_people(b, people.betas) for b in people.betas])
+        self._betas, self._clips = betas, list(clips)
+        self._features = np.stack([shape_features(body, one, nodes.vertices) for one in betas])
+        self._normals = np.stack([shaped_normals(body, one)[nodes.vertices] for one in betas])
+        self._shares = np.stack([shares_of_people(one, betas) for one in betas])
         self.layer = self.make_layer()
         self._learner = OscillatorLearner(self.layer, settings.lr)
 
@@ -113,7 +114,7 @@ class PlusTraining:
     def make_layer(self) -> OscillatorLayer:
         """The oscillators before training."""
         laplacian = self._nodes.laplacian.toarray()
-        return OscillatorLayer(laplacian, len(self._people.names), self.settings.taps)
+        return OscillatorLayer(laplacian, len(self._betas), self.settings.taps)
 
     def starts(self, number: int, moving: list[NDArray]) -> list[NDArray]:
         """Offsets of the clips from which a round's windows set out: `moving` is the data's own."""
@@ -129,7 +130,7 @@ class PlusTraining:
         found = [np.empty_like(clip.offsets_m) for clip in self._clips]
         for start in range(0, len(found), _CLIPS_AT_ONCE):
             some = self._clips[start : start + _CLIPS_AT_ONCE]
-            betas = self._people.betas[[clip.person for clip in some]]
+            betas = self._betas[[clip.person for clip in some]]
             several = codes_of_several(model, [clip.theta for clip in some], betas)
             for frame, (rows, codes) in enumerate(several):
                 for row, code in zip(rows, codes, strict=True):
@@ -140,7 +141,7 @@ class PlusTraining:
         """The model as it is now."""
         weights = self.told_by_shape(self.layer.weights_as_arrays())
         ahead = self.settings.look_ahead
-        return TrainedPlus(self._nodes, weights, static, self._people.betas, ahead)
+        return TrainedPlus(self._nodes, weights, static, self._betas, ahead)
 
     def told_by_shape(self, weights: Weights) -> Weights:
         """The same people, of whose differences as much as can be is told by their shapes."""
@@ -160,7 +161,7 @@ class PlusTraining:
 
     def constants_m(self, static: NodeStatic, offsets_m: NDArray) -> NDArray[np.float32]:
         """(P, V, 3) each person's mean of what nodes and pose leave of all offsets (F, V, 3)."""
-        people = len(self._people.names)
+        people = len(self._betas)
         sums, frames = np.zeros((people, *offsets_m.shape[1:])), np.zeros(people)
         if not static.constant_m.any():
             return sums.astype(np.float32)
@@ -267,12 +268,11 @@ def _make(
 ) -> None:
     """One training, with a checkpoint after every round."""
     body = load_paper_body(str(body_path))
-    nodes, people = TissueNodes.of(body, config.nodes), KnownPeople.of(align)
-    clips = node_clips(align, body, nodes, people, "train")
-    training = make_training(config, body, nodes, people, clips)
+    nodes, (people, betas) = TissueNodes.of(body, config.nodes), known_people(align)
+    clips = node_clips(align, body, nodes, people, betas)
+    training = make_training(config, body, nodes, betas, clips)
     losses: list[float] = []
-    count = len(people.names)
-    static = NodeStatic.nothing(count, clips[0].features.shape[1], len(nodes))
+    static = NodeStatic.nothing(len(people), clips[0].features.shape[1], len(nodes))
     checkpoint = writer.checkpoints / f"{NAME}.safetensors"
     if (state := load_checkpoint(checkpoint)) is not None:
         losses = state["history/loss"].tolist()
@@ -287,7 +287,7 @@ def _make(
             received = f"{NAME} with a loss of {losses[-1]} in round {number + 1}"
             raise DsnetError(received, "a number", _REMEDY)
         if number + 1 in training.static_rounds():
-            static = fit_static(clips, training.simulate(), count)
+            static = fit_static(clips, training.simulate(), len(people))
         so_far = {
             "history/loss": np.array(losses),
             "static/constant": static.constant_m,
@@ -307,7 +307,7 @@ def _make(
     writer.record(
         predictors={NAME: {"label": LABEL, "departures": list(DEPARTURES)}},
         default=NAME,
-        people=people.names,
+        people=people,
         parameters={"learned": int(sum(array.size for array in learned))},
         sequences_trained_on=len(clips),
         static=static.kind,

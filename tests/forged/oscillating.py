@@ -23,7 +23,7 @@ from bridge.tissue.trained_plus import (
     static_features,
 )
 from bridge.verify.reference.oscillators import moving
-from tf_dsnet.plus_clips import KnownPeople, NodeClip
+from tf_dsnet.plus_clips import NodeClip
 
 HZ = 5.5
 TRUE = {
@@ -85,17 +85,13 @@ def clip_of(
     return NodeClip(sequence, person, theta, offsets_m, load, features)
 
 
-def clips_of(
-    body: BodyModelData, model: TrainedPlus, frames: int = 100
-) -> tuple[KnownPeople, list[NodeClip]]:
+def clips_of(body: BodyModelData, model: TrainedPlus, frames: int = 100) -> list[NodeClip]:
     """Each known person with every kind of motion, each time another take."""
-    people = KnownPeople([str(p) for p in range(len(model.people_betas))], model.people_betas)
-    clips = [
+    return [
         clip_of(body, model, betas, lively(frames, 10 * p + m), person=p, motion=motion)
         for p, betas in enumerate(model.people_betas)
         for m, motion in enumerate(MOTIONS)
     ]
-    return people, clips
 
 
 def write_aligned(

@@ -66,7 +66,7 @@ def test_layer_is_the_sheet_for_several_people_at_once(body, nodes, taps, ahead)
     layer = drawn_layer(nodes, taps)
     people = people_of(PEOPLE)
     trained = TrainedPlus(nodes, layer.weights_as_arrays(), StaticPart.nothing(), people, ahead)
-    _, clips = clips_of(body, true_model(nodes, people), frames=80)
+    clips = clips_of(body, true_model(nodes, people), frames=80)
     chosen = [clips[0], clips[4], clips[8], clips[2]]
     assert {c.person for c in chosen} == {0, 1, 2}
     expected = []
@@ -108,7 +108,7 @@ def test_gradient_is_the_slope_of_the_loss(body, nodes, name):
     weights = named(layer)
     weights["log_wave_speed"].assign([np.log(9.0)])
     weights["log_bending"].assign([np.log(1.0)])
-    _, clips = clips_of(body, true_model(nodes, people_of(PEOPLE)), frames=30)
+    clips = clips_of(body, true_model(nodes, people_of(PEOPLE)), frames=30)
     chosen = [clips[0], clips[5]]
     starts = [clip.offsets_m[0] for clip in chosen]
     given = inputs(body, nodes, chosen, starts, 12, 3, 1)

@@ -42,13 +42,11 @@ def truth(nodes: TissueNodes) -> TrainedPlus:
 
 
 def training_of(body, truth: TrainedPlus, settings: TrainPlusConfig = SETTINGS) -> PlusTraining:
-    people, clips = clips_of(body, truth)
-    return PlusTraining(settings, body, truth.nodes, people, clips)
+    return PlusTraining(settings, body, truth.nodes, truth.people_betas, clips_of(body, truth))
 
 
 def rounds(training: PlusTraining, truth: TrainedPlus, body, numbers) -> list[float]:
-    _, clips = clips_of(body, truth)
-    nothing = [np.zeros_like(clip.offsets_m) for clip in clips]
+    nothing = [np.zeros_like(clip.offsets_m) for clip in clips_of(body, truth)]
     return [loss for number in numbers for loss in training.round(number, nothing)]
 
 
@@ -138,8 +136,8 @@ def test_frames_after_a_clips_end_count_for_nothing(body, truth):
     losses = []
     for window in (28, 70):
         settings = replace(SETTINGS, window=window, rounds=1, steps=1, batch_size=3)
-        people, clips = clips_of(body, truth, frames=30)
-        training = PlusTraining(settings, body, truth.nodes, people, clips)
+        clips = clips_of(body, truth, frames=30)
+        training = PlusTraining(settings, body, truth.nodes, truth.people_betas, clips)
         losses += training.round(0, [np.zeros_like(clip.offsets_m) for clip in clips])
     assert losses[0] == pytest.approx(losses[1], rel=1e-4)
 

@@ -20,7 +20,7 @@ NODES, PEOPLE = 60, 3
 @pytest.fixture(scope="module")
 def clips(body: BodyModelData) -> list[NodeClip]:
     nodes = TissueNodes.of(body, NODES)
-    return clips_of(body, true_model(nodes, people_of(PEOPLE)), frames=120)[1]
+    return clips_of(body, true_model(nodes, people_of(PEOPLE)), frames=120)
 
 
 def moving(clips: list[NodeClip]) -> list[np.ndarray]:
