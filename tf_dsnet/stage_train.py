@@ -152,14 +152,12 @@ def _build_networks(run: Run, config: NetworksRecord, chosen: list[Predictor]) -
         last = config.epochs
         epochs = [e + 1 for e in range(last) if _due(e, config.validate_every, last)]
         writer.put("validation_epochs", np.array(epochs, np.int32), "epoch")
-        shown, clips = chosen[0].name, clips_of(chosen[0].code)
+        shown = chosen[0].name
         writer.record(
             default=shown,
             predictors=described,
             # Of the one that is shown: networks of other inputs have other numbers of parameters.
             parameters=trainings[shown].parameters(),
-            sequences_trained_on=len(clips.train),
-            sequences_held_out=len(clips.validation),
         )
 
     run.build(TRAIN, config, make, data=encoded.origin, upstream={"encode": encoded})

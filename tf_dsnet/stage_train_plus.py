@@ -301,14 +301,9 @@ def _make(
     save_weights(writer.file_path(f"{NAME}.safetensors"), trained.arrays())
     unit = "share of the windows' energy, and of quiet ones"
     writer.put(f"loss_{NAME}", np.array(losses, np.float32), unit)
-    weights = trained.weights
-    learned = [*weights.base.values(), weights.slopes, weights.stiffening_power, weights.residual,
-               weights.taps, constants_m, static.by_pose_m]  # fmt: skip
     writer.record(
         predictors={NAME: {"label": LABEL, "departures": list(DEPARTURES)}},
         default=NAME,
         people=people,
-        parameters={"learned": int(sum(array.size for array in learned))},
-        sequences_trained_on=len(clips),
         static=static.kind,
     )

@@ -293,8 +293,6 @@ def _trained(
         "learning_rate": float(training.learning_rate),
         "steps_taken": int(result.steps[-1]),
         "best_step": int(result.steps[result.best]),
-        "loss_initial": float(result.validation_losses[0]),
-        "loss_best": float(result.validation_losses[result.best]),
         "r2_initial": initial_r2,
         "include_held_out": config.include_held_out,
         **_scores(codec, align, offsets_m, split),
