@@ -5,7 +5,7 @@ Networks need TensorFlow; `dsnet_plus` alone loads no framework.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
@@ -23,7 +23,6 @@ from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import decoded_sequences
 from bridge.options import PositiveFloat
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runs.files import ArrayFile
 from bridge.runs.run import (
     INFER,
     INFER_PLUS,
@@ -122,8 +121,15 @@ def infer_networks(config: InferConfig) -> Callable[[], Artifact]:
             )
             for name in names
         }
-        with worker_pool(on_any_node("serial"), (networks, latents)) as pool:
-            for _ in pool.map(_write_latents, pieces_of(motions)):
+        rows = subject_rows(motions.sequences)
+
+        def predict(networks: TrainedNetworks, sequence: MotionSequence) -> None:
+            theta, betas = motions.theta[sequence.frames], motions.betas[rows[sequence.subject]]
+            for name, file in latents.items():
+                file.write(sequence.start, networks.latents(name, theta, betas))
+
+        with worker_pool(on_any_node("serial"), networks) as pool:
+            for _ in pool.map(predict, motions.sequences):
                 pass
         writer.record(
             sequences=to_manifest(motions.sequences),
@@ -135,26 +141,6 @@ def infer_networks(config: InferConfig) -> Callable[[], Artifact]:
     upstream = {TRAIN: trained, "encode": encoded}
     upstream |= {f"motion_{index}": path for index, path in enumerate(files)}
     return partial(run.build, INFER, config, make, data=trained.origin, upstream=upstream)
-
-
-Piece = tuple[int, NDArray[np.float32], NDArray[np.float32]]
-"""A sequence: row of its first frame among all, theta (T, 69), betas (10,)."""
-
-
-def pieces_of(motions: MotionSet) -> list[Piece]:
-    """Each sequence with its own motion and shape."""
-    rows = subject_rows(motions.sequences)
-    return [
-        (one.start, motions.theta[one.frames], motions.betas[rows[one.subject]])
-        for one in motions.sequences
-    ]
-
-
-def _write_latents(tools: tuple[TrainedNetworks, Mapping[str, ArrayFile]], piece: Piece) -> None:
-    networks, latents = tools
-    start, theta, betas = piece
-    for name, file in latents.items():
-        file.write(start, networks.latents(name, theta, betas))
 
 
 def infer_plus(config: InferConfig) -> Callable[[], Artifact]:

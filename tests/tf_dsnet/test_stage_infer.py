@@ -234,8 +234,8 @@ def test_a_motion_with_a_cut_is_told_and_starts_anew(trained, encoded_run, monke
     assert "jumps at frame 15 (0.25 s)" in capsys.readouterr().err
     predictors = TrainedNetworks(trained, (), Path)
     vars(predictors)["by_name"] = {"counting": lambda theta, _: np.arange(len(theta))}
-    *_, (_, theta, betas) = stage_infer.pieces_of(motions)
-    counted = predictors.latents("counting", theta, betas)
+    jumps = motions.theta[motions.sequences[-1].frames]
+    counted = predictors.latents("counting", jumps, motions.betas[-1])
     np.testing.assert_array_equal(counted, [*range(15), *range(16)])
 
 
