@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from bridge.errors import DsnetError
+from bridge.exchange.weights import check_shapes
 from bridge.paper import DSNET_WIDTHS, INPUT_SIZE
 from tf_dsnet.framework import Tensor, keras, tf
 
@@ -85,14 +85,8 @@ def assign_variables(
 ) -> None:
     """Set a network's variables; refused if a name or a shape is not its own."""
     wanted = {name: tuple(variable.shape) for name, variable in variables.items()}
-    given = {name: array.shape for name, array in weights.items()}
-    if odd := sorted({name for name, _ in set(wanted.items()) ^ set(given.items())}):
-        first = next(iter(wanted))
-        raise DsnetError(
-            f"weights that differ from {network}'s in {', '.join(odd)}",
-            f"{len(wanted)} arrays such as {first} {wanted[first]}",
-            "Pass weights written by `dsnet train` or `dsnet train-ae`, of the same architecture.",
-        )
+    remedy = "Pass weights written by `dsnet train` or `dsnet train-ae`, of the same architecture."
+    check_shapes(weights, wanted, f"{network}'s", remedy)
     for name, variable in variables.items():
         variable.assign(weights[name])
 

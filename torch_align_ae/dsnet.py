@@ -20,7 +20,9 @@ from bridge.exchange.weights import (
     KERAS_ADAM,
     MASKED_COUNT_EPSILON,
     AdamRule,
+    check_shapes,
     dsnet_from_torch,
+    dsnet_shapes,
     dsnet_to_torch,
 )
 from bridge.paper import DSNET_WIDTHS, INPUT_SIZE, N_BETAS, THETA_SIZE
@@ -156,15 +158,8 @@ def named_weights(model: DSNet) -> dict[str, NDArray]:
 
 def assign_weights(model: DSNet, weights: Mapping[str, NDArray]) -> None:
     """Set all weights from arrays named and laid out as by `named_weights`."""
+    check_shapes(weights, dsnet_shapes(), "DSNet's", "Pass weights written by `dsnet train`.")
     state = {name: torch.from_numpy(array) for name, array in dsnet_to_torch(weights).items()}
-    wanted = {name: tuple(value.shape) for name, value in model.state_dict().items()}
-    given = {name: tuple(value.shape) for name, value in state.items()}
-    if odd := sorted(dict(set(wanted.items()) ^ set(given.items()))):
-        raise DsnetError(
-            f"weights that differ from DSNet's in {', '.join(odd)}",
-            f"{len(wanted)} arrays of shapes such as {wanted['fc_enc_1.weight']}",
-            "Pass weights written by `dsnet train`.",
-        )
     model.load_state_dict(state)
 
 

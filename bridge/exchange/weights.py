@@ -140,6 +140,18 @@ def refuse_nonfinite(weights: Mapping[str, NDArray], owner: str, remedy: str) ->
             raise DsnetError(f"weights {name!r} of {owner} with NaN or inf", "numbers", remedy)
 
 
+def check_shapes(weights: Mapping[str, NDArray], wanted: Shapes, whose: str, remedy: str) -> None:
+    """Refuse weights of which a name or a shape differs from those `wanted`, which are `whose`."""
+    given = {name: array.shape for name, array in weights.items()}
+    if odd := sorted({name for name, _ in wanted.items() ^ given.items()}):
+        first = next(iter(wanted))
+        raise DsnetError(
+            f"weights that differ from {whose} in {', '.join(odd)}",
+            f"{len(wanted)} arrays such as {first} {wanted[first]}",
+            remedy,
+        )
+
+
 def save_checkpoint(path: Path, arrays: dict[str, NDArray]) -> None:
     """Write named arrays that a training goes on from, and their digest, atomically."""
     save_weights(path, arrays, **{_DIGEST: arrays_sha256(arrays)})

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from bridge.errors import DsnetError
 from bridge.exchange import load_weights, save_weights
 from bridge.exchange.dsnet import AUTOENCODER, LINEAR_FILES, CodeName
+from bridge.exchange.weights import check_shapes
 from bridge.motion.splits import chunks
 from bridge.runs import Artifact
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
@@ -228,13 +229,9 @@ def load_codecs(artifact: Artifact) -> dict[CodeName, OffsetCodec]:
 def read_codec(path: Path, architecture: Mapping[str, Any]) -> Codec:
     """Load a codec from its weights and `Codec.architecture`'s values."""
     codec, weights = Codec.empty(architecture), load_weights(path)
-    expected = {name: tuple(value.shape) for name, value in codec.state_dict().items()}
-    if {name: value.shape for name, value in weights.items()} != expected:
-        raise DsnetError(
-            f"{path} with other arrays than the network in its manifest",
-            f"{len(expected)} arrays of widths {codec.model.widths}",
-            "Delete the folder and run `dsnet train-ae` again.",
-        )
+    wanted = {name: tuple(value.shape) for name, value in codec.state_dict().items()}
+    remedy = "Delete the folder and run `dsnet train-ae` again."
+    check_shapes(weights, wanted, f"the network's in {path.parent}", remedy)
     state = {name: torch.from_numpy(value) for name, value in weights.items()}
     codec.load_state_dict(state, assign=True)
     return codec.eval()
