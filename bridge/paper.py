@@ -28,6 +28,8 @@ ALTERNATIVE_WIDTHS = (N_VERTICES, 2000, 1250, 400, 20)
 """The other natural choice with exactly the paper's number of parameters."""
 FEATURES = (3, 4, 9)
 """Coordinates, then the features of each vertex after the autoencoder's two linear layers."""
+NEGATIVE_SLOPE = 0.1
+"""Of the autoencoder's LeakyReLU, below zero; the paper does not name its nonlinearity."""
 CLIP_FRAMES = 300
 """Frames to which motions are padded or clipped (Section 5)."""
 VALIDATION_SEQUENCE = "50004_one_leg_jump"

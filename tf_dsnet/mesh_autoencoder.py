@@ -15,7 +15,7 @@ from bridge.exchange.weights import (
     mesh_autoencoder_from_keras,
     mesh_autoencoder_to_keras,
 )
-from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE
+from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE, NEGATIVE_SLOPE
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.model import assign_variables
 
@@ -34,23 +34,11 @@ class KerasMeshAutoencoder:
 
     `encoder`, `decoder`, and `model`, one after the other, are Keras models; the latter is the one
     to save as `.keras`. Weights come from PyTorch (`assign_weights`); fresh ones are Keras's own.
-
-    Parameters
-    ----------
-    widths : vertices of the mesh, then after each convolution.
-    activation : `leaky_relu`, `elu`, `tanh` or `relu`, after every layer but the two that end
-        encoder and decoder.
-    negative_slope : slope of `leaky_relu` below zero.
+    `widths` are the vertices of the mesh, then after each convolution.
     """
 
-    def __init__(
-        self,
-        widths: tuple[int, ...] = INFERRED_WIDTHS,
-        activation: str = "leaky_relu",
-        negative_slope: float = 0.1,
-    ) -> None:
-        self.widths, self.activation = tuple(widths), activation
-        self.negative_slope = negative_slope
+    def __init__(self, widths: tuple[int, ...] = INFERRED_WIDTHS) -> None:
+        self.widths = tuple(widths)
         self.encoder, self.decoder = self._encoder(), self._decoder()
         values = keras.Input((self.widths[0], FEATURES[0]), name="values")
         both = self.decoder(self.encoder(values))
@@ -89,10 +77,7 @@ class KerasMeshAutoencoder:
     def _linear(self, features: Tensor, name: str, width: int) -> Tensor:
         """A linear layer on the last axis and the nonlinearity, a layer of its own."""
         features = keras.layers.Dense(width, name=name)(features)
-        name = f"{name}_activation"
-        if self.activation == "leaky_relu":
-            return LeakyReLU(self.negative_slope, name=name)(features)
-        return keras.layers.Activation(self.activation, name=name)(features)
+        return LeakyReLU(NEGATIVE_SLOPE, name=f"{name}_activation")(features)
 
 
 def named_variables(model: keras.Model) -> dict[str, keras.Variable]:

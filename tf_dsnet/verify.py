@@ -185,7 +185,7 @@ def _dsnet(weights: Tensors) -> keras.Model:
 
 def _autoencoder(weights: Tensors, architecture: Options) -> KerasMeshAutoencoder:
     _compute_in(weights["to_latent.bias"])
-    network = KerasMeshAutoencoder(**architecture)
+    network = KerasMeshAutoencoder(architecture["widths"])
     mesh_autoencoder.assign_weights(network.model, weights)
     return network
 

@@ -39,7 +39,7 @@ from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 
-ARCHITECTURE = {"widths": INFERRED_WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1}
+ARCHITECTURE = {"widths": INFERRED_WIDTHS}
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,8 +33,8 @@ class SubspaceCode:
     widths: tuple[int, ...] = ()
     """Of the network's layers between offsets and latents."""
     preset: PresetName = "measured"
-    """Whose normalisation and schedule it is trained with; of a mesh autoencoder also its
-    activation and how its weights begin."""
+    """Whose normalisation and schedule it is trained with; of a mesh autoencoder also how its
+    weights begin."""
     searched: bool = True
     """Whether its learning rate is searched for, instead of the preset's."""
 
@@ -84,8 +84,7 @@ def new_network(
             network = ResidualAutoencoder(vertices, size, len(data.pca.components))
             initialise_with_pca(network, data.pca, normaliser)
             return network, normaliser
-        widths = (vertices, *code.widths)
-        mesh = MeshAutoencoder(widths, preset.activation, preset.negative_slope, size)
+        mesh = MeshAutoencoder((vertices, *code.widths), size)
     if preset.initialisation == "modes":
         sample = torch.from_numpy(mode_sample(data.offsets_m, data.split, data.seed))
         initialise_with_modes(mesh, normaliser.normalise(sample), data.seed)

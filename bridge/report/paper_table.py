@@ -192,7 +192,7 @@ def _autoencoder(stages: Stages) -> dict[str, Measured]:
     return {
         "ae_layers": Measured(layers),
         "ae_widths": Measured("-".join(map(str, manifest["architecture"]["widths"]))),
-        "ae_activation": Measured(trained["activation"]),
+        "ae_activation": Measured("leaky_relu"),
         "ae_parameters": Measured(counts["autoencoder"]),
         "casas_otaduy_parameters": Measured(counts["casas_otaduy"]),
         "casas_otaduy_widths": Measured(CASAS_OTADUY_WIDTHS[1:]),

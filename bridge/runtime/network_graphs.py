@@ -16,11 +16,10 @@ from bridge.body import BodyModelData
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import TrainedDsnet
 from bridge.exchange.weights import BATCH_NORM_EPSILON, mesh_autoencoder_to_keras
-from bridge.paper import FEATURES, INPUT_SIZE, N_BETAS, THETA_SIZE
+from bridge.paper import FEATURES, INPUT_SIZE, N_BETAS, NEGATIVE_SLOPE, THETA_SIZE
 from bridge.runtime.body_graph import Surface, posed_bones, translated, translation
 from bridge.runtime.onnx_graph import Graph, Precision, StateLayout, Value, product
 
-_ACTIVATIONS = {"leaky_relu": "LeakyRelu", "elu": "Elu", "tanh": "Tanh", "relu": "Relu"}
 _DECODER = ("from_latent.", "decoder.", "to_coordinates.")
 Weights = Mapping[str, NDArray]
 
@@ -134,7 +133,7 @@ def decoder_graph(weights: Weights, architecture: Mapping[str, Any]) -> onnx.Mod
     Parameters
     ----------
     weights : named as by PyTorch, with `normaliser.mean_m` and `normaliser.scale_m`.
-    architecture : `widths`, `activation`, `negative_slope`, as in the manifest of `train-ae`.
+    architecture : its `widths`, as in the manifest of `train-ae`.
     """
     graph = Graph()
     latents = graph.input("latents", ("B", weights["from_latent.weight"].shape[1]))
@@ -156,8 +155,6 @@ def decoded(
     """
     own = {name: array for name, array in weights.items() if name.startswith(_DECODER)}
     held, widths = mesh_autoencoder_to_keras(own), architecture["widths"]
-    activation = _ACTIVATIONS[architecture["activation"]]
-    slope = {"alpha": architecture["negative_slope"]} if activation == "LeakyRelu" else {}
 
     def linear(layer: str, features: Value) -> Value:
         """On the last axis."""
@@ -171,7 +168,7 @@ def decoded(
         return kernel.transpose(1, 0) @ features + bias.reshape(1, -1, 1)
 
     def activated(values: Value) -> Value:
-        return graph.apply(activation, values, **slope)
+        return graph.apply("LeakyRelu", values, alpha=NEGATIVE_SLOPE)
 
     with graph.section("decoder"):
         row = activated(linear("from_latent", latents))

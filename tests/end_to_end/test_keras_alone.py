@@ -31,7 +31,7 @@ latents = predict(given["theta"], given["betas"])
 trained = run.artifact("train-ae")
 weights = load_weights(trained.file("autoencoder.safetensors"))
 mean_m, scale_m = (weights.pop(f"normaliser.{name}") for name in ("mean_m", "scale_m"))
-network = KerasMeshAutoencoder(**trained.manifest["architecture"])
+network = KerasMeshAutoencoder(trained.manifest["architecture"]["widths"])
 assign_weights(network.model, {n.removeprefix("model."): array for n, array in weights.items()})
 offsets = network.decoder(latents) * scale_m + mean_m
 pose, trans = unpack_theta(given["theta"])

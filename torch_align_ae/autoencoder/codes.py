@@ -87,7 +87,7 @@ class Codec(nn.Module):
     def empty(cls, architecture: Mapping[str, Any]) -> Codec:
         """One of `architecture`'s values, without memory for its weights."""
         with torch.device("meta"):
-            model = MeshAutoencoder(**{**architecture, "widths": tuple(architecture["widths"])})
+            model = MeshAutoencoder(tuple(architecture["widths"]))
             return cls(model, Normaliser(*torch.empty(2, model.widths[0], 3)))
 
     def encode(self, offsets_m: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -115,8 +115,7 @@ class Codec(nn.Module):
 
     def architecture(self) -> dict[str, Any]:
         """What a manifest must say so that `load_codec` can build the network again."""
-        names = ("widths", "activation", "negative_slope")
-        return {name: getattr(self.model, name) for name in names}
+        return {"widths": self.model.widths}
 
     def save(self, path: Path) -> None:
         save_weights(path, {name: v.cpu().numpy() for name, v in self.state_dict().items()})

@@ -9,26 +9,17 @@ not the widths: those here are inferred, and give that total exactly.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from bridge.errors import DsnetError
-from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE
+from bridge.paper import FEATURES, INFERRED_WIDTHS, LATENT_SIZE, NEGATIVE_SLOPE
 
-ActivationName = Literal["leaky_relu", "elu", "tanh", "relu"]
 SAMPLE_FRAMES = 512
 """Training frames from which the modes are computed: singular vectors of 6890 x 1536."""
-
-_ACTIVATIONS: dict[str, Callable[[float], nn.Module]] = {
-    "leaky_relu": lambda slope: nn.LeakyReLU(slope, inplace=True),
-    "elu": lambda slope: nn.ELU(),
-    "tanh": lambda slope: nn.Tanh(),
-    "relu": lambda slope: nn.ReLU(inplace=True),
-}
 
 
 class VertexConv(nn.Conv1d):
@@ -48,20 +39,16 @@ class VertexConv(nn.Conv1d):
 class MeshAutoencoder(nn.Module):
     """The paper's mesh autoencoder (Section 4.1, Figure 3); works on normalised offsets.
 
-    `widths` are the vertices of the mesh, then after each convolution; `activation`, which the
-    paper does not name, follows every layer but the two that end encoder and decoder.
+    `widths` are the vertices of the mesh, then after each convolution. A LeakyReLU, as the paper
+    names none, follows every layer but the two that end encoder and decoder.
     """
 
     def __init__(
-        self,
-        widths: tuple[int, ...] = INFERRED_WIDTHS,
-        activation: ActivationName = "leaky_relu",
-        negative_slope: float = 0.1,
-        latent_size: int = LATENT_SIZE,
+        self, widths: tuple[int, ...] = INFERRED_WIDTHS, latent_size: int = LATENT_SIZE
     ) -> None:
         super().__init__()
-        self.widths, self.activation, self.negative_slope = widths, activation, negative_slope
-        self.latent_size = latent_size
+        self.widths, self.latent_size = widths, latent_size
+        self.activate = nn.LeakyReLU(NEGATIVE_SLOPE, inplace=True)
         coarse = widths[-1] * FEATURES[-1]
         self.encoder = self._stack(
             ("linear_1", nn.Linear(FEATURES[0], FEATURES[1])),
@@ -75,14 +62,12 @@ class MeshAutoencoder(nn.Module):
             ("linear_1", nn.Linear(FEATURES[2], FEATURES[1])),
         )
         self.to_coordinates = nn.Linear(FEATURES[1], FEATURES[0])
-        self.activate = _ACTIVATIONS[activation](negative_slope)
 
     def _stack(self, *layers: tuple[str, nn.Module]) -> nn.Sequential:
-        activation = _ACTIVATIONS[self.activation](self.negative_slope)
         steps: OrderedDict[str, nn.Module] = OrderedDict()
         for name, layer in layers:
             steps[name] = layer
-            steps[f"{name}_activation"] = activation
+            steps[f"{name}_activation"] = self.activate
         return nn.Sequential(steps)
 
     def encode(self, offsets: Tensor) -> Tensor:
@@ -136,14 +121,12 @@ def initialise_with_modes(model: MeshAutoencoder, sample: Tensor, seed: int) -> 
     `sample` (frames, V, 3) are normalised offsets of training frames; `seed` decides the random
     directions that complete the modes, and the rotation.
     """
-    if model.activation != "leaky_relu" or len(model.widths) != 5:
-        raise ValueError("'modes' needs leaky_relu, whose pairs are linear, and four convolutions")
     generator = torch.Generator().manual_seed(seed)
     _vertices, fine, middle, coarse, coarsest = model.widths
     basis = vertex_basis(sample, count=coarsest, size=fine, generator=generator)
     modes = torch.einsum("bvc,vm->bmc", sample, basis[:, :coarsest])
     code = _latent_code(modes, model.latent_size, generator)
-    gain = model.negative_slope**-0.5
+    gain = NEGATIVE_SLOPE**-0.5
     encoder, decoder = model.encoder, model.decoder
 
     _set(encoder.linear_1, gain * _features(generator, FEATURES[1], FEATURES[0]))

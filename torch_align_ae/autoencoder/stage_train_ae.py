@@ -40,7 +40,6 @@ from torch_align_ae.autoencoder.codes import (
 )
 from torch_align_ae.autoencoder.mesh_autoencoder import (
     SAMPLE_FRAMES,
-    ActivationName,
     MeshAutoencoder,
     initialise_with_modes,
     parameter_count,
@@ -67,8 +66,6 @@ class TrainingPreset(Schedule):
     normalisation: NormalisationName
     initialisation: Literal["torch", "modes"]  # weights begin as PyTorch's do, or as a linear code
     departures: tuple[str, ...]  # from the paper's words or their plainest meaning
-    activation: ActivationName = "leaky_relu"
-    negative_slope: float = 0.1
 
 
 _OF_LINEAR_CODE = (
@@ -246,7 +243,7 @@ def _begun(trial: _Trial, align: Artifact) -> Training[MeshAutoencoder]:
     normaliser = fit_normaliser(preset.normalisation, offsets_m, split.train)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
-        model = MeshAutoencoder(activation=preset.activation, negative_slope=preset.negative_slope)
+        model = MeshAutoencoder()
     if preset.initialisation == "modes":
         sample = torch.from_numpy(mode_sample(offsets_m, split, config.seed))
         initialise_with_modes(model, normaliser.normalise(sample), config.seed)

@@ -17,12 +17,13 @@ def dsnet_graph(
     w: Tensors, theta: np.ndarray, betas: np.ndarray, body: str, architecture: Mapping[str, Any]
 ) -> Tensors:
     """From poses theta (T, B, 69) of B characters to the posed skin, by DSNet and the decoder."""
+    del architecture
     data = load_body_model(body)
     inputs = np.concatenate([np.broadcast_to(betas, (*theta.shape[:2], 10)), theta], axis=-1)
     latents = dsnet.predict_latents(w, inputs.swapaxes(0, 1)).swapaxes(0, 1)
     frames = []
     for pose, codes in zip(theta, latents, strict=True):
-        offsets_m = mesh_autoencoder.decode(w, codes, architecture)
+        offsets_m = mesh_autoencoder.decode(w, codes)
         frames.append(smpl.posed_vertices(data, betas, *unpack_theta(pose), offsets_m))
     return {"layer/vertices": np.stack(frames)}
 

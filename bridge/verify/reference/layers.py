@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bridge.paper import NEGATIVE_SLOPE
+
 Array = np.ndarray
 Arrays = dict[str, np.ndarray]
 
@@ -24,17 +26,10 @@ def dense_backward(dy: Array, x: Array, kernel: Array) -> tuple[Array, Array, Ar
     return dy @ kernel.T, rows.T @ slopes, slopes.sum(axis=0)
 
 
-def activate(name: str, z: Array, negative_slope: float) -> tuple[Array, Array]:
-    """`leaky_relu`, `elu`, `tanh` or `relu` of z, and the slope there: the one from below at 0."""
-    if name == "tanh":
-        return np.tanh(z), 1 - np.tanh(z) ** 2
-    below = {
-        "leaky_relu": (negative_slope * z, negative_slope),
-        "elu": (np.expm1(np.minimum(z, 0.0)), np.exp(np.minimum(z, 0.0))),
-        "relu": (0.0, 0.0),
-    }
-    value, slope = below[name]
-    return np.where(z > 0, z, value), np.where(z > 0, 1.0, slope)
+def leaky_relu(z: Array) -> tuple[Array, Array]:
+    """LeakyReLU of z, and the slope there: the one from below at 0."""
+    slope = np.where(z > 0, 1.0, NEGATIVE_SLOPE)
+    return slope * z, slope
 
 
 def sigmoid(z: Array) -> Array:

@@ -21,7 +21,7 @@ from bridge.verify.reference.layers import Arrays
 
 _WITHOUT_NONLINEARITY = ("to_latent", "to_coordinates")
 Architecture = Mapping[str, Any]
-"""With the nonlinearity's name, `activation`, and the `negative_slope` of `leaky_relu`."""
+"""What other engines build their networks by; here the weights say it."""
 
 
 class Chain(NamedTuple):
@@ -42,9 +42,7 @@ def layers_of(w: Arrays) -> list[str]:
     ]  # fmt: skip
 
 
-def forward(
-    w: Arrays, values: np.ndarray, architecture: Architecture, names: Sequence[str] = ()
-) -> Chain:
+def forward(w: Arrays, values: np.ndarray, names: Sequence[str] = ()) -> Chain:
     """Every layer's output for values (B, V, 3), or of some consecutive layers for their input."""
     chain, features = Chain({}, {}, {}), values
     for name in names or layers_of(w):
@@ -56,9 +54,7 @@ def forward(
         features = layers.dense(given, _kernel(w, name), w[f"{name}.bias"])
         chain.outputs[name] = features = _mixed_last(name, features)
         if name not in _WITHOUT_NONLINEARITY:
-            features, chain.slopes[name] = layers.activate(
-                architecture["activation"], features, architecture["negative_slope"]
-            )
+            features, chain.slopes[name] = layers.leaky_relu(features)
             chain.outputs[f"{name}_activation"] = features
     return chain
 
@@ -74,17 +70,17 @@ def _mixed_last(name: str, features: np.ndarray) -> np.ndarray:
     return features.swapaxes(1, 2) if ".conv_" in name else features
 
 
-def decode(w: Arrays, latents: np.ndarray, architecture: Architecture) -> np.ndarray:
+def decode(w: Arrays, latents: np.ndarray) -> np.ndarray:
     """Offsets (B, V, 3) of latents (B, 100), in metres by the normaliser among the weights."""
     names = layers_of(w)
     second_half = names[names.index("from_latent") :]
-    values = forward(w, latents, architecture, second_half).outputs["to_coordinates"]
+    values = forward(w, latents, second_half).outputs["to_coordinates"]
     return values * w["normaliser.scale_m"] + w["normaliser.mean_m"]
 
 
-def learn(w: Arrays, values: np.ndarray, target: np.ndarray, architecture: Architecture) -> Pass:
+def learn(w: Arrays, values: np.ndarray, target: np.ndarray) -> Pass:
     """Loss between what becomes of values (B, V, 3) and a target, and all of its gradients."""
-    chain = forward(w, values, architecture)
+    chain = forward(w, values)
     loss, dy = layers.mean_squared_error(target, chain.outputs["to_coordinates"])
     gradients: Arrays = {}
     for name in reversed(layers_of(w)):
@@ -99,12 +95,12 @@ def learn(w: Arrays, values: np.ndarray, target: np.ndarray, architecture: Archi
 
 def ae_forward(w: Arrays, values: np.ndarray, architecture: Architecture, run: str) -> Tensors:
     """Every layer; from metres to metres where the weights hold the normaliser."""
-    del run  # rows do not know of each other
+    del architecture, run  # rows do not know of each other
     if "normaliser.mean_m" not in w:
-        return prefixed("layer", forward(w, values, architecture).outputs)
+        return prefixed("layer", forward(w, values).outputs)
     mean_m, scale_m = w["normaliser.mean_m"], w["normaliser.scale_m"]
     normalised = (values - mean_m) / scale_m
-    outputs = forward(w, normalised, architecture).outputs
+    outputs = forward(w, normalised).outputs
     last = outputs["to_coordinates"] * scale_m + mean_m
     return prefixed(
         "layer", {"normaliser.normalise": normalised, **outputs, "normaliser.denormalise": last}
@@ -113,7 +109,8 @@ def ae_forward(w: Arrays, values: np.ndarray, architecture: Architecture, run: s
 
 def ae_decode(w: Arrays, latents: np.ndarray, architecture: Architecture) -> Tensors:
     """Offsets in metres."""
-    return {"layer/offsets": decode(w, latents, architecture)}
+    del architecture
+    return {"layer/offsets": decode(w, latents)}
 
 
 def ae_train(
@@ -124,5 +121,6 @@ def ae_train(
     **target: np.ndarray,
 ) -> Tensors:
     """Loss, gradients, steps of Adam; towards the values themselves if there is no `target`."""
+    del architecture
     wanted = target.get("target", values)
-    return train(w, lambda now: learn(now, values, wanted, architecture), TORCH_ADAM, steps)
+    return train(w, lambda now: learn(now, values, wanted), TORCH_ADAM, steps)

@@ -59,9 +59,8 @@ def dsnet(tmp_path_factory) -> DsnetModel:
     decoder["normaliser.mean_m"] = np.zeros((6890, 3), np.float32)
     decoder["normaliser.scale_m"] = np.full((6890, 3), 1e-3, np.float32)
     network = TrainedDsnet("dsnet_faithful", draws.dsnet_weights(2), Scaling.identity())
-    architecture = {"widths": WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1}
     folder = tmp_path_factory.mktemp("run") / "train-ae"
-    return DsnetModel(network, write_codec(folder, decoder, architecture), BODY)
+    return DsnetModel(network, write_codec(folder, decoder, {"widths": WIDTHS}), BODY)
 
 
 def metadata(path: Path) -> dict[str, str]:

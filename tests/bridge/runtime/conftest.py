@@ -20,7 +20,6 @@ from tests.forged.codec import write_codec
 from tests.forged.plus import soft_flesh, write_plus
 
 WIDTHS = (6890, 12, 8, 6, 4)
-ARCHITECTURE = {"widths": WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1}
 
 
 def autoencoder_arrays() -> dict[str, NDArray]:
@@ -37,7 +36,7 @@ def autoencoder_arrays() -> dict[str, NDArray]:
 def mesh_decoder() -> tuple[dict[str, NDArray], dict[str, Any]]:
     """The decoder's weights under PyTorch's names, and its architecture."""
     weights = {name.removeprefix("model."): a for name, a in autoencoder_arrays().items()}
-    return weights, ARCHITECTURE
+    return weights, {"widths": WIDTHS}
 
 
 @pytest.fixture(scope="session")
@@ -76,7 +75,7 @@ def plus_run(aligned_run: Run, flesh: TrainedPlus) -> Run:
 def trained_run(aligned_run: Run, trained: TrainedDsnet) -> Run:
     """Run `r` with both networks at the body's size."""
     folder = aligned_run.path
-    codec = write_codec(folder / "train-ae", autoencoder_arrays(), ARCHITECTURE)
+    codec = write_codec(folder / "train-ae", autoencoder_arrays(), {"widths": WIDTHS})
     upstream = {"train-ae": codec.content_sha256}
     train = ArtifactWriter(folder / "train", "train", data="synthetic")
     arrays = {"dsnet_standardised": trained.arrays(), "dsnet_faithful": trained.weights}

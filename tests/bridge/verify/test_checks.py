@@ -109,8 +109,7 @@ def trained_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     weights["normaliser.mean_m"] = rng.normal(scale=1e-3, size=(40, 3)).astype(np.float32)
     weights["normaliser.scale_m"] = np.full((40, 3), 2e-3, np.float32)
     save_weights(codec.file_path("autoencoder.safetensors"), weights)
-    architecture = {"widths": SMALL_WIDTHS, "activation": "leaky_relu", "negative_slope": 0.1}
-    codec.record(architecture=architecture)
+    codec.record(architecture={"widths": SMALL_WIDTHS})
     codec.finish()
     return Run("r")
 

@@ -21,7 +21,7 @@ CONFIG = stage_verify.VerifyConfig(run="r", trained=False, full_size=False)
 def verify(tmp_path, monkeypatch, ask_reference, capsys):
     """Run the stage on three quick checks without a framework: exit status and printed text."""
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
-    quick = ("dsnet-T1", "ae-batch", "ae-decoder-relu", "dsnet-training")
+    quick = ("dsnet-T1", "ae-batch", "ae-decoder", "dsnet-training")
     checks = [check for check in random_checks(0, "embedded:female") if check.name in quick]
     monkeypatch.setattr(stage_verify, "random_checks", lambda seed, body: [*checks])
     spoilt = {"engine": "", "value": 0.0}

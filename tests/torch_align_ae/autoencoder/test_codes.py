@@ -24,7 +24,7 @@ from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 def codec():
     torch.manual_seed(0)
     normaliser = Normaliser(torch.randn(60, 3) * 1e-3, torch.rand(60, 3) * 1e-2 + 1e-3)
-    return Codec(MeshAutoencoder((60, 40, 30, 20, 12), "elu").eval(), normaliser)
+    return Codec(MeshAutoencoder((60, 40, 30, 20, 12)).eval(), normaliser)
 
 
 @pytest.fixture(scope="module")

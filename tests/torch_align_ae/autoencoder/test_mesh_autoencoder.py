@@ -27,10 +27,9 @@ def test_parameter_counts_are_the_papers():
     }
 
 
-@pytest.mark.parametrize("activation", ["leaky_relu", "elu", "tanh", "relu"])
-def test_one_matrix_product_a_layer_equals_conv1d(activation):
+def test_one_matrix_product_a_layer_equals_conv1d():
     torch.manual_seed(0)
-    model = MeshAutoencoder(SMALL, activation).double()
+    model = MeshAutoencoder(SMALL).double()
     offsets = torch.randn(5, 60, 3, dtype=torch.float64)
     fast = torch.autograd.grad(model(offsets).square().sum(), list(model.parameters()))
     plain = conv1d_forward(model, offsets)
@@ -73,11 +72,10 @@ def test_a_foreign_topology_is_one_line():
         MeshAutoencoder(SMALL).encode(torch.zeros(2, 61, 3))
 
 
-@pytest.mark.parametrize("slope", [0.1, 0.5])
-def test_modes_begin_as_an_exactly_linear_code_of_the_leading_vertex_modes(slope):
+def test_modes_begin_as_an_exactly_linear_code_of_the_leading_vertex_modes():
     generator = torch.Generator().manual_seed(1)
     sample = torch.randn(50, 60, 3, generator=generator) * torch.linspace(3, 0.1, 60)[:, None]
-    model = MeshAutoencoder(SMALL, negative_slope=slope)
+    model = MeshAutoencoder(SMALL)
     initialise_with_modes(model, sample, seed=0)
     with torch.inference_mode():
         rebuilt, latents = model(sample), model.encode(sample)

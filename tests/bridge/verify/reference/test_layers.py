@@ -78,11 +78,10 @@ def test_moments_leave_padding_out():
     assert_allclose(batch.variance, x[real].var(axis=0), rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["leaky_relu", "elu", "tanh", "relu"])
-def test_activations(name):
+def test_leaky_relu():
     z = RNG.normal(size=(4, 5))
-    found = differences(lambda z: float(layers.activate(name, z, 0.1)[0].sum()), z)
-    assert_allclose(layers.activate(name, z, 0.1)[1], found, rtol=1e-6, atol=1e-8)
+    found = differences(lambda z: float(layers.leaky_relu(z)[0].sum()), z)
+    assert_allclose(layers.leaky_relu(z)[1], found, rtol=1e-6, atol=1e-8)
 
 
 @pytest.mark.parametrize("masked", [False, True])
