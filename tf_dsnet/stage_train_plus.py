@@ -154,7 +154,7 @@ class PlusTraining:
     def restore(self, state: Mapping[str, NDArray]) -> None:
         """Go back to what `state` returned, in this process or in an earlier one."""
         for variable in self._variables():
-            variable.assign(np.reshape(state[variable.path], variable.shape))
+            variable.assign(state[variable.path])
 
     def _variables(self) -> list[Tensor]:
         return [*self.layer.weights, *self._learner.optimizer.variables]

@@ -104,10 +104,7 @@ class Trainer:
 
     def restore(self, state: Mapping[str, NDArray]) -> None:
         """Go back to what `state` returned, in this process or in an earlier one."""
-        own = self._variables()
-        # A file may give scalars (the step counter) back with one axis.
-        scalars = {n: np.squeeze(state[n]) for n, v in own.items() if n in state and not v.ndim}
-        assign_variables(own, {**state, **scalars}, self.model.name)
+        assign_variables(self._variables(), state, self.model.name)
 
     def _variables(self) -> dict[str, keras.Variable]:
         moments = {variable.path: variable for variable in self.optimizer.variables}
