@@ -83,12 +83,15 @@ def _fit(
     distance, descending = shapes.objective.to(target), Descending(descent, *start)
     patience = rule.steps if rule.patience is None else rule.patience
     waited, steps = torch.zeros(2, len(target), dtype=torch.int64)
+    smallest = target.new_full((len(target),), torch.inf)
     pose, trans = start
     for step in range(rule.steps):
         if rule.decays:
             descending.rate = descent.lr * (1 - step / rule.steps)
         gradient = distance.gradient(shapes, *descending.variables)
-        closer = descending.step(gradient.distance, gradient.pose, gradient.trans)
+        closer = gradient.distance < smallest
+        smallest = torch.fmin(gradient.distance, smallest)
+        descending.step(*gradient)
         going = waited < patience
         best_pose, best_trans = descending.best()
         pose = torch.where(going[:, None, None], best_pose, pose)

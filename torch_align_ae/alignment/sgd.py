@@ -107,18 +107,14 @@ class Descending:
         self._smallest = self._state.new_full((len(self._state),), torch.inf)
         self.variables = self._parts(self._state)
 
-    def step(self, distance: Tensor, *gradients: Tensor) -> Tensor:
-        """Go on from where the distance (B,) and its gradients were taken.
-
-        Returns whether each body was closer there than ever before, (B,).
-        """
+    def step(self, distance: Tensor, *gradients: Tensor) -> None:
+        """Go on from where the distance (B,) and its gradients were taken."""
         closer = distance < self._smallest
         self._best = torch.where(closer[:, None], self._state, self._best)
         self._smallest = torch.fmin(distance, self._smallest)
         gradient = torch.cat([gradient.flatten(1) for gradient in gradients], 1)
         self._velocity.mul_(self._momentum).add_(gradient)
         self._state.sub_(self._velocity, alpha=self.rate)
-        return closer
 
     def best(self) -> tuple[Tensor, ...]:
         """The variables of each body where its distance was smallest."""
