@@ -112,6 +112,18 @@ def _autoencoder(seed: int) -> list[Check]:
         forward("large", draws.values(seed, 3, vertices, size=1e3)),
         _ae_train("ae-training", weights, values, options, (1, 10)),
         _ae_decode("ae-decoder", weights, options),
+        *_of_other_widths("one-convolution", seed, SMALL_WIDTHS[:2]),
+        *_of_other_widths("two-convolutions", seed, SMALL_WIDTHS[:3]),
+        *_of_other_widths("widening", seed, SMALL_WIDTHS[::-1]),
+    ]
+
+
+def _of_other_widths(name: str, seed: int, widths: tuple[int, ...]) -> list[Check]:
+    weights, options = draws.autoencoder_weights(seed, widths), _architecture(widths)
+    values = draws.values(seed, 3, widths[0])
+    return [
+        _ae_forward(f"ae-{name}", weights, values, options),
+        _ae_decode(f"ae-decoder-{name}", weights, options),
     ]
 
 
