@@ -28,7 +28,7 @@ def draw_clips(path: Path, run: Run, name: str) -> None:
 
     Frames are the liveliest of equal parts; colour is the size of the offsets, on one scale.
     """
-    stages = run.artifacts(*stages_of_pipelines(run), "truth")
+    stages = run.artifacts(*stages_of_pipelines(run), "truth", "evaluate")
     scene = Scene(stages, load_body_model(str(body_model_path(run))), panel_px=220)
     frames, true_m = _liveliest(scene, name)
     rows = {_TRUE: true_m}
