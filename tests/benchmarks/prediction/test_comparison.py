@@ -8,10 +8,14 @@ from pathlib import Path
 import pytest
 
 from benchmarks.prediction import comparison, corpora
+from benchmarks.prediction.comparison_clips import draw_clips
 from benchmarks.prediction.comparison_page import systems_of
 from benchmarks.prediction.comparison_scores import joined, refuse_mixture
 from bridge.errors import DsnetError
+from bridge.measure.evaluation import evaluate_run
 from bridge.motion.splits import CELLS
+from bridge.runs import Run
+from tests.bridge.report.conftest import forge_run
 
 DOCS = Path(__file__).parents[3] / "docs" / "results" / "comparison"
 RIVAL = {
@@ -87,6 +91,16 @@ def test_finished_scores_become_a_page_and_figures(tmp_path, no_training):
     assert "training seeds 0, 1" in text
     for name in ("cost.png", "cells.png", "over_time.png"):
         assert (tmp_path / name).stat().st_size > 10_000
+
+
+def test_clips_are_drawn_of_an_evaluated_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    forge_run(tmp_path / "forged")
+    run = Run("forged")
+    evaluate_run(run)
+    tested = run.artifact("evaluate").manifest["per_sequence"][-1]["name"]
+    draw_clips(tmp_path / "clips.png", run, tested)
+    assert (tmp_path / "clips.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(
