@@ -68,6 +68,21 @@ def papers_size() -> Iterator[str]:
     yield f"`dsnet_plus` has R² {plus} in every group**"
 
 
+def side_by_side() -> Iterator[str]:
+    files = sorted((ROOT / "docs" / "results" / "comparison").glob("own-[0-9].json"))
+    seeds = [results(f"comparison/{path.stem}") for path in files]
+
+    def r2(name: str, cell: str) -> float:
+        return mean(seed["cells"][cell][name]["r2"] for seed in seeds)
+
+    (plus,) = {f"{r2('dsnet_plus', cell):.2f}" for cell in CELLS}
+    first, second = (
+        f"{max(r2(name, cell) for name in seeds[0]['systems']):.2f}"
+        for cell in ("known_person_unseen_motion", NEW_UNSEEN)
+    )
+    yield f"R² {plus}; in unseen motions the next has {first} and {second}."
+
+
 def of_seeds(corpus: str) -> list[Any]:
     """The test bed's scores of a corpus."""
     found = sorted((ROOT / "docs" / "results" / "prediction").glob(f"{corpus}-[0-9].json"))
@@ -155,7 +170,7 @@ def many_motions() -> Iterator[str]:
 SAID = {
     "alignment": (laws, steps),
     "data": (unlike,),
-    "findings": (held_out, papers_size),
+    "findings": (held_out, papers_size, side_by_side),
     "motion_files": (many_motions,),
     "prediction": (tissues, strangers, recordings),
 }

@@ -167,7 +167,7 @@ def _tell(tools: tuple[BodyModelData, TrainedPlus], item: tuple[_Person, Path]) 
     if kept.is_file():
         stored = json.loads(kept.read_text(encoding="utf-8"))
         estimates = {part: Estimate(**one) for part, one in stored["estimates"].items()}
-        return _Told(estimates, stored["refused"], stored["betas"])
+        return _Told(estimates, stored["refused"], stored.get("betas", [*person.betas]))
     takes: list[Take] = []
     refused = {}
     for file in person.files:

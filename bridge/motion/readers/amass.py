@@ -53,7 +53,7 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         whole = any(key in archive for key in WHOLE_KEYS)
         unread = PART_KEYS if whole else ()
         wanted = {key: most for key, most in _MOST_BYTES.items() if key not in unread}
-        arrays = arrays_of(npz_fields(archive, wanted))
+        arrays = arrays_of(npz_fields(archive, wanted), strict=True)
     return motion_of(path, arrays, how)
 
 
@@ -62,7 +62,8 @@ def gender_of(path: Path) -> str | None:
     with file_refused(path, unusable, "Download it again."), open_npz(path) as archive:
         if not holds_poses(archive):
             return None
-        return gender_stored(arrays_of(npz_fields(archive, {"gender": _MOST_TEXT_BYTES})))
+        stated = npz_fields(archive, {"gender": _MOST_TEXT_BYTES})
+        return gender_stored(arrays_of(stated, strict=True))
 
 
 def motion_path(name_or_path: Path | str) -> Path:

@@ -122,7 +122,7 @@ def _arrays(person: Mapping[str, Any]) -> dict[str, NDArray]:
         person = {**person, **camera, **world}
     rate = _rate(person.get(_DETAILS))
     person = {"mocap_frame_rate": rate, **person, "gender": _gender(person)}
-    return arrays_of(person)
+    return arrays_of(person, strict=_DETAILS in person)
 
 
 def _gender(person: Mapping[str, Any]) -> Any:

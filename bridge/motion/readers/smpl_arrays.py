@@ -119,9 +119,13 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
     )
 
 
-def arrays_of(fields: Mapping[str, Any]) -> dict[str, NDArray]:
+def arrays_of(fields: Mapping[str, Any], *, strict: bool = False) -> dict[str, NDArray]:
     """Those of `WANTED` among a file's fields: numbers, text, arrays and what
-    `bridge.body.safe_pickle.as_array` makes one of, each alone or in a list of one."""
+    `bridge.body.safe_pickle.as_array` makes one of, each alone or in a list of one.
+
+    `strict`: ValueError if one that is there is none of these; else it is passed over, as are
+    things of other meanings under the names of pickles.
+    """
     found = {}
     for name in WANTED:
         value = fields.get(name)
@@ -131,6 +135,8 @@ def arrays_of(fields: Mapping[str, Any]) -> dict[str, NDArray]:
             found[name] = np.asarray(value)
         elif isinstance(value, Record):
             found[name] = as_array(value)
+        elif strict and value is not None:
+            raise ValueError(f"{name!r} is an object of another kind")
     return found
 
 

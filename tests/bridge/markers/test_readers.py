@@ -141,6 +141,13 @@ def test_nothing_in_a_pickle_runs(known: Known, tmp_path: Path) -> None:
     assert not trace.exists()
 
 
+def test_a_translation_that_is_no_array_is_refused(known: Known, tmp_path: Path) -> None:
+    path = tmp_path / "take_stageii.pkl"
+    path.write_bytes(pickle.dumps(stageii(known) | {"trans": {"x": 0.0}}))
+    with pytest.raises(DsnetError, match="'trans' is an object of another kind"):
+        load_motion_file(path)
+
+
 def test_a_pickle_without_the_recorded_markers_is_refused(known: Known, tmp_path: Path) -> None:
     stored = stageii(known)
     del stored["stageii_debug_details"]["markers_orig"]

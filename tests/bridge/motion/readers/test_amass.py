@@ -123,6 +123,9 @@ def test_first_ten_betas(target: Path, betas: np.ndarray) -> None:
         ({"mocap_framerate": np.nan}, "not all finite"),
         ({"poses": np.array([["a"]])}, "not all finite numbers"),
         ({"betas": np.array([{}], dtype=object)}, "does not load"),
+        ({"gender": np.array({}, dtype=object)}, "'gender' is an object of another kind"),
+        ({"trans": np.array({}, dtype=object)}, "'trans' is an object of another kind"),
+        ({"mocap_framerate": np.array({}, dtype=object)}, "is an object of another kind"),
     ],
 )
 def test_unusable_contents_are_refused_in_one_line(
