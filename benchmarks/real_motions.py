@@ -259,7 +259,8 @@ def bvh_places(path: Path) -> Places:
                 if channel.endswith("position"):
                     place[:, "XYZ".index(channel[0])] = values
                 else:
-                    turn = turn * Rotation.from_euler(channel[0].lower(), values, degrees=True)
+                    axis, angles = channel[0].lower(), values[:, None]
+                    turn = turn * Rotation.from_euler(axis, angles, degrees=True)
             world[joint] = world[parent] * turn if parent else turn
             places[joint] = places[parent] + world[parent].apply(place) if parent else place
         elif token == "}":

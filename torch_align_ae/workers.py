@@ -17,6 +17,7 @@ import torch
 from torch import Tensor, distributed, nn
 from torch.nn.parallel import DistributedDataParallel
 
+from bridge.errors import DsnetError
 from bridge.runs.workers import Kind, WorkerPool, worker_pool
 
 Tools = TypeVar("Tools")
@@ -88,16 +89,37 @@ def told(value: Told) -> Told:
     return box[0]
 
 
+def device() -> torch.device:
+    """Where this process trains networks: its GPU, or the processor where there is none."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def gpu_name() -> str | None:
+    """Such as `NVIDIA H100 80GB HBM3`; times say nothing without."""
+    return torch.cuda.get_device_name() if device().type == "cuda" else None
+
+
 @contextmanager
 def joined_by_torchrun() -> Iterator[None]:
     """With the processes that `torchrun` started, or alone.
 
     NCCL connects GPUs, of which each process takes one; Gloo connects processors.
+
+    Raises
+    ------
+    DsnetError
+        If a machine with GPUs has fewer of them than `torchrun` started processes.
     """
     if int(os.environ.get("WORLD_SIZE", "1")) == 1:
         yield
         return
-    if gpus := torch.cuda.is_available():
+    if gpus := torch.cuda.device_count():
+        if int(os.environ["LOCAL_WORLD_SIZE"]) > gpus:
+            raise DsnetError(
+                f"{os.environ['LOCAL_WORLD_SIZE']} processes on a machine of {gpus} GPU(s)",
+                "a GPU for each",
+                f"Pass torchrun --nproc-per-node {gpus}, or CUDA_VISIBLE_DEVICES= for none.",
+            )
         torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
     distributed.init_process_group("nccl" if gpus else "gloo", timeout=_PATIENCE)
     try:

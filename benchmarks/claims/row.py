@@ -20,6 +20,7 @@ COMPARISON, SUBSPACES, SPEED = (
     "results/subspaces/subspaces.md",
     "results/demo/speed.md",
 )
+GPU = "results/gpu/torch.json"
 STUDY, GAINS = "results/claims/align_robust-0.json", "results/claims/alignment.json"
 COMMANDS = {
     DEMO: ("demo", "./reproduce.sh"),
@@ -29,6 +30,7 @@ COMMANDS = {
     COMPARISON: ("comparison", "python -m benchmarks.prediction.comparison --out DIR"),
     SUBSPACES: ("subspaces", "python -m benchmarks.subspaces --out DIR"),
     SPEED: ("speed", "python -m benchmarks.speed --run demo"),
+    GPU: ("the same on a GPU", "python -m benchmarks.speed.autoencoder"),
     "markers.md": ("markers", "dsnet evaluate --markers FILE --out DIR"),
 }
 """What each page or file of results is called in the table, and what makes it."""

@@ -35,6 +35,7 @@ from torch_align_ae.autoencoder.mesh_autoencoder import (
     parameter_count,
 )
 from torch_align_ae.autoencoder.training import keep_freed_memory
+from torch_align_ae.workers import device, gpu_name
 
 _GEMM_SIZE = 2048
 
@@ -61,9 +62,8 @@ def main(config: TorchBenchConfig) -> None:
 def measure(config: TorchBenchConfig) -> dict[str, Any]:
     """Median seconds of every contender, their ratio, and the share of the machine's limit."""
     keep_freed_memory()
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     torch.manual_seed(config.seed)
-    with device:
+    with device():
         offsets = torch.randn(config.batch_size, N_VERTICES, 3)
         mesh, casas = MeshAutoencoder(), CasasOtaduyAutoencoder()
         square = torch.randn(_GEMM_SIZE, _GEMM_SIZE)
@@ -79,7 +79,7 @@ def measure(config: TorchBenchConfig) -> dict[str, Any]:
         "casas_otaduy_plain_adam": training_step(casas_adam, casas, offsets, fused=False),
         "gemm": lambda: square @ square,
     }
-    seconds = interleaved_seconds(contenders, config.rounds, device)
+    seconds = interleaved_seconds(contenders, config.rounds, device())
     medians = {name: statistics.median(values) for name, values in seconds.items()}
     return {
         "batch_size": config.batch_size,
@@ -96,7 +96,8 @@ def measure(config: TorchBenchConfig) -> dict[str, Any]:
             "mesh_autoencoder": parameter_count(mesh),
             "casas_otaduy": parameter_count(casas),
         },
-        "machine": f"{machine()}, {device.type}",
+        "machine": f"{machine()}, {device().type}",
+        "gpu": gpu_name(),
         "threads": torch.get_num_threads(),
         "torch": torch.__version__,
     }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from benchmarks.subspaces.trainings import Budget, OffsetTraining, UntrainedCode
 from bridge.motion.splits import chunks
 from torch_align_ae.autoencoder.mesh_autoencoder import parameter_count
 from torch_align_ae.autoencoder.training import TrainingResult, scored_frames
+from torch_align_ae.workers import gpu_name
 
 
 def pca_row(size: int, data: SubspaceData, budget: Budget) -> dict[str, Any]:
@@ -47,8 +47,8 @@ def network_row(code: UntrainedCode) -> dict[str, Any]:
         "steps_taken": int(result.steps[-1]),
         "best_step": int(result.steps[result.best]),
         "timed_steps": len(training.step_s),
-        "step_s": median(training.step_s) if training.step_s else None,
-        "training_s": training_s,
+        "step_s": training_s / len(training.step_s) if training.step_s else None,
+        "gpu": gpu_name(),
         "curve": {"steps": result.steps.tolist(), "r2": _curve(training, result)},
         **measured(NetworkCodec(training.model, training.normaliser), code.data),
     }

@@ -28,8 +28,9 @@ and its components. Every network takes {steps} steps of {batch_size} frames in 
 is scored with its weights of the least validation loss ({validation_frames} frames, every
 {validate_every} steps). Where the rate is searched for, {search_steps} steps are taken at each of
 {rates}, and the least validation loss after them decides. Rows of more steps are trainings of
-their own: the rate falls along a cosine, so none is a shorter one continued. Seconds and
-milliseconds are medians on {machine}, with {threads}; the machine's load was {load}.
+their own: the rate falls along a cosine, so none is a shorter one continued. Seconds a step are
+of the whole training with its validations and files, milliseconds medians of the processor's, on
+{machine}, with {threads}; the machine's load was {load}.
 Run `{run}`, seed {seed}. Made by {commands}.
 
 ![Training curves](subspaces.png)
@@ -119,7 +120,12 @@ def _machine(rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     threads = sorted({row["threads"] for row in rows})
     loads = [row["load"] for row in rows]
     return {
-        "machine": "; ".join(sorted({row["provenance"]["machine"] for row in rows})),
+        "machine": "; ".join(sorted({_place(row) for row in rows})),
         "threads": " or ".join(f"{n} thread{'s' * (n != 1)}" for n in threads),
         "load": f"{min(loads):.1f} to {max(loads):.1f}" if loads else "",
     }
+
+
+def _place(row: Mapping[str, Any]) -> str:
+    gpu = row.get("gpu")
+    return row["provenance"]["machine"] + (f" and {gpu}" if gpu else "")

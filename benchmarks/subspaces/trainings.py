@@ -13,6 +13,7 @@ from bridge.errors import DsnetError
 from bridge.runs.files import write_text_atomically
 from torch_align_ae.autoencoder.stage_train_ae import PRESETS
 from torch_align_ae.autoencoder.training import Training, TrainingPlan
+from torch_align_ae.workers import device
 
 OffsetTraining: TypeAlias = Training[OffsetAutoencoder]
 
@@ -98,6 +99,7 @@ class UntrainedCode:
             seed=self.data.seed,
         )
         model, normaliser = new_network(self.code, self.size, self.data)
+        model.to(device())
         label = f"{checkpoint.stem} at {rate:g}"
         offsets_m, split = self.data.offsets_m, self.data.split
         return Training(model, normaliser, offsets_m, split, plan, checkpoint, label)

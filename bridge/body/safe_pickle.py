@@ -17,7 +17,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pickle import UnpicklingError
-from typing import IO, Any
+from typing import IO, Any, Literal
 
 import numpy as np
 import scipy.sparse as sp
@@ -259,14 +259,16 @@ def as_array(value: Any) -> np.ndarray:
         return np.asarray(value)
     match value:
         case Record("array") | Record("buffer"):
-            shape, dtype, is_fortran, raw = _array_parts(value)
+            shape, dtype, order, raw = _array_parts(value)
             sizes = whole_numbers(shape)
             if _holds_objects(dtype):
                 return _of_objects(raw, sizes)
             numbers = _dtype(dtype)
             _check_size(sizes, numbers.itemsize, MOST_BYTES)
             flat = np.frombuffer(_raw_bytes(raw), numbers, math.prod(sizes))
-            return flat.reshape(sizes, order="F" if is_fortran else "C")
+            if isinstance(order, tuple):
+                return flat.reshape(sizes).transpose(order)
+            return flat.reshape(sizes, order=order)
         case Record("scalar", (Record("dtype") as dtype, raw)):
             return np.frombuffer(_raw_bytes(raw), _dtype(dtype), 1).reshape(())
         case Record("chumpy", _, {"idxs": idxs, "a": whole, **state}):
@@ -312,12 +314,17 @@ def _dense(kind: str, state: dict[Any, Any]) -> np.ndarray:
     return matrix.toarray()
 
 
-def _array_parts(record: Record) -> tuple[Any, Record, Any, Any]:
+def _array_parts(
+    record: Record,
+) -> tuple[Any, Record, Literal["C", "F"] | tuple[int, ...], Any]:
+    """Shape, dtype, the order of what is stored or how its axes are transposed, and that."""
     match record.kind, record.state, record.arguments:
         case "array", (_, shape, Record("dtype") as dtype, is_fortran, raw), _:
-            return shape, dtype, is_fortran, raw
-        case "buffer", None, (raw, Record("dtype") as dtype, shape, order):  # protocol 5
-            return shape, dtype, order == "F", raw
+            return shape, dtype, "F" if is_fortran else "C", raw
+        case "buffer", None, (raw, Record("dtype") as dtype, shape, ("C" | "F") as order):
+            return shape, dtype, order, raw  # protocol 5
+        case "buffer", None, (raw, Record("dtype") as dtype, shape, "K", axes):  # from NumPy 2.4
+            return shape, dtype, whole_numbers(axes), raw
     raise UnpicklingError("an array without its values")
 
 

@@ -52,7 +52,7 @@ from torch_align_ae.autoencoder.training import (
     keep_freed_memory,
     multiplies_bfloat16,
 )
-from torch_align_ae.workers import joined_by_torchrun, leads, told
+from torch_align_ae.workers import device, joined_by_torchrun, leads, told
 
 PresetName = Literal["literal", "measured", "short"]
 PrecisionName = Literal["auto", "bfloat16", "float32"]
@@ -108,7 +108,7 @@ class TrainAutoencoderConfig(Pace):
     bfloat16, twice that in float32; 1.5 GB of memory.
 
     Several processes, on several machines that see the same runs, share each batch when torchrun
-    starts them: `torchrun --nproc-per-node 2 --no-python dsnet train-ae --run RUN`.
+    starts them: `torchrun --nproc-per-node 2 --no-python sh -c "dsnet train-ae --run RUN"`.
 
     Gives `autoencoder.safetensors` (weights and normaliser), `pca.safetensors`, the linear code of
     the same frames and size, the losses, and the share of the validation offsets' energy that both
@@ -247,7 +247,7 @@ def _begun(trial: _Trial, align: Artifact) -> Training[MeshAutoencoder]:
     if preset.initialisation == "modes":
         sample = torch.from_numpy(mode_sample(offsets_m, split, config.seed))
         initialise_with_modes(model, normaliser.normalise(sample), config.seed)
-    model.to("cuda" if torch.cuda.is_available() else "cpu")
+    model.to(device())
     settings = {one.name: getattr(config, one.name) for one in fields(Pace)}
     settings |= {one.name: getattr(preset, one.name) for one in fields(Schedule)}
     per_epoch = math.ceil(len(split.train) / config.batch_size)
@@ -263,7 +263,7 @@ def _trained(
     """Train, or go on from the writer's checkpoint; of what frames, and what the manifest says."""
     checkpoint = writer.checkpoints.resolve() / f"{name}.safetensors"
     if config.precision == "auto":
-        fast = multiplies_bfloat16() and not torch.cuda.is_available()
+        fast = multiplies_bfloat16() and device().type == "cpu"
         config = replace(config, precision="bfloat16" if fast else "float32")
     training = _begun(told(_Trial(name, config, checkpoint)), align)
     codec = Codec(training.model, training.normaliser)

@@ -67,6 +67,35 @@ def test_a_select_is_its_arrays_elements(protocol: int, inner: Any) -> None:
     np.testing.assert_array_equal(as_array(loaded[1]), [5, 0])
 
 
+class _AsOfNumPy24:
+    """Is pickled as an array is by NumPy 2.4 if its axes lie in memory neither as in C nor as in
+    Fortran: with their order."""
+
+    def __init__(self, in_memory: np.ndarray, axes: tuple[int, ...]) -> None:
+        self.in_memory, self.axes = in_memory, axes
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        array = self.in_memory
+        from_buffer = np.ndarray.__reduce_ex__(array, 5)[0]
+        return from_buffer, (bytearray(array.tobytes()), array.dtype, array.shape, "K", self.axes)
+
+
+@pytest.mark.parametrize("order", ["C", "F", "K"])
+def test_an_array_of_protocol_5_has_its_axes(order: str) -> None:
+    in_memory = np.arange(24.0).reshape(2, 3, 4)
+    array = in_memory.transpose(1, 2, 0) if order == "K" else np.asarray(in_memory, order=order)
+    stored = _AsOfNumPy24(in_memory, (1, 2, 0)) if order == "K" else array
+    loaded = load_restricted(io.BytesIO(pickle.dumps(stored, 5)))
+    np.testing.assert_array_equal(as_array(loaded), array)
+
+
+@pytest.mark.parametrize("axes", [(0, 0, 1), (0, 1), (0, 1, 3), 5, ("x", "y", "z")])
+def test_axes_that_are_none_are_refused(axes: Any) -> None:
+    stored = _AsOfNumPy24(np.zeros((2, 3, 4)), axes)
+    with pytest.raises((pickle.UnpicklingError, ValueError)):
+        as_array(load_restricted(io.BytesIO(pickle.dumps(stored, 5))))
+
+
 @pytest.mark.parametrize(
     ("path", "gender"),
     [

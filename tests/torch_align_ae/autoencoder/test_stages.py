@@ -28,7 +28,7 @@ CONFIG = TrainAutoencoderConfig(run="r", steps=2, batch_size=16, patience=0)
 def run(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSNET_RUNS", str(tmp_path_factory.mktemp("runs")))
-        _write_align(Run("r"))
+        leave_align(Run("r"))
         stage_train_ae.main(CONFIG)
         stage_encode.main(EncodeConfig(run="r"))
         _write_prediction(Run("r"))
@@ -43,7 +43,7 @@ def _index() -> list[MotionSequence]:
     ]
 
 
-def _write_align(run: Run, garbled: int | None = None, data: DataOrigin = "synthetic") -> None:
+def leave_align(run: Run, garbled: int | None = None, data: DataOrigin = "synthetic") -> None:
     frames = len(NAMES) * LENGTH
     rng = np.random.default_rng(0)
     waves = rng.standard_normal((frames, 4)) @ rng.standard_normal((4, 6890 * 3)) * 1e-3
@@ -93,7 +93,7 @@ def test_the_processor_decides_the_precision_unless_told(run, monkeypatch):
     for asked, fast in (("auto", True), ("auto", False), ("float32", True)):
         monkeypatch.setattr(stage_train_ae, "multiplies_bfloat16", lambda fast=fast: fast)
         config = replace(CONFIG, run=f"{asked}_{fast}", precision=asked)
-        _write_align(Run(config.run))
+        leave_align(Run(config.run))
         stage_train_ae.main(config)
         trained = Run(config.run).artifact("train-ae")
         summary = trained.manifest["autoencoder"]
@@ -109,7 +109,7 @@ def test_the_processor_decides_the_precision_unless_told(run, monkeypatch):
 def test_comparisons_may_be_shorter(run):
     config = replace(CONFIG, run="compared", comparisons=("literal",), comparison_epochs=1)
     other = Run(config.run)
-    _write_align(other)
+    leave_align(other)
     stage_train_ae.main(config)
     (compared,) = other.artifact("train-ae").manifest["comparisons"]
     assert compared["preset"] == "literal"
@@ -123,7 +123,7 @@ def test_comparisons_may_be_shorter(run):
 def other(run, tmp_path_factory):
     """As if licensed, with DMPL beside it, and another clip held out."""
     dmpl = save_dmpl(tmp_path_factory.mktemp("dmpls") / "female" / "model.npz")
-    _write_align(Run("other"), garbled=SPLITS.index("validation"), data="licensed")
+    leave_align(Run("other"), garbled=SPLITS.index("validation"), data="licensed")
     stage_train_ae.main(replace(CONFIG, run="other", dmpl=dmpl))
     return Run("other")
 

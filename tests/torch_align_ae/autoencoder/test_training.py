@@ -32,21 +32,24 @@ def smooth_offsets(frames: int, vertices: int, seed: int = 0) -> np.ndarray:
     return 5e-3 * np.einsum("tkc,kv->tvc", swing.reshape(frames, 3, 3), waves).astype(np.float32)
 
 
-def training(folder, plan: TrainingPlan, offsets_m: np.ndarray | None = None, widths=SMALL):
+def training(
+    folder, plan: TrainingPlan, offsets_m: np.ndarray | None = None, widths=SMALL, where="cpu"
+):
     offsets_m = smooth_offsets(200, widths[0]) if offsets_m is None else offsets_m
     split = split_frames(np.arange(len(offsets_m)), seed=0)
     torch.manual_seed(0)
     normaliser = fit_normaliser("standard", offsets_m, split.train)
-    model = MeshAutoencoder(widths)
+    model = MeshAutoencoder(widths).to(where)
     return Training(model, normaliser, offsets_m, split, plan, folder / "a.safetensors")
 
 
 def weights(job: Training) -> dict[str, np.ndarray]:
-    return {name: value.numpy().copy() for name, value in job.model.state_dict().items()}
+    return {name: value.cpu().numpy().copy() for name, value in job.model.state_dict().items()}
 
 
-def test_pytorchs_beginning_learns_in_a_few_hundred_steps(tmp_path):
-    job = training(tmp_path, TrainingPlan(steps=300, batch_size=16, learning_rate=3e-3))
+def test_pytorchs_beginning_learns_in_a_few_hundred_steps(tmp_path, where):
+    plan = TrainingPlan(steps=300, batch_size=16, learning_rate=3e-3)
+    job = training(tmp_path, plan, where=where)
     result = job.run()
     codec = Codec(job.model.eval(), job.normaliser)
     assert result.validation_losses[-1] < 0.8 * result.validation_losses[0]
@@ -77,7 +80,7 @@ class _KilledError(Exception):
 @pytest.mark.parametrize("bfloat16", [False, True])
 @pytest.mark.parametrize(("every", "killed_after"), [(0, 3), (0, 9), (2, 4), (5, 5)])
 def test_a_killed_training_resumes_with_the_same_bits(
-    tmp_path, monkeypatch, every, killed_after, bfloat16
+    tmp_path, monkeypatch, every, killed_after, bfloat16, where
 ):
     plan = TrainingPlan(
         bfloat16=bfloat16,
@@ -88,12 +91,12 @@ def test_a_killed_training_resumes_with_the_same_bits(
         cosine_decay=True,
         validate_every=every,
     )
-    whole = training(tmp_path / "whole", plan)
+    whole = training(tmp_path / "whole", plan, where=where)
     (tmp_path / "whole").mkdir()
     (tmp_path / "killed").mkdir()
     expected = whole.run()
 
-    killed = training(tmp_path / "killed", plan)
+    killed = training(tmp_path / "killed", plan, where=where)
     train = killed._train
 
     def dies(steps, bar):
@@ -104,7 +107,7 @@ def test_a_killed_training_resumes_with_the_same_bits(
     monkeypatch.setattr(killed, "_train", dies)
     with pytest.raises(_KilledError):
         killed.run()
-    resumed = training(tmp_path / "killed", plan)
+    resumed = training(tmp_path / "killed", plan, where=where)
     found = resumed.run()
     for name, array in vars(expected).items():
         np.testing.assert_array_equal(vars(found)[name], array, err_msg=name)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +13,8 @@ import numpy as np
 import pytest
 
 from bridge.exchange import load_weights
+from bridge.runs import Run
+from tests.torch_align_ae.autoencoder.test_stages import leave_align
 
 pytestmark = pytest.mark.slow  # each start of two processes loads PyTorch thrice
 
@@ -70,6 +75,23 @@ def test_each_goes_on_from_the_others_checkpoint(train, alone, tmp_path):
     train(tmp_path / "a.safetensors", 5)
     train(tmp_path / "a.safetensors", 15, *_TORCHRUN)
     _assert_same(train(tmp_path / "a.safetensors", 20), alone)
+
+
+def test_the_documented_command_trains(tmp_path, monkeypatch):
+    """As `docs/scaling.md` has it, whatever options of its own torchrun has by now."""
+    page = (Path(__file__).parents[3] / "docs" / "scaling.md").read_text(encoding="utf-8")
+    (line,) = re.findall("^torchrun .*train-ae.*$", page, re.MULTILINE)
+    *command, script = shlex.split(line, comments=True)
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    leave_align(Run("demo"))
+    tools = str(Path(sys.executable).parent)
+    environment = {"PATH": f"{tools}:{os.environ['PATH']}", "CUDA_VISIBLE_DEVICES": ""}
+    done = subprocess.run(
+        [*command, f"{script} --steps 2"],
+        capture_output=True, text=True, check=False, env={**os.environ, **environment},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert Run("demo").artifact("train-ae").manifest["autoencoder"]["steps_taken"] == 2
 
 
 def _assert_same(found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:

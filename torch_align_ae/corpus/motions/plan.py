@@ -196,7 +196,7 @@ class Planner:
             np.broadcast_to(np.asarray(value, np.float64), self.times_s.shape)
             for value in (lower, swing, twist, elbow, shrug)
         )
-        collar = Rotation.from_euler("Z", shrug - _COLLAR_SHARE * lower)
+        collar = Rotation.from_euler("Z", (shrug - _COLLAR_SHARE * lower)[:, None])
         whole = Rotation.from_euler("XZX", np.stack([-swing, -lower, twist], axis=1))
         shoulder = (collar.inv() * whole).as_rotvec()
         left = {"collar": collar.as_rotvec(), "shoulder": shoulder, "elbow": self.axis(y=-elbow)}
