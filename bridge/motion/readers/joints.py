@@ -1,5 +1,6 @@
 """Places of SMPL's joints, as HumanML3D (`new_joints`) and MDM (`results.npy`) have them: `.npy` of
-(T, 22, 3), 20 frames a second, y up.
+(T, 22, 3), 20 frames a second, y up. Other `.npy` that hold motions are known by what is in them:
+Motion-X's (T, 322) of SMPL-X, and dictionaries of SMPL's arrays.
 
 Rotations are found by inverse kinematics in closed form.
 Pelvis and chest are turned onto their three bones each, all others by the shortest turn from the
@@ -22,6 +23,8 @@ from bridge.body.safe_pickle import as_array, load_restricted_item
 from bridge.errors import DsnetError
 from bridge.motion.directions import shortest_turn, unit
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion, pack_theta
+from bridge.motion.readers import pickles
+from bridge.motion.readers.smpl_arrays import motion_of
 from bridge.motion.retargeting import (
     local_rotations,
     mean_joints,
@@ -35,8 +38,19 @@ from bridge.runs.untrusted import NpyHeader, file_refused, open_regular, read_np
 
 _FPS = 20.0
 _MOST_BYTES = 1 << 28
+_MDM = "motion"
 _FEATURES = (263, 251)
 """Of HumanML3D and KIT, a frame."""
+_MOTION_X_FPS, _MOTION_X_WIDTH = 30.0, 322
+_MOTION_X = {
+    "root_orient": slice(3),
+    "pose_body": slice(3, 66),
+    "pose_hand": slice(66, 156),
+    "pose_jaw": slice(156, 159),
+    "trans": slice(309, 312),
+    "betas": slice(312, 322),
+}
+"""Columns of SMPL-X's arrays; between jaw and place are those of the face's shape."""
 _LONGEST_M = 1e6
 _CHILDREN = [
     [joint for joint in range(N_JOINTS) if SMPL_PARENTS[joint] == parent]
@@ -58,7 +72,8 @@ def gender_of(path: Path) -> str | None:
             shape = NpyHeader.read(file).shape
     except (OSError, ValueError):
         return None
-    return "unknown" if shape[1:] in ((N_JOINTS, 3), (24, 3)) else None
+    known = (N_JOINTS, 3), (24, 3), (_MOTION_X_WIDTH,)
+    return "unknown" if shape[1:] in known else None
 
 
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
@@ -66,7 +81,13 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     with file_refused(path, _refused, _REMEDY), open_regular(path, _MOST_BYTES) as file:
         has_objects = NpyHeader.read(file).dtype.hasobject
         file.seek(0)
-        joints = _of_samples(load_restricted_item(file)) if has_objects else read_npy(file)
+        found = load_restricted_item(file) if has_objects else read_npy(file)
+        if isinstance(found, dict) and _MDM not in found:
+            return pickles.read(path, how)
+        joints = _of_samples(found[_MDM]) if isinstance(found, dict) else as_array(found)
+    if joints.ndim == 2 and joints.shape[1] == _MOTION_X_WIDTH:
+        arrays = {name: joints[:, columns] for name, columns in _MOTION_X.items()}
+        return motion_of(path, arrays, how, _MOTION_X_FPS)
     joints = joints[0] if joints.ndim == 4 and len(joints) == 1 else joints
     if joints.ndim == 2 and joints.shape[1] in _FEATURES:
         remedy = "Recover its joints first, as HumanML3D does by recover_from_ric."
@@ -86,7 +107,7 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
 
 def _of_samples(found: Any) -> NDArray:
     """(T, 22, 3) of the first of MDM's samples (N, 22, 3, T)."""
-    motions = as_array(found["motion"])
+    motions = as_array(found)
     if motions.ndim != 4 or not len(motions):
         raise ValueError(f"motions of shape {motions.shape}")
     return motions[0].transpose(2, 0, 1)

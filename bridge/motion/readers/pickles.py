@@ -1,8 +1,10 @@
-"""Pickles and torch files of MoSh++, of generators, and of models that see people in videos.
+"""Pickles, torch files and dictionaries in `.npy`: of MoSh++, of generators, of models that see
+people in videos, of datasets.
 
 MoSh++'s `*_stageii.pkl` (AMASS's `poses` are its `fullpose`; its rate is that of the recording, of
 which it may have fitted every other frame, `ds_rate`), AIST++ (`smpl_poses`, `smpl_trans`,
-`smpl_scaling`, 60 frames a second), WHAM (people by number; plain or by joblib), GVHMR
+`smpl_scaling`, 60 frames a second), 3DPW (a list of people's in place of each array, 30 frames a
+second), EMDB (under `smpl`), WHAM (people by number; plain or by joblib), GVHMR
 (`smpl_params_global`), and any other dictionary of SMPL's arrays. What they hold is read by
 `bridge.body.safe_pickle`, which runs nothing, and without PyTorch. Poses in the space of a camera
 alone are refused: nobody knows there where the floor is.
@@ -18,12 +20,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body.safe_pickle import MOST_OPCODES, as_array, load_restricted
+from bridge.body.safe_pickle import (
+    MOST_OPCODES,
+    as_array,
+    load_restricted,
+    load_restricted_item,
+)
 from bridge.body.torch_files import load_torch
 from bridge.errors import DsnetError
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers.smpl_arrays import (
+    BODY_KEYS,
     POSE_KEYS,
+    RATE_KEYS,
     arrays_of,
     gender_in,
     holds_poses,
@@ -39,6 +48,7 @@ _MOST_OPCODES = 4_000_000
 """MoSh++'s names and markers of every frame are lists: 10,000 frames of 67 markers take 1.3
 million."""
 _AISTPP_FPS = 60.0
+_3DPW, _3DPW_FPS = "poses_60Hz", 30.0
 _MOST_PEOPLE = 10_000
 _REMEDY = "Save its arrays as .npz."
 _WORLD, _CAMERA = "smpl_params_global", "smpl_params_incam"
@@ -60,19 +70,23 @@ def gender_of(path: Path) -> str | None:
 def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     """Read and check one file; of several people the one who is seen longest."""
     found, people = opened(path)
-    if not people:
-        if isinstance(found, dict) and _CAMERA in found:
-            remedy = f"Export the world's ({_WORLD}) too."
-            raise unusable(path, "whose poses are in the space of a camera alone", remedy)
-        raise unusable(path, "without poses of SMPL", "Pass the file of one motion.")
+    if not people and isinstance(found, dict) and _CAMERA in found:
+        remedy = f"Export the world's ({_WORLD}) too."
+        raise unusable(path, "whose poses are in the space of a camera alone", remedy)
+    if any("Rh" in person for person in people):
+        flaw = "whose bodies turn about the origin by 'Rh', as EasyMocap's"
+        raise unusable(path, flaw, "Write them as 'root_orient' and 'trans' of SMPL.")
     with file_refused(path, unusable, _REMEDY):
-        each = [_arrays(person) for person in people]
-        lengths = [next(len(one[key]) for key in one if "pose" in key) for one in each]
+        each = [one for one in map(_arrays, people) if holds_poses(one)]
+        keys = (*POSE_KEYS, *BODY_KEYS)
+        lengths = [next(len(one[key]) for key in keys if key in one) for one in each]
+    if not each:
+        raise unusable(path, "without poses of SMPL", "Pass the file of one motion.")
     arrays = each[int(np.argmax(lengths))]
     motion = motion_of(path, arrays, how, _AISTPP_FPS if "smpl_scaling" in arrays else np.nan)
-    if len(people) == 1:
+    if len(each) == 1:
         return motion
-    note = f"{path} holds {len(people)} people: the one of {max(lengths)} frames is read"
+    note = f"{path} holds {len(each)} people: the one of {max(lengths)} frames is read"
     return replace(motion, notes=(note, *motion.notes))
 
 
@@ -80,10 +94,16 @@ def opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
     """What a file holds, and the people in it."""
     with file_refused(path, unusable, _REMEDY):
         with open_regular(path, _MOST_FILE_BYTES) as file:
-            is_zip = file.read(2) == b"PK"
+            begins = file.read(2)
             file.seek(0)
             most = _MOST_OPCODES if path.stem.endswith(OF_MOSH) else MOST_OPCODES
-            found = load_torch(file) if is_zip else load_restricted(file, most)
+            found = (
+                load_torch(file)
+                if begins == b"PK"
+                else load_restricted_item(file)
+                if begins == b"\x93N"
+                else load_restricted(file, most)
+            )
         return found, [*_people(found)]
 
 
@@ -95,17 +115,27 @@ def within(value: Any, *names: str) -> Any:
 
 
 def _people(found: Any) -> Iterator[Mapping[str, Any]]:
-    """The dictionaries with poses in what a file holds."""
+    """The dictionaries with poses in what a file holds; what it says of all holds for each."""
     person = _named(found)
     if isinstance(person.get(_WORLD), dict):
         yield _named(person[_WORLD])
     elif "pose_world" in person or holds_poses(person):
-        yield person
+        yield from _each(person)
     else:
+        of_all = {key: person[key] for key in ("gender", *RATE_KEYS) if key in person}
         inner = [v for n, v in person.items() if n != _CAMERA] or found
         for one in map(_named, inner[:_MOST_PEOPLE] if isinstance(inner, list) else ()):
             if holds_poses(one):
-                yield one
+                yield {**of_all, **one}
+
+
+def _each(person: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """One after another where arrays are lists of people's."""
+    lists = {name: value for name, value in person.items() if isinstance(value, list)}
+    count = next((len(lists[key]) for key in POSE_KEYS if key in lists), 1)
+    for row in range(min(count, _MOST_PEOPLE)):
+        own = {name: value[row] for name, value in lists.items() if len(value) == count}
+        yield {**person, **own}
 
 
 def _named(found: Any) -> dict[str, Any]:
@@ -120,14 +150,15 @@ def _arrays(person: Mapping[str, Any]) -> dict[str, NDArray]:
         camera = dict.fromkeys((*POSE_KEYS, "trans"))
         world = {"pose": person["pose_world"], "trans": person.get("trans_world")}
         person = {**person, **camera, **world}
-    rate = _rate(person.get(_DETAILS))
+    rate = _3DPW_FPS if _3DPW in person else _rate(person.get(_DETAILS))
     person = {"mocap_frame_rate": rate, **person, "gender": _gender(person)}
     return arrays_of(person, strict=_DETAILS in person)
 
 
 def _gender(person: Mapping[str, Any]) -> Any:
     """As it is stated, or as MoSh++ was told."""
-    return person.get("gender", within(person, _DETAILS, "cfg", "surface_model", "gender"))
+    told = within(person, _DETAILS, "cfg", "surface_model", "gender")
+    return person.get("gender", person.get("genders", told))
 
 
 def _rate(details: Any) -> float | None:

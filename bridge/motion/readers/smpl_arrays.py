@@ -43,7 +43,8 @@ from bridge.runs.untrusted import text_of
 WHOLE_KEYS = ("poses", "pose", "smpl_poses", "fullpose")
 """Hands and face stand in the same array."""
 POSE_KEYS = (*WHOLE_KEYS, "bodyPose")
-ROOT_KEYS, BODY_KEYS = ("root_orient", "global_orient"), ("pose_body", "body_pose")
+ROOT_KEYS = ("root_orient", "global_orient", "poses_root")
+BODY_KEYS = ("pose_body", "body_pose", "poses_body")
 TRANS_KEYS = ("trans", "transl", "smpl_trans", "bodyTranslation")
 BETAS_KEYS = ("betas", "shapeParameters")
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate", "frame_rate", "frameRate")
@@ -187,6 +188,10 @@ def _pose(path: Path, arrays: Arrays) -> NDArray[np.float64]:
     if (angle_rad := np.abs(pose).max()) > LARGEST_ANGLE_RAD:
         flaw = f"whose 'poses' turn a joint by {angle_rad:.3g} rad"
         raise unusable(path, flaw, f"Angles are radians, at most {LARGEST_ANGLE_RAD:g}.")
+    # The root may have turned round and round; no limb does.
+    if (usual_rad := np.median(np.abs(pose[:, 1:]).max(axis=(1, 2)))) > 2 * np.pi:
+        flaw = f"whose 'poses' turn a limb by {usual_rad:.3g} rad over half of the time"
+        raise unusable(path, flaw, "Convert them to radians: they seem to be degrees.")
     return pose
 
 

@@ -14,9 +14,18 @@ import pytest
 
 from bridge import DsnetError
 from bridge.motion import load_motion_file
-from bridge.motion.readers import find_motion_files, pickles
+from bridge.motion.readers import find_motion_files, pickles, read_motion_file
 from tests.forged.amass import save, smplh
-from tests.forged.motion_kinds import FRAMES, by_joblib, by_torch, joints_m, person, walk, y_up
+from tests.forged.motion_kinds import (
+    FRAMES,
+    KINDS,
+    by_joblib,
+    by_torch,
+    joints_m,
+    person,
+    walk,
+    y_up,
+)
 
 FPS = 60.0
 
@@ -100,6 +109,20 @@ def test_joints_of_mdm_are_its_first_sample(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("file", "gender", "fps"),
+    [("3dpw.pkl", "female", 30.0), ("emdb.pkl", "female", np.nan), ("motion_x.npy", "unknown", 30)],
+)
+def test_what_a_dataset_says_of_all_is_everybodys(
+    tmp_path: Path, file: str, gender: str, fps: float
+) -> None:
+    (kind,) = (kind for kind in KINDS if kind.file == file)
+    motion = read_motion_file(kind.write(tmp_path))
+    assert motion.gender == gender
+    np.testing.assert_equal(motion.fps, fps)
+    np.testing.assert_array_equal(motion.betas, np.zeros(10))
+
+
+@pytest.mark.parametrize(
     ("array", "complaint"),
     [
         (np.zeros((FRAMES, 263)), "features"),
@@ -122,9 +145,10 @@ def test_a_folder_of_any_kind_is_searched(tmp_path: Path) -> None:
     (tmp_path / "anna" / "model.pkl").write_bytes(pickle.dumps({"v_template": np.zeros(3)}))
     (tmp_path / "anna" / "odd.pt").write_bytes(b"PK")
     np.save(tmp_path / "anna" / "hop.npy", joints_m())
+    np.save(tmp_path / "anna" / "kick.npy", np.zeros((9, 322)))
     np.save(tmp_path / "anna" / "mean.npy", np.zeros(263))
     found = {path.name for path in find_motion_files(tmp_path, "female")}
-    assert found == {"walk_poses.npz", "run.pkl", "hop.npy"}
+    assert found == {"walk_poses.npz", "run.pkl", "hop.npy", "kick.npy"}
     (tmp_path / "anna" / "half_stageii.pkl").write_bytes(b"PK")
     with pytest.raises(DsnetError, match=r"half_stageii\.pkl, which does not load"):
         find_motion_files(tmp_path, "female")
