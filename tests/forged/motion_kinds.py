@@ -193,6 +193,14 @@ def _flipped(name: str) -> str:
     return f"{head}Frame Time: 0.016666667\n" + "\n".join(map(" ".join, lines)) + "\n"
 
 
+def _in_radians() -> str:
+    head, _, rows = bvh().partition("Frame Time: 0.016666667\n")
+    numbers = np.array([row.split() for row in rows.splitlines()], float)
+    numbers[:, 3:] = np.radians(numbers[:, 3:])
+    body = "\n".join(" ".join(map(str, row)) for row in numbers)
+    return f"{head}Frame Time: 0.016666667\n{body}\n"
+
+
 def smpl(**changes: Any) -> dict[str, Any]:
     """SMPL-H's arrays of the walk, z up, as AMASS has them; a change to None leaves one out."""
     pose, places_m = walk()
@@ -405,6 +413,7 @@ KINDS = (
     Kind("more.bvh", "one frame more declared", lambda: _edited((r"^Frames: 90", "Frames: 91"))),
     Kind("two.bvh", "two people", _two_people),
     Kind("no_blank.bvh", "`Frame Time:x`", lambda: _edited((r"^(Frame.*): ", r"\1:"))),
+    Kind("radians.bvh", "angles in radians", _in_radians, differs="limbs"),
     Kind("nan.bvh", "numbers that are none", lambda: _edited((r"\A(.*\n)+.*\s\S+$", r"\g<0> nan"))),
     Kind("walk.npz", "AMASS, SMPL-H", smpl),
     Kind("y_up.npz", "y up with AMASS's keys (BEAT2, GVHMR)",

@@ -22,6 +22,8 @@ from bridge.runs.untrusted import file_refused, open_regular
 
 _MOST_BYTES = 64 << 20
 """A minute of fifty joints at 120 Hz takes a fifth of it."""
+_LIKE_RADIANS = 2 * np.pi
+"""No number that is written for an angle in radians is larger; of degrees somebody's always is."""
 _MOST_JOINTS = 512
 _ROUNDED, _FASTEST = 5e-5, 1e6
 _HEAD = re.compile(r"(frames|frame\s*time)\s*:\s*(\S+)\s*", re.IGNORECASE)
@@ -64,7 +66,14 @@ def _skeleton(path: Path, lines: list[str]) -> SkeletonMotion:
         others = ", ".join(joints[n].name for n in roots[1:])[:100]
         notes.append(f"{path} holds {len(roots)} people: the first is read, not that of {others}")
         joints = joints[: roots[1]]
-    found = replace(_moving(path, joints, np.array(rows)), fps=_rate(frame_s), notes=tuple(notes))
+    found = _moving(path, joints, np.array(rows))
+    most_deg = np.degrees(np.abs(found.angles_rad[:, 1:]).max(initial=0))
+    if len(rows) > 1 and most_deg < _LIKE_RADIANS:
+        notes.append(
+            f"{path} turns no joint by more than {most_deg:.2g} degrees: if these are radians, "
+            "convert them"
+        )
+    found = replace(found, fps=_rate(frame_s), notes=tuple(notes))
     if not RATES_HZ[0] <= found.fps <= RATES_HZ[1] and not np.isnan(found.fps):
         remedy = "'Frame Time' is the seconds from one frame to the next."
         raise unusable(path, f"at {found.fps:.3g} frames a second", remedy)
