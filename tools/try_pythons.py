@@ -2,10 +2,11 @@
 
     python -m tools.try_pythons
 
-An environment each, with the versions of `constraints.txt` (for the newest Python the newest NumPy
-and SciPy) and no framework: `dsnet predict` and `dsnet export` of the wheel, away from the sources,
-and the tests that need no more. A Python that is not found, or for which a package cannot be had,
-is named and left out; what fails in one that is there fails the command. Two minutes each.
+An environment each, with the versions of `constraints.txt` (under 3.13 the newest of NumPy, SciPy,
+Matplotlib, Pillow and ONNX Runtime) and no framework: `dsnet predict` and `dsnet export` of the
+wheel, away from the sources, and the tests that need no more. A Python that is not found, or for
+which a package cannot be had, is named and left out; what fails in one that is there fails the
+command. Two minutes each.
 """
 
 from __future__ import annotations

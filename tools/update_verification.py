@@ -29,9 +29,8 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "verification.md"
 KEPT = ROOT / "docs" / "results" / "verify"
 _DIGITS_SHOWN = 7
-_PARITY_COLOURS = ListedColormap(colormaps["YlGnBu"](np.linspace(0.08, 0.75, 2 * _DIGITS_SHOWN)))
-_PARITY_COLOURS.set_under("#D55E00")
-_PARITY_COLOURS.set_bad("#f2f2f2")
+_SHADES = ListedColormap(colormaps["YlGnBu"](np.linspace(0.08, 0.75, 2 * _DIGITS_SHOWN)))
+_PARITY_COLOURS = _SHADES.with_extremes(under="#D55E00", bad="#f2f2f2")
 _SHORT = {"float64": "f64", "float32": "f32"}
 Row = Mapping[str, Any]
 MARK = "<!-- outcome: written by tools/update_verification.py -->\n"
