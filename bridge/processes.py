@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import errno
+import math
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -40,6 +42,23 @@ _ENDING: dict[int, str] = {signal.SIGINT: "interrupted", signal.SIGTERM: "termin
 """What is answered, by signal."""
 _PAUSE_S = 0.1
 _PATIENCE_S = 10.0
+
+
+_QUOTA = Path("/sys/fs/cgroup/cpu.max")
+"""Microseconds of a container's cores in each period of so many, or `max`."""
+
+
+def usable_cores() -> int:
+    """Cores that this process may use: in a container or a batch job fewer than the machine has."""
+    if hasattr(os, "sched_getaffinity"):  # on Linux
+        cores = len(os.sched_getaffinity(0))
+    else:
+        cores = os.cpu_count() or 1
+    try:
+        quota_us, period_us = map(int, _QUOTA.read_text(encoding="ascii").split())
+    except (OSError, ValueError):
+        return cores
+    return min(cores, max(1, math.ceil(quota_us / period_us)))
 
 
 class Terminated(KeyboardInterrupt):

@@ -33,7 +33,7 @@ from tqdm import tqdm
 
 from bridge.errors import DsnetError, InterruptedWorkError
 from bridge.installation import require_package
-from bridge.processes import interrupts_withheld
+from bridge.processes import interrupts_withheld, usable_cores
 
 Tools = TypeVar("Tools")
 Item = TypeVar("Item")
@@ -99,7 +99,7 @@ def worker_pool(
     called once in each thread or process before its work; a function of a module. Where the system
     ends a process, as when memory runs out, or a cluster gives up: InterruptedWorkError.
     """
-    count = n_workers or _workers_by_default or os.cpu_count() or 1
+    count = n_workers or _workers_by_default or usable_cores()
     if kind == "serial":
         return _serial(tools, initializer)
     if kind == "ray":

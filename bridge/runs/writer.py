@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 import shutil
 import sys
@@ -17,6 +16,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from bridge.errors import DsnetError
 from bridge.installation import version_of
+from bridge.processes import usable_cores
 from bridge.runs.artifact import (
     SCHEMA_VERSION,
     WRITERS_KEYS,
@@ -237,7 +237,7 @@ def provenance(wall_time_s: float) -> dict[str, Any]:
         "finished_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "wall_time_s": round(wall_time_s, 3),
         "peak_memory_mb": round(largest / (2**20 if sys.platform == "darwin" else 2**10)),
-        "machine": f"{machine()}, {os.cpu_count()} cores",
+        "machine": f"{machine()}, {usable_cores()} cores",
         "versions": {"python": platform.python_version(), **versions},
     }
 

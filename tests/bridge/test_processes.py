@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from bridge.processes import outcome_of_module
+from bridge import processes
+from bridge.processes import outcome_of_module, usable_cores
 
 COMMAND = """
 import errno, os, signal, sys, time
@@ -162,3 +163,26 @@ with exit_with_one_line():
         os.killpg(process.pid, signal.SIGINT)
     said = process.communicate(timeout=60)[1]
     assert (process.returncode, said.count("\n")) == (130, 1), said
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="Linux's")
+def test_a_batch_job_uses_the_cores_that_it_was_given() -> None:
+    code = (
+        "import os; from bridge.processes import usable_cores; "
+        "os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1]); print(usable_cores())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "1"
+
+
+@pytest.mark.parametrize(
+    ("quota", "cores"),
+    [("200000 100000", 2), ("150000 100000", 2), ("1000 100000", 1), ("max 100000", 8), ("", 8)],
+)
+def test_a_container_uses_the_cores_that_it_was_given(
+    quota: str, cores: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "cpu.max").write_text(quota)
+    monkeypatch.setattr(processes, "_QUOTA", tmp_path / "cpu.max")
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
+    assert usable_cores() == cores

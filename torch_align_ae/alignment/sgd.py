@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -26,6 +25,7 @@ from torch import Tensor
 
 from bridge.motion import MotionSequence, pack_theta, subject_rows, unpack_theta
 from bridge.options import NonNegativeFloat, NonNegativeInt, PositiveFloat
+from bridge.processes import usable_cores
 from bridge.runs import ArtifactWriter
 from bridge.runs.workers import WorkerPool, on_any_node, progress
 from torch_align_ae.alignment.corpus_fit import AlignedFiles, CorpusFit, Meshes, Window, windows
@@ -171,7 +171,7 @@ class SgdFit(CorpusFit):
         if steps < _STEPS_WORTH_PROCESSES:
             workers = torch_workers("serial", self._objective)
         else:
-            n_workers = min(os.cpu_count() or 1, len(batches(len(self.sequences))))
+            n_workers = min(usable_cores(), len(batches(len(self.sequences))))
             workers = torch_workers(on_any_node("processes"), self._objective, n_workers)
         with workers as self._pool:
             super().write(writer)

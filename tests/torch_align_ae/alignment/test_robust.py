@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 import h5py
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ from benchmarks.alignment.lesser_laws import WeightsAlone
 from benchmarks.laws.captured import CapturedForm
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, sequences_of, unpack_theta
-from bridge.runs import Run
+from bridge.runs import Run, workers
 from bridge.tissue.oscillators import node_loads
 from torch_align_ae.alignment import tissue
 from torch_align_ae.alignment.gauss_newton import fit_shape
@@ -135,7 +133,7 @@ def test_results_do_not_depend_on_the_number_of_cores(smpl, jump, monkeypatch):
     meshes = jump[0][:40]
     few = RobustSettings(vertices=300, steps=2, calibration_frames=40, calibration_rounds=2)
     betas, (theta,) = align_sequences(smpl, [meshes], [0], few)
-    monkeypatch.setattr(os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(workers, "usable_cores", lambda: 1)
     again_betas, (again,) = align_sequences(smpl, [meshes], [0], few)
     np.testing.assert_array_equal(betas, again_betas)
     np.testing.assert_array_equal(theta, again)

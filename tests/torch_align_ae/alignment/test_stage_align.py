@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import shutil
 
 import h5py
@@ -148,7 +147,7 @@ def test_windows_leave_no_trace(runs, config, expected, monkeypatch):
 
 def test_processes_give_the_same_bits(runs, config, expected, monkeypatch):
     monkeypatch.setattr(sgd, "_STEPS_WORTH_PROCESSES", 0)
-    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(sgd, "usable_cores", lambda: 2)
     _, found = aligned(dataclasses.replace(config, run="processes"))
     for name, array in expected[1].items():
         np.testing.assert_array_equal(found[name], array)
