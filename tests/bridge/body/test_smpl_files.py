@@ -7,7 +7,7 @@ import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -81,7 +81,7 @@ class _AsOfNumPy24:
 
 
 @pytest.mark.parametrize("order", ["C", "F", "K"])
-def test_an_array_of_protocol_5_has_its_axes(order: str) -> None:
+def test_an_array_of_protocol_5_has_its_axes(order: Literal["C", "F", "K"]) -> None:
     in_memory = np.arange(24.0).reshape(2, 3, 4)
     array = in_memory.transpose(1, 2, 0) if order == "K" else np.asarray(in_memory, order=order)
     stored = _AsOfNumPy24(in_memory, (1, 2, 0)) if order == "K" else array
