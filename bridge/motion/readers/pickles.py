@@ -96,14 +96,14 @@ def opened(path: Path) -> tuple[Any, list[Mapping[str, Any]]]:
         with open_regular(path, _MOST_FILE_BYTES) as file:
             begins = file.read(2)
             file.seek(0)
-            most = _MOST_OPCODES if path.stem.endswith(OF_MOSH) else MOST_OPCODES
-            found = (
-                load_torch(file)
-                if begins == b"PK"
-                else load_restricted_item(file)
-                if begins == b"\x93N"
-                else load_restricted(file, most)
-            )
+            match begins:
+                case b"PK":
+                    found = load_torch(file)
+                case b"\x93N":  # of an .npy
+                    found = load_restricted_item(file)
+                case _:
+                    is_moshs = path.stem.endswith(OF_MOSH)
+                    found = load_restricted(file, _MOST_OPCODES if is_moshs else MOST_OPCODES)
         return found, [*_people(found)]
 
 
@@ -132,7 +132,10 @@ def _people(found: Any) -> Iterator[Mapping[str, Any]]:
 def _each(person: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
     """One after another where arrays are lists of people's."""
     lists = {name: value for name, value in person.items() if isinstance(value, list)}
-    count = next((len(lists[key]) for key in POSE_KEYS if key in lists), 1)
+    count = next((len(lists[key]) for key in POSE_KEYS if key in lists), None)
+    if count is None:
+        yield person
+        return
     for row in range(min(count, _MOST_PEOPLE)):
         own = {name: value[row] for name, value in lists.items() if len(value) == count}
         yield {**person, **own}
