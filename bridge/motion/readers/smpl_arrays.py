@@ -66,6 +66,8 @@ MOST_BYTES = MOST_FRAMES * 8 * 9 * 55
 """Of an array: matrices of SMPL-X's joints."""
 _WIDTHS = {66: "SMPL's 22 joints", 72: "SMPL", 156: "SMPL-H", 159: "SMPL-X without its jaw or eyes",
            165: "SMPL-X"}  # fmt: skip
+_BODY_WIDTHS = {63, 69}
+"""Without the root."""
 _KINDS = {24: "smpl", 52: "smplh", 53: "smplx", 55: "smplx"}
 """By numbers of joints; of 53 nobody knows the order of the last 31."""
 _SIX = {132, 144}
@@ -94,6 +96,7 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
     usual_fps : the rate of files of this kind that do not say theirs.
     """
     notes: list[str] = []
+    arrays = _of_first_person(path, arrays, notes)
     pose = _pose(path, arrays)
     kind, others = _others(path, arrays, len(pose), notes)
     kind = _said_kind(path, arrays, notes) or kind
@@ -118,6 +121,19 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
         or _said(arrays, "body_model").startswith(EMBEDDED_PREFIX),
         notes=tuple(notes),
     )
+
+
+def _of_first_person(path: Path, arrays: Arrays, notes: list[str]) -> Arrays:
+    """Where an axis of people, or of a batch, stands before that of frames."""
+    key = _first(arrays, (*POSE_KEYS, *BODY_KEYS))
+    shape = arrays[key].shape if key else ()
+    if len(shape) != 3 or shape[2] not in _WIDTHS.keys() | _BODY_WIDTHS or not shape[0]:
+        return arrays
+    if (people := shape[0]) > 1:
+        notes.append(f"{path} holds {people} people: the first is read")
+    keys = (*POSE_KEYS, *ROOT_KEYS, *BODY_KEYS, *PART_KEYS, *TRANS_KEYS, *BETAS_KEYS)
+    each = {k: v for k, v in arrays.items() if k in keys and v.ndim > 1 and len(v) == people}
+    return {**arrays, **{name: array[0] for name, array in each.items()}}
 
 
 def arrays_of(fields: Mapping[str, Any], *, strict: bool = False) -> dict[str, NDArray]:
@@ -213,7 +229,7 @@ def _by_joint(path: Path, arrays: Arrays, key: str) -> NDArray:
             "Cut it into several files.",
         )
     match array.shape:
-        case (count, width) if width in (3, 63, 69) if part else width in _WIDTHS:
+        case (count, width) if width in {3, *_BODY_WIDTHS} if part else width in _WIDTHS:
             return array.reshape(count, width // 3, 3)
         case (_, joints, 3) if joints >= (1 if part else N_JOINTS):
             return array
