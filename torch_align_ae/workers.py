@@ -94,11 +94,6 @@ def device() -> torch.device:
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
-def gpu_name() -> str | None:
-    """Such as `NVIDIA H100 80GB HBM3`; times say nothing without."""
-    return torch.cuda.get_device_name() if device().type == "cuda" else None
-
-
 @contextmanager
 def joined_by_torchrun() -> Iterator[None]:
     """With the processes that `torchrun` started, or alone.

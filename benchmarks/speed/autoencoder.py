@@ -35,7 +35,7 @@ from torch_align_ae.autoencoder.mesh_autoencoder import (
     parameter_count,
 )
 from torch_align_ae.autoencoder.training import keep_freed_memory
-from torch_align_ae.workers import device, gpu_name
+from torch_align_ae.workers import device
 
 _GEMM_SIZE = 2048
 
@@ -101,6 +101,11 @@ def measure(config: TorchBenchConfig) -> dict[str, Any]:
         "threads": torch.get_num_threads(),
         "torch": torch.__version__,
     }
+
+
+def gpu_name() -> str | None:
+    """Such as `NVIDIA H100 80GB HBM3`; times say nothing without."""
+    return torch.cuda.get_device_name() if device().type == "cuda" else None
 
 
 def interleaved_seconds(

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.speed.autoencoder import gpu_name
 from benchmarks.subspaces.data import SubspaceData
 from benchmarks.subspaces.scores import NetworkCodec, errors, measured
 from benchmarks.subspaces.trainings import Budget, OffsetTraining, UntrainedCode
 from bridge.motion.splits import chunks
 from torch_align_ae.autoencoder.mesh_autoencoder import parameter_count
 from torch_align_ae.autoencoder.training import TrainingResult, scored_frames
-from torch_align_ae.workers import gpu_name
 
 
 def pca_row(size: int, data: SubspaceData, budget: Budget) -> dict[str, Any]:
