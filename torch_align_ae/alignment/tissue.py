@@ -37,6 +37,7 @@ from torch import Tensor
 
 from torch_align_ae.alignment.corpus_fit import Meshes, Window
 from torch_align_ae.alignment.skin_sample import SkinSample
+from torch_align_ae.body.smpl import lengths
 
 GRAVITY_M_S2 = 9.81
 # Of flesh that hangs: at this pull its springs are twice as stiff as without weight.
@@ -176,7 +177,7 @@ def _weightless(force: Tensor) -> Tensor:
     """x (B, 3, N) of x (1 + |2 x / g|^2) = force: how far springs give that stiffen by their own
     strain, if they were linear a force (B, 3, N) per unit of mass.
     """
-    share = 2 / _WEIGHT_M_S2 * force.norm(dim=1, keepdim=True).clamp_min(1e-6)
+    share = 2 / _WEIGHT_M_S2 * lengths(force).clamp_min(1e-6)
     third = torch.asinh(share * (1.5 * math.sqrt(3))) / 3
     return force * (torch.sinh(third) * (2 / math.sqrt(3)) / share)
 
