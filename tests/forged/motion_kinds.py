@@ -470,6 +470,10 @@ KINDS = (
     Kind("arctic.npy", "a dictionary (ARCTIC)",
          lambda: np.array({"global_orient": y_up()[:, :3], "body_pose": y_up()[:, 3:66],
                            "transl": walk()[1]}, object), 60.0),
+    Kind("smpl_params.npy", "MDM's `smpl_params`",
+         lambda: np.array({"motion": np.zeros((25, 6, FRAMES)), "root_translation": walk()[1].T,
+                           "thetas": _matrices(y_up().reshape(-1, 24, 3))[..., :2, :]
+                           .reshape(-1, 24, 6).transpose(1, 2, 0)}, object), 60.0),
     Kind("easymocap.npy", "a dictionary of EasyMocap",
          lambda: np.array({"poses": y_up(), "Rh": y_up()[:, :3], "Th": walk()[1]}, object)),
     Kind("motion_x.npy", "Motion-X",

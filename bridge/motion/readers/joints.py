@@ -1,6 +1,7 @@
 """Places of SMPL's joints, as HumanML3D (`new_joints`) and MDM (`results.npy`) have them: `.npy` of
 (T, 22, 3), 20 frames a second, y up. Other `.npy` that hold motions are known by what is in them:
-Motion-X's (T, 322) of SMPL-X, and dictionaries of SMPL's arrays.
+Motion-X's (T, 322) of SMPL-X, MDM's `*_smpl_params.npy` (`thetas` (24, 6, T)), and dictionaries of
+SMPL's arrays.
 
 Rotations are found by inverse kinematics in closed form.
 Pelvis and chest are turned onto their three bones each, all others by the shortest turn from the
@@ -38,7 +39,7 @@ from bridge.runs.untrusted import NpyHeader, file_refused, open_regular, read_np
 
 _FPS = 20.0
 _MOST_BYTES = 1 << 28
-_MDM = "motion"
+_MDM, _MDM_TURNS = "motion", "thetas"
 _FEATURES = (263, 251)
 """Of HumanML3D and KIT, a frame."""
 _MOTION_X_FPS, _MOTION_X_WIDTH = 30.0, 322
@@ -84,6 +85,10 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
         found = load_restricted_item(file) if has_objects else read_npy(file)
         if isinstance(found, dict) and _MDM not in found:
             return pickles.read(path, how)
+        if isinstance(found, dict) and _MDM_TURNS in found:
+            turns, places = (as_array(found[key]) for key in (_MDM_TURNS, "root_translation"))
+            arrays = {"poses": turns.transpose(2, 0, 1), "trans": places.T}
+            return motion_of(path, arrays, how, _FPS)
         joints = _of_samples(found[_MDM]) if isinstance(found, dict) else as_array(found)
     if joints.ndim == 2 and joints.shape[1] == _MOTION_X_WIDTH:
         arrays = {name: joints[:, columns] for name, columns in _MOTION_X.items()}
