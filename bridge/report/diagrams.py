@@ -42,7 +42,7 @@ def draw_figure3(path: Path, train_ae: Artifact) -> None:
         axes.text(place + 0.5, -0.66, layer, ha="center", fontsize=7.5)
     middle = len(sizes)
     for where, word in ((middle / 2 - 0.5, "encoder"), (1.5 * middle + 0.5, "decoder")):
-        axes.text(where, 0.68, word, ha="center", fontsize=10, weight="semibold")
+        axes.text(where, 0.68, word, ha="center", fontsize=10, weight="bold")
     axes.set(xlim=(-0.6, len(mirrored) - 0.4), ylim=(-0.72, 0.8))
     axes.set_axis_off()
     save_figure(figure, path)

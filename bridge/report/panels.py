@@ -49,7 +49,7 @@ def new_figure(width_in: float, height_in: float, *, title: str, origin: DataOri
     """A figure that says in its footer what kind of data it shows."""
     figure = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
     # Legible on a phone, and never cut: constrained layout leaves room for both.
-    figure.suptitle(title, fontsize=11, fontweight="semibold")
+    figure.suptitle(title, fontsize=11, fontweight="bold")
     figure.supxlabel(FOOTERS[origin], fontsize=7.5, color="#8a4b00", style="italic")
     return figure
 
