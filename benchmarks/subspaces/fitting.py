@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,7 @@ def network_row(code: UntrainedCode) -> dict[str, Any]:
     result = training.run()
     training_s = time.perf_counter() - started
     training.model.eval()
+    gpu = gpu_name()
     return {
         "parameters": parameter_count(training.model),
         "learning_rate": rate,
@@ -47,8 +49,10 @@ def network_row(code: UntrainedCode) -> dict[str, Any]:
         "steps_taken": int(result.steps[-1]),
         "best_step": int(result.steps[result.best]),
         "timed_steps": len(training.step_s),
-        "step_s": training_s / len(training.step_s) if training.step_s else None,
-        "gpu": gpu_name(),
+        # Of a GPU a step's seconds are only those to ask for it.
+        "step_s": median(training.step_s) if training.step_s and not gpu else None,
+        "training_s": training_s,
+        "gpu": gpu,
         "curve": {"steps": result.steps.tolist(), "r2": _curve(training, result)},
         **measured(NetworkCodec(training.model, training.normaliser), code.data),
     }

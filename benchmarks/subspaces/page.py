@@ -28,9 +28,8 @@ and its components. Every network takes {steps} steps of {batch_size} frames in 
 is scored with its weights of the least validation loss ({validation_frames} frames, every
 {validate_every} steps). Where the rate is searched for, {search_steps} steps are taken at each of
 {rates}, and the least validation loss after them decides. Rows of more steps are trainings of
-their own: the rate falls along a cosine, so none is a shorter one continued. Seconds a step are
-of the whole training with its validations and files, milliseconds medians of the processor's, on
-{machine}, with {threads}; the machine's load was {load}.
+their own: the rate falls along a cosine, so none is a shorter one continued. Seconds and
+milliseconds are medians on {machine}, with {threads}; the machine's load was {load}.
 Run `{run}`, seed {seed}. Made by {commands}.
 
 ![Training curves](subspaces.png)

@@ -476,6 +476,8 @@ KINDS = (
                            .reshape(-1, 24, 6).transpose(1, 2, 0)}, object), 60.0),
     Kind("easymocap.npy", "a dictionary of EasyMocap",
          lambda: np.array({"poses": y_up(), "Rh": y_up()[:, :3], "Th": walk()[1]}, object)),
+    Kind("one_by_one.pkl", "a list of a pose a frame",
+         lambda: pickle.dumps({"pose": [*y_up()[:, None]], "trans": [*walk()[1][:, None]]})),
     Kind("motion_x.npy", "Motion-X",
          lambda: np.hstack([y_up(309), walk()[1], np.zeros((FRAMES, 10))]), 60.0),
     Kind("new_joints.npy", "joints of HumanML3D, MDM", joints_m, 60.0, differs="twists"),

@@ -190,7 +190,7 @@ def rest_pose_offsets(
 
 def lengths(vectors: Tensor) -> Tensor:
     """(B, 1, N) of vectors (B, 3, N). PyTorch's `norm` over an axis that is not the last takes
-    fifty times as long."""
+    many times as long."""
     return vectors.square().sum(1, keepdim=True).sqrt()
 
 

@@ -73,15 +73,15 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     if not people and isinstance(found, dict) and _CAMERA in found:
         remedy = f"Export the world's ({_WORLD}) too."
         raise unusable(path, "whose poses are in the space of a camera alone", remedy)
-    if any("Rh" in person for person in people):
-        flaw = "whose bodies turn about the origin by 'Rh', as EasyMocap's"
-        raise unusable(path, flaw, "Write them as 'root_orient' and 'trans' of SMPL.")
     with file_refused(path, unusable, _REMEDY):
         each = [one for one in map(_arrays, people) if holds_poses(one)]
         keys = (*POSE_KEYS, *BODY_KEYS)
         lengths = [next(len(one[key]) for key in keys if key in one) for one in each]
     if not each:
         raise unusable(path, "without poses of SMPL", "Pass the file of one motion.")
+    if len(each) > 1 and max(lengths) == 1:
+        flaw = f"of {len(each)} poses one by one: whether of frames or of people, it does not say"
+        raise unusable(path, flaw, "Stack the frames of one person.")
     arrays = each[int(np.argmax(lengths))]
     motion = motion_of(path, arrays, how, _AISTPP_FPS if "smpl_scaling" in arrays else np.nan)
     if len(each) == 1:

@@ -61,7 +61,8 @@ _SAID_KINDS = {
 }
 """What smplcodec's files and AMASS's say of whose body they are."""
 WANTED = (*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS, *TRANS_KEYS, *BETAS_KEYS, *RATE_KEYS,
-          *_SAID_KINDS, "gender", "dmpls", "smpl_scaling", "source", "body_model")  # fmt: skip
+          *_SAID_KINDS, "gender", "dmpls", "smpl_scaling", "source", "body_model",
+          "Rh")  # fmt: skip
 MOST_BYTES = MOST_FRAMES * 8 * 9 * 55
 """Of an array: matrices of SMPL-X's joints."""
 _WIDTHS = {66: "SMPL's 22 joints", 72: "SMPL", 156: "SMPL-H", 159: "SMPL-X without its jaw or eyes",
@@ -95,6 +96,9 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
     ----------
     usual_fps : the rate of files of this kind that do not say theirs.
     """
+    if "Rh" in arrays:
+        flaw = "whose bodies turn about the origin by 'Rh', as EasyMocap's"
+        raise unusable(path, flaw, "Write them as 'root_orient' and 'trans' of SMPL.")
     notes: list[str] = []
     arrays = _of_first_person(path, arrays, notes)
     pose = _pose(path, arrays)

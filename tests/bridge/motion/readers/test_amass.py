@@ -106,6 +106,7 @@ def test_first_ten_betas(target: Path, betas: np.ndarray) -> None:
         ({"poses": np.zeros((5, 150))}, r"shape \(5, 150\).*72 \(SMPL\), 156 \(SMPL-H\), 159"),
         ({"poses": np.zeros((5, 63))}, r"shape \(5, 63\)"),
         ({"poses": np.zeros(156)}, r"shape \(156,\)"),
+        ({"Rh": np.zeros((5, 3))}, "'Rh', as EasyMocap's"),
         ({"poses": np.array(0.0)}, r"shape \(\)"),
         ({"poses": np.zeros((0, 5, 156))}, r"shape \(0, 5, 156\)"),
         ({"poses": np.zeros((5, 156), complex)}, "not all finite numbers"),
