@@ -124,12 +124,13 @@ def of_autoencoder(results: Results) -> Iterator[Claim]:
         for name in ("mesh_measured", "casas_otaduy", "pca")
     }
     held_out = {name: one["held_out"]["r2"] for name, one in codes.items()}
+    longer = results.read("subspaces/steps_6810/mesh_measured-100-0.json")
     yield Claim(
         "Comparable to Casas and Otaduy's",
         "4.1",
         f"R² on sequences that nothing was fitted to, after as many steps: "
-        f"{held_out['mesh_measured']:.3f} beside {held_out['casas_otaduy']:.3f}; PCA of 100 has "
-        f"{held_out['pca']:.3f}{results.of_before(SUBSPACES)}",
+        f"{held_out['mesh_measured']:.3f} beside {held_out['casas_otaduy']:.3f}, and "
+        f"{longer['held_out']['r2']:.3f} after 100 epochs; PCA of 100 has {held_out['pca']:.3f}",
         rule(held_out["mesh_measured"] > held_out["casas_otaduy"] - 0.01),
         (SUBSPACES,),
     )
