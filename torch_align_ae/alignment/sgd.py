@@ -38,6 +38,8 @@ from torch_align_ae.workers import torch_workers
 FRAMES_PER_WINDOW = 32
 # Fewer bodies waste time between operations, many more fall out of the cache (measured: 20-60).
 _BODIES_AT_ONCE = 40
+# A step of five takes half as long as one of twenty: for cores that would be idle, worth it.
+_BODIES_AT_LEAST = 5
 # For fewer steps of a body, less than a minute of one core, processes are not worth their start.
 _STEPS_WORTH_PROCESSES = 100_000
 
@@ -267,9 +269,11 @@ def _fit_windows(
 
 
 def batches(count: int) -> list[list[int]]:
-    """The rows 0 to `count` in batches of nearly equal size.
+    """The rows 0 to `count` in batches of nearly equal size: enough of them for all cores.
 
-    An even number of them, so that two cores end together.
+    An even number where there are many rows, so that two cores end together. What is found of a
+    row does not depend on others of its batch, if there are any.
     """
-    number = min(count, 2 * math.ceil(count / (2 * _BODIES_AT_ONCE)))
-    return [rows.tolist() for rows in np.array_split(np.arange(count), max(number, 1))]
+    large = 2 * math.ceil(count / (2 * _BODIES_AT_ONCE))
+    number = max(large, min(usable_cores(), count // _BODIES_AT_LEAST))
+    return [rows.tolist() for rows in np.array_split(np.arange(count), max(min(count, number), 1))]

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 import torch
 
+from torch_align_ae.alignment import sgd
 from torch_align_ae.alignment.mesh_distance import MeshDistance
 from torch_align_ae.alignment.sgd import (
     Descending,
     Descent,
+    batches,
     fit_pose,
     fit_shape_and_pose,
     rigid_start,
@@ -116,3 +118,35 @@ def test_rigid_start_finds_a_person_who_looks_the_other_way(objective, smpl):
     found = rigid_start(objective.shapes(betas), objective.arrange(smpl(betas, pose, trans)))
     np.testing.assert_allclose(found[0], pose, atol=0.01)
     np.testing.assert_allclose(found[1], trans, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("count", "cores", "sizes"),
+    [
+        (1, 16, [1]),
+        (3, 2, [2, 1]),
+        (67, 2, [34, 33]),
+        (129, 2, [33, 32, 32, 32]),
+        (40, 4, [10] * 4),
+        (40, 16, [5] * 8),
+    ],
+)
+def test_as_many_batches_as_keep_all_cores_busy(monkeypatch, count, cores, sizes):
+    monkeypatch.setattr(sgd, "usable_cores", lambda: cores)
+    found = batches(count)
+    assert [len(rows) for rows in found] == sizes
+    assert [row for rows in found for row in rows] == list(range(count))
+
+
+def test_a_row_is_the_same_in_every_batch(objective, smpl, motion):
+    pose, trans = (part[:6] for part in motion(6))
+    betas = torch.zeros(6, 10)
+    target = objective.arrange(smpl(betas, pose, trans))
+
+    def fitted(rows):
+        start = 0.9 * pose[rows], trans[rows]
+        return fit_pose(objective.shapes(betas[rows]), start, target[rows], 20, Descent())
+
+    all_at_once, two, four = fitted(list(range(6))), fitted([0, 1]), fitted([2, 3, 4, 5])
+    for whole, *parts in zip(all_at_once, two, four, strict=True):
+        torch.testing.assert_close(torch.cat(parts), whole, rtol=0, atol=0)
