@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
+from bridge.processes import usable_cores
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.files import ArrayFile, arrays_sha256, is_written, mark_written
 from bridge.runs.workers import on_any_node, progress, worker_pool
@@ -111,16 +113,20 @@ def _make_truth(config: CorpusConfig, plan: CorpusPlan, writer: ArtifactWriter) 
         gravity=config.gravity,
     )
     work = partial(_simulate, config, offsets, writer.checkpoints.resolve())
-    own = [
-        (one, [(s, thetas[s.name]) for s in sequences if s.subject == one.name]) for one in subjects
-    ]
-    # A subject a core. Threads wait for Python's lock, which half of a step needs.
+    # A subject a core, or a part of its sequences where there are more cores than subjects.
+    parts = math.ceil(usable_cores() / len(subjects))
+
+    def parts_of(subject: Subject) -> list[tuple[Subject, list[tuple[MotionSequence, NDArray]]]]:
+        own = [(one, thetas[one.name]) for one in sequences if one.subject == subject.name]
+        return [(subject, own[part::parts]) for part in range(min(parts, len(own)))]
+
+    # Threads wait for Python's lock, which half of a step needs.
     kind = "threads" if frames < _FRAMES_WORTH_PROCESSES else "processes"
     with (
         progress(what="soft tissue", unit="frame", total=frames) as bar,
         worker_pool(on_any_node(kind), body) as pool,
     ):
-        for done in pool.map(work, own):
+        for done in pool.map(work, [part for one in subjects for part in parts_of(one)]):
             bar.update(done)
 
 
@@ -131,7 +137,7 @@ def _simulate(
     body: BodyModelData,
     item: tuple[Subject, list[tuple[MotionSequence, NDArray[np.float32]]]],
 ) -> int:
-    """Write the offsets of all sequences of a subject that are not done; gives their frames."""
+    """Write the offsets of a subject's sequences that are not done; gives their frames."""
     subject, own = item
     tissue = tissue_named(config.tissue)(body, subject.betas, gravity=config.gravity)
     for sequence, theta in own:
