@@ -15,7 +15,7 @@ from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
 from torch_align_ae.corpus.tissue_parameters import FLESH, PRELOAD
 
-FPS, FRAMES, STEADY_S = 120.0, 600, 2.5
+FPS, FRAMES, STEADY_S = 120.0, 420, 2.5
 G = 9.81
 
 
