@@ -19,6 +19,12 @@ TINY = TrainPlusConfig(
 PEOPLE = 2
 
 
+def teach_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rounds that leave the weights as they start, where only what is around them matters."""
+    losses = [1.0] * TINY.steps
+    monkeypatch.setattr(stage_train_plus.PlusTraining, "round", lambda *_: losses)
+
+
 def forge_run(runs: Path, monkeypatch: pytest.MonkeyPatch, **aligned) -> Path:
     """Run `tiny` with an `align_robust`; the body is the embedded one."""
     for stage in (stage_train_plus, stage_infer, run_motions):

@@ -20,14 +20,15 @@ from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import content_digest
 from bridge.runs.files import MANIFEST
 from bridge.runtime import run_motions
-from bridge.tissue.trained_plus import TrainedPlus
+from bridge.tissue.nodes import TissueNodes
+from bridge.tissue.trained_plus import StaticPart, TrainedPlus
 from bridge.verify.reference.oscillators import moving
 from tests.forged.amass import save, shape, smplh, smplx
-from tests.forged.oscillating import people_of
-from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run
-from tf_dsnet import StreamingPredictor, stage_infer, stage_train_plus
+from tests.forged.oscillating import people_of, true_model
+from tests.forged.plus import write_plus
+from tests.tf_dsnet.plus import PEOPLE, forge_run
+from tf_dsnet import StreamingPredictor, stage_infer
 from tf_dsnet.stage_infer import InferConfig, TrainedNetworks, infer_plus
-from tf_dsnet.stage_train_plus import PlusTraining
 
 
 @pytest.fixture
@@ -255,22 +256,30 @@ def test_empty_folder_and_unknown_run_are_refused(trained, encoded_run, tmp_path
     assert not (encoded_run / "infer").exists()
 
 
-class MovingAlone(PlusTraining):
-    def static_rounds(self) -> set[int]:
-        return set()
-
-
-def trained_run(
-    runs: Path, monkeypatch: pytest.MonkeyPatch, *, static: bool = True, **aligned
-) -> Path:
-    run = forge_run(runs, monkeypatch, **aligned)
-    training = PlusTraining if static else MovingAlone
-    stage_train_plus.main(replace(TINY, rounds=1), training)
+def run_with_plus(runs: Path, monkeypatch: pytest.MonkeyPatch, *, static: bool) -> Path:
+    """A run whose `train_plus` has differences between people and frames, and maybe a static part
+    that is mostly constant."""
+    run = forge_run(runs, monkeypatch)
+    body, rng = load_body_model("embedded:female"), np.random.default_rng(5)
+    even = true_model(TissueNodes.of(body, 60), people_of(PEOPLE))
+    residual = rng.normal(scale=0.1, size=even.weights.residual.shape).astype(np.float32)
+    taps = np.array([0.7, 0.3], np.float32)
+    part = StaticPart(
+        rng.normal(scale=0.01, size=(PEOPLE, body.vertex_count, 3)).astype(np.float32),
+        rng.normal(scale=1e-4, size=(207, 60, 3)).astype(np.float32),
+    )
+    model = replace(
+        even,
+        weights=replace(even.weights, residual=residual, taps=taps),
+        static=part if static else StaticPart.nothing(),
+        look_ahead=1,
+    )
+    write_plus(Run("tiny"), model)
     return run
 
 
 def test_evaluated_sequences_are_predicted_end_to_end(runs, monkeypatch):
-    run = trained_run(runs, monkeypatch, static=False)
+    run = run_with_plus(runs, monkeypatch, static=False)
     infer_plus(InferConfig("tiny"))()
     made, align = (read_artifact(run / name) for name in ("infer_plus", "align_robust"))
     made.verify()
@@ -281,7 +290,7 @@ def test_evaluated_sequences_are_predicted_end_to_end(runs, monkeypatch):
     assert [(s.start, s.length) for s in placed] == [(0, 50), (50, 50), (100, 45)]
     assert set(made.manifest["arrays"]) == {"offsets_dsnet_plus", "theta", "betas"}
     assert made.manifest["arrays"]["offsets_dsnet_plus"]["unit"] == "m"
-    assert made.manifest["predictors"] == {"dsnet_plus": stage_train_plus.LABEL}
+    assert made.manifest["predictors"] == {"dsnet_plus": "soft flesh"}
     assert made.manifest["default"] == "dsnet_plus"
     np.testing.assert_array_equal(made.array("betas"), people_of(PEOPLE))
     body, model = (
@@ -298,7 +307,7 @@ def test_evaluated_sequences_are_predicted_end_to_end(runs, monkeypatch):
 
 
 def test_the_static_part_is_in_the_whole_and_beside_it(runs, monkeypatch):
-    run = trained_run(runs, monkeypatch, misfit_m=0.01)
+    run = run_with_plus(runs, monkeypatch, static=True)
     infer_plus(InferConfig("tiny"))()
     made = read_artifact(run / "infer_plus")
     total, static = (made.array(f"{n}_dsnet_plus") for n in ("offsets", "static"))
@@ -312,7 +321,7 @@ def test_the_static_part_is_in_the_whole_and_beside_it(runs, monkeypatch):
 
 
 def test_motions_of_known_and_new_people_follow(runs, monkeypatch, tmp_path):
-    run = trained_run(runs, monkeypatch, misfit_m=0.01)
+    run = run_with_plus(runs, monkeypatch, static=True)
     save(tmp_path / "amass/50001/kicking_poses.npz", smplh(61, 120.0))
     save(tmp_path / "amass/50077/kicking_poses.npz", smplh(61, 120.0), betas=np.full(16, 0.5),
          source="synthetic")  # fmt: skip

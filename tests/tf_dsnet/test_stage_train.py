@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import math
+import shutil
 import threading
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bridge import DsnetError
+from bridge.body import load_body_model
 from bridge.exchange import load_weights
 from bridge.exchange.dsnet import load_trained_dsnet
 from bridge.options import check_options
-from bridge.runs import read_artifact, write_artifact
+from bridge.runs import Run, read_artifact, write_artifact
+from tests.forged.encoded import write_encoded
+from tests.forged.plus import soft_flesh, write_plus
 from tests.tf_dsnet.plus import TINY as PLUS_TINY
-from tests.tf_dsnet.plus import forge_run
+from tests.tf_dsnet.plus import forge_run, teach_nothing
 from tf_dsnet import stage_infer, stage_train, trainer
 from tf_dsnet.stage_infer import InferConfig
 from tf_dsnet.stage_train import PROFILES, TrainConfig
@@ -27,10 +32,27 @@ TINY = TrainConfig(run="tiny", epochs=5, frames=32, validate_every=2, checkpoint
 BOTH = ("dsnet_standardised", "dsnet_faithful")
 
 
-def test_stage_leaves_both_predictors(encoded_run):
-    stage_train.main(TINY)
-    artifact = read_artifact(encoded_run / "train")
+@pytest.fixture(scope="module")
+def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run `tiny` in which both were trained without an interruption."""
+    runs = tmp_path_factory.mktemp("whole")
+    write_encoded(runs / "tiny" / "encode")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSNET_RUNS", str(runs))
+        stage_train.main(TINY)
+    return runs / "tiny"
+
+
+@pytest.fixture
+def trained_run(whole_run: Path, runs: Path) -> Path:
+    """A copy of it."""
+    return shutil.copytree(whole_run, runs / "tiny")
+
+
+def test_stage_leaves_both_predictors(whole_run):
+    artifact = read_artifact(whole_run / "train")
     artifact.verify()
+    assert not (whole_run / "train_plus").exists()
     assert set(artifact.manifest["files"]) == {f"{name}.safetensors" for name in BOTH}
     for name in BOTH:
         assert artifact.array(f"loss_{name}").shape == (5,)
@@ -47,26 +69,20 @@ def test_stage_leaves_both_predictors(encoded_run):
         load_trained_dsnet(artifact, "other")
 
 
-def test_faithful_predictor_learns_the_latents_as_they_are(encoded_run):
-    stage_train.main(replace(TINY, predictors=("dsnet_faithful",), epochs=1))
-    artifact = read_artifact(encoded_run / "train")
-    trained = load_trained_dsnet(artifact)
+def test_faithful_predictor_learns_the_latents_as_they_are(whole_run):
+    artifact = read_artifact(whole_run / "train")
+    trained = load_trained_dsnet(artifact, "dsnet_faithful")
     np.testing.assert_array_equal(trained.scaling.restore(np.ones(100)), 1)
-    latents = read_artifact(encoded_run / "encode").array("latents")
+    latents = read_artifact(whole_run / "encode").array("latents")
     first_frames = [latents[s : s + 32] for s in (0, 25, 95, 130, 150)]
     per_clip = np.mean([np.linalg.norm(f[:32], axis=1).sum() for f in first_frames])
     assert 0.5 * per_clip < artifact.array("loss_dsnet_faithful")[0] < 1.5 * per_clip
 
 
-@pytest.mark.parametrize(
-    ("killed_after", "left"), [(3, [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]), (7, [2, 2, 3, 3, 4, 4])]
-)
-def test_killed_stage_resumes_bit_identically(encoded_run, monkeypatch, killed_after, left):
-    stage_train.main(TINY)
-    whole = read_artifact(encoded_run / "train")
+def test_killed_stage_resumes_bit_identically(whole_run, encoded_run, monkeypatch):
+    whole = read_artifact(whole_run / "train")
     expected = {name: load_weights(whole.file(f"{name}.safetensors")) for name in BOTH}
-    (encoded_run / "train").rename(encoded_run / "uninterrupted")
-
+    killed_after = 7
     begun: list[int] = []
     epoch, lock = trainer.Trainer.epoch, threading.Lock()
 
@@ -84,7 +100,7 @@ def test_killed_stage_resumes_bit_identically(encoded_run, monkeypatch, killed_a
     begun[:] = ()
     killed_after = None
     stage_train.main(TINY)
-    assert begun == left
+    assert begun == [2, 2, 3, 3, 4, 4]
 
     resumed = read_artifact(encoded_run / "train")
     assert resumed.content_sha256 == whole.content_sha256
@@ -94,10 +110,8 @@ def test_killed_stage_resumes_bit_identically(encoded_run, monkeypatch, killed_a
             np.testing.assert_array_equal(again[key], array)
 
 
-def test_a_predictor_whose_checkpoint_is_behind_catches_up(encoded_run, monkeypatch):
-    stage_train.main(TINY)
-    whole = read_artifact(encoded_run / "train")
-    (encoded_run / "train").rename(encoded_run / "uninterrupted")
+def test_a_predictor_whose_checkpoint_is_behind_catches_up(whole_run, encoded_run, monkeypatch):
+    whole = read_artifact(whole_run / "train")
     saves = iter([trainer.DsnetTraining.save] * 3)  # killed when one is saved after 4 epochs
 
     def dying_save(self):
@@ -162,6 +176,7 @@ def test_all_that_the_run_can_train_is_trained_and_predicts(encoded_run, monkeyp
 
 def test_without_codes_the_oscillators_are_trained_alone(runs, monkeypatch, capsys):
     run = forge_run(runs, monkeypatch)
+    teach_nothing(monkeypatch)
     stage_train.main(replace(TINY, rounds=1, plus=PLUS_TINY))
     said = capsys.readouterr().err
     assert said == "dsnet: left out: dsnet_standardised, dsnet_faithful, which needs 'encode'\n"
@@ -177,31 +192,31 @@ def test_what_the_papers_pipeline_has_begun_is_not_left_out(runs, monkeypatch):
         stage_train.main(replace(TINY, rounds=1, plus=PLUS_TINY))
 
 
-def test_half_a_training_does_not_predict(encoded_run, monkeypatch):
-    forge_run(encoded_run.parent, monkeypatch)
-    stage_train.main(replace(TINY, epochs=1, predictors=("dsnet_standardised",)))
-    (encoded_run / ".train_plus.partial").mkdir()
+def test_half_a_training_does_not_predict(trained_run, monkeypatch):
+    forge_run(trained_run.parent, monkeypatch)
+    (trained_run / ".train_plus.partial").mkdir()
     with pytest.raises(DsnetError, match="dsnet train "):
         stage_infer.main(InferConfig("tiny"))
-    assert not (encoded_run / "infer").exists()
+    assert not (trained_run / "infer").exists()
 
 
-def test_damage_of_one_pipeline_is_told_before_the_other_predicts(encoded_run, monkeypatch):
-    forge_run(encoded_run.parent, monkeypatch)
-    stage_train.main(replace(TINY, epochs=1, rounds=1, plus=PLUS_TINY))
-    weights = encoded_run / "train_plus" / "dsnet_plus.safetensors"
+def test_damage_of_one_pipeline_is_told_before_the_other_predicts(trained_run, monkeypatch):
+    forge_run(trained_run.parent, monkeypatch)
+    write_plus(Run("tiny"), soft_flesh(load_body_model("embedded:female")))
+    weights = trained_run / "train_plus" / "dsnet_plus.safetensors"
     weights.write_bytes(weights.read_bytes()[:-1] + b"x")
     with pytest.raises(DsnetError, match="dsnet_plus"):
         stage_infer.main(InferConfig("tiny"))
-    assert not (encoded_run / "infer").exists()
+    assert not (trained_run / "infer").exists()
 
 
-def test_without_a_robust_alignment_the_networks_are_trained_alone(encoded_run, capsys):
-    stage_train.main(replace(TINY, epochs=1))
+def test_without_a_robust_alignment_the_networks_are_trained_alone(trained_run, capsys):
+    """It is told again where they are already."""
+    stage_train.main(TINY)
     said = capsys.readouterr().err
     assert said.startswith("dsnet: left out: dsnet_plus, which needs an alignment by the robust")
     assert said.count("\n") == 1
-    assert not (encoded_run / "train_plus").exists()
+    assert not (trained_run / "train_plus").exists()
 
 
 @pytest.mark.parametrize(

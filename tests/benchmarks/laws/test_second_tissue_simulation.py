@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 import pytest
 import trimesh
@@ -22,12 +20,10 @@ from benchmarks.laws.second_tissue_simulation import (
 )
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_vertices
-from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
 from torch_align_ae.corpus.tissue_parameters import tissue_parameters
 
-FRAMES = 70
 LAWS = {"own": TissueSimulator, **plugin.tissues()}
 HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]
 
@@ -35,21 +31,6 @@ HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]
 @pytest.fixture(scope="module")
 def body():
     return load_body_model("embedded:female")
-
-
-@pytest.fixture(scope="module")
-def jump(body):
-    skeleton = Skeleton(body, HEAVY.betas)
-    return perform("one_leg_jump", "50004", skeleton, frame_count=FRAMES, fps=60.0)
-
-
-def test_the_laws_disagree(body, jump):
-    """None explains another, at any scale: they are as measurements of different materials."""
-    found = [law(body, HEAVY.betas, gravity=True).offsets(jump, 60.0) for law in LAWS.values()]
-    for first, second in combinations(found, 2):
-        scale = (first * second).sum() / (first**2).sum()
-        unexplained = ((second - scale * first) ** 2).sum() / (second**2).sum()
-        assert 0.1 < unexplained < 0.9
 
 
 def test_both_laws_find_other_parts_soft(body):
@@ -72,12 +53,12 @@ def test_in_free_fall_gravity_is_not_felt(body):
     np.testing.assert_allclose(load[1:], np.broadcast_to([0, 9.81, 0], load[1:].shape), atol=1e-7)
 
 
-@pytest.mark.parametrize("fps", [50.0, 100.0])
-def test_the_frame_rate_hardly_changes_the_motion(body, fps):
+def test_the_frame_rate_hardly_changes_the_motion(body):
     """One second of bouncing at 2 Hz, at its end, against 200 frames per second."""
-    found, exact = (bounced(body, rate) for rate in (fps, 200.0))
+    exact = bounced(body, 200.0)
     assert np.abs(exact).max() > 5e-3
-    np.testing.assert_allclose(found, exact, atol=0.08 * np.abs(exact).max())
+    for fps in (50.0, 100.0):
+        np.testing.assert_allclose(bounced(body, fps), exact, atol=0.08 * np.abs(exact).max())
 
 
 def bounced(body, fps):

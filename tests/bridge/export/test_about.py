@@ -19,10 +19,11 @@ from PIL import Image
 from bridge.cli import main
 from tests.forged.amass import save, smplh
 
-ASKED = {"gain": 1.5, "part_gain": ["belly=2", "arms=0.5"], "floor": "shift", "shape": ["heavy"]}
+BETAS = "1,0,0,0,0,0,0,0,0,0"
+ASKED = {"gain": 1.5, "part_gain": ["belly=2", "arms=0.5"], "floor": "shift", "betas": BETAS}
 GAINS = ("--gain", "1.5", "--part-gain", "belly=2", "arms=0.5")
 NEEDS = {"usd": "pxr", "abc": "alembic3d"}
-OPTIONS = (*GAINS, "--floor", "shift", "--shape", "heavy")
+OPTIONS = (*GAINS, "--floor", "shift", "--betas", BETAS)
 
 
 @pytest.fixture(scope="module")

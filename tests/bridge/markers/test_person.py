@@ -27,6 +27,7 @@ SAMPLE = Path(os.environ.get("DSNET_TEST_DATA", "nowhere")) / "amass" / "dmpl_sa
 def test_markers_tell_a_known_person() -> None:
     """Sixty markers 9.5 mm off her skin: stature and girths come back, betas unseen."""
     motion = load_amass_motion("sample:dancing")
+    motion = replace(motion, theta=motion.theta[::8])
     hers = np.array([1.5, -1.0, 1.0, 0, 0, 0, 0, 0, 0, 0])
     own = replace(motion, betas=hers)
     own = own.about_root_joint(shaped_joints(BODY, hers[None])[0, 0])
@@ -44,13 +45,14 @@ def test_markers_tell_a_known_person() -> None:
     assert abs(fitted["weight"] - real["weight"]) < 3
 
 
-@pytest.mark.parametrize("frames", [1, 2, 3, 4, 15, 16])
-@pytest.mark.parametrize("times_the_rate", [1, 2])
+@pytest.mark.parametrize(
+    ("frames", "times_the_rate"), [(1, 1), (3, 1), (1, 2), (2, 2), (3, 2), (4, 2), (15, 2), (16, 2)]
+)
 def test_a_take_shorter_than_its_filter_tells_a_shape_too(frames: int, times_the_rate: int) -> None:
     """With gaps from three frames on; at twice the motion's rate markers are low-passed."""
     motion = load_amass_motion("sample:dancing")
     motion = replace(motion, theta=motion.theta[: -(-frames // times_the_rate)])
-    rows = np.random.default_rng(0).choice(BODY.vertex_count, 60, replace=False)
+    rows = np.random.default_rng(0).choice(BODY.vertex_count, 40, replace=False)
     person = Smpl(BODY, rows, np.float64).person(np.zeros(10))
     pelvis_m = shaped_joints(BODY, np.zeros((1, 10)))[0, 0]
     posed = person.pose(*unpack_theta(motion.about_root_joint(pelvis_m).theta))

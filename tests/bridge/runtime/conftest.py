@@ -13,6 +13,7 @@ from bridge.body import load_body_model
 from bridge.exchange import save_weights
 from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from bridge.runs import ArtifactWriter, Run, write_artifact
+from bridge.runtime.load_model import TrainedModel, load_model
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 from tests.forged.amass import save, smplh
@@ -59,9 +60,23 @@ def flesh() -> TrainedPlus:
 def aligned_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run `r`, aligned with the embedded body, in which nothing is trained."""
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path / "runs"))
-    folder, body = tmp_path / "runs" / "r" / "align", {"smpl": "embedded:female"}
-    write_artifact(folder, "align", {}, units={}, data="synthetic", config=body)
-    return Run("r")
+    return write_aligned(Run("r"))
+
+
+def write_aligned(run: Run) -> Run:
+    body = {"smpl": "embedded:female"}
+    write_artifact(run.path / "align", "align", {}, units={}, data="synthetic", config=body)
+    return run
+
+
+@pytest.fixture(scope="session")
+def soft(flesh: TrainedPlus, tmp_path_factory: pytest.TempPathFactory) -> TrainedModel:
+    """That flesh as a run's predictor."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSNET_RUNS", str(tmp_path_factory.mktemp("runs")))
+        run = write_aligned(Run("r"))
+        write_plus(run, flesh)
+        return load_model(run)
 
 
 @pytest.fixture

@@ -17,7 +17,6 @@ from bridge.body.posing import Smpl
 from bridge.body.shapes import MeasuredBody
 from bridge.cli import main
 from bridge.motion import Motion, pack_theta, unpack_theta
-from bridge.runs import Run
 from bridge.runtime.controls import (
     Controls,
     blended_gain,
@@ -27,7 +26,7 @@ from bridge.runtime.controls import (
     lowest_points_m,
     put_on_floor,
 )
-from bridge.runtime.load_model import TrainedModel, load_model
+from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.runtime.prediction_files import predict_motion
 from tests.forged.amass import load_amass_motion
@@ -37,8 +36,8 @@ LAP = 30
 
 
 @pytest.fixture
-def character(plus_run: Run) -> TrainedModel:
-    return load_model(plus_run)
+def character(soft: TrainedModel) -> TrainedModel:
+    return soft
 
 
 @pytest.fixture

@@ -14,9 +14,8 @@ import pytest
 from bridge.body import load_body_model
 from bridge.body.posing import joint_rotations, joint_transforms, shaped_joints
 from bridge.motion import Motion, load_motion_file, unpack_theta
-from bridge.runtime.controls import Controls
-from bridge.runtime.moving_body import place_motion
-from bridge.runtime.prediction_files import predict_motion
+from bridge.runtime.load_model import TrainedModel
+from bridge.runtime.moving_body import MovingBody, place_motion
 from bridge.runtime.whose_betas import with_own_shape
 from bridge.verify.reference.oscillators import moving
 
@@ -37,22 +36,14 @@ def by_markers(request) -> bool:
 
 
 @pytest.fixture(scope="module", params=[120.0, 60.0])
-def motion(request, by_markers) -> Motion:
+def jumped(request, soft: TrainedModel, by_markers) -> tuple[Motion, np.ndarray]:
+    """How she moves, and (T,) the mean offset of each frame in millimetres."""
     read = load_motion_file(SAMPLE, request.param)
-    return place_motion(with_own_shape(read, BODY) if by_markers else read, BODY)
-
-
-@pytest.fixture
-def mean_mm(plus_run, motion, by_markers, tmp_path, monkeypatch) -> np.ndarray:
-    """(T,) mean offset of each frame, as `dsnet predict --motion` gives it."""
-    monkeypatch.setattr(
-        "bridge.report.panels.draw_motion_strip", lambda path, *_, **__: path.touch()
-    )
-    betas = None if by_markers else ",".join(map(str, motion.betas))
-    controls = Controls(motion_fps=motion.source_fps, betas=betas)
-    made = predict_motion(plus_run, SAMPLE, tmp_path / "out", controls=controls)
-    assert made.manifest["starts_anew_at"] == []
-    return 1e3 * np.linalg.norm(made.array("offsets"), axis=-1).mean(axis=1)
+    placed = place_motion(with_own_shape(read, BODY) if by_markers else read, BODY)
+    moving = MovingBody(soft, placed)
+    assert len(moving.pieces) == 1
+    offsets_m = np.concatenate([posed.offsets_m for posed in moving])
+    return placed, 1e3 * np.linalg.norm(offsets_m, axis=-1).mean(axis=1)
 
 
 def pelvis_acceleration_g(motion: Motion) -> np.ndarray:
@@ -66,7 +57,8 @@ def pelvis_acceleration_g(motion: Motion) -> np.ndarray:
     return np.gradient(np.gradient(height_m)) * motion.fps**2 / 9.81
 
 
-def test_it_peaks_at_a_landing(mean_mm, motion, by_markers):
+def test_it_peaks_at_a_landing(jumped, by_markers):
+    motion, mean_mm = jumped
     landings = np.flatnonzero(pelvis_acceleration_g(motion) > 4 * (motion.source_fps / 120) ** 2)
     assert len(landings) > 3
     after = mean_mm.argmax() - landings
@@ -74,12 +66,14 @@ def test_it_peaks_at_a_landing(mean_mm, motion, by_markers):
     assert after[after >= 0].min() <= (12 if by_markers else 10)
 
 
-def test_it_dies_away_as_she_stands(mean_mm):
+def test_it_dies_away_as_she_stands(jumped):
+    _, mean_mm = jumped
     assert mean_mm[END].mean() < mean_mm.max() / 5
 
 
-def test_what_is_left_is_the_sag_of_where_the_arms_hang(mean_mm, plus_run, motion, flesh):
+def test_what_is_left_is_the_sag_of_where_the_arms_hang(jumped, flesh):
     """The template's arms are raised: hanging, they feel gravity and do not return to zero."""
+    motion, mean_mm = jumped
     last = motion.theta[-1:]
     sag_m = moving(flesh, BODY, last, motion.betas)
     sag_mm = 1e3 * np.linalg.norm(flesh.nodes.spread(sag_m)[0], axis=-1)

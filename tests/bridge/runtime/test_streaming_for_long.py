@@ -87,7 +87,7 @@ class Company:
 
 def test_bodies(round_body):
     company = Company(round_body, 90)
-    assert growth_bytes(company.step, 2000, company.held_bytes) < 2000 * ALLOWED_BYTES
+    assert growth_bytes(company.step, 1000, company.held_bytes) < 1000 * ALLOWED_BYTES
     assert 1e-3 < company.largest_m < 0.2
 
 

@@ -217,7 +217,7 @@ def test_in_free_fall_flesh_takes_its_shape_without_weight(make_sheet):
     assert -0.6 * sag < landed[0, 1] < 0
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(turn=st.tuples(*[st.floats(-3.0, 3.0)] * 3))
 def test_a_body_held_in_any_orientation_comes_to_rest(make_sheet, body, nodes, turn):
     pose = np.zeros((60, 22, 3))
@@ -262,35 +262,32 @@ def test_without_damping_a_lone_node_keeps_its_energy(make_sheet, stiffening):
     np.testing.assert_allclose(kept, kept[0], rtol=1e-3)
 
 
-@pytest.mark.parametrize("bending", [0.0, 0.05, 1.0])
-def test_a_sheet_without_load_never_gains_energy(make_sheet, nodes, bending):
+@pytest.mark.parametrize("bending", [0.0, 1.0])
+def test_a_sheet_without_load_never_gains_energy(nodes, bending):
     """For uneven springs too; what Jacobi's sweeps leave may neither build up nor feed it."""
     rng = np.random.default_rng(3)
     hz, stiffening = rng.uniform(2, 40, 80), rng.uniform(0, 1e4, 80)
     springs = mechanics(80, hz=hz, damping=0.01, stiffening=stiffening, wave_speed=4.0,
                         bending=bending, **uneven(80))  # fmt: skip
     start = rng.normal(scale=0.05, size=(80, 3)).astype(np.float32)
-    found = vibrate(make_sheet(springs, nodes.laplacian), start, start * 0, 6000)
+    found = vibrate(GraphSheet(springs, nodes.laplacian), start, start * 0, 6000)
     left = energy(found, springs, nodes.laplacian, masses_of(nodes.laplacian))
     assert left.max() < 1.1 * left[0]
     assert left[2000:].max() < 0.1 * left[0]
     assert left[-1] < 0.02 * left[0]
 
 
-def test_undamped_linear_sheet_keeps_its_energy_over_long_times(make_sheet, nodes):
+def test_undamped_linear_sheet_keeps_its_energy_over_long_times(nodes):
     springs = mechanics(80, hz=6.0, damping=0.0, wave_speed=1.0, bending=1e-3, **uneven(80))
     start = np.random.default_rng(4).normal(scale=0.01, size=(80, 3)).astype(np.float32)
-    found = vibrate(make_sheet(springs, nodes.laplacian), start, start, 12_000)
+    found = vibrate(GraphSheet(springs, nodes.laplacian), start, start, 12_000)
     kept = energy(found, springs, nodes.laplacian, masses_of(nodes.laplacian))
     np.testing.assert_allclose(kept, kept[0], rtol=0.05)
     assert kept[-1000:].mean() == pytest.approx(kept[:1000].mean(), rel=0.02)
 
 
-@pytest.mark.parametrize("bending", [0.0, 0.05])
 @pytest.mark.parametrize("force_m_s2", [30.0, 500.0])
-def test_violent_load_for_minutes_gives_no_more_than_physics_allows(
-    make_sheet, nodes, force_m_s2, bending
-):
+def test_violent_load_for_minutes_gives_no_more_than_physics_allows(nodes, force_m_s2):
     """10,000 frames of white noise, the softest to the stiffest springs, hardly damped.
 
     A kick f dt brings f^2 dt^2 / 2 of kinetic energy on average, whatever the springs; drag takes
@@ -302,10 +299,10 @@ def test_violent_load_for_minutes_gives_no_more_than_physics_allows(
     hz = np.geomspace(2, 40, 80)[rng.permutation(80)]
     stiffening = np.where(rng.random(80) < 0.2, 0.0, 10 ** rng.uniform(1, 4, 80))
     springs = mechanics(80, hz=hz, damping=0.01, stiffening=stiffening, wave_speed=4.0,
-                        bending=bending, **uneven(80))  # fmt: skip
+                        bending=0.05, **uneven(80))  # fmt: skip
     load = rng.normal(scale=force_m_s2, size=(20_000, 80, 3)).astype(np.float32)
     start = np.zeros((80, 3), np.float32)
-    found = driven(make_sheet(springs, nodes.laplacian), start, start, load)
+    found = driven(GraphSheet(springs, nodes.laplacian), start, start, load)
     assert np.isfinite(found).all()
     masses = masses_of(nodes.laplacian)
     stored = energy(found, springs, nodes.laplacian, masses)
@@ -320,14 +317,14 @@ def test_violent_load_for_minutes_gives_no_more_than_physics_allows(
     assert stored[-6000:].mean() < 1.5 * stored[4000:10_000].mean()
 
 
-def test_uneven_coupling_rings_out_too(make_sheet, nodes):
+def test_uneven_coupling_rings_out_too(nodes):
     """No energy is known that it keeps, so this is seen and not proved."""
     rng = np.random.default_rng(10)
     coupling = {"wave_speed": rng.uniform(0.5, 6.0, 80), "bending": 10 ** rng.uniform(-3, 0, 80)}
     hz, stiffening = rng.uniform(2, 40, 80), rng.uniform(0, 1e4, 80)
     springs = mechanics(80, hz=hz, damping=0.01, stiffening=stiffening, **coupling, **uneven(80))
     start = rng.normal(scale=0.05, size=(80, 3)).astype(np.float32)
-    found = np.abs(vibrate(make_sheet(springs, nodes.laplacian), start, start * 0, 12_000))
+    found = np.abs(vibrate(GraphSheet(springs, nodes.laplacian), start, start * 0, 12_000))
     assert found.max() < 3 * found[1].max()
     assert found[-100:].max() < 1e-3 * found[1].max()
 

@@ -12,9 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bridge.verify.engine import Answer, Ask, Tensors, answer
+from bridge.verify.checks import random_checks
+from bridge.verify.engine import Answer, Ask, Check, Tensors, answer
 from bridge.verify.reference import dsnet
 from bridge.verify.reference.engine import OPERATIONS
+
+
+@pytest.fixture(scope="session")
+def checks() -> list[Check]:
+    """All that need no run."""
+    return random_checks(0, "embedded:female")
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,7 @@ from bridge.motion import MotionSequence, to_manifest
 from bridge.runs import ArtifactWriter, Run, write_artifact
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
-from bridge.verify.checks import full_size_checks, random_checks, trained_checks
+from bridge.verify.checks import full_size_checks, trained_checks
 from bridge.verify.compare import verify
 from bridge.verify.draws import SMALL_WIDTHS
 from bridge.verify.engine import load_tensors
@@ -37,15 +37,13 @@ def test_one_kernel_of_the_small_autoencoder_is_square():
     assert "encoder.conv_2.weight" in squares
 
 
-def test_names_are_unique_and_all_numbers_are_float32():
-    checks = random_checks(0, "embedded:female")
+def test_names_are_unique_and_all_numbers_are_float32(checks):
     assert max(Counter(check.name for check in checks).values()) == 1
     arrays = [a for check in checks for a in (*check.weights.values(), *check.inputs.values())]
     assert {array.dtype for array in arrays} == {np.dtype(t) for t in (np.float32, np.int32, bool)}
 
 
-def test_the_reference_answers_each_check_once_and_in_float64():
-    checks = random_checks(0, "embedded:female")
+def test_the_reference_answers_each_check_once_and_in_float64(checks):
     asked = Counter((check.name, dtype) for check in checks for dtype in check.precisions("numpy"))
     computed = {(check.name, "float64") for check in checks}
     assert asked == dict.fromkeys(computed, 1)

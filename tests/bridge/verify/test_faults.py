@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from bridge.verify.checks import random_checks
 from bridge.verify.compare import Row, diagnose, verify
 from bridge.verify.engine import ENGINES, Answer, Ask, Check, ask, write_requests
 from tests.forged.faults import FAULTS, FAULTY, shown_by_torch, spoilt
@@ -15,18 +14,21 @@ from tests.forged.faults import FAULTS, FAULTY, shown_by_torch, spoilt
 
 @pytest.fixture(scope="module", params=["stand-in", "torch"])
 def rows(
-    request: pytest.FixtureRequest, ask_reference: Ask, tmp_path_factory: pytest.TempPathFactory
+    request: pytest.FixtureRequest,
+    ask_reference: Ask,
+    checks: list[Check],
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> list[Row]:
     """All faults in one process, by the reference in place of PyTorch and by PyTorch itself.
 
     Checks are named `<fault>:<check>`; those of no fault begin with `none:`.
     """
     folder = tmp_path_factory.mktemp("faults")
-    whole = shown_by_torch(random_checks(0, "embedded:female"))
-    checks = faulty = _named(whole, "none", {fault.check for fault in FAULTS.values()})
+    whole = shown_by_torch(checks)
+    right = faulty = _named(whole, "none", {fault.check for fault in FAULTS.values()})
     for name, fault in FAULTS.items():
         own = _named(whole, name, {fault.check})
-        checks, faulty = checks + own, faulty + spoilt(own, name)
+        right, faulty = right + own, faulty + spoilt(own, name)
     run_engine = ask if request.param == "torch" else ask_reference
 
     def ask_mistaken(engine: str, request: Path, out: Path) -> Answer:
@@ -37,7 +39,7 @@ def rows(
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(ENGINES, FAULTY, "tests.forged.faulty_torch")
-        return verify(checks, folder, ask_mistaken)[0]
+        return verify(right, folder, ask_mistaken)[0]
 
 
 def _named(checks: list[Check], prefix: str, names: set[str]) -> list[Check]:

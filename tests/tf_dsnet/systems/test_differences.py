@@ -14,6 +14,7 @@ from bridge import DsnetError
 from bridge.exchange.dsnet import join_inputs
 from bridge.runs import Artifact, read_artifact
 from bridge.runtime.streams import StreamingPredictor
+from tests.forged.encoded import write_encoded
 from tf_dsnet import stage_infer, stage_train
 from tf_dsnet.predictors import load_predictor
 from tf_dsnet.stage_infer import InferConfig
@@ -28,10 +29,21 @@ RNG = np.random.default_rng(8)
 THETA, BETAS = np.cumsum(RNG.normal(0, 0.05, (30, 69)), axis=0), RNG.normal(size=10)
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run in which it was trained."""
+    runs = tmp_path_factory.mktemp("differences")
+    write_encoded(runs / "tiny" / "encode")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSNET_RUNS", str(runs))
+        stage_train.main(TINY)
+    return runs / "tiny"
+
+
 @pytest.fixture
-def trained(encoded_run: Path) -> Artifact:
-    stage_train.main(TINY)
-    return read_artifact(encoded_run / "train")
+def trained(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Artifact:
+    monkeypatch.setenv("DSNET_RUNS", str(folder.parent))
+    return read_artifact(folder / "train")
 
 
 def test_it_says_what_it_is(trained):
@@ -44,7 +56,7 @@ def test_it_says_what_it_is(trained):
 
 
 def test_the_papers_network_is_counted_where_both_are_trained(encoded_run):
-    stage_train.main(replace(TINY, predictors=("dsnet_faithful", NAME)))
+    stage_train.main(replace(TINY, epochs=1, predictors=("dsnet_faithful", NAME)))
     made = read_artifact(encoded_run / "train")
     assert made.manifest["parameters"] == {"dsnet": 65_140, "dsnet_trainable": 65_020}
 
@@ -56,9 +68,10 @@ def test_it_does_not_know_where_it_is(trained):
     assert np.abs(here - predict(2 * THETA, BETAS)).max() > 1e-2
 
 
-def test_later_stages_take_it_by_name(trained, encoded_run):
+@pytest.mark.usefixtures("trained")
+def test_later_stages_take_it_by_name(folder):
     stage_infer.main(InferConfig("tiny"))
-    made = read_artifact(encoded_run / "infer")
+    made = read_artifact(folder / "infer")
     assert made.manifest["predictors"] == {NAME: "DSNet, pose differences"}
     assert made.array(f"latents_{NAME}").shape == (195, 100)
 

@@ -127,7 +127,9 @@ def test_people_and_kinds_come_back_from_the_names_of_the_files(corpus, truth):
     assert found == set(CELLS)
 
 
-def test_a_killed_run_goes_on_with_more_cores_and_ends_bit_identical(finished, tmp_path, monkeypatch):
+def test_a_killed_run_goes_on_with_more_cores_and_ends_bit_identical(
+    finished, tmp_path, monkeypatch
+):
     monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
     simulate, lengths = TissueSimulator.offsets, []
 
