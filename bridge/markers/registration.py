@@ -170,8 +170,8 @@ def nearest_vertices(
             columns = [PARTS.index(name) for name in SPOTS[label].parts]
             there = np.flatnonzero(parts[:, columns].sum(axis=1) > 0.5)
         away = points[:, None] - skin[:, there]
-        outward = np.maximum((away * normals[:, there]).sum(axis=2), 0)
-        squared = (away**2).sum(axis=2)
+        outward = np.maximum(np.einsum("tvc,tvc->tv", away, normals[:, there]), 0)
+        squared = np.einsum("tvc,tvc->tv", away, away)
         best = int((squared - (1 - _OUTWARD) * outward**2).mean(axis=0).argmin())
         vertices[label] = int(there[best])
         distance[label] = float(1e3 * np.sqrt(squared[:, best]).mean())
