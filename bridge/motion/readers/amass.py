@@ -12,6 +12,7 @@ from pathlib import Path
 from bridge.body.containers import npz_fields
 from bridge.errors import DsnetError, did_you_mean
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
+from bridge.motion.readers.joint_rotations import unusable
 from bridge.motion.readers.smpl_arrays import (
     BETAS_KEYS,
     BODY_KEYS,
@@ -25,7 +26,6 @@ from bridge.motion.readers.smpl_arrays import (
     gender_stored,
     holds_poses,
     motion_of,
-    unusable,
 )
 from bridge.runs.untrusted import file_refused, open_npz
 

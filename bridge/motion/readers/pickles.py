@@ -29,6 +29,7 @@ from bridge.body.safe_pickle import (
 from bridge.body.torch_files import load_torch
 from bridge.errors import DsnetError
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
+from bridge.motion.readers.joint_rotations import unusable
 from bridge.motion.readers.smpl_arrays import (
     BODY_KEYS,
     POSE_KEYS,
@@ -37,7 +38,6 @@ from bridge.motion.readers.smpl_arrays import (
     gender_in,
     holds_poses,
     motion_of,
-    unusable,
 )
 from bridge.runs.untrusted import file_refused, open_regular
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from bridge.body.embedded import EMBEDDED_PREFIX
 from bridge.body.safe_pickle import Record, as_array
@@ -29,6 +28,14 @@ from bridge.motion.motion import (
     Motion,
     UpAxis,
     pack_theta,
+)
+from bridge.motion.readers.joint_rotations import (
+    BODY_WIDTHS,
+    WIDTHS,
+    axis_angles,
+    by_joint,
+    finite,
+    unusable,
 )
 from bridge.motion.retargeting import (
     smpl_places,
@@ -65,18 +72,11 @@ WANTED = (*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS, *TRANS_KEYS, *BETAS_KE
           "Rh")  # fmt: skip
 MOST_BYTES = MOST_FRAMES * 8 * 9 * 55
 """Of an array: matrices of SMPL-X's joints."""
-_WIDTHS = {66: "SMPL's 22 joints", 72: "SMPL", 156: "SMPL-H", 159: "SMPL-X without its jaw or eyes",
-           165: "SMPL-X"}  # fmt: skip
-_BODY_WIDTHS = {63, 69}
-"""Without the root."""
 _KINDS = {24: "smpl", 52: "smplh", 53: "smplx", 55: "smplx"}
 """By numbers of joints; of 53 nobody knows the order of the last 31."""
-_SIX = {132, 144}
-"""Of 22 or 24 joints, the first two lines or columns of each matrix."""
 _MOVING = (52, 55)
 _SMPLS_BODY = 23
 """Joints of SMPL without its root: only SMPL's end with two for the hands."""
-_LEAST_KNEE_RAD = 0.02
 _GENDERS = {"f": "female", "m": "male", "n": "neutral", "0": "neutral", "1": "male", "2": "female"}
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
 _STANDING, _ASLANT = 0.7, 0.5
@@ -119,7 +119,7 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
         source_fps=fps,
         source=path,
         up=up,
-        dmpls=_numbers(path, arrays, "dmpls", len(pose)) if "dmpls" in arrays else None,
+        dmpls=finite(path, "dmpls", arrays["dmpls"], len(pose)) if "dmpls" in arrays else None,
         trans_of=up,
         embedded_betas=_said(arrays, "source").startswith("synthetic")
         or _said(arrays, "body_model").startswith(EMBEDDED_PREFIX),
@@ -131,7 +131,7 @@ def _of_first_person(path: Path, arrays: Arrays, notes: list[str]) -> Arrays:
     """Where an axis of people, or of a batch, stands before that of frames."""
     key = _first(arrays, (*POSE_KEYS, *BODY_KEYS))
     shape = arrays[key].shape if key else ()
-    if len(shape) != 3 or shape[2] not in _WIDTHS.keys() | _BODY_WIDTHS or not shape[0]:
+    if len(shape) != 3 or shape[2] not in WIDTHS.keys() | BODY_WIDTHS or not shape[0]:
         return arrays
     if (people := shape[0]) > 1:
         notes.append(f"{path} holds {people} people: the first is read")
@@ -166,28 +166,8 @@ def holds_poses(names: Container[str]) -> bool:
     return any(key in names for key in POSE_KEYS) or any(key in names for key in BODY_KEYS)
 
 
-def unusable(path: Path, flaw: str, remedy: str = "Download the file again.") -> DsnetError:
-    """The line that says why a file is refused."""
-    return DsnetError(
-        f"{path}, {flaw}", "poses of SMPL's family, as an AMASS motion file has them", remedy
-    )
-
-
 def _first(arrays: Arrays, keys: tuple[str, ...]) -> str | None:
     return next((key for key in keys if key in arrays), None)
-
-
-def _numbers(
-    path: Path, arrays: Arrays, key: str, frame_count: int | None = None
-) -> NDArray[np.float64]:
-    array = arrays[key]
-    if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-        raise unusable(path, f"whose {key!r} are not all finite numbers")
-    if frame_count is not None and (array.ndim != 2 or len(array) != frame_count or not array.size):
-        raise unusable(
-            path, f"whose {key!r} have shape {array.shape} beside {frame_count} frames of poses"
-        )
-    return array.astype(np.float64)
 
 
 def _pose(path: Path, arrays: Arrays) -> NDArray[np.float64]:
@@ -198,7 +178,7 @@ def _pose(path: Path, arrays: Arrays) -> NDArray[np.float64]:
         named = f"a {body!r} and no 'root_orient'" if body else "no 'poses'"
         raise unusable(path, f"which has {named}", "Pass a motion, not a shape or a model file.")
     keys = [key for key in ((whole,) if whole else (root, body)) if key]
-    parts = [_axis_angles(path, k, _by_joint(path, arrays, k)[:, :N_JOINTS]) for k in keys]
+    parts = [axis_angles(path, k, _by_joint(path, arrays, k)[:, :N_JOINTS]) for k in keys]
     pose = np.concatenate(parts, axis=1)
     if pose.shape[1] < N_JOINTS:
         raise unusable(path, f"with poses of {pose.shape[1]} joints", "22 or more are needed.")
@@ -215,39 +195,8 @@ def _pose(path: Path, arrays: Arrays) -> NDArray[np.float64]:
     return pose
 
 
-def _axis_angles(path: Path, key: str, joints: NDArray) -> NDArray[np.float64]:
-    chosen = _numbers(path, {key: joints}, key)
-    return chosen if chosen.shape[2:] == (3,) else _of_matrices(path, chosen)
-
-
 def _by_joint(path: Path, arrays: Arrays, key: str) -> NDArray:
-    """An array of any layout as (T, J, 3), (T, J, 6) or (T, J, 3, 3)."""
-    array = arrays[key]
-    if array.dtype.kind not in "iuf":
-        raise unusable(path, f"whose {key!r} are not all finite numbers")
-    part = key in (*ROOT_KEYS, *BODY_KEYS)
-    if array.ndim and array.shape[0] > MOST_FRAMES:
-        raise DsnetError(
-            f"{path}, a motion of {array.shape[0]} frames",
-            f"at most {MOST_FRAMES}",
-            "Cut it into several files.",
-        )
-    match array.shape:
-        case (count, width) if width in {3, *_BODY_WIDTHS} if part else width in _WIDTHS:
-            return array.reshape(count, width // 3, 3)
-        case (_, joints, 3) if joints >= (1 if part else N_JOINTS):
-            return array
-        case (_, _, 3, 3) | (_, _, 6):
-            return array
-        case (count, width) if width in _SIX and not part:
-            return array.reshape(count, width // 6, 6)
-        case shape:
-            known = ", ".join(f"{width} ({model})" for width, model in _WIDTHS.items())
-            raise DsnetError(
-                f"{path}, whose {key!r} have shape {shape}",
-                f"(frames, width) with a width of {known}, or (frames, joints, 3)",
-                "Pass poses of SMPL, SMPL-H or SMPL-X.",
-            )
+    return by_joint(path, key, arrays[key], part=key in (*ROOT_KEYS, *BODY_KEYS))
 
 
 def _others(
@@ -275,7 +224,7 @@ def _others(
         each = [_part(path, arrays, key, (frames, width), notes) for key, width in parts.items()]
         others = np.concatenate(each, axis=1).reshape(frames, -1, 3)
     try:
-        turns = _axis_angles(path, "hands", others)
+        turns = axis_angles(path, "hands", others)
         far_rad = np.abs(turns).max(initial=0.0)
     except DsnetError:
         turns, far_rad = None, np.inf
@@ -308,31 +257,6 @@ def _said_kind(path: Path, arrays: Arrays, notes: list[str]) -> str | None:
             "its betas may mean another shape"
         )
     return _SAID_KINDS[key].get(said)
-
-
-def _of_matrices(path: Path, given: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(T, J, 3) of matrices (T, J, 3, 3), or of two of their lines or columns (T, J, 6).
-
-    Which of the two, no file says: knees bend one way.
-    """
-    frames, joints = given.shape[:2]
-    lines = given.reshape(frames * joints, -1)
-    is_six = lines.shape[1] == 6
-    if is_six:
-        first, second = lines[:, :3], lines[:, 3:]
-        lines = np.stack([first, second, np.cross(first, second)], axis=2)
-    matrices = lines.reshape(-1, 3, 3)
-    far = np.abs(matrices @ np.swapaxes(matrices, 1, 2) - np.eye(3)).max(initial=0)
-    if not far < 1e-2 or (np.linalg.det(matrices) < 0).any():
-        raise unusable(path, "whose poses are no rotations", "Store axis-angle rotations.")
-    pose = Rotation.from_matrix(matrices).as_rotvec().reshape(frames, joints, 3)
-    if joints < N_JOINTS or not is_six:
-        return pose
-    knees_rad = float(pose[:, (4, 5), 0].mean()) if frames else 0.0
-    if abs(knees_rad) < _LEAST_KNEE_RAD:
-        flaw = "of six numbers a joint, whose knees do not tell whether these are lines or columns"
-        raise unusable(path, flaw, "Store axis-angle rotations.")
-    return pose if knees_rad > 0 else -pose
 
 
 def _vertical(
@@ -374,11 +298,11 @@ def _trans(
             f"{path} says nowhere where the body is: it moves on the spot, --floor lifts it"
         )
         return np.zeros((frames, 3))
-    trans_m = _numbers(path, arrays, key, frames)
+    trans_m = finite(path, key, arrays[key], frames)
     if trans_m.shape[1] != 3:
         raise unusable(path, f"whose {key!r} have shape {trans_m.shape}")
     if (scaling := arrays.get("smpl_scaling")) is not None:  # AIST++'s bodies are in centimetres
-        per_m = _numbers(path, {"smpl_scaling": scaling}, "smpl_scaling")
+        per_m = finite(path, "smpl_scaling", scaling)
         if per_m.size != 1 or not 0.01 < per_m.item() < 1e4:
             raise unusable(path, f"whose 'smpl_scaling' is {per_m.tolist()}"[:200])
         trans_m = trans_m / per_m.item()
@@ -407,7 +331,7 @@ def _rate(path: Path, arrays: Arrays, usual_fps: float) -> float:
             rate = np.array(float(text_of(rate)))
         except ValueError:
             rate = np.array(np.nan)
-    rate = _numbers(path, {key: rate}, key)
+    rate = finite(path, key, rate)
     if rate.size != 1 or not RATES_HZ[0] <= rate.item() <= RATES_HZ[1]:
         raise unusable(path, f"whose {key} is {rate.tolist()}"[:200], "Write its rate, Hz.")
     return rate.item()
@@ -419,7 +343,7 @@ def _betas(path: Path, arrays: Arrays, notes: list[str]) -> NDArray[np.float64]:
     if key is None:
         notes.append(f"{path} has no betas: the mean shape is taken")
         return np.zeros(N_BETAS)
-    betas = _numbers(path, arrays, key)
+    betas = finite(path, key, arrays[key])
     if betas.ndim not in (1, 2) or not betas.size:
         flaw = f"whose {key!r} have shape {betas.shape}"
         raise unusable(path, flaw, f"Store one vector of {N_BETAS} or more coefficients.")
