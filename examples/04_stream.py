@@ -6,15 +6,15 @@ from bridge import load_motion
 from bridge.runtime.streams import StreamingBodies
 
 bodies = StreamingBodies(fps=60)  # of the package; StreamingBodies("demo") takes that run's best
-theta = load_motion("sample:jumping_jacks").theta
+motion = bodies.placed(load_motion("sample:jumping_jacks"))  # or a file of yours
 
-anna = bodies.join(np.zeros(10))
+anna = bodies.join(motion.betas)
 bella = None
 print(f"answers are {1000 * bodies.latency_s:.0f} ms late")
 for frame in range(120):
     if frame == 60:
         bella = bodies.join(np.array([2.0, *np.zeros(9)]))
-    poses = {who: theta[frame] for who in (anna, bella) if who is not None}
+    poses = {who: motion.theta[frame] for who in (anna, bella) if who is not None}
     moved = bodies.step(poses)
     if frame % 30 == 29:
         for who, body in moved.items():

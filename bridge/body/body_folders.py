@@ -86,8 +86,10 @@ def _bodies_below(folder: Path) -> Iterator[_Body]:
             path = Path(below, name)
             if name.startswith(".") or path.suffix.lower() not in _SUFFIXES:
                 continue
-            words = _words(path.relative_to(folder))
-            if not _NO_BODIES & set(words):
+            words, own = _words(path.relative_to(folder)), {*_words(Path(name))}
+            # A body by its own name is one in any folder: MANO's download has SMPL-H's.
+            judged = own if own & _KIND_WORDS.keys() else {*words}
+            if not _NO_BODIES & judged:
                 kinds = [_KIND_WORDS[word] for word in words if word in _KIND_WORDS]
                 yield _Body(path, gender_in_path(path), kinds[-1] if kinds else None)
 

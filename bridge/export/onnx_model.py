@@ -88,6 +88,7 @@ def _about(chosen: TrainedModel, run: str, precision: Precision) -> dict[str, st
         "units": "metres, radians",
         "joints": json.dumps(SMPL_JOINT_NAMES[:N_JOINTS]),
         "theta": "axis-angle of each joint relative to its parent, then the root's translation",
-        "state": "zeros for a character that begins; then next_state of the frame before",
+        "state": "zeros for a character that begins, or that a cut puts elsewhere; then next_state "
+        "of the frame before",
         "faces": base64.b64encode(body.faces.astype("<u4").tobytes()).decode("ascii"),
     }

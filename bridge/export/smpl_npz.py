@@ -78,7 +78,14 @@ def write_smpl(path: Path, moving: MovingBody) -> None:
     arrays: dict[str, Any] = {
         "codecVersion": _CODEC_VERSION,
         "smplVersion": _SMPL_VERSIONS[count],
-        "gender": _SMPL_GENDERS[moving.body.gender],
+        "gender": next(
+            (
+                _SMPL_GENDERS[who.gender]
+                for who in (moving.body, motion)
+                if who.gender in _SMPL_GENDERS
+            ),
+            _SMPL_GENDERS["neutral"],
+        ),
         "shapeParameters": motion.betas if same_betas else np.zeros_like(motion.betas),
         "frameCount": len(pose),
         "frameRate": motion.fps,

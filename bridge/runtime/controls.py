@@ -32,6 +32,7 @@ from bridge.runs import Run
 from bridge.runtime.load_model import TrainedModel, body_asked, load_model
 from bridge.runtime.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
 from bridge.runtime.whose_betas import with_own_shape
+from bridge.tissue.oscillators import FPS
 
 Floor = Literal["keep", "shift", "scale"]
 GAINS = Bounds(0, 20)
@@ -136,13 +137,23 @@ class Controls:
             gender, kind, more_betas = motion.gender, motion.kind, len(motion.more_betas)
         body = body_asked(self.body)
         found = load(run, predictor, self.gender or gender, body, kind, more_betas)
+        self.check_model(found)
+        return found
+
+    def check_model(self, found: TrainedModel) -> None:
+        """Refuse a predictor on another body than is asked for."""
+        if self.body is not None and str(self.body) != found.body_model:
+            raise DsnetError(
+                f"body={str(self.body)!r} with {found.name} on {found.body_model}",
+                "a predictor on that body",
+                "Load both by Controls.load, or load_model(run, body=...).",
+            )
         if self.gender and self.gender != found.body.gender and found.body.gender in GENDERS:
             raise DsnetError(
                 f"--gender {self.gender} with {found.body.name} for {found.name} of {found.owner}",
                 f"a {found.body.gender} body's",
                 "Leave --gender out, or pass another --body, or a --run that was trained on one.",
             )
-        return found
 
     def how_read(self) -> HowRead:
         """What they say of the motion file."""
@@ -183,6 +194,13 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
                 f"it with {wanted}, as the controls say",
                 f"Read it by load_motion_file(path, {name}={wanted!r}).",
             )
+    if motion.fps != FPS:
+        raise DsnetError(
+            f"{motion.source} at {motion.fps:g} frames a second",
+            f"the {FPS:g} at which skin is predicted",
+            "Load it without fps=, and take frames of the result.",
+        )
+    controls.check_model(trained)
     body, gain = trained.body, controls.gain
     betas = controls.asked_betas(body)
     motion = with_own_shape(motion, body, told=betas is None)

@@ -78,17 +78,24 @@ class Asked:
     @property
     def config(self) -> dict[str, Any]:
         """As in the manifest of a prediction."""
-        given = {"run": self.run and self.run.name, "predictor": self.predictor}
-        given |= {"write": self.write, "controls": self.controls.given(), "body": self._body()}
+        given = {
+            "run": self.run and self.run.name,
+            "predictor": self.predictor,
+            "write": self.write,
+            "controls": self.controls.given(),
+            "body": self._body(),
+            "joints": dict(self.controls.how_read().joint_map),
+        }
         return json.loads(json.dumps(given))
 
-    def _body(self) -> list[tuple[str, int]] | str | None:
-        """Names and sizes of the model files that were asked for: they may be gigabytes."""
+    def _body(self) -> list[tuple[str, int, int]] | str | None:
+        """Names, sizes and times of the model files that were asked for: they may be gigabytes."""
         path = self.controls.body
         if path is None or not path.exists():
             return path and str(path)
         files = sorted(one for one in (path, *path.rglob("*")) if one.is_file())
-        return [(one.relative_to(path.parent).as_posix(), one.stat().st_size) for one in files]
+        about = ((one.relative_to(path.parent).as_posix(), one.stat()) for one in files)
+        return [(name, status.st_size, status.st_mtime_ns) for name, status in about]
 
 
 @dataclass(frozen=True)

@@ -8,22 +8,24 @@ bodies.leave(anna)
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import count
-from math import ceil, floor
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
+from bridge.body.embedded import EMBEDDED_GENDERS
+from bridge.body.model_data import GENDERS
 from bridge.body.posing import ShapedBody, Smpl
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
-from bridge.motion import unpack_theta
+from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import is_cut
 from bridge.motion.motion import FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_BETA
 from bridge.motion.resampling import between, going_on
@@ -31,8 +33,9 @@ from bridge.motion.smoothing import StreamSmoother
 from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runs import Run
 from bridge.runtime.load_model import body_asked, find_model, load_model
-from bridge.runtime.moving_body import LARGEST_BODY_M
+from bridge.runtime.moving_body import LARGEST_BODY_M, place_motion
 from bridge.runtime.stepping import DsnetModel, Model, PlusModel, finished
+from bridge.runtime.whose_betas import with_own_shape
 from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
 
@@ -40,6 +43,10 @@ RATES_HZ = (10.0, 1000.0)
 """Slower than the slowest, motion between frames is guessed; faster, nobody shows it."""
 _LARGEST_DENOMINATOR = 1001
 """Television's rates are thousands over 1001."""
+_LARGEST_LIMB_RAD = 4 * np.pi
+"""No limb turns twice about itself; in degrees one does in almost every pose."""
+_MANY = 1000
+"""Shape coefficients of a body file that are kept: all."""
 
 
 class FrameClock:
@@ -49,23 +56,29 @@ class FrameClock:
     """
 
     def __init__(self, fps: float) -> None:
-        if not RATES_HZ[0] <= fps <= RATES_HZ[1]:  # nan is not
+        try:
+            self.fps = float(fps)  # or a file's, which may be an array
+        except (TypeError, ValueError):
+            self.fps = math.nan
+        if not RATES_HZ[0] <= self.fps <= RATES_HZ[1]:  # nan is not
             raise DsnetError(
                 f"fps={fps}", f"{RATES_HZ[0]:g} to {RATES_HZ[1]:g}", "Pass frames per second."
             )
-        self.fps = float(fps)
-        self._per_frame = Fraction(int(FPS)) / Fraction(fps).limit_denominator(_LARGEST_DENOMINATOR)
+        per_tick = Fraction(self.fps).limit_denominator(_LARGEST_DENOMINATOR)
+        self._per_frame = Fraction(int(FPS)) / per_tick
 
     def latency_frames(self, look_ahead: int) -> int:
         """Frames that an answer is late if a tick's is known `look_ahead` ticks later.
 
         The newest tick may lie almost a whole one before the newest frame.
         """
-        return ceil((look_ahead + 1 - Fraction(1, self._per_frame.denominator)) / self._per_frame)
+        return math.ceil(
+            (look_ahead + 1 - Fraction(1, self._per_frame.denominator)) / self._per_frame
+        )
 
     def ticks(self, frame: int) -> range:
         """Those after the frame before this one, up to this one."""
-        before, now = (floor(f * self._per_frame) for f in (frame - 1, frame))
+        before, now = (math.floor(f * self._per_frame) for f in (frame - 1, frame))
         return range(before + 1, now + 1) if frame else range(1)
 
     def share(self, tick: int, frame: int) -> float:
@@ -75,7 +88,7 @@ class FrameClock:
     def place(self, frame: int) -> tuple[int, float]:
         """The last tick not after a frame, and the share of a tick from there to the frame."""
         ticks = frame * self._per_frame
-        return floor(ticks), float(ticks % 1)
+        return math.floor(ticks), float(ticks % 1)
 
 
 class StreamingPredictor:
@@ -167,7 +180,7 @@ class StreamingBodies:
     predictor : which of the run's; the run's best when None.
     body : the body model that moves, or its file or folder; `DSNET_BODY`, else the run's, when
         None.
-    gender : of the packaged model's body, and of a folder's, `female` or `male`.
+    gender : of the packaged model's body, and of a folder's: `female`, `male` or `neutral`.
     fps : frames per second of what comes and goes, 10 to 1000.
     smooth : leave out the noise of a recording (`bridge.motion.smoothing`), three frames later.
     """
@@ -183,6 +196,8 @@ class StreamingBodies:
         smooth: bool = False,
     ) -> None:
         self._clock, self._smooth = FrameClock(fps), smooth
+        if gender not in GENDERS:
+            raise DsnetError(f"gender={gender!r}", " or ".join(GENDERS), "Pass one of these.")
         if isinstance(run, TrainedPlus):
             if not isinstance(body, BodyModelData):
                 raise DsnetError("a model without a body", "the body it moves", "Pass body=.")
@@ -190,9 +205,10 @@ class StreamingBodies:
         else:
             of = None if run is None else Run(os.fspath(run))
             if isinstance(body, BodyModelData):
-                self._model = find_model(of, predictor, gender).open(body)
+                own = body.gender if body.gender in EMBEDDED_GENDERS else gender
+                self._model = find_model(of, predictor, own).open(body)
             else:
-                found = load_model(of, predictor, gender, body_asked(body))
+                found = load_model(of, predictor, gender, body_asked(body), more_betas=_MANY)
                 self._model, body = found.model, found.body
         self._body, self._skin = body, Smpl(body, hands=False)
         self._characters: dict[int, _Character] = {}
@@ -208,8 +224,14 @@ class StreamingBodies:
         """Those who are there, in the order in which they came."""
         return tuple(self._characters)
 
+    def placed(self, motion: Motion) -> Motion:
+        """A motion as its file has it, made one of these bodies: its `betas` are for `join`, its
+        `theta`, y up and about the body's own root joint, for `step`.
+        """
+        return place_motion(with_own_shape(motion, self._body), self._body)
+
     def join(self, betas: ArrayLike) -> int:
-        """Let a person of shape betas in, (10,) or as many as the body has; the number is hers, and
+        """Let a person of shape betas in, (10,) or more if the body has; the number is hers, and
         never anybody else's.
 
         Takes, with her first step, longer than the steps after it: her tissue is brought to rest.
@@ -406,12 +428,13 @@ def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
 def _check_poses(name: str, theta: NDArray[np.float64]) -> None:
     """Refuse poses theta (B, 69) of finite numbers that no body takes."""
     pose, trans_m = unpack_theta(theta)
-    angle_rad = np.linalg.norm(pose, axis=-1).max(initial=0.0)
-    far_m = np.abs(trans_m).max(initial=0.0)
-    if angle_rad > LARGEST_ANGLE_RAD or far_m > FARTHEST_M:
+    angles_rad, far_m = np.linalg.norm(pose, axis=-1), np.abs(trans_m).max(initial=0.0)
+    root_rad, limb_rad = (part.max(initial=0.0) for part in np.split(angles_rad, [1], axis=-1))
+    if root_rad > LARGEST_ANGLE_RAD or limb_rad > _LARGEST_LIMB_RAD or far_m > FARTHEST_M:
         raise DsnetError(
-            f"{name} with a joint turned by {angle_rad:.3g} rad, {far_m:.3g} m off",
-            f"at most {LARGEST_ANGLE_RAD:g} rad and {FARTHEST_M:g} m",
+            f"{name} with its root turned by {root_rad:.3g} rad, a limb by {limb_rad:.3g}, "
+            f"{far_m:.3g} m off",
+            f"at most {LARGEST_ANGLE_RAD:g}, {_LARGEST_LIMB_RAD:.3g} and {FARTHEST_M:g} m",
             "Angles are in radians and translations in metres; nothing has moved.",
         )
 
@@ -430,11 +453,12 @@ def _checked_pose(name: str, theta: ArrayLike) -> NDArray[np.float64]:
 
 
 def _checked_betas(betas: ArrayLike, body: BodyModelData) -> NDArray[np.float64]:
-    """One person's shape (10,), whose body is of a person's size."""
-    found = _numbers("betas", betas)
-    count = body.shapedirs.shape[-1]
-    if found.shape != (count,):
-        raise DsnetError(f"betas of shape {found.shape}", f"({count},)", "Pass one person's.")
+    """One person's shape (S,), whose body is of a person's size; what is not given is 0."""
+    found, count = _numbers("betas", betas), body.shapedirs.shape[-1]
+    if found.ndim != 1 or not N_BETAS <= len(found) <= count:
+        expected = f"({N_BETAS},)" + (f" to ({count},)" if count > N_BETAS else "")
+        raise DsnetError(f"betas of shape {found.shape}", expected, "Pass one person's.")
+    found = np.pad(found, (0, count - len(found)))
     with np.errstate(over="ignore", invalid="ignore"):
         size_m = np.ptp(body.v_template + body.shapedirs @ found, axis=0).max()
     if not size_m < LARGEST_BODY_M:

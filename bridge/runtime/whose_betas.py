@@ -42,9 +42,11 @@ def with_own_shape(motion: Motion, body: BodyModelData, told: bool = True) -> Mo
     if given.any() and (whose := _strange_space(motion, body)):
         betas, how = _of_markers(motion, body)
         notes = [f"the betas of {motion.source} are {whose}: {how}; {_REMEDY}"]
-    elif given.any() and unsaid and not motion.embedded_betas:
-        taken = "does not say whose betas it has: taken as the body's"
-        notes.append(f"{motion.source} {taken}; {_REMEDY}")
+    elif given.any() and (unsaid or body.gender not in GENDERS) and not motion.embedded_betas:
+        taken = f"{motion.source} does not say whose betas it has: taken as the body's"
+        if not unsaid:
+            taken = f"{body.name} does not say its gender: it takes a {motion.gender} body's betas"
+        notes.append(f"{taken}; {_REMEDY}")
     for line in notes if told else ():
         notify(line)
     padded = np.pad(betas, (0, body.shapedirs.shape[-1] - len(betas)))

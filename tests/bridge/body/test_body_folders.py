@@ -29,6 +29,10 @@ _OFFICIAL = {
     "__MACOSX/smpl/models/._basicmodel_f_lbs_10_207_0_v1.1.0.pkl": "zeros",
     ".DS_Store": "zeros",
 }
+_MANOS_DOWNLOAD = {
+    "mano_v1_2/models/SMPLH_female.pkl": "smplh",
+    "mano_v1_2/models/MANO_RIGHT.pkl": "MANO",
+}
 _ONE_KIND = {"SMPLX_FEMALE.npz": "smplx", "SMPLX_to_J14.pkl": "17 rows", "version.txt": "text"}
 _NO_KIND_IN_NAMES = {"x/male/model.npz": "smplx", "h/male/model.pkl": "smplh"}
 
@@ -60,6 +64,7 @@ def laid_out(folder: Path, files: dict[str, str]) -> Path:
         (_NO_KIND_IN_NAMES, "male", "smplx", "x/male/model.npz"),
         ({"smplh/SMPLH_female.pkl": "smplh"}, "female", "smplh", "smplh/SMPLH_female.pkl"),
         ({"model.npz": "smpl"}, "male", "smpl", "model.npz"),
+        (_MANOS_DOWNLOAD, "female", "smplh", "mano_v1_2/models/SMPLH_female.pkl"),
     ],
 )
 def test_the_file_of_gender_and_kind_is_taken_and_told(

@@ -158,9 +158,10 @@ def test_smpl_is_read_by_its_own_library_and_by_ours(character, tmp_path, others
 )  # fmt: skip
 def test_smpl_has_betas_only_of_the_kind_that_is_written(character, tmp_path, kind, others, kept):
     moving = moving_body(character, 8)
-    moving.trained = replace(moving.trained, other_body=person(kind))
+    moving.trained = replace(moving.trained, other_body=replace(person(kind), gender="unknown"))
     hands_and_face = np.full((8, others, 3), 0.1)
     moving.motion = replace(moving.motion, betas=np.ones(10), hands_and_face=hands_and_face)
     smpl_npz.write_smpl(tmp_path / "walk.smpl", moving)
     with np.load(tmp_path / "walk.smpl") as arrays:
         assert arrays["shapeParameters"].tolist() == [float(kept)] * 10
+        assert arrays["gender"] == 2  # the motion's, as the body has none

@@ -67,6 +67,15 @@ def test_a_motion_that_was_read_at_another_rate_is_refused(character, bouncing):
         controlled(character, bouncing, smooth_hz=8.0)
     with pytest.raises(DsnetError, match=r"expected it with auto.*smooth_hz='auto'"):
         controlled(character, bouncing, smooth_hz="auto")
+    with pytest.raises(DsnetError, match="at 30 frames a second; expected the 60"):
+        controlled(character, replace(bouncing, fps=30.0))
+
+
+def test_a_predictor_on_another_body_than_is_asked_for_is_refused(character, bouncing):
+    with pytest.raises(DsnetError, match="body='embedded:male' with dsnet_plus on embedded:female"):
+        controlled(character, bouncing, body=Path("embedded:male"))
+    with pytest.raises(DsnetError, match="--gender male with embedded:female"):
+        controlled(character, bouncing, gender="male")
 
 
 def test_gain_multiplies_the_skin_alone(character, bouncing):

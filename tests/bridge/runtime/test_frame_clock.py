@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -56,7 +58,12 @@ def test_latencies(fps, ahead, expected):
     assert FrameClock(fps).latency_frames(ahead) == expected
 
 
-@pytest.mark.parametrize("fps", [0, -60, 9, 1001, np.nan, np.inf])
+@pytest.mark.parametrize("fps", [0, -60, 9, 1001, np.nan, np.inf, None, "fast", [60, 60]])
 def test_rates_of_nothing_are_refused(fps):
     with pytest.raises(DsnetError, match="fps="):
         FrameClock(fps)
+
+
+def test_a_rate_as_a_file_stores_it_is_one():
+    stored: Any = np.array(120.0)
+    assert FrameClock(stored).fps == 120

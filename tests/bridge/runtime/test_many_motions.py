@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -114,14 +115,26 @@ def test_two_files_of_one_name_have_a_folder_each(tmp_path):
 
 
 def test_another_body_is_another_prediction(given, tmp_path, capsys):
-    """Told from one of the same name by its size: a file of one's own, or embedded."""
+    """Told from one of the same name by its size or time: a file of one's own, or embedded."""
     load_body_model("embedded:male").save_smpl_npz(tmp_path / "mine.npz")
     for body, said in (("embedded:male", "0 motions"), (None, "0"), (tmp_path / "mine.npz", "0")):
         controls = Controls(body=Path(body) if body else None)
         predict_folder(None, given, tmp_path / "out", controls=controls)
         assert f"dsnet: {said}" in capsys.readouterr().err
-    predict_folder(None, given, tmp_path / "out", controls=Controls(body=tmp_path / "mine.npz"))
+    mine = Controls(body=tmp_path / "mine.npz")
+    predict_folder(None, given, tmp_path / "out", controls=mine)
     assert "5 motions are done" in capsys.readouterr().err
+    os.utime(tmp_path / "mine.npz", (0, 0))
+    predict_folder(None, given, tmp_path / "out", controls=mine)
+    assert "dsnet: 0 motions" in capsys.readouterr().err
+
+
+def test_another_joint_map_is_another_prediction(tmp_path):
+    controls, asked = Controls(joint_map=tmp_path / "joints.txt"), []
+    for knee in ("LeftLeg", "Bip01 L Calf"):
+        (tmp_path / "joints.txt").write_text(f"left_knee = {knee}\n")
+        asked.append(many_motions.Asked(None, None, controls, ("vertices",)).config)
+    assert asked[0] != asked[1]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from bridge.body import BodyModelData, load_body_model
 from bridge.cli import main
 from bridge.motion import load_motion_file
 from bridge.runs import Run, read_artifact
-from bridge.runtime.controls import Controls
+from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.load_model import TrainedModel, find_model, load_model
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.streams import StreamingBodies
@@ -24,6 +24,7 @@ from bridge.runtime.whose_betas import with_own_shape
 from bridge.view.repertoire import open_repertoire
 from bridge.view.scene import Scene
 from tests.forged.amass import save, smplh
+from tests.forged.bodies import person
 from tests.forged.other_bodies import with_pelvis_off
 
 HOME = load_body_model("embedded:female")
@@ -98,6 +99,44 @@ def test_a_stream_takes_a_body_by_its_file(body_file):
         )
     np.testing.assert_array_equal(one.offsets_m, two.offsets_m)
     assert np.abs(one.offsets_m).max() > 1e-4
+
+
+def test_a_stream_moves_a_mans_body_as_a_mans():
+    bodies = StreamingBodies(body=load_body_model("embedded:male"))
+    who = bodies.join(np.zeros(10))
+    found = [bodies.step({who: pose})[who] for pose in np.linspace(np.zeros(69), 0.2, 9)]
+    of_men = StreamingBodies(gender="male")
+    who = of_men.join(np.zeros(10))
+    for moved, pose in zip(found, np.linspace(np.zeros(69), 0.2, 9), strict=True):
+        np.testing.assert_array_equal(moved.offsets_m, of_men.step({who: pose})[who].offsets_m)
+    with pytest.raises(DsnetError, match="gender='Male'; expected female or male"):
+        StreamingBodies(gender="Male")
+
+
+def test_a_streamed_file_is_what_is_predicted_of_it(body_file, tmp_path, capsys):
+    """Where her root is, her shape, and what is told of it."""
+    path = walk(20, tmp_path / "a.npz", betas=np.linspace(1, -1, 16), trans=_hops(20))
+    trained, motion = Controls(body=body_file).load(None, None, path)
+    moving = controlled_body(trained, motion, Controls(body=body_file))
+    expected_m = np.concatenate([posed.vertices_m for posed in moving])
+    said = capsys.readouterr().err
+    bodies = StreamingBodies(body=body_file)
+    placed = bodies.placed(load_motion_file(path))
+    assert capsys.readouterr().err in said
+    who = bodies.join(placed.betas)
+    found = [bodies.step({who: theta})[who] for theta in placed.theta]
+    found = [*found[bodies.latency_frames :], *bodies.leave(who)]
+    np.testing.assert_allclose([body.vertices_m for body in found], expected_m, atol=1e-5)
+
+
+def test_a_stream_takes_as_many_betas_as_a_body_file_has(tmp_path):
+    person("smplh", shapes=16).save_smpl_npz(tmp_path / "SMPLH_FEMALE.npz")
+    for asked in (tmp_path / "SMPLH_FEMALE.npz", load_body_model(tmp_path / "SMPLH_FEMALE.npz")):
+        bodies = StreamingBodies(body=asked)
+        for count in (10, 13, 16):
+            bodies.join(np.zeros(count))
+        with pytest.raises(DsnetError, match=r"shape \(17,\); expected \(10,\) to \(16,\)"):
+            bodies.join(np.zeros(17))
 
 
 def test_the_papers_networks_are_bound_to_their_body(trained_run, body_file):
@@ -219,6 +258,12 @@ class TestWhoseBetas:
         found = with_own_shape(load_motion_file(path), of_others(HOME)).betas
         said = f"are a {gender} body's, the body is female" in capsys.readouterr().err
         assert said == (gender != "female") == (not found.any())
+
+    def test_on_a_body_of_no_gender_are_used_with_a_line(self, tmp_path, capsys):
+        body = replace(of_others(HOME), gender="unknown")
+        np.testing.assert_array_equal(self.shaped(tmp_path, body), self.FILE)
+        said = f"{body.name} does not say its gender: it takes a female body's betas"
+        assert said in capsys.readouterr().err
 
     @pytest.mark.parametrize("changes", [{"gender": None}, {"poses": np.zeros((5, 66))}])
     def test_of_nobody_in_particular_are_used_with_a_line(self, tmp_path, capsys, changes):

@@ -64,7 +64,8 @@ REFUSED = {
     "nan": (5, np.nan),
     "inf": (67, np.inf),
     "minus inf": (0, -np.inf),
-    "a turn of 1e4 rad": (4, 1e4),
+    "a root's turn of 1e4 rad": (1, 1e4),
+    "a knee's in degrees": (14, 30.0),
     "a kilometre off": (66, 1001.0),
     "beyond float32": (66, 1e300),
 }
