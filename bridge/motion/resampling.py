@@ -75,7 +75,7 @@ def load_motion_file(
         motion = replace(motion, fps=source_fps, source_fps=source_fps)
     if np.isnan(motion.fps):
         raise DsnetError(
-            f"{motion.source}, which does not say its rate",
+            f"{motion.source}, which does not say its rate, or says two",
             "how many frames a second it has",
             "Pass --motion-fps N (--amass-fps N of a folder, source_fps=N in Python).",
         )

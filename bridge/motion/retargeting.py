@@ -84,7 +84,7 @@ def retargeted(skeleton: SkeletonMotion, how: HowRead = AS_IT_SAYS) -> Motion:
     legs = leg_length({name: skeleton.rest[joint] for name, joint in joints.items()})
     if not np.isfinite(places).all() or not legs > 0:
         raise unusable(skeleton.path, "whose legs have no length")
-    if _is_mirrored({name: places[:, joint] for name, joint in joints.items()}):
+    if is_mirrored({name: places[:, joint] for name, joint in joints.items()}):
         axis = int(
             np.abs(skeleton.rest[joints["left_hip"]] - skeleton.rest[joints["right_hip"]]).argmax()
         )
@@ -147,7 +147,7 @@ def _pelvis_frame(skeleton: SkeletonMotion, joints: Mapping[str, int], turns: ND
     return left if turn_deg(turns[:, pelvis], turns[:, left]) > _SAME_FRAME_DEG else pelvis
 
 
-def _is_mirrored(places: Places) -> bool:
+def is_mirrored(places: Places) -> bool:
     """Whether feet and knees point backwards, seen from where left and right are."""
     across = unit(places["left_hip"] - places["right_hip"]) + unit(
         places["left_shoulder"] - places["right_shoulder"]

@@ -4,6 +4,7 @@ their lines or columns; flat or by joint. What is refused is told in the same wo
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ BODY_WIDTHS = {63, 69}
 """Without the root."""
 _SIX = {132, 144}
 """Of 22 or 24 joints, the first two lines or columns of each matrix."""
-_LEAST_KNEE_RAD = 0.02
+_KNEES, _LEAST_KNEE_RAD = [4, 5], 0.02
 
 
 def unusable(path: Path, flaw: str, remedy: str = "Download the file again.") -> DsnetError:
@@ -44,15 +45,35 @@ def finite(
     return array.astype(np.float64)
 
 
-def axis_angles(path: Path, name: str, joints: NDArray) -> NDArray[np.float64]:
-    """(T, J, 3) of what `by_joint` gives."""
-    chosen = finite(path, name, joints)
-    return chosen if chosen.shape[2:] == (3,) else _of_matrices(path, chosen)
+def axis_angles(path: Path, parts: Mapping[str, NDArray]) -> NDArray[np.float64]:
+    """(T, J, 3) of what `by_joint` gives of several arrays, one after another.
+
+    Whether six numbers are lines or columns, no file says: knees bend one way.
+    """
+    if (
+        len(counts := {name: len(part) for name, part in parts.items()})
+        > 1
+        != len({*counts.values()})
+    ):
+        raise unusable(path, f"whose arrays have different numbers of frames ({counts})")
+    turns = [_turns(path, finite(path, name, part)) for name, part in parts.items()]
+    pose = np.concatenate(turns, axis=1)
+    is_six = np.concatenate(
+        [np.full(part.shape[1], part.shape[2:] == (6,)) for part in parts.values()]
+    )
+    if not is_six.any():
+        return pose
+    told = pose.shape[1] > _KNEES[-1] and is_six[_KNEES].all() and len(pose)
+    knees_rad = float(pose[:, _KNEES, 0].mean()) if told else 0.0
+    if abs(knees_rad) < _LEAST_KNEE_RAD:
+        flaw = "of six numbers a joint, whose knees do not tell whether these are lines or columns"
+        raise unusable(path, flaw, "Store axis-angle rotations.")
+    return np.where(is_six[:, None] & (knees_rad < 0), -pose, pose)
 
 
-def by_joint(path: Path, name: str, array: NDArray, *, part: bool) -> NDArray:
-    """An array of any layout as (T, J, 3), (T, J, 6) or (T, J, 3, 3); of a `part`, root or body
-    alone, there are fewer joints."""
+def by_joint(path: Path, name: str, array: NDArray, least: int = N_JOINTS) -> NDArray:
+    """An array of any layout as (T, J, 3), (T, J, 6) or (T, J, 3, 3), of so many joints at least:
+    the root's alone, the body's without it, or all."""
     if array.dtype.kind not in "iuf":
         raise unusable(path, f"whose {name!r} are not all finite numbers")
     if array.ndim and array.shape[0] > MOST_FRAMES:
@@ -62,13 +83,15 @@ def by_joint(path: Path, name: str, array: NDArray, *, part: bool) -> NDArray:
             "Cut it into several files.",
         )
     match array.shape:
-        case (count, width) if width in {3, *BODY_WIDTHS} if part else width in WIDTHS:
+        case (count, width) if width in {1: {3}, N_JOINTS: WIDTHS}.get(least, BODY_WIDTHS):
             return array.reshape(count, width // 3, 3)
-        case (_, joints, 3) if joints >= (1 if part else N_JOINTS):
+        case (_, 3, 3) if least == 1:
+            return array[:, None]
+        case (_, joints, 3) if joints >= least:
             return array
         case (_, _, 3, 3) | (_, _, 6):
             return array
-        case (count, width) if width in _SIX and not part:
+        case (count, width) if width in _SIX and least == N_JOINTS:
             return array.reshape(count, width // 6, 6)
         case shape:
             known = ", ".join(f"{width} ({model})" for width, model in WIDTHS.items())
@@ -79,26 +102,17 @@ def by_joint(path: Path, name: str, array: NDArray, *, part: bool) -> NDArray:
             )
 
 
-def _of_matrices(path: Path, given: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(T, J, 3) of matrices (T, J, 3, 3), or of two of their lines or columns (T, J, 6).
-
-    Which of the two, no file says: knees bend one way.
-    """
+def _turns(path: Path, given: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(T, J, 3) of these, of matrices (T, J, 3, 3), or of two of their columns (T, J, 6)."""
+    if given.shape[2:] == (3,):
+        return given
     frames, joints = given.shape[:2]
-    lines = given.reshape(frames * joints, -1)
-    is_six = lines.shape[1] == 6
-    if is_six:
-        first, second = lines[:, :3], lines[:, 3:]
-        lines = np.stack([first, second, np.cross(first, second)], axis=2)
-    matrices = lines.reshape(-1, 3, 3)
+    matrices = given.reshape(frames * joints, -1)
+    if matrices.shape[1] == 6:
+        first, second = matrices[:, :3], matrices[:, 3:]
+        matrices = np.stack([first, second, np.cross(first, second)], axis=2)
+    matrices = matrices.reshape(-1, 3, 3)
     far = np.abs(matrices @ np.swapaxes(matrices, 1, 2) - np.eye(3)).max(initial=0)
     if not far < 1e-2 or (np.linalg.det(matrices) < 0).any():
         raise unusable(path, "whose poses are no rotations", "Store axis-angle rotations.")
-    pose = Rotation.from_matrix(matrices).as_rotvec().reshape(frames, joints, 3)
-    if joints < N_JOINTS or not is_six:
-        return pose
-    knees_rad = float(pose[:, (4, 5), 0].mean()) if frames else 0.0
-    if abs(knees_rad) < _LEAST_KNEE_RAD:
-        flaw = "of six numbers a joint, whose knees do not tell whether these are lines or columns"
-        raise unusable(path, flaw, "Store axis-angle rotations.")
-    return pose if knees_rad > 0 else -pose
+    return Rotation.from_matrix(matrices).as_rotvec().reshape(frames, joints, 3)

@@ -12,6 +12,7 @@ turn about themselves, places do not tell.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion, pack_
 from bridge.motion.readers import pickles
 from bridge.motion.readers.smpl_arrays import motion_of
 from bridge.motion.retargeting import (
+    is_mirrored,
     local_rotations,
     mean_joints,
     smpl_places,
@@ -52,7 +54,7 @@ _MOTION_X = {
     "betas": slice(312, 322),
 }
 """Columns of SMPL-X's arrays; between jaw and place are those of the face's shape."""
-_LONGEST_M = 1e6
+_LONGEST_M, _MOST_APART_CM = 1e6, 10.0
 _CHILDREN = [
     [joint for joint in range(N_JOINTS) if SMPL_PARENTS[joint] == parent]
     for parent in range(N_JOINTS)
@@ -89,7 +91,9 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
             turns, places = (as_array(found[key]) for key in (_MDM_TURNS, "root_translation"))
             arrays = {"poses": turns.transpose(2, 0, 1), "trans": places.T}
             return motion_of(path, arrays, how, _FPS)
-        joints = _of_samples(found[_MDM]) if isinstance(found, dict) else as_array(found)
+        joints, notes = (
+            _of_samples(path, found) if isinstance(found, dict) else (as_array(found), [])
+        )
     if joints.ndim == 2 and joints.shape[1] == _MOTION_X_WIDTH:
         arrays = {name: joints[:, columns] for name, columns in _MOTION_X.items()}
         return motion_of(path, arrays, how, _MOTION_X_FPS)
@@ -107,15 +111,20 @@ def read(path: Path, how: HowRead = AS_IT_SAYS) -> Motion:
     bones = np.linalg.norm(joints[:, (4, 5, 7, 8)] - joints[:, (1, 2, 4, 5)], axis=-1)
     if not (np.abs(joints).max() < _LONGEST_M and bones.min() > 1e-6):
         raise _refused(path, "whose legs have no length, or which is too far off")
-    return motion_from_joints(path, joints, _FPS, how)
+    notes.append(f"{path} says no rate: HumanML3D's {_FPS:g} a second, or what --motion-fps says")
+    motion = motion_from_joints(path, joints, _FPS, how)
+    return replace(motion, notes=(*notes, *motion.notes))
 
 
-def _of_samples(found: Any) -> NDArray:
-    """(T, 22, 3) of the first of MDM's samples (N, 22, 3, T)."""
-    motions = as_array(found)
+def _of_samples(path: Path, found: dict[str, Any]) -> tuple[NDArray, list[str]]:
+    """(T, 22, 3) of the first of MDM's samples (N, 22, 3, T), which are filled up to the longest,
+    and what is to be said of it."""
+    motions = as_array(found[_MDM])
     if motions.ndim != 4 or not len(motions):
         raise ValueError(f"motions of shape {motions.shape}")
-    return motions[0].transpose(2, 0, 1)
+    length = int(as_array(found["lengths"]).flat[0]) if "lengths" in found else motions.shape[3]
+    more = [f"{path} holds {len(motions)} samples: the first is read"] if len(motions) > 1 else []
+    return motions[0, :, :, : max(length, 0)].transpose(2, 0, 1), more
 
 
 def _refused(path: Path, flaw: str, remedy: str = _REMEDY) -> DsnetError:
@@ -139,10 +148,19 @@ def motion_from_joints(path: Path, joints: NDArray[np.float64], fps: float, how:
     sign = 1 if how.up != "auto" or direction["xyz".index(axis)] > 0 else -1
     rest_m = mean_joints()
     joints = joints @ upright_turn(axis, sign).T
+    if is_mirrored({name: joints[:, n] for n, name in enumerate(OWN_NAMES)}):
+        notes.append(
+            f"{path} has feet and knees that point backwards: its x axis is taken the other way "
+            "round. If left and right are exchanged instead, exchange them"
+        )
+        joints = joints * [-1.0, 1.0, 1.0]
     joints *= _legs(rest_m[None]).item() / float(np.median(_legs(joints)))
     world = _turns(joints, rest_m)
     moved_m = smpl_places(world) + joints[:, :1]
     apart_cm = 100 * np.linalg.norm(moved_m - joints, axis=-1).mean(axis=0)
+    if apart_cm.mean() > _MOST_APART_CM:
+        flaw = f"whose joints are {apart_cm.mean():.0f} cm from a body's in the mean"
+        raise _refused(path, flaw, "Pass the places of SMPL's joints in SMPL's order.")
     worst = int(apart_cm.argmax())
     most = f", {OWN_NAMES[worst]} {apart_cm[worst]:.1f} cm" if apart_cm[worst] >= 0.05 else ""
     notes.append(

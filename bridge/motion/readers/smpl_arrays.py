@@ -56,19 +56,26 @@ TRANS_KEYS = ("trans", "transl", "smpl_trans", "bodyTranslation")
 BETAS_KEYS = ("betas", "shapeParameters")
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "framerate", "frame_rate", "frameRate")
 _FACES = {"pose_jaw": 3, "pose_eye": 6}, {"headPose": 9}
-_HANDS = {"pose_hand": 90}, {"leftHandPose": 45, "rightHandPose": 45}
-"""Numbers a frame of what stands beside root and body: AMASS's and smplcodec's, in the order of
-SMPL-X's joints."""
-PART_KEYS = (*(key for parts in (*_FACES, *_HANDS) for key in parts), "left_hand_pose")
-"""These, and smplx's hands, which may be relative to a mean or to components that only a model
-file has."""
+_HANDS = (
+    {"pose_hand": 90},
+    {"leftHandPose": 45, "rightHandPose": 45},
+    {"pose_lhand": 45, "pose_rhand": 45},
+)
+"""Numbers a frame of what stands beside root and body: AMASS's, smplcodec's and Inter-X's, in the
+order of SMPL-X's joints."""
+_RELATIVE, _JAW = ("left_hand_pose", "right_hand_pose"), "jaw_pose"
+PART_KEYS = (*(key for parts in (*_FACES, *_HANDS) for key in parts), *_RELATIVE, _JAW)
+"""These, and smplx's: hands, which may be relative to a mean or to components that only a model
+file has, and a jaw, which tells whose body it is."""
+_LENGTH = "mocap_time_length"
+"""Seconds."""
 _SAID_KINDS = {
     "smplVersion": {"0": "smpl", "1": "smplh", "2": "smplx"},
     "surface_model_type": {"smpl": "smpl", "smplh": "smplh", "smplx": "smplx"},
 }
 """What smplcodec's files and AMASS's say of whose body they are."""
 WANTED = (*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS, *TRANS_KEYS, *BETAS_KEYS, *RATE_KEYS,
-          *_SAID_KINDS, "gender", "dmpls", "smpl_scaling", "source", "body_model",
+          *_SAID_KINDS, _LENGTH, "gender", "dmpls", "smpl_scaling", "source", "body_model",
           "Rh")  # fmt: skip
 MOST_BYTES = MOST_FRAMES * 8 * 9 * 55
 """Of an array: matrices of SMPL-X's joints."""
@@ -77,6 +84,7 @@ _KINDS = {24: "smpl", 52: "smplh", 53: "smplx", 55: "smplx"}
 _MOVING = (52, 55)
 _SMPLS_BODY = 23
 """Joints of SMPL without its root: only SMPL's end with two for the hands."""
+_BODY_JOINTS = {N_JOINTS - 1, _SMPLS_BODY, *(count - 1 for count in (52, 53, 55))}
 _GENDERS = {"f": "female", "m": "male", "n": "neutral", "0": "neutral", "1": "male", "2": "female"}
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0}
 _STANDING, _ASLANT = 0.7, 0.5
@@ -84,7 +92,7 @@ _STANDING, _ASLANT = 0.7, 0.5
 largest of the other one beside it."""
 _LYING = 0.3
 """Largest share of z in the direction of a trunk that is upright along y, as of who sits."""
-_SAME_BETAS = 0.05
+_SAME_BETAS, _SAME_RATE, _SAME_LENGTH = 0.05, 0.01, 0.05
 
 Arrays = Mapping[str, NDArray]
 
@@ -108,6 +116,12 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
     up = _vertical(path, pose, how, is_codecs, notes)
     trans_m = _trans(path, arrays, len(pose), up, notes)
     betas, fps = _betas(path, arrays, notes), _rate(path, arrays, usual_fps)
+    said_s = float(finite(path, _LENGTH, arrays[_LENGTH]).sum()) if _LENGTH in arrays else np.nan
+    if abs(len(pose) / fps - said_s) > _SAME_LENGTH * said_s + 1 / fps:  # nan is not
+        notes.append(
+            f"{path} says that it lasts {said_s:.4g} s, but {len(pose)} frames at {fps:g} a second "
+            f"last {len(pose) / fps:.4g}: --motion-fps says another rate"
+        )
     return Motion(
         theta=pack_theta(pose, trans_m),
         betas=np.pad(betas, (0, max(N_BETAS - len(betas), 0)))[:N_BETAS],
@@ -133,6 +147,9 @@ def _of_first_person(path: Path, arrays: Arrays, notes: list[str]) -> Arrays:
     shape = arrays[key].shape if key else ()
     if len(shape) != 3 or shape[2] not in WIDTHS.keys() | BODY_WIDTHS or not shape[0]:
         return arrays
+    if shape[0] > 1 == shape[1]:
+        flaw = f"whose {key!r} have shape {shape}: whether of frames or of people, it does not say"
+        raise unusable(path, flaw, "Stack the frames of one person.")
     if (people := shape[0]) > 1:
         notes.append(f"{path} holds {people} people: the first is read")
     keys = (*POSE_KEYS, *ROOT_KEYS, *BODY_KEYS, *PART_KEYS, *TRANS_KEYS, *BETAS_KEYS)
@@ -178,8 +195,13 @@ def _pose(path: Path, arrays: Arrays) -> NDArray[np.float64]:
         named = f"a {body!r} and no 'root_orient'" if body else "no 'poses'"
         raise unusable(path, f"which has {named}", "Pass a motion, not a shape or a model file.")
     keys = [key for key in ((whole,) if whole else (root, body)) if key]
-    parts = [axis_angles(path, k, _by_joint(path, arrays, k)[:, :N_JOINTS]) for k in keys]
-    pose = np.concatenate(parts, axis=1)
+    parts = {key: _by_joint(path, arrays, key)[:, :N_JOINTS] for key in keys}
+    apart = {} if whole else {root: {1}, body: _BODY_JOINTS}
+    for key, counts in apart.items():
+        if key and (count := _by_joint(path, arrays, key).shape[1]) not in counts:
+            remedy = "Store the root's rotation once, and those of the body's joints without it."
+            raise unusable(path, f"whose {key!r} has {count} joints", remedy)
+    pose = axis_angles(path, parts)
     if pose.shape[1] < N_JOINTS:
         raise unusable(path, f"with poses of {pose.shape[1]} joints", "22 or more are needed.")
     if not len(pose):
@@ -196,7 +218,8 @@ def _pose(path: Path, arrays: Arrays) -> NDArray[np.float64]:
 
 
 def _by_joint(path: Path, arrays: Arrays, key: str) -> NDArray:
-    return by_joint(path, key, arrays[key], part=key in (*ROOT_KEYS, *BODY_KEYS))
+    least = 1 if key in ROOT_KEYS else N_JOINTS - (key in BODY_KEYS)
+    return by_joint(path, key, arrays[key], least)
 
 
 def _others(
@@ -211,20 +234,18 @@ def _others(
         if joints.shape[1] not in _MOVING or joints.shape[2] == 6:
             return kind, None
     else:
-        if "left_hand_pose" in arrays:
-            notes.append(
-                f"{path} does not say what its 'left_hand_pose' is relative to: flat hands"
-            )
+        if relative := _first(arrays, _RELATIVE):
+            notes.append(f"{path} does not say what its {relative!r} is relative to: flat hands")
         face, hands = (next((parts for parts in layouts if parts.keys() & arrays.keys()), None)
                        for layouts in (_FACES, _HANDS))  # fmt: skip
         if not face and not hands:
             is_smpls = not whole and body and _by_joint(path, arrays, body).shape[1] == _SMPLS_BODY
-            return "smpl" if is_smpls else None, None
+            return "smplx" if _JAW in arrays else "smpl" if is_smpls else None, None
         kind, parts = "smplx" if face else "smplh", (face or {}) | (hands or _HANDS[0])
         each = [_part(path, arrays, key, (frames, width), notes) for key, width in parts.items()]
         others = np.concatenate(each, axis=1).reshape(frames, -1, 3)
     try:
-        turns = axis_angles(path, "hands", others)
+        turns = axis_angles(path, {"hands": others})
         far_rad = np.abs(turns).max(initial=0.0)
     except DsnetError:
         turns, far_rad = None, np.inf
@@ -321,11 +342,15 @@ def _trans(
 
 
 def _rate(path: Path, arrays: Arrays, usual_fps: float) -> float:
-    """Frames a second; nan where the file does not say."""
-    key = _first(arrays, RATE_KEYS)
-    if key is None:
+    """Frames a second; nan where the file does not say, or says two rates."""
+    said = {key: _one_rate(path, key, arrays[key]) for key in RATE_KEYS if key in arrays}
+    if not said:
         return usual_fps
-    rate = arrays[key]
+    first, *others = said.values()
+    return first if all(abs(rate / first - 1) < _SAME_RATE for rate in others) else np.nan
+
+
+def _one_rate(path: Path, key: str, rate: NDArray) -> float:
     if rate.dtype.kind in "US" and rate.size == 1:
         try:
             rate = np.array(float(text_of(rate)))
@@ -344,6 +369,8 @@ def _betas(path: Path, arrays: Arrays, notes: list[str]) -> NDArray[np.float64]:
         notes.append(f"{path} has no betas: the mean shape is taken")
         return np.zeros(N_BETAS)
     betas = finite(path, key, arrays[key])
+    if betas.ndim == 2 and betas.shape[1] == 1:
+        betas = betas[:, 0]
     if betas.ndim not in (1, 2) or not betas.size:
         flaw = f"whose {key!r} have shape {betas.shape}"
         raise unusable(path, flaw, f"Store one vector of {N_BETAS} or more coefficients.")
