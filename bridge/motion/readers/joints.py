@@ -54,7 +54,7 @@ _MOTION_X = {
     "betas": slice(312, 322),
 }
 """Columns of SMPL-X's arrays; between jaw and place are those of the face's shape."""
-_LONGEST_M, _MOST_APART_CM = 1e6, 10.0
+_LONGEST_M, _MOST_APART_CM = 1e6, 15.0
 _CHILDREN = [
     [joint for joint in range(N_JOINTS) if SMPL_PARENTS[joint] == parent]
     for parent in range(N_JOINTS)
