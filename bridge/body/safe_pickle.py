@@ -52,11 +52,16 @@ _GLOBALS = {
     ("joblib.numpy_pickle", "NumpyArrayWrapper"): "joblib",
     ("torch._utils", "_rebuild_tensor_v2"): "tensor",
     **{("torch", f"{name}Storage"): code for name, code in STORAGES.items()},
+    # What stands beside poses and betas.
+    **{("torch", f"{name}Storage"): "unread" for name in ("BFloat16", "Bool", "Byte", "Short")},
+    ("torch", "Size"): "unread",
+    ("torch._utils", "_rebuild_parameter"): "unread",
+    **{("pathlib", name): "unread" for name in ("PosixPath", "PurePosixPath", "WindowsPath")},
 }
 
 
 _STATEFUL = {"chumpy", "csc", "csr", "coo"}
-_RECORDS = {"tensor", "joblib", "array", "dtype", "scalar", "buffer", *_STATEFUL}
+_RECORDS = {"tensor", "joblib", "array", "dtype", "scalar", "buffer", "unread", *_STATEFUL}
 """What is kept as it was described."""
 
 

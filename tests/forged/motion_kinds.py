@@ -270,25 +270,27 @@ def by_joblib(found: Any) -> bytes:
 def by_torch(found: Any) -> bytes:
     """As `torch.save` writes arrays: a pickle of tensors, their numbers in files beside it."""
     rebuild = _stand_in("torch._utils", "_rebuild_tensor_v2")
-    storage = _stand_in("torch", "DoubleStorage")
+    storages = {kind: _stand_in("torch", f"{name}Storage")
+                for kind, name in {"f": "Double", "b": "Bool"}.items()}  # fmt: skip
     numbers: list[bytes] = []
 
     class Pickler(pickle._Pickler):  # type: ignore[attr-defined]
         def reducer_override(self, obj: Any) -> Any:
             if not isinstance(obj, np.ndarray):
                 return NotImplemented
-            numbers.append(obj.astype("<f8").tobytes())
+            kind = "b" if obj.dtype == bool else "f"
+            numbers.append(obj.astype("<f8" if kind == "f" else bool).tobytes())
             steps = np.cumprod([1, *obj.shape[:0:-1]])[::-1].tolist()
-            kept = types.SimpleNamespace(key=str(len(numbers) - 1), size=obj.size)
+            kept = types.SimpleNamespace(key=str(len(numbers) - 1), size=obj.size, kind=kind)
             return rebuild, (kept, 0, obj.shape, tuple(steps), False, OrderedDict())
 
         def persistent_id(self, obj: Any) -> Any:
             if isinstance(obj, types.SimpleNamespace):
-                return "storage", storage, obj.key, "cpu", obj.size
+                return "storage", storages[obj.kind], obj.key, "cpu", obj.size
             return None
 
     stream, whole = io.BytesIO(), io.BytesIO()
-    with _modules(rebuild, storage):
+    with _modules(rebuild, *storages.values()):
         Pickler(stream, protocol=2).dump(found)
     with zipfile.ZipFile(whole, "w") as archive:
         archive.writestr("results/data.pkl", stream.getvalue())

@@ -171,7 +171,7 @@ def arrays_of(fields: Mapping[str, Any], *, strict: bool = False) -> dict[str, N
             value = value[0]
         if isinstance(value, (str, bytes, int, float, np.ndarray)):
             found[name] = np.asarray(value)
-        elif isinstance(value, Record):
+        elif isinstance(value, Record) and value.kind != "unread":
             found[name] = as_array(value)
         elif strict and value is not None:
             raise ValueError(f"{name!r} is an object of another kind")

@@ -6,7 +6,7 @@ import os
 import pickle
 import zipfile
 from collections.abc import Callable
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -90,6 +90,13 @@ def test_a_torch_file_whose_numbers_are_not_there_is_refused(tmp_path: Path, wha
                     zipfile.ZIP_DEFLATED if what == "deflated" else zipfile.ZIP_STORED,
                 )
     assert "does not load" in refused(path)
+
+
+@pytest.mark.parametrize("write", [pickle.dumps, by_torch])
+def test_what_stands_beside_poses_is_not_read(tmp_path: Path, write) -> None:
+    beside = {"source": PurePosixPath("/videos/a.mp4"), "visible": np.ones(len(y_up()), bool)}
+    (tmp_path / "a.pt").write_bytes(write({"pose": y_up(), "trans": walk()[1], **beside}))
+    assert len(read_motion_file(tmp_path / "a.pt").theta) == len(y_up())
 
 
 def test_what_torch_itself_writes_is_read() -> None:
