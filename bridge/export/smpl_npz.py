@@ -75,17 +75,11 @@ def write_smpl(path: Path, moving: MovingBody) -> None:
     same_betas &= moving.body.source != "synthetic"
     pose = full_pose(motion.pose, motion.hands_and_face, count)
     head, left, right = np.split(pose[:, N_JOINTS:], [-HAND_COUNT, -HAND_COUNT // 2], axis=1)
+    gender = moving.body.gender if moving.body.gender in _SMPL_GENDERS else motion.gender
     arrays: dict[str, Any] = {
         "codecVersion": _CODEC_VERSION,
         "smplVersion": _SMPL_VERSIONS[count],
-        "gender": next(
-            (
-                _SMPL_GENDERS[who.gender]
-                for who in (moving.body, motion)
-                if who.gender in _SMPL_GENDERS
-            ),
-            _SMPL_GENDERS["neutral"],
-        ),
+        "gender": _SMPL_GENDERS.get(gender, _SMPL_GENDERS["neutral"]),
         "shapeParameters": motion.betas if same_betas else np.zeros_like(motion.betas),
         "frameCount": len(pose),
         "frameRate": motion.fps,

@@ -50,17 +50,13 @@ def axis_angles(path: Path, parts: Mapping[str, NDArray]) -> NDArray[np.float64]
 
     Whether six numbers are lines or columns, no file says: knees bend one way.
     """
-    if (
-        len(counts := {name: len(part) for name, part in parts.items()})
-        > 1
-        != len({*counts.values()})
-    ):
+    counts = {name: len(part) for name, part in parts.items()}
+    if len({*counts.values()}) > 1:
         raise unusable(path, f"whose arrays have different numbers of frames ({counts})")
     turns = [_turns(path, finite(path, name, part)) for name, part in parts.items()]
     pose = np.concatenate(turns, axis=1)
-    is_six = np.concatenate(
-        [np.full(part.shape[1], part.shape[2:] == (6,)) for part in parts.values()]
-    )
+    is_six = np.array([part.shape[2:] == (6,) for part in parts.values()])
+    is_six = np.repeat(is_six, [part.shape[1] for part in parts.values()])
     if not is_six.any():
         return pose
     told = pose.shape[1] > _KNEES[-1] and is_six[_KNEES].all() and len(pose)
