@@ -18,10 +18,10 @@ from bridge.exchange import load_weights
 from bridge.exchange.dsnet import load_trained_dsnet
 from bridge.options import check_options
 from bridge.runs import Run, read_artifact, write_artifact
-from tests.forged.encoded import write_encoded
 from tests.forged.plus import soft_flesh, write_plus
 from tests.tf_dsnet.plus import TINY as PLUS_TINY
 from tests.tf_dsnet.plus import forge_run, teach_nothing
+from tests.tf_dsnet.trained import train_in
 from tf_dsnet import stage_infer, stage_train, trainer
 from tf_dsnet.stage_infer import InferConfig
 from tf_dsnet.stage_train import PROFILES, TrainConfig
@@ -35,12 +35,7 @@ BOTH = ("dsnet_standardised", "dsnet_faithful")
 @pytest.fixture(scope="module")
 def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Run `tiny` in which both were trained without an interruption."""
-    runs = tmp_path_factory.mktemp("whole")
-    write_encoded(runs / "tiny" / "encode")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("DSNET_RUNS", str(runs))
-        stage_train.main(TINY)
-    return runs / "tiny"
+    return train_in(tmp_path_factory.mktemp("whole"), TINY)
 
 
 @pytest.fixture

@@ -116,7 +116,8 @@ def motion_of(path: Path, arrays: Arrays, how: HowRead, usual_fps: float = np.na
     up = _vertical(path, pose, how, is_codecs, notes)
     trans_m = _trans(path, arrays, len(pose), up, notes)
     betas, fps = _betas(path, arrays, notes), _rate(path, arrays, usual_fps)
-    said_s = float(finite(path, _LENGTH, arrays[_LENGTH]).sum()) if _LENGTH in arrays else np.nan
+    length = arrays.get(_LENGTH, np.array(np.nan))
+    said_s = float(length.item()) if length.size == 1 and length.dtype.kind in "iuf" else np.nan
     if abs(len(pose) / fps - said_s) > _SAME_LENGTH * said_s + 1 / fps:  # nan is not
         notes.append(
             f"{path} says that it lasts {said_s:.4g} s, but {len(pose)} frames at {fps:g} a second "

@@ -17,7 +17,7 @@ from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.exchange.dsnet import DMPL, LATENTS_OF, dsnets_of, join_inputs, load_trained_dsnet
 from bridge.runs import Artifact, read_artifact
-from tests.forged.encoded import write_encoded
+from tests.tf_dsnet.trained import train_in
 from tf_dsnet import stage_infer, stage_train
 from tf_dsnet.predictors import load_predictor, registered_predictors
 from tf_dsnet.stage_infer import InferConfig
@@ -45,14 +45,10 @@ def body(monkeypatch):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run in which all were trained, once: building the graphs takes half a minute."""
-    runs = tmp_path_factory.mktemp("compared")
-    write_encoded(runs / "tiny" / "encode")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("DSNET_RUNS", str(runs))
         patch.setattr(stage_train, "body_model_path", lambda run: "embedded:female")
         patch.setattr(dyna_like, "RIDGES", dyna_like.RIDGES[-2:])
-        stage_train.main(TINY)
-    return runs / "tiny"
+        return train_in(tmp_path_factory.mktemp("compared"), TINY)
 
 
 @pytest.fixture

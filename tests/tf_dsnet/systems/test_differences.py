@@ -14,7 +14,7 @@ from bridge import DsnetError
 from bridge.exchange.dsnet import join_inputs
 from bridge.runs import Artifact, read_artifact
 from bridge.runtime.streams import StreamingPredictor
-from tests.forged.encoded import write_encoded
+from tests.tf_dsnet.trained import train_in
 from tf_dsnet import stage_infer, stage_train
 from tf_dsnet.predictors import load_predictor
 from tf_dsnet.stage_infer import InferConfig
@@ -32,12 +32,7 @@ THETA, BETAS = np.cumsum(RNG.normal(0, 0.05, (30, 69)), axis=0), RNG.normal(size
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run in which it was trained."""
-    runs = tmp_path_factory.mktemp("differences")
-    write_encoded(runs / "tiny" / "encode")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("DSNET_RUNS", str(runs))
-        stage_train.main(TINY)
-    return runs / "tiny"
+    return train_in(tmp_path_factory.mktemp("differences"), TINY)
 
 
 @pytest.fixture

@@ -71,6 +71,8 @@ def test_a_length_that_the_rate_does_not_give_is_told(tmp_path):
     assert any("says that it lasts" in note and "--motion-fps" in note for note in notes)
     notes = read(tmp_path, poses=POSE, mocap_time_length=FRAMES / 60).notes
     assert not any("lasts" in note for note in notes)
+    notes = read(tmp_path, poses=POSE, mocap_time_length="unknown").notes
+    assert not any("lasts" in note for note in notes)
 
 
 def test_betas_may_stand_in_a_column(tmp_path):
