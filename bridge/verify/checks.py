@@ -84,7 +84,9 @@ def _dsnet(seed: int) -> list[Check]:
         "zeros": {"motion": np.zeros((2, 20, INPUT_SIZE), np.float32)},
         "large": draws.motion(seed, 2, 20, size=5.0),
     }
-    streams = {"stream": motion} | {f"stream-{name}": one for name, one in extremes.items()}
+    # Streams refuse a limb turned by more than two whole turns.
+    streamed = extremes | {"large": draws.motion(seed, 2, 20, size=2.5)}
+    streams = {"stream": motion} | {f"stream-{name}": one for name, one in streamed.items()}
     return [
         forward("whole-clip", motion),
         forward("frame-by-frame", motion, "steps"),

@@ -15,6 +15,7 @@ OF_EACH_OPERATION = (
     "dsnet-whole-clip",
     "dsnet-training-masked",
     "dsnet-stream",
+    "dsnet-stream-large",
     "dsnet-graph",
     "plus-graph",
     "ae-batch",
