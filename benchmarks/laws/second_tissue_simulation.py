@@ -16,7 +16,7 @@ from torch_align_ae.corpus.motions.plan import GRAVITY_M_S2
 from torch_align_ae.corpus.simulation import skin
 
 _LEAST_RATE_HZ = 120.0
-PARABOLA_FRAMES = 5
+_PARABOLA_FRAMES = 5
 """A parabola through as many frames tells the acceleration, less roughly than three would."""
 # Angular acceleration and angle of a joint at which its muscles are at 63 % of their tension, and
 # how long they take to get there.
@@ -32,20 +32,10 @@ class SecondTissueSimulator:
     body : body model.
     betas : (10,) shape of the subject.
     gravity : whether turned limbs hang.
-    parabola_frames : of the motion, an odd number: through so many a parabola tells the
-        acceleration.
     """
 
-    def __init__(
-        self,
-        body: BodyModelData,
-        betas: Array,
-        *,
-        gravity: bool = True,
-        parabola_frames: int = PARABOLA_FRAMES,
-    ) -> None:
-        self.body, self.betas = body, betas
-        self._gravity, self._parabola_frames = gravity, parabola_frames
+    def __init__(self, body: BodyModelData, betas: Array, *, gravity: bool = True) -> None:
+        self.body, self.betas, self._gravity = body, betas, gravity
         self._vertices = shaped_vertices(body, betas[None])[0]
         self._parameters = layer_parameters(body, betas)
         self._layers: dict[float, FleshLayer] = {}
@@ -65,7 +55,6 @@ class SecondTissueSimulator:
             fps,
             layer.free,
             gravity=self._gravity,
-            parabola_frames=self._parabola_frames,
         )
         tension = self._tension(theta, fps)[:, layer.free, None]
         result = np.zeros((len(theta), self.body.vertex_count, 3), np.float32)
@@ -134,15 +123,13 @@ def rest_frame_load(
     selected: NDArray[np.integer],
     *,
     gravity: bool = True,
-    parabola_frames: int = PARABOLA_FRAMES,
 ) -> Array:
     """f = R^T (g - x'') - g (T, N, 3), m/s^2, of the `selected` vertices (N,).
 
-    x'' is that of parabolas fitted to `parabola_frames`. In the first frame the body is held: x''
-    is 0.
+    x'' is that of parabolas fitted to five frames. In the first frame the body is held: x'' is 0.
     """
     vertices, rotations = skin(body, betas, theta, selected)
-    width = min(parabola_frames, len(theta) - 1 + len(theta) % 2)
+    width = min(_PARABOLA_FRAMES, len(theta) - 1 + len(theta) % 2)
     acceleration = np.zeros_like(vertices)
     if width >= 3:
         acceleration = savgol_filter(vertices, width, 2, deriv=2, delta=1 / fps, axis=0)
