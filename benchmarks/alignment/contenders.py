@@ -26,7 +26,8 @@ from torch_align_ae.alignment.sgd import Descent, SgdFit
 from torch_align_ae.alignment.skin_sample import SkinSample
 from torch_align_ae.alignment.tissue import Loads
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_files import FPS, dyna_sequences, write_dyna
+from torch_align_ae.corpus.dyna_checks import FPS
+from torch_align_ae.corpus.dyna_files import dyna_sequences, write_dyna
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from torch_align_ae.alignment.robust import RobustFit, RobustSettings
 from torch_align_ae.alignment.skin_sample import SkinSample
 from torch_align_ae.alignment.tissue import Loads
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_files import FPS
+from torch_align_ae.corpus.dyna_checks import FPS
 
 
 class InMemory(NamedTuple):

@@ -21,7 +21,7 @@ from bridge.markers.skin import compare_offsets
 from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat
 from bridge.runtime.stage_evaluate import write_comparisons
-from torch_align_ae.corpus.dyna_files import FPS
+from torch_align_ae.corpus.dyna_checks import FPS
 from torch_align_ae.corpus.simulation import TissueSimulator
 
 

@@ -21,7 +21,8 @@ from bridge.motion.splits import take_suffix
 from bridge.paper import N_JOINTS
 from bridge.runs import ArtifactWriter, Run
 from torch_align_ae.corpus.corpus_motions import write_amass_motion
-from torch_align_ae.corpus.dyna_files import FPS, write_dyna
+from torch_align_ae.corpus.dyna_checks import FPS
+from torch_align_ae.corpus.dyna_files import write_dyna
 from torch_align_ae.corpus.simulation import posed_meshes
 
 NOTICE = "Smooth functions in place of motions and soft tissue: a corpus for benchmarks only.\n"

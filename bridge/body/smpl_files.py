@@ -179,8 +179,10 @@ def _fitted(array: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray | No
     rows = (int(np.prod(whole[:-1])), whole[-1])
     if array.shape == rows:  # V 3 beside one another
         return array.reshape(whole)
-    if array.reshape(len(array), -1).shape == rows[::-1]:  # turned over
-        return np.ascontiguousarray(array.reshape(len(array), -1).T).reshape(whole)
+    if array.shape == whole[::-1]:  # turned over, as MATLAB writes
+        return np.ascontiguousarray(array.T)
+    if array.shape in (rows[::-1], (whole[-1], *whole[:-1])):  # its last axis first
+        return np.ascontiguousarray(np.moveaxis(array, 0, -1)).reshape(whole)
     return None
 
 

@@ -108,18 +108,26 @@ def motion_warnings(
 def _posture(motion: Motion) -> str | None:
     """Of a body that lies, hangs or flies for most of a motion, y up: where its vertical may be
     another one."""
-    trunk = Rotation.from_rotvec(motion.pose[:, 0]).apply([0.0, 1.0, 0.0])[:, 1]
     height_m = motion.trans_m[:, 1]
     above_m = float(np.median(height_m - height_m.min()))
     said = None
-    if np.median(trunk) < _LYING:
-        hangs = np.median(trunk) < -_STANDING
-        said = "hangs head down" if hangs else "lies or bends down"
+    if _uprightness(motion.pose) < _LYING:
+        said = "hangs head down" if hangs(motion.pose) else "lies or bends down"
     elif above_m > _FLYING_M:
         said = f"is {above_m:.1f} m above its lowest place"
     if said is None:
         return None
     return f"{motion.source} {said} for most of it: if it should not, --up says its vertical"
+
+
+def hangs(pose: NDArray[np.floating]) -> bool:
+    """Whether a body is head down for most of a motion's pose (T, 22, 3), y up."""
+    return _uprightness(pose) < -_STANDING
+
+
+def _uprightness(pose: NDArray[np.floating]) -> float:
+    trunk = Rotation.from_rotvec(pose[:, 0]).apply([0.0, 1.0, 0.0])
+    return float(np.median(trunk[:, 1]))
 
 
 def tremor_mm(trans_m: NDArray[np.floating], fps: float) -> float:

@@ -8,7 +8,7 @@ group whose digest does not hold, or that is missing, is fitted again, with the 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.exchange.weights import load_checkpoint, save_checkpoint
-from bridge.motion import MotionSequence, to_manifest
+from bridge.motion import MotionSequence, to_manifest, unpack_theta
+from bridge.motion.motion_checks import MOST_FALL_G, hangs, steepest_fall_g
 from bridge.paper import THETA_SIZE
 from bridge.runs import ArtifactWriter
 from bridge.runs.files import ArrayFile, arrays_sha256, is_written, json_sha256, mark_written
@@ -30,6 +31,8 @@ from torch_align_ae.body import SMPL, rest_pose_offsets
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
 _WORST_MEAN_M = 0.2
+_ODD_MEAN_M = 0.03
+"""Of a sequence: the hastiest settings stay below it, two people under one name do not."""
 
 
 class Meshes(Protocol):
@@ -99,6 +102,23 @@ class AlignedFiles:
         self.offsets.write(window.rows.start, offsets.numpy())
         self.frame_error.write(window.rows.start, frame_error.numpy())
 
+    def oddities(self, sequence: MotionSequence) -> Iterator[str]:
+        """What is odd about an aligned sequence that is used all the same."""
+        name, rows = sequence.name, sequence.frames
+        pose, trans_m = unpack_theta(self.theta.read(rows).astype(np.float64))
+        if (fall_g := steepest_fall_g(trans_m[:, 1], sequence.fps)) > MOST_FALL_G:
+            yield (
+                f"{name} falls with {fall_g:.1f} times gravity at {sequence.fps:g} frames a second:"
+                " its meshes have another rate, or repeat where scans failed"
+            )
+        if hangs(pose):
+            yield f"{name} hangs head down for most of it: y of its meshes may point down"
+        if (off_m := self.frame_error.read(rows).mean()) > _ODD_MEAN_M:
+            yield (
+                f"{name} stays {100 * off_m:.0f} cm from SMPL: more than one person may be named"
+                f" {sequence.subject}, or steps are too few"
+            )
+
     def digest(self, group: Iterable[Window]) -> str:
         """Of what the files hold of these windows now."""
         files = vars(self).items()
@@ -155,5 +175,8 @@ class CorpusFit(ABC):
                     files.theta.write(window.rows.start, theta)
                     bar.update(len(theta))
                 mark_written(mark, files.digest(group))
+        for sequence in self.sequences:
+            for oddity in files.oddities(sequence):
+                notify(oddity)
         writer.put("betas", learned["betas"], "1")
         writer.record(sequences=to_manifest(self.sequences))

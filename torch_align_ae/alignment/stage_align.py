@@ -19,7 +19,8 @@ from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, corpus_body_path
 from torch_align_ae.alignment.robust import RobustFit, RobustSettings
 from torch_align_ae.alignment.sgd import Descent, SgdFit
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_files import FPS, dyna_sequences, of_one_gender
+from torch_align_ae.corpus.dyna_checks import FPS
+from torch_align_ae.corpus.dyna_files import dyna_sequences, of_one_gender
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from bridge.motion import unpack_theta
 from bridge.motion.motion import HowRead
 from bridge.motion.resampling import load_motion_file
 from bridge.paper import N_JOINTS
-from torch_align_ae.corpus.dyna_files import FPS
+from torch_align_ae.corpus.dyna_checks import FPS
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.recordings import MOSH_FPS, Recording
 from torch_align_ae.corpus.subjects import Subject

@@ -21,7 +21,6 @@ from bridge.runs.untrusted import damage_refused, open_regular
 from torch_align_ae.corpus import dyna_checks
 from torch_align_ae.corpus.dyna_checks import FACES_KEY, LAYOUT, REMEDY
 
-FPS = 60.0
 # Each gender is aligned and trained apart (Section 3.2).
 DYNA_SUBJECTS = {
     "female": ("50004", "50020", "50021", "50022", "50025"),

@@ -17,7 +17,8 @@ from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.files import ArrayFile, arrays_sha256, is_written, mark_written
 from bridge.runs.workers import on_any_node, progress, worker_pool
 from torch_align_ae.corpus.corpus_motions import CorpusMotions
-from torch_align_ae.corpus.dyna_files import FPS, write_dyna
+from torch_align_ae.corpus.dyna_checks import FPS
+from torch_align_ae.corpus.dyna_files import write_dyna
 from torch_align_ae.corpus.recordings import CorpusConfig, CorpusPlan, plan_of
 from torch_align_ae.corpus.simulation import posed_meshes
 from torch_align_ae.corpus.subjects import Subject

@@ -39,6 +39,26 @@ def test_every_variety_gives_the_same_body(
     assert (loaded.source, loaded.gender) == ("licensed", "female")
 
 
+@pytest.mark.parametrize(
+    "turn",
+    [
+        np.transpose,
+        lambda array: np.moveaxis(array, -1, 0),
+        lambda array: array.reshape(-1, array.shape[-1]).T,
+    ],
+)
+def test_directions_turned_over_are_turned_back(
+    female: BodyModelData, tmp_path: Path, turn: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    fields = smpl_fields(female)
+    for name in ("shapedirs", "posedirs"):
+        fields[name] = turn(np.asarray(fields[name]))
+    np.savez(tmp_path / "SMPL_FEMALE.npz", **fields)
+    found = load_body_model(tmp_path / "SMPL_FEMALE.npz")
+    np.testing.assert_allclose(found.shapedirs, female.shapedirs, atol=1e-8)
+    np.testing.assert_allclose(found.posedirs, female.posedirs, atol=1e-8)
+
+
 def test_the_forgeries_are_what_they_claim(female: BodyModelData, tmp_path: Path) -> None:
     """Names that the real files hold, in the bytes themselves; Python's unpickler misses chumpy."""
     text = forge_smpl(tmp_path, "v1.0.0, protocol 0", female).read_bytes()
