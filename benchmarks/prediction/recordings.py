@@ -26,7 +26,7 @@ from benchmarks.processes import run_as_process
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError, notify
-from bridge.measure.metrics import ErrorSums
+from bridge.measure.metrics import STEP_HZ, ErrorSums, Offsets, SpectrumSums
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.resampling import load_motion_file
 from bridge.motion.smoothing import SmoothHz
@@ -67,10 +67,12 @@ MOTIONS = {
 }
 """Files, and where on GitHub each is from."""
 _LONGEST_FRAMES = 300
+_SLOW_HZ = 8.0
 _SMOOTHED: dict[str, SmoothHz | None] = {"as recorded": None, "auto": "auto"}
 _PEOPLE = ("known person", "new person")
 _HEAD = ("run", "motions", "who", "clips", "true offsets [mm]", "R²", "least R²", "its clip",
-         f"clips of {GOAL_R2} and more", "velocity R²")  # fmt: skip
+         f"clips of {GOAL_R2} and more", "velocity R²", f"true energy above {_SLOW_HZ:g} Hz",
+         f"R² below {_SLOW_HZ:g} Hz")  # fmt: skip
 _PAGE = """\
 # Recorded motions under simulated tissue (synthetic data but for the motions)
 
@@ -78,7 +80,8 @@ _PAGE = """\
 
 `dsnet_plus` of each run of the [test bed](test_bed.md), whose name has the law of the tissue, on
 {motions} recorded motions of others, their first {seconds:g} s, each done by a known and by a new
-person: medians over clips of the offsets' root mean square, of R² and of their velocity's R².
+person: medians over clips of the offsets' root mean square, of R², of their velocity's R², and of
+what is faster and slower than {slow:g} Hz.
 
 | motion | from |
 |---|---|
@@ -132,7 +135,7 @@ def main(config: RecordingsConfig) -> None:
 def markdown(path: Path) -> str:
     """The page of a .json."""
     result = json.loads(path.read_text(encoding="utf-8"))
-    rows = ["| " + " | ".join(_HEAD) + " |", "|---" * 3 + "|---:" * 4 + "|---" + "|---:" * 2 + "|"]
+    rows = ["| " + " | ".join(_HEAD) + " |", "|---" * 3 + "|---:" * 4 + "|---" + "|---:" * 4 + "|"]
     for run, clips in result["runs"].items():
         for smoothed in _SMOOTHED:
             for who in _PEOPLE:
@@ -142,6 +145,7 @@ def markdown(path: Path) -> str:
         table="\n".join(rows),
         motions=len(MOTIONS),
         seconds=_LONGEST_FRAMES / FPS,
+        slow=_SLOW_HZ,
         sources="\n".join(f"| `{name}` | `{source}` |" for name, source in MOTIONS.items()),
         command=result["command"],
     )
@@ -156,6 +160,8 @@ def _cells(clips: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield f"`{worst['motion']}`"
     yield str(sum(clip["r2"] >= GOAL_R2 for clip in clips))
     yield f"{median(clip['velocity_r2'] for clip in clips):.3f}"
+    yield f"{100 * median(clip['fast_share'] for clip in clips):.0f} %"
+    yield f"{median(clip['slow_r2'] for clip in clips):.3f}"
 
 
 def _clips(run: str, folder: Path) -> list[dict[str, Any]]:
@@ -182,6 +188,8 @@ def _clips_of(run: str, folder: Path, name: str) -> list[dict[str, Any]]:
             true_m = tissue.offsets(theta, FPS)
             found_m = np.concatenate(list(predict_whole(model, theta, betas).offsets_m))
             velocity = ErrorSums.of(np.diff(found_m, axis=0), np.diff(true_m, axis=0))
+            energy = SpectrumSums.of(Offsets(found_m, FPS), Offsets(true_m, FPS)).energy
+            slow = energy[:, : round(_SLOW_HZ / STEP_HZ)].sum(axis=1)
             found.append(
                 {
                     "motion": name,
@@ -191,6 +199,8 @@ def _clips_of(run: str, folder: Path, name: str) -> list[dict[str, Any]]:
                     "true_mm": round(1e3 * float(np.sqrt(np.square(true_m).sum(-1).mean())), 3),
                     "r2": round(ErrorSums.of(found_m, true_m).r2, 4),
                     "velocity_r2": round(velocity.r2, 4),
+                    "fast_share": round(1 - float(slow[0] / energy[0].sum()), 4),
+                    "slow_r2": round(1 - float(slow[2] / slow[0]), 4),
                 }
             )
     return found

@@ -45,7 +45,8 @@ def _depth_first(body: BodyModelData, joint: int) -> Iterator[int]:
 def _hierarchy(body: BodyModelData, joints_m: NDArray, joint: int) -> Iterator[str]:
     """Lines of a joint and all below it."""
     parent = body.parents[joint]
-    bone_m = joints_m[joint] - (joints_m[parent] if parent >= 0 else 0)
+    # Some readers add the root's offset to its channels, others do not: it is zero.
+    bone_m = joints_m[joint] - joints_m[max(parent, 0)]
     kind, channels = ("JOINT", f"3 {_TURNS}") if parent >= 0 else (
         "ROOT", f"6 Xposition Yposition Zposition {_TURNS}"
     )  # fmt: skip

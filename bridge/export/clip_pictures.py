@@ -24,7 +24,7 @@ from bridge.body.posing import Smpl
 from bridge.motion import unpack_theta
 from bridge.report.panels import MAGNITUDE_COLOURS, footer, magnitude_colours, scale_top_m
 from bridge.report.render import frame_camera, render_bodies
-from bridge.runs.artifact import DataOrigin
+from bridge.runs.artifact import DataShown
 from bridge.runs.workers import progress, worker_pool
 from bridge.runtime.moving_body import MovingBody
 
@@ -62,7 +62,7 @@ class RenderedClip:
             camera.height_px,
             titles=("SMPL alone", *titles),
             top_m=self._stage.top_m,
-            origin=moving[0].trained.origin,
+            origin=moving[0].trained.shows,
             recorded=recorded,
         )
         self.size_px = self._page.size_px
@@ -106,8 +106,8 @@ class RenderedClip:
 
     def _pose_alone(self, frame: int) -> NDArray[np.float32]:
         """(V, 3) the body without offsets."""
-        pose, trans_m = unpack_theta(self._motion.theta[frame : frame + 1])
-        return self._alone.pose(pose, trans_m)[0]
+        one = slice(frame, frame + 1)
+        return self._alone.pose(self._moving[0].pose[one], self._motion.trans_m[one])[0]
 
 
 class ClipStage:
@@ -180,7 +180,7 @@ class ClipPage:
         *,
         titles: tuple[str, ...],
         top_m: float,
-        origin: DataOrigin,
+        origin: DataShown,
         recorded: str = "",
     ) -> None:
         self._time_place = 6, _TITLE_PX + height_px - 16

@@ -75,11 +75,10 @@ def precision_error_mm(exact: onnx.ModelProto, reduced: onnx.ModelProto) -> dict
 
 def _about(chosen: TrainedModel, run: str, precision: Precision) -> dict[str, str]:
     body = chosen.body
-    synthetic = "synthetic" in (chosen.origin, body.source)  # whichever of both
     return {
         "run": run,
         "predictor": chosen.name,
-        "data": "synthetic" if synthetic else chosen.origin,
+        "data": "synthetic" if body.source == "synthetic" else chosen.shows,
         "body": body.name,
         "gender": body.gender,
         "precision": precision,

@@ -53,14 +53,15 @@ def refuse_taken(out: Path) -> None:
 
 
 def about(moving: MovingBody) -> dict[str, Any]:
-    """Facts of an export, as JSON has them; `data` says `synthetic` or `licensed`.
+    """Facts of an export, as JSON has them; `data` says `synthetic`, `synthetic flesh` or
+    `licensed`.
 
     Predictor, label, betas, fps and controls have the names and values that the manifest of
     `dsnet predict` gives them.
     """
     chosen, motion = moving.trained, moving.motion
     return {
-        "data": chosen.origin,
+        "data": chosen.shows,
         "made_by": "dsnet",
         "predictor": chosen.name,
         "label": chosen.label,

@@ -47,6 +47,12 @@ def main(config: ExportConfig) -> None:
         raise DsnetError("export without --out", "a path to write", "Pass --out PATH.")
     form = chosen_format(to, out)
     config.check()
+    if form.of_motion and config.precision != "float32":
+        raise DsnetError(
+            f"--to {to} with --precision {config.precision}",
+            "float32: fewer bits are for --to onnx",
+            "Leave out --precision.",
+        )
     if len(config.predictor) > 1 and not form.several:
         clips = " or ".join(name for name, other in FORMATS.items() if other.several)
         raise DsnetError(

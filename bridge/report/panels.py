@@ -15,12 +15,13 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.report.render import frame_camera, render_bodies
-from bridge.runs.artifact import DataOrigin
+from bridge.runs.artifact import DataShown
 
 # Perceptually uniform, and light where nothing happens, so that a body still looks like one.
 MAGNITUDE_COLOURS = ListedColormap(colormaps["magma_r"](np.linspace(0.03, 0.85, 256)))
 FOOTERS = {
     "synthetic": "synthetic: body model and soft tissue are computed, no skin was measured",
+    "synthetic flesh": "soft tissue is computed, no skin was measured; the body model is licensed",
     "licensed": "made from licensed body model and meshes",
 }
 _DPI = 150
@@ -28,7 +29,7 @@ _GAP_M = 0.12
 _STRIP_BODIES = 8
 
 
-def footer(origin: DataOrigin, recorded: str = "") -> str:
+def footer(origin: DataShown, recorded: str = "") -> str:
     """What kind of data a picture shows, and whose motion if it was recorded."""
     return f"{FOOTERS[origin]}; motion recorded: {recorded}" if recorded else FOOTERS[origin]
 
@@ -45,7 +46,7 @@ def scale_top_m(magnitude_m: ArrayLike) -> float:
     return decade * next(s for s in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if s * decade >= value)
 
 
-def new_figure(width_in: float, height_in: float, *, title: str, origin: DataOrigin) -> Figure:
+def new_figure(width_in: float, height_in: float, *, title: str, origin: DataShown) -> Figure:
     """A figure that says in its footer what kind of data it shows."""
     figure = Figure(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
     # Legible on a phone, and never cut: constrained layout leaves room for both.
@@ -65,7 +66,7 @@ def draw_panels(
     pictures: Sequence[Sequence[NDArray[np.uint8]]],
     *,
     title: str,
-    origin: DataOrigin,
+    origin: DataShown,
     column_titles: Sequence[str],
     row_titles: Sequence[str],
     colour_top_m: float,
@@ -99,7 +100,7 @@ def draw_motion_strip(
     offsets_m: ArrayLike,
     faces: ArrayLike,
     *,
-    origin: DataOrigin,
+    origin: DataShown,
     width_px: int = 1300,
 ) -> None:
     """Write a PNG of evenly spaced frames, of 60 a second, side by side; colour is the offset's
@@ -129,7 +130,7 @@ def draw_row_of_bodies(
     faces: ArrayLike,
     *,
     labels: Sequence[str],
-    origin: DataOrigin,
+    origin: DataShown,
     title: str,
     width_px: int = 1300,
     width_in: float = 12.0,

@@ -22,6 +22,8 @@ from bridge.runs.untrusted import damage_refused, is_plain_name, map_npy, read_j
 
 SCHEMA_VERSION = 2
 DataOrigin = Literal["synthetic", "licensed"]
+DataShown = Literal["synthetic", "synthetic flesh", "licensed"]
+"""Flesh may be computed where the body that it is on is not."""
 WRITERS_KEYS: dict[str, type] = {
     "schema": int,
     **dict.fromkeys(("kind", "data", "sha256"), str),

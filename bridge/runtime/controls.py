@@ -202,8 +202,13 @@ def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -
         )
     controls.check_model(trained)
     body, gain = trained.body, controls.gain
-    betas = controls.asked_betas(body)
+    betas, shaped = controls.asked_betas(body), motion.betas.any()
     motion = with_own_shape(motion, body, told=betas is None)
+    if controls.floor == "scale" and shaped and not motion.betas.any():
+        notify(
+            f"--floor scale: the betas of {motion.source} do not tell whose legs walked, mean ones "
+            "are taken; --floor shift scales nothing"
+        )
     if controls.pose == "bony":
         motion = bony_pose(body, motion)
     if controls.part_gain:

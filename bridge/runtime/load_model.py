@@ -20,7 +20,7 @@ from bridge.errors import DsnetError, did_you_mean, notify, unknown_name
 from bridge.exchange.dsnet import load_trained_dsnet
 from bridge.paper import N_BETAS
 from bridge.runs import Artifact, Run, read_artifact
-from bridge.runs.artifact import DataOrigin
+from bridge.runs.artifact import DataOrigin, DataShown
 from bridge.runs.run import TRAIN_MARKERS, TRAIN_PLUS, body_model_path
 from bridge.runs.untrusted import damage_refused
 from bridge.runtime.stepping import DsnetModel, Model, PlusModel
@@ -87,6 +87,12 @@ class TrainedModel:
     def origin(self) -> DataOrigin:
         """Of what it was trained on."""
         return next(iter(self.artifacts.values())).origin
+
+    @property
+    def shows(self) -> DataShown:
+        """What data its pictures and files show."""
+        is_licensed = self.origin == "synthetic" and self.body.source == "licensed"
+        return "synthetic flesh" if is_licensed else self.origin
 
     @property
     def upstream(self) -> dict[str, str]:

@@ -20,6 +20,7 @@ from typing import Any
 
 from bridge.body.embedded import EMBEDDED_GENDERS
 from bridge.errors import DsnetError, notify
+from bridge.markers.marker_files import c3d_beside
 from bridge.motion import Motion
 from bridge.motion.readers import files_below, stated_gender
 from bridge.runs import Run, read_artifact
@@ -185,9 +186,10 @@ def _upstreams(run: Run | None, predictor: str | None) -> list[dict[str, str]]:
 
 
 def _files(folder: Path, out: Path) -> list[Found]:
-    """In order of path; the endings of names stay where two would have one folder."""
+    """In order of path; the endings of names stay where a folder would be another's too."""
     paths = [path for path in files_below(folder) if path.is_file()]
     taken = Counter(path.with_suffix("") for path in paths)
+    taken.update({folder / REFUSED, *(parent for path in paths for parent in path.parents)})
 
     def place(path: Path) -> Path:
         whole = path if taken[path.with_suffix("")] > 1 else path.with_suffix("")
@@ -204,10 +206,19 @@ def _is_done(one: Found, asked: Asked, models: Sequence[dict[str, str]]) -> bool
         made = read_artifact(one.out, KIND)
     except DsnetError:  # damaged, and about to be made again
         return False
-    upstream = dict(made.manifest["upstream"])
-    motion = upstream.pop("motion", "")
-    same = made.manifest["config"] == asked.config and upstream in models
-    return same and made.present_sha256(one.path, str(one.path), motion) == motion
+    upstream = made.manifest["upstream"]
+    present = {
+        name: made.present_sha256(path, str(path), upstream.get(name, ""))
+        for name, path in _files_read(one.path).items()
+    }
+    made_of = [model | present for model in models]
+    return made.manifest["config"] == asked.config and upstream in made_of
+
+
+def _files_read(motion: Path) -> dict[str, Path]:
+    """What a prediction is made of: a motion, and markers beside it."""
+    markers = c3d_beside(motion)
+    return {"motion": motion} if markers is None else {"motion": motion, "markers": markers}
 
 
 def _surveyed(files: Sequence[Found], pool: WorkerPool[Asked]) -> list[Found]:
@@ -262,11 +273,13 @@ def _predicted(motions: Sequence[Found], pool: WorkerPool[Asked]) -> list[Found]
 def _predict(asked: Asked, one: Found) -> Found:
     try:
         moving, told = asked.moving(one.path)
-        stamp, digest = stamp_of(one.path), sha256_of(one.path)
-        upstream = {**moving.trained.upstream, "motion": digest}
+        read = _files_read(one.path)
+        stamps = {str(path): stamp_of(path) for path in read.values()}
+        digests = {name: sha256_of(path) for name, path in read.items()}
+        upstream = {**moving.trained.upstream, **digests}
         with open_out_folder(one.out, moving.trained.origin) as writer:
             fill_prediction(writer, moving, asked.write, moving, source=one.path.name, told=told)
-            writer.record_inputs({"motion": str(one.path)}, {str(one.path): stamp})
+            writer.record_inputs({name: str(path) for name, path in read.items()}, stamps)
             writer.finish(config=asked.config, upstream=upstream)
     except DsnetError as error:
         if isinstance(error.__cause__, OSError) and str(error).startswith("--out"):

@@ -99,10 +99,7 @@ class MovingBody:
     @property
     def pose(self) -> NDArray[np.floating]:
         """(T, 22, 3) joint rotations, axis-angle, or all that the body has where others move."""
-        pose, others = self.motion.pose, self.motion.hands_and_face
-        if others is None or self.body.kind == "smpl":
-            return pose
-        return full_pose(pose, others, len(self.body.parents))
+        return pose_on(self.motion, self.body)
 
     @property
     def latents(self) -> NDArray[np.float32] | None:
@@ -171,6 +168,13 @@ class MovingBody:
                 "--floor shift puts it there"
             )
         return found
+
+
+def pose_on(motion: Motion, body: BodyModelData) -> NDArray[np.floating]:
+    """(T, 22, 3) joint rotations, axis-angle, or all that the body has where others move."""
+    if motion.hands_and_face is None or body.kind == "smpl":
+        return motion.pose
+    return full_pose(motion.pose, motion.hands_and_face, len(body.parents))
 
 
 def place_motion(

@@ -79,6 +79,12 @@ def fill_prediction(
     trained, motion, faces = moving.trained, moving.motion, moving.body.faces
     if "latents" in write and (latents := moving.latents) is not None:
         writer.put("latents", latents, "latent unit")
+    elif "latents" in write and tuple(write) != OF_ONE:
+        raise DsnetError(
+            f"--write latents of {trained.name}, which has none",
+            "a predictor with an autoencoder",
+            "Leave latents out, or pass another --predictor.",
+        )
     shape, made = (len(moving), moving.body.vertex_count, 3), {}
     for word in write:
         if word in ("offsets", "offsets16", "vertices"):
@@ -93,7 +99,7 @@ def fill_prediction(
         from bridge.report.panels import draw_motion_strip
 
         drawn_m = made["vertices"].read(slice(None)), made["offsets"].read(slice(None))
-        draw_motion_strip(writer.file_path("strip.png"), *drawn_m, faces, origin=trained.origin)
+        draw_motion_strip(writer.file_path("strip.png"), *drawn_m, faces, origin=trained.shows)
     writer.record(
         predictor=trained.name,
         label=trained.label,

@@ -31,15 +31,15 @@ def with_own_shape(motion: Motion, body: BodyModelData, told: bool = True) -> Mo
     """A motion as its file has it, with betas (S,) that mean its person on the body.
 
     On a body of their space and gender they are the file's: of SMPL's family, or, if this project
-    wrote the file, an embedded one. Any other takes the shape that the file's markers say, or its
-    mean one, and a line on stderr says which, or that the file does not tell whose betas it has and
-    they are taken as the body's, if it is to be `told`.
+    wrote the file, an embedded one. Any other, and zeros beside markers, give way to the shape that
+    the markers say, or to the mean one, and a line on stderr says which, or that the file does not
+    tell whose betas it has and they are taken as the body's, if it is to be `told`.
     """
     given = np.concatenate([motion.betas, motion.more_betas])
     unsaid = motion.kind is None or motion.gender == "unknown"
     betas, note = fitted_betas(body, given)
     notes = [] if note is None or motion.embedded_betas else [note]
-    if given.any() and (whose := _strange_space(motion, body)):
+    if whose := _strange_space(motion, body):
         betas, how = _of_markers(motion, body)
         notes = [f"the betas of {motion.source} are {whose}: {how}; {_REMEDY}"]
     elif given.any() and (unsaid or body.gender not in GENDERS) and not motion.embedded_betas:
@@ -70,6 +70,8 @@ def _spaces(motion: Motion, body: BodyModelData) -> tuple[str | None, str]:
 def _strange_space(motion: Motion, body: BodyModelData) -> str:
     """Whose betas a motion's are, empty if the body's: women and men have other shapes."""
     theirs, ours = _spaces(motion, body)
+    if not motion.betas.any() and not motion.more_betas.any():
+        return "all zero" if theirs != _EMBEDDED and marker_file(motion.source) else ""
     if theirs != ours and _EMBEDDED in (theirs, ours):
         return "another body model's"
     if theirs not in (None, ours):

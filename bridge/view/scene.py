@@ -30,7 +30,7 @@ from bridge.motion.loops import Lap, close_lap
 from bridge.motion.motion_checks import motion_warnings
 from bridge.runtime.body_graph import bone_weights
 from bridge.runtime.controls import gains_of_parts, root_joint_m
-from bridge.runtime.moving_body import MovingBody
+from bridge.runtime.moving_body import MovingBody, pose_on
 from bridge.runtime.plus_graph import plus_graph, plus_layout
 from bridge.runtime.stepping import PlusModel
 from bridge.runtime.whose_betas import PELVIS_M
@@ -101,7 +101,7 @@ class Scene:
         repertoire, body, asked = self._repertoire, self._body, self._controls
         facts: dict[str, Any] = {
             "owner": repertoire.best.owner,
-            "origin": repertoire.best.origin,
+            "origin": repertoire.best.shows,
             "gender": body.gender,
             "baked": self.baked,
             "faces": _text(body.faces, "<u2" if body.vertex_count < 1 << 16 else "<u4"),
@@ -222,7 +222,7 @@ class Scene:
         another pose stands where it stood; in a baked page posed, and places about the root."""
         _, take = self._takes[number]
         motion = self._shown(take)
-        pose, trans_m = unpack_theta(motion.theta)
+        pose, trans_m = pose_on(motion, self._body), motion.trans_m
         alone = Smpl(self._body).person(motion.betas)
         if name == SMPL_ALONE:
             yield alone.pose(pose, 0 * trans_m)

@@ -102,7 +102,7 @@ def check_sequence(path: Path, name: str, dataset: h5py.Dataset) -> int:
         for said in _RATES & set(owner.attrs):
             stored = owner.attrs.get_id(said)
             if stored.shape in ((), (1,)) and stored.dtype.kind in "iuf":
-                (fps,) = np.ravel(owner.attrs[said])
+                fps = np.asarray(owner.attrs[said], np.float64).item()
                 received = f"{path}: {name} with {said} {fps:g}"
                 _require(fps == FPS, received, f"{FPS:g}", "Resample the meshes.")
     return length

@@ -21,6 +21,8 @@ def _clip(motion: str, who: str, r2: float) -> dict:
         "true_mm": 3.0,
         "r2": r2,
         "velocity_r2": r2 / 2,
+        "fast_share": 0.1,
+        "slow_r2": r2 + 0.01,
     }
 
 
@@ -32,8 +34,10 @@ def test_clips_are_summed_up_for_known_and_new_people(tmp_path):
     path.write_text(json.dumps({"runs": {"bed_own": clips}, "command": "the command"}))
     rows = [line for line in recordings.markdown(path).splitlines() if "| auto |" in line]
     assert rows == [
-        "| `bed_own` | auto | known person | 3 | 3.00 | 0.860 | 0.500 | `1.bvh` | 2 | 0.430 |",
-        "| `bed_own` | auto | new person | 1 | 3.00 | 0.400 | 0.400 | `x.bvh` | 0 | 0.200 |",
+        "| `bed_own` | auto | known person | 3 | 3.00 | 0.860 | 0.500 | `1.bvh` | 2 | 0.430 | 10 %"
+        " | 0.870 |",
+        "| `bed_own` | auto | new person | 1 | 3.00 | 0.400 | 0.400 | `x.bvh` | 0 | 0.200 | 10 %"
+        " | 0.410 |",
     ]
 
 

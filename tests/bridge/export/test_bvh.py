@@ -55,6 +55,11 @@ def test_any_pose_comes_back_also_where_two_axes_fall_together(performed, tmp_pa
     np.testing.assert_allclose(again.trans_m, trans_m, atol=1e-4)
 
 
+def test_the_root_is_where_readers_have_it_that_add_its_offset(path):
+    """As three.js does; Blender does not."""
+    assert "ROOT pelvis\n{\nOFFSET 0.000000 0.000000 0.000000\n" in path.read_text()
+
+
 def test_another_reader_finds_the_joints_where_smpl_has_them(performed, path):
     pybvh = pytest.importorskip("pybvh")
     other, (moving, body) = (

@@ -72,6 +72,11 @@ def test_several_predictors_are_for_clips(refused, motion, tmp_path):
     assert "dsnet_faithful" in refused("--to", "gif", "--out", str(tmp_path / "x.gif"), *both)
 
 
+def test_fewer_bits_are_for_graphs(refused, motion, tmp_path):
+    options = ["--to", "usd", "--motion", str(motion), "--out", str(tmp_path / "x.usd")]
+    assert "--to usd with --precision int8" in refused(*options, "--precision", "int8")
+
+
 def test_missing_options_are_told(refused, motion, tmp_path):
     assert "--to" in refused()
     assert "without --out" in refused("--to", "npz", "--motion", str(motion))

@@ -163,6 +163,13 @@ def test_whose_a_files_betas_are_is_told_where_they_are_meant(character, bouncin
     assert bool(capsys.readouterr().err) == (asked.betas is None)
 
 
+def test_strides_of_betas_that_tell_no_legs_are_told(character, bouncing, capsys):
+    a_mans = replace(bouncing, betas=TALL, gender="male")
+    for floor in ("shift", "scale"):
+        controlled_body(character, a_mans, Controls(shape=("tall",), floor=floor))
+        assert ("whose legs walked" in capsys.readouterr().err) == (floor == "scale")
+
+
 @pytest.mark.usefixtures("blank_strip")
 def test_the_command_takes_and_records_them(plus_run, tmp_path):
     path = save_on_the_spot(tmp_path / "given" / "bounce.npz", LAP, LAP)

@@ -13,9 +13,17 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.cli import main
+from bridge.export.clip_pictures import RenderedClip
+from bridge.export.output import about_in_a_line
 from bridge.motion import load_motion_file
+from bridge.report.panels import footer
 from bridge.runs import read_artifact
+from bridge.runtime.controls import Controls, controlled_body
 from bridge.runtime.moving_body import place_motion
+from bridge.view.page import take_of
+from bridge.view.repertoire import Repertoire
+from bridge.view.scene import Scene
+from tests.bridge.view.pages import track_m
 from tests.forged.amass import save, smplx
 from tests.forged.bodies import PELVIS_M, person
 
@@ -121,3 +129,26 @@ def test_hands_jaw_and_eyes_are_posed_where_the_file_poses_them(tmp_path):
         )
         np.testing.assert_allclose(made.array("vertices")[frame], expected, atol=1e-5)
         assert np.abs(expected - still).max() > 0.02
+
+
+def test_hands_are_no_flesh_in_pages_and_clips(tmp_path):
+    """What is shown without offsets has the fingers where they are posed."""
+    BODIES["smplx"].save_smpl_npz(tmp_path / "SMPLX_FEMALE.npz")
+    motion = smplx(4, 60.0) | {"betas": np.zeros(10)}
+    motion["poses"][:, 75:] = 0.6
+    path, asked = save(tmp_path / "a.npz", motion), Controls(body=tmp_path / "SMPLX_FEMALE.npz")
+    trained, loaded = asked.load(None, None, path)
+    moving, alone = (controlled_body(trained, loaded, replace(asked, gain=g)) for g in (1.0, 0.0))
+    alone_m = np.concatenate([part.vertices_m for part in alone])
+    clip = RenderedClip([moving], fps=60.0, body_px=64)
+    np.testing.assert_allclose(clip._pose_alone(2), alone_m[2], atol=1e-6)
+    take, truth = take_of(moving)
+    shown = Repertoire(trained, {trained.name: ""}, lambda name: trained, {"a": take}, truth)
+    body_m = (
+        track_m(Scene(shown).assets["track0_smpl"](), moving.body.vertex_count)
+        + moving.motion.trans_m[:, None]
+    )
+    np.testing.assert_allclose(body_m, alone_m, atol=1e-3)
+    assert trained.shows == "synthetic flesh"
+    assert "licensed" in footer(trained.shows)
+    assert about_in_a_line(moving).startswith("synthetic flesh data")

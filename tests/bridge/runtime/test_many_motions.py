@@ -114,6 +114,27 @@ def test_two_files_of_one_name_have_a_folder_each(tmp_path):
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.npz", "a.smpl"]
 
 
+def test_a_file_beside_a_folder_of_its_name_has_its_own(tmp_path):
+    folder = tmp_path / "given"
+    for name in ("S1.npz", "S1/walk.npz", "refused.txt.npz"):
+        save(folder / name, smplh(4, 60.0))
+    for _ in range(2):
+        predict_folder(None, folder, tmp_path / "out")
+    made = {path.parent.relative_to(tmp_path / "out") for path in tmp_path.rglob("manifest.json")}
+    assert {str(one) for one in made} == {"S1.npz", "S1/walk", "refused.txt.npz"}
+
+
+def test_markers_that_come_beside_a_motion_make_another_prediction(tmp_path, capsys):
+    path, out = save(tmp_path / "given" / "jacks_poses.npz", smplh(4, 60.0)), tmp_path / "out"
+    for text in (None, b"", b"others"):
+        if text is not None:
+            path.with_name("jacks.c3d").write_bytes(text)
+        many_motions.predict_folder(None, path.parent, out, controls=Controls(betas="0" + ",0" * 9))
+        assert "dsnet: 0 motions are done" in capsys.readouterr().err
+    predict_folder(None, path.parent, out, controls=Controls(betas="0" + ",0" * 9))
+    assert "dsnet: 1 motions are done" in capsys.readouterr().err
+
+
 def test_another_body_is_another_prediction(given, tmp_path, capsys):
     """Told from one of the same name by its size or time: a file of one's own, or embedded."""
     load_body_model("embedded:male").save_smpl_npz(tmp_path / "mine.npz")

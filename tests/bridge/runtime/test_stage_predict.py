@@ -151,6 +151,14 @@ def test_options_that_do_not_go_together_are_one_line(trained_run, capsys, optio
     assert words in printed
 
 
+def test_latents_of_a_predictor_that_has_none_are_refused(motion, tmp_path, capsys):
+    asked = ["predict", "--motion", str(motion), "--out", str(tmp_path / "o"), "--write"]
+    with pytest.raises(SystemExit):
+        main([*asked, "latents,offsets"])
+    assert "--write latents of dsnet_plus, which has none" in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
 PREDICT = "from bridge.cli import main; main()"
 
 

@@ -140,10 +140,10 @@ def facts_of(scene: Scene) -> dict[str, Any]:
     return json.loads(scene.assets["scene"]())
 
 
-def track_m(track: bytes) -> np.ndarray:
+def track_m(track: bytes, vertices: int = 6890) -> np.ndarray:
     """(T, V, 3) of a track, metres."""
     step_m = np.frombuffer(track, "<f4", 1)[0]
-    steps = np.frombuffer(track, "<i2", offset=4).reshape(-1, 3, 6890)
+    steps = np.frombuffer(track, "<i2", offset=4).reshape(-1, 3, vertices)
     return (step_m * np.cumsum(steps, axis=0, dtype=np.int16)).transpose(0, 2, 1)
 
 
