@@ -121,7 +121,3 @@ NUMBERS: tuple[PaperNumber, ...] = (
     PaperNumber("dsnet_r2", "6", "R2 of DSNet's offsets on that sequence", None),
 )
 """Every number that the paper prints, and those that it leaves out."""
-
-
-def number(key: str) -> PaperNumber:
-    return next(record for record in NUMBERS if record.key == key)

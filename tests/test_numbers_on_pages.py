@@ -124,35 +124,34 @@ def strangers() -> Iterator[str]:
 
 
 def recordings() -> Iterator[str]:
-    auto = results("prediction/cmu_motionbuilder_auto/second-0")["sequences"]
-    people = ("known_person", "new_person")
-    r2s = [
-        [
-            clip["errors"]["dsnet_plus"]["offsets"]["r2"]
-            for clip in auto
-            if "_bvh_" in clip["name"] and clip["cell"].startswith(who)
+    def of(law: str, key: str, digits: int = 2) -> str:
+        clips = [c for c in runs[f"bed_{law}"] if c["smoothed"] == "as recorded"]
+        each = [
+            median(c[key] for c in clips if c["who"] == who)
+            for who in ("known person", "new person")
         ]
-        for who in people
-    ]
-    (one,) = {f"{median(r2):.2f}" for r2 in r2s}
-    yield f"under the second law is {one}, for known people and for new ones"
-    runs = results("prediction/readings")["runs"]
-    raw, smoothed = (
-        [
-            clip
-            for clip in runs[name]
-            if "_bvh_" in clip["name"] and clip["cell"].startswith("known")
-        ]
-        for name in ("cmu_second", "cmu_smoothed_second")
-    )
-    again, plus, again_smoothed = (
-        f"{median(clip[of] for clip in clips):.2f}"
-        for of, clips in (
-            ("read_otherwise", raw), ("dsnet_plus", raw), ("read_otherwise", smoothed)
-        )
-    )  # fmt: skip
-    yield f"(R² {again} for known people, less than the model's {plus}) and not on smoothed ones"
-    yield f"({again_smoothed})"
+        return " and ".join(dict.fromkeys(f"{one:.{digits}f}" for one in each))
+
+    runs = results("prediction/recordings")["runs"]
+    worst = min(clip["r2"] for clip in runs["bed_own"])
+    yield f"R² is {of('own', 'r2')} for known and new people, in the worst clip {worst:.2f}"
+    yield f"under the second {of('second', 'r2')}, under the third {of('third', 'r2')}"
+    yield f"R² is {of('third', 'slow_r2')}, under the second law {of('second', 'slow_r2')}"
+
+
+def noise() -> Iterator[str]:
+    def r2(run: str, cutoff: str) -> str:
+        each = [clip["scores"][cutoff]["noisy"]["offsets"] for clip in runs[run]]
+        missed, whole = (sum(part) for part in zip(*each, strict=True))
+        return f"{1 - missed / whole:.3f}"
+
+    runs = results("prediction/noise")["runs"]
+    best = {
+        run: max((r2(run, hz), hz) for hz in runs[run][0]["scores"] if hz != "auto") for run in runs
+    }
+    (second, hz), (own, own_hz) = best["bed_second"], best["bed_own"]
+    yield f"law ({r2('bed_second', 'auto')}; {hz} Hz: {second})"
+    yield f"({r2('bed_own', 'auto')}; {own_hz} Hz: {own}, and a better velocity)"
 
 
 def many_motions() -> Iterator[str]:
@@ -172,7 +171,7 @@ SAID = {
     "data": (unlike,),
     "findings": (held_out, papers_size, side_by_side),
     "motion_files": (many_motions,),
-    "prediction": (tissues, strangers, recordings),
+    "prediction": (tissues, strangers, recordings, noise),
 }
 
 

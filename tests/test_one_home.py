@@ -43,4 +43,5 @@ def test_the_records_of_the_paper_agree_with_the_constants() -> None:
         "casas_otaduy_widths": paper.CASAS_OTADUY_WIDTHS[1:],
         **paper.DSNET_WIDTHS,
     }
-    assert {key: paper.number(key).value for key in expected} == expected
+    records = {record.key: record.value for record in paper.NUMBERS}
+    assert {key: records[key] for key in expected} == expected

@@ -99,9 +99,6 @@ class Trainer:
         """Copies of weights, running statistics and the optimizer's moments."""
         return {name: variable.numpy() for name, variable in self._variables().items()}
 
-    def set_rate(self, lr: float) -> None:
-        self.optimizer.learning_rate = self.lr = lr
-
     def restore(self, state: Mapping[str, NDArray]) -> None:
         """Go back to what `state` returned, in this process or in an earlier one."""
         assign_variables(self._variables(), state, self.model.name)

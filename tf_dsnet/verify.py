@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bridge.body import load_body_model
 from bridge.exchange.dsnet import Clips
 from bridge.exchange.weights import mesh_autoencoder_from_keras
-from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
+from bridge.verify.engine import NORMALISER, Tensors, batches, joined, prefixed, serve, trained
 from tf_dsnet import mesh_autoencoder, model
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder, TorchAdam
@@ -23,7 +23,6 @@ from tf_dsnet.oscillators import OscillatorLayer, OscillatorLearner
 from tf_dsnet.smpl import KerasSMPL, unpose
 from tf_dsnet.trainer import Trainer
 
-NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 Options = dict[str, Any]
 LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
 

@@ -19,7 +19,6 @@ from typing import Any
 from benchmarks.claims.__main__ import PAGE, counted, page
 from benchmarks.claims.claims import claims
 from benchmarks.claims.results import KNOWN, NEW, NEW_UNSEEN, UNSEEN, Results, mean_sd, r2_of
-from benchmarks.claims.row import PAPER_RUN
 from bridge.report.pages import main_table, smpl_of
 from bridge.runs import Run
 from bridge.runs.run import TRAIN_PLUS
@@ -116,7 +115,7 @@ def verdict_block(demo: dict[str, Any], paper: dict[str, Any], studied: Results)
         "([each with its number and its command](docs/claims.md)).",
         "**The clip that it shows**, a jump held out from training: the better of DSNet's readings "
         f"leaves, of SMPL's distance from the mesh, {_left(demo, 'validation')}; at the paper's "
-        f"size {_left(paper, 'validation')}{studied.of_before(PAPER_RUN)}.",
+        f"size {_left(paper, 'validation')}.",
         f"**New takes of known motions**: known people {new[0]}, new people {new[1]}. **Unseen "
         f"motions**: {unseen[0]} and {unseen[1]}.",
         f"**Why**: the paper's aligner puts {100 * whole['absorbed']:.0f} % of the flesh's "

@@ -19,9 +19,7 @@ from bridge.exchange.weights import (
     BATCH_NORM_MOMENTUM,
     KERAS_ADAM,
     MASKED_COUNT_EPSILON,
-    AdamRule,
     check_shapes,
-    dsnet_from_torch,
     dsnet_shapes,
     dsnet_to_torch,
 )
@@ -120,7 +118,8 @@ class DSNet(nn.Module):
 class KerasAdam(torch.optim.Adam):
     """Adam whose epsilon stands where Keras has it: beside the moment before its correction."""
 
-    def __init__(self, parameters: Iterable[nn.Parameter], rule: AdamRule = KERAS_ADAM) -> None:
+    def __init__(self, parameters: Iterable[nn.Parameter]) -> None:
+        rule = KERAS_ADAM
         super().__init__(parameters, rule.learning_rate, (rule.beta_1, rule.beta_2))
         self.epsilon = rule.epsilon
 
@@ -149,15 +148,8 @@ def sum_of_distances(target: Tensor, predicted: Tensor, real: Tensor | None = No
     return distance.sum(-1).mean()
 
 
-def named_weights(model: DSNet) -> dict[str, NDArray]:
-    """Copies of all weights in Keras's names and layout, such as `fc_enc_1/kernel`."""
-    return dsnet_from_torch(
-        {name: v.detach().cpu().numpy() for name, v in model.state_dict().items()}
-    )
-
-
 def assign_weights(model: DSNet, weights: Mapping[str, NDArray]) -> None:
-    """Set all weights from arrays named and laid out as by `named_weights`."""
+    """Set all weights from arrays in Keras's names and layout, such as `fc_enc_1/kernel`."""
     check_shapes(weights, dsnet_shapes(), "DSNet's", "Pass weights written by `dsnet train`.")
     state = {name: torch.from_numpy(array) for name, array in dsnet_to_torch(weights).items()}
     model.load_state_dict(state)

@@ -15,13 +15,12 @@ from torch import Tensor, nn
 
 from bridge.body import load_body_model
 from bridge.exchange.weights import TORCH_ADAM, dsnet_from_torch
-from bridge.verify.engine import Tensors, batches, joined, prefixed, serve, trained
+from bridge.verify.engine import NORMALISER, Tensors, batches, joined, prefixed, serve, trained
 from torch_align_ae.autoencoder.codes import Codec, Normaliser
 from torch_align_ae.autoencoder.mesh_autoencoder import MeshAutoencoder
 from torch_align_ae.body import SMPL, unpose
 from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, sum_of_distances
 
-NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 LAYERS = ("fc_enc_1", "fc_enc_2", "lstm", "batch_norm", "fc_enc_3")
 Options = dict[str, Any]
 

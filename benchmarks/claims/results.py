@@ -68,16 +68,6 @@ class Results:
         """Every system side by side, law `own`."""
         return self.seeds("comparison/own-?.json")
 
-    @cached_property
-    def _older(self) -> str:
-        """The paragraph that names what was made with the body and law of before."""
-        data = (ROOT / "docs" / "data.md").read_text(encoding="utf-8")
-        return data.partition("**Older numbers.**")[2].partition("\n\n")[0]
-
-    def of_before(self, page: str) -> str:
-        """A remark where `docs/data.md` counts a page among those of the older body and law."""
-        return " *(body and law of before)*" if f"({page})" in self._older else ""
-
     def of_another_run(self, study: dict[str, Any]) -> str:
         """A remark where a study's true offsets are not those of the run that is shown."""
         now_mm = self.demo["cells"][KNOWN]["smpl"]["offsets"]["rms_mm"]

@@ -135,7 +135,7 @@ class RateSearch:
 
     def _set_out(self, state: Mapping[str, NDArray], rate: float) -> None:
         self.trainer.restore(state)
-        self.trainer.set_rate(rate)
+        self.trainer.optimizer.learning_rate = self.trainer.lr = rate
 
     def _judge(self, leg_ends: bool, validate: bool) -> None:
         loss = _finite_or_diverged(self._validation_loss())

@@ -74,16 +74,14 @@ def write_mp4(path: Path, *moving: MovingBody, body_px: int = _MP4_BODY_PX) -> N
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", *given, *coded, *told, str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
         assert encoder.stdin is not None
-        assert encoder.stderr is not None
         try:
             for page in clip:
                 encoder.stdin.write(page.tobytes())
-            encoder.stdin.close()
         except BrokenPipeError:
             pass  # it says why itself
         except BaseException:
             encoder.kill()
             raise
-        said = encoder.stderr.read().decode(errors="replace").strip()
+        said = encoder.communicate()[1].decode(errors="replace").strip()
     if encoder.returncode:
         raise OSError(said.splitlines()[-1] if said else f"ffmpeg ended with {encoder.returncode}")

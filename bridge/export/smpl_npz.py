@@ -18,19 +18,16 @@ from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import HAND_COUNT, Kind
 from bridge.body.posing import full_pose, shaped_joints
 from bridge.export.output import about
-from bridge.motion import Motion
+from bridge.motion.motion import amass_poses
 from bridge.paper import N_JOINTS
 from bridge.runtime.moving_body import MovingBody
 from bridge.runtime.whose_betas import pelvis_apart_m
 
 _TEXTS = ("data", "made_by", "predictor", "label", "model", "body_model", "motion")
-_R_ZUP_YUP = Rotation.from_euler("x", 90, degrees=True)
 SMPLH_JOINTS, SMPLX_JOINTS = 52, 55
 _SMPL_GENDERS = {"neutral": 0, "male": 1, "female": 2}
 _SMPL_VERSIONS = {SMPLH_JOINTS: 1, SMPLX_JOINTS: 2}
@@ -104,7 +101,8 @@ def _joints(moving: MovingBody) -> int:
 def _parameters(moving: MovingBody, joints: int) -> dict[str, Any]:
     facts, motion = about(moving), moving.motion
     root_joint_m = shaped_joints(moving.body, motion.betas[None])[0, 0]
-    poses, trans_m = _z_up(motion, root_joint_m, joints)
+    full = full_pose(motion.pose, motion.hands_and_face, joints)
+    poses, trans_m = amass_poses(full, motion.trans_m, root_joint_m)
     return {
         "poses": poses,
         "trans": trans_m,
@@ -121,14 +119,3 @@ def _parameters(moving: MovingBody, joints: int) -> dict[str, Any]:
         **{key: facts[key] for key in _TEXTS},
         "controls": json.dumps(moving.controls),
     }
-
-
-def _z_up(motion: Motion, root_joint_m: NDArray, joints: int) -> tuple[NDArray, NDArray]:
-    """AMASS's poses (T, 3 * joints) and translation (T, 3) of a motion with y up.
-
-    The root turns about its joint J, which lies at J + trans: turning the world turns that sum.
-    """
-    full = full_pose(motion.pose, motion.hands_and_face, joints)
-    full[:, 0] = (_R_ZUP_YUP * Rotation.from_rotvec(full[:, 0])).as_rotvec()
-    turned_m = _R_ZUP_YUP.apply(motion.trans_m + root_joint_m) - root_joint_m
-    return full.reshape(len(full), -1), turned_m

@@ -80,26 +80,33 @@ def people_of(folder: Path, gender: str | None) -> tuple[str, list[_Person], dic
     """
     if not folder.is_dir():
         raise DsnetError(f"--markers {folder}", "a folder of motions with markers", "Check it.")
-    found: dict[tuple[str, tuple[float, ...]], list[Path]] = {}
+    found: dict[tuple[str, tuple[float, ...]], dict[str, Path]] = {}
     refused: dict[str, str] = {}
+    digests: set[str] = set()
     for path in progress(files_below(folder), what="looking", unit="file"):
         try:
-            if markers := marker_file(path):
+            if (markers := marker_file(path)) is None:
+                refused[str(path)] = "no markers"
+            elif (digest := sha256_of(markers)) in digests:
+                refused[str(path)] = "the same recording again"
+            else:
                 motion = read_motion_file(path)
                 who = motion.gender, tuple(motion.betas.round(4).tolist())
-                found.setdefault(who, []).append(markers)
-            else:
-                refused[str(path)] = "no markers"
+                found.setdefault(who, {})[digest] = markers
+                digests.add(digest)
         except DsnetError as error:
             refused[str(path)] = _why(path, error)
     counts = Counter(stated for stated, _ in found)
     chosen = gender or max(("female", "male"), key=lambda one: counts[one])
     other = {"female": "male", "male": "female"}.get(chosen, "")
     refused |= {
-        str(f): f"of a {other} body" for (g, _), fs in found.items() if g == other for f in fs
+        str(f): f"of a {other} body"
+        for (g, _), fs in found.items()
+        if g == other
+        for f in fs.values()
     }
     people = [
-        _Person(betas, tuple(files), tuple(sha256_of(file) for file in files))
+        _Person(betas, tuple(files.values()), tuple(files))
         for (stated, betas), files in found.items()
         if stated != other
     ]

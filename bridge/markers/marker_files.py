@@ -76,8 +76,8 @@ class Markers:
             if label not in points and there.mean() > SEEN_ENOUGH:
                 whole = bridged(self.points_m[:, index], there)
                 points[label] = _resampled(whole, self.fps, fps, frame_count)
-                times = np.arange(frame_count) / fps * self.fps
-                seen[label] = np.interp(times, np.arange(len(there)), there) > 0.99
+                times = np.arange(frame_count) * (self.fps / fps)
+                seen[label] = np.interp(times, np.arange(len(there)), there, right=0) > 0.99
         return Cloud(points, seen)
 
 
@@ -146,6 +146,11 @@ def marker_file(path: Path) -> Path | None:
         is_npz = path.suffix == ".npz" and npz_has_markers(path)
         if is_npz or _is_c3d(path) or format_of(path) == "moshpp":
             return path
+    return c3d_beside(path)
+
+
+def c3d_beside(path: Path) -> Path | None:
+    """The recording that lies beside a file of poses under its name, if one does."""
     stems = (path.name.removesuffix(ending) for ending in _POSES if path.name.endswith(ending))
     beside = (path.with_name(f"{stem}.c3d") for stem in stems)
     return next((one for one in beside if one.is_file()), None)
@@ -164,12 +169,14 @@ def _names(path: Path, labels: list[str]) -> tuple[dict[str, str], tuple[str, ..
             "names such as C7, CLAV, LBUST",
             "Label them, as MoSh++ and AMASS do",
         )
-    people = Counter(label.rpartition(":")[0] for label in labels if label.strip("*"))
-    crowd = [name for name, count in people.items() if name and count >= 4]
-    if len(crowd) > 1:
-        raise refused(path, f"markers of {' and '.join(crowd[:3])}", "those of one person")
     plain = [label.rpartition(":")[2].strip().upper().replace("_", "") for label in labels]
     names = tuple(_SAME_PLACE.get(name, name) for name in plain)
+    known = {label for segment in SEGMENTS.values() for label in segment.labels}
+    named = zip(labels, names, strict=True)
+    people = Counter(label.rpartition(":")[0] for label, name in named if name in known)
+    crowd = [name or "somebody else" for name, count in people.items() if count >= 4]
+    if len(crowd) > 1:
+        raise refused(path, f"markers of {' and '.join(crowd[:3])}", "those of one person")
     return dict(zip(labels, names, strict=True)), names
 
 

@@ -55,7 +55,7 @@ def fit_person(body: BodyModelData, motion: Motion, markers: Markers) -> FittedP
     count, shapes = len(motion.theta), body.shapedirs.shape[-1]
     some = np.linspace(0, count - 1, min(count, _FRAMES)).astype(int)
     found = np.zeros(shapes + 3)  # betas, and a shift
-    cloud = register(body, _performed(body, motion, found[:-3]), markers, shortest_s=0.0).cloud
+    cloud = register(body, _performed(body, motion, found[:-3]), markers, to_measure=False).cloud
     points = {label: points_m[some] for label, points_m in cloud.points_m.items()}
     few, whole, off_mm = replace(motion, theta=motion.theta[some]), Smpl(body, dtype=np.float64), []
 

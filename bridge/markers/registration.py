@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from bridge.body import BodyModelData
 from bridge.body.parts import PARTS, part_weights
 from bridge.body.posing import Smpl
 from bridge.body.surface_operators import vertex_normals
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.markers.marker_files import Markers
 from bridge.markers.segments import SIDES, Cloud
 from bridge.motion import Motion, unpack_theta
@@ -25,6 +25,11 @@ _NEAREST = 0.8
 """Part of the markers that the registration goes by: those on hair and props lie far off."""
 _MOST_OFF_MM = 80.0
 _SHORTEST_S, _MOST_APART_S = 2.0, 0.1
+_STRAYED_M, _STILL_M, _BESIDE_MM = 0.3, 0.02, 100.0
+"""How far off its vertex a marker is not seen in a frame, how far that moves beside one that is
+held in place, and how far beyond the median a marker is left out."""
+_CLEARLY, _NEARER = 0.8, 0.9
+"""Part of what markers swing about their vertices: less is left where another moment fits."""
 _OUTWARD = 0.1
 """Of a marker's squared distance along the skin's normal: people are thicker than their betas say
 on another body model, and markers stand 9.5 mm off the skin."""
@@ -88,23 +93,23 @@ class Registered:
 
 
 def register(
-    body: BodyModelData, motion: Motion, markers: Markers, shortest_s: float = _SHORTEST_S
+    body: BodyModelData, motion: Motion, markers: Markers, to_measure: bool = True
 ) -> Registered:
     """Bring markers to the body by a turn about the vertical and a shift, the same for all frames:
-    the body of the betas is not quite the person.
+    the body of the betas is not quite the person. Says on stderr which lie off it and are left out.
 
-    `DsnetError` if the markers do not lie on the body or do not last as long, or the motion is
-    too short.
+    `DsnetError` if the markers do not lie on the body, lie on its other side or do not last as
+    long; if it is `to_measure`, also if they are of other moments, or the motion is too short.
 
     Parameters
     ----------
     body : that moves.
     motion : of T frames, y up, about the body's root joint.
     """
-    if motion.duration_s < shortest_s:
+    if to_measure and motion.duration_s < _SHORTEST_S:
         raise DsnetError(
             f"{motion.source}, a motion of {motion.duration_s:.2f} s",
-            f"at least {shortest_s:g} s",
+            f"at least {_SHORTEST_S:g} s",
             "Pass a longer one.",
         )
     markers_s = (len(markers.points_m) - 1) / markers.fps
@@ -120,7 +125,7 @@ def register(
     pose, trans = unpack_theta(motion.theta[some])
     skin = np.asarray(Smpl(body, dtype=np.float64).person(motion.betas).pose(pose, trans))
     points = np.stack(list(cloud.points_m.values()), axis=1)[some]
-    turn, shift = _yaw_and_shift(points, skin, [KDTree(frame) for frame in skin])
+    turn, shift = _yaw_and_shift(points, skin)
     moved = {label: points_m @ turn.T + shift for label, points_m in cloud.points_m.items()}
     stated = markers.vertices if body.source == "licensed" else {}  # other bodies' count otherwise
     vertices, distance = nearest_vertices(
@@ -132,27 +137,121 @@ def register(
             f"at most {_MOST_OFF_MM:.0f}: markers and pose of one recording, at one rate",
             "Check that markers and pose are of the same take.",
         )
-    return Registered(Cloud(moved, cloud.seen), vertices, distance)
+    _refuse_other_side(body, motion, vertices)
+    skin_m = Registered(cloud, vertices, distance).posed(body, motion).points_m
+    near = {label: skin_m[label] for label, mm in distance.items() if mm < off + _BESIDE_MM}
+    cloud = _near(markers, markers.points_m @ turn.T + shift, near, motion)
+    if not cloud.seen:
+        raise DsnetError(
+            f"{motion.source}, none of whose markers stays on the body",
+            "markers and pose of one recording",
+            "Check that markers and pose are of the same take.",
+        )
+    moved = {label: points_m @ turn.T + shift for label, points_m in cloud.points_m.items()}
+    cloud = Cloud(moved, cloud.seen)
+    if to_measure:
+        lost = [
+            f"{k}, {mm:.0f} mm off the skin" for k, mm in distance.items() if k not in cloud.seen
+        ]
+        if lost:
+            notify(f"{motion.source}: markers left out: {'; '.join(lost)}")
+        _refuse_other_moment(motion, cloud, near)
+    vertices, distance = (
+        {label: found[label] for label in cloud.seen} for found in (vertices, distance)
+    )
+    return Registered(cloud, vertices, distance)
+
+
+def _refuse_other_side(body: BodyModelData, motion: Motion, vertices: Mapping[str, int]) -> None:
+    """Where most names of a side are on the other: x of the rest pose is to the left."""
+    sided = {label: v for label, v in vertices.items() if label[0] in SIDES}
+    right = [(body.v_template[v, 0] > 0) == (label[0] == "L") for label, v in sided.items()]
+    if right and np.mean(right) < 0.5:
+        raise DsnetError(
+            f"{motion.source}, whose markers {', '.join([*sided][:3])}, ... lie on the other side",
+            "those named L on the body's left",
+            "Exchange L and R, or mirror the markers back.",
+        )
+
+
+def _near(
+    markers: Markers, world_m: NDArray, skin_m: Mapping[str, NDArray], motion: Motion
+) -> Cloud:
+    """Markers, seen where in the body's world they are near their places (T, 3) on the skin."""
+    times = np.arange(len(markers.points_m)) * (motion.fps / markers.fps)
+    frames = np.minimum(times.round().astype(int), len(motion.theta) - 1)
+    nowhere = np.full((len(motion.theta), 3), np.nan)
+    places = np.stack([skin_m.get(k, nowhere)[frames] for k in markers.labels], axis=1)
+    near = np.linalg.norm(world_m - places, axis=2) < _STRAYED_M
+    held = np.zeros_like(near)  # where a gap was filled with one place, while the skin moves
+    held[1:] = (np.diff(markers.points_m, axis=0) == 0).all(axis=2)
+    for column, same in enumerate(held.T):
+        for first, end in np.flatnonzero(np.diff(np.r_[0, same, 0])).reshape(-1, 2):
+            near[first:end, column] &= np.ptp(places[first:end, column], axis=0).max() < _STILL_M
+    seen_m = np.where(near[..., None], markers.points_m, np.nan)
+    return replace(markers, points_m=seen_m).at(motion.fps, len(motion.theta))
+
+
+def _refuse_other_moment(motion: Motion, cloud: Cloud, skin_m: Mapping[str, NDArray]) -> None:
+    """Where markers stay clearly stiller beside their places (T, 3) on skin of frames before or
+    after."""
+    most = int(_MOST_APART_S * motion.fps)
+    real, posed = (
+        np.stack([one[k] for k in cloud.seen], axis=1) for one in (cloud.points_m, skin_m)
+    )
+    inner = posed[most : len(posed) - most]
+    swings = [
+        np.median(np.linalg.norm(np.std(real[first : first + len(inner)] - inner, axis=0), axis=1))
+        for first in range(2 * most + 1)
+    ]
+    best = int(np.argmin(swings))
+    if swings[best] < _CLEARLY * swings[most]:
+        raise DsnetError(
+            f"{motion.source}, whose markers come {abs(best - most) / motion.fps:.2f} s too "
+            f"{'late' if best > most else 'early'}",
+            "a row of markers for each frame of the pose",
+            "Cut both to the same moments.",
+        )
 
 
 def _yaw_and_shift(
-    points: NDArray, skin: NDArray, trees: list[KDTree]
+    points: NDArray, skin: NDArray
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Iterated closest points, restricted to a turn about y and a shift."""
-    turn, shift = np.eye(3), np.zeros(3)
-    for _ in range(25):
+    """From where the markers are, or from the best of 16 turns where that ends nearer."""
+    trees = [KDTree(frame) for frame in skin]
+    few, found = (points[::4], skin[::4], trees[::4]), []
+    for turn in Rotation.from_rotvec(np.pi / 8 * np.outer(np.arange(16), [0, 1, 0])).as_matrix():
+        shift = np.median(skin, axis=(0, 1)) - np.median(points @ turn.T, axis=(0, 1))
+        found.append(_closest(*few, turn, shift))
+    _, turn, shift = min(found, key=lambda one: one[0])
+    turned = _closest(points, skin, trees, turn, shift, rounds=50)
+    as_is = _closest(points, skin, trees, np.eye(3), np.zeros(3))
+    return (turned if turned[0] < _NEARER * as_is[0] else as_is)[1:]
+
+
+def _closest(
+    points: NDArray,
+    skin: NDArray,
+    trees: list[KDTree],
+    turn: NDArray,
+    shift: NDArray,
+    rounds: int = 25,
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """Iterated closest points, restricted to a turn about y and a shift; how far off first."""
+    most = 0.0
+    for _ in range(rounds):
         moved = points @ turn.T + shift
         near = np.stack([v[t.query(x)[1]] for v, t, x in zip(skin, trees, moved, strict=True)])
         one, two = moved.reshape(-1, 3), near.reshape(-1, 3)
         apart = np.linalg.norm(one - two, axis=1)
-        keep = apart <= np.quantile(apart, _NEAREST)
+        keep = apart <= (most := float(np.quantile(apart, _NEAREST)))
         one_mid, two_mid = one[keep].mean(axis=0), two[keep].mean(axis=0)
         a, b = one[keep] - one_mid, two[keep] - two_mid
         sine = (b[:, 0] * a[:, 2] - b[:, 2] * a[:, 0]).sum()
         cosine = (a[:, [0, 2]] * b[:, [0, 2]]).sum()
         step = Rotation.from_euler("y", np.arctan2(sine, cosine)).as_matrix()
         turn, shift = step @ turn, step @ (shift - one_mid) + two_mid
-    return turn, shift
+    return most, turn, shift
 
 
 def nearest_vertices(
@@ -172,7 +271,10 @@ def nearest_vertices(
         away = points[:, None] - skin[:, there]
         outward = np.maximum(np.einsum("tvc,tvc->tv", away, normals[:, there]), 0)
         squared = np.einsum("tvc,tvc->tv", away, away)
-        best = int((squared - (1 - _OUTWARD) * outward**2).mean(axis=0).argmin())
+        weighed = np.minimum(squared - (1 - _OUTWARD) * outward**2, _STRAYED_M**2)
+        best = int(weighed.mean(axis=0).argmin())
         vertices[label] = int(there[best])
-        distance[label] = float(1e3 * np.sqrt(squared[:, best]).mean())
+        away_m = np.sqrt(squared[:, best])
+        near = away_m < _STRAYED_M
+        distance[label] = float(1e3 * away_m[near if near.mean() > 0.5 else ...].mean())
     return vertices, distance

@@ -84,6 +84,18 @@ def unpack_theta(theta: ArrayLike) -> tuple[NDArray[np.floating], NDArray[np.flo
     return theta[..., :-3].reshape(*theta.shape[:-1], N_JOINTS, 3), theta[..., -3:]
 
 
+def amass_poses(
+    all_joints: NDArray[np.floating], trans_m: NDArray[np.floating], root_joint_m: NDArray
+) -> tuple[NDArray[np.floating], NDArray[np.float64]]:
+    """AMASS's poses (T, 3 J) and translation (T, 3), z up, of rotations (T, J, 3) with y up.
+
+    The root turns about its joint J0, which lies at J0 + trans: turning the world turns that sum.
+    """
+    turn, poses = Y_UP_FROM_Z_UP.inv(), all_joints.copy()
+    poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
+    return poses.reshape(len(poses), -1), turn.apply(trans_m + root_joint_m) - root_joint_m
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A motion that a 22-joint body can follow: as a file has it, z up at its rate, or prepared."""

@@ -27,7 +27,7 @@ from bridge.runs.run import body_model_path
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify import draws
 from bridge.verify.draws import SMALL_WIDTHS
-from bridge.verify.engine import Check, DTypeName, Tensors
+from bridge.verify.engine import NORMALISER, Check, DTypeName, Tensors
 
 BOTH: tuple[DTypeName, ...] = ("float64", "float32")
 DOUBLE, SINGLE = BOTH[:1], BOTH[1:]
@@ -36,7 +36,6 @@ IN_FLOAT64 = {"torch": DOUBLE, "keras": DOUBLE}
 ONNX, STREAM = {"onnx": SINGLE}, {"stream": SINGLE}
 
 CLIPS, FRAMES, MESHES, GRAPH_FRAMES = 2, 120, 2, 8
-NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 Options = Mapping[str, Any]
 
 

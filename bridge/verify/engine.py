@@ -26,6 +26,7 @@ DTypeName = Literal["float64", "float32"]
 Tensors = dict[str, NDArray[Any]]
 Operation = Callable[..., Tensors]
 
+NORMALISER = ("normaliser.mean_m", "normaliser.scale_m")
 REFERENCE = "numpy"
 ENGINES = {
     REFERENCE: "bridge.verify.reference.engine",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial, wraps
+from functools import wraps
 from typing import Any
 
 import pytest
@@ -25,7 +25,7 @@ def _mistaken(operation: Operation) -> Operation:
         with pytest.MonkeyPatch.context() as patch:
             if "adam_epsilon" in constants:
                 rule = replace(KERAS_ADAM, epsilon=constants.pop("adam_epsilon"))
-                patch.setattr(verify, "KerasAdam", partial(dsnet.KerasAdam, rule=rule))
+                patch.setattr(dsnet, "KERAS_ADAM", rule)
             for name, value in constants.items():
                 patch.setattr(dsnet, name.upper(), value)
             return operation(weights, **given)

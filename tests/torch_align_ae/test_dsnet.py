@@ -10,16 +10,10 @@ from torch import Tensor
 
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
-from bridge.exchange.weights import KERAS_ADAM
+from bridge.exchange.weights import KERAS_ADAM, dsnet_from_torch
 from bridge.verify import draws
 from bridge.verify.reference import dsnet as reference
-from torch_align_ae.dsnet import (
-    DSNet,
-    KerasAdam,
-    assign_weights,
-    named_weights,
-    sum_of_distances,
-)
+from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, sum_of_distances
 
 
 @pytest.fixture
@@ -43,6 +37,11 @@ def batch() -> dict[str, NDArray]:
 
 def tensors(batch: dict[str, NDArray]) -> tuple[Tensor, ...]:
     return tuple(map(torch.from_numpy, batch.values()))
+
+
+def named_weights(model: DSNet) -> dict[str, NDArray]:
+    """Copies of all weights in Keras's names and layout."""
+    return dsnet_from_torch({name: v.detach().numpy() for name, v in model.state_dict().items()})
 
 
 def test_counts_are_the_papers_and_kerass():

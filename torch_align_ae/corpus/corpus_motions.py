@@ -8,22 +8,19 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from bridge.body import BodyModelData
-from bridge.body.posing import shaped_joints
+from bridge.body.posing import full_pose, shaped_joints
 from bridge.motion import unpack_theta
-from bridge.motion.motion import HowRead
+from bridge.motion.motion import HowRead, amass_poses
 from bridge.motion.resampling import load_motion_file
-from bridge.paper import N_JOINTS
 from torch_align_ae.corpus.dyna_checks import FPS
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.recordings import MOSH_FPS, Recording
 from torch_align_ae.corpus.subjects import Subject
 
-_AMASS_POSE_WIDTH = 156
+_AMASS_JOINTS = 52
 _AMASS_BETA_COUNT = 16
-_R_ZUP_YUP = Rotation.from_euler("x", 90, degrees=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,20 +85,15 @@ def write_amass_motion(
 ) -> None:
     """Write theta (T, 69), y up, as an AMASS `.npz`: SMPL-H parameters, z up, gender as bytes.
 
-    `root_joint_m` (3,) is the subject's root joint in the rest pose, about which SMPL turns:
-    turning the world z up turns root_joint + trans, not trans.
+    `root_joint_m` (3,) is the subject's root joint in the rest pose, about which SMPL turns.
     """
     pose, trans = unpack_theta(theta)
-    poses = np.zeros((len(theta), _AMASS_POSE_WIDTH))
-    poses[:, : 3 * N_JOINTS] = pose.reshape(len(theta), -1)
-    poses[:, :3] = (_R_ZUP_YUP * Rotation.from_rotvec(pose[:, 0])).as_rotvec()
-    padded_betas = np.zeros(_AMASS_BETA_COUNT)
-    padded_betas[: len(betas)] = betas
+    poses, trans_m = amass_poses(full_pose(pose, None, _AMASS_JOINTS), trans, root_joint_m)
     np.savez(
         path,
         poses=poses,
-        trans=_R_ZUP_YUP.apply(root_joint_m + trans) - root_joint_m,
-        betas=padded_betas,
+        trans=trans_m,
+        betas=np.pad(betas, (0, _AMASS_BETA_COUNT - len(betas))),
         gender=np.array(gender.encode()),
         mocap_framerate=np.array(fps),
         dmpls=np.zeros((len(theta), 8)),

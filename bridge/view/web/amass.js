@@ -4,8 +4,10 @@ import { unzipSync } from "fflate";
 
 export const GENDERS = ["female", "male", "neutral"];
 const KIND = "surface_model_type"; // whose body it is, where a file says it
+const LENGTH = "mocap_time_length", RATES = ["mocap_framerate", "mocap_frame_rate", "fps", "framerate", "frame_rate", "frameRate"];
+const WANTED = ["poses", "trans", "betas", "gender", "source", "body_model", KIND, LENGTH, ...RATES];
 const WIDTHS = [72, 156, 165], JOINTS = 22, FPS = 60, MOST_FRAMES = 108000;
-const MOST_BYTES = { poses: MOST_FRAMES * 165 * 8, trans: MOST_FRAMES * 24, betas: 1 << 16 };
+const MOST_BYTES = { poses: MOST_FRAMES * 165 * 8, trans: MOST_FRAMES * 24, betas: MOST_FRAMES * 128 };
 const CUT_M = 0.5, CUT_RAD = (150 / 180) * Math.PI, UPRIGHT = [-Math.SQRT1_2, 0, 0, Math.SQRT1_2];
 const ASLANT = 0.5; // of a trunk along z, most of y beside it
 // The root turns about the root joint, and so does the world: R J - J.
@@ -37,13 +39,13 @@ function readNpy(bytes, name) {
 
 export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   if (bytes[0] !== 0x50 || bytes[1] !== 0x4b) refuse("this is no .npz; BVH and other formats need Python: dsnet view --motion FILE");
-  const rates = ["mocap_framerate", "mocap_frame_rate"], wanted = ["poses", "trans", "betas", "gender", "source", "body_model", KIND, ...rates];
   let files;
   try {
     files = unzipSync(bytes, { filter: ({ name, originalSize }) => {
       const own = name.replace(/\.npy$/, "");
-      if (wanted.includes(own) && originalSize > (MOST_BYTES[own] ?? 4096) + 256) refuse(`'${own}' is larger than any motion's`);
-      return wanted.includes(own);
+      if (own === "Rh") refuse("its bodies turn about the origin by 'Rh', as EasyMocap's: write them as 'poses' and 'trans' of SMPL");
+      if (WANTED.includes(own) && originalSize > (MOST_BYTES[own] ?? 4096) + 256) refuse(`'${own}' is larger than any motion's`);
+      return WANTED.includes(own);
     } });
   } catch (error) { refuse(error.code === undefined ? error.message : `the file is damaged (${error.message})`); }
   const array = (name) => files[`${name}.npy`] && readNpy(files[`${name}.npy`], name);
@@ -54,29 +56,37 @@ export function readAmass(bytes, mostFrames = MOST_FRAMES) {
     return found;
   };
   const poses = numbers("poses"), trans = numbers("trans", 1000), betas = numbers("betas", 100);
-  const [frames, width] = poses.shape, rate = numbers(rates.find((name) => files[`${name}.npy`]) ?? rates[0], 1e4).data[0];
+  const [frames, width] = poses.shape, [each, many = 1] = betas.shape.filter((size) => size !== 1).reverse();
+  const said = RATES.filter((name) => files[`${name}.npy`]), [rate, ...more] = (said.length ? said : RATES).map((name) => numbers(name, 1e4).data[0]);
   if (poses.shape.length !== 2 || !WIDTHS.includes(width) || !frames) refuse(`'poses' have shape ${poses.shape}; expected (frames, ${WIDTHS.join(" or ")})`);
   if (trans.shape[0] !== frames || trans.shape[1] !== 3) refuse(`'trans' have shape ${trans.shape} beside ${frames} frames of poses`);
   if (!(rate >= 1)) refuse(`its frame rate is ${rate}`);
-  if (betas.data.length < 10) refuse(`'betas' have shape ${betas.shape}; expected 10 or more`);
+  for (const other of more)
+    if (!(Math.abs(other / rate - 1) < 0.01)) refuse(`it says two frame rates, ${rate} and ${other}: dsnet view --motion FILE --motion-fps RATE`);
+  if (!(each >= 10 && many) || many * each !== betas.data.length) refuse(`'betas' have shape ${betas.shape}; expected 10 or more`);
   for (let i = 0; i < poses.data.length; i++) // hands are left at rest, whatever they hold
     if (i % width < 3 * JOINTS && !(Math.abs(poses.data[i]) <= 100)) refuse(`'poses' hold ${poses.data[i]}: radians are expected`);
-  const up = vertical(poses.data, frames, width), middle = median(frames, (i) => trans.data[3 * i + (up === "y" ? 1 : 2)]);
-  if (Math.abs(middle) > 50) refuse(`'trans' are ${middle.toPrecision(3)} m high over half of the time: metres are expected`);
+  const up = vertical(poses.data, frames, width), high = median(frames, (i) => trans.data[3 * i + (up === "y" ? 1 : 2)]);
+  if (Math.abs(high) > 50) refuse(`'trans' are ${high.toPrecision(3)} m high over half of the time: metres are expected`);
   const count = Math.floor(((frames - 1) / rate) * FPS + 1e-3) + 1;
   if (count > Math.min(MOST_FRAMES, mostFrames)) refuse(`a motion of ${count} frames; a page shows ${mostFrames}: cut it into several files`);
-  const theta = atSixty(poses.data, trans.data, frames, width, rate, count, up), said = (name) => array(name)?.text?.trim() ?? "";
-  const isSmplx = (said(KIND).toLowerCase() || (width === 165 && "smplx")) === "smplx";
-  const gender = said("gender").toLowerCase(), embedded = said("source").startsWith("synthetic") || said("body_model").startsWith("embedded:");
-  return { theta, frames: count, first: 0, count, starts: [0], by_joint: BY_JOINT[up], unplaced: true, betas: [...betas.data.slice(0, 10)], fps: FPS,
-           gender: GENDERS.includes(gender) ? gender : "unknown", embedded, space: embedded ? "" : isSmplx ? "SMPL-X's" : "SMPL's",
-           says: up === "y" ? ["It is taken as y up, for its bodies stand so."] : [] };
+  const theta = atSixty(poses.data, trans.data, frames, width, rate, count, up);
+  const word = (name) => { const found = array(name); return String(found?.text ?? found?.data[0] ?? "").trim(); };
+  const isSmplx = (word(KIND).toLowerCase() || (width === 165 && "smplx")) === "smplx";
+  const gender = word("gender").toLowerCase().replace(/^b'|'$/g, ""), embedded = word("source").startsWith("synthetic") || word("body_model").startsWith("embedded:");
+  const shape = [...Array(10)].map((_, i) => sorted(many, (row) => betas.data[row * each + i])), far = Math.max(...shape.map((all) => all.at(-1) - all[0]));
+  const lasts = frames / rate, told = Number(word(LENGTH) || NaN), says = [];
+  if (up === "y") says.push("It is taken as y up, for its bodies stand so.");
+  if (far > 0.05) says.push(`It changes its shape by up to ${far.toPrecision(2)} betas: the median is taken.`);
+  if (Math.abs(lasts - told) > 0.05 * told + 1 / rate) says.push(`It says that it lasts ${told} s, but ${frames} frames at ${rate} a second last ${+lasts.toPrecision(4)}.`);
+  return { theta, frames: count, first: 0, count, starts: [0], by_joint: BY_JOINT[up], unplaced: true, betas: shape.map(middle), fps: FPS,
+           gender: GENDERS.find((one, i) => [one, one[0], `${2 - i}`].includes(gender)) ?? "unknown", embedded, space: embedded ? "" : isSmplx ? "SMPL-X's" : "SMPL's",
+           says };
 }
 
-function median(count, value) {
-  const sorted = Float64Array.from({ length: count }, (_, i) => value(i)).sort(); // as numbers
-  return (sorted[(count - 1) >> 1] + sorted[count >> 1]) / 2;
-}
+const sorted = (count, value) => Float64Array.from({ length: count }, (_, i) => value(i)).sort(); // as numbers
+const middle = (all) => (all[(all.length - 1) >> 1] + all[all.length >> 1]) / 2;
+const median = (count, value) => middle(sorted(count, value));
 
 // The axis along which trunks stand; of bodies that lie or bend Python tells it, by the legs too.
 function vertical(poses, frames, width) {

@@ -258,22 +258,24 @@ function plot(names, kind) {
 
 // Knobs.
 
-const tell = ({ id, value, nextElementSibling }) => { nextElementSibling.textContent = (+value).toFixed(id === "speed" ? 1 : 2); };
+// A knob says what was asked for, be it between its steps, until a hand moves it.
+const tell = ({ id, nextElementSibling }, value) => { nextElementSibling.textContent = value.toFixed(id === "speed" ? 1 : 2); };
 
 function slider(parent, id, text, range, value, moved) {
-  const row = make("label"), input = make("input", { id, type: "range", ...range, value });
+  const row = make("label"), input = make("input", { id, type: "range", ...range });
   row.append(text, input, make("output"));
   $(parent).append(row);
-  turned(input, moved);
+  turned(input, value, moved);
 }
 
-function turned(input, moved) {
-  input.oninput = () => { tell(input); moved(+input.value); };
-  tell(input);
+function turned(input, value, moved) {
+  input.value = value;
+  input.oninput = () => { tell(input, +input.value); moved(+input.value); };
+  tell(input, value);
 }
 
 function dynamics() {
-  const parts = scene.parts.map((_, i) => +$("gain").value * $(`part${i}`).value);
+  const parts = scene.start.parts.map((part) => scene.start.gain * part);
   gains = new Float32Array(body.count);
   parts.forEach((gain, p) => { for (let v = 0; v < body.count; v++) gains[v] += gain * partWeights[p * body.count + v]; });
   drawn = "";
@@ -287,7 +289,7 @@ function gained() {
 }
 
 function people() {
-  betas.slice(0, 10).forEach((beta, i) => { $(`beta${i}`).value = beta; tell($(`beta${i}`)); });
+  betas.slice(0, 10).forEach((beta, i) => { $(`beta${i}`).value = beta; tell($(`beta${i}`), beta); });
   const options = { "who moved": motion.betas, ...shapes }, near = (a, b) => a.every((x, i) => Math.abs(x - b[i]) < 1e-4);
   const now = Object.keys(options).find((name) => near(options[name], betas)) ?? "as set";
   $("person").replaceChildren(...[...new Set([...Object.keys(options), now])].map((name) => new Option(name)));
@@ -296,7 +298,7 @@ function people() {
 }
 
 function controls() {
-  const { start, baked } = scene, range = { min: 0, max: 5, step: 0.05 }, names = everybody();
+  const { start, baked } = scene, names = everybody();
   $("scale").style.background = `linear-gradient(to top, ${COLOURS.map((c) => `rgb(${c})`)})`;
   $("notice").textContent = [scene.origin === "synthetic" ? "Synthetic: body and flesh are simulated, not measured." : "", baked].filter(Boolean).join(" ");
   scene.motions.forEach(({ name }, i) => $("motion").add(new Option(name, i)));
@@ -311,13 +313,13 @@ function controls() {
     $("tags").append(make("span", { id: `tag-${name}`, className: "tag", hidden: true, textContent: scene.labels[name] }));
   }
   if (!known) $("colouring").options[2].remove();
-  scene.parts.forEach((part, i) => slider("parts", `part${i}`, part.replace("_", " "), range, start.parts[i], gained));
+  start.parts.forEach((gain, i) => slider("parts", `part${i}`, scene.parts[i].replace("_", " "), { min: 0, max: Math.max(5, gain), step: 0.05 }, gain,
+                                          (value) => { start.parts[i] = value; gained(); }));
   for (let i = 0; i < 10; i++)
     slider("betas", `beta${i}`, `β${i + 1}`, { min: -5, max: 5, step: 0.01 }, 0, (value) => person(betas.with(i, value)));
   $("gain").max = Math.max(5, start.gain);
-  $("gain").value = start.gain;
-  turned($("gain"), gained);
-  turned($("speed"), () => {});
+  turned($("gain"), start.gain, (value) => { start.gain = value; gained(); });
+  turned($("speed"), 1, () => {});
   dynamics();
   $("loop").checked = start.loop;
   for (const id of ["shape", "own", "loops"]) $(id).hidden = Boolean(baked);

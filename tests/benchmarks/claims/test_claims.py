@@ -63,14 +63,6 @@ def test_less_within_the_spread_is_not_clearly_less() -> None:
     assert clearly_less([1.0], [1.1])
 
 
-def test_what_was_made_with_the_body_of_before_is_named(results: Results) -> None:
-    text = "**Older numbers.** Made before: [a](results/a.md).\n\nNot [b](results/b.md)."
-    before = Results()
-    before._older = text.partition("\n\n")[0]
-    assert before.of_before("results/a.md")
-    assert not before.of_before("results/b.md")
-
-
 def test_a_study_of_other_data_than_the_runs_is_named(results: Results) -> None:
     study = results.networks[0]
     assert not results.of_another_run(study)

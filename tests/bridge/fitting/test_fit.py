@@ -26,14 +26,17 @@ from bridge.fitting.constants import (
 from bridge.fitting.evidence import driving_load, liveliest, read_take
 from bridge.fitting.fit import PEOPLE_SD, PRELOAD, Estimate, fit_person
 from bridge.fitting.population import share
+from bridge.fitting.train import people_of
 from bridge.markers.registration import SOFT
 from bridge.motion import Motion, load_motion_file
+from bridge.motion.readers.amass import motion_path
 from bridge.runtime.controls import root_joint_m
 from bridge.runtime.load_model import load_model
 from bridge.runtime.stepping import PlusModel, codes_of
 from bridge.tissue.oscillators import coupling
 from bridge.tissue.shape import shaped_normals
 from bridge.tissue.trained_plus import TrainedPlus
+from tests.forged.c3d import c3d
 
 BETAS = np.array([0.5, -0.4, 0.3, 0.2, -0.5, 0.1, 0.0, 0.3, -0.2, 0.1])
 CHEST = Flesh(3.0, 0.26, 2.1)
@@ -222,6 +225,41 @@ def test_betas_of_another_body_model_give_way_to_markers(
     np.savez(tmp_path / "a.npz", **stored)
     fitted = read_take(tmp_path / "a.npz", body).motion.betas
     assert np.abs(fitted - BETAS)[:2].max() < 0.3
+
+
+def test_the_same_recording_counts_once(tmp_path: Path) -> None:
+    with np.load(motion_path("sample:jumping_jacks")) as stored:
+        pose = dict(stored)
+    labels = [f"M{n}X" for n in range(5)]
+    (tmp_path / "jacks.c3d").write_bytes(c3d(np.ones((3, 5, 3)), labels))
+    np.savez(tmp_path / "jacks_poses.npz", **pose)
+    np.savez(tmp_path / "jacks_stageii.npz", **{**pose, "betas": np.full(16, 0.3)})
+    for name in ("one.npz", "two.npz"):
+        np.savez(tmp_path / name, **pose, marker_data=np.ones((3, 5, 3)), marker_labels=labels)
+    _, (person,), refused = people_of(tmp_path, None)
+    assert [file.name for file in person.files] == ["jacks.c3d", "one.npz"]
+    assert {Path(file).name: why for file, why in refused.items()} == dict.fromkeys(
+        ("jacks_stageii.npz", "two.npz"), "the same recording again"
+    )
+
+
+def test_takes_have_no_markers_that_lie_off_the_skin(
+    tmp_path: Path,
+    body: BodyModelData,
+    base: TrainedPlus,
+    jumping: Motion,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    write_take(tmp_path / "a.npz", PlusModel(base, body), body, BETAS,
+               np.asarray(jumping.theta, np.float64), np.random.default_rng(0))  # fmt: skip
+    stored: dict[str, Any] = dict(np.load(tmp_path / "a.npz"))
+    labels = stored["marker_labels"].tolist()
+    bust, ankle = labels.index("LBUST"), labels.index("LANK")
+    labels[bust], labels[ankle] = labels[ankle], labels[bust]
+    np.savez(tmp_path / "a.npz", **{**stored, "marker_labels": labels})
+    take = read_take(tmp_path / "a.npz", body)
+    assert "a.npz: markers left out: LBUST, 1" in capsys.readouterr().err
+    assert "LBUST" not in {*take.registered.vertices, *take.registered.cloud.points_m}
 
 
 def test_a_rate_at_which_nobody_falls_is_refused(

@@ -17,6 +17,8 @@ from bridge.markers.marker_files import Markers, read_markers
 from bridge.markers.person import fit_person
 from bridge.markers.registration import register
 from bridge.motion import Motion, load_motion_file, unpack_theta
+from bridge.motion.motion import Y_UP_FROM_Z_UP
+from bridge.motion.readers.amass import motion_path
 from bridge.runtime.whose_betas import with_own_shape
 from tests.forged.amass import load_amass_motion
 
@@ -61,6 +63,29 @@ def test_a_take_shorter_than_its_filter_tells_a_shape_too(frames: int, times_the
     points_m[1:2, : 10 if frames > 2 else 0] = np.nan
     markers = Markers(points_m, tuple(f"M{row}" for row in rows), times_the_rate * motion.fps)
     assert fit_person(BODY, motion, markers).fitted_mm < 10
+
+
+def test_zero_betas_beside_markers_give_way_to_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hers = np.array([2.0, -1.5, 1.5, 0, 1, 0, 0, 0, 0, 0])
+    motion = load_amass_motion("sample:dancing")
+    own = replace(motion, betas=hers)
+    own = own.about_root_joint(shaped_joints(BODY, hers[None])[0, 0])
+    rows = np.random.default_rng(0).choice(BODY.vertex_count, 60, replace=False)
+    skin = np.asarray(Smpl(BODY, rows, np.float64).person(hers).pose(*unpack_theta(own.theta)))
+    z_up = Y_UP_FROM_Z_UP.inv().apply(skin.reshape(-1, 3)).reshape(skin.shape)
+    with np.load(motion_path("sample:dancing")) as stored:
+        arrays = {key: stored[key] for key in stored if key != "source"}
+    arrays["betas"] = np.zeros(16)
+    np.savez(tmp_path / "bare.npz", **arrays)
+    labels = np.array([f"M{row}X" for row in rows])
+    np.savez(tmp_path / "a.npz", **arrays, marker_data=z_up, marker_labels=labels)
+    fitted = with_own_shape(load_motion_file(tmp_path / "a.npz"), BODY).betas
+    assert "are all zero: the shape is fitted to its markers" in capsys.readouterr().err
+    assert np.abs(fitted - hers)[:2].max() < 1
+    assert not with_own_shape(load_motion_file(tmp_path / "bare.npz"), BODY).betas.any()
+    assert not capsys.readouterr().err
 
 
 def off_mm(motion: Motion, markers: Markers, betas: np.ndarray) -> float:

@@ -239,6 +239,20 @@ def test_angles_are_no_markers(known: Known, tmp_path: Path) -> None:
     assert load_recording(path).markers.labels == tuple(LABELS)
 
 
+def two_people(points: np.ndarray) -> bytes:
+    """One of whom has no prefix."""
+    both = np.concatenate([points + np.array([900.0, 0.0, 0.0]), points], axis=1)
+    return c3d(both, [*(f"B:{label}" for label in LABELS), *LABELS])
+
+
+def test_props_beside_a_person_are_no_people(known: Known, tmp_path: Path) -> None:
+    points = 1e3 * sampled(known)
+    more = np.concatenate([points, points[:, :8] + [700.0, 0.0, 0.0]], axis=1)
+    props = [*(f"Bat:P{n}" for n in range(4)), *(f"Q{n}" for n in range(4))]
+    path = beside(tmp_path, c3d(more, [*(f"Anna:{label}" for label in LABELS), *props]))
+    assert {*LABELS} < {*load_recording(path).markers.labels}
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -246,6 +260,7 @@ def test_angles_are_no_markers(known: Known, tmp_path: Path) -> None:
         (lambda p: c3d(p, [""] * len(LABELS)), "without names"),
         (lambda p: c3d(p, [f"*{n}" for n in range(len(LABELS))]), "without names"),
         (lambda p: c3d(p, [f"{'AB'[n % 2]}:{x}" for n, x in enumerate(LABELS)]), "one person"),
+        (two_people, "markers of B and somebody else"),
         (lambda p: c3d(p, LABELS)[:-5000], "with the data of"),
         (lambda p: c3d(p, LABELS)[:600], "does not load"),
         (lambda p: b"GIF89a" + bytes(2000), "no C3D"),

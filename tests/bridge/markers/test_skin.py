@@ -9,19 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from bridge import DsnetError
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.markers.bony import bony_motion
 from bridge.markers.marker_files import read_markers
-from bridge.markers.registration import register
+from bridge.markers.registration import Registered, register
 from bridge.markers.segments import Pose
 from bridge.markers.skin import Comparison, compare_offsets
 from bridge.motion import unpack_theta
 from bridge.motion.motion import pack_theta
 from bridge.runtime import stage_evaluate
 from bridge.runtime.stage_evaluate import write_comparisons
-from tests.forged.markers import VERTICES, Known, marker_file
+from tests.forged.markers import VERTICES, Known, marker_file, sampled
+
+LABELS = list(VERTICES)
 
 
 def compared(known: Known, path: Path, part: float) -> Comparison:
@@ -82,6 +85,94 @@ def test_markers_of_another_moment_are_refused(known: Known, tmp_path: Path) -> 
     theta = pack_theta(lying, trans)
     with pytest.raises(DsnetError, match="mm off the body"):
         register(known.body, replace(known.motion, theta=theta), read_markers(path, 60))
+
+
+def changed(known: Known, tmp_path: Path, points: NDArray, labels: list[str] | None = None) -> Path:
+    """The known woman's file with other markers."""
+    path = marker_file(tmp_path / "m.npz", known)
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    arrays |= {"marker_data": points, "marker_labels": np.array(labels or LABELS)}
+    np.savez(path, **arrays)
+    return path
+
+
+def registered_of(known: Known, path: Path) -> Registered:
+    return register(known.body, known.motion, read_markers(path, 60.0))
+
+
+@pytest.mark.parametrize(("degrees", "apart_m"), [(0, 3.0), (30, 0.0), (101, 3.0), (180, 0.0)])
+def test_a_world_turned_about_the_vertical_is_turned_back(
+    known: Known, tmp_path: Path, degrees: float, apart_m: float
+) -> None:
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    path = changed(known, tmp_path, sampled(known) @ turn.T + [apart_m, apart_m, 0.0])
+    found = {row.label: row for row in compared(known, path, 1.0).rows}
+    assert min(found[label].total_r2_up for label in ("LBUST", "MBLLY", "LTIB")) > 0.99
+
+
+def test_markers_of_the_other_side_are_refused(known: Known, tmp_path: Path) -> None:
+    other = {"L": "R", "R": "L"}
+    exchanged = [other.get(k[0], k[0]) + k[1:] for k in LABELS]
+    points = sampled(known)
+    for path in (
+        changed(known, tmp_path, points, exchanged),
+        changed(known, tmp_path, points * [-1, 1, 1]),
+    ):
+        with pytest.raises(DsnetError, match="lie on the other side"):
+            registered_of(known, path)
+
+
+@pytest.mark.parametrize("frames", [1, 3])
+def test_markers_that_begin_later_than_the_pose_are_refused(
+    known: Known, tmp_path: Path, frames: int
+) -> None:
+    path = changed(known, tmp_path, sampled(known)[frames:])
+    with pytest.raises(DsnetError, match=f"{frames / 60:.2f} s too early"):
+        registered_of(known, path)
+
+
+def test_after_their_last_frame_markers_are_not_seen(known: Known, tmp_path: Path) -> None:
+    found = registered_of(known, changed(known, tmp_path, sampled(known)[:-5]))
+    assert all(not seen[-5:].any() and seen[:-5].all() for seen in found.cloud.seen.values())
+
+
+@pytest.mark.parametrize("value", [9999.0, -1.0, 1e-6])
+def test_numbers_that_mean_unseen_are_no_places(known: Known, tmp_path: Path, value: float) -> None:
+    points = sampled(known)
+    points[80:84, LABELS.index("LBUST")] = value
+    row = {row.label: row for row in compared(known, changed(known, tmp_path, points), 1.0).rows}
+    assert row["LBUST"].seen < 1
+    assert row["LBUST"].flesh_r2_up > 0.99
+
+
+def test_a_gap_that_was_filled_with_one_place_is_a_gap(known: Known, tmp_path: Path) -> None:
+    points, bust = sampled(known), LABELS.index("LBUST")
+    points[80:140, bust] = points[80, bust]
+    found = registered_of(known, changed(known, tmp_path, points))
+    assert not found.cloud.seen["LBUST"][81:140].any()
+    assert found.cloud.seen["RBUSTLO"].all()
+
+
+def test_a_marker_under_anothers_name_is_left_out_with_a_line(
+    known: Known, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    exchange = {"LBUST": "LANK", "LANK": "LBUST"}
+    labels = [exchange.get(label, label) for label in LABELS]
+    found = registered_of(known, changed(known, tmp_path, sampled(known), labels))
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "markers left out: LBUST, 1" in line
+    assert set(LABELS) - {"LBUST"} == set(found.vertices) == set(found.cloud.points_m)
+
+
+def test_a_vertex_that_a_file_states_wrongly_is_left_out_with_a_line(
+    known: Known, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    markers = read_markers(marker_file(tmp_path / "m.npz", known), 60.0)
+    stated = replace(markers, vertices={**VERTICES, "LBUST": 331})
+    found = register(replace(known.body, source="licensed"), known.motion, stated)
+    assert "markers left out: LBUST, 4" in capsys.readouterr().err
+    assert found.vertices == {k: v for k, v in VERTICES.items() if k != "LBUST"}
 
 
 def test_a_motion_of_a_moment_is_refused(known: Known, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -150,6 +151,23 @@ def test_a_file_opens_from_a_disk_without_a_network(browser, tmp_path):
         assert [one for one in shown.errors if "example.org" not in one] == []
 
 
+def test_gains_between_steps_and_beyond_ends_stand_until_a_hand_moves_them(browser, tmp_path):
+    asked: dict[str, Any] = {"gain": 1.03, "part_gain": ("belly=8", "chest=0.02")}
+    scene = Scene(open_repertoire(None, Path("sample:dancing")), asked)
+    with on_disk(browser, tmp_path / "a.html", scene) as shown:
+        shown.moves_as_predicted("sample:dancing", 60, **asked)
+        assert _told(shown) == ["1.03", "8.00", "0.02"]
+        shown.page.press("#gain", "ArrowRight")
+        assert _told(shown) == ["1.10", "8.00", "0.02"]
+        asked["gain"] = 1.1
+        shown.moves_as_predicted("sample:dancing", 60, **asked)
+
+
+def _told(shown: Shown) -> list[str]:
+    knobs = ["gain", *(f"part{PARTS.index(part)}" for part in ("belly", "chest"))]
+    return [shown.page.text_content(f"#{knob} + output") for knob in knobs]
+
+
 def test_a_baked_body_plays(browser, run, tmp_path):
     repertoire = open_repertoire(run, None)
     takes = {JUMP: repertoire.takes[JUMP]}
@@ -172,14 +190,43 @@ def test_a_file_is_read_as_python_reads_it(dancing, tmp_path, rate, up):
     if up == "y":
         arrays |= y_up(arrays)
     np.savez_compressed(tmp_path / "a.npz", **arrays)
-    text = base64.b64encode((tmp_path / "a.npz").read_bytes()).decode()
-    read = """(text) => { const found = page.readAmass(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)));
-              return { ...found, theta: [...found.theta] }; }"""  # noqa: E501
-    found, expected = dancing.page.evaluate(read, text), load_motion_file(tmp_path / "a.npz")
+    found, expected = _read(dancing, tmp_path / "a.npz"), load_motion_file(tmp_path / "a.npz")
     np.testing.assert_allclose(np.reshape(found["theta"], (-1, 69)), expected.theta, atol=1e-12)
     np.testing.assert_array_equal(found["betas"], expected.betas)
     assert found["gender"] == expected.gender
     assert ("y up" in " ".join(found["says"])) == (up == "y")
+
+
+def _read(shown: Shown, path: Path) -> dict[str, Any]:
+    """What the page makes of a file."""
+    read = """(text) => { const found = page.readAmass(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)));
+              return { ...found, theta: [...found.theta] }; }"""  # noqa: E501
+    return shown.page.evaluate(read, base64.b64encode(path.read_bytes()).decode())
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"gender": "f"}, ""),
+        ({"gender": np.bytes_(b"M")}, ""),
+        ({"gender": np.array(0)}, ""),
+        ({"gender": "2"}, ""),
+        ({"betas": np.linspace(0, 1, 900 * 16).reshape(900, 16) ** 2}, "the median is taken"),
+        ({"betas": np.linspace(-1, 1, 16)[None]}, ""),
+        ({"betas": np.linspace(-1, 1, 16)[:, None]}, ""),
+        ({"mocap_time_length": 9.0}, "says that it lasts 9 s, but 5 frames at 120 a second"),
+        ({"fps": 119.0, "mocap_time_length": 5 / 120}, ""),
+    ],
+)
+def test_what_a_file_says_is_taken_as_python_takes_it(dancing, tmp_path, changed, words):
+    np.savez_compressed(tmp_path / "a.npz", **{**smplh(), **changed})
+    found, expected = _read(dancing, tmp_path / "a.npz"), load_motion_file(tmp_path / "a.npz")
+    assert found["gender"] == expected.gender
+    np.testing.assert_array_equal(found["betas"], expected.betas)
+    assert found["frames"] == len(expected.theta)
+    for says in (found["says"], expected.notes):
+        assert len(says) == bool(words)
+        assert words in "".join(says)
 
 
 def y_up(arrays: dict[str, Any]) -> dict[str, Any]:
@@ -233,10 +280,13 @@ HOSTILE = {
     "frame rate": {"mocap_framerate": 0.0},
     "finite numbers": {"betas": np.array([{}] * 10, dtype=object)},
     "10 or more": {"betas": np.zeros(3)},
+    "have shape 16,3,2": {"betas": np.zeros((16, 3, 2))},
+    "two frame rates, 120 and 60": {"fps": 60.0},
+    "by 'Rh'": {"Rh": np.zeros((5, 3))},
     "jumps at its frame 3": {"trans": np.repeat([[0.0], [9.0]], [3, 2], axis=0) * [1, 0, 0]},
     "a motion of": {"poses": np.zeros((40_000, 72)), "trans": np.zeros((40_000, 3)),
                     "mocap_framerate": 60.0},
-    "larger than": {"betas": np.zeros(100_000)},
+    "larger than": {"betas": np.zeros(2_000_000)},
 }  # fmt: skip
 
 

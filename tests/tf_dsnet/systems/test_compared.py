@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -158,16 +159,13 @@ class _Curve:
 
     def __init__(self, losses: dict[float, list[float]]) -> None:
         self.losses, self.lr, self.model = losses, RATES[0], None
-        self._place = 0
+        self.optimizer, self._place = SimpleNamespace(), 0
 
     def state(self):
         return {"place": np.array([self._place])}
 
     def restore(self, state):
         self._place = int(state["place"][0])
-
-    def set_rate(self, lr):
-        self.lr = lr
 
     def epoch(self, number):
         self._place += 1
