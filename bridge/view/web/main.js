@@ -297,10 +297,12 @@ function people() {
   $("person").onchange = () => { if (options[$("person").value]) person([...options[$("person").value]]); };
 }
 
+const NOTICES = { synthetic: "Synthetic: body and flesh are simulated, not measured.", "synthetic flesh": "Synthetic flesh: simulated, not measured." };
+
 function controls() {
   const { start, baked } = scene, names = everybody();
   $("scale").style.background = `linear-gradient(to top, ${COLOURS.map((c) => `rgb(${c})`)})`;
-  $("notice").textContent = [scene.origin === "synthetic" ? "Synthetic: body and flesh are simulated, not measured." : "", baked].filter(Boolean).join(" ");
+  $("notice").textContent = [NOTICES[scene.origin], baked].filter(Boolean).join(" ");
   scene.motions.forEach(({ name }, i) => $("motion").add(new Option(name, i)));
   const known = scene.motions.some(({ tracks }) => tracks.includes("truth"));
   for (const name of names) {

@@ -175,6 +175,7 @@ def test_a_baked_body_plays(browser, run, tmp_path):
     best = replace(repertoire.best, other_body=body)
     baked = replace(repertoire, best=best, takes=takes)
     with on_disk(browser, tmp_path / "a.html", Scene(baked)) as shown:
+        assert "Synthetic flesh" in shown.page.inner_text("#notice")
         assert "licence" in shown.page.inner_text("#notice")
         alone_m, true_m = (shown.vertices_m(name, 40) for name in ("smpl", "truth"))
         apart_m = np.linalg.norm(true_m - alone_m, axis=1)

@@ -70,6 +70,7 @@ def test_a_runs_own_synthetic_body_lives(repertoire):
 def test_where_the_graph_may_not_go_places_are_baked(repertoire):
     scene = Scene(licensed(repertoire))
     facts = facts_of(scene)
+    assert facts["origin"] == "synthetic flesh"
     assert "licence" in facts["baked"]
     assert {"runtime", "model", "shapes", "loop0"}.isdisjoint(scene.assets)
     assert {"graph", "root_joint", "root_joint_shapes"}.isdisjoint(facts)
