@@ -143,7 +143,7 @@ def test_hands_are_no_flesh_in_pages_and_clips(tmp_path):
     clip = RenderedClip([moving], fps=60.0, body_px=64)
     np.testing.assert_allclose(clip._pose_alone(2), alone_m[2], atol=1e-6)
     take, truth = take_of(moving)
-    shown = Repertoire(trained, {trained.name: ""}, lambda name: trained, {"a": take}, truth)
+    shown = Repertoire(trained, {trained.name: ""}, lambda name: trained, {"a": take}, truth=truth)
     body_m = (
         track_m(Scene(shown).assets["track0_smpl"](), moving.body.vertex_count)
         + moving.motion.trans_m[:, None]

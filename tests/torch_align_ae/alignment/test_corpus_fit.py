@@ -74,26 +74,23 @@ def test_a_frame_that_fits_no_body_is_named_and_not_stored(fitted, files, writer
     assert not np.load(writer.file_path("offsets.npy")).any()
 
 
-def test_what_nobodys_meshes_are_is_told(files):
+def test_what_nobodys_meshes_are_is_told(writer):
     """An honest sequence says nothing; one of another rate, head down, of two people does."""
+    odd, files = (
+        MotionSequence("s_1_jump", "s", "1_jump", 0, 40, 60.0),
+        AlignedFiles.of(writer, 40, 1),
+    )
     hop_m = 0.4 * np.abs(np.sin(np.linspace(0.0, np.pi, 40)))  # 40 frames in the air: 0.4 m
-    odd = MotionSequence("s_1_jump", "s", "1_jump", 0, 40, 60.0)
-    theta, frame_error = np.zeros((40, 69), np.float32), np.full(40, 0.02, np.float32)
+    theta = np.zeros((40, 69))
     theta[:, 67] = hop_m
-    files = AlignedFiles(*(_InMemory(of) for of in (theta, files.offsets, frame_error)))
+    files.theta.write(0, theta)
+    files.frame_error.write(0, np.full(40, 0.02))
     assert list(files.oddities(odd)) == []
     theta[:, 67] = 4 * hop_m
     theta[:, 0] = np.pi
-    frame_error += 0.02
+    files.theta.write(0, theta)
+    files.frame_error.write(0, np.full(40, 0.04))
     fall, down, apart = files.oddities(odd)
     assert fall.startswith("s_1_jump falls with 3.8 times gravity at 60 frames a second")
     assert "hangs head down" in down
     assert apart.startswith("s_1_jump stays 4 cm from SMPL")
-
-
-class _InMemory:
-    def __init__(self, array):
-        self._array = array
-
-    def read(self, rows):
-        return self._array[rows]
