@@ -31,8 +31,6 @@ from torch_align_ae.body import SMPL, rest_pose_offsets
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
 _WORST_MEAN_M = 0.2
-_ODD_MEAN_M = 0.03
-"""Of a sequence: the hastiest settings stay below it, two people under one name do not."""
 
 
 class Meshes(Protocol):
@@ -102,7 +100,7 @@ class AlignedFiles:
         self.offsets.write(window.rows.start, offsets.numpy())
         self.frame_error.write(window.rows.start, frame_error.numpy())
 
-    def oddities(self, sequence: MotionSequence) -> Iterator[str]:
+    def oddities(self, sequence: MotionSequence, close_m: float) -> Iterator[str]:
         """What is odd about an aligned sequence that is used all the same."""
         name, rows = sequence.name, sequence.frames
         pose, trans_m = unpack_theta(self.theta.read(rows).astype(np.float64))
@@ -113,10 +111,10 @@ class AlignedFiles:
             )
         if hangs(pose):
             yield f"{name} hangs head down for most of it: y of its meshes may point down"
-        if (off_m := self.frame_error.read(rows).mean()) > _ODD_MEAN_M:
+        if (off_m := self.frame_error.read(rows).mean()) > close_m:
             yield (
                 f"{name} stays {100 * off_m:.0f} cm from SMPL: more than one person may be named"
-                f" {sequence.subject}, or steps are too few"
+                f" {sequence.subject}"
             )
 
     def digest(self, group: Iterable[Window]) -> str:
@@ -128,6 +126,9 @@ class AlignedFiles:
 
 class CorpusFit(ABC):
     """A corpus to align by one method; `write` fills the artifact."""
+
+    close_m = np.inf
+    """To how much of a sequence's mean distance from SMPL the method comes with any settings."""
 
     def __init__(
         self, smpl: SMPL, sequences: Sequence[MotionSequence], meshes: Mapping[str, Meshes]
@@ -176,7 +177,7 @@ class CorpusFit(ABC):
                     bar.update(len(theta))
                 mark_written(mark, files.digest(group))
         for sequence in self.sequences:
-            for oddity in files.oddities(sequence):
+            for oddity in files.oddities(sequence, self.close_m):
                 notify(oddity)
         writer.put("betas", learned["betas"], "1")
         writer.record(sequences=to_manifest(self.sequences))

@@ -81,6 +81,8 @@ class RobustSettings:
 class RobustFit(CorpusFit):
     """One corpus to align: of each sequence the meshes, less their loads by a law of tissue."""
 
+    close_m = 0.03
+
     def __init__(
         self,
         smpl: SMPL,

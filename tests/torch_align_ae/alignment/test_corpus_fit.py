@@ -85,12 +85,12 @@ def test_what_nobodys_meshes_are_is_told(writer):
     theta[:, 67] = hop_m
     files.theta.write(0, theta)
     files.frame_error.write(0, np.full(40, 0.02))
-    assert list(files.oddities(odd)) == []
+    assert list(files.oddities(odd, 0.03)) == []
     theta[:, 67] = 4 * hop_m
     theta[:, 0] = np.pi
     files.theta.write(0, theta)
     files.frame_error.write(0, np.full(40, 0.04))
-    fall, down, apart = files.oddities(odd)
+    fall, down, apart = files.oddities(odd, 0.03)
     assert fall.startswith("s_1_jump falls with 3.8 times gravity at 60 frames a second")
     assert "hangs head down" in down
     assert apart.startswith("s_1_jump stays 4 cm from SMPL")
