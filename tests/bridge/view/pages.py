@@ -46,7 +46,7 @@ TORN = """async (wanted) => {
   let apart = 0;
   for (const { time, was } of seen) {
     page.seek(time);
-    for (let i = 0; i < 400 && !(page.time === time && page.frames.get(Math.floor(time)) && page.frames.get(Math.ceil(time))); i++) await turn();
+    for (let i = 0; i < 4000 && !(page.time === time && page.frames.get(Math.floor(time)) && page.frames.get(Math.ceil(time))); i++) await turn();
     await turn(); await turn();
     pixels().forEach((value, i) => { apart += value !== was[i]; });
   }
