@@ -128,7 +128,7 @@ class CorpusFit(ABC):
     """A corpus to align by one method; `write` fills the artifact."""
 
     close_m = np.inf
-    """To how much of a sequence's mean distance from SMPL the method comes with any settings."""
+    """Below it, metres, a sequence's mean distance from SMPL stays with any settings."""
 
     def __init__(
         self, smpl: SMPL, sequences: Sequence[MotionSequence], meshes: Mapping[str, Meshes]
