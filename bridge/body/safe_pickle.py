@@ -56,7 +56,12 @@ _GLOBALS = {
     **{("torch", f"{name}Storage"): "unread" for name in ("BFloat16", "Bool", "Byte", "Short")},
     ("torch", "Size"): "unread",
     ("torch._utils", "_rebuild_parameter"): "unread",
-    **{("pathlib", name): "unread" for name in ("PosixPath", "PurePosixPath", "WindowsPath")},
+    # Python 3.13 alone says `pathlib._local`.
+    **{
+        (f"pathlib{local}", f"{kind}Path"): "unread"
+        for local in ("", "._local")
+        for kind in ("Posix", "PurePosix", "Windows")
+    },
 }
 
 

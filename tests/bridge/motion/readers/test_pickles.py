@@ -99,6 +99,15 @@ def test_what_stands_beside_poses_is_not_read(tmp_path: Path, write) -> None:
     assert len(read_motion_file(tmp_path / "a.pt").theta) == len(y_up())
 
 
+@pytest.mark.parametrize("module", [b"pathlib", b"pathlib._local"])
+def test_a_path_that_any_python_wrote_is_not_read(tmp_path: Path, module: bytes) -> None:
+    person = {"pose": y_up(), "trans": walk()[1], "source": PurePosixPath("/videos/a.mp4")}
+    # Protocol 2 writes names of modules as lines.
+    before, _, after = pickle.dumps(person, protocol=2).partition(b"cpathlib")
+    (tmp_path / "a.pkl").write_bytes(before + b"c" + module + after[after.index(b"\n") :])
+    assert len(read_motion_file(tmp_path / "a.pkl").theta) == len(y_up())
+
+
 def test_what_torch_itself_writes_is_read() -> None:
     """The forged file has its shape: the pickle's names, and numbers beside it."""
     names = by_torch({"pose": np.zeros(3)})
