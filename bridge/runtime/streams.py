@@ -23,7 +23,7 @@ from bridge.body import BodyModelData
 from bridge.body.embedded import EMBEDDED_GENDERS
 from bridge.body.model_data import GENDERS
 from bridge.body.posing import ShapedBody, Smpl
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import is_cut
@@ -45,6 +45,8 @@ _LARGEST_DENOMINATOR = 1001
 """Television's rates are thousands over 1001."""
 _LARGEST_LIMB_RAD = 4 * np.pi
 """No limb turns twice about itself; in degrees one does in almost every pose."""
+_CUTS_IN_A_ROW = 10
+"""No recording has so many: something else is wrong with the poses."""
 _MANY = 1000
 """Shape coefficients of a body file that are kept: all."""
 
@@ -164,7 +166,7 @@ class StreamingBodies:
     a micrometre: matrix products of many round differently), of who joins and leaves, and the same
     as over the whole motion (offsets within 1e-5 m): both are loops over `Model.step`. She begins
     at rest in her first pose. Where a pose jumps as far as `bridge.motion.cuts` calls a cut, she
-    begins anew there.
+    begins anew there; who does so at each of ten frames is told of on stderr.
 
     The model computes 60 ticks a second. At another rate poses are interpolated to ticks, as
     `load_motion_file` resamples files of 60 and more frames a second (through slower ones it lays
@@ -304,6 +306,12 @@ class StreamingBodies:
             character.frames += 1
             character.poses.append(pose)
             character.since_cut = 1 if jumps else character.since_cut + 1
+            character.cuts_in_a_row = character.cuts_in_a_row + 1 if jumps else 0
+            if character.cuts_in_a_row == _CUTS_IN_A_ROW:
+                notify(
+                    f"a streamed body leaps from each of {_CUTS_IN_A_ROW} frames to the next, so "
+                    "no tissue moves: are its translations in metres, and every pose hers?"
+                )
 
     def _tick(self, characters: Sequence[_Character], theta: NDArray) -> None:
         """Give each one tick more, of theta (B, 69); after a cut tissue begins anew, at rest."""
@@ -361,6 +369,7 @@ class _Character:
     """The newest of them, (69,) each."""
     since_cut: int = 0
     """How many frames."""
+    cuts_in_a_row: int = 0
     state: NDArray[np.float32] | None = None
     """(S,) the model's, after the newest tick."""
     since_begin: int = 0

@@ -105,6 +105,16 @@ def test_after_a_cut_she_begins_anew(flesh, cuts, look_ahead):
     np.testing.assert_allclose(offsets_of(found), expected, atol=1e-5)
 
 
+@pytest.mark.parametrize("unit_per_m", [1, 100])
+def test_translations_in_centimetres_are_told_once(flesh, capsys, unit_per_m):
+    theta = swaying(TIMES_S[:30])
+    theta[:, 66] += 1.4 * TIMES_S[:30]  # she walks
+    theta[:, 66:] *= unit_per_m
+    streamed(StreamingBodies(flesh, body=BODY), theta, BETAS)
+    told = capsys.readouterr().err.splitlines()
+    assert ["in metres" in line for line in told] == [True] * (unit_per_m == 100)
+
+
 def test_who_joins_leaves_or_waits_disturbs_nobody(flesh):
     """Four persons, each there at other times; one is not named at every third step."""
     bodies = StreamingBodies(flesh, body=BODY)
