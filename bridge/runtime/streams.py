@@ -8,11 +8,9 @@ bodies.leave(anna)
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from itertools import count
 from pathlib import Path
 
@@ -24,127 +22,23 @@ from bridge.body.embedded import EMBEDDED_GENDERS
 from bridge.body.model_data import GENDERS
 from bridge.body.posing import ShapedBody, Smpl
 from bridge.errors import DsnetError, notify
-from bridge.exchange.dsnet import TrainedDsnet, load_trained_dsnet
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import is_cut
-from bridge.motion.motion import FARTHEST_M, LARGEST_ANGLE_RAD, LARGEST_BETA
 from bridge.motion.resampling import between, going_on
 from bridge.motion.smoothing import StreamSmoother
-from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runs import Run
+from bridge.runtime.frame_clock import FrameClock
 from bridge.runtime.load_model import body_asked, find_model, load_model
-from bridge.runtime.moving_body import LARGEST_BODY_M, place_motion
-from bridge.runtime.stepping import DsnetModel, Model, PlusModel, finished
+from bridge.runtime.moving_body import place_motion
+from bridge.runtime.stepping import Model, PlusModel, finished
+from bridge.runtime.stream_checks import checked_betas, checked_pose
 from bridge.runtime.whose_betas import with_own_shape
-from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
 
-RATES_HZ = (10.0, 1000.0)
-"""Slower than the slowest, motion between frames is guessed; faster, nobody shows it."""
-_LARGEST_DENOMINATOR = 1001
-"""Television's rates are thousands over 1001."""
-_LARGEST_LIMB_RAD = 4 * np.pi
-"""No limb turns twice about itself; in degrees one does in almost every pose."""
 _CUTS_IN_A_ROW = 10
 """No recording has so many: something else is wrong with the poses."""
 _MANY = 1000
 """Shape coefficients of a body file that are kept: all."""
-
-
-class FrameClock:
-    """Which ticks, 60 a second, at which models compute, lie where among frames of any rate.
-
-    Counted in fractions, so it is never off. Frame 0 is at tick 0.
-    """
-
-    def __init__(self, fps: float) -> None:
-        try:
-            self.fps = float(fps)  # or a file's, which may be an array
-        except (TypeError, ValueError):
-            self.fps = math.nan
-        if not RATES_HZ[0] <= self.fps <= RATES_HZ[1]:  # nan is not
-            raise DsnetError(
-                f"fps={fps}", f"{RATES_HZ[0]:g} to {RATES_HZ[1]:g}", "Pass frames per second."
-            )
-        per_tick = Fraction(self.fps).limit_denominator(_LARGEST_DENOMINATOR)
-        self._per_frame = Fraction(int(FPS)) / per_tick
-
-    def latency_frames(self, look_ahead: int) -> int:
-        """Frames that an answer is late if a tick's is known `look_ahead` ticks later.
-
-        The newest tick may lie almost a whole one before the newest frame.
-        """
-        return math.ceil(
-            (look_ahead + 1 - Fraction(1, self._per_frame.denominator)) / self._per_frame
-        )
-
-    def ticks(self, frame: int) -> range:
-        """Those after the frame before this one, up to this one."""
-        before, now = (math.floor(f * self._per_frame) for f in (frame - 1, frame))
-        return range(before + 1, now + 1) if frame else range(1)
-
-    def share(self, tick: int, frame: int) -> float:
-        """Where a tick of `ticks(frame)` lies from the frame before, 0, to this one, 1."""
-        return float(tick / self._per_frame - (frame - 1)) if frame else 1.0
-
-    def place(self, frame: int) -> tuple[int, float]:
-        """The last tick not after a frame, and the share of a tick from there to the frame."""
-        ticks = frame * self._per_frame
-        return math.floor(ticks), float(ticks % 1)
-
-
-class StreamingPredictor:
-    """DSNet's latents step by step; remembers each character's past (Section 4.2).
-
-    Parameters
-    ----------
-    run : name of a run whose stage `train` is finished, or a loaded `TrainedDsnet`.
-    predictor : which of the run's networks; the run's own choice when None.
-    """
-
-    def __init__(
-        self, run: str | os.PathLike[str] | TrainedDsnet, predictor: str | None = None
-    ) -> None:
-        if isinstance(run, (str, os.PathLike)):
-            run = load_trained_dsnet(Run(os.fspath(run)).artifact("train"), predictor)
-        self._model = DsnetModel(run)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past; the next step may have another number of characters."""
-        self._state = np.empty((0, 0), np.float32)
-
-    def step(self, theta: NDArray, betas: NDArray) -> NDArray[np.float32]:
-        """(B, 100) latents, as the autoencoder decodes them, one frame (1/60 s) later.
-
-        `theta` (B, 69) are poses of B characters, in the same order at every step, `betas` (B, 10)
-        their shapes. DsnetError if their shapes are others, B has changed since the last `reset`, a
-        number is not finite, or a pose or shape is no person's. Then nothing has moved: go on with
-        the next frame.
-        """
-        theta, betas = _numbers("theta", theta), _numbers("betas", betas)
-        if theta.ndim != 2 or theta.shape[1] != THETA_SIZE or betas.shape != (len(theta), N_BETAS):
-            raise DsnetError(
-                f"theta {theta.shape} and betas {betas.shape}",
-                f"theta (B, {THETA_SIZE}) and betas (B, {N_BETAS})",
-                "Pass one row for each character, also for a single one.",
-            )
-        if len(self._state) not in (0, len(theta)):
-            raise DsnetError(
-                f"{len(theta)} characters after {len(self._state)}",
-                "the same characters at every step",
-                "Call reset() when characters come or go.",
-            )
-        _check_poses("theta", theta)
-        if (largest := np.abs(betas).max(initial=0.0)) > LARGEST_BETA:
-            raise DsnetError(
-                f"betas with a coefficient of {largest:.3g}",
-                f"at most {LARGEST_BETA:g}",
-                "Pass betas within a few standard deviations of 0; nothing has moved.",
-            )
-        past = self._state if len(self._state) else self._model.reset(betas, theta)
-        self._state, latents = self._model.step(self._model.reshaped(past, betas), theta)
-        return latents
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +132,7 @@ class StreamingBodies:
 
         Takes, with her first step, longer than the steps after it: her tissue is brought to rest.
         """
-        shape = _checked_betas(betas, self._body)
+        shape = checked_betas(betas, self._body)
         smoother = StreamSmoother(self._clock.fps) if self._smooth else None
         character = _Character(self._skin.person(shape), shape, smoother)
         who = next(self._numbers)
@@ -256,7 +150,7 @@ class StreamingBodies:
         here = [self._character(who) for who in poses]
         if not here:
             return {}
-        rows = [_checked_pose(f"theta of character {who}", theta) for who, theta in poses.items()]
+        rows = [checked_pose(f"theta of character {who}", theta) for who, theta in poses.items()]
         calm = [
             c.smoother.push(row) if c.smoother else row for c, row in zip(here, rows, strict=True)
         ]
@@ -413,67 +307,3 @@ class _Character:
         del self.poses[: min(frame - self.frames, -2)]
         del self.ticks[:old], self.begins[:old], self.codes[:old]
         self.first += old
-
-
-def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """An array of finite numbers of what a user passed as `name`."""
-    try:
-        found = np.asarray(values)
-        flaw = f"values of type {found.dtype}" if found.dtype.kind not in "iuf" else ""
-    except (TypeError, ValueError) as error:
-        found, flaw = np.empty(0), f"rows that fit no array ({error})"
-    if flaw:
-        raise DsnetError(f"{name} with {flaw}", "an array of numbers", "Pass finite real numbers.")
-    array = found.astype(np.float64)
-    if not np.isfinite(array).all():
-        raise DsnetError(
-            f"{name} with {int((~np.isfinite(array)).sum())} of {array.size} numbers not finite",
-            "finite numbers",
-            "Leave the frame out or repeat the last one; nothing has moved.",
-        )
-    return array
-
-
-def _check_poses(name: str, theta: NDArray[np.float64]) -> None:
-    """Refuse poses theta (B, 69) of finite numbers that no body takes."""
-    pose, trans_m = unpack_theta(theta)
-    angles_rad, far_m = np.linalg.norm(pose, axis=-1), np.abs(trans_m).max(initial=0.0)
-    root_rad, limb_rad = (part.max(initial=0.0) for part in np.split(angles_rad, [1], axis=-1))
-    if root_rad > LARGEST_ANGLE_RAD or limb_rad > _LARGEST_LIMB_RAD or far_m > FARTHEST_M:
-        raise DsnetError(
-            f"{name} with its root turned by {root_rad:.3g} rad, a limb by {limb_rad:.3g}, "
-            f"{far_m:.3g} m off",
-            f"at most {LARGEST_ANGLE_RAD:g}, {_LARGEST_LIMB_RAD:.3g} and {FARTHEST_M:g} m",
-            "Angles are in radians and translations in metres; nothing has moved.",
-        )
-
-
-def _checked_pose(name: str, theta: ArrayLike) -> NDArray[np.float64]:
-    """One person's pose (69,)."""
-    found = _numbers(name, theta)
-    if found.shape != (THETA_SIZE,):
-        raise DsnetError(
-            f"{name} of shape {found.shape}",
-            f"({THETA_SIZE},): {THETA_SIZE - 3} of pose and 3 of translation",
-            "Pack it with bridge.motion.pack_theta.",
-        )
-    _check_poses(name, found[None])
-    return found
-
-
-def _checked_betas(betas: ArrayLike, body: BodyModelData) -> NDArray[np.float64]:
-    """One person's shape (S,), whose body is of a person's size; what is not given is 0."""
-    found, count = _numbers("betas", betas), body.shapedirs.shape[-1]
-    if found.ndim != 1 or not N_BETAS <= len(found) <= count:
-        expected = f"({N_BETAS},)" + (f" to ({count},)" if count > N_BETAS else "")
-        raise DsnetError(f"betas of shape {found.shape}", expected, "Pass one person's.")
-    found = np.pad(found, (0, count - len(found)))
-    with np.errstate(over="ignore", invalid="ignore"):
-        size_m = np.ptp(body.v_template + body.shapedirs @ found, axis=0).max()
-    if not size_m < LARGEST_BODY_M:
-        raise DsnetError(
-            f"betas of a body of {size_m:.3g} m",
-            f"one of less than {LARGEST_BODY_M:g} m",
-            "Pass betas within a few standard deviations of 0.",
-        )
-    return found

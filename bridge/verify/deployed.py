@@ -18,7 +18,7 @@ from bridge.paper import N_BETAS
 from bridge.runtime import network_graphs
 from bridge.runtime.onnx_graph import GraphSession
 from bridge.runtime.plus_graph import plus_graph as plus_body_graph
-from bridge.runtime.streams import StreamingPredictor
+from bridge.runtime.streaming_predictor import StreamingPredictor
 from bridge.tissue.trained_plus import TrainedPlus
 from bridge.verify.engine import Tensors, serve
 

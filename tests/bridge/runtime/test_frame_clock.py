@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge import DsnetError
-from bridge.runtime.streams import FrameClock
+from bridge.runtime.frame_clock import FrameClock
 
 RATES = (23.976, 24, 30, 50, 59.94, 60, 72, 90, 120, 144, 240)
 

@@ -9,7 +9,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.exchange.dsnet import TrainedDsnet
-from bridge.runtime.streams import StreamingPredictor
+from bridge.runtime.streaming_predictor import StreamingPredictor
 
 RNG = np.random.default_rng(6)
 THETA, BETAS = RNG.normal(1, 1, (3, 60, 69)), RNG.normal(1, 1, (3, 10))

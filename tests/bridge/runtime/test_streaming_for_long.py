@@ -16,7 +16,8 @@ import trimesh
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_PARENTS
 from bridge.exchange.dsnet import TrainedDsnet
-from bridge.runtime.streams import StreamingBodies, StreamingPredictor
+from bridge.runtime.streaming_predictor import StreamingPredictor
+from bridge.runtime.streams import StreamingBodies
 from tests.forged.plus import soft_flesh
 from tests.forged.swaying import swaying
 

@@ -13,7 +13,7 @@ from benchmarks.systems.kinematics import pose_differences
 from bridge import DsnetError
 from bridge.exchange.dsnet import join_inputs
 from bridge.runs import Artifact, read_artifact
-from bridge.runtime.streams import StreamingPredictor
+from bridge.runtime.streaming_predictor import StreamingPredictor
 from tests.tf_dsnet.trained import train_in
 from tf_dsnet import stage_infer, stage_train
 from tf_dsnet.predictors import load_predictor

@@ -1,0 +1,80 @@
+"""What a stream refuses: poses and shapes of no person, before anything has moved."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bridge.body import BodyModelData
+from bridge.errors import DsnetError
+from bridge.motion import unpack_theta
+from bridge.motion.motion import FARTHEST_M, LARGEST_ANGLE_RAD
+from bridge.paper import N_BETAS, THETA_SIZE
+from bridge.runtime.moving_body import LARGEST_BODY_M
+
+_LARGEST_LIMB_RAD = 4 * np.pi
+"""No limb turns twice about itself; in degrees one does in almost every pose."""
+
+
+def finite_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """An array of finite numbers of what a user passed as `name`."""
+    try:
+        found = np.asarray(values)
+        flaw = f"values of type {found.dtype}" if found.dtype.kind not in "iuf" else ""
+    except (TypeError, ValueError) as error:
+        found, flaw = np.empty(0), f"rows that fit no array ({error})"
+    if flaw:
+        raise DsnetError(f"{name} with {flaw}", "an array of numbers", "Pass finite real numbers.")
+    array = found.astype(np.float64)
+    if not np.isfinite(array).all():
+        raise DsnetError(
+            f"{name} with {int((~np.isfinite(array)).sum())} of {array.size} numbers not finite",
+            "finite numbers",
+            "Leave the frame out or repeat the last one; nothing has moved.",
+        )
+    return array
+
+
+def check_poses(name: str, theta: NDArray[np.float64]) -> None:
+    """Refuse poses theta (B, 69) of finite numbers that no body takes."""
+    pose, trans_m = unpack_theta(theta)
+    angles_rad, far_m = np.linalg.norm(pose, axis=-1), np.abs(trans_m).max(initial=0.0)
+    root_rad, limb_rad = (part.max(initial=0.0) for part in np.split(angles_rad, [1], axis=-1))
+    if root_rad > LARGEST_ANGLE_RAD or limb_rad > _LARGEST_LIMB_RAD or far_m > FARTHEST_M:
+        raise DsnetError(
+            f"{name} with its root turned by {root_rad:.3g} rad, a limb by {limb_rad:.3g}, "
+            f"{far_m:.3g} m off",
+            f"at most {LARGEST_ANGLE_RAD:g}, {_LARGEST_LIMB_RAD:.3g} and {FARTHEST_M:g} m",
+            "Angles are in radians and translations in metres; nothing has moved.",
+        )
+
+
+def checked_pose(name: str, theta: ArrayLike) -> NDArray[np.float64]:
+    """One person's pose (69,)."""
+    found = finite_numbers(name, theta)
+    if found.shape != (THETA_SIZE,):
+        raise DsnetError(
+            f"{name} of shape {found.shape}",
+            f"({THETA_SIZE},): {THETA_SIZE - 3} of pose and 3 of translation",
+            "Pack it with bridge.motion.pack_theta.",
+        )
+    check_poses(name, found[None])
+    return found
+
+
+def checked_betas(betas: ArrayLike, body: BodyModelData) -> NDArray[np.float64]:
+    """One person's shape (S,), whose body is of a person's size; what is not given is 0."""
+    found, count = finite_numbers("betas", betas), body.shapedirs.shape[-1]
+    if found.ndim != 1 or not N_BETAS <= len(found) <= count:
+        expected = f"({N_BETAS},)" + (f" to ({count},)" if count > N_BETAS else "")
+        raise DsnetError(f"betas of shape {found.shape}", expected, "Pass one person's.")
+    found = np.pad(found, (0, count - len(found)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        size_m = np.ptp(body.v_template + body.shapedirs @ found, axis=0).max()
+    if not size_m < LARGEST_BODY_M:
+        raise DsnetError(
+            f"betas of a body of {size_m:.3g} m",
+            f"one of less than {LARGEST_BODY_M:g} m",
+            "Pass betas within a few standard deviations of 0.",
+        )
+    return found
