@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from benchmarks import plugin
 from benchmarks.processes import run_as_process
 from bridge.body import BodyModelData, load_body_model
+from bridge.paper import FPS
 from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
 from bridge.report.render import frame_camera, render_bodies
 from bridge.runs.files import write_text_atomically
@@ -26,7 +27,7 @@ from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.simulation import TissueSimulator, posed_meshes
 from torch_align_ae.corpus.subjects import SUBJECTS, Subject
 
-_FPS, _OWN = 60.0, "own"
+_OWN = "own"
 _MOTIONS = ("one_leg_jump", "kicking", "hips", "shake_arms")
 _PANELS = 4
 
@@ -52,10 +53,10 @@ def main(config: TissueLawsConfig) -> dict[str, Any]:
                 subject.name,
                 Skeleton(woman, subject.betas),
                 frame_count=config.frames,
-                fps=_FPS,
+                fps=FPS,
             )
             offsets = {
-                name: law(woman, subject.betas, gravity=True).offsets(theta, _FPS)
+                name: law(woman, subject.betas, gravity=True).offsets(theta, FPS)
                 for name, law in laws.items()
             }
             rows.append({"motion": motion, "subject": subject.name, "laws": compared(offsets)})
@@ -101,7 +102,7 @@ def draw(
         pictures,
         title=f"One jump of {subject.name} under every tissue law",
         origin="synthetic",
-        column_titles=[f"{frame / _FPS:.2f} s" for frame in frames],
+        column_titles=[f"{frame / FPS:.2f} s" for frame in frames],
         row_titles=list(offsets),
         colour_top_m=top_m,
         colour_label="offset",

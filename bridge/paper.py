@@ -30,6 +30,8 @@ FEATURES = (3, 4, 9)
 """Coordinates, then the features of each vertex after the autoencoder's two linear layers."""
 NEGATIVE_SLOPE = 0.1
 """Of the autoencoder's LeakyReLU, below zero; the paper does not name its nonlinearity."""
+FPS = 60.0
+"""Dyna's rate, to which the paper resamples all motions (Table 1)."""
 CLIP_FRAMES = 300
 """Frames to which motions are padded or clipped (Section 5)."""
 VALIDATION_SEQUENCE = "50004_one_leg_jump"

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.tissue.oscillators import FPS, STEPS, SWEEPS
+from bridge.paper import FPS
+from bridge.tissue.oscillators import STEPS, SWEEPS
 from bridge.tissue.shape import SHAPE_FEATURES
 from bridge.tissue.trained_plus import NODE_FIELDS, SAG_POWER, Weights
 from tf_dsnet.framework import Tensor, keras, tf

@@ -20,8 +20,8 @@ from benchmarks.alignment.scores import Scores, body_of
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import pose_vertices
 from bridge.motion import unpack_theta
+from bridge.paper import FPS
 from bridge.report.curves import TRUE_POSE, draw_figure10
-from torch_align_ae.corpus.dyna_checks import FPS
 
 # The paper's example; its subject there is 50025, who is lean in the synthetic corpus.
 _FIGURE10_SEQUENCE, _FIGURE10_JOINT = "50004_jiggle_on_toes", "spine2"

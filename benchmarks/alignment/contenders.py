@@ -20,13 +20,13 @@ from benchmarks.alignment.known_sequences import KnownRecording
 from benchmarks.alignment.lesser_laws import WeightsAlone
 from bridge.body import BodyModelData
 from bridge.motion import MotionSequence, pack_theta
+from bridge.paper import FPS
 from bridge.runs import ArtifactWriter
 from torch_align_ae.alignment.robust import RobustSettings
 from torch_align_ae.alignment.sgd import Descent, SgdFit
 from torch_align_ae.alignment.skin_sample import SkinSample
 from torch_align_ae.alignment.tissue import Loads
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_checks import FPS
 from torch_align_ae.corpus.dyna_files import dyna_sequences, write_dyna
 
 

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from bridge.motion import MotionSequence
 from bridge.motion.sequences import end_to_end
+from bridge.paper import FPS
 from bridge.runs import ArtifactWriter
 from torch_align_ae.alignment.robust import RobustFit, RobustSettings
 from torch_align_ae.alignment.skin_sample import SkinSample
 from torch_align_ae.alignment.tissue import Loads
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_checks import FPS
 
 
 class InMemory(NamedTuple):

@@ -20,8 +20,8 @@ from bridge.markers.registration import register
 from bridge.markers.skin import compare_offsets
 from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat
+from bridge.paper import FPS
 from bridge.runtime.stage_evaluate import write_comparisons
-from torch_align_ae.corpus.dyna_checks import FPS
 from torch_align_ae.corpus.simulation import TissueSimulator
 
 

@@ -12,11 +12,11 @@ from matplotlib.axes import Axes
 
 from benchmarks.prediction.comparison_page import BEST, NOTHING, systems_of
 from bridge.motion.splits import CELLS
+from bridge.paper import FPS
 from bridge.report.panels import new_figure, save_figure
 
 Scores = Sequence[Mapping[str, Any]]
 _LEAST, _MOST = 0.05, 20.0
-_FPS = 60.0
 _NEW, _KNOWN, _PLUS = "#b3541e", "#3b6ea5", "#1b7837"
 
 
@@ -112,7 +112,7 @@ def _draw_over_time(path: Path, score: Mapping[str, Any]) -> None:
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     true = np.array(shown["true"])
     for axis, name in zip(axes.flat, names, strict=False):
-        seconds = np.arange(len(true)) / _FPS
+        seconds = np.arange(len(true)) / FPS
         axis.fill_between(seconds, true, color="lightgrey")
         axis.plot(seconds, shown[name], color=_PLUS if name == BEST else _NEW, linewidth=0.9)
         axis.set_title(score["labels"][name], fontsize=7.5)

@@ -30,11 +30,11 @@ from bridge.measure.metrics import STEP_HZ, ErrorSums, Offsets, SpectrumSums
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.resampling import load_motion_file
 from bridge.motion.smoothing import SmoothHz
+from bridge.paper import FPS
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 from bridge.runtime.load_model import load_model
 from bridge.runtime.stepping import predict_whole
-from bridge.tissue.oscillators import FPS
 from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN
 from torch_align_ae.corpus.tissue_laws import tissue_named
 

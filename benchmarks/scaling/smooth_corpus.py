@@ -18,10 +18,9 @@ from bridge.body.posing import shaped_joints
 from bridge.motion import MotionSequence, to_manifest
 from bridge.motion.sequences import Split, end_to_end, subjects_of
 from bridge.motion.splits import take_suffix
-from bridge.paper import N_JOINTS
+from bridge.paper import FPS, N_JOINTS
 from bridge.runs import ArtifactWriter, Run
 from torch_align_ae.corpus.corpus_motions import write_amass_motion
-from torch_align_ae.corpus.dyna_checks import FPS
 from torch_align_ae.corpus.dyna_files import write_dyna
 from torch_align_ae.corpus.simulation import posed_meshes
 

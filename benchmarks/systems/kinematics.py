@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.posing import pose_features
 from bridge.motion import unpack_theta
-from bridge.paper import N_BETAS, N_JOINTS, THETA_SIZE
-from bridge.tissue.oscillators import FPS
+from bridge.paper import FPS, N_BETAS, N_JOINTS, THETA_SIZE
 
 CHANGE_FRAMES = 6
 """Differences are scaled to what they amount to in 0.1 s at 60 fps, which brings them to the size

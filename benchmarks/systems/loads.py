@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.systems.kinematics import CHANGE_S
-from bridge.paper import N_BETAS
+from bridge.paper import FPS, N_BETAS
 from bridge.tissue.nodes import farthest_points
 from bridge.tissue.oscillators import node_loads
 from tf_dsnet.predictors import BodyOf
 
 NODES = 60
 """Few, for all of them are inputs: 6 numbers each."""
-FPS = 60.0
 
 
 def loads_on_skin(joined: NDArray, body: BodyOf) -> NDArray:

@@ -15,10 +15,9 @@ import onnx
 
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.errors import DsnetError
-from bridge.paper import N_JOINTS, THETA_SIZE
+from bridge.paper import FPS, N_JOINTS, THETA_SIZE
 from bridge.runtime.load_model import TrainedModel
 from bridge.runtime.onnx_graph import PRECISIONS, GraphSession, Precision
-from bridge.tissue.oscillators import FPS
 
 _BEND_RAD, _HOP_M = 0.6, 0.25
 

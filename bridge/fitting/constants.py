@@ -16,7 +16,8 @@ from scipy import special
 
 from bridge.body import BodyModelData
 from bridge.body.parts import PARTS, part_weights
-from bridge.tissue.oscillators import FPS, GRAVITY_M_S2, STEPS, SWEEPS
+from bridge.paper import FPS
+from bridge.tissue.oscillators import GRAVITY_M_S2, STEPS, SWEEPS
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import SAG_POWER, TrainedPlus, shares_of_people
 

@@ -24,8 +24,6 @@ Up: TypeAlias = Literal["auto", "y", "z"]
 SmoothHz: TypeAlias = float | Literal["auto"]
 """A cutoff in Hz, or what suits each moment."""
 Y_UP_FROM_Z_UP = Rotation.from_euler("x", -90, degrees=True)
-DEFAULT_FPS = 60.0
-"""Dyna's rate, to which the paper resamples all motions (Table 1)."""
 
 # What no person's motion or shape exceeds, whatever body model it is for.
 FARTHEST_M = 1000.0

@@ -23,7 +23,6 @@ from bridge.errors import DsnetError
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.motion import (
     AS_IT_SAYS,
-    DEFAULT_FPS,
     MOST_FRAMES,
     RATES_HZ,
     Y_UP_FROM_Z_UP,
@@ -35,6 +34,7 @@ from bridge.motion.motion import (
 )
 from bridge.motion.readers import read_motion_file
 from bridge.motion.smoothing import continuous_quaternions, continuous_rotations, smoothed
+from bridge.paper import FPS
 
 # Files store rates such as 120.00004577636719; a last frame must not be lost to that.
 _FRAME_TOLERANCE = 1e-3
@@ -44,7 +44,7 @@ _FEWEST_OF_SPLINE = 4
 def load_motion_file(
     path: Path | str,
     source_fps: float | None = None,
-    fps: float = DEFAULT_FPS,
+    fps: float = FPS,
     smooth_hz: SmoothHz | None = None,
     how: HowRead = AS_IT_SAYS,
 ) -> Motion:
@@ -97,7 +97,7 @@ def load_motion_file(
     return motion.posed(pose, trans_m, fps=float(fps), up="y", dmpls=dmpls)
 
 
-def resampled_frames(frame_count: int, source_fps: float, fps: float = DEFAULT_FPS) -> int:
+def resampled_frames(frame_count: int, source_fps: float, fps: float = FPS) -> int:
     """How many frames a motion of `frame_count` frames has at `fps`."""
     duration_s = (frame_count - 1) / source_fps
     return int(np.floor(duration_s * fps + _FRAME_TOLERANCE)) + 1

@@ -27,12 +27,11 @@ from bridge.motion.loops import REMEDY, Lap, close_lap
 from bridge.motion.motion import HowRead, Up
 from bridge.motion.skeletons import read_joint_map
 from bridge.options import Bounds, PositiveFloat, check_options, numbers_by_name
-from bridge.paper import N_BETAS
+from bridge.paper import FPS, N_BETAS
 from bridge.runs import Run
 from bridge.runtime.load_model import TrainedModel, body_asked, load_model
 from bridge.runtime.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
 from bridge.runtime.whose_betas import with_own_shape
-from bridge.tissue.oscillators import FPS
 
 Floor = Literal["keep", "shift", "scale"]
 GAINS = Bounds(0, 20)

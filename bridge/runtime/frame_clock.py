@@ -6,7 +6,7 @@ import math
 from fractions import Fraction
 
 from bridge.errors import DsnetError
-from bridge.tissue.oscillators import FPS
+from bridge.paper import FPS
 
 RATES_HZ = (10.0, 1000.0)
 """Slower than the slowest, motion between frames is guessed; faster, nobody shows it."""

@@ -18,7 +18,7 @@ import numpy as np
 import onnx
 
 from bridge.body import BodyModelData
-from bridge.paper import THETA_SIZE
+from bridge.paper import FPS, THETA_SIZE
 from bridge.runtime.body_graph import (
     BONES,
     TURNING,
@@ -31,7 +31,6 @@ from bridge.runtime.body_graph import (
 from bridge.runtime.onnx_graph import Graph, Precision, StateLayout, Value
 from bridge.runtime.tissue_graph import SheetGraph, Springs, known_people, person_of
 from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
 
 _BLOCK = 106

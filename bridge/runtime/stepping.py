@@ -26,7 +26,7 @@ from bridge.errors import DsnetError
 from bridge.exchange.dsnet import TrainedDsnet
 from bridge.exchange.weights import load_autoencoder
 from bridge.motion.loops import Lap
-from bridge.paper import N_BETAS
+from bridge.paper import FPS, N_BETAS
 from bridge.runs import Artifact
 from bridge.runtime.network_graphs import (
     decoder_graph,
@@ -36,7 +36,6 @@ from bridge.runtime.network_graphs import (
 )
 from bridge.runtime.onnx_graph import GraphSession, Precision
 from bridge.runtime.plus_graph import plus_graph, plus_layout, plus_step_graph
-from bridge.tissue.oscillators import FPS
 from bridge.tissue.trained_plus import TrainedPlus
 
 FRAMES_AT_ONCE = 64

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import BodyModelData
-from bridge.paper import N_BETAS
+from bridge.paper import FPS, N_BETAS
 from bridge.runtime.onnx_graph import Graph, Value
-from bridge.tissue.oscillators import FPS, GRAVITY_M_S2, STEPS, SWEEPS, coupling
+from bridge.tissue.oscillators import GRAVITY_M_S2, STEPS, SWEEPS, coupling
 from bridge.tissue.shape import LEAST_DEPTH_M, ends_of_bones, shape_measures
 from bridge.tissue.trained_plus import KERNEL_WIDTH, TrainedPlus, people_kernel
 

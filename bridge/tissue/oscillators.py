@@ -67,8 +67,8 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData
 from bridge.body.posing import Smpl
 from bridge.motion import unpack_theta
+from bridge.paper import FPS
 
-FPS = 60.0
 GRAVITY_M_S2 = np.array([0.0, -9.81, 0.0])
 STEPS = 2
 """In a frame."""

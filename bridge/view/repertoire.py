@@ -20,10 +20,11 @@ from bridge.exchange.dsnet import dsnets_of
 from bridge.markers.bony import flesh_in_pose
 from bridge.measure.pipelines import MotionArrays
 from bridge.motion import Motion, MotionSequence, load_motion_file, sequences_of, subject_rows
-from bridge.motion.motion import DEFAULT_FPS, HowRead
+from bridge.motion.motion import HowRead
 from bridge.motion.motion_checks import motion_warnings
 from bridge.motion.readers import subject_and_motion
 from bridge.motion.readers.amass import SAMPLE_PREFIX, SAMPLES
+from bridge.paper import FPS
 from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, TRAIN
 from bridge.runtime.controls import Controls, controlled_body
@@ -167,7 +168,7 @@ def _recorded(run: Run, align: Artifact, body: BodyModelData) -> Iterator[tuple[
             theta=theta[one.frames].astype(np.float64),
             betas=people[one.subject],
             gender=body.gender,
-            fps=DEFAULT_FPS,
+            fps=FPS,
             source_fps=one.fps,
             source=Path(one.name),
             trans_of="y",  # of whatever shape

@@ -14,12 +14,12 @@ from bridge.errors import DsnetError
 from bridge.motion import MotionSequence
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import splits_of_names
+from bridge.paper import FPS
 from bridge.runs import Artifact, Run
 from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, corpus_body_path
 from torch_align_ae.alignment.robust import RobustFit, RobustSettings
 from torch_align_ae.alignment.sgd import Descent, SgdFit
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_checks import FPS
 from torch_align_ae.corpus.dyna_files import dyna_sequences, of_one_gender
 
 

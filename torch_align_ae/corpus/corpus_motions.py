@@ -14,7 +14,7 @@ from bridge.body.posing import full_pose, shaped_joints
 from bridge.motion import unpack_theta
 from bridge.motion.motion import HowRead, amass_poses
 from bridge.motion.resampling import load_motion_file
-from torch_align_ae.corpus.dyna_checks import FPS
+from bridge.paper import FPS
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.recordings import MOSH_FPS, Recording
 from torch_align_ae.corpus.subjects import Subject

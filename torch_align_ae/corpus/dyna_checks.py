@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from bridge.body.model_data import FACE_COUNT
 from bridge.body.surface_operators import volume_m3
 from bridge.errors import DsnetError
-from bridge.paper import N_VERTICES
+from bridge.paper import FPS, N_VERTICES
 
-FPS = 60.0
 FACES_KEY = "faces"
 LAYOUT = "Dyna or D-FAUST registrations: {subject}_{motion} (6890, 3, T) in metres, y up, 60 fps"
 REMEDY = "Download the file again from dyna.is.tue.mpg.de, or write it with `dsnet corpus`."

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
+from bridge.paper import FPS
 from bridge.processes import usable_cores
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.files import ArrayFile, arrays_sha256, is_written, mark_written
 from bridge.runs.workers import on_any_node, progress, worker_pool
 from torch_align_ae.corpus.corpus_motions import CorpusMotions
-from torch_align_ae.corpus.dyna_checks import FPS
 from torch_align_ae.corpus.dyna_files import write_dyna
 from torch_align_ae.corpus.recordings import CorpusConfig, CorpusPlan, plan_of
 from torch_align_ae.corpus.simulation import posed_meshes

@@ -15,7 +15,8 @@ import numpy as np
 from bridge.body import BodyModelData, load_body_model
 from bridge.exchange.weights import KERAS_ADAM
 from bridge.motion import unpack_theta
-from bridge.tissue.oscillators import FPS, STEPS, SWEEPS
+from bridge.paper import FPS
+from bridge.tissue.oscillators import STEPS, SWEEPS
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import TrainedPlus, shares_of_people
 from bridge.verify.engine import Tensors, prefixed

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from bridge.body.posing import Smpl, pose_vertices
 from bridge.motion import pack_theta, unpack_theta
-from bridge.tissue.oscillators import FPS, GRAVITY_M_S2, STEPS, Load, node_loads
+from bridge.paper import FPS
+from bridge.tissue.oscillators import GRAVITY_M_S2, STEPS, Load, node_loads
 from tests.bridge.tissue.mechanics import (
     ALONE,
     AnySheet,
