@@ -30,7 +30,8 @@ from bridge.paper import N_JOINTS
 from bridge.runs.files import write_text_atomically
 from bridge.runs.writer import machine
 from torch_align_ae.alignment.gauss_newton import moved
-from torch_align_ae.alignment.mesh_distance import Bones, MeshDistance
+from torch_align_ae.alignment.joint_tree import Bones
+from torch_align_ae.alignment.mesh_distance import MeshDistance
 from torch_align_ae.alignment.skin_sample import Pose, SkinSample
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.rotations import axis_angle_to_matrix

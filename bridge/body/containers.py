@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors import safe_open
 
-from bridge.body.safe_pickle import MOST_BYTES, load_restricted, load_restricted_item
+from bridge.body.pickled_arrays import MOST_BYTES
+from bridge.body.safe_pickle import load_restricted, load_restricted_item
 from bridge.body.torch_files import load_torch
 from bridge.errors import DsnetError
 from bridge.paper import DMPL_DIRECTIONS, N_VERTICES
@@ -64,7 +65,7 @@ _STRANGERS: tuple[tuple[bytes, str, str], ...] = (
 
 def read_fields(path: Path, wanted: Mapping[str, int]) -> Mapping[str, Any]:
     """All fields by name, those of `wanted` with their values: arrays, of at most
-    so many bytes, or what `bridge.body.safe_pickle.as_array` makes one of.
+    so many bytes, or what `bridge.body.pickled_arrays.as_array` makes one of.
 
     Raises
     ------

@@ -27,7 +27,7 @@ from bridge.body.model_data import (
     BodyModelData,
     Texture,
 )
-from bridge.body.safe_pickle import MOST_BYTES, as_array
+from bridge.body.pickled_arrays import MOST_BYTES, as_array
 from bridge.errors import DsnetError
 from bridge.runs.untrusted import DAMAGE, damage_refused, text_of
 

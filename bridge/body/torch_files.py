@@ -8,7 +8,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from bridge.body.safe_pickle import STORAGES, Global, Record, load_restricted, whole_numbers
+from bridge.body.pickled_arrays import Record, whole_numbers
+from bridge.body.safe_pickle import STORAGES, Global, load_restricted
 
 MOST_TENSOR_BYTES = 1 << 29
 _MOST_ITEMS = 10_000

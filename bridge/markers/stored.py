@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.body.safe_pickle import as_array, load_restricted_item
+from bridge.body.pickled_arrays import as_array
+from bridge.body.safe_pickle import load_restricted_item
 from bridge.errors import DsnetError
 from bridge.motion.motion import MOST_FRAMES, RATES_HZ
 from bridge.motion.readers.pickles import opened, within

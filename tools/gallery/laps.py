@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.motion import unpack_theta
+from bridge.paper import FPS
 
-FPS = 60
 LEAST_S = 0.7
 _STEP_WEIGHT, _PLACE_WEIGHT = 5.0, 3.0
 """Steps from frame to frame, and metres beside radians, that differ by so much less are seen as

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bridge.body.model_data import SMPL_PARENTS
-from bridge.body.safe_pickle import as_array, load_restricted_item
+from bridge.body.pickled_arrays import as_array
+from bridge.body.safe_pickle import load_restricted_item
 from bridge.errors import DsnetError
 from bridge.motion.directions import shortest_turn, unit
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion, pack_theta

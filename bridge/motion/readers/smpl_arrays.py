@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body.embedded import EMBEDDED_PREFIX
-from bridge.body.safe_pickle import Record, as_array
+from bridge.body.pickled_arrays import Record, as_array
 from bridge.errors import DsnetError
 from bridge.motion.motion import (
     FARTHEST_M,
@@ -160,7 +160,7 @@ def _of_first_person(path: Path, arrays: Arrays, notes: list[str]) -> Arrays:
 
 def arrays_of(fields: Mapping[str, Any], *, strict: bool = False) -> dict[str, NDArray]:
     """Those of `WANTED` among a file's fields: numbers, text, arrays and what
-    `bridge.body.safe_pickle.as_array` makes one of, each alone or in a list of one.
+    `bridge.body.pickled_arrays.as_array` makes one of, each alone or in a list of one.
 
     `strict`: ValueError if one that is there is none of these; else it is passed over, as are
     things of other meanings under the names of pickles.

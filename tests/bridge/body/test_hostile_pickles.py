@@ -11,7 +11,8 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body import load_body_model
-from bridge.body.safe_pickle import as_array, load_restricted
+from bridge.body.pickled_arrays import as_array
+from bridge.body.safe_pickle import load_restricted
 from tests.forged.python2_pickle import python2_pickle
 
 _ARRAY = b"cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\n(I0\ntS'b'\ntR"

@@ -16,7 +16,8 @@ from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.body_checks import checked_surface
 from bridge.body.containers import load_dmpl_directions
-from bridge.body.safe_pickle import as_array, load_restricted
+from bridge.body.pickled_arrays import as_array
+from bridge.body.safe_pickle import load_restricted
 from tests.forged.dmpl import forged_directions, save_dmpl
 from tests.forged.python2_pickle import Ch, Select, python2_pickle, sliced
 from tests.forged.smpl import VARIETIES, forge_smpl, npz, smpl_fields

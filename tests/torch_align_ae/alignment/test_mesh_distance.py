@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from torch_align_ae import SMPL
-from torch_align_ae.alignment.mesh_distance import JointTree, MeshDistance
+from torch_align_ae.alignment.joint_tree import JointTree
+from torch_align_ae.alignment.mesh_distance import MeshDistance
 from torch_align_ae.body.rotations import axis_angle_to_matrix
 from torch_align_ae.body.smpl import bone_transforms
 
