@@ -150,7 +150,7 @@ def recorded_motion(
     asked = Controls(betas=betas, floor="shift", smooth_hz=_SMOOTH_HZ)
     moving = _moved(config, file, itemgetter(shown), asked)
     # Even, and smaller than of a lap: three seconds have twice as many pictures.
-    body_px = config.look.body_px * 4 // 9 * 2
+    body_px = config.look.body_px * 3 // 7 * 2
     write_gif(path, *moving, body_px=body_px, recorded=recorded or file.name)
 
 
