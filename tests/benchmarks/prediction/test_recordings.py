@@ -20,6 +20,7 @@ def _clip(motion: str, who: str, r2: float) -> dict:
         "smoothed": "auto",
         "true_mm": 3.0,
         "r2": r2,
+        "settled_r2": r2 + 0.02,
         "velocity_r2": r2 / 2,
         "fast_share": 0.1,
         "slow_r2": r2 + 0.01,
@@ -34,10 +35,10 @@ def test_clips_are_summed_up_for_known_and_new_people(tmp_path):
     path.write_text(json.dumps({"runs": {"bed_own": clips}, "command": "the command"}))
     rows = [line for line in recordings.markdown(path).splitlines() if "| auto |" in line]
     assert rows == [
-        "| `bed_own` | auto | known person | 3 | 3.00 | 0.860 | 0.500 | `1.bvh` | 2 | 0.430 | 10 %"
-        " | 0.870 |",
-        "| `bed_own` | auto | new person | 1 | 3.00 | 0.400 | 0.400 | `x.bvh` | 0 | 0.200 | 10 %"
-        " | 0.410 |",
+        "| `bed_own` | auto | known person | 3 | 3.00 | 0.860 | 0.500 | `1.bvh` | 2 | 0.880"
+        " | 0.430 | 10 % | 0.870 |",
+        "| `bed_own` | auto | new person | 1 | 3.00 | 0.400 | 0.400 | `x.bvh` | 0 | 0.420"
+        " | 0.200 | 10 % | 0.410 |",
     ]
 
 
