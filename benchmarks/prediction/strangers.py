@@ -20,8 +20,8 @@ from benchmarks.processes import run_as_process
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.parts import PARTS, part_weights
 from bridge.paper import N_BETAS
-from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
+from bridge.runtime.load_model import find_model
 from bridge.runtime.onnx_graph import Graph, GraphSession
 from bridge.runtime.tissue_graph import SheetGraph, person_of
 from bridge.tissue.trained_plus import TrainedPlus
@@ -34,12 +34,10 @@ _LOAD_M_S2 = 0.05
 
 @dataclass(frozen=True)
 class StrangersConfig:
-    """Compare models of women and men with the own law."""
+    """Compare the packaged models of women and men with the own law."""
 
     out: Path
     """Receives the numbers, JSON."""
-    prefix: str = "packaged"
-    """Runs are <prefix>_female and <prefix>_male, as `tools/build_packaged_models.py` makes."""
     people: int = 200
     """Shapes of each gender."""
     seed: int = 0
@@ -50,8 +48,8 @@ def main(config: StrangersConfig) -> dict[str, Any]:
     """Write the result; also returns it."""
     found = {}
     for gender in ("female", "male"):
-        run = Run(f"{config.prefix}_{gender}")
-        model = TrainedPlus.load(run.artifact("train_plus"))
+        packaged = find_model(None, gender=gender)
+        model = TrainedPlus.load(packaged.artifacts["train_plus"])
         body = load_body_model(f"embedded:{gender}")
         rng = np.random.default_rng(config.seed)
         strangers = rng.standard_normal((config.people, N_BETAS))
