@@ -28,7 +28,7 @@ def test_a_recorded_motion_by_a_runs_predictors(smoke_runs, tmp_path, monkeypatc
     path, file = tmp_path / "a.gif", Path("sample:jumping_jacks")
     recorded_motion(config, path, file, slice(30, 42), person_of="side_to_side_hopping")
     with Image.open(path) as clip:
-        assert (getattr(clip, "n_frames", 1), clip.size[0]) == (4, 3 * 80 + 62)
+        assert (getattr(clip, "n_frames", 1), clip.size[0]) == (4, 3 * 76 + 62)
         comment = clip.info["comment"].decode()
     assert "dsnet_standardised, dsnet_plus of run 'smoke'" in comment
     assert '"floor": "shift"' in comment
