@@ -8,7 +8,7 @@ from fractions import Fraction
 from bridge.errors import DsnetError
 from bridge.paper import FPS
 
-RATES_HZ = (10.0, 1000.0)
+_RATES_HZ = (10.0, 1000.0)
 """Slower than the slowest, motion between frames is guessed; faster, nobody shows it."""
 _LARGEST_DENOMINATOR = 1001
 """Television's rates are thousands over 1001."""
@@ -25,9 +25,9 @@ class FrameClock:
             self.fps = float(fps)  # or a file's, which may be an array
         except (TypeError, ValueError):
             self.fps = math.nan
-        if not RATES_HZ[0] <= self.fps <= RATES_HZ[1]:  # nan is not
+        if not _RATES_HZ[0] <= self.fps <= _RATES_HZ[1]:  # nan is not
             raise DsnetError(
-                f"fps={fps}", f"{RATES_HZ[0]:g} to {RATES_HZ[1]:g}", "Pass frames per second."
+                f"fps={fps}", f"{_RATES_HZ[0]:g} to {_RATES_HZ[1]:g}", "Pass frames per second."
             )
         per_tick = Fraction(self.fps).limit_denominator(_LARGEST_DENOMINATOR)
         self._per_frame = Fraction(int(FPS)) / per_tick

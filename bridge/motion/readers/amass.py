@@ -13,7 +13,8 @@ from bridge.body.containers import npz_fields
 from bridge.errors import DsnetError, did_you_mean
 from bridge.motion.motion import AS_IT_SAYS, MOST_FRAMES, HowRead, Motion
 from bridge.motion.readers.joint_rotations import unusable
-from bridge.motion.readers.smpl_arrays import (
+from bridge.motion.readers.smpl_arrays import motion_of
+from bridge.motion.readers.smpl_fields import (
     BETAS_KEYS,
     BODY_KEYS,
     MOST_BYTES,
@@ -25,7 +26,6 @@ from bridge.motion.readers.smpl_arrays import (
     arrays_of,
     gender_stored,
     holds_poses,
-    motion_of,
 )
 from bridge.runs.untrusted import file_refused, open_npz
 

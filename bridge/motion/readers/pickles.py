@@ -26,14 +26,14 @@ from bridge.body.torch_files import load_torch
 from bridge.errors import DsnetError
 from bridge.motion.motion import AS_IT_SAYS, HowRead, Motion
 from bridge.motion.readers.joint_rotations import unusable
-from bridge.motion.readers.smpl_arrays import (
+from bridge.motion.readers.smpl_arrays import motion_of
+from bridge.motion.readers.smpl_fields import (
     BODY_KEYS,
     POSE_KEYS,
     RATE_KEYS,
     arrays_of,
     gender_in,
     holds_poses,
-    motion_of,
 )
 from bridge.runs.untrusted import file_refused, open_regular
 
