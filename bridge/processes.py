@@ -130,14 +130,14 @@ def _be_deaf() -> None:
 def _signals_answered() -> Iterator[None]:
     """For SIGINT and SIGTERM, unless they are ignored, the work under way is undone, once.
 
-    While a library loads, which may swallow an exception, they come again a little later. Who has
-    waited in vain for the work to be undone ends the process at once.
+    Where an exception would be swallowed or do harm, they come again a little later. Who has waited
+    in vain for the work to be undone ends the process at once.
     """
     before: dict[int, Any] = {}
     began: list[float] = []
 
     def answer(number: int, frame: FrameType | None) -> None:
-        if _is_loading(frame):
+        if _is_untimely(frame):
             again = threading.Timer(_PAUSE_S, os.kill, [os.getpid(), number])
             again.daemon = True
             again.start()
@@ -162,9 +162,14 @@ def _signals_answered() -> Iterator[None]:
         atexit.register(_be_deaf)
 
 
-def _is_loading(frame: FrameType | None) -> bool:
+def _is_untimely(frame: FrameType | None) -> bool:
+    """While a library loads, which may swallow an exception, and while a condition lets go of its
+    lock, which it would not take again: as it comes to its `try`, it has `saved_state`."""
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        is_waiting = frame.f_code is threading.Condition.wait.__code__
+        if is_waiting and "saved_state" not in frame.f_locals:
             return True
         frame = frame.f_back
     return False

@@ -102,6 +102,23 @@ with exit_with_one_line():
     assert (done.returncode, done.stderr) == expected
 
 
+@pytest.mark.parametrize(
+    ("number", "how"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")]
+)
+def test_a_signal_while_a_wait_lets_go_of_its_lock_is_one_line(number, how):
+    code = f"""import threading
+    condition = threading.Condition()
+    let_go = condition._release_save
+    def and_then():
+        saved = let_go()
+        signal.raise_signal({int(number)})
+        return saved
+    condition._release_save = and_then
+    with condition:
+        condition.wait(30)"""
+    assert ended(code) == (128 + number, f"dsnet: {how}; run the same command to go on\n")
+
+
 def test_signals_are_answered_as_before_afterwards():
     code = """
     pass
