@@ -73,10 +73,15 @@ def exit_with_one_line(*, answer_signals: bool = True) -> Iterator[None]:
     130 and SIGTERM with 143; who stops reading what is printed needs no line. A process that
     another one began leaves the signals to that one.
     """
-    with _signals_answered() if answer_signals else nullcontext():
+    raised: list[KeyboardInterrupt] = []
+    with _signals_answered(raised) if answer_signals else nullcontext():
         try:
             try:
                 yield
+            except BaseException:
+                if raised:  # A library may have made another exception of it.
+                    raise raised[0] from None
+                raise
             finally:
                 print(end="", flush=True)  # noqa: T201
         except DsnetError as error:
@@ -97,13 +102,17 @@ def exit_with_one_line(*, answer_signals: bool = True) -> Iterator[None]:
             _end(DsnetError(said, *_EXPECTED[error.errno]), 2)
         except KeyboardInterrupt as error:
             _be_deaf()
-            number = signal.SIGTERM if isinstance(error, Terminated) else signal.SIGINT
+            number = _number_of(error)
             _end(_line_of(number), 128 + number)
 
 
 def _end(said: object, status: int) -> NoReturn:
     print(f"dsnet: {said}", file=sys.stderr)  # noqa: T201
     sys.exit(status)
+
+
+def _number_of(interrupt: KeyboardInterrupt) -> int:
+    return signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT
 
 
 def _line_of(number: int) -> str:
@@ -127,39 +136,55 @@ def _be_deaf() -> None:
 
 
 @contextmanager
-def _signals_answered() -> Iterator[None]:
+def _signals_answered(raised: list[KeyboardInterrupt]) -> Iterator[None]:
     """For SIGINT and SIGTERM, unless they are ignored, the work under way is undone, once.
 
-    Where an exception would be swallowed or do harm, they come again a little later. Who has waited
-    in vain for the work to be undone ends the process at once.
+    What undoes it is put into `raised`. Where it would be swallowed or do harm, the signals come
+    again a little later. Who has waited in vain for the work to be undone ends the process at once.
     """
     before: dict[int, Any] = {}
-    began: list[float] = []
+    began = 0.0
 
     def answer(number: int, frame: FrameType | None) -> None:
+        nonlocal began
         if _is_untimely(frame):
-            again = threading.Timer(_PAUSE_S, os.kill, [os.getpid(), number])
-            again.daemon = True
-            again.start()
-        elif not began:
-            began.append(time.monotonic())
-            raise KeyboardInterrupt if number == signal.SIGINT else Terminated
-        elif time.monotonic() > began[0] + _PATIENCE_S:
+            _come_again(number)
+        elif not raised:
+            began = time.monotonic()
+            raised.append(KeyboardInterrupt() if number == signal.SIGINT else Terminated())
+            raise raised[0]
+        elif time.monotonic() > began + _PATIENCE_S:
             os.write(2, f"dsnet: {_line_of(number)}\n".encode())
             os._exit(128 + number)
 
+    def pass_over(lost: sys.UnraisableHookArgs) -> None:
+        if lost.exc_value not in raised:
+            unraisable(lost)
+        else:  # in `__del__` or the like, after which Python goes on
+            _come_again(_number_of(raised.pop()))
+
+    unraisable = sys.unraisablehook
     if threading.current_thread() is threading.main_thread():
         for one in _ENDING:
             if signal.getsignal(one) not in (signal.SIG_IGN, None):
                 before[one] = signal.signal(one, answer)
+        sys.unraisablehook = pass_over
     try:
         yield
     finally:
+        if sys.unraisablehook is pass_over:
+            sys.unraisablehook = unraisable
         for one, earlier in before.items():
             if signal.getsignal(one) is answer:  # else the process ends, and is deaf already
                 signal.signal(one, earlier)
         # Nothing is left to interrupt but the interpreter's own end, which would not be silent.
         atexit.register(_be_deaf)
+
+
+def _come_again(number: int) -> None:
+    again = threading.Timer(_PAUSE_S, os.kill, [os.getpid(), number])
+    again.daemon = True
+    again.start()
 
 
 def _is_untimely(frame: FrameType | None) -> bool:

@@ -119,6 +119,53 @@ def test_a_signal_while_a_wait_lets_go_of_its_lock_is_one_line(number, how):
     assert ended(code) == (128 + number, f"dsnet: {how}; run the same command to go on\n")
 
 
+LOST = {
+    "another": """
+    class Wraps:
+        def __enter__(self): pass
+        def __exit__(self, kind, interrupt, trace): raise RuntimeError("normalised") from interrupt
+    with Wraps():
+        signal.raise_signal({0})
+        time.sleep(30)""",
+    "finalizer": """
+    class Ends:
+        def __del__(self):
+            signal.raise_signal({0})
+            time.sleep(0)
+    Ends()
+    time.sleep(30)""",
+    "weak reference": """
+    import weakref
+    class Seen: pass
+    def ended(_):
+        signal.raise_signal({0})
+        time.sleep(0)
+    watched = weakref.ref(seen := Seen(), ended)
+    del seen
+    time.sleep(30)""",
+}
+
+
+@pytest.mark.parametrize("lost", LOST)
+@pytest.mark.parametrize(
+    ("number", "how"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")]
+)
+def test_a_signal_of_which_a_library_makes_something_else_is_one_line(lost, number, how):
+    """As TensorFlow does, where an interrupt meets the exception that it is about to raise."""
+    said = f"dsnet: {how}; run the same command to go on\n"
+    assert ended(LOST[lost].format(int(number))) == (128 + number, said)
+
+
+def test_what_nobody_can_raise_is_told_as_ever():
+    code = """
+    class Ends:
+        def __del__(self): raise ValueError("told")
+    Ends()
+assert sys.unraisablehook is sys.__unraisablehook__"""
+    status, said = ended(code)
+    assert (status, said.count("ValueError: told")) == (0, 1), said
+
+
 def test_signals_are_answered_as_before_afterwards():
     code = """
     pass
