@@ -21,6 +21,7 @@ from bridge.motion.readers.smpl_fields import (
     PART_KEYS,
     POSE_KEYS,
     ROOT_KEYS,
+    TRANS_KEYS,
     WANTED,
     WHOLE_KEYS,
     arrays_of,
@@ -37,7 +38,7 @@ SAMPLES = ("dancing", "jumping_jacks", CYCLE, "walking")
 _MOST_TEXT_BYTES = 1 << 12
 _MOST_BYTES = dict.fromkeys(WANTED, _MOST_TEXT_BYTES)
 _MOST_BYTES |= dict.fromkeys((*POSE_KEYS, *PART_KEYS, *ROOT_KEYS, *BODY_KEYS), MOST_BYTES)
-_MOST_BYTES |= dict.fromkeys(("trans", "transl", "bodyTranslation", "Rh"), MOST_FRAMES * 24)
+_MOST_BYTES |= dict.fromkeys((*TRANS_KEYS, "Rh"), MOST_FRAMES * 24)
 _MOST_BYTES |= {"dmpls": MOST_FRAMES * 64} | dict.fromkeys(BETAS_KEYS, MOST_FRAMES * 128)
 
 

@@ -19,6 +19,7 @@ from bridge.motion.loops import close_lap
 from bridge.motion.motion import MOST_FRAMES
 from bridge.motion.readers import amass
 from bridge.motion.readers.amass import CYCLE, SAMPLES, motion_path, sample_path
+from bridge.motion.readers.smpl_fields import TRANS_KEYS
 from tests.forged.amass import load_amass_motion, save, shape, smpl, smplh, smplx
 
 Layout = Callable[..., dict[str, Any]]
@@ -51,6 +52,13 @@ def test_stageii_joints_are_those_of_its_own_parts(target: Path) -> None:
     stored = amass.read(save(target, arrays))
     np.testing.assert_array_equal(stored.pose[:, 0], parts["root_orient"])
     np.testing.assert_array_equal(stored.pose[:, 1:].reshape(5, 63), parts["pose_body"])
+
+
+@pytest.mark.parametrize("name", TRANS_KEYS)
+def test_translations_of_minutes_are_read_whatever_their_name(target: Path, name: str) -> None:
+    arrays = smplh(3600, 60.0)
+    arrays[name] = np.add(arrays.pop("trans"), [0, 0, 1])
+    np.testing.assert_array_equal(amass.read(save(target, arrays)).trans_m, arrays[name])
 
 
 def test_dmpls_are_kept_where_there_are_some(target: Path) -> None:
