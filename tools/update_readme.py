@@ -12,13 +12,13 @@ import json
 import re
 import shutil
 import sys
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from benchmarks.claims.__main__ import PAGE, counted, page
 from benchmarks.claims.claims import claims
 from benchmarks.claims.results import KNOWN, NEW, NEW_UNSEEN, UNSEEN, Results, mean_sd, r2_of
+from benchmarks.claims.row import mesh_of, spread
 from bridge.report.pages import main_table, smpl_of
 from bridge.runs import Run
 from bridge.runs.run import TRAIN_PLUS
@@ -48,7 +48,8 @@ def main() -> None:
 def keep(run: Path, target: Path) -> None:
     """Copy a run's report, and its bench if it has one; note what run and environment weigh."""
     target.mkdir(parents=True, exist_ok=True)
-    disk = {"run": _size(run), "environment": _size(ROOT / ".venv")}
+    runs = (run, *run.parent.glob(f"{run.name}-seed*"))
+    disk = {"run": sum(map(_size, runs)), "environment": _size(ROOT / ".venv")}
     (target / "disk.json").write_text(json.dumps(disk) + "\n", encoding="utf-8")
     for source in (*(run / "report" / name for name in KEPT), run / "bench"):
         if source.is_dir():
@@ -94,10 +95,12 @@ def times_block(demo: dict[str, Any], paper: dict[str, Any]) -> str:
 def _times(run: str, results: dict[str, Any]) -> str:
     # Verification is a command of its own, no stage of ./reproduce.sh.
     stages = [stage for name, stage in results["stages"].items() if name != "verify"]
-    minutes = sum(stage["wall_time_s"] for stage in stages) / 60
+    again = results["seeds"]["wall_time_s"] if results["seeds"] else {}
+    minutes = (sum(stage["wall_time_s"] for stage in stages) + sum(again.values())) / 60
+    seeds = f" from {1 + len(again)} seeds" if again else ""
     memory = max(stage["peak_memory_mb"] for stage in stages) / 1000
     return (
-        f"[`{run}`](docs/results/{run}/report.md#how-it-was-made) took {minutes:.0f} minutes, "
+        f"[`{run}`](docs/results/{run}/report.md#how-it-was-made) took {minutes:.0f} minutes{seeds}, "
         f"{memory:.1f} GB of memory and {results['disk']['run'] / 1e9:.1f} GB of disk "
         f"({stages[0]['machine']})"
     )
@@ -130,10 +133,13 @@ def verdict_block(demo: dict[str, Any], paper: dict[str, Any], studied: Results)
 
 def _left(results: dict[str, Any], cell: str, pipeline: str = "paper") -> str:
     """What the best of a pipeline's predictors leaves of its SMPL's error."""
-    own, errors = results["pipelines"][pipeline], results["cells"][cell]
-    least = min((errors[name]["mesh"] for name in own["predictors"]), key=itemgetter("mean_mm"))
-    smpl = errors[smpl_of(results, pipeline)]["mesh"]["mean_mm"]
-    return f"{least['mean_mm']:.2f} of {smpl:.2f} mm (R² {least['r2'] + 0.0:.2f})"
+    least, best = min(
+        (mesh_of(results, cell, name, "mean_mm"), name)
+        for name in results["pipelines"][pipeline]["predictors"]
+    )
+    smpl = results["cells"][cell][smpl_of(results, pipeline)]["mesh"]["mean_mm"]
+    r2 = mesh_of(results, cell, best, "r2")
+    return f"{spread(least)} of {smpl:.2f} mm (R² {spread(r2)})"
 
 
 def results_block(results: dict[str, Any]) -> str:

@@ -23,7 +23,7 @@ from bridge.report.paper_table import (
 )
 from bridge.runs import Artifact, Run
 from bridge.runs.artifact import read_artifact
-from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, TRAIN_PLUS
+from bridge.runs.run import ALIGNMENT, INFER_PLUS, ROBUST_ALIGNMENT, TRAIN_PLUS
 
 _MEASURED = ("predictors", "default", "pipelines", "test_bed", "cells", "alignments")
 _FORWARD = ("layers", "loss", "losses")
@@ -31,6 +31,7 @@ _PACKAGES = {"torch": "torch", "keras": "keras", "onnx": "onnxruntime", "stream"
 _OF_EVERY_STAGE = ("command", "finished_utc", "sha256", "stamps", "input_stamps")
 _SHARED = ("truth", ALIGNMENT, ROBUST_ALIGNMENT)
 """By runs that learn the same from other seeds."""
+_OF_EVERY_SEED = ("train", "infer", "decode", TRAIN_PLUS, INFER_PLUS, "evaluate")
 _SPREAD = (("offsets", "r2"), ("mesh", "r2"), ("mesh", "mean_mm"))
 _SHOWN_OF_STAGES = ("wall_time_s", "peak_memory_mb", "machine", "versions")
 
@@ -186,13 +187,21 @@ def of_other_seeds(run: Run, evaluate: Artifact) -> dict[int, Artifact]:
 
 
 def _of_seeds(stages: Stages, others: Mapping[int, Artifact]) -> dict[str, Any]:
-    """Mean and spread of the trained predictors' errors over seeds."""
+    """Mean and spread of the trained predictors' errors over seeds, and how long each further one
+    took."""
     evaluate, trained = stages["evaluate"], stages["train" if "train" in stages else TRAIN_PLUS]
     pipelines = evaluate.manifest["pipelines"].values()
     names = [name for pipeline in pipelines for name in pipeline["predictors"]]
     cells = (one.manifest["cells"] for one in (evaluate, *others.values()))
     seeds = [trained.manifest["config"]["seed"], *others]
-    return {"seeds": seeds, "cells": spread_over(cells, names)}
+    took_s = {str(seed): _took_s(Run(other.path.parent.name)) for seed, other in others.items()}
+    return {"seeds": seeds, "cells": spread_over(cells, names), "wall_time_s": took_s}
+
+
+def _took_s(run: Run) -> float:
+    """Seconds of the stages of one training of the predictors."""
+    made = [run.artifact(stage) for stage in _OF_EVERY_SEED if run.finished(stage)]
+    return sum(one.manifest["provenance"]["wall_time_s"] for one in made)
 
 
 def spread_over(
