@@ -100,8 +100,8 @@ def _times(run: str, results: dict[str, Any]) -> str:
     seeds = f" from {1 + len(again)} seeds" if again else ""
     memory = max(stage["peak_memory_mb"] for stage in stages) / 1000
     return (
-        f"[`{run}`](docs/results/{run}/report.md#how-it-was-made) took {minutes:.0f} minutes{seeds}, "
-        f"{memory:.1f} GB of memory and {results['disk']['run'] / 1e9:.1f} GB of disk "
+        f"[`{run}`](docs/results/{run}/report.md#how-it-was-made) took {minutes:.0f} minutes"
+        f"{seeds}, {memory:.1f} GB of memory and {results['disk']['run'] / 1e9:.1f} GB of disk "
         f"({stages[0]['machine']})"
     )
 
