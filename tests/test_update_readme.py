@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.claims.results import Results
-from tools.update_readme import results_block, verdict_block
+from tools.update_readme import results_block, times_block, verdict_block
 
 PIPELINES = {
     "paper": {"predictors": ["dsnet"], "aligner": "sgd"},
@@ -35,6 +35,7 @@ def results(**changes) -> dict:
         "data": "synthetic",
         "predictors": LABELS,
         "pipelines": PIPELINES,
+        "seeds": None,
         "cells": {"validation": cell, "new_person_unseen_motion": cell | {"dsnet": {}}},
         "cell_titles": {
             "validation": "held out, `50004_one_leg_jump`",
@@ -96,6 +97,19 @@ def test_the_verdict_is_of_the_better_reading_and_its_own_smpl():
     assert len(block.splitlines()) == 5
     assert "at the paper's size 2.00 of 4.00 mm (R² 0.70)" in block
     assert "1.00 of 5.00 mm (R² 0.90) on that clip" in block
+    spread = {"mean_mm": {"mean": 2.5, "sd": 0.1}, "r2": {"mean": -0.001, "sd": 0.02}}
+    several = {"cells": {cell: {"dsnet": {"mesh": spread}} for cell in shown["cells"]}}
+    block = verdict_block(shown, shown | {"seeds": several}, Results())
+    assert "at the paper's size 2.50 ± 0.10 of 4.00 mm (R² 0.00 ± 0.02)" in block
+
+
+def test_the_time_of_every_seed_is_counted():
+    stage = {"wall_time_s": 600, "peak_memory_mb": 1500, "machine": "a machine"}
+    run = {"stages": {"corpus": stage, "train": stage}, "disk": {"run": 2e9, "environment": 1e9}}
+    again = {"seeds": {"wall_time_s": {"1": 300, "2": 300}}}
+    block = times_block(run | {"seeds": None}, run | again)
+    assert ") took 20 minutes, 1.5 GB of memory" in block
+    assert ") took 30 minutes from 3 seeds, 1.5 GB of memory" in block
 
 
 def test_licensed_data_name_no_test_bed():

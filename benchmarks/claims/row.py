@@ -83,7 +83,7 @@ def mesh_of(run: dict[str, Any], cell: str, name: str, number: str) -> tuple[flo
 
 def spread(values: tuple[float, ...]) -> str:
     """A number, or a mean and its spread."""
-    return " ± ".join(f"{value + 0.0:.2f}" for value in values)
+    return " ± ".join(f"{round(value, 2) + 0.0:.2f}" for value in values)
 
 
 def left_of(run: dict[str, Any], cell: str) -> str:
