@@ -95,12 +95,13 @@ def test_the_verdict_is_of_the_better_reading_and_its_own_smpl():
     )
     block = verdict_block(shown, shown, Results())
     assert len(block.splitlines()) == 5
-    assert "at the paper's size 2.00 of 4.00 mm (R² 0.70)" in block
+    assert "of SMPL's error, 2.00 of 4.00 mm (R² 0.70)" in block
     assert "1.00 of 5.00 mm (R² 0.90) on that clip" in block
     spread = {"mean_mm": {"mean": 2.5, "sd": 0.1}, "r2": {"mean": -0.001, "sd": 0.02}}
-    several = {"cells": {cell: {"dsnet": {"mesh": spread}} for cell in shown["cells"]}}
-    block = verdict_block(shown, shown | {"seeds": several}, Results())
-    assert "at the paper's size 2.50 ± 0.10 of 4.00 mm (R² 0.00 ± 0.02)" in block
+    both = {"dsnet": {"mesh": spread}, "dsnet_plus": {"mesh": spread}}
+    several = {"cells": dict.fromkeys(shown["cells"], both)}
+    block = verdict_block(shown | {"seeds": several}, shown, Results())
+    assert "2.50 of 4.00 mm (R² 0.00 ± 0.02); in `demo` 2.00 of 4.00 mm" in block
 
 
 def test_the_time_of_every_seed_is_counted():
