@@ -18,8 +18,7 @@ from typing import Any
 from benchmarks.claims.__main__ import PAGE, counted, page
 from benchmarks.claims.claims import claims
 from benchmarks.claims.results import KNOWN, NEW, NEW_UNSEEN, UNSEEN, Results, mean_sd, r2_of
-from benchmarks.claims.row import mesh_of, spread
-from bridge.report.pages import main_table, smpl_of
+from bridge.report.pages import main_table, of_mesh, plus_minus, smpl_of
 from bridge.runs import Run
 from bridge.runs.run import TRAIN_PLUS
 from tools.speed_page import speed_page
@@ -133,12 +132,12 @@ def verdict_block(paper: dict[str, Any], demo: dict[str, Any], studied: Results)
 def _left(results: dict[str, Any], cell: str, pipeline: str = "paper") -> str:
     """What the best of a pipeline's predictors leaves of its SMPL's error."""
     least, best = min(
-        (mesh_of(results, cell, name, "mean_mm"), name)
+        (of_mesh(results, cell, name, "mean_mm"), name)
         for name in results["pipelines"][pipeline]["predictors"]
     )
     smpl = results["cells"][cell][smpl_of(results, pipeline)]["mesh"]["mean_mm"]
-    r2 = mesh_of(results, cell, best, "r2")
-    return f"{least[0]:.2f} of {smpl:.2f} mm (R² {spread(r2)})"
+    r2 = of_mesh(results, cell, best, "r2")
+    return f"{least[0]:.2f} of {smpl:.2f} mm (R² {plus_minus(r2)})"
 
 
 def results_block(results: dict[str, Any]) -> str:

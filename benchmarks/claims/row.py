@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from bridge.report.pages import smpl_of
+from bridge.report.pages import of_mesh, plus_minus, smpl_of
 
 Verdict = Literal["holds", "in part", "does not hold here", "needs the licensed data"]
 HOLDS: Verdict = "holds"
@@ -74,23 +74,11 @@ def best_r2(run: dict[str, Any], cell: str) -> float:
     )
 
 
-def mesh_of(run: dict[str, Any], cell: str, name: str, number: str) -> tuple[float, ...]:
-    """Of a predictor's posed mesh, from one seed: a number; from several: its mean and spread."""
-    if run["seeds"]:
-        return tuple(run["seeds"]["cells"][cell][name]["mesh"][number].values())
-    return (run["cells"][cell][name]["mesh"][number],)
-
-
-def spread(values: tuple[float, ...]) -> str:
-    """A number, or a mean and its spread."""
-    return " ± ".join(f"{round(value, 2) + 0.0:.2f}" for value in values)
-
-
 def left_of(run: dict[str, Any], cell: str) -> str:
     """What each of the paper pipeline's networks leaves of SMPL's error."""
     found = []
     for name in run["pipelines"]["paper"]["predictors"]:
         label = run["predictors"][name]
-        mm, r2 = (spread(mesh_of(run, cell, name, number)) for number in ("mean_mm", "r2"))
+        mm, r2 = (plus_minus(of_mesh(run, cell, name, number)) for number in ("mean_mm", "r2"))
         found.append(f"{label.partition(', ')[2] or label} {mm} mm (R² {r2})")
     return f"{', '.join(found)}, SMPL alone {smpl_mm(run, cell):.2f}"

@@ -18,7 +18,8 @@ from bridge.motion.splits import CELLS
 def main_table(results: Mapping[str, Any]) -> str:
     """Each pipeline's predictors, and its own SMPL alone, in every test group; Markdown.
 
-    A column has one reference: the mesh that was registered, of test motions the true one.
+    A column has one reference: the mesh that was registered, of test motions the true one. What
+    was trained from several seeds has its mean and spread.
     """
     cells = {
         cell: title
@@ -33,7 +34,7 @@ def main_table(results: Mapping[str, Any]) -> str:
         own = {name: results["predictors"][name] for name in pipeline["predictors"]}
         own[smpl_of(results, key)] = f"*SMPL alone, as `{pipeline['aligner']}` fitted it*"
         for name, label in own.items():
-            found = [_mm_and_r2(results["cells"][cell].get(name, {})) for cell in cells]
+            found = [_mm_and_r2(results, cell, name) for cell in cells]
             rows.append(f"| {label} | " + " | ".join(found) + " |")
     return "\n".join(rows)
 
@@ -45,9 +46,9 @@ def verdict_lines(results: Mapping[str, Any]) -> list[str]:
         name, smpl = pipeline["default"], smpl_of(results, key)
         better, worse = [], []
         for cell, title in results["cell_titles"].items():
-            errors = results["cells"][cell]
-            if cell in ("validation", *CELLS) and "mesh" in errors.get(name, {}):
-                less = errors[name]["mesh"]["mean_mm"] < errors[smpl]["mesh"]["mean_mm"]
+            own, without = (of_mesh(results, cell, one, "mean_mm") for one in (name, smpl))
+            if cell in ("validation", *CELLS) and own:
+                less = own[0] < without[0]
                 (better if less else worse).append(title)
         said = f"**{results['predictors'][name]}** is nearer to the mesh than SMPL alone in: "
         said += "; ".join(better) or "no test group"
@@ -60,9 +61,24 @@ def smpl_of(results: Mapping[str, Any], pipeline: str) -> str:
     return own if (own := f"{SMPL}_{pipeline}") in results["predictors"] else SMPL
 
 
-def _mm_and_r2(errors: Mapping[str, Any]) -> str:
-    mesh = errors.get("mesh")
-    return f"{_decimals(mesh['mean_mm'], 2)} mm, {_decimals(mesh['r2'], 2)}" if mesh else "-"
+def of_mesh(results: Mapping[str, Any], cell: str, name: str, number: str) -> tuple[float, ...]:
+    """A predictor's `mean_mm` or `r2` of the posed mesh in a test group; of what was trained from
+    several seeds the mean and the standard deviation. Empty where it was not measured."""
+    seeds = results["seeds"]["cells"] if results["seeds"] else {}
+    if mesh := seeds.get(cell, {}).get(name, {}).get("mesh"):
+        return mesh[number]["mean"], mesh[number]["sd"]
+    mesh = results["cells"][cell].get(name, {}).get("mesh")
+    return (mesh[number],) if mesh else ()
+
+
+def plus_minus(values: Sequence[float], digits: int = 2) -> str:
+    """A number, or a mean and its spread."""
+    return " ± ".join(_decimals(value, digits) for value in values)
+
+
+def _mm_and_r2(results: Mapping[str, Any], cell: str, name: str) -> str:
+    mm, r2 = (of_mesh(results, cell, name, number) for number in ("mean_mm", "r2"))
+    return f"{plus_minus(mm)} mm, {plus_minus(r2)}" if mm else "-"
 
 
 def _decimals(value: float | None, digits: int) -> str:

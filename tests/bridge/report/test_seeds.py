@@ -69,7 +69,10 @@ def test_results_have_mean_and_spread_over_the_runs(runs):
     other = results["seeds"]["cells"]["validation"]["dsnet_other"]["offsets"]["r2"]
     assert other["sd"] == pytest.approx(0.0, abs=1e-12)
     page = (runs / "r" / "report" / "report.md").read_text()
-    assert "trained from seeds 0, 1, 10 on one alignment" in page
+    assert "trainings from seeds 0, 1, 10 on one alignment" in page
+    mesh = found["mesh"]
+    mm, r2 = (f"{mesh[key]['mean']:.2f} ± {mesh[key]['sd']:.2f}" for key in ("mean_mm", "r2"))
+    assert f"| {results['predictors']['dsnet_small']} | {mm} mm, {r2} |" in page
 
 
 def test_further_seeds_count_in_how_long_it_took(runs):
