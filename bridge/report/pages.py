@@ -19,7 +19,7 @@ def main_table(results: Mapping[str, Any]) -> str:
     """Each pipeline's predictors, and its own SMPL alone, in every test group; Markdown.
 
     A column has one reference: the mesh that was registered, of test motions the true one. What
-    was trained from several seeds has its mean and spread.
+    was trained from several seeds has its means, and the spread of R².
     """
     cells = {
         cell: title
@@ -78,7 +78,7 @@ def plus_minus(values: Sequence[float], digits: int = 2) -> str:
 
 def _mm_and_r2(results: Mapping[str, Any], cell: str, name: str) -> str:
     mm, r2 = (of_mesh(results, cell, name, number) for number in ("mean_mm", "r2"))
-    return f"{plus_minus(mm)} mm, {plus_minus(r2)}" if mm else "-"
+    return f"{plus_minus(mm[:1])} mm, {plus_minus(r2)}" if mm else "-"
 
 
 def _decimals(value: float | None, digits: int) -> str:
