@@ -11,6 +11,8 @@ from hypothesis import settings
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
+from bridge.body import BodyModelData, load_body_model
+
 # A shared machine pauses now and then, and a failure must be found again by running again.
 settings.register_profile("dsnet", deadline=None, derandomize=True)
 settings.load_profile("dsnet")
@@ -43,6 +45,12 @@ def _plugins_are_of_one_module() -> Iterator[None]:  # pyright: ignore[reportUnu
     os.environ.pop("DSNET_PLUGINS", None)
     if before is not None:
         os.environ["DSNET_PLUGINS"] = before
+
+
+@pytest.fixture(scope="session")
+def body() -> BodyModelData:
+    """The embedded woman."""
+    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -8,16 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bridge.body import BodyModelData, load_body_model
 from bridge.exchange.dsnet import Scaling, TrainedDsnet
 from tests.forged.encoded import write_encoded
 from tf_dsnet.model import build_dsnet, named_weights
-
-
-@pytest.fixture(scope="session")
-def body() -> BodyModelData:
-    """The embedded one."""
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="session")

@@ -18,20 +18,13 @@ from benchmarks.alignment.scores import Scores, body_of, loads_of, moved_by_toes
 from bridge import DsnetError
 from bridge.body.posing import pose_vertices
 from bridge.motion import unpack_theta
+from tests.one_thread import one_thread as one_thread
 from torch_align_ae.alignment.sgd import Descent
 
 # Motions begin at rest; a woman, a man, a woman again, since genders are aligned apart.
 PAIRS = (("50004", "jiggle_on_toes"), ("50002", "one_leg_jump"), ("50020", "one_leg_jump"))
 NAMES = [f"{subject}_{motion}" for subject, motion in PAIRS]
 TINY = Suite("tiny", seed=3, pairs=PAIRS, frames=20)
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")

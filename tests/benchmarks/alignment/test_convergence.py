@@ -9,30 +9,16 @@ import torch
 from benchmarks.alignment.convergence import ConvergenceConfig, main
 from benchmarks.alignment.descent_rules import ClipSet, Rule, track
 from benchmarks.alignment.known_clips import load_clips
-from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import MotionSequence, pack_theta, to_manifest
 from bridge.runs import ArtifactWriter, Run, write_artifact
+from tests.one_thread import one_thread as one_thread
 from torch_align_ae import SMPL
 from torch_align_ae.alignment.mesh_distance import MeshDistance
 from torch_align_ae.alignment.sgd import Descent, fit_pose
 from torch_align_ae.corpus.dyna_files import write_dyna
 
 LENGTH = 4
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Small products on many threads wait for one another when the machine is shared."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
-
-
-@pytest.fixture(scope="module")
-def body():
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,6 @@ from benchmarks.laws.second_tissue_simulation import (
     muscle_activation,
     rest_frame_load,
 )
-from bridge.body import load_body_model
 from bridge.body.posing import shaped_vertices
 from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
@@ -26,11 +25,6 @@ from torch_align_ae.corpus.tissue_parameters import tissue_parameters
 
 LAWS = {"own": TissueSimulator, **plugin.tissues()}
 HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]
-
-
-@pytest.fixture(scope="module")
-def body():
-    return load_body_model("embedded:female")
 
 
 def test_both_laws_find_other_parts_soft(body):

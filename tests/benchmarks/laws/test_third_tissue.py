@@ -14,18 +14,12 @@ from scipy.spatial.transform import Rotation
 from benchmarks.laws.third_tissue import RATE_HZ, ThirdTissue, ThirdTissueParameters
 from benchmarks.laws.third_tissue_parameters import fat_depths_m, lean_betas
 from benchmarks.laws.third_tissue_simulation import ThirdTissueSimulator, nearest_rotations
-from bridge.body import load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.subjects import SUBJECTS
 
 HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]
-
-
-@pytest.fixture(scope="module")
-def body():
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from benchmarks import plugin
-from bridge.body import load_body_model
 from bridge.tissue.nodes import TissueNodes
 from torch_align_ae.corpus.motions import Skeleton, perform
 from torch_align_ae.corpus.simulation import TissueSimulator
@@ -26,11 +25,6 @@ class Moved(NamedTuple):
     law: str
     heavy: np.ndarray
     lean: np.ndarray
-
-
-@pytest.fixture(scope="module")
-def body():
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")

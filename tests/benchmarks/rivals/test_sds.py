@@ -11,7 +11,6 @@ from benchmarks.rivals.rig import carried_by_skeleton, helper_rig
 from benchmarks.rivals.rival import MotionClip
 from benchmarks.rivals.sds import Grid, SpringDecomposedSkinning
 from benchmarks.rivals.springs import import_checkout
-from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import pose_vertices, shaped_vertices
 from bridge.errors import DsnetError
@@ -48,11 +47,6 @@ class HelperBonesHandler:
 """
 GRID = Grid(helpers=(8, 12), powers=(1.0, 2.0), stiffness=(1000.0, 4000.0), damping=(0.0,),
             mass_dscale=(0.5, 1.0), compliance=(None,))  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def body():
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture

@@ -7,14 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.body import load_body_model
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.measure.alignment import Absorption
-
-
-@pytest.fixture(scope="module")
-def body():
-    return load_body_model("embedded:female")
 
 
 def draw_offsets(seed: int, frames: int = 3) -> np.ndarray:

@@ -2,13 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.body import BodyModelData, load_body_model
+from bridge.body import BodyModelData
 from bridge.tissue.nodes import TissueNodes
-
-
-@pytest.fixture(scope="session")
-def body() -> BodyModelData:
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="session")

@@ -4,25 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from bridge.body import load_body_model
+from tests.one_thread import one_thread as one_thread
 from torch_align_ae import SMPL
 from torch_align_ae.alignment.skin_sample import Pose, SkinSample
 from torch_align_ae.body.rotations import axis_angle_to_matrix
 from torch_align_ae.corpus.dyna_files import write_dyna
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Small products on many threads wait for one another when the machine is shared."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
-
-
-@pytest.fixture(scope="session")
-def body():
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="session")

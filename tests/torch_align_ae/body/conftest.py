@@ -5,23 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy.sparse as sp
-import torch
 
-from bridge.body import BodyModelData, load_body_model
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Small products on many threads wait for one another when the machine is shared."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
-
-
-@pytest.fixture(scope="session")
-def body() -> BodyModelData:
-    return load_body_model("embedded:female")
+from bridge.body import BodyModelData
+from tests.one_thread import one_thread as one_thread
 
 
 @pytest.fixture(scope="session")

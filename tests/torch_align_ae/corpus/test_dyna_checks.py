@@ -9,15 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from tests.forged.registrations import save_registrations
 from torch_align_ae.corpus.dyna_files import dyna_sequences
-
-
-@pytest.fixture(scope="module")
-def body():
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture(scope="module")

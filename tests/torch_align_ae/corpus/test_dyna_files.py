@@ -9,15 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
-from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from tests.forged.registrations import save_registrations
 from torch_align_ae.corpus.dyna_files import DynaSequence, dyna_sequences, of_one_gender, write_dyna
-
-
-@pytest.fixture(scope="module")
-def body():
-    return load_body_model("embedded:female")
 
 
 @pytest.fixture

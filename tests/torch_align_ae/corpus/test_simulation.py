@@ -11,11 +11,6 @@ from torch_align_ae.corpus.simulation import TissueSimulator
 from torch_align_ae.corpus.subjects import SUBJECTS
 
 
-@pytest.fixture(scope="module")
-def body():
-    return load_body_model("embedded:female")
-
-
 @pytest.mark.parametrize("gravity", [True, False])
 def test_a_body_that_stands_still_has_no_offsets(body, gravity):
     """Upright under gravity, in any pose without it; R^T g - g itself is rounded."""

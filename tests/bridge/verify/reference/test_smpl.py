@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bridge.body import BodyModelData, load_body_model, pose_vertices
+from bridge.body import pose_vertices
 from bridge.body.posing import joint_rotations
 from bridge.verify.reference import smpl
 
 ARGUMENTS = ("betas", "pose", "trans", "offsets")
-
-
-@pytest.fixture(scope="module")
-def body() -> BodyModelData:
-    return load_body_model("embedded:female")
 
 
 def draw(joints: int, angle: float, seed: int = 0) -> dict[str, np.ndarray]:
