@@ -120,8 +120,8 @@ def verdict_block(paper: dict[str, Any], demo: dict[str, Any], studied: Results)
         f"**New takes of known motions**: known people {new[0]}, new people {new[1]}. **Unseen "
         f"motions**: {unseen[0]} and {unseen[1]}.",
         f"**Why**: the paper's aligner puts {100 * whole['absorbed']:.0f} % of the flesh's "
-        f"movement into pose and shape, and invents {whole['invented_mm']:.1f} mm. Given offsets "
-        f"that lost nothing, the network has R² {alone[0]} in known and {alone[1]} in unseen "
+        f"movement into pose and shape, and invents {whole['invented_mm']:.1f} mm. Given `demo`'s "
+        f"offsets without loss, the network has R² {alone[0]} in known and {alone[1]} in unseen "
         "motions of new people: an unseen pose is its ruin.",
         "**DSNet+**, this repository's remedy, is told the force on the flesh, not the pose: "
         f"{best[0]} on that clip, {best[1]} in unseen motions of new people.",
