@@ -107,8 +107,8 @@ def test_the_verdict_is_of_the_better_reading_and_its_own_smpl():
 def test_the_time_of_every_seed_is_counted():
     stage = {"wall_time_s": 600, "peak_memory_mb": 1500, "machine": "a machine"}
     run = {"stages": {"corpus": stage, "train": stage}, "disk": {"run": 2e9, "environment": 1e9}}
-    again = {"seeds": {"wall_time_s": {"1": 300, "2": 300}}}
-    block = times_block(run | {"seeds": None}, run | again)
+    again = {"seeds_took_s": {"1": 300, "2": 300}}
+    block = times_block(run, run | again)
     assert ") took 20 minutes, 1.5 GB of memory" in block
     assert ") took 30 minutes from 3 seeds, 1.5 GB of memory" in block
 

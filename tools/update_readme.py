@@ -94,7 +94,7 @@ def times_block(demo: dict[str, Any], paper: dict[str, Any]) -> str:
 def _times(run: str, results: dict[str, Any]) -> str:
     # Verification is a command of its own, no stage of ./reproduce.sh.
     stages = [stage for name, stage in results["stages"].items() if name != "verify"]
-    again = results["seeds"]["wall_time_s"] if results["seeds"] else {}
+    again = results.get("seeds_took_s", {})
     minutes = (sum(stage["wall_time_s"] for stage in stages) + sum(again.values())) / 60
     seeds = f" from {1 + len(again)} seeds" if again else ""
     memory = max(stage["peak_memory_mb"] for stage in stages) / 1000

@@ -60,6 +60,7 @@ def summarise(
         **_papers_pipeline(stages, gender),
         "verification": verification(stages),
         "stages": {name: _stage(artifact.manifest) for name, artifact in stages.items()},
+        "seeds_took_s": {str(seed): _took_s(other) for seed, other in others.items()},
     }
     # JSON has no NaN: a number that is not one becomes null.
     return json.loads(json.dumps(summary), parse_constant=lambda _: None)
@@ -187,19 +188,18 @@ def of_other_seeds(run: Run, evaluate: Artifact) -> dict[int, Artifact]:
 
 
 def _of_seeds(stages: Stages, others: Mapping[int, Artifact]) -> dict[str, Any]:
-    """Mean and spread of the trained predictors' errors over seeds, and how long each further one
-    took."""
+    """Mean and spread of the trained predictors' errors over seeds."""
     evaluate, trained = stages["evaluate"], stages["train" if "train" in stages else TRAIN_PLUS]
     pipelines = evaluate.manifest["pipelines"].values()
     names = [name for pipeline in pipelines for name in pipeline["predictors"]]
     cells = (one.manifest["cells"] for one in (evaluate, *others.values()))
     seeds = [trained.manifest["config"]["seed"], *others]
-    took_s = {str(seed): _took_s(Run(other.path.parent.name)) for seed, other in others.items()}
-    return {"seeds": seeds, "cells": spread_over(cells, names), "wall_time_s": took_s}
+    return {"seeds": seeds, "cells": spread_over(cells, names)}
 
 
-def _took_s(run: Run) -> float:
-    """Seconds of the stages of one training of the predictors."""
+def _took_s(evaluate: Artifact) -> float:
+    """Seconds of the stages that train and judge the predictors of a run."""
+    run = Run(evaluate.path.parent.name)
     made = [run.artifact(stage) for stage in _OF_EVERY_SEED if run.finished(stage)]
     return sum(one.manifest["provenance"]["wall_time_s"] for one in made)
 
