@@ -71,4 +71,4 @@ def test_seeds_killed_and_gone_on_with_are_the_same(smoke_runs, execute, tmp_pat
     for name in ("dsnet_standardised", "dsnet_faithful", "dsnet_plus"):
         assert cells["validation"][name]["offsets"]["r2"]["sd"] > 0
     page = (smoke_runs / "smoke" / "report" / "report.md").read_text()
-    assert "trained from seeds 0, 1 on one alignment" in page
+    assert "trainings from seeds 0, 1 on one alignment" in page
