@@ -71,9 +71,9 @@ def of_mesh(results: Mapping[str, Any], cell: str, name: str, number: str) -> tu
     return (mesh[number],) if mesh else ()
 
 
-def plus_minus(values: Sequence[float], digits: int = 2) -> str:
+def plus_minus(values: Sequence[float]) -> str:
     """A number, or a mean and its spread."""
-    return " ± ".join(_decimals(value, digits) for value in values)
+    return " ± ".join(_decimals(value, 2) for value in values)
 
 
 def _mm_and_r2(results: Mapping[str, Any], cell: str, name: str) -> str:
