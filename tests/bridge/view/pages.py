@@ -41,8 +41,9 @@ TORN = """async (wanted) => {
   const copy = Object.assign(document.createElement("canvas"), { width: canvas.width, height: canvas.height });
   const flat = copy.getContext("2d", { willReadFrequently: true }), seen = [];
   const pixels = () => { flat.drawImage(canvas, 0, 0); return flat.getImageData(0, 0, copy.width, copy.height).data; };
+  let last = page.time; // what is there at first was drawn before, perhaps in other colours
   page.play(true);
-  while (seen.length < wanted) { await turn(); if (page.time !== seen.at(-1)?.time) seen.push({ time: page.time, was: pixels() }); }
+  while (seen.length < wanted) { await turn(); if (page.time !== last) seen.push({ time: last = page.time, was: pixels() }); }
   let apart = 0;
   for (const { time, was } of seen) {
     page.seek(time);
