@@ -1,4 +1,4 @@
-"""Frames of a file between which no body can have moved: cuts, and a rest pose put in front.
+"""Frames of a file as no body moves: cuts, a rest pose put in front, and frames that repeat.
 
 Recordings are joined, lose track, or loop: from one frame to the next the root is elsewhere, or a
 joint is turned round. To what has a past, tissue or a recurrent network, that is a blow which
@@ -6,6 +6,10 @@ nobody gave. So each piece between cuts is a motion of its own, which begins fro
 
 Conversions of whole libraries (CMU's) begin with a T, because a program can take the skeleton from
 there, and leap into the motion within some frames: the same blow at every beginning.
+
+A tracker that loses somebody says the last pose again, and a motion of 30 frames a second is
+written at 60 with each of them twice. Who halts slows down before: a body that stops dead and goes
+on at once is the file's doing.
 """
 
 from __future__ import annotations
@@ -33,6 +37,11 @@ _LEAP_RAD_S = np.radians(1500.0)
 as fast, and a recording begins with what comes before it."""
 _SETTLED_RAD_S = np.radians(700.0)
 _LONGEST_LEAP_S = 0.1
+_LONGEST_REPEAT_S = 0.25
+_ABRUPT = 0.7
+"""Of the speed one step farther from the repeats: of who turns back evenly it is a half."""
+_MOVING_1_S = 0.02
+"""Root mean square of the speeds of all values, radians and metres a second, of who moves."""
 
 
 def is_cut(before: NDArray, after: NDArray) -> NDArray[np.bool_]:
@@ -69,6 +78,25 @@ def frames_of_rest_pose(pose: NDArray[np.floating], fps: float) -> int:
     if speed_rad_s[0] < _LEAP_RAD_S:
         return 0
     return int(np.flatnonzero(speed_rad_s >= _SETTLED_RAD_S)[-1]) + 1
+
+
+def repeated_frames(values: NDArray, fps: float) -> NDArray[np.bool_]:
+    """(T,) which of the frames (T, ...) of a pose or a mesh are the one before again, for at most a
+    quarter of a second, while the body moves as fast as ever just before and after."""
+    flat = np.asarray(values, np.float64).reshape(len(values), -1)
+    speed = np.sqrt(np.square(np.diff(flat, axis=0)).mean(axis=1)) * fps
+    moves = np.flatnonzero(speed)
+    before, after = moves[:-1], moves[1:]
+    beyond = np.pad(speed, 1)
+    chosen = after - before > 1
+    chosen &= after - before - 1 <= _LONGEST_REPEAT_S * fps
+    chosen &= np.minimum(speed[before], speed[after]) >= _MOVING_1_S
+    chosen &= speed[before] >= _ABRUPT * beyond[before]
+    chosen &= speed[after] >= _ABRUPT * beyond[after + 2]
+    found = np.zeros(len(flat), bool)
+    for first, last in zip(before[chosen], after[chosen], strict=True):
+        found[first + 2 : last + 1] = True
+    return found
 
 
 def turns_rad(pose: NDArray, next_pose: NDArray) -> NDArray[np.float64]:

@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from bridge.errors import DsnetError
-from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.cuts import pieces_between_cuts, repeated_frames
 from bridge.motion.motion import (
     AS_IT_SAYS,
     MOST_FRAMES,
@@ -79,6 +79,7 @@ def load_motion_file(
             "how many frames a second it has",
             "Pass --motion-fps N (--amass-fps N of a folder, source_fps=N in Python).",
         )
+    motion = _without_repeats(motion)
     if smooth_hz is not None:
         motion = smoothed(motion, smooth_hz)
     count = len(motion.theta)
@@ -103,6 +104,33 @@ def resampled_frames(frame_count: int, source_fps: float, fps: float = FPS) -> i
     return int(np.floor(duration_s * fps + _FRAME_TOLERANCE)) + 1
 
 
+def _without_repeats(motion: Motion) -> Motion:
+    """The motion with frames that repeat drawn anew on the curve through the others, and told."""
+    pieces, count = pieces_between_cuts(motion.theta), len(motion.theta)
+    parts = [repeated_frames(motion.theta[piece], motion.fps) for piece in pieces]
+    repeated, at_s = np.concatenate(parts), np.arange(count) / motion.fps
+    if not repeated.any():
+        return motion
+    pose, line = motion.all_joints.copy(), _lines(motion)
+    for piece in pieces:
+        again, known = (piece.start + np.flatnonzero(repeated[piece] == one) for one in (1, 0))
+        if len(again):
+            drawn = _curved(pose[known], line[known], at_s[known], at_s[again])
+            pose[again], line[again] = drawn
+    note = (
+        f"{motion.source} stops dead and goes on at once, first at {at_s[repeated][0]:.2f} s:"
+        f" {repeated.sum()} of its {count} frames are the one before again, and are drawn anew"
+    )
+    dmpls = None if motion.dmpls is None else line[:, 3:]
+    return motion.posed(pose, line[:, :3], dmpls=dmpls, notes=(*motion.notes, note))
+
+
+def _lines(motion: Motion) -> NDArray[np.float64]:
+    """(T, 3) translation, or (T, 11) with DMPL's coefficients: what goes on straight lines."""
+    lines = [motion.trans_m, *([] if motion.dmpls is None else [motion.dmpls])]
+    return np.concatenate(lines, axis=1)
+
+
 def _resample(
     motion: Motion, fps: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]:
@@ -111,10 +139,8 @@ def _resample(
     What is sampled between the last frame before a cut and the first after it goes on as the
     motion did before.
     """
-    whole, trans_m = motion.all_joints, motion.trans_m
+    whole, line = motion.all_joints, _lines(motion)
     count = len(whole)
-    lines = [trans_m, *([] if motion.dmpls is None else [motion.dmpls])]
-    line = np.concatenate(lines, axis=1)  # (T, 3) or (T, 11)
     times_s = np.arange(resampled_frames(count, motion.fps, fps)) / fps
     times_s = np.minimum(times_s, (count - 1) / motion.fps)
     pieces = pieces_between_cuts(motion.theta)

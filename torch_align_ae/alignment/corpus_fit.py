@@ -23,6 +23,7 @@ from tqdm import tqdm
 from bridge.errors import DsnetError, notify
 from bridge.exchange.weights import load_checkpoint, save_checkpoint
 from bridge.motion import MotionSequence, to_manifest, unpack_theta
+from bridge.motion.cuts import repeated_frames
 from bridge.motion.motion_checks import MOST_FALL_G, hangs, steepest_fall_g
 from bridge.paper import THETA_SIZE
 from bridge.runs import ArtifactWriter
@@ -31,6 +32,8 @@ from torch_align_ae.body import SMPL, rest_pose_offsets
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
 _WORST_MEAN_M = 0.2
+# Whether meshes repeat is seen by every so many vertices; frames are read so many at once.
+_SOME, _AT_ONCE = 100, 64
 
 
 class Meshes(Protocol):
@@ -100,7 +103,7 @@ class AlignedFiles:
         self.offsets.write(window.rows.start, offsets.numpy())
         self.frame_error.write(window.rows.start, frame_error.numpy())
 
-    def oddities(self, sequence: MotionSequence, close_m: float) -> Iterator[str]:
+    def oddities(self, sequence: MotionSequence, meshes: Meshes, close_m: float) -> Iterator[str]:
         """What is odd about an aligned sequence that is used all the same."""
         name, rows = sequence.name, sequence.frames
         pose, trans_m = unpack_theta(self.theta.read(rows).astype(np.float64))
@@ -108,6 +111,12 @@ class AlignedFiles:
             yield (
                 f"{name} falls with {fall_g:.1f} times gravity at {sequence.fps:g} frames a second:"
                 " its meshes have another rate, or repeat where scans failed"
+            )
+        some = [meshes.read(w.start, w.stop)[:, ::_SOME] for w in windows(sequence, _AT_ONCE)]
+        if (repeated := repeated_frames(np.concatenate(some), sequence.fps)).any():
+            yield (
+                f"{name} stops dead and goes on at once: {repeated.sum()} of its {len(repeated)}"
+                f" meshes, first number {repeated.argmax()}, are the one before again: cut it there"
             )
         if hangs(pose):
             yield f"{name} hangs head down for most of it: y of its meshes may point down"
@@ -177,7 +186,7 @@ class CorpusFit(ABC):
                     bar.update(len(theta))
                 mark_written(mark, files.digest(group))
         for sequence in self.sequences:
-            for oddity in files.oddities(sequence, self.close_m):
+            for oddity in files.oddities(sequence, self.meshes[sequence.name], self.close_m):
                 notify(oddity)
         writer.put("betas", learned["betas"], "1")
         writer.record(sequences=to_manifest(self.sequences))

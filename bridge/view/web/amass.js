@@ -70,6 +70,8 @@ export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   if (Math.abs(high) > 50) refuse(`'trans' are ${high.toPrecision(3)} m high over half of the time: metres are expected`);
   const count = Math.floor(((frames - 1) / rate) * FPS + 1e-3) + 1;
   if (count > Math.min(MOST_FRAMES, mostFrames)) refuse(`a motion of ${count} frames; a page shows ${mostFrames}: cut it into several files`);
+  const again = repeated(poses.data, trans.data, frames, width, rate);
+  if (again) refuse(`the motion stops dead and goes on at once, its frame ${again} is the one before again; Python draws it anew: dsnet view --motion FILE`);
   const theta = atSixty(poses.data, trans.data, frames, width, rate, count, up);
   const word = (name) => { const found = array(name); return String(found?.text ?? found?.data[0] ?? "").trim(); };
   const isSmplx = (word(KIND).toLowerCase() || (width === 165 && "smplx")) === "smplx";
@@ -110,6 +112,21 @@ const rotvec = ([x, y, z, w]) => {
 const times = ([a, b, c, d], [e, f, g, h]) =>
   [d * e + a * h + b * g - c * f, d * f - a * g + b * h + c * e, d * g + a * f - b * e + c * h, d * h - a * e - b * f - c * g];
 const inverse = ([x, y, z, w]) => [-x, -y, -z, w];
+
+// The first frame that is the one before again, for at most a quarter of a second, while the body moves as fast just before
+// and after (repeated_frames of bridge.motion.cuts); 0 if there is none.
+function repeated(poses, trans, frames, width, rate) {
+  const square = (values, many, each, i) => { let sum = 0; for (let k = 0; k < many; k++) sum += (values[i + each + k] - values[i + k]) ** 2; return sum; };
+  const speed = Float64Array.from({ length: frames - 1 }, (_, i) =>
+    rate * Math.sqrt((square(poses, 3 * JOINTS, width, i * width) + square(trans, 3, 3, 3 * i)) / 69));
+  for (let i = 0, last = Infinity; i < frames - 1; i++) {
+    if (!speed[i]) continue;
+    const still = i - last - 1, slowest = Math.min(speed[last] - 0.7 * (speed[last - 1] ?? 0), speed[i] - 0.7 * (speed[i + 1] ?? 0));
+    if (still > 0 && still <= 0.25 * rate && Math.min(speed[last], speed[i]) >= 0.02 && slowest >= 0) return last + 2;
+    last = i;
+  }
+  return 0;
+}
 
 // Between frames: Slerp joint by joint and translation linearly; of slower files than 60 fps cubic splines of quaternions and
 // translation, as at a corner the tissue would be hit. y up, axis-angles continuous in time.

@@ -19,6 +19,16 @@ SEQUENCES = [
 WINDOW = Window(SEQUENCES[1], 1, 3)
 
 
+class MovingMeshes:
+    """Of somebody who goes a centimetre a frame."""
+
+    def __init__(self, at: np.ndarray) -> None:
+        self.at = at
+
+    def read(self, start: int, stop: int) -> np.ndarray:
+        return np.float32(0.01 * self.at[start:stop, None, None] * np.ones((1, 6890, 3)))
+
+
 @pytest.fixture
 def writer(tmp_path):
     return ArtifactWriter(tmp_path / "align", "align", data="synthetic")
@@ -75,22 +85,26 @@ def test_a_frame_that_fits_no_body_is_named_and_not_stored(fitted, files, writer
 
 
 def test_what_nobodys_meshes_are_is_told(writer):
-    """An honest sequence says nothing; one of another rate, head down, of two people does."""
+    """An honest sequence says nothing; one of another rate, head down, of two people, or with
+    meshes that repeat, does."""
     odd, files = (
         MotionSequence("s_1_jump", "s", "1_jump", 0, 40, 60.0),
         AlignedFiles.of(writer, 40, 1),
     )
+    meshes = MovingMeshes(np.arange(40.0))
     hop_m = 0.4 * np.abs(np.sin(np.linspace(0.0, np.pi, 40)))  # 40 frames in the air: 0.4 m
     theta = np.zeros((40, 69))
     theta[:, 67] = hop_m
     files.theta.write(0, theta)
     files.frame_error.write(0, np.full(40, 0.02))
-    assert list(files.oddities(odd, 0.03)) == []
+    assert list(files.oddities(odd, meshes, 0.03)) == []
     theta[:, 67] = 4 * hop_m
     theta[:, 0] = np.pi
     files.theta.write(0, theta)
     files.frame_error.write(0, np.full(40, 0.04))
-    fall, down, apart = files.oddities(odd, 0.03)
+    meshes.at[20:23] = 19
+    fall, again, down, apart = files.oddities(odd, meshes, 0.03)
     assert fall.startswith("s_1_jump falls with 3.8 times gravity at 60 frames a second")
+    assert "3 of its 40 meshes, first number 20, are the one before again" in again
     assert "hangs head down" in down
     assert apart.startswith("s_1_jump stays 4 cm from SMPL")

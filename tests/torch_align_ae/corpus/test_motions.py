@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
+from bridge.motion.cuts import repeated_frames
 from bridge.motion.motion_checks import MOST_FALL_G, steepest_fall_g
 from torch_align_ae.body import SMPL
 from torch_align_ae.body.smpl import world_frames
@@ -128,6 +129,7 @@ def test_it_starts_still_and_moves_without_jumps(motion, row):
     assert np.abs(found.pose[100:] - found.pose[0]).max() > 0.1
     speed = np.linalg.norm(np.diff(found.pose, axis=0), axis=-1) * FPS
     assert speed.max() < 20
+    assert not repeated_frames(found.theta, FPS).any()
     acceleration = np.linalg.norm(np.diff(found.pose, 2, axis=0), axis=-1) * FPS**2
     assert acceleration.max() < 1000
     assert np.abs(np.diff(found.trans, 2, axis=0)).max() * FPS**2 < 60
