@@ -32,15 +32,16 @@ from torch_align_ae.body import SMPL, rest_pose_offsets
 
 # A mesh registered to SMPL's template fits to centimetres, whatever its soft tissue does.
 _WORST_MEAN_M = 0.2
-# Whether meshes repeat is seen by every so many vertices; frames are read so many at once.
-_SOME, _AT_ONCE = 100, 64
+# Of every so many vertices it is seen whether meshes repeat.
+_EVERY = 100
 
 
 class Meshes(Protocol):
     """The meshes of one sequence."""
 
-    def read(self, start: int, stop: int) -> NDArray[np.float32]:
-        """Frames [start, stop) as (n, V, 3), metres; in any thread or process."""
+    def read(self, start: int, stop: int, every: int = 1) -> NDArray[np.float32]:
+        """Frames [start, stop) as (n, V, 3), metres, of every so many of the vertices; in any
+        thread or process."""
         ...
 
 
@@ -112,8 +113,8 @@ class AlignedFiles:
                 f"{name} falls with {fall_g:.1f} times gravity at {sequence.fps:g} frames a second:"
                 " its meshes have another rate, or repeat where scans failed"
             )
-        some = [meshes.read(w.start, w.stop)[:, ::_SOME] for w in windows(sequence, _AT_ONCE)]
-        if (repeated := repeated_frames(np.concatenate(some), sequence.fps)).any():
+        some = meshes.read(0, sequence.length, _EVERY)
+        if (repeated := repeated_frames(some, sequence.fps)).any():
             yield (
                 f"{name} stops dead and goes on at once: {repeated.sum()} of its {len(repeated)}"
                 f" meshes, first number {repeated.argmax()}, are the one before again: cut it there"

@@ -272,7 +272,8 @@ def batches(count: int) -> list[list[int]]:
     """The rows 0 to `count` in batches of nearly equal size: enough of them for all cores.
 
     An even number where there are many rows, so that two cores end together. What is found of a
-    row does not depend on others of its batch, if there are any.
+    row does not depend on the others of its batch, if these are three or more: products with fewer
+    rows are made in another order on some processors.
     """
     large = 2 * math.ceil(count / (2 * _BODIES_AT_ONCE))
     number = max(large, min(usable_cores(), count // _BODIES_AT_LEAST))

@@ -50,13 +50,13 @@ class DynaSequence:
         """The rest: `one_leg_jump`, but also `running_on_spot_bugfix`."""
         return self.name.partition("_")[2]
 
-    def read(self, start: int = 0, stop: int | None = None) -> NDArray[np.float32]:
-        """Frames [start, stop) as (n, 6890, 3), metres, in any thread or process; DsnetError if
-        values cannot be read or are not a person's."""
+    def read(self, start: int = 0, stop: int | None = None, every: int = 1) -> NDArray[np.float32]:
+        """Frames [start, stop) as (n, 6890, 3), metres, or of every so many of the vertices, in
+        any thread or process; DsnetError if values cannot be read or are not a person's."""
         with _opened(self.path) as file:
             dataset = file[self.name]
             assert isinstance(dataset, h5py.Dataset)
-            stored = dataset[:, :, start:stop]
+            stored = dataset[::every, :, start:stop]
         # What float32 cannot hold becomes infinite, and is refused as such.
         with np.errstate(over="ignore"):
             frames = np.ascontiguousarray(np.moveaxis(stored, -1, 0), dtype=np.float32)

@@ -25,8 +25,9 @@ class MovingMeshes:
     def __init__(self, at: np.ndarray) -> None:
         self.at = at
 
-    def read(self, start: int, stop: int) -> np.ndarray:
-        return np.float32(0.01 * self.at[start:stop, None, None] * np.ones((1, 6890, 3)))
+    def read(self, start: int, stop: int, every: int = 1) -> np.ndarray:
+        along_m = 0.01 * self.at[start:stop, None, None]
+        return (along_m * np.ones((6890, 3))[::every]).astype(np.float32)
 
 
 @pytest.fixture
