@@ -1,19 +1,57 @@
-"""What a stream refuses: poses and shapes of no person, before anything has moved."""
+"""What a stream refuses, poses and shapes of no person, and what of her poses it tells."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.body import BodyModelData
-from bridge.errors import DsnetError
+from bridge.errors import DsnetError, notify
 from bridge.motion import unpack_theta
+from bridge.motion.cuts import repeated_frames
 from bridge.motion.motion import FARTHEST_M, LARGEST_ANGLE_RAD
 from bridge.paper import N_BETAS, THETA_SIZE
 from bridge.runtime.moving_body import LARGEST_BODY_M
 
 _LARGEST_LIMB_RAD = 4 * np.pi
 """No limb turns twice about itself; in degrees one does in almost every pose."""
+_LEAPS_IN_A_ROW = 10
+"""No recording has so many: something else is wrong with the poses."""
+_HEARD, _REPEATED = 40, 8
+"""Of so many poses, how many may be the one before again."""
+
+
+@dataclass
+class Oddities:
+    """Of one person's poses, each of which somebody could take; told of once on stderr."""
+
+    leaps: int = 0
+    """From each of so many frames to the next."""
+    heard: list[NDArray] = field(default_factory=list)
+    """The newest poses (69,), until enough of them repeat."""
+    repeats: bool = False
+
+    def look(self, theta: NDArray, leaps: bool, fps: float) -> None:
+        """At a pose (69,), which may be a cut away from the one before."""
+        self.leaps = self.leaps + 1 if leaps else 0
+        if self.leaps == _LEAPS_IN_A_ROW:
+            notify(
+                f"a streamed body leaps from each of {_LEAPS_IN_A_ROW} frames to the next, so "
+                "no tissue moves: are its translations in metres, and every pose hers?"
+            )
+        if self.repeats:
+            return
+        self.heard.append(theta)
+        if len(self.heard) == _HEARD:
+            again = int(repeated_frames(np.stack(self.heard), fps).sum())
+            self.heard, self.repeats = [], again >= _REPEATED
+            if self.repeats:
+                notify(
+                    f"of {_HEARD} poses of a streamed body {again} are the one before again while "
+                    "she moves, which jolts the tissue: pass each once, with fps= their rate"
+                )
 
 
 def finite_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ from bridge.body import BodyModelData
 from bridge.body.embedded import EMBEDDED_GENDERS
 from bridge.body.model_data import GENDERS
 from bridge.body.posing import ShapedBody, Smpl
-from bridge.errors import DsnetError, notify
+from bridge.errors import DsnetError
 from bridge.motion import Motion, unpack_theta
 from bridge.motion.cuts import is_cut
 from bridge.motion.resampling import between, going_on
@@ -31,12 +31,10 @@ from bridge.runtime.frame_clock import FrameClock
 from bridge.runtime.load_model import body_asked, find_model, load_model
 from bridge.runtime.moving_body import place_motion
 from bridge.runtime.stepping import Model, PlusModel, finished
-from bridge.runtime.stream_checks import checked_betas, checked_pose
+from bridge.runtime.stream_checks import Oddities, checked_betas, checked_pose
 from bridge.runtime.whose_betas import with_own_shape
 from bridge.tissue.trained_plus import TrainedPlus
 
-_CUTS_IN_A_ROW = 10
-"""No recording has so many: something else is wrong with the poses."""
 _MANY = 1000
 """Shape coefficients of a body file that are kept: all."""
 
@@ -60,7 +58,8 @@ class StreamingBodies:
     a micrometre: matrix products of many round differently), of who joins and leaves, and the same
     as over the whole motion (offsets within 1e-5 m): both are loops over `Model.step`. She begins
     at rest in her first pose. Where a pose jumps as far as `bridge.motion.cuts` calls a cut, she
-    begins anew there; who does so at each of ten frames is told of on stderr.
+    begins anew there. Who does so at each of ten frames, or whose poses come twice, is told of on
+    stderr.
 
     The model computes 60 ticks a second. At another rate poses are interpolated to ticks, as
     `load_motion_file` resamples files of 60 and more frames a second (through slower ones it lays
@@ -197,15 +196,10 @@ class StreamingBodies:
             after = np.where(share[:, None] == 1, theta[rows], towards[rows])
             self._tick(some, between(before[rows], after, share))
         for (character, pose), jumps in zip(each, cut, strict=True):
+            character.odd.look(pose, bool(jumps), self._clock.fps)
             character.frames += 1
             character.poses.append(pose)
             character.since_cut = 1 if jumps else character.since_cut + 1
-            character.cuts_in_a_row = character.cuts_in_a_row + 1 if jumps else 0
-            if character.cuts_in_a_row == _CUTS_IN_A_ROW:
-                notify(
-                    f"a streamed body leaps from each of {_CUTS_IN_A_ROW} frames to the next, so "
-                    "no tissue moves: are its translations in metres, and every pose hers?"
-                )
 
     def _tick(self, characters: Sequence[_Character], theta: NDArray) -> None:
         """Give each one tick more, of theta (B, 69); after a cut tissue begins anew, at rest."""
@@ -263,7 +257,7 @@ class _Character:
     """The newest of them, (69,) each."""
     since_cut: int = 0
     """How many frames."""
-    cuts_in_a_row: int = 0
+    odd: Oddities = field(default_factory=Oddities)
     state: NDArray[np.float32] | None = None
     """(S,) the model's, after the newest tick."""
     since_begin: int = 0

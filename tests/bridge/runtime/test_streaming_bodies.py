@@ -115,6 +115,20 @@ def test_translations_in_centimetres_are_told_once(flesh, capsys, unit_per_m):
     assert ["in metres" in line for line in told] == [True] * (unit_per_m == 100)
 
 
+@pytest.mark.parametrize(("each", "again"), [(1, None), (2, 18), (3, 24)])
+def test_poses_that_come_again_are_told_once(flesh, capsys, each, again):
+    theta = swaying(TIMES_S)[np.arange(80) // each]
+    streamed(StreamingBodies(flesh, body=BODY), theta, BETAS)
+    told = [line for line in capsys.readouterr().err.splitlines() if "before again" in line]
+    assert len(told) == (again is not None)
+    assert all(f"of 40 poses of a streamed body {again} are" in line for line in told)
+
+
+def test_who_stands_repeats_nothing(flesh, capsys):
+    streamed(StreamingBodies(flesh, body=BODY), swaying(TIMES_S)[[*range(10), *[10] * 50]], BETAS)
+    assert "before again" not in capsys.readouterr().err
+
+
 def test_who_joins_leaves_or_waits_disturbs_nobody(flesh):
     """Four persons, each there at other times; one is not named at every third step."""
     bodies = StreamingBodies(flesh, body=BODY)
