@@ -17,10 +17,10 @@ holds: {counts}. Body, motions and flesh are [synthetic](data.md), so a verdict 
 not of people; it is a rule on the number (`benchmarks/claims/row.py`). ± is the standard
 deviation over training seeds.
 
-Rows with *standardised* and *faithful* are of the paper's whole pipeline, from its aligner to its
-decoder ([the two](../README.md#run-it)). The others ask of the network alone, on data that its
-aligner has not harmed: R² of offsets against the true ones, learned from principal components of
-what the robust aligner gives, with rate and epoch chosen alike for all.
+Rows with *standardised* and *faithful* are of the paper's whole pipeline at its size, from
+aligner to decoder ([the two](../README.md#run-it)). The others ask of the network alone, on data
+that its aligner has not harmed: R² of offsets against the true ones, learned from principal
+components of what the robust aligner gives, with rate and epoch chosen alike for all.
 """
 _TAIL = """
 Written by `python -m benchmarks.claims` from `docs/results/`, never by hand.
