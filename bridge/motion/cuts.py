@@ -40,8 +40,9 @@ _LONGEST_LEAP_S = 0.1
 _LONGEST_REPEAT_S = 0.25
 _ABRUPT = 0.7
 """Of the speed one step farther from the repeats: of who turns back evenly it is a half."""
-_MOVING_1_S = 0.02
-"""Root mean square of the speeds of all values, radians and metres a second, of who moves."""
+_SAME_1_S, _MOVING_1_S = 1e-6, 0.02
+"""Root mean square of the speeds of all values, radians and metres a second: up to the first a
+frame is the one before, but for rounding; from the second on somebody moves."""
 
 
 def is_cut(before: NDArray, after: NDArray) -> NDArray[np.bool_]:
@@ -85,7 +86,7 @@ def repeated_frames(values: NDArray, fps: float) -> NDArray[np.bool_]:
     quarter of a second, while the body moves as fast as ever just before and after."""
     flat = np.asarray(values, np.float64).reshape(len(values), -1)
     speed = np.sqrt(np.square(np.diff(flat, axis=0)).mean(axis=1)) * fps
-    moves = np.flatnonzero(speed)
+    moves = np.flatnonzero(speed > _SAME_1_S)
     before, after = moves[:-1], moves[1:]
     beyond = np.pad(speed, 1)
     chosen = after - before > 1

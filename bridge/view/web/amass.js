@@ -120,7 +120,7 @@ function repeated(poses, trans, frames, width, rate) {
   const speed = Float64Array.from({ length: frames - 1 }, (_, i) =>
     rate * Math.sqrt((square(poses, 3 * JOINTS, width, i * width) + square(trans, 3, 3, 3 * i)) / 69));
   for (let i = 0, last = Infinity; i < frames - 1; i++) {
-    if (!speed[i]) continue;
+    if (speed[i] <= 1e-6) continue;
     const still = i - last - 1, slowest = Math.min(speed[last] - 0.7 * (speed[last - 1] ?? 0), speed[i] - 0.7 * (speed[i + 1] ?? 0));
     if (still > 0 && still <= 0.25 * rate && Math.min(speed[last], speed[i]) >= 0.02 && slowest >= 0) return last + 2;
     last = i;
