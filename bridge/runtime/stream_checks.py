@@ -33,14 +33,17 @@ class Oddities:
     """The newest poses (69,), until enough of them repeat."""
     repeats: bool = False
 
-    def look(self, theta: NDArray, leaps: bool, fps: float) -> None:
-        """At a pose (69,), which may be a cut away from the one before."""
+    def leap(self, leaps: bool) -> None:
+        """Of a frame that may be a cut away from the one before."""
         self.leaps = self.leaps + 1 if leaps else 0
         if self.leaps == _LEAPS_IN_A_ROW:
             notify(
                 f"a streamed body leaps from each of {_LEAPS_IN_A_ROW} frames to the next, so "
                 "no tissue moves: are its translations in metres, and every pose hers?"
             )
+
+    def hear(self, theta: NDArray, fps: float) -> None:
+        """Of a pose (69,) as it comes."""
         if self.repeats:
             return
         self.heard.append(theta)

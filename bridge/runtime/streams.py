@@ -150,6 +150,8 @@ class StreamingBodies:
         if not here:
             return {}
         rows = [checked_pose(f"theta of character {who}", theta) for who, theta in poses.items()]
+        for character, row in zip(here, rows, strict=True):
+            character.odd.hear(row, self._clock.fps)
         calm = [
             c.smoother.push(row) if c.smoother else row for c, row in zip(here, rows, strict=True)
         ]
@@ -196,7 +198,7 @@ class StreamingBodies:
             after = np.where(share[:, None] == 1, theta[rows], towards[rows])
             self._tick(some, between(before[rows], after, share))
         for (character, pose), jumps in zip(each, cut, strict=True):
-            character.odd.look(pose, bool(jumps), self._clock.fps)
+            character.odd.leap(bool(jumps))
             character.frames += 1
             character.poses.append(pose)
             character.since_cut = 1 if jumps else character.since_cut + 1

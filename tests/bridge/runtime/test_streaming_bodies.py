@@ -116,9 +116,10 @@ def test_translations_in_centimetres_are_told_once(flesh, capsys, unit_per_m):
 
 
 @pytest.mark.parametrize(("each", "again"), [(1, None), (2, 18), (3, 24)])
-def test_poses_that_come_again_are_told_once(flesh, capsys, each, again):
+@pytest.mark.parametrize("smooth", [False, True])
+def test_poses_that_come_again_are_told_once(flesh, capsys, each, again, smooth):
     theta = swaying(TIMES_S)[np.arange(80) // each]
-    streamed(StreamingBodies(flesh, body=BODY), theta, BETAS)
+    streamed(StreamingBodies(flesh, body=BODY, smooth=smooth), theta, BETAS)
     told = [line for line in capsys.readouterr().err.splitlines() if "before again" in line]
     assert len(told) == (again is not None)
     assert all(f"of 40 poses of a streamed body {again} are" in line for line in told)
