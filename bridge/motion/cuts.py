@@ -7,9 +7,9 @@ nobody gave. So each piece between cuts is a motion of its own, which begins fro
 Conversions of whole libraries (CMU's) begin with a T, because a program can take the skeleton from
 there, and leap into the motion within some frames: the same blow at every beginning.
 
-A tracker that loses somebody says the last pose again, and a motion of 30 frames a second is
-written at 60 with each of them twice. Who halts slows down before: a body that stops dead and goes
-on at once is the file's doing.
+A tracker that loses somebody repeats the last pose, and a motion of 30 frames a second is written
+at 60 with each of them twice. Who halts slows down before: a body that stops dead and goes on at
+once is the file's doing.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def frames_of_rest_pose(pose: NDArray[np.floating], fps: float) -> int:
 
 
 def repeated_frames(values: NDArray, fps: float) -> NDArray[np.bool_]:
-    """(T,) which of the frames (T, ...) of a pose or a mesh are the one before again, for at most a
+    """(T,) which of the frames (T, ...) of a pose or a mesh repeat the one before, for at most a
     quarter of a second, while the body moves as fast as ever just before and after."""
     flat = np.asarray(values, np.float64).reshape(len(values), -1)
     speed = np.sqrt(np.square(np.diff(flat, axis=0)).mean(axis=1)) * fps

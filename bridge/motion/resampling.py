@@ -105,7 +105,7 @@ def resampled_frames(frame_count: int, source_fps: float, fps: float = FPS) -> i
 
 
 def _without_repeats(motion: Motion) -> Motion:
-    """The motion with frames that repeat drawn anew on the curve through the others, and told."""
+    """The motion with repeated frames interpolated between the others, and a note of it."""
     pieces, count = pieces_between_cuts(motion.theta), len(motion.theta)
     parts = [repeated_frames(motion.theta[piece], motion.fps) for piece in pieces]
     repeated, at_s = np.concatenate(parts), np.arange(count) / motion.fps
@@ -118,8 +118,8 @@ def _without_repeats(motion: Motion) -> Motion:
             drawn = _curved(pose[known], line[known], at_s[known], at_s[again])
             pose[again], line[again] = drawn
     note = (
-        f"{motion.source} stops dead and goes on at once, first at {at_s[repeated][0]:.2f} s:"
-        f" {repeated.sum()} of its {count} frames are the one before again, and are drawn anew"
+        f"{motion.source} repeats {repeated.sum()} of its {count} frames while the body moves, "
+        f"first at {at_s[repeated][0]:.2f} s: they are interpolated"
     )
     dmpls = None if motion.dmpls is None else line[:, 3:]
     return motion.posed(pose, line[:, :3], dmpls=dmpls, notes=(*motion.notes, note))

@@ -20,7 +20,7 @@ _LARGEST_LIMB_RAD = 4 * np.pi
 _LEAPS_IN_A_ROW = 10
 """No recording has so many: something else is wrong with the poses."""
 _HEARD, _REPEATED = 40, 8
-"""Of so many poses, how many may be the one before again."""
+"""Of so many poses, how many that repeat the one before are told of."""
 
 
 @dataclass
@@ -52,8 +52,8 @@ class Oddities:
             self.heard, self.repeats = [], again >= _REPEATED
             if self.repeats:
                 notify(
-                    f"of {_HEARD} poses of a streamed body {again} are the one before again while "
-                    "she moves, which jolts the tissue: pass each once, with fps= their rate"
+                    f"a streamed body repeats {again} of {_HEARD} poses while she moves, which "
+                    "jolts the tissue: pass each once, with fps= their rate"
                 )
 
 

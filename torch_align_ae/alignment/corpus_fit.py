@@ -116,8 +116,8 @@ class AlignedFiles:
         some = meshes.read(0, sequence.length, _EVERY)
         if (repeated := repeated_frames(some, sequence.fps)).any():
             yield (
-                f"{name} stops dead and goes on at once: {repeated.sum()} of its {len(repeated)}"
-                f" meshes, first number {repeated.argmax()}, are the one before again: cut it there"
+                f"{name} repeats {repeated.sum()} of its {len(repeated)} meshes while the body"
+                f" moves, first number {repeated.argmax()}: cut it there"
             )
         if hangs(pose):
             yield f"{name} hangs head down for most of it: y of its meshes may point down"

@@ -71,7 +71,7 @@ export function readAmass(bytes, mostFrames = MOST_FRAMES) {
   const count = Math.floor(((frames - 1) / rate) * FPS + 1e-3) + 1;
   if (count > Math.min(MOST_FRAMES, mostFrames)) refuse(`a motion of ${count} frames; a page shows ${mostFrames}: cut it into several files`);
   const again = repeated(poses.data, trans.data, frames, width, rate);
-  if (again) refuse(`the motion stops dead and goes on at once, its frame ${again} is the one before again; Python draws it anew: dsnet view --motion FILE`);
+  if (again) refuse(`its frame ${again} repeats the one before while the body moves; Python interpolates it: dsnet view --motion FILE`);
   const theta = atSixty(poses.data, trans.data, frames, width, rate, count, up);
   const word = (name) => { const found = array(name); return String(found?.text ?? found?.data[0] ?? "").trim(); };
   const isSmplx = (word(KIND).toLowerCase() || (width === 165 && "smplx")) === "smplx";
@@ -113,7 +113,7 @@ const times = ([a, b, c, d], [e, f, g, h]) =>
   [d * e + a * h + b * g - c * f, d * f - a * g + b * h + c * e, d * g + a * f - b * e + c * h, d * h - a * e - b * f - c * g];
 const inverse = ([x, y, z, w]) => [-x, -y, -z, w];
 
-// The first frame that is the one before again, for at most a quarter of a second, while the body moves as fast just before
+// The first frame that repeats the one before, for at most a quarter of a second, while the body moves as fast just before
 // and after (repeated_frames of bridge.motion.cuts); 0 if there is none.
 function repeated(poses, trans, frames, width, rate) {
   const square = (values, many, each, i) => { let sum = 0; for (let k = 0; k < many; k++) sum += (values[i + each + k] - values[i + k]) ** 2; return sum; };

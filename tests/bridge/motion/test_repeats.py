@@ -1,4 +1,4 @@
-"""Frames that a tracker or a slower camera said twice are found, drawn anew, and told of."""
+"""Frames that a tracker or a slower camera repeats are found, interpolated, and told of."""
 
 from __future__ import annotations
 
@@ -83,7 +83,8 @@ def test_they_are_drawn_near_to_what_was_there(tmp_path, name, kind):
     assert true.notes == ()
     repeated = repeated_frames(true.theta[SAID[kind]], FPS)
     (told,) = found.notes
-    assert f"at {repeated.argmax() / FPS:.2f} s: {repeated.sum()} of its 120 frames" in told
+    assert f"repeats {repeated.sum()} of its 120 frames while the body moves" in told
+    assert f"first at {repeated.argmax() / FPS:.2f} s" in told
     off, said_off = (np.abs(theta - true.theta) for theta in (found.theta, true.theta[SAID[kind]]))
     assert np.square(off[repeated]).mean() < 0.25 * np.square(said_off[repeated]).mean()
     assert off[SAID[kind] == FRAMES].max() < 1e-12

@@ -120,14 +120,14 @@ def test_translations_in_centimetres_are_told_once(flesh, capsys, unit_per_m):
 def test_poses_that_come_again_are_told_once(flesh, capsys, each, again, smooth):
     theta = swaying(TIMES_S)[np.arange(80) // each]
     streamed(StreamingBodies(flesh, body=BODY, smooth=smooth), theta, BETAS)
-    told = [line for line in capsys.readouterr().err.splitlines() if "before again" in line]
+    told = [line for line in capsys.readouterr().err.splitlines() if "repeats" in line]
     assert len(told) == (again is not None)
-    assert all(f"of 40 poses of a streamed body {again} are" in line for line in told)
+    assert all(f"a streamed body repeats {again} of 40 poses" in line for line in told)
 
 
 def test_who_stands_repeats_nothing(flesh, capsys):
     streamed(StreamingBodies(flesh, body=BODY), swaying(TIMES_S)[[*range(10), *[10] * 50]], BETAS)
-    assert "before again" not in capsys.readouterr().err
+    assert "repeats" not in capsys.readouterr().err
 
 
 def test_who_joins_leaves_or_waits_disturbs_nobody(flesh):

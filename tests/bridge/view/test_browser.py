@@ -285,7 +285,7 @@ HOSTILE = {
     "two frame rates, 120 and 60": {"fps": 60.0},
     "by 'Rh'": {"Rh": np.zeros((5, 3))},
     "jumps at its frame 3": {"trans": np.repeat([[0.0], [9.0]], [3, 2], axis=0) * [1, 0, 0]},
-    "its frame 3 is the one before again": {
+    "its frame 3 repeats the one before": {
         "trans": np.array([[0.0], [0.1], [0.2], [0.2], [0.3]]) * [1, 0, 0]
     },
     "a motion of": {"poses": np.zeros((40_000, 72)), "trans": np.zeros((40_000, 3)),

@@ -106,6 +106,6 @@ def test_what_nobodys_meshes_are_is_told(writer):
     meshes.at[20:23] = 19
     fall, again, down, apart = files.oddities(odd, meshes, 0.03)
     assert fall.startswith("s_1_jump falls with 3.8 times gravity at 60 frames a second")
-    assert "3 of its 40 meshes, first number 20, are the one before again" in again
+    assert "repeats 3 of its 40 meshes while the body moves, first number 20" in again
     assert "hangs head down" in down
     assert apart.startswith("s_1_jump stays 4 cm from SMPL")
