@@ -21,8 +21,8 @@ from bridge.body import BodyModelData
 from bridge.body.posing import shaped_joints, shaped_vertices
 from bridge.motion import load_motion_file
 from bridge.paper import N_BETAS, N_JOINTS
-from bridge.runtime.load_model import load_model
-from bridge.runtime.stepping import Model, codes_of_several
+from dsnet.prediction.load_model import load_model
+from dsnet.prediction.models import Model, codes_of_several
 
 PEOPLE, FRAMES, NOISE_M, SEED = 30, 90, 0.01, 0
 _EXACT_M, _ROUNDS, _STEP = 0.002, 12, 0.1

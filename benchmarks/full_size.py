@@ -30,7 +30,7 @@ from benchmarks.scaling.smooth_corpus import SmoothCorpus
 from bridge.runs import Run, read_artifact
 from bridge.runs.files import MANIFEST, runs_root, write_text_atomically
 from bridge.runs.writer import provenance
-from torch_align_ae.corpus.recordings import CorpusConfig, plan_of
+from dsnet.synthetic.recordings import CorpusConfig, plan_of
 
 LIMIT_MB = 4096
 """Of anonymous memory: what is asked of every stage."""

@@ -33,7 +33,7 @@ VERTEX_BYTES = {"offsets": 12, "offsets16": 6}
 _CODE = """
 from bridge.runs.workers import use_workers
 use_workers(1)
-from bridge.cli import main
+from dsnet.cli import main
 main()
 """
 

@@ -22,12 +22,12 @@ import tyro
 
 from benchmarks.scaling.measured_child import ChildUse, measured
 from benchmarks.scaling.smooth_corpus import SmoothCorpus, short_lengths
-from bridge.cli import COMMANDS
 from bridge.errors import DsnetError
 from bridge.motion.motion import MOST_FRAMES
 from bridge.runs import Run
 from bridge.runs.files import runs_root
 from bridge.runs.writer import provenance
+from dsnet.cli import COMMANDS
 
 TOO_STEEP = 2.6
 """Growth of the time at twice as many sequences: 2 is in proportion, 4 is quadratic."""
@@ -124,7 +124,7 @@ def run_stage(stage: str, run: Run, little: Little) -> ChildUse:
 def stage_command(stage: str, run: str, little: Little) -> list[str]:
     """What runs a stage with profile `smoke`."""
     call = (
-        "import json, sys; from bridge.cli import main; "
+        "import json, sys; from dsnet.cli import main; "
         "main(sys.argv[2:], **json.loads(sys.argv[1]))"
     )
     profile = [] if stage == "check" else ["--profile", "smoke"]

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from bridge.body import BodyModelData, load_body_model
 from bridge.motion import load_motion_file
 from bridge.runs.writer import machine
-from bridge.runtime.load_model import TrainedModel, load_model
-from bridge.runtime.moving_body import MovingBody
+from dsnet.prediction.load_model import TrainedModel, load_model
+from dsnet.prediction.moving_body import MovingBody
 
 ROUNDS, FRAMES = 7, 128
 

@@ -27,14 +27,14 @@ from bridge.runs.writer import provenance
 
 _HERE = Path(__file__).parents[1]
 _MOTION = ("--motion", "sample:jumping_jacks")
-_DSNET = ("-c", "from bridge.cli import main; main()")
+_DSNET = ("-c", "from dsnet.cli import main; main()")
 # One core from the beginning: libraries count the cores when they are loaded.
 _PICTURE = """
 import os, statistics, time
 if hasattr(os, "sched_setaffinity"):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 from bridge.body import load_body_model
-from bridge.report.render import frame_camera, render_bodies
+from dsnet.report.render import frame_camera, render_bodies
 body = load_body_model("embedded:female")
 camera = frame_camera([body.v_template], height_px=700, width_px=500)
 def draw():

@@ -1,6 +1,6 @@
 """What the studies add to `dsnet`: predictors to compare with, laws and a form to test on.
 
-    DSNET_PLUGINS=benchmarks.plugin python -m bridge.cli train --predictors dyna_like
+    DSNET_PLUGINS=benchmarks.plugin python -m dsnet.cli train --predictors dyna_like
 
 Frameworks are imported in each function, for no process may load both.
 """
@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from bridge.plugins import VARIABLE
 
 if TYPE_CHECKING:
+    from dsnet.synthetic.tissue_laws import MakeForm, TissueLaw
     from tf_dsnet.predictors import Predictor
-    from torch_align_ae.corpus.tissue_laws import MakeForm, TissueLaw
 
 
 def use() -> None:

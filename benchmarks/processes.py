@@ -39,4 +39,4 @@ def run_module(module: str, *arguments: str) -> None:
 
 
 def run_dsnet(command: str, *arguments: str) -> None:
-    run_module("bridge.cli", command, *arguments)
+    run_module("dsnet.cli", command, *arguments)

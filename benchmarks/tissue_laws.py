@@ -20,12 +20,12 @@ from benchmarks import plugin
 from benchmarks.processes import run_as_process
 from bridge.body import BodyModelData, load_body_model
 from bridge.paper import FPS
-from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
-from bridge.report.render import frame_camera, render_bodies
 from bridge.runs.files import write_text_atomically
-from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import TissueSimulator, posed_meshes
-from torch_align_ae.corpus.subjects import SUBJECTS, Subject
+from dsnet.report.panels import draw_panels, magnitude_colours, scale_top_m
+from dsnet.report.render import frame_camera, render_bodies
+from dsnet.synthetic.motions import Skeleton, perform
+from dsnet.synthetic.simulation import TissueSimulator, posed_meshes
+from dsnet.synthetic.subjects import SUBJECTS, Subject
 
 _OWN = "own"
 _MOTIONS = ("one_leg_jump", "kicking", "hips", "shake_arms")

@@ -4,8 +4,8 @@ The environment variable `DSNET_PLUGINS` names modules that can be imported, wit
 them. Each has any of the functions
 
     predictors()    name -> `tf_dsnet.predictors.Predictor`
-    tissues()       name -> `torch_align_ae.corpus.tissue_laws.TissueLaw`
-    mesh_forms()    name -> `torch_align_ae.corpus.tissue_laws.MakeForm`
+    tissues()       name -> `dsnet.synthetic.tissue_laws.TissueLaw`
+    mesh_forms()    name -> `dsnet.synthetic.tissue_laws.MakeForm`
 
 that return what it adds. They import inside, so that no process loads both frameworks. Only the
 user's environment names a module: files of a run hold plain names, and nothing is imported because

@@ -11,8 +11,8 @@ import sys
 import numpy as np
 
 from bridge.motion import load_motion_file
-from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_model
+from dsnet.prediction.controls import Controls, controlled_body
+from dsnet.prediction.load_model import load_model
 
 motion = load_motion_file(sys.argv[1] if len(sys.argv) > 1 else "sample:jumping_jacks")
 trained = load_model(run=None, gender=motion.gender)  # Run("demo") takes that run's best

@@ -3,7 +3,7 @@
 import numpy as np
 
 from bridge import load_motion
-from bridge.runtime.streams import StreamingBodies
+from dsnet.stream.streams import StreamingBodies
 
 bodies = StreamingBodies(fps=60)  # of the package; StreamingBodies("demo") takes that run's best
 motion = bodies.placed(load_motion("sample:jumping_jacks"))  # or a file of yours

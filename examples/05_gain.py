@@ -6,8 +6,8 @@ The same as options of `dsnet predict`, `export` and `view`: --gain, --part-gain
 import numpy as np
 
 from bridge import load_motion
-from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.load_model import load_model
+from dsnet.prediction.controls import Controls, controlled_body
+from dsnet.prediction.load_model import load_model
 
 motion = load_motion("sample:jumping_jacks")
 trained = load_model(run=None, gender=motion.gender)

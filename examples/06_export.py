@@ -8,8 +8,8 @@ python examples/06_export.py [OUT]
 import sys
 from pathlib import Path
 
-from bridge.export.stage_export import ExportConfig, main
 from bridge.processes import exit_with_one_line
+from dsnet.exporters.stage_export import ExportConfig, main
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "exported")
 with exit_with_one_line():  # what exists is never overwritten: one line says so

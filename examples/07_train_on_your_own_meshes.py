@@ -11,12 +11,12 @@ import sys
 
 from bridge.processes import exit_with_one_line, outcome_of_module
 from bridge.runs import Run
-from bridge.runtime.prediction_files import predict_motion
+from dsnet.prediction.prediction_files import predict_motion
 
 
 def dsnet(*command: str) -> None:
     """A stage, which is a process of its own; one that fails has said why."""
-    if status := outcome_of_module("bridge.cli", *command, quiet=False)[0]:
+    if status := outcome_of_module("dsnet.cli", *command, quiet=False)[0]:
         sys.exit(status)
 
 

@@ -7,7 +7,7 @@ python examples/08_verify.py (needs the extra `train`)
 
 import numpy as np
 
-from bridge.verify.reference import dsnet
+from dsnet.verify.reference import dsnet
 from tf_dsnet import build_dsnet
 from tf_dsnet.model import named_weights
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from bridge.motion.readers.amass import sample_path
 from bridge.processes import exit_with_one_line
 from bridge.runs import read_artifact
-from bridge.runtime.many_motions import predict_folder
+from dsnet.prediction.predict_folder import predict_folder
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "motions")
 out = Path(sys.argv[2] if len(sys.argv) > 2 else "flesh")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bridge.runtime.controls import Controls, controlled_body
+from dsnet.prediction.controls import Controls, controlled_body
 
 body_file = sys.argv[1] if len(sys.argv) > 1 else "embedded:male"
 motion_file = sys.argv[2] if len(sys.argv) > 2 else "sample:jumping_jacks"

@@ -22,7 +22,7 @@ def hear_signals() -> None:
     """Answer Ctrl-C and SIGTERM in this process, and so in what it starts.
 
     Shells start deaf to Ctrl-C what they put into the background; an interrupted command is deaf
-    to both until its process ends, which goes on where a test calls `bridge.cli.main`.
+    to both until its process ends, which goes on where a test calls `dsnet.cli.main`.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("bridge", "torch_align_ae", "tf_dsnet")
+PACKAGES = ("bridge", "dsnet", "torch_align_ae", "tf_dsnet")
 
 
 def source_files(*folders: str) -> list[Path]:

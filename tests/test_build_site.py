@@ -61,8 +61,8 @@ class Html(HTMLParser):
         (
             "docs/metrics.md",
             "metrics.md",
-            "[`metrics.py`](../bridge/measure/metrics.py)",
-            "[`metrics.py`](api/bridge.measure.metrics.md)",
+            "[`metrics.py`](../dsnet/evaluation/metrics.py)",
+            "[`metrics.py`](api/dsnet.evaluation.metrics.md)",
         ),
         (
             "docs/metrics.md",
@@ -99,7 +99,7 @@ def test_the_table_of_contents_names_every_page_once() -> None:
 
 def test_every_public_module_has_a_page() -> None:
     modules = hook.modules()
-    assert {"bridge/__init__.py", "bridge/cli.py", "tf_dsnet/predictors.py"} <= set(modules)
+    assert {"bridge/__init__.py", "dsnet/cli.py", "tf_dsnet/predictors.py"} <= set(modules)
     assert not [path for path in modules if "__main__" in path]
     assert set(PACKAGES) < set(hook.PACKAGES)
 

@@ -12,7 +12,7 @@ from PIL import Image
 
 from bridge import DsnetError
 from bridge.motion.readers.amass import sample_path
-from bridge.runtime.controls import Controls, controlled_body
+from dsnet.prediction.controls import Controls, controlled_body
 from tests.forged.cyclic import circling
 from tools import build_gallery
 from tools.build_gallery import (

@@ -116,31 +116,31 @@ def test_third_parties_are_those_of_the_folder(folder: str) -> None:
 
 def test_an_import_inside_a_function_is_seen(tmp_path: Path) -> None:
     source = tmp_path / "source.py"
-    source.write_text("def f():\n    import torch.nn\n    from bridge.report.bodies import Scene\n")
+    source.write_text("def f():\n    import torch.nn\n    from dsnet.report.bodies import Scene\n")
     names = list(imported_modules(source))
-    assert names == ["torch.nn", "bridge.report.bodies"]
-    assert upward("motion", names) == ["bridge.report.bodies"]
+    assert names == ["torch.nn", "dsnet.report.bodies"]
+    assert upward("motion", names) == ["dsnet.report.bodies"]
     assert upward("report", names) == []
-    assert upward("", names) == ["bridge.report.bodies"]
+    assert upward("", names) == ["dsnet.report.bodies"]
     assert upward("cli.py", names) == []
-    assert upward("verify", ["bridge.cli"]) == ["bridge.cli"]
+    assert upward("verify", ["dsnet.cli"]) == ["dsnet.cli"]
 
 
 @pytest.mark.parametrize(
     ("modules", "absent"),
     [
         (
-            "bridge.cli, bridge.exchange, bridge.runtime.stage_predict, tf_dsnet,"
-            " tf_dsnet.stage_infer",
+            "dsnet.cli, bridge.exchange, dsnet.prediction.stage_predict, tf_dsnet,"
+            " dsnet.stages.stage_infer",
             "torch tensorflow keras",
         ),
         (
-            "bridge.export.stage_export",
+            "dsnet.exporters.stage_export",
             "torch tensorflow keras pxr alembic3d imageio_ffmpeg embreex",
         ),
-        ("bridge.view.stage_view", "torch tensorflow keras onnxruntime"),
+        ("dsnet.view.stage_view", "torch tensorflow keras onnxruntime"),
         ("torch_align_ae", "tensorflow keras"),
-        ("tf_dsnet.stage_train", "torch"),
+        ("dsnet.stages.stage_train", "torch"),
     ],
 )
 def test_importing_loads_only_its_own_framework(modules: str, absent: str) -> None:

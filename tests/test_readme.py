@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bridge.report.panels import FOOTERS
+from dsnet.report.panels import FOOTERS
 from tests.pages import PAGES, ROOT, commands_on, flags_of
 from tools.speed_page import speed_page
 from tools.update_readme import README, SPEED, load_bench, load_results, with_results
@@ -34,7 +34,7 @@ def test_published_reports_claim_what_reports_claim_today(report: Path) -> None:
 @pytest.mark.parametrize("page", PAGES)
 def test_named_files_exist(page: str) -> None:
     text = (ROOT / page).read_text()
-    folders = "benchmarks|bridge|docs|tests|tf_dsnet|tools|torch_align_ae"
+    folders = "benchmarks|bridge|dsnet|docs|tests|tf_dsnet|tools|torch_align_ae"
     named = set(re.findall(rf"`((?:{folders})/[\w./-]+)", text))
     assert not [name for name in named if not (ROOT / name).exists()]
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from dsnet.synthetic.stage_corpus import PROFILES
 from tests.sources import PACKAGES, ROOT, imported_modules, parsed, source_files
-from torch_align_ae.corpus.stage_corpus import PROFILES
 
-CORPUS = ROOT / "torch_align_ae" / "corpus"
-REGISTRY = "torch_align_ae.corpus.tissue_laws"
+CORPUS = ROOT / "dsnet" / "synthetic"
+REGISTRY = "dsnet.synthetic.tissue_laws"
 _SHARED = {"simulation": {"skin"}, "motions.plan": {"GRAVITY_M_S2"}}
 LAWS = {
     "second": _SHARED,
@@ -40,15 +40,15 @@ def test_it_shares_nothing_with_other_laws_but_body_surface_and_skinning(law):
                 continue
             if node.module.startswith("benchmarks"):
                 assert node.module.startswith(f"benchmarks.laws.{law}_tissue"), path
-            if node.module.startswith("torch_align_ae.corpus"):
-                name = node.module.removeprefix("torch_align_ae.corpus.")
+            if node.module.startswith("dsnet.synthetic"):
+                name = node.module.removeprefix("dsnet.synthetic.")
                 found.setdefault(name, set()).update(alias.name for alias in node.names)
     assert found == LAWS[law]
 
 
 def test_only_evaluation_and_report_ask_with_which_law_a_corpus_was_made():
     """So no training's settings depend on it: of a manifest only this text could tell."""
-    naming = {ROOT / "bridge" / "measure", ROOT / "bridge" / "report"}
+    naming = {ROOT / "dsnet" / "evaluation", ROOT / "dsnet" / "report"}
     for path in outside():
         if naming & set(path.parents):
             continue

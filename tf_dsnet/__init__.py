@@ -4,8 +4,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bridge.runtime.streaming_predictor import StreamingPredictor
-    from bridge.runtime.streams import StreamingBodies
+    from dsnet.stream.streaming_predictor import StreamingPredictor
+    from dsnet.stream.streams import StreamingBodies
     from tf_dsnet.mesh_autoencoder import KerasMeshAutoencoder
     from tf_dsnet.model import build_dsnet
     from tf_dsnet.smpl import KerasSMPL, unpose
@@ -21,8 +21,8 @@ __all__ = [
 _LOADED_LATE = {
     "KerasMeshAutoencoder": "tf_dsnet.mesh_autoencoder",
     "KerasSMPL": "tf_dsnet.smpl",
-    "StreamingBodies": "bridge.runtime.streams",
-    "StreamingPredictor": "bridge.runtime.streaming_predictor",
+    "StreamingBodies": "dsnet.stream.streams",
+    "StreamingPredictor": "dsnet.stream.streaming_predictor",
     "build_dsnet": "tf_dsnet.model",
     "unpose": "tf_dsnet.smpl",
 }

@@ -19,10 +19,11 @@ from bridge.exchange.weights import load_checkpoint, refuse_nonfinite, save_chec
 from bridge.options import NonNegativeInt, PositiveFloat, PositiveInt, Seed
 from bridge.runs import Artifact, ArtifactWriter, Run
 from bridge.runs.run import TRAIN_PLUS, best_alignment, body_model_path
-from bridge.runtime.stepping import PlusModel, codes_of_several
+from bridge.tissue.node_clips import NodeClip, known_people, node_clips
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import STEPS
 from bridge.tissue.shape import shape_features, shaped_normals
+from bridge.tissue.static_part import NodeStatic, fit_static
 from bridge.tissue.trained_plus import (
     NAME,
     StaticPart,
@@ -30,10 +31,9 @@ from bridge.tissue.trained_plus import (
     Weights,
     shares_of_people,
 )
+from dsnet.prediction.models import PlusModel, codes_of_several
 from tf_dsnet.framework import Tensor, be_reproducible, tf
 from tf_dsnet.oscillators import OscillatorLayer, OscillatorLearner
-from tf_dsnet.plus_clips import NodeClip, known_people, node_clips
-from tf_dsnet.static_part import NodeStatic, fit_static
 
 LABEL = "DSNet+, oscillators"
 DEPARTURES = (

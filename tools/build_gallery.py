@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 
 from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError
-from bridge.export.clips import write_gif
 from bridge.motion import load_motion_file
 from bridge.runs import Run
-from bridge.runtime.controls import Controls, controlled_body
-from bridge.runtime.moving_body import MovingBody
+from dsnet.exporters.clips import write_gif
+from dsnet.prediction.controls import Controls, controlled_body
+from dsnet.prediction.moving_body import MovingBody
 from tools.gallery.laps import best_lap, closed, closed_lap
 from tools.gallery.performed import (
     Performed,

@@ -4,8 +4,8 @@
 
 For each gender it makes the synthetic corpus, aligns it by the robust aligner and trains
 `dsnet_plus` in a run of its own, `packaged_<gender>` (what is there already is used), then writes
-`bridge/runtime/models/<gender>/`. What training found of single people of the corpus as a constant
-is left out: nobody else has exactly their shapes.
+`dsnet/prediction/packaged/<gender>/`. What training found of single people of the corpus as a
+constant is left out: nobody else has exactly their shapes.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import tyro
 from benchmarks.processes import run_dsnet
 from bridge.exchange import save_weights
 from bridge.runs import Artifact, ArtifactWriter, Run
-from bridge.runtime.load_model import PACKAGED, packaged_folder
 from bridge.tissue.trained_plus import NAME, StaticPart, TrainedPlus
+from dsnet.prediction.load_model import PACKAGED, packaged_folder
 
 GENDERS = ("female", "male")
 

@@ -18,11 +18,11 @@ import numpy as np
 
 from bridge.body import load_body_model
 from bridge.motion.readers.amass import CYCLE, SAMPLES, sample_path
-from torch_align_ae.corpus.corpus_motions import write_amass_motion
-from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.motions.locomotion import walking
-from torch_align_ae.corpus.motions.plan import Array, Planner
-from torch_align_ae.corpus.motions.posing import pose_body
+from dsnet.synthetic.corpus_motions import write_amass_motion
+from dsnet.synthetic.motions import Skeleton, perform
+from dsnet.synthetic.motions.locomotion import walking
+from dsnet.synthetic.motions.plan import Array, Planner
+from dsnet.synthetic.motions.posing import pose_body
 
 FPS, SECONDS, SEED = 60, 4, 2021
 LAP = slice(148, 148 + FPS + 1)

@@ -18,9 +18,9 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from bridge.view.page import document
-from bridge.view.repertoire import open_repertoire
-from bridge.view.scene import Scene
+from dsnet.view.clip_list import open_repertoire
+from dsnet.view.page import document
+from dsnet.view.scene import Scene
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGURATION = ROOT / "tools" / "site" / "mkdocs.yml"

@@ -12,9 +12,9 @@ from pathlib import Path
 from benchmarks.processes import run_as_process
 from bridge.errors import DsnetError
 from bridge.runs import Run
-from bridge.view.page import serving
-from bridge.view.repertoire import open_repertoire
-from bridge.view.scene import Scene
+from dsnet.view.clip_list import open_repertoire
+from dsnet.view.page import serving
+from dsnet.view.scene import Scene
 from tools.headless_chromium import PATIENCE_MS, chromium, open_page, why_missing
 
 PICTURE = Path(__file__).parents[1] / "docs" / "images" / "viewer.jpg"

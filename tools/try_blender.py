@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import posed_joints
 from bridge.body.surface_operators import vertex_normals
-from bridge.runtime.controls import Controls, controlled_body
+from dsnet.prediction.controls import Controls, controlled_body
 from tools.built_wheel import ROOT
 from tools.try_pythons import find_python, last_line, run, say
 
@@ -35,7 +35,7 @@ PACKAGES = (BLENDER, "numpy==1.26.4")  # its add-ons would need more
 IMPORTER = ROOT / "tools" / "blender_import.py"
 INSTALL_S, COMMAND_S = 150, 180
 """At most, for the packages and for each command after them."""
-DSNET = (sys.executable, "-c", "from bridge.cli import main; main()")
+DSNET = (sys.executable, "-c", "from dsnet.cli import main; main()")
 MOTION, FPS, TRIED = ("--motion", "sample:walking"), 60, 5
 BOUND_MM, MARGIN_MM = 0.01, 0.02
 """Vertices may be so far off; in the skeleton, so much further than its file states."""

@@ -26,7 +26,7 @@ TESTERS = ("filelock", "hypothesis", "pytest", "pytest-xdist")
 TESTS = (
     "tests/bridge/test_errors.py",
     "tests/bridge/body/test_smpl_files.py",
-    "tests/bridge/markers",
+    "tests/dsnet/markers",
     "tests/bridge/motion",
     "tests/bridge/tissue",
     "tests/bridge/runs/test_artifact.py",

@@ -18,9 +18,9 @@ from typing import Any
 from benchmarks.claims.__main__ import PAGE, counted, page
 from benchmarks.claims.claims import claims
 from benchmarks.claims.results import KNOWN, NEW, NEW_UNSEEN, UNSEEN, Results, mean_sd, r2_of
-from bridge.report.pages import main_table, of_mesh, plus_minus, smpl_of
 from bridge.runs import Run
 from bridge.runs.run import TRAIN_PLUS
+from dsnet.report.pages import main_table, of_mesh, plus_minus, smpl_of
 from tools.speed_page import speed_page
 
 ROOT = Path(__file__).parents[1]

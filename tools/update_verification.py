@@ -20,10 +20,10 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 
-from bridge.report.panels import new_figure, save_figure
-from bridge.report.results import read_parity
 from bridge.runs import Run
 from bridge.runs.artifact import DataOrigin
+from dsnet.report.panels import new_figure, save_figure
+from dsnet.report.results import read_parity
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "verification.md"

@@ -11,15 +11,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from bridge.report.panels import (
+from bridge.runs.artifact import DataOrigin
+from dsnet.report.panels import (
     draw_panels,
     magnitude_colours,
     new_figure,
     save_figure,
     scale_top_m,
 )
-from bridge.report.render import frame_camera, render_bodies
-from bridge.runs.artifact import DataOrigin
+from dsnet.report.render import frame_camera, render_bodies
 
 _LEAST_SHARE_DRAWN = 0.02
 # Clear of curves and bars, wherever they end.

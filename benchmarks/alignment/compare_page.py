@@ -21,7 +21,7 @@ from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import pose_vertices
 from bridge.motion import unpack_theta
 from bridge.paper import FPS
-from bridge.report.curves import TRUE_POSE, draw_figure10
+from dsnet.report.curves import TRUE_POSE, draw_figure10
 
 # The paper's example; its subject there is 50025, who is lean in the synthetic corpus.
 _FIGURE10_SEQUENCE, _FIGURE10_JOINT = "50004_jiggle_on_toes", "spine2"

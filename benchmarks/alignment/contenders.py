@@ -19,6 +19,7 @@ from benchmarks.alignment.in_memory import align_sequences
 from benchmarks.alignment.known_sequences import KnownRecording
 from benchmarks.alignment.lesser_laws import WeightsAlone
 from bridge.body import BodyModelData
+from bridge.meshes.dyna_files import dyna_sequences, write_dyna
 from bridge.motion import MotionSequence, pack_theta
 from bridge.paper import FPS
 from bridge.runs import ArtifactWriter
@@ -27,7 +28,6 @@ from torch_align_ae.alignment.sgd import Descent, SgdFit
 from torch_align_ae.alignment.skin_sample import SkinSample
 from torch_align_ae.alignment.tissue import Loads
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_files import dyna_sequences, write_dyna
 
 
 @dataclass(frozen=True)

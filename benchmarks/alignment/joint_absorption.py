@@ -19,9 +19,9 @@ from scipy.spatial.transform import Rotation
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import posed_joints
-from bridge.measure.metrics import frame_blocks
 from bridge.motion import unpack_theta
 from bridge.paper import N_JOINTS
+from dsnet.evaluation.metrics import frame_blocks
 
 CARRIERS = (*SMPL_JOINT_NAMES[:N_JOINTS], "translation")
 

@@ -12,13 +12,13 @@ from torch import Tensor
 
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
-from bridge.measure.metrics import ErrorSums
+from bridge.meshes.dyna_files import dyna_sequences
 from bridge.motion import sequences_of, subject_rows, unpack_theta
 from bridge.motion.cuts import turns_rad
 from bridge.runs import Run
 from bridge.runs.run import corpus_body_path
+from dsnet.evaluation.metrics import ErrorSums
 from torch_align_ae.body import SMPL, rest_pose_offsets
-from torch_align_ae.corpus.dyna_files import dyna_sequences
 
 
 @dataclass(frozen=True)

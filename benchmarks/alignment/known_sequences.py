@@ -13,9 +13,9 @@ from tqdm import tqdm
 from bridge.body import BodyModelData, load_body_model
 from bridge.exchange import load_weights, save_weights
 from bridge.paper import FPS
-from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import TissueSimulator, posed_meshes
-from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN, Gender, Subject
+from dsnet.synthetic.motions import Skeleton, perform
+from dsnet.synthetic.simulation import TissueSimulator, posed_meshes
+from dsnet.synthetic.subjects import SUBJECTS, UNSEEN, Gender, Subject
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.processes import run_as_process
-from bridge.measure.metrics import ErrorSums
 from bridge.motion import sequences_of
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
 from bridge.runs.run import best_alignment
+from dsnet.evaluation.metrics import ErrorSums
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from benchmarks.alignment.joint_absorption import CARRIERS, JointLoads, pose_err
 from benchmarks.alignment.known_sequences import KnownSequence
 from bridge.body import BodyModelData, load_body_model, pose_vertices
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.measure.alignment import Absorption, AlignmentErrors, spread
 from bridge.motion import unpack_theta
 from bridge.paper import N_JOINTS
+from dsnet.evaluation.alignment import Absorption, AlignmentErrors, spread
 from torch_align_ae.body import SMPL, rest_pose_offsets
 
 _TOES = [SMPL_JOINT_NAMES.index(name) for name in ("left_foot", "right_foot")]

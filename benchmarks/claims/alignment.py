@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from benchmarks.processes import run_as_process
 from bridge.body.model_data import SMPL_JOINT_NAMES
-from bridge.measure.evaluation import MESH_ERROR, frames_m
-from bridge.measure.pipelines import SMPL, MotionArrays, Pipeline, pipelines_of
 from bridge.motion import unpack_theta
 from bridge.motion.splits import CELLS
 from bridge.paper import ABSORBING_JOINT, ABSORBING_SEQUENCE
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
+from dsnet.evaluation.evaluation import MESH_ERROR, frames_m
+from dsnet.evaluation.pipelines import SMPL, MotionArrays, Pipeline, pipelines_of
 
 GAINS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)
 """By which predicted offsets are multiplied."""

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.exchange.dsnet import UnpaddedClip, join_inputs
-from bridge.measure.pipelines import MotionArrays
 from bridge.motion.splits import CELLS
 from bridge.paper import LATENT_SIZE, N_VERTICES
 from bridge.runs import Run
+from dsnet.evaluation.pipelines import MotionArrays
 
 VALIDATION = "validation"
 MOTIONS = {"align": "infer", "align_robust": "infer_plus"}

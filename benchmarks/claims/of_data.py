@@ -16,7 +16,7 @@ from benchmarks.claims.row import (
     default_of,
     rule,
 )
-from bridge.report.paper_table import format_value
+from dsnet.report.paper_table import format_value
 
 
 def of_data(results: Results) -> Iterator[Claim]:

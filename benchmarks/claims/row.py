@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from bridge.report.pages import of_mesh, plus_minus, smpl_of
+from dsnet.report.pages import of_mesh, plus_minus, smpl_of
 
 Verdict = Literal["holds", "in part", "does not hold here", "needs the licensed data"]
 HOLDS: Verdict = "holds"

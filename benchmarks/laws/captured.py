@@ -19,7 +19,7 @@ from bridge.body.posing import joint_rotations
 from bridge.body.surface_operators import vertex_areas_m2, vertex_normals
 from bridge.motion import unpack_theta
 from bridge.paper import N_JOINTS
-from torch_align_ae.corpus.tissue_parameters import smooth_over_surface
+from dsnet.synthetic.tissue_parameters import smooth_over_surface
 
 Array = NDArray[np.floating]
 

@@ -14,15 +14,15 @@ from benchmarks.processes import run_as_process
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError
-from bridge.markers.bony import bony_motion
-from bridge.markers.marker_files import read_markers
-from bridge.markers.registration import register
-from bridge.markers.skin import compare_offsets
 from bridge.motion.resampling import load_motion_file
 from bridge.options import PositiveFloat
 from bridge.paper import FPS
-from bridge.runtime.stage_evaluate import write_comparisons
-from torch_align_ae.corpus.simulation import TissueSimulator
+from dsnet.markers.bone_pose import bony_motion
+from dsnet.markers.marker_files import read_markers
+from dsnet.markers.registration import register
+from dsnet.markers.skin import compare_offsets
+from dsnet.stages.stage_evaluate import write_comparisons
+from dsnet.synthetic.simulation import TissueSimulator
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from benchmarks.laws.second_tissue_parameters import layer_parameters, muscle_sh
 from bridge.body import BodyModelData
 from bridge.body.posing import shaped_vertices
 from bridge.motion import unpack_theta
-from torch_align_ae.corpus.motions.plan import GRAVITY_M_S2
-from torch_align_ae.corpus.simulation import skin
+from dsnet.synthetic.motions.plan import GRAVITY_M_S2
+from dsnet.synthetic.simulation import skin
 
 _LEAST_RATE_HZ = 120.0
 _PARABOLA_FRAMES = 5

@@ -34,7 +34,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from torch_align_ae.corpus.motions.plan import GRAVITY_M_S2
+from dsnet.synthetic.motions.plan import GRAVITY_M_S2
 
 Array = NDArray[np.floating]
 

@@ -28,7 +28,7 @@ from bridge.body.surface_operators import (
     vertex_normals,
     volume_m3,
 )
-from torch_align_ae.corpus.tissue_parameters import smooth_over_surface
+from dsnet.synthetic.tissue_parameters import smooth_over_surface
 
 Array = NDArray[np.floating]
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from benchmarks.laws.third_tissue import RATE_HZ, Array, ThirdTissue
 from benchmarks.laws.third_tissue_parameters import third_tissue_parameters
 from bridge.body import BodyModelData
-from torch_align_ae.corpus.simulation import skin
+from dsnet.synthetic.simulation import skin
 
 _FRAMES_PER_BATCH = 32
 _POLAR_STEPS = 8

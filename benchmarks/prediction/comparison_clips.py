@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.body import load_body_model
-from bridge.measure.pipelines import stages_of_pipelines
 from bridge.motion import sequences_of
-from bridge.report.bodies import Scene
-from bridge.report.panels import draw_panels, magnitude_colours, scale_top_m
-from bridge.report.render import frame_camera, render_bodies
 from bridge.runs import Run
 from bridge.runs.run import body_model_path
+from dsnet.evaluation.pipelines import stages_of_pipelines
+from dsnet.report.bodies import Scene
+from dsnet.report.panels import draw_panels, magnitude_colours, scale_top_m
+from dsnet.report.render import frame_camera, render_bodies
 
 SHOWN = ("dsnet_plus", "softsmpl_like", "dyna_like", "casas_otaduy_like", "dsnet_faithful")
 """Systems that get a row if the run has them; more would not be seen."""

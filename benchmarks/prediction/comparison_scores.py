@@ -11,11 +11,11 @@ import numpy as np
 
 from benchmarks.prediction.corpora import dsnet, score_files, scores_of
 from bridge.errors import DsnetError
-from bridge.measure.comparison import TRUE
-from bridge.measure.evaluation import OFFSET_SIZE, frames_m
 from bridge.motion.sequences import is_real_motion
 from bridge.motion.splits import CELLS
 from bridge.runs import Artifact, Run
+from dsnet.evaluation.comparison import TRUE
+from dsnet.evaluation.evaluation import OFFSET_SIZE, frames_m
 
 _SAME = ("profile", "epochs", "test_bed", "sequences")
 """What scores of one corpus have in common."""

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from benchmarks.processes import run_as_process
 from bridge.tissue.trained_plus import NODE_FIELDS, Weights
-from tf_dsnet import stage_train, stage_train_plus
+from dsnet.stages import stage_train
+from tf_dsnet import stage_train_plus
 from tf_dsnet.oscillators import OscillatorLayer
 from tf_dsnet.stage_train_plus import PlusTraining, TrainPlusConfig
 

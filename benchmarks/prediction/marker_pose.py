@@ -21,14 +21,14 @@ from scipy.signal import butter, sosfiltfilt
 from benchmarks.processes import run_as_process
 from bridge.body import BodyModelData
 from bridge.body.posing import Smpl, shaped_joints
-from bridge.markers.bony import bony_pose
-from bridge.markers.segments import faster
 from bridge.motion import Motion, load_motion_file, pack_theta, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.motion.readers.amass import motion_path
 from bridge.runs.files import write_text_atomically
-from bridge.runtime.load_model import TrainedModel, load_model
-from bridge.runtime.moving_body import MovingBody, place_motion
+from dsnet.markers.bone_pose import bony_pose
+from dsnet.markers.segments import faster
+from dsnet.prediction.load_model import TrainedModel, load_model
+from dsnet.prediction.moving_body import MovingBody, place_motion
 
 EMBEDDED_MARKERS = {
     "CLAV": 576, "C7": 245, "T8": 1810, "LBAK": 4033, "RBAK": 589, "STRN": 5347, "LBUST": 4250,

@@ -32,8 +32,8 @@ from bridge.motion.sequences import is_real_motion
 from bridge.motion.smoothing import StreamSmoother, smoothed
 from bridge.runs import Artifact, Run
 from bridge.runs.files import write_text_atomically
-from bridge.runtime.load_model import load_model
-from bridge.runtime.stepping import Model, predict_whole
+from dsnet.prediction.load_model import load_model
+from dsnet.prediction.models import Model, predict_whole
 
 _INPUTS = ("clean", "noisy", "white")
 _KINDS = ("offsets", "velocity")

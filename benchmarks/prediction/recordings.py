@@ -26,17 +26,17 @@ from benchmarks.processes import run_as_process
 from bridge.body import load_body_model
 from bridge.body.posing import shaped_joints
 from bridge.errors import DsnetError, notify
-from bridge.measure.metrics import STEP_HZ, ErrorSums, Offsets, SpectrumSums
 from bridge.motion.cuts import pieces_between_cuts
 from bridge.motion.resampling import load_motion_file
 from bridge.motion.smoothing import SmoothHz
 from bridge.paper import FPS
 from bridge.runs import Run
 from bridge.runs.files import write_text_atomically
-from bridge.runtime.load_model import load_model
-from bridge.runtime.stepping import predict_whole
-from torch_align_ae.corpus.subjects import SUBJECTS, UNSEEN
-from torch_align_ae.corpus.tissue_laws import tissue_named
+from dsnet.evaluation.metrics import STEP_HZ, ErrorSums, Offsets, SpectrumSums
+from dsnet.prediction.load_model import load_model
+from dsnet.prediction.models import predict_whole
+from dsnet.synthetic.subjects import SUBJECTS, UNSEEN
+from dsnet.synthetic.tissue_laws import tissue_named
 
 GOAL_R2 = 0.85
 _BANDAI = (

@@ -21,12 +21,12 @@ from bridge.body import BodyModelData, load_body_model
 from bridge.body.parts import PARTS, part_weights
 from bridge.paper import N_BETAS
 from bridge.runs.files import write_text_atomically
-from bridge.runtime.load_model import find_model
-from bridge.runtime.onnx_graph import Graph, GraphSession
-from bridge.runtime.tissue_graph import SheetGraph, person_of
 from bridge.tissue.trained_plus import TrainedPlus
-from torch_align_ae.corpus.simulation import TissueSimulator
-from torch_align_ae.corpus.subjects import SUBJECTS
+from dsnet.onnx.onnx_graph import Graph, GraphSession
+from dsnet.onnx.tissue_graph import SheetGraph, person_of
+from dsnet.prediction.load_model import find_model
+from dsnet.synthetic.simulation import TissueSimulator
+from dsnet.synthetic.subjects import SUBJECTS
 
 LOOSE = ("chest", "belly", "buttocks", "thighs")
 _LOAD_M_S2 = 0.05

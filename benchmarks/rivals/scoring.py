@@ -13,11 +13,11 @@ from benchmarks.prediction.comparison_scores import short, sizes_over_time
 from benchmarks.prediction.corpora import scores_of
 from benchmarks.rivals.rival import MotionClip, Rival
 from bridge.body import BodyModelData
-from bridge.measure.evaluation import evaluate_pipelines
-from bridge.measure.pipelines import BEST, MotionArrays, Pipeline
 from bridge.motion import MotionSequence, sequences_of, subject_rows, to_manifest
 from bridge.motion.sequences import end_to_end
 from bridge.runs import Artifact, ArtifactWriter
+from dsnet.evaluation.evaluation import evaluate_pipelines
+from dsnet.evaluation.pipelines import BEST, MotionArrays, Pipeline
 
 
 def validation_clips(align: Artifact) -> list[MotionClip]:

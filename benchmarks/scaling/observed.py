@@ -18,8 +18,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bridge.cli import main as dsnet
 from bridge.runs.workers import WorkerPool, use_workers
+from dsnet.cli import main as dsnet
 
 _IO = Path("/proc/self/io")
 

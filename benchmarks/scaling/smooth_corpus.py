@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from bridge.body import BodyModelData, load_body_model
 from bridge.body.posing import shaped_joints
+from bridge.meshes.dyna_files import write_dyna
 from bridge.motion import MotionSequence, to_manifest
 from bridge.motion.sequences import Split, end_to_end, subjects_of
 from bridge.motion.splits import take_suffix
 from bridge.paper import FPS, N_JOINTS
 from bridge.runs import ArtifactWriter, Run
-from torch_align_ae.corpus.corpus_motions import write_amass_motion
-from torch_align_ae.corpus.dyna_files import write_dyna
-from torch_align_ae.corpus.simulation import posed_meshes
+from dsnet.synthetic.corpus_motions import write_amass_motion
+from dsnet.synthetic.simulation import posed_meshes
 
 NOTICE = "Smooth functions in place of motions and soft tissue: a corpus for benchmarks only.\n"
 _GENDER = "female"

@@ -20,18 +20,18 @@ from numpy.typing import NDArray
 
 from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
 from bridge.body import BodyModelData
-from bridge.fitting import evidence
-from bridge.fitting.constants import Region, constants_of, logit, preload_of
-from bridge.fitting.fit import Estimate, fit_person
-from bridge.fitting.population import share
-from bridge.markers.registration import SOFT, SPOTS
 from bridge.runs.workers import worker_pool
-from bridge.runtime.load_model import load_model
-from bridge.runtime.stepping import PlusModel
 from bridge.tissue.trained_plus import NAME, TrainedPlus
-from torch_align_ae.corpus.motions import perform
-from torch_align_ae.corpus.motions.posing import Skeleton
-from torch_align_ae.corpus.tissue_parameters import FLESH, WAVE_SPEED_M_S
+from dsnet.fitting import evidence
+from dsnet.fitting.fit import Estimate, fit_person
+from dsnet.fitting.flesh_patch import Region, constants_of, logit, preload_of
+from dsnet.fitting.population import share
+from dsnet.markers.registration import SOFT, SPOTS
+from dsnet.prediction.load_model import load_model
+from dsnet.prediction.models import PlusModel
+from dsnet.synthetic.motions import perform
+from dsnet.synthetic.motions.posing import Skeleton
+from dsnet.synthetic.tissue_parameters import FLESH, WAVE_SPEED_M_S
 
 TAKES = ("jumping_jacks", "running_on_spot", "one_leg_jump")
 MODES = ("true pose", "a pose that swallowed flesh", "the same, by markers on bone")

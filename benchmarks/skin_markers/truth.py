@@ -19,13 +19,13 @@ from benchmarks.prediction.marker_pose import EMBEDDED_MARKERS
 from bridge.body import BodyModelData
 from bridge.body.model_data import SMPL_JOINT_NAMES
 from bridge.body.posing import Smpl, shaped_joints
-from bridge.fitting.constants import Region, logit, with_changes
 from bridge.motion import pack_theta, unpack_theta
 from bridge.motion.motion import Y_UP_FROM_Z_UP
 from bridge.runs.run import TRAIN_PLUS
-from bridge.runtime.load_model import load_model
-from bridge.runtime.stepping import PlusModel, codes_of
 from bridge.tissue.trained_plus import TrainedPlus
+from dsnet.fitting.flesh_patch import Region, logit, with_changes
+from dsnet.prediction.load_model import load_model
+from dsnet.prediction.models import PlusModel, codes_of
 
 VERTICES = EMBEDDED_MARKERS | {"LELB": 4814, "RELB": 1391}
 """Of the embedded bodies, where optical markers sit."""

@@ -16,7 +16,7 @@ from benchmarks.processes import run_as_process
 from benchmarks.speed.results import write_results
 from bridge.exchange.dsnet import Clips, Scaling, TrainedDsnet
 from bridge.paper import INPUT_SIZE, LATENT_SIZE, N_BETAS, THETA_SIZE
-from bridge.runtime.streaming_predictor import StreamingPredictor
+from dsnet.stream.streaming_predictor import StreamingPredictor
 from tf_dsnet.framework import keras, tf
 from tf_dsnet.model import BlockLSTM, build_dsnet, named_weights
 from tf_dsnet.trainer import Trainer

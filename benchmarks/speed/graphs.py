@@ -22,7 +22,9 @@ from bridge.paper import (
     N_VERTICES,
     THETA_SIZE,
 )
-from bridge.runtime.body_graph import (
+from bridge.tissue.nodes import TissueNodes
+from bridge.tissue.trained_plus import TrainedPlus
+from dsnet.onnx.body_graph import (
     BONES,
     TURNING,
     Surface,
@@ -31,13 +33,11 @@ from bridge.runtime.body_graph import (
     translation,
     turned,
 )
-from bridge.runtime.network_graphs import decoded, dsnet_body_graph
-from bridge.runtime.onnx_graph import Graph, Value
-from bridge.runtime.plus_graph import plus_graph, spread
-from bridge.runtime.tissue_graph import SheetGraph, Springs
-from bridge.tissue.nodes import TissueNodes
-from bridge.tissue.trained_plus import TrainedPlus
-from bridge.verify import draws
+from dsnet.onnx.network_graphs import decoded, dsnet_body_graph
+from dsnet.onnx.onnx_graph import Graph, Value
+from dsnet.onnx.plus_graph import plus_graph, spread
+from dsnet.onnx.tissue_graph import SheetGraph, Springs
+from dsnet.verify import draws
 
 ARCHITECTURE = {"widths": INFERRED_WIDTHS}
 

@@ -22,7 +22,7 @@ import onnx
 import onnxruntime
 from numpy.typing import NDArray
 
-from bridge.runtime.onnx_graph import Graph, Value
+from dsnet.onnx.onnx_graph import Graph, Value
 
 Clock = Literal["wall", "processor"]
 _SQUARE = 1024

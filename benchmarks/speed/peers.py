@@ -43,7 +43,7 @@ from bridge.errors import DsnetError
 from bridge.options import PositiveInt, Seed
 from bridge.paper import CASAS_OTADUY_WIDTHS, LATENT_SIZE
 from bridge.runs.writer import machine
-from bridge.runtime.onnx_graph import Graph, Value
+from dsnet.onnx.onnx_graph import Graph, Value
 from torch_align_ae import CasasOtaduyAutoencoder, MeshAutoencoder
 from torch_align_ae.autoencoder.training import keep_freed_memory
 

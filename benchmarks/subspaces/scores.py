@@ -15,8 +15,8 @@ from torch import Tensor
 
 from benchmarks.subspaces.codes import OffsetAutoencoder
 from benchmarks.subspaces.data import SubspaceData
-from bridge.measure.metrics import FRAMES_AT_ONCE, ErrorSums
 from bridge.motion.splits import chunks
+from dsnet.evaluation.metrics import FRAMES_AT_ONCE, ErrorSums
 from torch_align_ae.autoencoder.codes import Normaliser, PcaCodec
 
 _BATCHES = (1, 64)

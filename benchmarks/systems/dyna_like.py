@@ -27,7 +27,6 @@ from benchmarks.systems.fitted_once import FitOutcome, FittedOnce
 from benchmarks.systems.kinematics import KINEMATICS_SIZE, changes
 from bridge.body.model_data import BodyModelData
 from bridge.body.posing import shaped_vertices
-from bridge.body.shapes import DENSITY_KG_M3
 from bridge.body.surface_operators import volume_m3
 from bridge.errors import DsnetError
 from bridge.exchange.dsnet import (
@@ -40,6 +39,7 @@ from bridge.exchange.dsnet import (
     fit_scaling,
 )
 from bridge.paper import DMPL_DIRECTIONS, LATENT_SIZE, N_BETAS
+from dsnet.prediction.shapes import DENSITY_KG_M3
 from tf_dsnet.predictors import BodyOf, PredictMotion, PredictorSettings, TrainingData
 
 RIDGES = (1e-6, 1e-4, 1e-2, 3e-2, 1e-1, 3e-1, 1.0, 10.0)

@@ -51,8 +51,8 @@ solve it. Of a mode that has the share s of B + N, (1 - s)^2 is left after two: 
 node, and never less than nothing, so no change of velocity is overdone, and what sweeps leave
 feeds no vibration.
 
-The step is `bridge.runtime.tissue_graph`; what it is verified by, in float64,
-`bridge.verify.reference.oscillators`; what it is trained as, `tf_dsnet.oscillators`.
+The step is `dsnet.onnx.tissue_graph`; what it is verified by, in float64,
+`dsnet.verify.reference.oscillators`; what it is trained as, `tf_dsnet.oscillators`.
 """
 
 from __future__ import annotations

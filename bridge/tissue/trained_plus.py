@@ -98,7 +98,7 @@ class StaticPart:
 
 @dataclass(frozen=True, eq=False)
 class Elsewhere:
-    """What shapes of another body than the trained one mean: see `bridge.tissue.carry`."""
+    """What shapes of another body than the trained one mean: see `dsnet.prediction.transfer`."""
 
     to_betas: NDArray[np.floating]
     """(S, 10) its betas in the trained body's shape space, up to `shift`."""

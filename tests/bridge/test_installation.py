@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 import bridge
-from bridge.cli import main
 from bridge.errors import DsnetError, MissingPackageError
 from bridge.installation import how_to_install, require_packages_of, version_of
+from dsnet.cli import main
 from tests.sources import ROOT
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 import pytest
 
 from bridge import DsnetError
-from bridge.cli import COMMANDS, main
 from bridge.options import (
     Bounds,
     NonNegativeFloat,
@@ -20,7 +19,8 @@ from bridge.options import (
     Seed,
     check_options,
 )
-from bridge.report.stage_report import ReportConfig
+from dsnet.cli import COMMANDS, main
+from dsnet.report.stage_report import ReportConfig
 
 # TensorFlow and PyTorch are never imported into one process.
 HERE = [command for command in COMMANDS if command != "train"]

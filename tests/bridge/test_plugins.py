@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from bridge import DsnetError, cli
+from bridge import DsnetError
 from bridge.plugins import entry_named, with_plugins
+from dsnet import cli
 from tests.forged.plugin import use_plugin
 
 OWN = {"own": 1}

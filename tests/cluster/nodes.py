@@ -59,7 +59,7 @@ class TwoNodes:
 
 def start_dsnet(runs: Path, stage: str, *options: str) -> subprocess.Popen[str]:
     """`dsnet stage options`, with its runs in a folder."""
-    command = [sys.executable, "-c", "from bridge.cli import main; main()", stage, *options]
+    command = [sys.executable, "-c", "from dsnet.cli import main; main()", stage, *options]
     return subprocess.Popen(
         command,
         stdout=subprocess.PIPE,

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from bridge.body import load_body_model
-from bridge.cli import main
+from bridge.meshes.dyna_files import dyna_sequences
 from bridge.motion import sequences_of
 from bridge.runs import read_artifact
+from dsnet.cli import main
 from tests.forged.amass import save, shape, smplh, smplx
 from tests.forged.dmpl import save_dmpl
 from tests.forged.python2_pickle import python2_pickle
 from tests.forged.registrations import save_registrations
 from tests.forged.smpl import forge_smpl, smpl_fields
-from torch_align_ae.corpus.dyna_files import dyna_sequences
 
 RENAMED = {"50004_hips": "50004_running_on_spot_bugfix", "50020_hips": "50020_personal_move"}
 

@@ -7,8 +7,8 @@ import shutil
 
 import pytest
 
-from bridge.verify.checks import random_checks
-from bridge.verify.engine import REFERENCE
+from bridge.engine import REFERENCE
+from dsnet.verify.checks import random_checks
 
 
 @pytest.mark.slow

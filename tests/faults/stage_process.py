@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bridge.cli import main
+from dsnet.cli import main
 
 _OPERATIONS = {"open", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "os.truncate"}
 _done = 0

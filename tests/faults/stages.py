@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 _COUNTED = (str(Path(__file__).with_name("stage_process.py")),)
 _CALLED = (
     "-c",
-    "import json, sys; from bridge.cli import main; main(sys.argv[2:], **json.loads(sys.argv[1]))",
+    "import json, sys; from dsnet.cli import main; main(sys.argv[2:], **json.loads(sys.argv[1]))",
 )
 
 _FEW = {

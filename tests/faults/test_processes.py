@@ -19,7 +19,7 @@ from tests.faults.stages import ROOT, RUN, Stage, check_as_undisturbed, copy_bef
 
 pytestmark = pytest.mark.faults
 FAULT = "processes"
-DSNET = [sys.executable, "-c", "from bridge.cli import main; main()"]
+DSNET = [sys.executable, "-c", "from dsnet.cli import main; main()"]
 PREDICT = [*DSNET, "predict", "--motion", "sample:walking", "--out"]
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.verify.engine import Check, Tensors
+from bridge.engine import Check, Tensors
 
 FAULTY = "torch"
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from bridge.engine import Operation, Tensors, serve
 from bridge.exchange.weights import KERAS_ADAM
-from bridge.verify.engine import Operation, Tensors, serve
 from torch_align_ae import dsnet, verify
 
 

@@ -13,6 +13,7 @@ from bridge.body import BodyModelData
 from bridge.motion import MotionSequence, to_manifest
 from bridge.motion.sequences import Split
 from bridge.runs import write_artifact
+from bridge.tissue.node_clips import NodeClip
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.oscillators import node_loads
 from bridge.tissue.trained_plus import (
@@ -22,8 +23,7 @@ from bridge.tissue.trained_plus import (
     Weights,
     static_features,
 )
-from bridge.verify.reference.oscillators import moving
-from tf_dsnet.plus_clips import NodeClip
+from dsnet.verify.reference.oscillators import moving
 
 HZ = 5.5
 TRUE = {

@@ -49,7 +49,7 @@ def guide(
 def instrument() -> None:
     """Count the branches of the readers' own functions."""
     for name, module in list(sys.modules.items()):
-        if not name.startswith(("bridge.", "torch_align_ae.corpus")):
+        if not name.startswith(("bridge.", "dsnet.synthetic")):
             continue
         own = [v for v in vars(module).values() if getattr(v, "__module__", None) == name]
         for function in own:

@@ -10,8 +10,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from bridge.body import load_body_model
+from bridge.meshes.dyna_files import dyna_sequences
 from tests.fuzz.mutations import ODD_NAMES, ODD_NUMBERS, Draw, Files, damaged
-from torch_align_ae.corpus.dyna_files import dyna_sequences
 
 
 def _dyna_bases() -> list[bytes]:

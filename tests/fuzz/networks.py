@@ -14,7 +14,7 @@ from bridge.exchange import load_weights
 from bridge.tissue.trained_plus import TrainedPlus
 from tests.fuzz.mutations import Draw, Files, damaged, damaged_json, damaged_npy
 
-PACKAGED = Path(__file__).parents[2] / "bridge/runtime/models/female/dsnet_plus.safetensors"
+PACKAGED = Path(__file__).parents[2] / "dsnet/prediction/packaged/female/dsnet_plus.safetensors"
 
 
 @st.composite

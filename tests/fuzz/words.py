@@ -8,9 +8,9 @@ from pathlib import Path
 from hypothesis import strategies as st
 
 from bridge import DsnetError
-from bridge.body.shapes import parse_shape
 from bridge.motion.readers.amass import motion_path
-from bridge.runtime.controls import Controls
+from dsnet.prediction.controls import Controls
+from dsnet.prediction.shapes import parse_shape
 from tests.fuzz.mutations import ODD_NAMES, Draw, Files
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from bridge.body import load_body_model
-from bridge.runtime import run_motions
 from bridge.tissue.nodes import TissueNodes
+from dsnet.stages import run_motions, stage_infer
 from tests.forged.oscillating import people_of, true_model, write_aligned
-from tf_dsnet import stage_infer, stage_train_plus
+from tf_dsnet import stage_train_plus
 from tf_dsnet.stage_train_plus import TrainPlusConfig
 
 TINY = TrainPlusConfig(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bridge import DsnetError
-from bridge.verify import draws
-from bridge.verify.draws import SMALL_WIDTHS as WIDTHS
-from bridge.verify.reference import mesh_autoencoder as reference
+from dsnet.verify import draws
+from dsnet.verify.draws import SMALL_WIDTHS as WIDTHS
+from dsnet.verify.reference import mesh_autoencoder as reference
 from tf_dsnet.framework import keras
 from tf_dsnet.mesh_autoencoder import (
     KerasMeshAutoencoder,

@@ -11,7 +11,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
-from bridge.verify.reference import dsnet as reference
+from dsnet.verify.reference import dsnet as reference
 from tf_dsnet.framework import Tensor, keras, tf
 from tf_dsnet.model import (
     BlockLSTM,
@@ -86,7 +86,7 @@ def run_python(code: str) -> subprocess.CompletedProcess[str]:
 def test_network_loads_no_torch_whatever_keras_is_told_and_says_nothing():
     done = run_python(
         "import os, sys; os.environ['KERAS_BACKEND'] = 'torch'\n"
-        "import tf_dsnet, tf_dsnet.stage_train, tf_dsnet.stage_infer, numpy\n"
+        "import tf_dsnet, dsnet.stages.stage_train, dsnet.stages.stage_infer, numpy\n"
         "tf_dsnet.build_dsnet()(numpy.zeros((1, 2, 79), 'f4'))\n"
         "sys.exit('torch' in sys.modules)"
     )

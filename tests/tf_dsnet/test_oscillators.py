@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from bridge.body import BodyModelData
+from bridge.tissue.node_clips import NodeClip
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.shape import shape_features, shaped_normals
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus, shares_of_people
-from bridge.verify.reference.oscillators import moving
+from dsnet.verify.reference.oscillators import moving
 from tests.forged.oscillating import clips_of, people_of, true_model
 from tf_dsnet.framework import Tensor, tf
 from tf_dsnet.oscillators import OscillatorLayer
-from tf_dsnet.plus_clips import NodeClip
 
 NODES, PEOPLE = 60, 3
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge import DsnetError, cli
+from bridge import DsnetError
 from bridge.exchange.dsnet import Scaling, TrainedDsnet, join_inputs
 from bridge.runs import ArtifactWriter, read_artifact
+from dsnet import cli
+from dsnet.stages import stage_infer
+from dsnet.stages.stage_infer import InferConfig
 from tests.forged.plugin import use_plugin
-from tf_dsnet import StreamingPredictor, stage_infer
+from tf_dsnet import StreamingPredictor
 from tf_dsnet.predictors import applied_dsnet, load_predictor
-from tf_dsnet.stage_infer import InferConfig
 
 RNG = np.random.default_rng(6)
 THETA, BETAS = RNG.normal(1, 1, (3, 60, 69)), RNG.normal(1, 1, (3, 10))

@@ -11,7 +11,7 @@ import pytest
 from bridge import DsnetError
 from bridge.body import pose_vertices
 from bridge.body.posing import rest_vertices, shaped_joints
-from bridge.verify.reference.smpl import unposed_vertices
+from dsnet.verify.reference.smpl import unposed_vertices
 from tf_dsnet.framework import tf
 from tf_dsnet.smpl import KerasSMPL, unpose
 

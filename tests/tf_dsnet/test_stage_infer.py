@@ -19,16 +19,16 @@ from bridge.motion.splits import cell_of
 from bridge.runs import Artifact, ArtifactWriter, Run, read_artifact
 from bridge.runs.artifact import content_digest
 from bridge.runs.files import MANIFEST
-from bridge.runtime import run_motions
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.trained_plus import StaticPart, TrainedPlus
-from bridge.verify.reference.oscillators import moving
+from dsnet.stages import run_motions, stage_infer
+from dsnet.stages.stage_infer import InferConfig, TrainedNetworks, infer_plus
+from dsnet.verify.reference.oscillators import moving
 from tests.forged.amass import save, shape, smplh, smplx
 from tests.forged.oscillating import people_of, true_model
 from tests.forged.plus import write_plus
 from tests.tf_dsnet.plus import PEOPLE, forge_run
-from tf_dsnet import StreamingPredictor, stage_infer
-from tf_dsnet.stage_infer import InferConfig, TrainedNetworks, infer_plus
+from tf_dsnet import StreamingPredictor
 
 
 @pytest.fixture

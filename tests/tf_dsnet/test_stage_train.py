@@ -18,13 +18,14 @@ from bridge.exchange import load_weights
 from bridge.exchange.dsnet import load_trained_dsnet
 from bridge.options import check_options
 from bridge.runs import Run, read_artifact, write_artifact
+from dsnet.stages import stage_infer, stage_train
+from dsnet.stages.stage_infer import InferConfig
+from dsnet.stages.stage_train import PROFILES, TrainConfig
 from tests.forged.plus import soft_flesh, write_plus
 from tests.tf_dsnet.plus import TINY as PLUS_TINY
 from tests.tf_dsnet.plus import forge_run, teach_nothing
 from tests.tf_dsnet.trained import train_in
-from tf_dsnet import stage_infer, stage_train, trainer
-from tf_dsnet.stage_infer import InferConfig
-from tf_dsnet.stage_train import PROFILES, TrainConfig
+from tf_dsnet import trainer
 
 TINY = TrainConfig(run="tiny", epochs=5, frames=32, validate_every=2, checkpoint_every=2)
 

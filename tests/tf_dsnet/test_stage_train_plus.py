@@ -18,7 +18,7 @@ from bridge.runs import read_artifact
 from bridge.tissue.nodes import TissueNodes
 from bridge.tissue.shape import shape_features
 from bridge.tissue.trained_plus import NODE_FIELDS, StaticPart, TrainedPlus
-from bridge.verify.reference.oscillators import coefficients, moving
+from dsnet.verify.reference.oscillators import coefficients, moving
 from tests.forged.oscillating import HZ, clip_of, clips_of, lively, people_of, true_model
 from tests.tf_dsnet.plus import PEOPLE, TINY, forge_run, teach_nothing
 from tf_dsnet import stage_train_plus

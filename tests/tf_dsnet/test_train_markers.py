@@ -10,16 +10,16 @@ import pytest
 
 from benchmarks.skin_markers.truth import Flesh, flesh_model, packaged, write_take
 from bridge import DsnetError
-from bridge.fitting import train as markers_train
-from bridge.fitting.train import FITTED, people_of, train_on_markers
 from bridge.motion import load_motion_file
 from bridge.runs import Run
 from bridge.runs.run import TRAIN_MARKERS
-from bridge.runtime.controls import root_joint_m
-from bridge.runtime.load_model import load_model
-from bridge.runtime.stepping import PlusModel
 from bridge.tissue.trained_plus import TrainedPlus
-from tf_dsnet import stage_train
+from dsnet.fitting import train as markers_train
+from dsnet.fitting.train import FITTED, people_of, train_on_markers
+from dsnet.prediction.controls import root_joint_m
+from dsnet.prediction.load_model import load_model
+from dsnet.prediction.models import PlusModel
+from dsnet.stages import stage_train
 
 
 @pytest.fixture(scope="module")

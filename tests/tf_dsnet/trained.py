@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from dsnet.stages import stage_train
+from dsnet.stages.stage_train import TrainConfig
 from tests.forged.encoded import write_encoded
-from tf_dsnet import stage_train
-from tf_dsnet.stage_train import TrainConfig
 
 
 def train_in(runs: Path, config: TrainConfig) -> Path:

@@ -11,8 +11,8 @@ from torch import Tensor
 from bridge import DsnetError
 from bridge.exchange import load_weights, save_weights
 from bridge.exchange.weights import KERAS_ADAM, dsnet_from_torch
-from bridge.verify import draws
-from bridge.verify.reference import dsnet as reference
+from dsnet.verify import draws
+from dsnet.verify.reference import dsnet as reference
 from torch_align_ae.dsnet import DSNet, KerasAdam, assign_weights, sum_of_distances
 
 

@@ -14,9 +14,9 @@ from bridge.errors import DsnetError
 from bridge.motion import unpack_theta
 from bridge.motion.splits import kind_of
 from bridge.runs import Run
-from bridge.runtime.moving_body import MovingBody
-from bridge.runtime.stepping import Prediction
-from bridge.view.repertoire import open_truth
+from dsnet.prediction.models import Prediction
+from dsnet.prediction.moving_body import MovingBody
+from dsnet.view.clip_list import open_truth
 
 TAIL = "_poses.npz"
 TRUTH = "truth (simulated)"

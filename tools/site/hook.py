@@ -17,7 +17,7 @@ from mkdocs.structure.pages import Page
 from pygments.formatters import HtmlFormatter
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("bridge", "torch_align_ae", "tf_dsnet", "benchmarks")
+PACKAGES = ("bridge", "dsnet", "torch_align_ae", "tf_dsnet", "benchmarks")
 # Files and folders that pages of another name stand for.
 STAND_INS = {
     ".": "index.md",
@@ -117,7 +117,7 @@ def _in_menu(path: Path) -> tuple[Path, bool, Path]:
 
 
 def module_name(path: str) -> str:
-    """`bridge.measure` for `bridge/measure/__init__.py`."""
+    """`dsnet.evaluation` for `dsnet/evaluation/__init__.py`."""
     return path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
 
 

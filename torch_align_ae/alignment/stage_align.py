@@ -11,6 +11,7 @@ from tyro.conf import Fixed
 
 from bridge.body import load_paper_body
 from bridge.errors import DsnetError
+from bridge.meshes.dyna_files import dyna_sequences, of_one_gender
 from bridge.motion import MotionSequence
 from bridge.motion.sequences import end_to_end
 from bridge.motion.splits import splits_of_names
@@ -20,7 +21,6 @@ from bridge.runs.run import ALIGNMENT, ROBUST_ALIGNMENT, corpus_body_path
 from torch_align_ae.alignment.robust import RobustFit, RobustSettings
 from torch_align_ae.alignment.sgd import Descent, SgdFit
 from torch_align_ae.body import SMPL
-from torch_align_ae.corpus.dyna_files import dyna_sequences, of_one_gender
 
 
 @dataclass(frozen=True)

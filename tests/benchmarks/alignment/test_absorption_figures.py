@@ -13,7 +13,7 @@ from benchmarks.alignment.absorption_figures import (
     draw_error_bodies,
 )
 from bridge.body import load_body_model
-from bridge.measure.alignment import Absorption
+from dsnet.evaluation.alignment import Absorption
 
 ONE, OTHER = Drawn("one", "#D55E00"), Drawn("other", "#0072B2", "--")
 

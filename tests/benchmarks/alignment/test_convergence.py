@@ -10,13 +10,13 @@ from benchmarks.alignment.convergence import ConvergenceConfig, main
 from benchmarks.alignment.descent_rules import ClipSet, Rule, track
 from benchmarks.alignment.known_clips import load_clips
 from bridge.errors import DsnetError
+from bridge.meshes.dyna_files import write_dyna
 from bridge.motion import MotionSequence, pack_theta, to_manifest
 from bridge.runs import ArtifactWriter, Run, write_artifact
 from tests.one_thread import one_thread as one_thread
 from torch_align_ae import SMPL
 from torch_align_ae.alignment.mesh_distance import MeshDistance
 from torch_align_ae.alignment.sgd import Descent, fit_pose
-from torch_align_ae.corpus.dyna_files import write_dyna
 
 LENGTH = 4
 

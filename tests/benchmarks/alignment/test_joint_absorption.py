@@ -10,7 +10,7 @@ from benchmarks.alignment.joint_absorption import CARRIERS, JointLoads, pose_err
 from bridge.body import load_body_model, pose_vertices
 from bridge.body.posing import rest_vertices
 from bridge.motion import pack_theta, unpack_theta
-from bridge.verify.reference.smpl import unposed_vertices
+from dsnet.verify.reference.smpl import unposed_vertices
 
 FRAMES = 3
 

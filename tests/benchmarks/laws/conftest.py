@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from benchmarks import plugin
-from tests.torch_align_ae.corpus.conftest import corpus, finished, truth
+from tests.dsnet.synthetic.conftest import corpus, finished, truth
 
 __all__ = ["corpus", "finished", "truth"]
 

@@ -9,12 +9,12 @@ import pytest
 
 from benchmarks.laws.captured import CapturedForm
 from bridge.body import load_body_model
+from bridge.meshes.dyna_files import dyna_sequences
 from bridge.motion import sequences_of, subject_rows
 from bridge.runs import read_artifact
-from tests.torch_align_ae.corpus.test_stage_corpus import TINY
-from torch_align_ae.corpus import stage_corpus as stage
-from torch_align_ae.corpus.dyna_files import dyna_sequences
-from torch_align_ae.corpus.simulation import posed_meshes
+from dsnet.synthetic import stage_corpus as stage
+from dsnet.synthetic.simulation import posed_meshes
+from tests.dsnet.synthetic.test_stage_corpus import TINY
 
 SECOND = replace(TINY, tissue="second", form="captured", gravity=False, seed=5)
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 from benchmarks.laws.second_tissue import FleshLayer, LayerParameters, LayerState
-from tests.torch_align_ae.corpus.test_soft_tissue import patch
+from tests.dsnet.synthetic.test_soft_tissue import patch
 
 NORMAL_RATIO, RATE_HZ = 2.0, 120.0
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])

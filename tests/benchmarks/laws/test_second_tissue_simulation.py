@@ -19,9 +19,9 @@ from benchmarks.laws.second_tissue_simulation import (
     rest_frame_load,
 )
 from bridge.body.posing import shaped_vertices
-from torch_align_ae.corpus.simulation import TissueSimulator
-from torch_align_ae.corpus.subjects import SUBJECTS
-from torch_align_ae.corpus.tissue_parameters import tissue_parameters
+from dsnet.synthetic.simulation import TissueSimulator
+from dsnet.synthetic.subjects import SUBJECTS
+from dsnet.synthetic.tissue_parameters import tissue_parameters
 
 LAWS = {"own": TissueSimulator, **plugin.tissues()}
 HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]

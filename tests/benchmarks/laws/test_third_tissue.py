@@ -16,8 +16,8 @@ from benchmarks.laws.third_tissue_parameters import fat_depths_m, lean_betas
 from benchmarks.laws.third_tissue_simulation import ThirdTissueSimulator, nearest_rotations
 from bridge.body.posing import shaped_joints
 from bridge.body.surface_operators import cotangent_laplacian, vertex_areas_m2
-from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.subjects import SUBJECTS
+from dsnet.synthetic.motions import Skeleton, perform
+from dsnet.synthetic.subjects import SUBJECTS
 
 HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]
 

@@ -11,9 +11,9 @@ import pytest
 
 from benchmarks import plugin
 from bridge.tissue.nodes import TissueNodes
-from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import TissueSimulator
-from torch_align_ae.corpus.subjects import SUBJECTS
+from dsnet.synthetic.motions import Skeleton, perform
+from dsnet.synthetic.simulation import TissueSimulator
+from dsnet.synthetic.subjects import SUBJECTS
 
 LAWS = {"own": TissueSimulator, **plugin.tissues()}
 HEAVY, LEAN = SUBJECTS["female"][0], SUBJECTS["female"][4]

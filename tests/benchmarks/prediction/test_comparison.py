@@ -12,10 +12,10 @@ from benchmarks.prediction.comparison_clips import draw_clips
 from benchmarks.prediction.comparison_page import systems_of
 from benchmarks.prediction.comparison_scores import joined, refuse_mixture
 from bridge.errors import DsnetError
-from bridge.measure.evaluation import evaluate_run
 from bridge.motion.splits import CELLS
 from bridge.runs import Run
-from tests.bridge.report.conftest import forge_run
+from dsnet.evaluation.evaluation import evaluate_run
+from tests.dsnet.report.conftest import forge_run
 
 DOCS = Path(__file__).parents[3] / "docs" / "results" / "comparison"
 RIVAL = {

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.speed import graphs, limits, peers, posing_peers
 from benchmarks.speed.peers import PeersBenchConfig, main
 from bridge import DsnetError
-from bridge.verify.draws import SMALL_WIDTHS
+from dsnet.verify.draws import SMALL_WIDTHS
 
 WITHOUT_WARNINGS = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
 

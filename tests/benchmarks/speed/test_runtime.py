@@ -10,7 +10,7 @@ import pytest
 from benchmarks.speed import graphs, limits
 from benchmarks.speed.limits import GraphCall, operations_bytes
 from benchmarks.speed.runtime import RuntimeBenchConfig, main
-from bridge.verify.draws import SMALL_WIDTHS
+from dsnet.verify.draws import SMALL_WIDTHS
 
 PARTS = ("load", "step", "spread", "decoder", "skinning")
 WHOLE = ("dsnet_plus", "dsnet_plus_int8", "dsnet", "dsnet_int8")

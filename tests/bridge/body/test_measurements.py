@@ -9,7 +9,7 @@ import pytest
 
 from bridge import DsnetError
 from bridge.body.model_data import BodyModelData
-from bridge.body.shapes import MEASURES, MeasuredBody
+from dsnet.prediction.shapes import MEASURES, MeasuredBody
 
 MEAN = np.zeros(10)
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from bridge import DsnetError
 from bridge.body import BodyModelData, load_body_model, pose_vertices
 from bridge.body.posing import Smpl, rest_vertices, shaped_joints, shaped_vertices
-from bridge.verify.reference.smpl import unposed_vertices
+from dsnet.verify.reference.smpl import unposed_vertices
 
 SEEDS = st.integers(0, 2**32 - 1)
 

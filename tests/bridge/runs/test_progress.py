@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-DSNET = (sys.executable, "-c", "from bridge.cli import main; main()")
+DSNET = (sys.executable, "-c", "from dsnet.cli import main; main()")
 OF_MOTION = ("--motion", "sample:jumping_jacks")
 
 

@@ -10,8 +10,8 @@ import pytest
 from benchmarks.speed.results import write_results
 from bridge import DsnetError
 from bridge.runs import Run
-from bridge.runs.stage_check import CheckConfig
-from bridge.runs.stage_check import main as check
+from dsnet.stages.stage_check import CheckConfig
+from dsnet.stages.stage_check import main as check
 
 CHAIN = {
     "align": (),

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from bridge.cli import main
 from bridge.errors import DsnetError, InterruptedWorkError
 from bridge.runs import Run
 from bridge.runs.workers import on_any_node, use_engine, worker_pool
+from dsnet.cli import main
 
 N_WORKERS = 2
 KINDS = ("serial", "threads", "processes")

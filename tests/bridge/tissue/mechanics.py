@@ -8,10 +8,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from bridge.runtime.onnx_graph import Graph, GraphSession, Value
-from bridge.runtime.tissue_graph import Person, SheetGraph, Springs
 from bridge.tissue.oscillators import STEPS, coupling
-from bridge.verify.reference.oscillators import Coefficients, Sheet
+from dsnet.onnx.onnx_graph import Graph, GraphSession, Value
+from dsnet.onnx.tissue_graph import Person, SheetGraph, Springs
+from dsnet.verify.reference.oscillators import Coefficients, Sheet
 
 ALONE = sp.csr_matrix((1, 1), dtype=np.float32)
 """Laplacian of a node without neighbours."""

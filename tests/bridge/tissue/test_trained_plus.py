@@ -17,7 +17,7 @@ from bridge.tissue.trained_plus import (
     shares_of_people,
     static_features,
 )
-from bridge.verify.reference.oscillators import coefficients
+from dsnet.verify.reference.oscillators import coefficients
 
 PEOPLE = np.stack([np.zeros(10), np.full(10, 1.5)]).astype(np.float32)
 START = (40.0, 0.2, 500.0, 0.01, 1.3, 1.0, 2e-3, 1.1, 0.9)

@@ -18,11 +18,11 @@ from bridge import DsnetError
 from bridge.body import load_body_model
 from bridge.exchange.dsnet import DMPL, LATENTS_OF, dsnets_of, join_inputs, load_trained_dsnet
 from bridge.runs import Artifact, read_artifact
+from dsnet.stages import stage_infer, stage_train
+from dsnet.stages.stage_infer import InferConfig
+from dsnet.stages.stage_train import TrainConfig
 from tests.tf_dsnet.trained import train_in
-from tf_dsnet import stage_infer, stage_train
 from tf_dsnet.predictors import load_predictor, registered_predictors
-from tf_dsnet.stage_infer import InferConfig
-from tf_dsnet.stage_train import TrainConfig
 
 SYSTEMS = plugin.predictors()
 COMPARED = tuple(SYSTEMS)

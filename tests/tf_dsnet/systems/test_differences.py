@@ -13,12 +13,12 @@ from benchmarks.systems.kinematics import pose_differences
 from bridge import DsnetError
 from bridge.exchange.dsnet import join_inputs
 from bridge.runs import Artifact, read_artifact
-from bridge.runtime.streaming_predictor import StreamingPredictor
+from dsnet.stages import stage_infer, stage_train
+from dsnet.stages.stage_infer import InferConfig
+from dsnet.stages.stage_train import TrainConfig
+from dsnet.stream.streaming_predictor import StreamingPredictor
 from tests.tf_dsnet.trained import train_in
-from tf_dsnet import stage_infer, stage_train
 from tf_dsnet.predictors import load_predictor
-from tf_dsnet.stage_infer import InferConfig
-from tf_dsnet.stage_train import TrainConfig
 
 NAME = "dsnet_differences"
 NO_BODY = partial(pytest.fail, "it was not to ask for a body")

@@ -11,9 +11,10 @@ from benchmarks.prediction import ablation, lesser_plus
 from benchmarks.prediction.lesser_plus import LesserPlusConfig
 from bridge.runs import read_artifact
 from bridge.tissue.trained_plus import TrainedPlus
+from dsnet.stages import stage_train
+from dsnet.stages.stage_train import TrainConfig
 from tests.tf_dsnet.plus import TINY, forge_run
-from tf_dsnet import stage_train, stage_train_plus
-from tf_dsnet.stage_train import TrainConfig
+from tf_dsnet import stage_train_plus
 
 PARTS = ("gravity", "coupling", "bending", "stiffening", "sag", "anisotropy", "by_shape",
          "through_time", "static")  # fmt: skip

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+from bridge.meshes.dyna_files import write_dyna
 from tests.one_thread import one_thread as one_thread
 from torch_align_ae import SMPL
 from torch_align_ae.alignment.skin_sample import Pose, SkinSample
 from torch_align_ae.body.rotations import axis_angle_to_matrix
-from torch_align_ae.corpus.dyna_files import write_dyna
 
 
 @pytest.fixture(scope="session")

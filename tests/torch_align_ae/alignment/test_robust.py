@@ -11,9 +11,13 @@ from benchmarks.alignment.in_memory import align_sequences
 from benchmarks.alignment.lesser_laws import WeightsAlone
 from benchmarks.laws.captured import CapturedForm
 from bridge.errors import DsnetError
+from bridge.meshes.dyna_files import write_dyna
 from bridge.motion import MotionSequence, sequences_of, unpack_theta
 from bridge.runs import Run, workers
 from bridge.tissue.oscillators import node_loads
+from dsnet.synthetic.motions import Skeleton, perform
+from dsnet.synthetic.simulation import TissueSimulator, posed_meshes
+from dsnet.synthetic.subjects import SUBJECTS
 from torch_align_ae.alignment import tissue
 from torch_align_ae.alignment.gauss_newton import fit_shape
 from torch_align_ae.alignment.robust import RobustFit, RobustSettings, spread_clips
@@ -22,10 +26,6 @@ from torch_align_ae.alignment.stage_align import AlignConfig, main
 from torch_align_ae.alignment.tissue import Loads, Tissue
 from torch_align_ae.body import rest_pose_offsets
 from torch_align_ae.body.rotations import axis_angle_to_matrix, matrix_to_axis_angle
-from torch_align_ae.corpus.dyna_files import write_dyna
-from torch_align_ae.corpus.motions import Skeleton, perform
-from torch_align_ae.corpus.simulation import TissueSimulator, posed_meshes
-from torch_align_ae.corpus.subjects import SUBJECTS
 
 FRAMES = 72
 SETTINGS = RobustSettings.fast()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from bridge.verify.reference.smpl import rotations
+from dsnet.verify.reference.smpl import rotations
 
 DOUBLE = torch.float64
 

@@ -10,16 +10,16 @@ import torch
 
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
+from bridge.meshes.dyna_files import write_dyna
 from bridge.motion import sequences_of, unpack_theta
 from bridge.runs import Run
 from bridge.runs.run import best_alignment
-from bridge.runs.stage_check import CheckConfig
-from bridge.runs.stage_check import main as check
+from dsnet.stages.stage_check import CheckConfig
+from dsnet.stages.stage_check import main as check
 from torch_align_ae.alignment import corpus_fit, sgd
 from torch_align_ae.alignment.robust import RobustFit, RobustSettings
 from torch_align_ae.alignment.sgd import SgdFit
 from torch_align_ae.alignment.stage_align import PROFILES, AlignConfig, main
-from torch_align_ae.corpus.dyna_files import write_dyna
 
 
 @pytest.fixture

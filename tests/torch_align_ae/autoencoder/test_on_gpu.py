@@ -22,8 +22,8 @@ pytestmark = [
     pytest.mark.gpu,
     pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch finds no GPU"),
 ]
-DSNET = (sys.executable, "-m", "bridge.cli")
-TRAIN = f"{sys.executable} -m bridge.cli train-ae --steps {CONFIG.steps} --run"
+DSNET = (sys.executable, "-m", "dsnet.cli")
+TRAIN = f"{sys.executable} -m dsnet.cli train-ae --steps {CONFIG.steps} --run"
 
 
 def torchrun(processes: int, command: str) -> list[str]:

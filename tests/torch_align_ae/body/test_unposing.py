@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from bridge.body import load_body_model
 from bridge.errors import DsnetError
-from bridge.verify.reference.smpl import unposed_vertices
+from dsnet.verify.reference.smpl import unposed_vertices
 from torch_align_ae import SMPL, unpose
 from torch_align_ae.body import rest_pose_offsets
 

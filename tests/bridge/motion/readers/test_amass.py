@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 from bridge import DsnetError
 from bridge.motion import load_motion_file
 from bridge.motion.cuts import pieces_between_cuts
-from bridge.motion.loops import close_lap
 from bridge.motion.motion import MOST_FRAMES
 from bridge.motion.readers import amass
 from bridge.motion.readers.amass import CYCLE, SAMPLES, motion_path, sample_path
 from bridge.motion.readers.smpl_fields import TRANS_KEYS
+from dsnet.prediction.loops import close_lap
 from tests.forged.amass import load_amass_motion, save, shape, smpl, smplh, smplx
 
 Layout = Callable[..., dict[str, Any]]

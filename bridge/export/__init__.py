@@ -1,1 +1,0 @@
-"""A moving body as files that other tools open: one module a format, named in `formats`."""

@@ -1,1 +1,0 @@
-"""Constants of flesh from markers that people wore on their skin: `dsnet train --markers`."""

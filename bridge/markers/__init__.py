@@ -1,1 +1,0 @@
-"""Predictions beside real optical markers on skin."""

@@ -1,1 +1,0 @@
-"""How good results are: errors on posed meshes, absorption, and the stage `evaluate`."""

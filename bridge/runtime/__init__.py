@@ -1,1 +1,0 @@
-"""What a trained run does for a user: prediction, streaming, ONNX graphs; no framework."""

@@ -1,1 +1,0 @@
-"""The method once more in float64 NumPy, written to be read: every layer, its gradient, Adam."""

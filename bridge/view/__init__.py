@@ -1,1 +1,0 @@
-"""Seeing predictions in a browser, as they move: `dsnet view`, and recordings of it."""

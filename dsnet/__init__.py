@@ -1,0 +1,1 @@
+"""Soft-tissue dynamics of SMPL bodies."""

@@ -1,0 +1,221 @@
+"""glTF binary: SMPL's skeleton and weights, blend shapes for flesh, and the motion as an animation.
+
+What browsers, engines and Blender play. The blend shapes belong to this motion
+(`BlendShapes`); the largest error that they leave stands in the file's `extras`.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.posing import joint_rotations, pose_features, shaped_joints, shaped_vertices
+from bridge.body.surface_operators import vertex_normals
+from bridge.motion.smoothing import continuous_quaternions
+from dsnet.exporters.output import about
+from dsnet.prediction.moving_body import MovedFrames, MovingBody
+
+FRAMES_FITTED = 256
+"""At most so many frames, evenly spaced, are looked at for directions."""
+MOST_SHAPES = 64
+"""Directions at most; engines grow slow with more. A frame uses one shape of each."""
+ENOUGH_M = 2e-4
+"""Largest error of a vertex in the frames that are looked at, where fewer than the most do."""
+_SET = 4
+"""Joints of a vertex in one set: SMPL needs one; of several some players know the first alone."""
+_TYPES = {np.dtype("f4"): 5126, np.dtype("u4"): 5125, np.dtype("u1"): 5121}
+_WIDTHS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+
+
+class BlendShapes:
+    """What SMPL and the predictor add before skinning, as few blend shapes.
+
+    Pose blend shapes and skin offsets are some ten thousand numbers a frame, but few of their
+    directions matter in one motion. The principal ones become blend shapes: for each one along it
+    and one against it, scaled so that weights stay within 0 and 1, for Blender cuts off what is
+    below. The body is predicted twice: to find them, and their weights.
+
+    Attributes
+    ----------
+    rest_m : (V, 3) what the shapes are added to, before skinning.
+    names, shapes_m, weights : of K shapes; (K, V, 3) and (T, K), 0 to 1.
+    error_m : the largest distance of a vertex from where it should be, before skinning.
+    """
+
+    def __init__(self, moving: MovingBody) -> None:
+        self._body, self._pose = moving.body, moving.pose
+        posedirs = self._body.posedirs
+        self._posedirs = posedirs.reshape(-1, posedirs.shape[-1]).T.astype(np.float32)
+        self._fit(moving)
+        shaped_m = shaped_vertices(self._body, moving.motion.betas[None])[0]
+        self.rest_m = shaped_m + self._mean_m.reshape(-1, 3)
+        self.error_m, found = 0.0, []
+        for posed in moving.shown("shapes"):
+            moved_m = self.displaced_m(posed)
+            found.append(self._along(moved_m))
+            self.error_m = max(self.error_m, self._missed_m(moved_m, found[-1]))
+        self.names, self.shapes_m, self.weights = self._one_sided(np.concatenate(found))
+
+    def _fit(self, moving: MovingBody) -> None:
+        """Find the mean (3V,) and as many directions (K, 3V), orthonormal, as the frames need."""
+        chosen = np.linspace(0, len(moving) - 1, min(FRAMES_FITTED, len(moving)))
+        chosen, kept = chosen.round().astype(int), []
+        for posed in moving:
+            inside = chosen[(chosen >= posed.frames.start) & (chosen < posed.frames.stop)]
+            kept.append(self.displaced_m(posed)[inside - posed.frames.start])
+        frames_m = np.concatenate(kept)
+        self._mean_m = frames_m.mean(axis=0)
+        _, size, directions = np.linalg.svd(frames_m - self._mean_m, full_matrices=False)
+        # A direction that no frame takes is rounding.
+        directions = directions[: np.count_nonzero(size > 1e-6 * max(size[0], 1e-9))]
+        self.directions = directions[:MOST_SHAPES]
+        weights_m = self._along(frames_m)
+        for count in range(1, len(self.directions)):
+            if self._missed_m(frames_m, weights_m[:, :count]) <= ENOUGH_M:
+                self.directions = self.directions[:count]
+                return
+
+    def displaced_m(self, posed: MovedFrames) -> NDArray[np.float32]:
+        """(T', 3V) of each frame's rest pose from the shaped body: before skinning, metres."""
+        turns = joint_rotations(self._body, self._pose[posed.frames])
+        features = pose_features(turns).astype(np.float32)
+        moved_m = posed.offsets_m.reshape(len(posed), -1).copy()
+        moved_m += features @ self._posedirs
+        return moved_m
+
+    def _along(self, moved_m: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(T', K) how far displacements (T', 3V) go along the directions."""
+        return np.asarray((moved_m - self._mean_m) @ self.directions.T, np.float32)
+
+    def _missed_m(self, moved_m: NDArray[np.float32], along_m: NDArray[np.float32]) -> float:
+        """Largest distance of a vertex that the first directions (T', K') leave."""
+        missed = moved_m - self._mean_m - along_m @ self.directions[: along_m.shape[1]]
+        return float(np.linalg.norm(missed.reshape(len(moved_m), -1, 3), axis=-1).max())
+
+    def _one_sided(
+        self, along_m: NDArray[np.float32]
+    ) -> tuple[list[str], NDArray[np.float32], NDArray[np.float32]]:
+        """Of all that some frame takes."""
+        sides = {"plus": 1, "minus": -1}
+        count = len(self.directions)
+        names = [f"shape_{number:02d}_{side}" for side in sides for number in range(count)]
+        sided_m = np.concatenate([(sign * along_m).clip(0) for sign in sides.values()], axis=1)
+        taken, reach_m = np.flatnonzero(sided_m.any(axis=0)), sided_m.max(axis=0)
+        directions = np.concatenate([sign * self.directions for sign in sides.values()])[taken]
+        shapes_m = (directions * reach_m[taken, None]).reshape(len(taken), *self.rest_m.shape)
+        return [names[n] for n in taken], shapes_m, sided_m[:, taken] / reach_m[taken]
+
+
+class _Buffer:
+    """Arrays one after another, each with its accessor."""
+
+    def __init__(self) -> None:
+        self.parts: list[bytes] = []
+        self.views: list[dict[str, int]] = []
+        self.accessors: list[dict[str, Any]] = []
+        self.size = 0
+
+    def add(self, array: NDArray, *, bounds: bool = False) -> int:
+        """The accessor of (N,) or (N, width) numbers; with their bounds where glTF wants them.
+
+        Real numbers are stored in 32 bits.
+        """
+        rows = np.ascontiguousarray(array).reshape(len(array), -1)
+        rows = rows.astype("f4") if rows.dtype == "f8" else rows
+        stored = rows.tobytes()
+        self.views.append({"buffer": 0, "byteOffset": self.size, "byteLength": len(stored)})
+        said = {"min": rows.min(0).tolist(), "max": rows.max(0).tolist()} if bounds else {}
+        kind = {"componentType": _TYPES[rows.dtype], "type": _WIDTHS[rows.shape[1]]}
+        view = {"bufferView": len(self.views) - 1, "count": len(rows)}
+        self.accessors.append({**view, **kind, **said})
+        self.parts.append(stored + bytes(-len(stored) % 4))
+        self.size += len(self.parts[-1])
+        return len(self.accessors) - 1
+
+
+def write(path: Path, moving: MovingBody) -> None:
+    """Write one file: metres, y up, times in seconds from 0."""
+    shapes, buffer, body = BlendShapes(moving), _Buffer(), moving.body
+    joints_m = shaped_joints(body, moving.motion.betas[None])[0]
+    bones = len(joints_m)
+    bind = np.tile(np.eye(4), (bones, 1, 1))
+    bind[:, 3, :3] = -joints_m  # glTF's matrices lie column by column
+    skin = {"joints": [*range(bones)], "skeleton": 0, "inverseBindMatrices": buffer.add(bind)}
+    extras = {"dsnet": {**about(moving), "largest_error_mm": 1e3 * shapes.error_m}}
+    scene = {
+        "asset": {"version": "2.0", "generator": "dsnet", "extras": extras},
+        "scene": 0,
+        "scenes": [{"nodes": [0, bones]}],
+        "nodes": [*_bones(body, joints_m), {"name": "body", "mesh": 0, "skin": 0}],
+        "meshes": [_mesh(buffer, body, shapes)],
+        "skins": [skin],
+        "animations": [_animation(buffer, moving, joints_m, shapes)],
+        "accessors": buffer.accessors,
+        "bufferViews": buffer.views,
+        "buffers": [{"byteLength": buffer.size}],
+    }
+    text = json.dumps(scene).encode()
+    text += b" " * (-len(text) % 4)
+    whole = 12 + 8 + len(text) + 8 + buffer.size
+    with path.open("wb") as file:
+        file.write(struct.pack("<4sII", b"glTF", 2, whole))
+        file.write(struct.pack("<I4s", len(text), b"JSON") + text)
+        file.write(struct.pack("<I4s", buffer.size, b"BIN\0"))
+        file.writelines(buffer.parts)
+
+
+def _bones(body: BodyModelData, joints_m: NDArray) -> list[dict[str, Any]]:
+    """A node a joint, at rest."""
+    nodes = []
+    for number, (name, parent) in enumerate(zip(body.joint_names, body.parents, strict=True)):
+        place_m = joints_m[number] - (joints_m[parent] if parent >= 0 else 0)
+        children = [int(child) for child in np.flatnonzero(body.parents == number)]
+        node = {"name": name, "translation": place_m.tolist()}
+        nodes.append({**node, "children": children} if children else node)
+    return nodes
+
+
+def _mesh(buffer: _Buffer, body: BodyModelData, shapes: BlendShapes) -> dict[str, Any]:
+    attributes = {
+        "POSITION": buffer.add(shapes.rest_m, bounds=True),
+        "NORMAL": buffer.add(vertex_normals(shapes.rest_m, body.faces)),
+    }
+    order = np.argsort(-body.weights, axis=1, kind="stable")
+    shares = np.take_along_axis(body.weights, order, axis=1)
+    for number, start in enumerate(range(0, (shares > 0).sum(axis=1).max(), _SET)):
+        joints, share = (array[:, start : start + _SET] for array in (order, shares))
+        attributes[f"JOINTS_{number}"] = buffer.add(np.where(share > 0, joints, 0).astype("u1"))
+        attributes[f"WEIGHTS_{number}"] = buffer.add(share)
+    primitive: dict[str, Any] = {
+        "attributes": attributes,
+        "indices": buffer.add(body.faces.astype("u4").ravel()),
+    }
+    mesh: dict[str, Any] = {"name": "body", "primitives": [primitive]}
+    if shapes.names:
+        added = [buffer.add(shape_m, bounds=True) for shape_m in shapes.shapes_m]
+        primitive["targets"] = [{"POSITION": accessor} for accessor in added]
+        mesh |= {"weights": [0.0] * len(added), "extras": {"targetNames": shapes.names}}
+    return mesh
+
+
+def _animation(
+    buffer: _Buffer, moving: MovingBody, joints_m: NDArray, shapes: BlendShapes
+) -> dict[str, Any]:
+    time = buffer.add(np.arange(len(moving)) / moving.motion.fps, bounds=True)
+    turns = continuous_quaternions(moving.pose)
+    followed = [(0, "translation", joints_m[0] + moving.motion.trans_m)]
+    for joint in range(turns.shape[1]):
+        followed.append((joint, "rotation", turns[:, joint]))
+    if shapes.names:
+        followed.append((len(joints_m), "weights", shapes.weights.ravel()))
+    samplers, channels = [], []
+    for node, what, values in followed:
+        channels.append({"sampler": len(samplers), "target": {"node": node, "path": what}})
+        samplers.append({"input": time, "output": buffer.add(values)})
+    return {"name": moving.motion.source.stem, "samplers": samplers, "channels": channels}

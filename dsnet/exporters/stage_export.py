@@ -1,0 +1,96 @@
+"""`dsnet export`: a moving body as a file that Blender, Maya, Houdini, Unreal and others open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from bridge.errors import DsnetError, notify
+from bridge.runs import Run
+from dsnet.exporters.formats import FORMATS, chosen_format
+from dsnet.exporters.onnx_model import export_onnx
+from dsnet.exporters.output import new_path, refuse_taken
+from dsnet.prediction.controls import Controls, controlled_body
+from dsnet.prediction.moving_body import MovingBody
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportConfig(Controls):
+    """Write a body that performs a motion as a file for another tool: 60 fps, metres, y up."""
+
+    to: str | None = None
+    """Format: usd, pc2, mdd, obj, ply, glb, abc, bvh, npz, npz55, smpl, gif, mp4 or html of a
+    motion; or onnx, the predictor with its body as one graph. docs/export.md says how to open
+    each."""
+    motion: Path | None = None
+    """One AMASS `.npz`, a BVH, or `sample:walking`; for all but onnx."""
+    run: str | None = None
+    """Run whose predictor moves the skin; the small model that comes with the package when left
+    out, of the motion's gender."""
+    predictor: tuple[str, ...] = ()
+    """Which of the run's; its best when left out. A gif, mp4 or html shows several."""
+    precision: Literal["float32", "float16", "int8"] = "float32"
+    """Of the large kernels of an onnx graph; what fewer bits cost is written into the file."""
+    out: Path | None = None
+    """File to write, or for pc2, mdd, obj and ply a folder; it must not exist."""
+
+
+PROFILES = dict.fromkeys(("smoke", "demo", "paper"), ExportConfig())
+
+
+def main(config: ExportConfig) -> None:
+    to, out = config.to, config.out
+    if to is None:
+        raise DsnetError("export without --to", f"one of {', '.join(FORMATS)}", "Pass --to FORMAT.")
+    if out is None:
+        raise DsnetError("export without --out", "a path to write", "Pass --out PATH.")
+    form = chosen_format(to, out)
+    config.check()
+    if form.of_motion and config.precision != "float32":
+        raise DsnetError(
+            f"--to {to} with --precision {config.precision}",
+            "float32: fewer bits are for --to onnx",
+            "Leave out --precision.",
+        )
+    if len(config.predictor) > 1 and not form.several:
+        clips = " or ".join(name for name, other in FORMATS.items() if other.several)
+        raise DsnetError(
+            f"--to {to} with {len(config.predictor)} predictors",
+            f"one predictor, or --to {clips}",
+            "Export them one by one.",
+        )
+    refuse_taken(out)
+    if not form.of_motion:
+        _export_predictor(config, out)
+        return
+    moving = _moving_bodies(config)
+    with new_path(out) as path:
+        for one in moving:
+            one.announce()
+        if form.is_folder:
+            path.mkdir()
+        form.writer()(path, *moving)
+
+
+def _export_predictor(config: ExportConfig, out: Path) -> None:
+    if config.motion is not None or config.given().keys() - {"gender"}:
+        raise DsnetError(
+            "--to onnx with a motion or what moves it",
+            "a predictor alone: the graph takes any motion and shape",
+            "Leave out --motion, --gain, --betas and the like.",
+        )
+    run = None if config.run is None else Run(config.run)
+    chosen = config.model(run, next(iter(config.predictor), None))
+    notify(f"{chosen.name} ({chosen.label}) of {chosen.owner}: {chosen.why}")
+    with new_path(out) as path:
+        export_onnx(path, chosen, run=config.run or "packaged", precision=config.precision)
+
+
+def _moving_bodies(config: ExportConfig) -> list[MovingBody]:
+    """The character that was asked for, in its motion, by each of the predictors."""
+    if config.motion is None:
+        raise DsnetError("export without --motion", "one AMASS file", "Pass --motion FILE.")
+    run = None if config.run is None else Run(config.run)
+    opened = [config.load(run, name, config.motion) for name in config.predictor or (None,)]
+    return [controlled_body(trained, motion, config) for trained, motion in opened]

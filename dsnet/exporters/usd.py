@@ -1,0 +1,83 @@
+"""OpenUSD: one mesh `/Body/Mesh` whose points move.
+
+It has the points, their normals, the extent and `primvars:offset_m`, the size of each skin offset,
+of every frame, exactly; `primvars:st` where the body has a texture.
+"""
+
+# USD's modules are compiled and come without types.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Sdf, Tf, Usd, UsdGeom, Vt
+
+from dsnet.exporters.mesh_files import surfaces
+from dsnet.exporters.output import about, about_in_a_line
+from dsnet.prediction import models
+from dsnet.prediction.moving_body import MovingBody
+
+ROOT, MESH = "/Body", "/Body/Mesh"
+
+
+def write(path: Path, moving: MovingBody) -> None:
+    """Write a USD file: one time code a frame from 0, 60 a second, metres, y up."""
+    try:
+        stage = _new_stage(path, moving)
+        _write_frames(stage, moving)
+        stage.Save()
+    except Tf.ErrorException as error:
+        raise OSError(str(error).splitlines()[-1].strip()[:200]) from error
+
+
+def _new_stage(path: Path, moving: MovingBody) -> Usd.Stage:
+    stage, facts = Usd.Stage.CreateNew(str(path)), about(moving)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
+    stage.SetTimeCodesPerSecond(moving.motion.fps)
+    stage.SetFramesPerSecond(moving.motion.fps)
+    stage.SetStartTimeCode(0)
+    stage.SetEndTimeCode(len(moving) - 1)
+    layer = stage.GetRootLayer()
+    layer.comment = about_in_a_line(moving)
+    layer.customLayerData = {"dsnet": json.dumps(facts)}
+    root = UsdGeom.Xform.Define(stage, ROOT).GetPrim()
+    stage.SetDefaultPrim(root)
+    Usd.ModelAPI(root).SetKind("component")
+    mesh, faces = UsdGeom.Mesh.Define(stage, MESH), moving.body.faces
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
+    if texture := moving.body.texture:
+        place = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+            "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.faceVarying
+        )
+        place.Set(Vt.Vec2fArray.FromNumpy(texture.places.astype(np.float32)))
+        place.SetIndices(Vt.IntArray.FromNumpy(texture.corners.astype(np.int32).ravel()))
+    return stage
+
+
+def _write_frames(stage: Usd.Stage, moving: MovingBody) -> None:
+    mesh = UsdGeom.Mesh.Get(stage, MESH)
+    points, normals = mesh.CreatePointsAttr(), mesh.CreateNormalsAttr()
+    extent = mesh.CreateExtentAttr()
+    size = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
+        "offset_m", Sdf.ValueTypeNames.FloatArray, UsdGeom.Tokens.vertex
+    )
+    for time, (vertices_m, vertex_normals, sizes_m) in enumerate(surfaces(moving, "usd")):
+        points.Set(_vectors(vertices_m), time)
+        normals.Set(_vectors(vertex_normals), time)
+        extent.Set(_vectors(np.stack([vertices_m.min(axis=0), vertices_m.max(axis=0)])), time)
+        size.Set(Vt.FloatArray.FromNumpy(sizes_m), time)
+        if (time + 1) % models.FRAMES_AT_ONCE == 0:  # what is saved is no longer held in memory
+            stage.Save()
+
+
+def _vectors(array: NDArray) -> Vt.Vec3fArray:
+    """(N, 3) as USD has it, in float32."""
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(array, np.float32))

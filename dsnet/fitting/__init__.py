@@ -1,0 +1,1 @@
+"""Constants of flesh from markers on skin."""

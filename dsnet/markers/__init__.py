@@ -1,0 +1,1 @@
+"""Real optical markers on skin: files, segments, poses, comparison."""

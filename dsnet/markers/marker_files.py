@@ -1,0 +1,222 @@
+"""Optical markers of any file that is read: named alike, in metres, y up, gaps as NaN."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
+
+from bridge.errors import DsnetError
+from bridge.motion.motion import Y_UP_FROM_Z_UP
+from bridge.motion.readers import format_of
+from bridge.motion.readers.amass import motion_path
+from bridge.paper import N_VERTICES
+from bridge.runs.untrusted import file_refused
+from dsnet.markers.segments import SEEN_ENOUGH, SEGMENTS, Cloud, bridged
+from dsnet.markers.stored import npz_has_markers, read_c3d, read_mosh, read_npz, refused
+
+_REMEDY = "Pass a file with skin markers."
+_POSES = (".npz", "_poses.npz", "_stageii.npz", "_stageii.pkl")
+_SAME_LENGTH_S = 0.03
+"""A motion at 60 fps is shorter than its file by less than that."""
+_PERSON_M = (0.8, 3.5)
+"""How much room markers of a person take up at any moment, largest extent."""
+_SAME_PLACE = {
+    "TOPBACK": "C7",
+    "CV7": "C7",
+    "MIDBACK": "T10",
+    "TV10": "T10",
+    "TV8": "T8",
+    "R10": "RBAK",
+    "CHEST": "CLAV",
+    "SJN": "CLAV",
+    "SXS": "STRN",
+    **{
+        f"{side}{name}": side + other
+        for side in "LR"
+        for name, other in (
+            ("BAC", "BAK"), ("FSH", "SHO"), ("SHOULDER", "SHO"), ("ELBOW", "ELB"), ("HLE", "ELB"),
+            ("HIP", "THI"), ("THIGH", "THI"), ("LEG", "TIB"), ("SHIN", "TIB"), ("KNEE", "KNE"),
+            ("FLE", "KNE"), ("ANKLE", "ANK"), ("FAL", "ANK"), ("HEEL", "HEE"), ("IAS", "ASI"),
+            ("IPS", "PSI"),
+        )
+    },
+}  # fmt: skip
+"""Other names of the same places, in the marker sets of AMASS's sources, Plug-in Gait and ISB's."""
+_PADDED_FRAMES = 15
+_ON_HEADS = SEGMENTS["head"].labels
+_ON_FEET = ("LANK", "RANK", "LHEE", "RHEE", "LTOE", "RTOE")
+
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """Labelled points over time."""
+
+    points_m: NDArray[np.float64]
+    """(T, N, 3) metres, y up; NaN where a marker was not seen."""
+    labels: tuple[str, ...]
+    fps: float
+    note: str = ""
+    """What was done to the file's numbers; empty if nothing."""
+    vertices: Mapping[str, int] = field(default_factory=dict)
+    """Of SMPL, by label, where the file says them."""
+
+    def at(self, fps: float, frame_count: int) -> Cloud:
+        """The markers that are seen often enough, at another rate and of a given length."""
+        points, seen = {}, {}
+        for index, label in enumerate(self.labels):
+            there = np.asarray(np.isfinite(self.points_m[:, index]).all(axis=1))
+            if label not in points and there.mean() > SEEN_ENOUGH:
+                whole = bridged(self.points_m[:, index], there)
+                points[label] = _resampled(whole, self.fps, fps, frame_count)
+                times = np.arange(frame_count) * (self.fps / fps)
+                seen[label] = np.interp(times, np.arange(len(there)), there, right=0) > 0.99
+        return Cloud(points, seen)
+
+
+def read_markers(path: Path, fps: float, duration_s: float | None = None) -> Markers:
+    """The markers of an AMASS `.npz`, of a MoSh++ `*_stageii.pkl` or of a C3D, checked.
+
+    `DsnetError` if the file is damaged, or holds no markers with names, of one person's size.
+
+    Parameters
+    ----------
+    fps, duration_s : of the pose. Markers that last as long at its rate have it, whatever their
+        own file says.
+    """
+    with file_refused(path, _not_loaded, _REMEDY):
+        read = read_c3d if _is_c3d(path) else read_mosh if format_of(path) == "moshpp" else read_npz
+        stored = read(motion_path(path))
+        data = np.array(stored.points, np.float64) if stored.points.dtype.kind in "iuf" else None
+    if data is None or data.shape != (len(data), len(stored.labels), 3) or not stored.labels:
+        raise refused(
+            path,
+            f"markers of {stored.points.dtype} in shape {stored.points.shape} with "
+            f"{len(stored.labels)} names",
+            "numbers (T, N, 3) with N names",
+        )
+    whose, names = _names(path, stored.labels)
+    data[~data.any(axis=2)] = np.nan  # some files write a marker that was not seen as zeros
+    if not (np.isfinite(data).all(axis=2).mean(axis=0) > SEEN_ENOUGH).any():
+        raise refused(path, "markers that are hardly ever seen", "most of them in most frames")
+    data, note = _in_metres(path, data, stored.per_m)
+    up = Y_UP_FROM_Z_UP if stored.upright else _upright(data, names)
+    upright = up.apply(data.reshape(-1, 3)).reshape(data.shape)
+    own_fps = stored.fps or fps
+    if duration_s is not None and abs((len(data) - 1) / fps - duration_s) < _SAME_LENGTH_S:
+        own_fps = fps
+    vertices = {whose[label]: v for label, v in stored.vertices.items() if label in whose}
+    return Markers(
+        upright,
+        names,
+        own_fps,
+        note,
+        {name: v for name, v in vertices.items() if type(v) is int and 0 <= v < N_VERTICES},
+    )
+
+
+def pose_file(path: Path) -> Path:
+    """The file of the pose that was fitted to a file's markers: itself, or beside a C3D."""
+    if not _is_c3d(path):
+        return motion_path(path)
+    there = [path.with_name(path.stem + ending) for ending in _POSES]
+    found = next((pose for pose in there if pose.is_file()), None)
+    if found is None:
+        raise DsnetError(
+            f"{path}, markers without a pose",
+            f"{there[0].name} (or {', '.join(pose.name for pose in there[1:])}) beside it",
+            "Put the AMASS or MoSh++ file of the same take there, under that name.",
+        )
+    return found
+
+
+def marker_file(path: Path) -> Path | None:
+    """The file of the markers that a motion file's pose was fitted to, if there is one."""
+    path = motion_path(path)
+    if not path.is_file():
+        return None
+    with file_refused(path, _not_loaded, _REMEDY):
+        is_npz = path.suffix == ".npz" and npz_has_markers(path)
+        if is_npz or _is_c3d(path) or format_of(path) == "moshpp":
+            return path
+    return c3d_beside(path)
+
+
+def c3d_beside(path: Path) -> Path | None:
+    """The recording that lies beside a file of poses under its name, if one does."""
+    stems = (path.name.removesuffix(ending) for ending in _POSES if path.name.endswith(ending))
+    beside = (path.with_name(f"{stem}.c3d") for stem in stems)
+    return next((one for one in beside if one.is_file()), None)
+
+
+def _is_c3d(path: Path) -> bool:
+    return path.suffix.lower() == ".c3d"
+
+
+def _names(path: Path, labels: list[str]) -> tuple[dict[str, str], tuple[str, ...]]:
+    """The markers' names as this package has them, by those of the file."""
+    if len({label for label in labels if label.strip("*0123456789 ")}) < 4:
+        raise refused(
+            path,
+            f"markers without names ({', '.join(labels[:3])}, ...)",
+            "names such as C7, CLAV, LBUST",
+            "Label them, as MoSh++ and AMASS do",
+        )
+    plain = [label.rpartition(":")[2].strip().upper().replace("_", "") for label in labels]
+    names = tuple(_SAME_PLACE.get(name, name) for name in plain)
+    known = {label for segment in SEGMENTS.values() for label in segment.labels}
+    named = zip(labels, names, strict=True)
+    people = Counter(label.rpartition(":")[0] for label, name in named if name in known)
+    crowd = [name or "somebody else" for name, count in people.items() if count >= 4]
+    if len(crowd) > 1:
+        raise refused(path, f"markers of {' and '.join(crowd[:3])}", "those of one person")
+    return dict(zip(labels, names, strict=True)), names
+
+
+def _upright(data_m: NDArray, names: Sequence[str]) -> Rotation:
+    """To y up, from whatever axis people's heads are above their feet along."""
+    ends = [[n for n, name in enumerate(names) if name in group] for group in (_ON_HEADS, _ON_FEET)]
+    if not all(ends):
+        return Y_UP_FROM_Z_UP
+    head, foot = (np.nanmedian(data_m[:, end], axis=(0, 1)) for end in ends)
+    axis = int(np.abs(head - foot).argmax())
+    up = np.sign(head - foot)[axis] * np.eye(3)[axis]
+    turned, _ = Rotation.align_vectors(np.array([[0.0, 1.0, 0.0]]), up[None])
+    return turned
+
+
+def _in_metres(path: Path, data: NDArray, per_m: float | None) -> tuple[NDArray[np.float64], str]:
+    """Metres, by what the file says, else by the room that the markers of a moment take up."""
+    seen = np.asarray(np.isfinite(data).all(axis=2))
+    some = data[seen.any(axis=1)]
+    extent = float(np.median(np.nanmax(some, axis=1) - np.nanmin(some, axis=1), axis=0).max())
+    units = {"metres": 1.0, "millimetres": 1e3, "centimetres": 1e2}
+    for unit, each in units.items() if per_m is None else [("", per_m)]:
+        if _PERSON_M[0] <= extent / each <= _PERSON_M[1]:
+            told = each == 1 or per_m is not None
+            return data / each, "" if told else f"its markers are in {unit}: converted"
+    raise refused(path, f"markers {extent:.3g} apart", "those of a person, in metres")
+
+
+def _resampled(points: NDArray, fps: float, to_fps: float, count: int) -> NDArray[np.float64]:
+    if len(points) == count and abs(fps - to_fps) < 0.01:
+        return points
+    if len(points) == 1:
+        return points.repeat(count, axis=0)
+    if fps > 1.5 * to_fps:  # what is faster than the new rate can hold would fold back
+        low = butter(4, 0.45 * to_fps, fs=fps, output="sos")
+        padded = min(_PADDED_FRAMES, len(points) - 1)
+        points = np.asarray(sosfiltfilt(low, points, axis=0, padlen=padded), np.float64)
+    at_s = np.minimum(np.arange(count) / to_fps, (len(points) - 1) / fps)
+    return np.asarray(CubicSpline(np.arange(len(points)) / fps, points)(at_s), np.float64)
+
+
+def _not_loaded(path: Path, flaw: str, remedy: str) -> DsnetError:
+    return DsnetError(f"{path}, {flaw}", "markers", remedy)

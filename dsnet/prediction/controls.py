@@ -1,0 +1,304 @@
+"""What an animator may ask of a moving body, as the options of every command that moves one.
+
+A command's configuration inherits `Controls`, and `controlled_body` makes of them what prediction,
+export and the viewer iterate over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.model_data import GENDERS, SMPL_JOINT_NAMES
+from bridge.body.parts import GROUPS, PARTS, part_weights
+from bridge.body.posing import shaped_joints, shaped_vertices
+from bridge.errors import DsnetError, notify
+from bridge.motion import Motion, load_motion_file, pack_theta
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.motion import HowRead, Up
+from bridge.motion.skeletons import read_joint_map
+from bridge.options import Bounds, PositiveFloat, check_options, numbers_by_name
+from bridge.paper import FPS, N_BETAS
+from bridge.runs import Run
+from dsnet.markers.bone_pose import bony_pose
+from dsnet.prediction.load_model import TrainedModel, body_asked, load_model
+from dsnet.prediction.loops import REMEDY, Lap, close_lap
+from dsnet.prediction.moving_body import SOLE_PERCENTILE, MovingBody, lowest_points_m, place_motion
+from dsnet.prediction.shape_space import with_own_shape
+from dsnet.prediction.shapes import find_shape, parse_shape
+
+Floor = Literal["keep", "shift", "scale"]
+GAINS = Bounds(0, 20)
+"""What a gain may be."""
+_LEGS = ("left_hip", "right_hip")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Controls:
+    """How a body moves; what is left at its default changes nothing."""
+
+    gain: Annotated[float, GAINS] = 1.0
+    """Multiplies the skin's dynamics: 0 is SMPL alone, 1 what was predicted."""
+    part_gain: tuple[str, ...] = ()
+    """The same for parts of the body, on top of --gain, as in `belly=2 chest=0.5`: head, chest,
+    belly, back, buttocks, upper_arms, forearms, hands, thighs, calves, feet; torso, arms, legs."""
+    floor: Floor = "keep"
+    """`shift` moves the whole motion up or down until the feet stand on the floor; `scale` also
+    fits its strides to the body's legs; `keep` leaves heights as the file has them."""
+    loop: bool = False
+    """The motion repeats: the skin's last frame leads into its first."""
+    shape: tuple[str, ...] = ()
+    """Body shape in place of the motion file's, by name: tall, short, heavy, slim, pear, apple;
+    by measurement, in cm and kg: height=182 weight=80 chest=100 waist=90 hips=105; or both."""
+    betas: str | None = None
+    """Body shape in place of the motion file's: ten comma-separated coefficients."""
+    body: Path | None = None
+    """Another body than the predictor was trained on, or DSNET_BODY for always: an SMPL, SMPL-H or
+    SMPL-X model file, a folder of them, or `embedded:male`; for `dsnet_plus`."""
+    gender: Literal["female", "male", "neutral"] | None = None
+    """Of the body, where the motion file says none or another."""
+    pose: Literal["file", "bony"] = "file"
+    """`bony`: the chest follows the file's markers on bone; a pose that was fitted to all of them,
+    as AMASS's, holds part of the bounce, which predicted flesh would then count twice."""
+    motion_fps: PositiveFloat | None = None
+    """Frames per second of the motion file, where it says none or a wrong one."""
+    up: Up = "auto"
+    """Vertical axis of the motion file; `auto`: the one along which its bodies stand."""
+    joint_map: Path | None = None
+    """Text file that says which joint of a BVH is which, `left_hip = Bip01 L Thigh` a line."""
+    smooth_hz: PositiveFloat | Literal["auto"] | None = None
+    """Leave out what is faster in the motion: the noise of a recording shakes the skin. `auto`
+    finds the cutoff that suits each moment."""
+
+    def check(self) -> None:
+        """Refuse what needs no body to be refused."""
+        check_options(self)
+        if self.part_gain:
+            gains_of_parts(self.part_gain)
+        if self.betas is not None and self.shape:
+            raise DsnetError(
+                "--betas with --shape", "one way to say a shape", "Leave one of them out."
+            )
+        if self.betas is not None:
+            _parsed_betas(self.betas)
+        if self.shape:
+            if not self._words():
+                raise DsnetError("an empty --shape", "names or measurements", "Pass --shape tall.")
+            parse_shape(self._words())
+
+    def _words(self) -> list[str]:
+        """The shape's, one by one."""
+        return [word for text in self.shape for word in text.replace(",", " ").split()]
+
+    def given(self) -> dict[str, Any]:
+        """Those that are not left at their default, by name; the body is said elsewhere."""
+        own = {field.name: field.default for field in fields(Controls) if field.name != "body"}
+        given = {n: getattr(self, n) for n, default in own.items() if getattr(self, n) != default}
+        return {n: str(said) if isinstance(said, Path) else said for n, said in given.items()}
+
+    def load(
+        self,
+        run: Run | None,
+        predictor: str | None,
+        path: Path,
+        load: Callable[..., TrainedModel] = load_model,
+    ) -> tuple[TrainedModel, Motion]:
+        """A predictor on the body that is asked for, and the motion of a file as it has it.
+
+        A run that cannot predict is told before the file is read. Who has many motions passes a
+        `load` that remembers.
+        """
+        trained = None
+        if run is not None and not body_asked(self.body):
+            trained = self.model(run, predictor, load=load)
+        how = self.how_read()
+        motion = load_motion_file(path, self.motion_fps, smooth_hz=self.smooth_hz, how=how)
+        return trained or self.model(run, predictor, motion, load), motion
+
+    def model(
+        self,
+        run: Run | None,
+        predictor: str | None,
+        motion: Motion | None = None,
+        load: Callable[..., TrainedModel] = load_model,
+    ) -> TrainedModel:
+        """A predictor on the body that is asked for, else on one that suits a motion; without a run
+        the package's. DsnetError if the body is of another gender than was asked for, if any was.
+        """
+        gender, kind, more_betas = "unknown", None, 0
+        if motion is not None:
+            gender, kind, more_betas = motion.gender, motion.kind, len(motion.more_betas)
+        body = body_asked(self.body)
+        found = load(run, predictor, self.gender or gender, body, kind, more_betas)
+        self.check_model(found)
+        return found
+
+    def check_model(self, found: TrainedModel) -> None:
+        """Refuse a predictor on another body than is asked for."""
+        if self.body is not None and str(self.body) != found.body_model:
+            raise DsnetError(
+                f"body={str(self.body)!r} with {found.name} on {found.body_model}",
+                "a predictor on that body",
+                "Load both by Controls.load, or load_model(run, body=...).",
+            )
+        if self.gender and self.gender != found.body.gender and found.body.gender in GENDERS:
+            raise DsnetError(
+                f"--gender {self.gender} with {found.body.name} for {found.name} of {found.owner}",
+                f"a {found.body.gender} body's",
+                "Leave --gender out, or pass another --body, or a --run that was trained on one.",
+            )
+
+    def how_read(self) -> HowRead:
+        """What they say of the motion file."""
+        names = {} if self.joint_map is None else read_joint_map(self.joint_map)
+        return HowRead(self.up, names)
+
+    def asked_betas(self, body: BodyModelData) -> NDArray[np.float64] | None:
+        """(S,) betas of the shape that is asked for; None where the motion's own is meant."""
+        if self.betas is not None:
+            given, count = _parsed_betas(self.betas), body.shapedirs.shape[-1]
+            return np.pad(given[:count], (0, max(0, count - N_BETAS)))
+        if not self.shape:
+            return None
+        return find_shape(body, self._words())
+
+
+def controlled_body(trained: TrainedModel, motion: Motion, controls: Controls) -> MovingBody:
+    """A body that performs a motion as an animator asks.
+
+    Parameters
+    ----------
+    motion : as its file has it, read with `motion_fps` and `smooth_hz` if the controls have them.
+
+    Raises
+    ------
+    DsnetError
+        If something asked for does not exist, is out of reach or does not go together, or the
+        motion is not one of a body of a person's size.
+    """
+    controls.check()
+    asked = controls.motion_fps, controls.smooth_hz
+    for name, wanted, read in zip(
+        ("motion_fps", "smooth_hz"), asked, (motion.source_fps, motion.smooth_hz), strict=True
+    ):
+        if wanted not in (None, read):
+            raise DsnetError(
+                f"{motion.source}, read with {name}={read}",
+                f"it with {wanted}, as the controls say",
+                f"Read it by load_motion_file(path, {name}={wanted!r}).",
+            )
+    if motion.fps != FPS:
+        raise DsnetError(
+            f"{motion.source} at {motion.fps:g} frames a second",
+            f"the {FPS:g} at which skin is predicted",
+            "Load it without fps=, and take frames of the result.",
+        )
+    controls.check_model(trained)
+    body, gain = trained.body, controls.gain
+    betas, shaped = controls.asked_betas(body), motion.betas.any()
+    motion = with_own_shape(motion, body, told=betas is None)
+    if controls.floor == "scale" and shaped and not motion.betas.any():
+        notify(
+            f"--floor scale: the betas of {motion.source} do not tell whose legs walked, mean ones "
+            "are taken; --floor shift scales nothing"
+        )
+    if controls.pose == "bony":
+        motion = bony_pose(body, motion)
+    if controls.part_gain:
+        gain = blended_gain(body, gain, gains_of_parts(controls.part_gain))
+    placed = place_motion(motion, body, betas)
+    placed, loop = put_on_floor(placed, body, controls.floor, motion.betas), None
+    if controls.loop:
+        placed, loop = _looped(placed, body)
+    return MovingBody(trained, placed, gain, controls.given(), loop)
+
+
+def _looped(placed: Motion, body: BodyModelData) -> tuple[Motion, Lap]:
+    """A motion that stands where it shall as one that repeats."""
+    if len(pieces := pieces_between_cuts(placed.theta)) > 1:
+        jumps = f"--loop with {placed.source}, which jumps at frame {pieces[1].start}"
+        raise DsnetError(jumps, "a motion without cuts", REMEDY)
+    closed = close_lap(placed.theta, root_joint_m(body, placed.betas))
+    if closed.dropped:
+        notify(f"the last frame of {placed.source} is its first again: left out of the loop")
+    lap = placed.frames(slice(len(closed.theta)))  # the hands' too
+    return replace(lap, theta=closed.theta), closed
+
+
+def _parsed_betas(text: str) -> NDArray[np.float64]:
+    try:
+        betas = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        betas = np.empty(0)
+    if betas.shape != (N_BETAS,) or not np.isfinite(betas).all():
+        raise DsnetError(
+            f"--betas {text}",
+            f"{N_BETAS} finite numbers",
+            "Separate them by commas, no spaces.",
+        )
+    return betas
+
+
+def blended_gain(body: BodyModelData, gain: float, of_parts: ArrayLike) -> NDArray[np.float32]:
+    """(V,) gains of vertices from one of all and those of `PARTS` (11,), which fade as they do."""
+    return (gain * part_weights(body) @ np.asarray(of_parts)).astype(np.float32)
+
+
+def gains_of_parts(part_gain: Sequence[str]) -> NDArray[np.float64]:
+    """(11,) the gains of `PARTS`, 1 where none is said.
+
+    `part_gain` is `part=gain` of `PARTS` and `GROUPS`; a part's own counts more than its group's.
+    """
+    remedy = "Pass --part-gain belly=2 chest=0.5."
+    said = numbers_by_name("--part-gain", part_gain, (*PARTS, *GROUPS), GAINS, remedy)
+    group_of = {part: group for group, parts in GROUPS.items() for part in parts}
+    return np.array([said.get(part, said.get(group_of.get(part, ""), 1.0)) for part in PARTS])
+
+
+def put_on_floor(motion: Motion, body: BodyModelData, floor: Floor, own_betas: NDArray) -> Motion:
+    """A motion whose lowest point stands on the floor, at height 0.
+
+    Parameters
+    ----------
+    motion : y up, about the root joint of the body that performs it.
+    floor : `keep` changes nothing; `shift` adds one number to all heights, so that jumps take the
+        time they take; `scale` first multiplies the root's travel and height by the ratio of leg
+        lengths, so that strides fit.
+    own_betas : (10,) shape of the person whose motion it is.
+    """
+    if floor == "keep":
+        return motion
+    if floor == "scale":
+        motion = _strides_fitted(motion, body, own_betas)
+    low_m = np.percentile(lowest_points_m(motion, body), SOLE_PERCENTILE)
+    return replace(motion, theta=pack_theta(motion.pose, motion.trans_m - [0.0, low_m, 0.0]))
+
+
+def leg_length_m(body: BodyModelData, betas: NDArray) -> float:
+    """From the hips' joints to the soles, of a body of shape betas (10,) at rest."""
+    betas = np.asarray(betas, np.float64)[None]
+    hips = shaped_joints(body, betas)[0, [SMPL_JOINT_NAMES.index(name) for name in _LEGS], 1]
+    return float(hips.mean() - shaped_vertices(body, betas)[0, :, 1].min())
+
+
+def _strides_fitted(motion: Motion, body: BodyModelData, own_betas: NDArray) -> Motion:
+    own_m = leg_length_m(body, own_betas)
+    if not 0.1 < own_m < 10.0:
+        legs = f"--floor scale with {motion.source}, whose betas are of legs of {own_m:.3g} m"
+        raise DsnetError(legs, "a person's", "Pass --floor shift.")
+    joint_m = root_joint_m(body, motion.betas)
+    places_m = motion.trans_m + joint_m
+    start_m = places_m[:1] * [1.0, 0.0, 1.0]
+    places_m = start_m + leg_length_m(body, motion.betas) / own_m * (places_m - start_m)
+    return replace(motion, theta=pack_theta(motion.pose, places_m - joint_m))
+
+
+def root_joint_m(body: BodyModelData, betas: NDArray) -> NDArray[np.float64]:
+    """(3,) where the root joint of a body of shape betas (10,) rests."""
+    return shaped_joints(body, np.asarray(betas, np.float64)[None])[0, 0]

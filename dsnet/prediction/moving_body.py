@@ -1,0 +1,215 @@
+"""A body in motion: skin offsets and posed vertices, some frames at a time.
+
+What prediction, export and the viewer have in common; memory does not grow with the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import chain
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import BodyModelData
+from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.body.posing import Smpl, full_pose
+from bridge.errors import DsnetError, notify
+from bridge.motion import Motion, pack_theta, unpack_theta
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.motion import FARTHEST_M
+from bridge.motion.motion_checks import motion_warnings
+from bridge.paper import N_JOINTS
+from bridge.runs.workers import progress
+from dsnet.markers.bone_pose import flesh_in_pose
+from dsnet.prediction.load_model import TrainedModel
+from dsnet.prediction.loops import Lap
+from dsnet.prediction.models import Prediction, predict_loop, predict_whole
+from dsnet.prediction.shape_space import pelvis_apart_m
+
+SOLE_PERCENTILE = 1.0
+"""Of the lowest points of all frames: a single bad frame does not lift the motion."""
+_FEET = ("left_ankle", "right_ankle", "left_foot", "right_foot")
+_EVERY = 8
+"""Vertices of the rest of the body, of which fewer are looked at than of the feet."""
+_TOLD_FLOOR_M, _FLOOR_FRAMES = 0.03, 120
+LARGEST_BODY_M = 10.0
+"""A shape larger than this is no person's."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovedFrames:
+    """T' frames that follow one another."""
+
+    frames: slice
+    """Which of the motion's."""
+    offsets_m: NDArray[np.float32]
+    """(T', V, 3) in the rest pose, metres."""
+    posed: Callable[[MovedFrames], NDArray[np.float32]]
+
+    def __len__(self) -> int:
+        return len(self.offsets_m)
+
+    @cached_property
+    def vertices_m(self) -> NDArray[np.float32]:
+        """(T', V, 3) in the world, metres, y up; posed when they are asked for."""
+        return self.posed(self)
+
+
+class MovingBody:
+    """A body that performs a motion; iterating gives `MovedFrames` from first to last.
+
+    It begins from rest, settled in its first pose, there and after every cut.
+
+    Parameters
+    ----------
+    trained : what moves it.
+    motion : (T, 69) at 60 frames a second with y up, and the shape to move with.
+    gain : by which the predicted offsets are multiplied, one number or one a vertex (V,): 0 is
+        SMPL alone, 1 what was predicted.
+    controls : all that an animator asked for, by name: `Controls.given()`, which motion, gain and
+        loop already obey. It goes with what is written of the body.
+    loop : the motion as one that repeats, if it does.
+    """
+
+    def __init__(
+        self,
+        trained: TrainedModel,
+        motion: Motion,
+        gain: float | NDArray[np.floating] = 1.0,
+        controls: Mapping[str, Any] | None = None,
+        loop: Lap | None = None,
+    ) -> None:
+        self.trained, self.motion = trained, motion
+        self.controls = dict(controls or {})
+        self.pieces = pieces_between_cuts(motion.theta)
+        self._gain, self.loop = np.asarray(gain, np.float32), loop
+        self._gain = self._gain[:, None] if self._gain.ndim else self._gain
+
+    def __len__(self) -> int:
+        return len(self.motion.theta)
+
+    @property
+    def body(self) -> BodyModelData:
+        return self.trained.body
+
+    @property
+    def pose(self) -> NDArray[np.floating]:
+        """(T, 22, 3) joint rotations, axis-angle, or all that the body has where others move."""
+        return pose_on(self.motion, self.body)
+
+    @property
+    def latents(self) -> NDArray[np.float32] | None:
+        """(T, 100) codes that the offsets are decoded from, before any gain, if there are any."""
+        found = [prediction.latents for prediction in self._predictions()]
+        latents = [part for part in found if part is not None]
+        return np.concatenate(latents) if latents else None
+
+    def _predictions(self) -> list[Prediction]:
+        """Of each piece between cuts; their offsets are computed when they are asked for."""
+        theta, betas = self.motion.theta, self.motion.betas
+        predict = partial(predict_whole, self.trained.model)
+        if self.loop is not None:
+            return [predict_loop(predict, self.loop, betas)]
+        return [predict(theta[piece], betas) for piece in self.pieces]
+
+    def __iter__(self) -> Iterator[MovedFrames]:
+        pose, trans = self.pose, self.motion.trans_m
+        smpl = Smpl(self.body, hands=pose.shape[1] > N_JOINTS)
+        shaped, start = smpl.person(self.motion.betas), 0
+
+        def finite(found_m: NDArray[np.float32], frames: slice) -> NDArray[np.float32]:
+            if np.isfinite(found_m).all():
+                return found_m
+            raise DsnetError(
+                f"{self.motion.source}, whose skin is not finite from frame {frames.start} on",
+                "a predictor that gives finite offsets",
+                "Train the run again, or pass another --run.",
+            )
+
+        def posed(moved: MovedFrames) -> NDArray[np.float32]:
+            frames = moved.frames
+            return finite(shaped.pose(pose[frames], trans[frames], moved.offsets_m), frames)
+
+        for found_m in chain.from_iterable(found.offsets_m for found in self._predictions()):
+            frames = slice(start, start + len(found_m))
+            yield MovedFrames(frames, finite(found_m * self._gain, frames), posed)
+            start = frames.stop
+
+    def shown(self, what: str) -> Iterator[MovedFrames]:
+        """The same frames; a terminal is told how far `what` is."""
+        with progress(what=what, unit="frame", total=len(self)) as bar:
+            for posed in self:
+                yield posed
+                bar.update(len(posed))
+
+    def announce(self) -> None:
+        """Say on stderr which predictor moves the body, and what is odd about the motion."""
+        by = self.trained
+        notify(f"{by.name} ({by.label}) of {by.owner} predicts: {by.why}")
+        for oddity in self.oddities():
+            notify(oddity)
+
+    def oddities(self) -> list[str]:
+        """What is odd about the motion, a line each."""
+        found = motion_warnings(self.motion, self.pieces)
+        found = [*found, *([] if "pose" in self.controls else flesh_in_pose(self.motion))]
+        if "floor" in self.controls:
+            return found
+        sampled = self.motion.theta[:: max(1, len(self) // _FLOOR_FRAMES)]
+        lowest_m = lowest_points_m(replace(self.motion, theta=sampled), self.body)
+        if abs(low_m := np.percentile(lowest_m, SOLE_PERCENTILE)) > _TOLD_FLOOR_M:
+            how = "floats above" if low_m > 0 else "sinks into"
+            found.append(
+                f"{self.motion.source} {how} the floor by {100 * abs(low_m):.0f} cm at its lowest: "
+                "--floor shift puts it there"
+            )
+        return found
+
+
+def pose_on(motion: Motion, body: BodyModelData) -> NDArray[np.floating]:
+    """(T, 22, 3) joint rotations, axis-angle, or all that the body has where others move."""
+    if motion.hands_and_face is None or body.kind == "smpl":
+        return motion.pose
+    return full_pose(motion.pose, motion.hands_and_face, len(body.parents))
+
+
+def place_motion(
+    motion: Motion, body: BodyModelData, betas: NDArray[np.float64] | None = None
+) -> Motion:
+    """A motion as its file has it, turned to y up about the root joint of the body that will be
+    posed, with the shape betas (S,) in place of the file's; the pelvis is where the file's kind of
+    body has it. DsnetError if it is not one of a body of a person's size.
+    """
+    if betas is not None:
+        motion = replace(motion, betas=betas)
+    apart_m = pelvis_apart_m(motion, body)
+    placed = motion.about_root_joint(persons_root_joint_m(motion, body) + apart_m)
+    return replace(placed, theta=pack_theta(placed.pose, placed.trans_m + apart_m))
+
+
+def persons_root_joint_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:
+    """(3,) of a body at rest, metres, of the motion's betas (S,). DsnetError if the motion is not
+    one of a body of a person's size."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        rest = body.v_template + body.shapedirs @ motion.betas
+        size_m, far_m = np.ptp(rest, axis=0).max(), np.abs(motion.trans_m).max()
+    if not (size_m < LARGEST_BODY_M and far_m < FARTHEST_M):
+        raise DsnetError(
+            f"{motion.source}, a body of {size_m:.3g} m that moves {far_m:.3g} m off",
+            f"a person within {FARTHEST_M:g} m of the origin",
+            "Check the file's betas and trans; --betas gives another shape.",
+        )
+    return (body.J_regressor @ rest)[0]
+
+
+def lowest_points_m(motion: Motion, body: BodyModelData) -> NDArray[np.float64]:
+    """(T,) height of the body's lowest point in each frame, without skin offsets."""
+    feet = body.weights[:, [SMPL_JOINT_NAMES.index(name) for name in _FEET]].sum(axis=1) > 0.5
+    looked_at = feet | (np.arange(len(feet)) % _EVERY == 0)
+    person = Smpl(body, np.flatnonzero(looked_at), np.float64).person(motion.betas)
+    places_m = person.pose(*unpack_theta(np.asarray(motion.theta, np.float64)))
+    return places_m[..., 1].min(axis=1)

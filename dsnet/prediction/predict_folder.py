@@ -1,0 +1,313 @@
+"""`dsnet predict --motion FOLDER`: every motion below a folder, into a tree of the same shape.
+
+`OUT/Subject/walk_poses/` is the prediction of `FOLDER/Subject/walk_poses.npz`. What is there, made
+of the same file as is asked for now, is not made again, so the same command goes on after a kill.
+A file that cannot be predicted is told at the end and stops no other.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import redirect_stderr
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from bridge.body.embedded import EMBEDDED_GENDERS
+from bridge.errors import DsnetError, notify
+from bridge.motion import Motion
+from bridge.motion.readers import files_below, stated_gender
+from bridge.runs import Run, read_artifact
+from bridge.runs.files import (
+    MANIFEST,
+    exclusive,
+    is_finished,
+    runs_root,
+    sha256_of,
+    stamp_of,
+    tidy,
+    write_text_atomically,
+)
+from bridge.runs.workers import WorkerPool, on_any_node, progress, worker_pool
+from dsnet.markers.marker_files import c3d_beside
+from dsnet.prediction.controls import Controls, controlled_body
+from dsnet.prediction.load_model import (
+    TrainedModel,
+    body_asked,
+    find_model,
+    load_model,
+)
+from dsnet.prediction.moving_body import MovingBody
+from dsnet.prediction.prediction_files import KIND, OF_MANY, fill_prediction, open_out_folder
+
+REFUSED = "refused.txt"
+"""In the folder that is written: each file that was refused, and why."""
+_SHOWN = 20
+"""Refusals that the terminal is told; the file has all."""
+_BYTES = {"offsets": 12, "offsets16": 6, "vertices": 12}
+"""Of a vertex in a frame."""
+_BESIDE_BYTES = 8192
+"""Of a motion's manifest and the headers of its arrays."""
+_load = lru_cache(maxsize=8)(load_model)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What every motion of the folder is asked for; workers have a copy."""
+
+    run: Run | None
+    predictor: str | None
+    controls: Controls
+    write: tuple[str, ...]
+
+    def load(self, path: Path) -> tuple[TrainedModel, Motion]:
+        """The predictor of a file's motion, and the motion as the file has it."""
+        return self.controls.load(self.run, self.predictor, path, _load)
+
+    def moving(self, path: Path) -> tuple[MovingBody, list[str]]:
+        """The body that performs it, and all that is to be told of it, which no terminal is."""
+        with redirect_stderr(StringIO()) as said:
+            moving = controlled_body(*self.load(path), self.controls)
+        lines = [line.removeprefix("dsnet: ") for line in said.getvalue().splitlines()]
+        return moving, lines + moving.oddities()
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """As in the manifest of a prediction."""
+        given = {
+            "run": self.run and self.run.name,
+            "predictor": self.predictor,
+            "write": self.write,
+            "controls": self.controls.given(),
+            "body": self._body(),
+            "joints": dict(self.controls.how_read().joint_map),
+        }
+        return json.loads(json.dumps(given))
+
+    def _body(self) -> list[tuple[str, int, int]] | str | None:
+        """Names, sizes and times of the model files that were asked for: they may be gigabytes."""
+        path = self.controls.body
+        if path is None or not path.exists():
+            return path and str(path)
+        files = sorted(one for one in (path, *path.rglob("*")) if one.is_file())
+        about = ((one.relative_to(path.parent).as_posix(), one.stat()) for one in files)
+        return [(name, status.st_size, status.st_mtime_ns) for name, status in about]
+
+
+@dataclass(frozen=True)
+class Found:
+    """One file below the folder."""
+
+    path: Path
+    name: str
+    """From the folder on."""
+    out: Path
+    frames: int = 0
+    bytes: int = 0
+    """Of what will be written."""
+    refusal: str = ""
+    told: int = 0
+    """Lines in its manifest of what is odd about it."""
+
+
+def predict_folder(
+    run: Run | None,
+    folder: Path,
+    out: Path,
+    *,
+    predictor: str | None = None,
+    controls: Controls | None = None,
+    write: Sequence[str] = OF_MANY,
+) -> None:
+    """Predict every motion below a folder; parameters are those of `predict_motion`.
+
+    Files without a motion, as AMASS's `shape.npz`, are passed over. Before anything is written the
+    room that all takes is said. Workers are processes, or nodes where `--engine ray` was asked for.
+
+    Raises
+    ------
+    DsnetError
+        If there is no motion, `out` lies in a run or in `folder`, the disk lacks room; and, when
+        all others are written, if some file was refused, which `out/refused.txt` has.
+    """
+    controls = controls or Controls()
+    if said := body_asked(controls.body):  # other machines have other settings and folders
+        body = Path(said).resolve() if Path(said).exists() else Path(said)
+        controls = replace(controls, body=body)
+    asked = Asked(run, predictor, controls, tuple(write))
+    asked.controls.check()
+    asked.controls.how_read()
+    _refuse_place(folder, out)
+    models = _upstreams(run, predictor)
+    with (
+        exclusive(out, f"--out {out}", "Wait until it has ended, or name another folder."),
+        worker_pool(on_any_node("processes"), asked) as pool,
+    ):
+        files = _files(folder.resolve(), out.resolve())
+        done = {one.path: one.out for one in files if _is_done(one, asked, models)}
+        for out_of_one in done.values():
+            tidy(out_of_one)
+        found = _surveyed([one for one in files if one.path not in done], pool)
+        if not done and not found:
+            raise DsnetError(
+                f"--motion {folder}, a folder with {len(files)} files that might be motions",
+                "at least one motion in it",
+                "Check the path: docs/motion_files.md has what is read.",
+            )
+        motions = [one for one in found if not one.refusal]
+        _refuse_lack_of_room(out, motions, len(done))
+        refused = [one for one in found if one.refusal] + _predicted(motions, pool)
+        _report(out, refused, len(done) + len(found))
+
+
+def _refuse_place(folder: Path, out: Path) -> None:
+    whole, source = out.resolve(), folder.resolve()
+    if source in (whole, *whole.parents):
+        raise DsnetError(
+            f"--out {out}, which lies in --motion {folder}",
+            "a folder elsewhere: what is written would be found as motions",
+            "Name another folder.",
+        )
+    if runs_root().resolve() in whole.parents or is_finished(out):
+        kind = "a prediction" if is_finished(out) else "a place in the runs"
+        raise DsnetError(f"--out {out}, {kind}", "a folder of its own", "Name another folder.")
+
+
+def _upstreams(run: Run | None, predictor: str | None) -> list[dict[str, str]]:
+    """What predictions are made of: one model's artifacts, or those of either gender's."""
+    if run is not None:
+        return [find_model(run, predictor).upstream]
+    return [find_model(None, predictor, gender).upstream for gender in EMBEDDED_GENDERS]
+
+
+def _files(folder: Path, out: Path) -> list[Found]:
+    """In order of path; the endings of names stay where a folder would be another's too."""
+    paths = [path for path in files_below(folder) if path.is_file()]
+    taken = Counter(path.with_suffix("") for path in paths)
+    taken.update({folder / REFUSED, *(parent for path in paths for parent in path.parents)})
+
+    def place(path: Path) -> Path:
+        whole = path if taken[path.with_suffix("")] > 1 else path.with_suffix("")
+        return out / whole.relative_to(folder)
+
+    return [Found(path, str(path.relative_to(folder)), place(path)) for path in paths]
+
+
+def _is_done(one: Found, asked: Asked, models: Sequence[dict[str, str]]) -> bool:
+    """Whether what is asked for was made of the file as it is."""
+    if not is_finished(one.out):
+        return False
+    try:
+        made = read_artifact(one.out, KIND)
+    except DsnetError:  # damaged, and about to be made again
+        return False
+    upstream = made.manifest["upstream"]
+    present = {
+        name: made.present_sha256(path, str(path), upstream.get(name, ""))
+        for name, path in _files_read(one.path).items()
+    }
+    made_of = [model | present for model in models]
+    return made.manifest["config"] == asked.config and upstream in made_of
+
+
+def _files_read(motion: Path) -> dict[str, Path]:
+    """What a prediction is made of: a motion, and markers beside it."""
+    markers = c3d_beside(motion)
+    return {"motion": motion} if markers is None else {"motion": motion, "markers": markers}
+
+
+def _surveyed(files: Sequence[Found], pool: WorkerPool[Asked]) -> list[Found]:
+    """What each file holds, without those that hold no motion."""
+    seen = progress(pool.map(_survey, files), what="look", unit="file", total=len(files))
+    return [one for one in seen if one is not None]
+
+
+def _survey(asked: Asked, one: Found) -> Found | None:
+    try:
+        if stated_gender(one.path) is None:
+            return None
+        with redirect_stderr(StringIO()):  # it is told when the motion is predicted
+            trained, motion = asked.load(one.path)
+        bytes_a_frame = sum(_BYTES.get(word, 0) for word in asked.write) * trained.body.vertex_count
+    except DsnetError as error:
+        return _refused(one, error)
+    frames = len(motion.theta)
+    return replace(one, frames=frames, bytes=frames * bytes_a_frame + _BESIDE_BYTES)
+
+
+def _refuse_lack_of_room(out: Path, motions: Sequence[Found], done: int) -> None:
+    """Say what will be written, and refuse it where the disk has no room for it."""
+    wanted, free = sum(one.bytes for one in motions), shutil.disk_usage(out.parent).free
+    frames = sum(one.frames for one in motions)
+    room = f"{_size(wanted)} to write, {_size(free)} free"
+    notify(f"{done} motions are done, {len(motions)} of {frames} frames to do: {room}")
+    if wanted > free:
+        raise DsnetError(
+            f"--out {out}, on a disk with {_size(free)} free",
+            f"{_size(wanted)} for {frames} frames",
+            "Make room, name another disk, or pass --write offsets16, half as large.",
+        )
+
+
+def _size(count: float) -> str:
+    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.1f} MB"
+
+
+def _predicted(motions: Sequence[Found], pool: WorkerPool[Asked]) -> list[Found]:
+    """Predict them; those that cannot be."""
+    tried, total = [], sum(one.frames for one in motions)
+    with progress(what="predict", unit="frame", total=total) as bar:
+        for one in pool.map(_predict, motions):
+            bar.update(one.frames)
+            tried.append(one)
+    if count := sum(one.told > 0 for one in tried):
+        notify(f"of {count} something is odd, which stands under `told` in their {MANIFEST}")
+    return [one for one in tried if one.refusal]
+
+
+def _predict(asked: Asked, one: Found) -> Found:
+    try:
+        moving, told = asked.moving(one.path)
+        read = _files_read(one.path)
+        stamps = {str(path): stamp_of(path) for path in read.values()}
+        digests = {name: sha256_of(path) for name, path in read.items()}
+        upstream = {**moving.trained.upstream, **digests}
+        with open_out_folder(one.out, moving.trained.origin) as writer:
+            fill_prediction(writer, moving, asked.write, moving, source=one.path.name, told=told)
+            writer.record_inputs({name: str(path) for name, path in read.items()}, stamps)
+            writer.finish(config=asked.config, upstream=upstream)
+    except DsnetError as error:
+        if isinstance(error.__cause__, OSError) and str(error).startswith("--out"):
+            raise  # a full disk is no fault of the motion's
+        return _refused(one, error)
+    return replace(one, told=len(told))
+
+
+def _refused(one: Found, error: DsnetError) -> Found:
+    said = str(error).replace(str(one.path), one.name)
+    return replace(one, refusal=said if one.name in said else f"{one.name}: {said}")
+
+
+def _report(out: Path, refused: Sequence[Found], motions: int) -> None:
+    """Say which motions were refused, and end so."""
+    path = out / REFUSED
+    path.unlink(missing_ok=True)
+    if not refused:
+        notify(f"{motions} motions are in {out}")
+        return
+    lines = [one.refusal for one in refused]
+    out.mkdir(exist_ok=True)
+    write_text_atomically(path, "\n".join(lines) + "\n")
+    for line in lines[:_SHOWN]:
+        notify(line)
+    more = f" and {len(lines) - _SHOWN} more" if len(lines) > _SHOWN else ""
+    raise DsnetError(
+        f"{len(refused)} of {motions} files, refused as told above{more} and in {path}",
+        "motions of bodies",
+        "All others are written; mend these and run the same command.",
+    )

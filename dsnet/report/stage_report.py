@@ -1,0 +1,226 @@
+"""`dsnet report`: figures, tables and pages from what the other stages left on disk."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tyro.conf import Fixed
+
+from bridge.body import load_paper_body
+from bridge.body.model_data import SMPL_JOINT_NAMES
+from bridge.errors import DsnetError
+from bridge.motion import MotionSequence, unpack_theta
+from bridge.motion.splits import CELLS, kind_of
+from bridge.options import PositiveInt
+from bridge.paper import ABSORBING_JOINT, ABSORBING_SEQUENCE, FIGURE9_MOTIONS
+from bridge.runs import Artifact, ArtifactWriter, Run
+from bridge.runs.run import INFER, INFER_PLUS, TRAIN_PLUS, body_model_path
+from bridge.runs.workers import progress
+from dsnet.evaluation.pipelines import MotionArrays, stages_of_pipelines
+from dsnet.report.bodies import (
+    Scene,
+    draw_figure1,
+    draw_figure2,
+    draw_figure4,
+    draw_figure7,
+    draw_figure9,
+)
+from dsnet.report.curves import (
+    TRUE_POSE,
+    draw_autoencoder_loss,
+    draw_figure6,
+    draw_figure8,
+    draw_figure10,
+    draw_offset_size,
+    draw_predictor_losses,
+    draw_spectrum,
+    liveliest_sequence,
+)
+from dsnet.report.diagrams import draw_figure3, draw_figure5
+from dsnet.report.pages import render_html, render_markdown
+from dsnet.report.panels import FOOTERS
+from dsnet.report.paper_table import validation_result
+from dsnet.report.results import departures, of_other_seeds, summarise
+
+_BESIDE = {"decode": ("train-ae", "encode", "train"), INFER_PLUS: (TRAIN_PLUS,)}
+_OPTIONAL = ("corpus", "truth", "verify")
+# As they are made: the page lists what each one took.
+_ORDER = ("corpus", "truth", "align", "align_robust", "train-ae", "encode", "train", INFER,
+          "decode", TRAIN_PLUS, INFER_PLUS, "evaluate", "verify")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ReportConfig:
+    """Draw the figures and write the report: about a minute on two cores, less than 1 GB.
+
+    Gives `report.md`, `report.html` (one file, pictures inside), `results.json`, `figures/`.
+    """
+
+    run: str = "demo"
+    """Run to report on."""
+    panel_px: Fixed[PositiveInt] = 300
+    """Height of one rendered body in pixels."""
+
+
+PROFILES = {
+    "smoke": ReportConfig(run="smoke", panel_px=200),
+    "demo": ReportConfig(run="demo"),
+    "paper": ReportConfig(run="paper", panel_px=520),
+}
+
+
+def main(config: ReportConfig) -> None:
+    run = Run(config.run)
+    last = stages_of_pipelines(run)
+    named = {"evaluate", *last, *(stage for stage in _OPTIONAL if run.finished(stage))}
+    named.update(*(beside for stage, beside in _BESIDE.items() if stage in last))
+    stages = run.artifacts(*(stage for stage in _ORDER if stage in named))
+    _require_measured(run, stages, last)
+    body = load_paper_body(str(body_model_path(run)))
+    scene = Scene(stages, body, config.panel_px)
+    others = of_other_seeds(run, stages["evaluate"])
+    run.build(
+        "report",
+        config,
+        lambda writer: _make(writer, scene, config.run, others),
+        data=scene.origin,
+        upstream=stages | {f"seed_{seed}": evaluate for seed, evaluate in others.items()},
+    )
+
+
+def _require_measured(run: Run, stages: Mapping[str, Artifact], last: Sequence[str]) -> None:
+    evaluate = stages["evaluate"]
+    measured = evaluate.manifest["upstream"]
+    run.artifacts(*measured)  # what was deleted since is named
+    of_truth = {"truth"} & set(stages) if evaluate.origin == "synthetic" else set()
+    if missed := sorted({*last, *of_truth} - set(measured)):
+        raise DsnetError(
+            f"run {run.name!r}, whose 'evaluate' was made without {', '.join(missed)}",
+            "one that measured all that there is",
+            f"Run `dsnet evaluate --run {run.name}` again.",
+        )
+
+
+def _make(
+    writer: ArtifactWriter, scene: Scene, run_name: str, others: Mapping[int, Artifact]
+) -> None:
+    figures = plan_figures(scene)
+    for figure in progress(figures, what="figures", unit="figure"):
+        figure.draw(writer.file_path(f"figures/{figure.name}.png"))
+    results = summarise(scene.stages, run_name, scene.body.gender, others)
+    text = json.dumps(results, indent=1, allow_nan=False) + "\n"
+    writer.file_path("results.json").write_text(text, encoding="utf-8")
+    notice = FOOTERS[scene.origin]
+    page = writer.file_path("report.md")
+    markdown = render_markdown(results, figures, departures(scene.stages), notice)
+    page.write_text(markdown, encoding="utf-8")
+    html = render_html(markdown, page.parent, title=f"DSNet, run {run_name}", banner=notice)
+    writer.file_path("report.html").write_text(html, encoding="utf-8")
+
+
+class Figure(NamedTuple):
+    """A figure of the report; its caption stands in the page's template."""
+
+    name: str
+    """Its file's below `figures/`, without extension; the paper's begin with `figure`."""
+    function: Callable[..., None]
+    given: Sequence[Any]
+    """To the function, after the file's path; what it shows comes last."""
+
+    def draw(self, path: Path) -> None:
+        self.function(path, *self.given)
+
+    @property
+    def of(self) -> str:
+        """The sequence that it shows, if it is one."""
+        shown = self.given[-1]
+        named = shown.get("name") if isinstance(shown, dict) else getattr(shown, "name", "")
+        return str(named or "")
+
+
+def plan_figures(scene: Scene) -> list[Figure]:
+    """The figures that this run's data allow: the paper's by number, then what else it shows."""
+    stages, evaluate = scene.stages, scene.stages["evaluate"]
+    held_out, papers = validation_result(evaluate), "decode" in stages
+    clip = scene.predicted()[held_out["name"]] if held_out else None
+    train_ae, train = (stages[name] if papers else None for name in ("train-ae", "train"))
+    plus = stages.get(TRAIN_PLUS)
+    # What is solved for in one go has no losses.
+    has_losses = plus and any(name.startswith("loss_") for name in plus.manifest["arrays"])
+    # Nothing moves without test sequences whose true offsets are known.
+    lively = liveliest_sequence(evaluate)
+    of_dsnet = "Loss of DSNet (Section 4.3)", "epoch", "loss of a sequence"
+    of_plus = "Loss of this repository's predictors", "step", "loss"
+    planned: list[tuple[Any, ...]] = [  # name, what draws it, of what
+        ("figure1_strip", draw_figure1, scene, _unseen(scene)),
+        ("figure2_alignment", draw_figure2, scene, clip),
+        ("figure3_autoencoder", draw_figure3, train_ae),
+        ("figure4_autoencoder", draw_figure4, scene, papers and clip),
+        ("figure5_dsnet", draw_figure5, train),
+        ("figure6_lengths", draw_figure6, scene.pipelines[0].align.artifact),
+        ("figure7_validation", draw_figure7, scene, clip),
+        ("figure8_error", draw_figure8, evaluate, held_out),
+        ("figure9_people", draw_figure9, scene, papers and _people_of_figure9(scene)),
+        ("figure10_spine2", _draw_figure10, scene, _turning(scene)),
+        ("over_time", draw_offset_size, evaluate, lively),
+        ("spectrum", draw_spectrum, lively and evaluate),
+        ("loss_autoencoder", draw_autoencoder_loss, train_ae),
+        ("loss_dsnet", draw_predictor_losses, *of_dsnet, train),
+        ("loss_plus", draw_predictor_losses, *of_plus, has_losses and plus),
+    ]
+    return [Figure(name, draw, given) for name, draw, *given in planned if given[-1]]
+
+
+def _unseen(scene: Scene) -> MotionSequence | None:
+    """The first test sequence of the hardest group that the run has."""
+    predicted, easiest_first = scene.predicted(), list(CELLS)
+    tested = [
+        one
+        for one in scene.stages["evaluate"].manifest["per_sequence"]
+        if one["split"] == "test" and one["name"] in predicted
+    ]
+    hardest = max(tested, key=lambda one: easiest_first.index(one["cell"]), default=None)
+    return hardest and predicted[hardest["name"]]
+
+
+def _people_of_figure9(scene: Scene) -> dict[str, tuple[MotionSequence | None, ...]]:
+    """By motion, a known person's sequence and a new one's; of the paper's motions if it can."""
+    predicted = scene.predicted()
+    found: dict[str, dict[str, MotionSequence]] = {}
+    for one in scene.stages["evaluate"].manifest["per_sequence"]:
+        if one["split"] != "train" and one["name"] in predicted:
+            sequence = predicted[one["name"]]
+            found.setdefault(kind_of(sequence.motion), {}).setdefault(one["person"], sequence)
+    kinds = [kind for kind in FIGURE9_MOTIONS if kind in found] or list(found)
+    return {
+        kind.replace("_", " "): (found[kind].get("known"), found[kind].get("new"))
+        for kind in kinds[: len(FIGURE9_MOTIONS)]
+    }
+
+
+def _turning(scene: Scene) -> MotionSequence | None:
+    """The paper's sequence of Figure 10, or another of that motion."""
+    motion = ABSORBING_SEQUENCE.partition("_")[2]
+    aligned = scene.pipelines[0].align.places
+    of_motion = {name: one for name, one in aligned.items() if one.motion == motion}
+    return of_motion.get(ABSORBING_SEQUENCE, next(iter(of_motion.values()), None))
+
+
+def _draw_figure10(path: Path, scene: Scene, sequence: MotionSequence) -> None:
+    motions = {
+        f"fitted by {one.align.artifact.manifest['config']['aligner']}": one.align
+        for one in scene.pipelines
+    }
+    if "truth" in scene.stages:
+        motions = {TRUE_POSE: MotionArrays.of(scene.stages["truth"])} | motions
+    joint = SMPL_JOINT_NAMES.index(ABSORBING_JOINT)
+    turns = {
+        label: unpack_theta(own.frames("theta", sequence.name, slice(None)))[0][:, joint]
+        for label, own in motions.items()
+    }
+    title = f"Figure 10: rotation vector of {ABSORBING_JOINT}, {sequence.name}"
+    draw_figure10(path, turns, fps=sequence.fps, title=title, origin=scene.origin)

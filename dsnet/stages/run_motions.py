@@ -1,0 +1,88 @@
+"""Which motions a run's predictors predict: its own sequences, then motions nobody trained on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.body import load_paper_body
+from bridge.errors import notify
+from bridge.motion import MotionSequence, sequences_of, subject_rows
+from bridge.motion.cuts import pieces_between_cuts
+from bridge.motion.motion_checks import motion_warnings
+from bridge.motion.readers import PeopleOfFolders, find_motion_files, subject_and_motion
+from bridge.motion.resampling import load_motion_file
+from bridge.runs import Artifact, Run
+from bridge.runs.run import body_model_path
+from dsnet.prediction.shape_space import with_own_shape
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSet:
+    """Sequences with the motions and shapes that predictors are given."""
+
+    sequences: list[MotionSequence]
+    theta: NDArray[np.float32]
+    """(G, 69) all sequences one after another."""
+    betas: NDArray[np.float32]
+    """(rows, 10) by subject, in order of first appearance."""
+
+
+def find_motions(run: Run, amass: Path | None, encoded: Artifact) -> list[Path]:
+    """AMASS files to predict: those below `amass`, or those of the run's own corpus, or none."""
+    if amass is not None:
+        gender = load_paper_body(str(body_model_path(run))).gender
+        return find_motion_files(amass, gender, [s.name for s in sequences_of(encoded)])
+    # A corpus in the run's folder is not its own if licensed meshes were aligned beside it.
+    if encoded.origin != "synthetic" or not (run.path / "corpus").is_dir():
+        return []
+    corpus = run.artifact("corpus")
+    names = [name for name in corpus.manifest["files"] if name.startswith("mosh/")]
+    return [corpus.file(name) for name in sorted(names)]
+
+
+def gather(
+    encoded: Artifact, run: Run, files: Iterable[Path], source_fps: float | None = None
+) -> MotionSet:
+    """The aligned sequences in their own order, then one test sequence for each file.
+
+    `source_fps` is the rate of all files, where what they say of themselves is wrong. Whose file it
+    is, its betas tell; the shape is that of its person on the run's body.
+    """
+    sequences = sequences_of(encoded)
+    theta = [np.array(encoded.array("theta"))]
+    start = len(theta[0])
+    betas = np.array(encoded.array("betas"))
+    shapes = {subject: betas[row] for subject, row in subject_rows(sequences).items()}
+    fitted, stated, body = set(shapes), {**shapes}, None
+    people = PeopleOfFolders(stated)
+    for path in files:
+        body = body or load_paper_body(str(body_model_path(run)))
+        subject, name = subject_and_motion(path)
+        motion = load_motion_file(path, source_fps)
+        pieces, smoothing = pieces_between_cuts(motion.theta), "`dsnet predict --smooth-hz auto`"
+        for warning in motion_warnings(motion, pieces, "--amass-fps", smoothing):
+            notify(warning)
+        # Those whom the run was aligned with keep the shape that was fitted.
+        if subject not in fitted:
+            subject = people.of_shape(subject, motion.betas)
+        if subject not in shapes:
+            stated[subject], shapes[subject] = motion.betas, with_own_shape(motion, body).betas
+        shape = shapes[subject]
+        motion = motion.about_root_joint(
+            (body.J_regressor @ (body.v_template + body.shapedirs @ shape))[0]
+        )
+        length = len(motion.theta)
+        sequences.append(
+            MotionSequence(f"{subject}_{name}", subject, name, start, length, motion.fps, "test")
+        )
+        theta.append(motion.theta)
+        start += length
+    rows = [shapes[subject] for subject in subject_rows(sequences)]
+    return MotionSet(
+        sequences, np.concatenate(theta).astype(np.float32), np.stack(rows).astype(np.float32)
+    )

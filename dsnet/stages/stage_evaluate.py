@@ -1,0 +1,159 @@
+"""`dsnet evaluate`: a run's predictions beside its meshes, or a predictor beside skin markers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from tyro.conf import Fixed
+
+from bridge.errors import DsnetError, notify
+from bridge.motion import load_motion_file
+from bridge.motion.motion import HowRead
+from bridge.options import PositiveFloat
+from bridge.runs import Run
+from dsnet.evaluation.evaluation import evaluate_run
+from dsnet.markers.bone_pose import bony_motion
+from dsnet.markers.marker_files import pose_file, read_markers
+from dsnet.markers.registration import register
+from dsnet.markers.segments import CUT_HZ
+from dsnet.markers.skin import BANDS_HZ, Comparison, Row, compare_offsets
+from dsnet.prediction.load_model import load_model
+from dsnet.prediction.moving_body import MovingBody, persons_root_joint_m
+from dsnet.prediction.prediction_files import open_out_folder
+from dsnet.prediction.shape_space import with_own_shape
+from dsnet.report.pages import render
+from dsnet.report.panels import save_figure
+
+_FOOTER = "markers: measured on a person; body and its flesh: a model"
+_OF_FILE, _BONY = "pose of the file", "pose whose chest follows markers on bone"
+
+
+@dataclass(frozen=True)
+class EvaluateConfig:
+    """Measure every prediction of both pipelines: about 5 ms a frame, 1 GB.
+
+    Gives errors of the posed meshes against the registered ones, which a licensed user has too, and
+    for synthetic data against the true meshes of what was not aligned; R2, velocity and spectrum
+    of the offsets, by test group. With --markers it measures instead how a predictor moves
+    skin where somebody's markers were: on the pose of the file and, as such poses hold part of the
+    bounce, on one whose chest follows markers on bone.
+    """
+
+    run: str | None = None
+    """Run to evaluate; with --markers whose predictor moves the skin: left out, the packaged."""
+    markers: Path | None = None
+    """Motion with real skin markers: an AMASS `.npz` that has them, a MoSh++ `*_stageii.pkl`, or a
+    `.c3d` beside a pose of the same name."""
+    motion_fps: PositiveFloat | None = None
+    """Frames per second of the motion, where what its file says is wrong."""
+    out: Path | None = None
+    """Folder to write to with --markers: a table, a figure, the numbers."""
+    profile: Fixed[str] = "demo"
+    """Name of the run that is evaluated when no other is named."""
+
+
+PROFILES = {name: EvaluateConfig(profile=name) for name in ("smoke", "demo", "paper")}
+
+
+def main(config: EvaluateConfig) -> None:
+    """Evaluate a run, or a predictor beside markers."""
+    if config.markers is None and (config.out or config.motion_fps):
+        raise DsnetError(
+            "--out or --motion-fps without --markers",
+            "them beside markers alone: a run is evaluated in its folder",
+            "Leave them out, or pass --markers FILE.",
+        )
+    if config.markers is None:
+        evaluate_run(Run(config.run or config.profile))
+    elif config.out is None:
+        raise DsnetError("--markers without --out", "a folder to write", "Pass --out DIR.")
+    else:
+        evaluate_markers(config, config.markers, config.out)
+
+
+def evaluate_markers(config: EvaluateConfig, markers: Path, out: Path) -> None:
+    """Compare what a predictor makes of a motion with the markers of that motion."""
+    run = None if config.run is None else Run(config.run)
+    motion = load_motion_file(pose_file(markers), config.motion_fps, how=HowRead(up="z"))
+    trained = load_model(run, None, motion.gender)
+    motion = with_own_shape(motion, trained.body)  # where it is, the markers say
+    motion = motion.about_root_joint(persons_root_joint_m(motion, trained.body))
+    moving = MovingBody(trained, motion)
+    found = read_markers(markers, motion.source_fps, motion.duration_s)
+    if found.note:
+        notify(f"{markers}: {found.note}")
+    registered = register(moving.body, motion, found)
+    bodies = {_OF_FILE: moving}
+    try:
+        bony = bony_motion(moving.body, motion, registered.cloud)
+        bodies[_BONY] = MovingBody(trained, bony)
+    except DsnetError as error:
+        notify(f"the pose of the file alone is measured: {error}")
+    with open_out_folder(out, "licensed", "evaluation of markers") as writer:
+        moving.announce()
+        comparisons = {}
+        for name, body in bodies.items():
+            offsets_m = np.concatenate([part.offsets_m for part in body.shown(name)])
+            comparisons[name] = compare_offsets(body.body, body.motion, offsets_m, registered)
+        write_comparisons(writer.file_path, comparisons, motion.fps)
+        writer.record(
+            predictor=trained.name,
+            source=markers.name,
+            source_fps=motion.source_fps,
+            fps=motion.fps,
+            distance_mm={name: round(d, 1) for name, d in registered.distance_mm.items()},
+        )
+        writer.finish(config={"run": run and run.name}, upstream=trained.upstream)
+
+
+def write_comparisons(
+    path_of: Callable[[str], Path], comparisons: Mapping[str, Comparison], fps: float
+) -> None:
+    """Write `markers.json`, `markers.md` and `markers.png`.
+
+    Parameters
+    ----------
+    path_of : where a file of a name is written.
+    comparisons : of the same markers, by the pose that the body takes.
+    """
+    found = {name: comparison.summary() for name, comparison in comparisons.items()}
+    path_of("markers.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    page = render("markers.md.j2", comparisons=comparisons, cut_hz=CUT_HZ, bands_hz=BANDS_HZ)
+    path_of("markers.md").write_text(page, encoding="utf-8")
+    _draw(path_of("markers.png"), comparisons, fps)
+
+
+def _draw(path: Path, comparisons: Mapping[str, Comparison], fps: float) -> None:
+    """Curves of the first marker of each region: one column for each pose."""
+    first: dict[str, Row] = {}
+    for row in next(iter(comparisons.values())).rows:
+        first.setdefault(row.region, row)
+    figure = Figure(
+        figsize=(5.2 * len(comparisons), 1.3 * len(first) + 0.9), dpi=150, layout="constrained"
+    )
+    figure.suptitle("Skin markers and prediction, vertical, in the segment's frame", fontsize=11)
+    figure.supxlabel(f"time [s]\n{_FOOTER}", fontsize=8)
+    axes = figure.subplots(len(first), len(comparisons), squeeze=False, sharex=True, sharey="row")
+    for column, (name, comparison) in enumerate(comparisons.items()):
+        axes[0, column].set_title(name, fontsize=10, pad=18)  # the legend lies between
+        for line, row in enumerate(first.values()):
+            if (curves := comparison.curves.get(row.label)) is None:
+                continue
+            times = np.arange(len(curves.real)) / fps
+            real = np.where(curves.good, curves.real, np.nan)
+            axis = axes[line, column]
+            axis.plot(times, real, color="black", linewidth=1.6, label="marker")
+            axis.plot(times, curves.pose, ":", color="#777777", label="pose alone")
+            axis.plot(times, curves.total, color="#D55E00", linewidth=1.1, label="with offsets")
+            axis.tick_params(labelsize=7)
+            if not column:
+                star = "*" if row.doubt else ""
+                axis.set_ylabel(f"{row.region}{star}\n{row.label} [mm]", fontsize=7)
+    place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
+    axes[0, 0].legend(fontsize=7, ncols=3, frameon=False, **place)
+    save_figure(figure, path)

@@ -1,0 +1,1 @@
+"""Characters frame by frame."""

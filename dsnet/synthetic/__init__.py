@@ -1,0 +1,1 @@
+"""People, motions and flesh in place of licensed data."""

@@ -1,0 +1,206 @@
+"""Runs the engines on checks and compares each tensor with the reference's: the rows of the table.
+
+Every tolerance is relative to the largest number of the reference's tensor: rounding errors are
+made by the large terms of a sum and carried to the small results beside them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bridge.engine import (
+    REFERENCE,
+    Answer,
+    Ask,
+    Check,
+    DTypeName,
+    Tensors,
+    ask,
+    load_tensors,
+    write_requests,
+)
+from bridge.runs.workers import progress
+
+TOLERANCES = {"FLOAT64": 1e-10, "FLOAT32_FORWARD": 1e-5, "FLOAT32_GRADIENT": 1e-4}
+"""How far two engines may differ, relative to the tensor's scale; docs/verification.md says why."""
+CAUSES = {
+    "layers": "layer {layer}",
+    "loss": "the loss",
+    "gradients": "backward pass of layer {layer}",
+    "moments": "Adam's moments, first of {parameter}",
+    "statistics": "running statistics {parameter}",
+    "weights": "Adam's update (its moments agree), first of {parameter}",
+    "losses": "the losses of later steps",
+}
+"""By kind of part, in the order in which a mistake shows."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One part of one check, in one engine and precision."""
+
+    check: str
+    part: str
+    """`layers`, `loss`, `gradients`, `moments after n`, `weights after n`, `statistics after n`,
+    `losses` (before each step)."""
+    engine: str
+    dtype: DTypeName
+    max_abs: float
+    """Largest difference of all the part's tensors."""
+    max_rel: float
+    """Largest difference relative to the scale of its own tensor."""
+    tensor: str
+    """Where `max_rel` is."""
+    index: tuple[int, ...]
+    """Its place in that tensor."""
+    tolerance: float
+    passed: bool
+    first: str = ""
+    """The first tensor, in the order of computation, that differs by more than the tolerance."""
+    problem: str = ""
+    """Why there was nothing to compare."""
+
+
+def verify(
+    checks: Sequence[Check],
+    folder: Path,
+    run_engine: Ask = ask,
+) -> tuple[list[Row], dict[str, Answer]]:
+    """All rows of some checks, and what the engines said.
+
+    `folder` is empty and takes requests and answers.
+    """
+    engines = dict.fromkeys([REFERENCE, *(name for check in checks for name in check.engines)])
+    write_requests(folder / "request", dict.fromkeys(engines, checks))
+    answers = {
+        engine: run_engine(engine, folder / "request", folder / engine)
+        for engine in progress(list(engines), what="engines", unit="engine")
+    }
+    rows = [
+        row
+        for check in checks
+        for engine, dtypes in check.engines.items()
+        for dtype in dtypes
+        for row in _rows_of(check, engine, dtype, answers)
+    ]
+    return rows, answers
+
+
+def _rows_of(
+    check: Check, engine: str, dtype: DTypeName, answers: Mapping[str, Answer]
+) -> Iterator[Row]:
+    asked: list[tuple[str, DTypeName]] = [(engine, dtype), (REFERENCE, "float64")]
+    for name, precision in asked:
+        if problem := answers[name].why_missing(check, precision):
+            nothing = (np.inf, np.inf, "", (), 0.0, False, "", problem)
+            yield Row(check.name, "all", name, precision, *nothing)
+            return
+    found = load_tensors(answers[engine].path(check, dtype))
+    expected = load_tensors(answers[REFERENCE].path(check, "float64"))
+    yield from compare(check, engine, dtype, expected, found)
+
+
+def compare(
+    check: Check, engine: str, dtype: DTypeName, expected: Tensors, found: Tensors
+) -> Iterator[Row]:
+    """Rows for all tensors of one case; `expected` has those first that are computed first."""
+    parts: dict[str, list[str]] = {}
+    for name in expected:
+        if name not in check.leave_out:
+            parts.setdefault(part_of(name), []).append(name)
+    for part, names in parts.items():
+        limit = tolerance_of(part, dtype)
+        differences = {n: _difference(expected[n], found.get(n), dtype) for n in names}
+        worst = max(differences, key=lambda name: differences[name].max_rel)
+        max_abs = max(difference.max_abs for difference in differences.values())
+        _, max_rel, index, _ = differences[worst]
+        first = next((name for name in names if not differences[name].max_rel <= limit), "")
+        verdict = (limit, not first, first, differences[first].problem if first else "")
+        yield Row(check.name, part, engine, dtype, max_abs, max_rel, worst, index, *verdict)
+
+
+class _Difference(NamedTuple):
+    max_abs: float
+    max_rel: float
+    index: tuple[int, ...]
+    problem: str = ""
+
+
+def _difference(
+    expected: NDArray[Any], found: NDArray[Any] | None, dtype: DTypeName
+) -> _Difference:
+    if found is None:
+        return _Difference(np.inf, np.inf, (), "no such tensor")
+    if (expected.shape, dtype) != (found.shape, found.dtype):
+        problem = f"{found.dtype} {found.shape} for {dtype} {expected.shape}"
+        return _Difference(np.inf, np.inf, (), problem)
+    apart = np.abs(found.astype(np.float64) - expected)
+    # A NaN is as far away as can be, and may not hide behind a comparison that is false.
+    apart[~np.isfinite(apart)] = np.inf
+    place = np.unravel_index(np.argmax(apart), apart.shape)
+    largest, scale = float(apart[place]), float(np.abs(expected).max())
+    index = tuple(int(k) for k in place)
+    relative = largest / scale if scale and np.isfinite(largest) else np.inf if largest else 0.0
+    return _Difference(largest, relative, index)
+
+
+def part_of(tensor: str) -> str:
+    if step := re.fullmatch(r"step_(\d+)/(weight|adam_m|adam_v)/(.*)", tensor):
+        count, state, name = step.groups()
+        if state == "weight":
+            return f"{'statistics' if '/moving_' in name else 'weights'} after {count}"
+        return f"moments after {count}"
+    kind = tensor.partition("/")[0]
+    return {"layer": "layers", "grad": "gradients"}.get(kind, kind)
+
+
+def tolerance_of(part: str, dtype: DTypeName) -> float:
+    if dtype == "float64":
+        return TOLERANCES["FLOAT64"]
+    forward = part in ("layers", "loss", "losses")
+    return TOLERANCES["FLOAT32_FORWARD" if forward else "FLOAT32_GRADIENT"]
+
+
+def diagnose(rows: Iterable[Row]) -> dict[str, list[str]]:
+    """What is wrong, as a sentence by engine, and the checks that say so.
+
+    Of each check only the first part that failed counts, for all that comes after it must fail;
+    and a loss only if no check of that engine has found a layer.
+    """
+    found: dict[str, list[str]] = {}
+    failed = [row for row in rows if not row.passed]
+    for (check, engine, dtype), group in groupby(failed, lambda r: (r.check, r.engine, r.dtype)):
+        first = min(group, key=_place)
+        found.setdefault(f"{engine}: {_cause(first)}", []).append(f"{check} {dtype}")
+    explained = {cause.partition(":")[0] for cause in found if ": layer " in cause}
+    return {
+        cause: checks
+        for cause, checks in found.items()
+        if not (cause.endswith(": the loss") and cause.partition(":")[0] in explained)
+    }
+
+
+def _place(row: Row) -> tuple[int, int]:
+    kind, _, count = row.part.partition(" after ")
+    # Losses differ from the second step on, so after the first step's weights.
+    return int(count or kind == "losses"), [*CAUSES, "all"].index(kind)
+
+
+def _cause(row: Row) -> str:
+    if row.part == "all":
+        return f"no result, {row.problem}"
+    # `layer/lstm`, `grad/lstm/kernel`, `step_1/adam_m/lstm/kernel`
+    kind, _, name = row.first.partition("/")
+    parameter = name.partition("/")[2]
+    layer = re.split(r"/|\.(?=weight$|bias$)", name)[0] if kind == "grad" else name
+    cause = CAUSES[row.part.partition(" after ")[0]]
+    cause = cause.format(layer=layer, parameter=parameter)
+    return f"{cause} ({row.problem})" if row.problem else cause

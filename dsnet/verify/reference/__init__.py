@@ -1,0 +1,1 @@
+"""Every operation in NumPy, as plainly as it can be said."""

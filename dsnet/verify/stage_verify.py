@@ -1,0 +1,134 @@
+"""`dsnet verify`: the engines compute the same, or the command fails.
+
+PyTorch and Keras are compared with the NumPy reference in layers, losses, gradients, training
+steps and SMPL; ONNX in the graphs that are deployed, from latents to offsets and from poses to the
+posed skin; the streaming predictor in its latents.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from tyro.conf import Fixed
+
+from bridge.engine import Answer
+from bridge.errors import DsnetError
+from bridge.options import Seed
+from bridge.runs import ArtifactWriter, Run
+from bridge.runs.run import body_model_path
+from dsnet.verify.checks import full_size_checks, random_checks, trained_checks
+from dsnet.verify.compare import TOLERANCES, Row, diagnose, verify
+
+STAGE = "verify"
+EMBEDDED_BODY = "embedded:female"
+
+
+@dataclass(frozen=True)
+class VerifyConfig:
+    """Compare PyTorch and Keras with a float64 reference: layers, gradients, steps, SMPL;
+    and the ONNX graphs that are deployed with it.
+
+    Every engine is a process of its own, one after the other. Prints a table, writes `parity.json`;
+    exits with 1 when anything differs by more than its tolerance.
+    """
+
+    run: str = "demo"
+    """Run whose trained weights and motions are compared beside random ones."""
+    seed: Seed = 0
+    """Seed of the random weights and inputs."""
+    trained: bool = True
+    """Compare the run's trained weights; without them no run needs to be there."""
+    full_size: Fixed[bool] = True
+    """Compare the autoencoder of random weights at its 33,626,606 parameters."""
+
+
+PROFILES = {
+    "smoke": VerifyConfig(run="smoke", full_size=False),
+    "demo": VerifyConfig(run="demo"),
+    "paper": VerifyConfig(run="paper"),
+}
+
+
+def main(config: VerifyConfig) -> None:
+    """Compare, print, write; nothing is ever skipped because it was done before."""
+    run = Run(config.run)
+    if config.trained and not run.path.is_dir():
+        raise DsnetError(
+            f"unknown run {config.run!r}",
+            f"a run in {run.path.parent}",
+            "Run ./reproduce.sh first, or pass --no-trained to compare random weights.",
+        )
+    with run.alone(STAGE, resumed=False):  # there is nothing to go on from
+        rows = _make(config, run)
+    sys.stdout.write(f"{text_table(rows)}\n\n{summary(rows, diagnose(rows))}\n")
+    sys.exit(0 if all(row.passed for row in rows) else 1)
+
+
+def _make(config: VerifyConfig, run: Run) -> list[Row]:
+    trained = ("encode", "train-ae", "train", "train_plus") if config.trained else ()
+    sources = {s: run.artifact(s) for s in ("align", *trained) if run.finished(s)}
+    origin = sources["align"].origin if "align" in sources else "synthetic"
+    body = str(body_model_path(run)) if "align" in sources else EMBEDDED_BODY
+    # A fresh writer each time: what is asked is whether they agree now.
+    writer = ArtifactWriter(run.path / STAGE, STAGE, data=origin)
+    checks = random_checks(config.seed, body)
+    if config.full_size:
+        checks += full_size_checks(config.seed)
+    if config.trained:
+        checks += trained_checks(run)
+    rows, answers = verify(checks, writer.checkpoints / "work")
+    text = json.dumps(parity(rows, answers), indent=1, allow_nan=False) + "\n"
+    writer.file_path("parity.json").write_text(text, encoding="utf-8")
+    settings = {key: value for key, value in asdict(config).items() if key != "run"}
+    upstream = {name: source.content_sha256 for name, source in sources.items()}
+    writer.finish(config=settings, upstream=upstream)
+    return rows
+
+
+def parity(rows: Sequence[Row], answers: Mapping[str, Answer]) -> dict[str, Any]:
+    """The contents of `parity.json`; what is infinite is null."""
+    return {
+        "passed": all(row.passed for row in rows),
+        "diagnosis": diagnose(rows),
+        "tolerances": TOLERANCES,
+        "engines": {name: dict(answer.versions) for name, answer in answers.items()},
+        "rows": [
+            {key: None if value == float("inf") else value for key, value in asdict(row).items()}
+            for row in rows
+        ],
+    }
+
+
+def text_table(rows: Sequence[Row]) -> str:
+    lines = [list(_cells(rows[0])), *(list(_cells(row).values()) for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in lines)
+
+
+def _cells(row: Row) -> dict[str, str]:
+    return {
+        "check": row.check,
+        "part": row.part,
+        "engine": row.engine,
+        "precision": row.dtype,
+        "max abs": f"{row.max_abs:.1e}",
+        "max rel": f"{row.max_rel:.1e}",
+        "worst tensor": row.tensor,
+        "index": ",".join(map(str, row.index)),
+        "tolerance": f"{row.tolerance:.0e}",
+        "verdict": "ok" if row.passed else f"FAIL {row.problem or 'first: ' + row.first}",
+    }
+
+
+def summary(rows: Sequence[Row], diagnosis: Mapping[str, Sequence[str]]) -> str:
+    failed = sum(not row.passed for row in rows)
+    if not failed:
+        return f"all {len(rows)} rows hold"
+    causes = [
+        f"  {cause}\n    in {', '.join(sorted(set(checks)))}" for cause, checks in diagnosis.items()
+    ]
+    return "\n".join([f"{failed} of {len(rows)} rows FAIL; what differs first:", *causes])

@@ -1,0 +1,316 @@
+"""Markers as MoSh++, AMASS and C3D store them, whole and damaged: the same recording from each."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.motion import Motion, load_motion_file
+from dsnet.markers.marker_files import Markers, marker_file, pose_file, read_markers
+from dsnet.markers.registration import register
+from dsnet.markers.segments import SEGMENTS
+from tests.forged.c3d import c3d
+from tests.forged.markers import VERTICES, Known, pose_arrays, sampled, stageii
+from tests.forged.markers import marker_file as amass_file
+
+LABELS = list(VERTICES)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A motion and the markers that its pose was fitted to."""
+
+    motion: Motion
+    markers: Markers
+
+
+def load_recording(path: Path) -> Recording:
+    motion = load_motion_file(pose_file(path))
+    return Recording(motion, read_markers(path, motion.source_fps, motion.duration_s))
+
+
+def same_person(found: Recording, known: Known, apart_m: float = 1e-3) -> None:
+    """The body moves as the known one, and its markers lie on it."""
+    motion = found.motion.about_root_joint(known.body.joints[0])
+    np.testing.assert_allclose(motion.theta, known.motion.theta, atol=1e-5)
+    registered = register(known.body, known.motion, found.markers)
+    assert set(registered.vertices) == set(LABELS)
+    on_bone = {label for segment in SEGMENTS.values() for label in segment.labels}
+    for label, distance_mm in registered.distance_mm.items():
+        # Flesh that hangs is on average beside where it stands.
+        assert distance_mm < 1e3 * apart_m + (15 if label in on_bone else 30), label
+
+
+@pytest.mark.parametrize("protocol", [2, 4, 5])
+def test_a_result_of_mosh_is_a_motion_with_markers(
+    known: Known, tmp_path: Path, protocol: int
+) -> None:
+    path = tmp_path / "take_stageii.pkl"
+    path.write_bytes(pickle.dumps(stageii(known), protocol))
+    found = load_recording(path)
+    same_person(found, known)
+    assert found.motion.gender == "female"
+    assert found.markers.vertices == VERTICES
+    assert found.markers.fps == 60
+
+
+def test_every_other_frame_that_mosh_fitted_is_at_half_the_rate(
+    known: Known, tmp_path: Path
+) -> None:
+    path = tmp_path / "take_stageii.pkl"
+    path.write_bytes(pickle.dumps(stageii(known, per_frame=2)))
+    assert load_motion_file(path).source_fps == 60
+
+
+def test_a_pickle_of_another_numpy_is_read(known: Known, tmp_path: Path) -> None:
+    raw = pickle.dumps(stageii(known), 2)
+    renamed = raw.replace(b"numpy._core.", b"numpy.core.")
+    if renamed == raw:
+        renamed = raw.replace(b"numpy.core.", b"numpy._core.")
+    assert renamed != raw
+    (tmp_path / "take_stageii.pkl").write_bytes(renamed)
+    same_person(load_recording(tmp_path / "take_stageii.pkl"), known)
+
+
+def test_ten_thousand_frames_of_67_markers_are_not_too_many(tmp_path: Path) -> None:
+    frames, labels = 10_000, [f"MARK{n}X" for n in range(67)]
+    seen = np.random.default_rng(0).random((frames, 67)) > 0.01
+    points = np.random.default_rng(0).random((frames, 67, 3))
+    details = {
+        "markers_orig": points,
+        "labels_orig": labels,
+        "mocap_frame_rate": 120,
+        "markers_sim": [points[t, seen[t]] for t in range(frames)],
+        "markers_obs": [points[t, seen[t]] for t in range(frames)],
+        "labels_obs": [[labels[n] for n in np.flatnonzero(seen[t])] for t in range(frames)],
+    }
+    stored = {
+        "fullpose": np.zeros((frames, 156)),
+        "trans": np.zeros((frames, 3)),
+        "betas": np.zeros(16),
+        "stageii_debug_details": details,
+    }
+    path = tmp_path / "long_stageii.pkl"
+    path.write_bytes(pickle.dumps(stored))
+    assert read_markers(path, 120).points_m.shape == (frames, 67, 3)
+
+
+class Intruder:
+    """Creates a folder when it is unpickled."""
+
+    def __init__(self, trace: Path) -> None:
+        self.trace = trace
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[str]]:
+        return os.mkdir, (str(self.trace),)
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda raw: raw[: len(raw) // 2], "does not load"),
+        (lambda raw: b"<html>" + raw, "does not load"),
+        (lambda raw: b"", "does not load"),
+        (lambda raw: pickle.dumps({"v_template": 1}), "without poses of SMPL"),
+    ],
+)
+def test_a_damaged_pickle_is_refused(
+    known: Known, tmp_path: Path, damage: Callable[[bytes], bytes], words: str
+) -> None:
+    path = tmp_path / "take_stageii.pkl"
+    path.write_bytes(damage(pickle.dumps(stageii(known))))
+    with pytest.raises(DsnetError, match=words) as caught:
+        load_recording(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_nothing_in_a_pickle_runs(known: Known, tmp_path: Path) -> None:
+    path, trace = tmp_path / "take_stageii.pkl", tmp_path / "trace"
+    path.write_bytes(pickle.dumps(stageii(known) | {"marker_meta": Intruder(trace)}))
+    with pytest.raises(DsnetError, match="asks to run"):
+        load_recording(path)
+    assert not trace.exists()
+
+
+def test_a_translation_that_is_no_array_is_refused(known: Known, tmp_path: Path) -> None:
+    path = tmp_path / "take_stageii.pkl"
+    path.write_bytes(pickle.dumps(stageii(known) | {"trans": {"x": 0.0}}))
+    with pytest.raises(DsnetError, match="'trans' is an object of another kind"):
+        load_motion_file(path)
+
+
+def test_a_pickle_without_the_recorded_markers_is_refused(known: Known, tmp_path: Path) -> None:
+    stored = stageii(known)
+    del stored["stageii_debug_details"]["markers_orig"]
+    path = tmp_path / "take_stageii.pkl"
+    path.write_bytes(pickle.dumps(stored))
+    with pytest.raises(DsnetError, match="without 'markers_orig'"):
+        load_recording(path)
+
+
+def beside(tmp_path: Path, raw: bytes, pose: str = "take.npz") -> Path:
+    """A C3D and its pose."""
+    arrays: dict[str, Any] = dict(pose_arrays())
+    np.savez(tmp_path / pose, **arrays)
+    (tmp_path / "take.c3d").write_bytes(raw)
+    return tmp_path / "take.c3d"
+
+
+@pytest.mark.parametrize(
+    ("form", "apart_m"),
+    [
+        ({}, 1e-6),
+        ({"units": "m"}, 1e-6),
+        ({"processor": 86}, 1e-6),
+        ({"processor": 85}, 1e-6),
+        ({"scale": 0.1}, 1e-4),
+        ({"scale": 0.1, "processor": 86}, 1e-4),
+        ({"analog": 12}, 1e-6),
+    ],
+)
+def test_every_form_of_c3d_is_read(
+    known: Known, tmp_path: Path, form: dict[str, Any], apart_m: float
+) -> None:
+    points = sampled(known, gaps=0.02)
+    per_m = 1.0 if form.get("units") == "m" else 1000.0
+    path = beside(tmp_path, c3d(per_m * points, [f"Anna:{one}" for one in LABELS], **form))
+    found = load_recording(path)
+    same_person(found, known, 1.0)
+    whole = read_markers(amass_file(tmp_path / "whole.npz", known), 60)
+    gaps = np.isnan(found.markers.points_m).any(axis=2)
+    np.testing.assert_array_equal(gaps, np.isnan(points).any(axis=2))
+    np.testing.assert_allclose(found.markers.points_m[~gaps], whole.points_m[~gaps], atol=apart_m)
+
+
+@pytest.mark.parametrize("pose", ["take_poses.npz", "take_stageii.npz", "take.npz"])
+def test_pose_and_c3d_find_each_other(known: Known, tmp_path: Path, pose: str) -> None:
+    path = beside(tmp_path, c3d(1e3 * sampled(known), LABELS), pose)
+    assert load_recording(path).motion.source == tmp_path / pose
+    assert marker_file(tmp_path / pose) == path
+    path.unlink()
+    assert marker_file(tmp_path / pose) is None
+
+
+def test_an_axis_that_is_not_up_is_told_by_heads_and_feet(known: Known, tmp_path: Path) -> None:
+    y_up = sampled(known) @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    same_person(load_recording(beside(tmp_path, c3d(1e3 * y_up, LABELS))), known)
+
+
+def test_a_rate_of_its_own_is_kept_and_a_wrong_one_is_the_poses(
+    known: Known, tmp_path: Path
+) -> None:
+    points = 1e3 * sampled(known)
+    twice = np.empty((2 * len(points) - 1, *points.shape[1:]))
+    twice[::2], twice[1::2] = points, (points[1:] + points[:-1]) / 2
+    found = load_recording(beside(tmp_path, c3d(twice, LABELS, fps=120.0)))
+    assert found.markers.fps == 120
+    same_person(found, known)
+    found = load_recording(beside(tmp_path, c3d(points, LABELS, fps=100.0)))
+    assert found.markers.fps == 60
+
+
+def test_names_of_other_marker_sets_are_known(known: Known, tmp_path: Path) -> None:
+    other = {
+        "C7": "CV7",
+        "T8": "TV8",
+        "LASI": "LIAS",
+        "RPSI": "RIPS",
+        "LKNE": "LFLE",
+        "LBAK": "LBAC",
+    }
+    names = [other.get(label, label) for label in LABELS]
+    found = load_recording(beside(tmp_path, c3d(1e3 * sampled(known), names)))
+    assert found.markers.labels == tuple(LABELS)
+
+
+def test_angles_are_no_markers(known: Known, tmp_path: Path) -> None:
+    points = 1e3 * sampled(known)
+    more = np.concatenate([points, np.full((len(points), 1, 3), 4e4)], axis=1)
+    path = beside(tmp_path, c3d(more, [*LABELS, "LHipAngles"], angles=["LHipAngles"]))
+    assert load_recording(path).markers.labels == tuple(LABELS)
+
+
+def two_people(points: np.ndarray) -> bytes:
+    """One of whom has no prefix."""
+    both = np.concatenate([points + np.array([900.0, 0.0, 0.0]), points], axis=1)
+    return c3d(both, [*(f"B:{label}" for label in LABELS), *LABELS])
+
+
+def test_props_beside_a_person_are_no_people(known: Known, tmp_path: Path) -> None:
+    points = 1e3 * sampled(known)
+    more = np.concatenate([points, points[:, :8] + [700.0, 0.0, 0.0]], axis=1)
+    props = [*(f"Bat:P{n}" for n in range(4)), *(f"Q{n}" for n in range(4))]
+    path = beside(tmp_path, c3d(more, [*(f"Anna:{label}" for label in LABELS), *props]))
+    assert {*LABELS} < {*load_recording(path).markers.labels}
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda p: c3d(p[:, :0], ["x"]), "without points"),
+        (lambda p: c3d(p, [""] * len(LABELS)), "without names"),
+        (lambda p: c3d(p, [f"*{n}" for n in range(len(LABELS))]), "without names"),
+        (lambda p: c3d(p, [f"{'AB'[n % 2]}:{x}" for n, x in enumerate(LABELS)]), "one person"),
+        (two_people, "markers of B and somebody else"),
+        (lambda p: c3d(p, LABELS)[:-5000], "with the data of"),
+        (lambda p: c3d(p, LABELS)[:600], "does not load"),
+        (lambda p: b"GIF89a" + bytes(2000), "no C3D"),
+        (lambda p: b"", "no C3D"),
+        (lambda p: c3d(p / 1e3, LABELS), "apart"),
+        (lambda p: c3d(p, LABELS, fps=0.0), "frames a second"),
+    ],
+)
+def test_a_c3d_of_no_markers_is_refused(
+    known: Known, tmp_path: Path, make: Callable[[np.ndarray], bytes], words: str
+) -> None:
+    path = beside(tmp_path, make(1e3 * sampled(known)))
+    with pytest.raises(DsnetError, match=words) as caught:
+        load_recording(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_c3d_without_a_pose_is_refused(known: Known, tmp_path: Path) -> None:
+    (tmp_path / "take.c3d").write_bytes(c3d(1e3 * sampled(known), LABELS))
+    with pytest.raises(DsnetError, match=r"take\.npz .* beside it"):
+        load_recording(tmp_path / "take.c3d")
+
+
+def test_a_damaged_c3d_is_read_or_refused(known: Known, tmp_path: Path) -> None:
+    """By nothing else than a refusal."""
+    whole, refused = c3d(1e3 * sampled(known)[:90], LABELS, analog=3), 0
+    for seed in range(300):
+        chance = random.Random(seed)
+        raw = bytearray(whole)
+        for _ in range(chance.randint(1, 6)):
+            raw[chance.randrange(1500)] = chance.choice([0, 127, 128, 255, chance.randrange(256)])
+        path = tmp_path / "take.c3d"
+        path.write_bytes(raw)
+        try:
+            read_markers(path, 60)
+        except DsnetError:
+            refused += 1
+    assert 0 < refused < 300
+
+
+def test_another_reader_sees_the_same(known: Known, tmp_path: Path) -> None:
+    """`ezc3d`, where it is installed, reads what is written here, and what it writes is read."""
+    ezc3d = pytest.importorskip("ezc3d")
+    points = 1e3 * sampled(known, gaps=0.02)
+    path = beside(tmp_path, c3d(points, LABELS))
+    other = ezc3d.c3d(str(path))
+    assert other["parameters"]["POINT"]["LABELS"]["value"] == LABELS
+    np.testing.assert_allclose(
+        other["data"]["points"][:3].transpose(2, 1, 0), points.astype(np.float32)
+    )
+    other["parameters"]["POINT"]["RATE"]["value"] = [60.0]
+    other.write(str(path))
+    same_person(load_recording(path), known)

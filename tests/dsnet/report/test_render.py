@@ -1,0 +1,161 @@
+"""Pictures: framing, colours, and what a picture of a body must show."""
+
+from __future__ import annotations
+
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from bridge.errors import DsnetError
+from dsnet.report.panels import draw_motion_strip, magnitude_colours, scale_top_m
+from dsnet.report.render import frame_camera, linear_to_srgb, render_bodies, srgb_to_linear
+
+TETRAHEDRON = np.array([[-0.5, 0, -0.3], [0.5, 0, -0.3], [0, 0, 0.6], [0, 1.6, 0]])
+FACES = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])
+
+
+BALL = trimesh.creation.icosphere(3, 0.5)
+GREY = (0.6, 0.6, 0.6)
+
+
+def render(colour, height_px=60):
+    camera = frame_camera([TETRAHEDRON], height_px=height_px, azimuth_deg=0.0)
+    painted = np.tile(colour, (4, 1))
+    return render_bodies([TETRAHEDRON], FACES, camera=camera, colours=[painted])
+
+
+def render_balls(*centres_m, height_px=240, seen=1):
+    """Grey balls; the camera is framed on the first `seen` of them."""
+    balls = [BALL.vertices + centre_m for centre_m in centres_m]
+    camera = frame_camera(balls[:seen], height_px=height_px, azimuth_deg=0.0)
+    grey = [np.tile(GREY, (len(ball), 1)) for ball in balls]
+    return render_bodies(balls, BALL.faces, camera=camera, colours=grey).astype(int)
+
+
+def test_body_stands_in_the_middle_on_white_in_its_colour():
+    picture = render((0.1, 0.2, 0.8)).astype(int)
+    coloured = picture[..., 2] - picture[..., 0] > 40
+    rows, columns = np.nonzero(coloured)
+    assert abs(columns.mean() - picture.shape[1] / 2) < 0.12 * picture.shape[1]
+    assert rows.min() < 20
+    widths = coloured.sum(axis=1)
+    # The tip is up: the picture is neither mirrored top to bottom nor lying down.
+    assert widths[rows.min() : rows.min() + 8].max() < 0.5 * widths.max()
+    assert (picture[:8, :8] == 255).all()
+
+
+def test_equal_arguments_give_equal_pixels_in_any_thread():
+    with ThreadPoolExecutor(4) as pool:
+        pictures = list(pool.map(render, [GREY] * 8))
+    for picture in pictures:
+        np.testing.assert_array_equal(picture, pictures[0])
+
+
+def test_a_larger_picture_shows_the_same():
+    """Whatever the size of faces in pixels: none is left out, none is drawn where there is none."""
+    shares = []
+    for height_px in (120, 700):
+        picture = render((0.1, 0.2, 0.8), height_px=height_px).astype(int)
+        shares.append((picture[..., 2] - picture[..., 0] > 40).mean())
+    assert shares[1] == pytest.approx(shares[0], rel=0.03)
+
+
+def test_a_round_body_is_smooth_and_so_is_its_outline():
+    picture = render_balls((0, 0, 0))[..., 0]
+    centre = picture.shape[1] // 2
+    y, x = np.indices(picture.shape)
+    inside = np.hypot(x + 0.5 - centre, y + 0.5 - picture.shape[0] / 2) < 0.38 * picture.shape[0]
+    for axis in (0, 1):
+        both = inside & np.roll(inside, 1, axis)
+        # A speck or a hole differs by dozens from its neighbours.
+        assert np.abs(picture - np.roll(picture, 1, axis))[both].max() <= 6
+    top = picture[: picture.shape[0] // 2]
+    between = top[(top < 250) & (top > top.min() + 40)]
+    assert len(np.unique(between)) > 10
+
+
+def test_floor_carries_a_soft_shadow_away_from_the_lamp():
+    floor = render_balls((0, 0.5, 0), (-30, 0, 0), height_px=300)[200:, :, 0]
+    left, right = np.split(floor[:, : floor.shape[1] // 2 * 2], 2, axis=1)
+    assert right[:, -20:].min() < 240 < left[:, :20].min()
+    assert len(np.unique(right[:, -20:])) > 10
+
+
+def test_a_body_is_darker_in_another_ones_shadow():
+    lamp = np.array([-0.5, 1.0, 0.75])
+    alone, shaded = (render_balls((0, 0, 0), far * lamp) for far in (30.0, 0.9))
+    assert (alone - shaded)[: alone.shape[0] // 2].max() > 30
+
+
+def test_where_a_body_stands_in_the_world_changes_nothing():
+    near, far = (render_balls((x, 0, 2 * x)) for x in (0.0, 4096.0))
+    assert np.abs(near - far).max() <= 1
+
+
+def test_a_body_beside_the_picture_is_no_trouble():
+    pictures = [render_balls((0, 0, 0), (x, 0, 0)) for x in (-40.0, -0.9)]
+    assert [picture.shape for picture in pictures] == [pictures[0].shape] * 2
+    assert pictures[1][:, :4].min() < 200 < pictures[0][:, :4].min()
+
+
+def test_without_embree_the_remedy_is_said(monkeypatch):
+    monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
+    with pytest.raises(DsnetError, match="--write offsets,vertices"):
+        render(GREY)
+
+
+@given(seed=st.integers(0, 10**6), azimuth=st.floats(-180, 180), elevation=st.floats(-10, 40))
+def test_camera_sees_every_body(seed, azimuth, elevation):
+    rng = np.random.default_rng(seed)
+    bodies = [rng.normal(size=(20, 3)) + rng.normal(scale=3, size=3) for _ in range(3)]
+    camera = frame_camera(bodies, height_px=100, azimuth_deg=azimuth, elevation_deg=elevation)
+    origin, target = camera.target_m + camera.away_m, camera.target_m
+    forward = (target - origin) / np.linalg.norm(target - origin)
+    right = np.cross(forward, [0, 1, 0])
+    right /= np.linalg.norm(right)
+    relative = np.concatenate(bodies) - origin
+    depth = relative @ forward
+    half_width = camera.pixel * camera.width_px / 2
+    assert (np.abs(relative @ right) / depth <= half_width * 1.001).all()
+    half_height = half_width * camera.height_px / camera.width_px
+    up = np.cross(right, forward)
+    assert (np.abs(relative @ up) / depth <= half_height * 1.05).all()
+
+
+@given(value=st.floats(0, 1))
+def test_srgb_round_trip(value):
+    np.testing.assert_allclose(linear_to_srgb(srgb_to_linear(value)), value, atol=1e-4)
+
+
+def test_colours_grow_darker_with_magnitude():
+    colours = magnitude_colours(np.linspace(0, 0.03, 20), 0.02)
+    lightness = srgb_to_linear(colours) @ [0.2126, 0.7152, 0.0722]
+    assert (np.diff(lightness[:13]) < 0).all()
+    np.testing.assert_array_equal(colours[-1], colours[-2])
+
+
+@pytest.mark.parametrize(
+    ("largest_m", "top_m"), [(0.0143, 0.015), (0.02, 0.02), (0.0061, 0.008), (0.0, 1e-4)]
+)
+def test_colour_scale_ends_at_a_round_number(largest_m, top_m):
+    assert scale_top_m(np.full(10, largest_m)) == pytest.approx(top_m)
+
+
+def test_motion_strip_of_few_frames(tmp_path):
+    bodies = TETRAHEDRON + np.array([[[4.0 * t, 0, 2.0 * t]] for t in range(3)])
+    path = tmp_path / "strip.png"
+    draw_motion_strip(
+        path, bodies, 0.01 * np.ones_like(bodies), FACES,
+        origin="synthetic", width_px=150,
+    )  # fmt: skip
+    picture = np.asarray(Image.open(path).convert("RGB"), dtype=int)
+    assert picture.shape[1] > 1.5 * picture.shape[0]
+    strong = np.ptp(picture, axis=-1).max(axis=0) > 80
+    # Three bodies and the colour bar: four runs of coloured columns at least.
+    assert np.count_nonzero(np.diff(strong.astype(int)) == 1) >= 4

@@ -1,0 +1,353 @@
+"""The stage `report` on the forged run: complete, honest about its data, and self-contained."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from bridge import DsnetError
+from bridge.runs import Run, read_artifact
+from dsnet.evaluation.evaluation import evaluate_run
+from dsnet.report import stage_report
+from dsnet.report.diagrams import sizes_of
+from dsnet.report.pages import render_html, render_markdown
+from dsnet.report.panels import FOOTERS, new_figure
+from dsnet.report.paper_table import compare, measure
+from tests.forged.best_pipeline import write_best_pipeline
+
+FIGURES = (
+    "figure1_strip",
+    "figure2_alignment",
+    "figure3_autoencoder",
+    "figure4_autoencoder",
+    "figure5_dsnet",
+    "figure6_lengths",
+    "figure7_validation",
+    "figure8_error",
+    "figure9_people",
+    "figure10_spine2",
+    "over_time",
+    "spectrum",
+    "loss_autoencoder",
+    "loss_dsnet",
+    "loss_plus",
+)
+TINY = stage_report.ReportConfig(run="both", panel_px=48)
+
+
+@pytest.fixture(scope="module")
+def folder(forged_runs, tmp_path_factory):
+    runs = tmp_path_factory.mktemp("runs")
+    ignored = shutil.ignore_patterns("evaluate", "report")
+    shutil.copytree(forged_runs / "forged", runs / "both", ignore=ignored)
+    write_best_pipeline(runs / "both")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DSNET_RUNS", str(runs))
+        evaluate_run(Run("both"))
+        stage_report.main(TINY)
+    return runs / "both" / "report"
+
+
+def test_every_figure_is_shown_and_every_shown_one_exists(folder):
+    shown = re.findall(r"\(figures/([\w.-]+)\)", (folder / "report.md").read_text())
+    drawn = sorted(path.name for path in (folder / "figures").iterdir())
+    assert shown == [f"{name}.png" for name in FIGURES]
+    assert drawn == sorted(f"{name}.png" for name in FIGURES)
+
+
+def test_pages_say_synthetic_from_the_start(folder):
+    assert "synthetic" in (folder / "report.md").read_text()[:200].lower()
+    page = (folder / "report.html").read_text()
+    assert FOOTERS["synthetic"] in page.partition("<h1>")[0]
+    assert json.loads((folder / "results.json").read_text())["data"] == "synthetic"
+
+
+def test_figures_say_synthetic():
+    figure = new_figure(3, 3, title="any", origin="synthetic")
+    assert "synthetic" in [text.get_text().partition(":")[0] for text in figure.texts]
+
+
+def test_html_needs_no_other_file(folder):
+    page = (folder / "report.html").read_text()
+    sources = re.findall(r'(?:src|href)="([^"#][^"]{0,40})', page)
+    assert len(sources) == len(FIGURES)
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    encoded = re.findall(r"base64,([^\"]+)", page)
+    files = {path.read_bytes() for path in (folder / "figures").iterdir()}
+    assert {base64.b64decode(text) for text in encoded} == files
+    assert not re.search(r"<script|@import|url\(", page)
+    assert page.count("<table>") == page.count('<div class="wide">') > 5
+
+
+def test_results_hold_the_numbers(folder):
+    results = json.loads((folder / "results.json").read_text())
+    assert results["parameters"] == {
+        "autoencoder": 33_626_606,
+        "dsnet": 65_140,
+        "casas_otaduy": 284_678_770,
+    }
+    (held_out,) = (one for one in results["sequences"] if one["split"] == "validation")
+    assert held_out["name"] == "50004_one_leg_jump"
+    assert 0.5 < held_out["errors"]["dsnet_small"]["mesh"]["r2"] < 1.0
+    assert results["pipelines"]["paper"]["default"] == "dsnet_small"
+    assert results["stages"]["train"]["seed"] == 0
+    assert "numpy" in results["stages"]["train"]["versions"]
+    verdicts = {row["quantity"]: row["verdict"] for row in results["paper"]}
+    assert verdicts["parameters of the autoencoder"] == "same"
+    assert verdicts["Dyna sequences, women"].startswith("differs: ")
+    assert verdicts["parameters of DSNet"] == "paper does not say"
+
+
+def test_sequences_are_counted_among_their_own_gender(folder):
+    finished = folder.parent
+    stages = {path.name: read_artifact(path) for path in finished.iterdir() if path != folder}
+    for gender, counted in [("female", "women"), ("male", "men"), ("neutral", "nobody")]:
+        ours = measure(stages, gender)
+        for people in ("women", "men"):
+            expected = (3, 2) if people == counted else (None, None)
+            keys = f"sequences_{people}", f"mosh_sequences_{people}"
+            assert tuple(ours[key].value for key in keys) == expected
+
+
+def test_tables_are_the_results(folder):
+    results = json.loads((folder / "results.json").read_text())
+    markdown = (folder / "report.md").read_text()
+    for row in results["paper"]:
+        assert (
+            f"| {row['quantity']} | {row['paper']} | {row['ours']} | {row['verdict']} |" in markdown
+        )
+    for name, label in results["predictors"].items():
+        for cell in results["cells"].values():
+            if "mesh" in cell.get(name, {}):
+                assert f"| {label} | {cell[name]['mesh']['r2'] + 0.0:.3f} |" in markdown
+
+
+def test_contents_lead_to_every_section_and_raw_tables_are_folded(folder):
+    page = (folder / "report.html").read_text()
+    led_to = re.findall(r'href="#([^"]+)"', page)
+    assert led_to == re.findall(r'<h2 id="([^"]+)"', page)
+    assert led_to[0] == "verdict"
+    behind = re.sub(r"<details>.*?</details>", "", page, flags=re.DOTALL)
+    assert "Errors in every test group" not in behind
+    assert "against the true offsets" not in behind
+    assert page.count("<details><summary>") == page.count("</details>") == 3
+
+
+def test_table_1_counts_what_was_aligned_and_what_was_predicted(folder):
+    page = (folder / "report.md").read_text()
+    table = page.partition("**Table 1.**")[2]
+    assert "| in place of Dyna | 2 | hips, jiggle on toes, one leg jump | 60.0 | 3 |" in table
+    assert "| in place of Mosh | 2 | kicking | 100.0 | 2 |" in table
+
+
+def test_the_autoencoders_figure_has_the_built_widths(folder):
+    manifest = read_artifact(folder.parent / "train-ae").manifest
+    sizes = sizes_of(manifest["architecture"]["widths"])
+    assert sizes[:3] == [(6890, 3), (6890, 4), (6890, 9)]
+    linear = sum(a * b + b for (_, a), (_, b) in pairwise(sizes[:3]))
+    thinning = sum(a * b + b for (a, _), (b, _) in pairwise(sizes[2:]))
+    widening = sum(a * b + a for (a, _), (b, _) in pairwise(sizes[2:]))
+    backwards = sum(a * b + a for (_, a), (_, b) in pairwise(sizes[:3]))
+    code = sizes[-1][0] * sizes[-1][1]
+    latent = 100 * code + 100 + 100 * code + code
+    total = linear + thinning + widening + backwards + latent
+    assert total == manifest["parameters"]["mesh_autoencoder"]
+
+
+def test_both_pipelines_stand_side_by_side_first(folder):
+    results = json.loads((folder / "results.json").read_text())
+    page = (folder / "report.md").read_text()
+    table = page.partition("## Verdict")[2].partition("\n|")[2].partition("\n\n")[0]
+    head, _, *rows = table.splitlines()
+    assert [text.strip() for text in head.split(" | ")[1:]] == [
+        "held out, `50004_one_leg_jump`, against the registered mesh",
+        "known person, unseen motion, against the true mesh",
+        "new person, unseen motion, against the true mesh |",
+    ]
+    cells = ("validation", "known_person_unseen_motion", "new_person_unseen_motion")
+    names = ["dsnet_small", "dsnet_other", "smpl", "dsnet_plus", "smpl_best"]
+    assert len(rows) == len(names)
+    for row, name in zip(rows, names, strict=True):
+        label, *shown = row.strip("| ").split(" | ")
+        assert label == results["predictors"][name] or label.startswith("*SMPL alone, as `")
+        found = [results["cells"][cell][name]["mesh"] for cell in cells]
+        assert shown == [f"{one['mean_mm']:.2f} mm, {one['r2'] + 0.0:.2f}" for one in found]
+
+
+def test_the_page_names_law_form_gravity_and_bodies(folder):
+    bed = "Test bed: tissue law `own`, form `clean`, with gravity, female bodies."
+    assert bed in (folder / "report.md").read_text()
+
+    def capture(results):
+        results["test_bed"] = {
+            "tissue": "second", "form": "captured", "gravity": False, "gender": "male"
+        }  # fmt: skip
+        for errors in results["cells"]["new_person_unseen_motion"].values():
+            if "mesh" not in errors:
+                continue
+            errors["moving"] = {**errors["mesh"], "r2": 0.81}
+        plus = results["cells"]["new_person_unseen_motion"]["dsnet_plus"]
+        plus["static"] = {**plus["offsets"], "r2": 0.72}
+
+    page = page_of(folder, capture)
+    assert "law `second`, form `captured`, without gravity, male bodies." in page
+    part = page.partition("## Static and moving part")[2].partition("## Alignment")[0]
+    assert "| new person, unseen motion | 0.99, 0.81, 0.72 | 0.89, 0.81, - |" in part
+    assert "### New person, unseen motion: against the true static part, at rest" in page
+    assert "Static and moving" not in (folder / "report.md").read_text()
+
+
+def test_departures_of_both_pipelines_are_told(folder):
+    page = (folder / "report.md").read_text()
+    assert "- `dsnet_small`: a wrong turn\n- `dsnet_plus`: no autoencoder" in page
+
+
+def test_a_run_without_sgd_has_none_of_its_settings(folder):
+    stages = {path.name: read_artifact(path) for path in folder.parent.iterdir() if path != folder}
+    rows = {row["quantity"]: row for row in compare(measure(stages, "female"))}
+    assert rows["learning rate of the alignment's SGD"]["verdict"] == "same"
+    stages["align"].manifest["config"]["aligner"] = "robust"
+    rows = {row["quantity"]: row for row in compare(measure(stages, "female"))}
+    for quantity in ("learning rate of the alignment's SGD", "momentum of the alignment's SGD"):
+        assert rows[quantity]["ours"] == "-"
+        assert rows[quantity]["verdict"].startswith("differs: aligned by `robust`")
+    assert rows["SGD steps for a frame"]["ours"] == "-"
+
+
+def test_absorbed_and_invented_add_up_to_what_is_missing(folder):
+    alignment = json.loads((folder / "results.json").read_text())["alignments"]["align"]
+    markdown = (folder / "report.md").read_text()
+    said = re.search(r"([\d.]+) absorbed and ([\d.]+) invented\.", markdown)
+    assert said is not None
+    missing = 1 - alignment["offsets"]["r2"]
+    assert float(said[1]) + float(said[2]) == pytest.approx(missing, abs=0.011)
+
+
+def page_of(folder, edit):
+    """`report.md` as it would be with other results."""
+    results = json.loads((folder / "results.json").read_text())
+    edit(results)
+    return render_markdown(results, [], [], "")
+
+
+def test_an_autoencoder_that_learned_nothing_is_called_so(folder):
+    assert "Training took 80.0 % of the initial error" in (folder / "report.md").read_text()
+    page = page_of(folder, lambda r: r["autoencoder"]["training"].update(best_step=0))
+    assert "**the code is the initial linear one**" in page
+    assert "Training took" not in page
+    page = page_of(folder, lambda r: r["autoencoder"]["training"].update(error_fall=0.06))
+    assert "6.0 % of the initial error" in page
+    assert "**the code is nearly the initial linear one**" in page
+
+
+def test_engines_without_gradients_are_named(folder):
+    found = {"rows": 2, "held": 2, "diagnosis": [], "engines": [], "forward_only": ["onnx"]}
+    page = page_of(folder, lambda results: results.update(verification=found))
+    assert "(onnx: forward only)" in page
+
+
+def test_the_worst_body_parts_are_listed_first(folder):
+    alignments = json.loads((folder / "results.json").read_text())["alignments"]
+    parts = alignments["align"]["absorption"]["parts"]
+    worst = sorted(parts, key=lambda name: -parts[name]["error_mm"])[:6]
+    table = (folder / "report.md").read_text().partition("| body part |")[2].partition("\n\n")[0]
+    assert [row.split(" | ")[0].strip("| ") for row in table.splitlines()[2:]] == worst
+    absorbed = 100 * parts[worst[0]]["absorbed"]
+    assert f"| {worst[0]} | {parts[worst[0]]['true_mm']:.2f} | {absorbed:.1f} |" in table
+
+
+def test_a_licensed_run_has_a_report_without_truth(forged_runs, tmp_path, monkeypatch):
+    runs = tmp_path / "runs"
+    stages = shutil.ignore_patterns("truth", "evaluate", "report")
+    shutil.copytree(forged_runs / "forged", runs / "bare", ignore=stages)
+    monkeypatch.setenv("DSNET_RUNS", str(runs))
+    monkeypatch.setattr(stage_report, "plan_figures", lambda scene: [])
+    evaluate_run(Run("bare"))
+    stage_report.main(stage_report.ReportConfig(run="bare"))
+    page = (runs / "bare" / "report" / "report.md").read_text()
+    assert "distance of SMPL from the mesh" in page
+    assert "true mesh" not in page
+    assert "true offsets" not in page
+    assert "body part" not in page
+
+
+@pytest.mark.parametrize("own_alignment", [False, True])
+def test_the_best_pipeline_alone_has_a_report(own_alignment, forged_runs, tmp_path, monkeypatch):
+    """Without the paper's pipeline its tables and figures are left out."""
+    runs = tmp_path / "runs"
+    for stage in ("corpus", "truth", "align"):
+        shutil.copytree(forged_runs / "forged" / stage, runs / "best" / stage)
+    write_best_pipeline(runs / "best", own_alignment=own_alignment)
+    monkeypatch.setenv("DSNET_RUNS", str(runs))
+    monkeypatch.setattr(stage_report, "draw_figure7", lambda path, *_: path.write_bytes(b"x"))
+    monkeypatch.setattr(stage_report, "draw_figure1", lambda path, *_: path.write_bytes(b"x"))
+    evaluate_run(Run("best"))
+    stage_report.main(stage_report.ReportConfig(run="best"))
+    page = (runs / "best" / "report" / "report.md").read_text()
+    drawn = {path.stem for path in (runs / "best" / "report" / "figures").iterdir()}
+    assert drawn == {
+        "figure1_strip", "figure2_alignment", "figure6_lengths", "figure7_validation",
+        "figure8_error", "figure10_spine2", "over_time", "spectrum", "loss_plus",
+    }  # fmt: skip
+    assert "DSNet plus" in page
+    assert "autoencoder" not in page.partition("## Every test group")[0]
+    for section in ("paper's numbers", "## Autoencoder"):
+        assert section not in page
+
+
+def test_a_second_report_makes_nothing(folder, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(folder.parents[1]))
+    monkeypatch.setattr(stage_report, "plan_figures", lambda scene: pytest.fail("drawn again"))
+    stage_report.main(TINY)
+
+
+def test_a_missing_stage_is_named(forged_runs, tmp_path, monkeypatch):
+    runs = tmp_path / "runs"
+    shutil.copytree(forged_runs / "forged" / "align", runs / "half" / "align")
+    monkeypatch.setenv("DSNET_RUNS", str(runs))
+    with pytest.raises(DsnetError, match="dsnet train-ae --run half"):
+        stage_report.main(stage_report.ReportConfig(run="half"))
+    assert not (runs / "half" / "report").exists()
+
+
+def test_a_report_of_less_than_there_is_or_was_is_refused(folder, tmp_path, monkeypatch, capsys):
+    runs = tmp_path / "runs"
+    later = shutil.ignore_patterns("decode", "truth", "evaluate", "report")
+    shutil.copytree(folder.parent, runs / "both", ignore=later)
+    monkeypatch.setenv("DSNET_RUNS", str(runs))
+    evaluate_run(Run("both"))
+    assert "is evaluated without decode, truth, which it" in capsys.readouterr().err
+    for stage in ("decode", "truth"):
+        shutil.copytree(folder.parent / stage, runs / "both" / stage)
+    with pytest.raises(DsnetError, match=r"made without align, .*decode.*truth.*`dsnet evaluate"):
+        stage_report.main(TINY)
+    evaluate_run(Run("both"))
+    assert not capsys.readouterr().err
+    shutil.rmtree(runs / "both" / "decode")
+    with pytest.raises(DsnetError, match=r"without 'decode'.*`dsnet decode --run both`"):
+        stage_report.main(TINY)
+    assert not (runs / "both" / "report").exists()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "<script>alert(1)</script>",
+        "![x](http://a.example/c.png)",
+        "![x](figures/../../x.png)",
+        "[x](javascript:alert(1))",
+        '"><img src=x onerror=alert(1)>',
+    ],
+)
+def test_names_become_neither_scripts_nor_pictures_from_elsewhere(
+    tmp_path: Path, name: str
+) -> None:
+    page = render_html(f"| a |\n|---|\n| {name} |\n", tmp_path, title=name, banner=name)
+    for forbidden in ("<script>alert", "<img", 'href="javascript'):
+        assert forbidden not in page

@@ -1,0 +1,199 @@
+"""The command: one line and status 2 for a mistake, help for every subcommand."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dsnet.cli import COMMANDS, main
+from dsnet.report import stage_report
+from tests.pages import PAGES, commands_on, flags_of
+
+SHOW_HELPS = """
+import contextlib, io, json
+from dsnet.cli import COMMANDS, main
+shown = {}
+for command in COMMANDS:
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.suppress(SystemExit):
+        main([command, "--help"])
+    shown[command] = out.getvalue()
+print(json.dumps(shown))
+"""
+
+
+def test_every_command_has_help(capsys):
+    main(["--help"])
+    overview = capsys.readouterr().out
+    assert all(f"  {command} " in overview for command in COMMANDS)
+
+
+@pytest.fixture(scope="module")
+def helps() -> dict[str, str]:
+    """What every command's --help shows; one process, as loading the frameworks takes seconds."""
+    done = subprocess.run(
+        [sys.executable, "-c", SHOW_HELPS], capture_output=True, text=True, check=True
+    )
+    return json.loads(done.stdout)
+
+
+def test_commands_and_options_are_few(helps: dict[str, str]) -> None:
+    options = {
+        command: set(re.findall(r"^\W*(--[a-z][a-z-]*)", text, re.MULTILINE))
+        for command, text in helps.items()
+    }
+    assert all("--run" in found for found in options.values())
+    assert len(COMMANDS) <= 14
+    assert sum(map(len, options.values())) <= 100, options
+
+
+def test_what_only_studies_set_is_no_option(capsys):
+    assert "Unrecognized options: --stop-epoch" in refused(
+        ["train-ae", "--stop-epoch", "3"], capsys
+    )
+
+
+def test_a_study_sets_what_is_no_option(monkeypatch):
+    made = []
+    monkeypatch.setattr(stage_report, "main", made.append)
+    main(["report", "--run", "r"], panel_px=60)
+    assert made == [stage_report.ReportConfig(run="r", panel_px=60)]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_run_and_seed(command, helps):
+    assert "--run" in helps[command]
+    assert "--seed" in helps[command]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["fly"], "expected one of corpus"),
+        (["report", "--profile", "huge"], "expected one of smoke"),
+        (["report", "--run", "no-such-run"], "unknown run 'no-such-run'"),
+        (["report", "--run", "../up"], "plain folder name"),
+        (["predict", "--motion", "x.npz"], "--out"),
+        (["report", "--run", "x" * 300], "File name too long; expected names of at most 255"),
+        (["export", "--to", "npz", "--motion", "sample:walking", "--out", "."], "of its own"),
+        (["predict", "--motion", "sample:walking", "--out", ""], "of its own"),
+    ],
+)
+def test_a_mistake_is_one_line_and_status_2(arguments, words, capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    printed = capsys.readouterr().err
+    assert stopped.value.code == 2
+    assert words in printed
+    assert printed.count("\n") == 1
+    assert "Traceback" not in printed
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        ("predcit", "predict"),
+        ("report --profile dmeo", "demo"),
+        ("report --run wlak", "walk"),
+        ("export --to ussd --motion sample:walking --out {tmp}/o", "usd"),
+        ("export --to USD --motion sample:walking --out {tmp}/o", "usd"),
+        ("export --to pc2 --motion wlaking --out {tmp}/o", "sample:walking"),
+        ("predict --motion sample:walkin --out {tmp}/o", "sample:walking"),
+        ("predict --motion walking --out {tmp}/o", "sample:walking"),
+        ("predict --motion sample:walking --predictor dsnet_pluss --out {tmp}/o", "dsnet_plus"),
+        ("predict --motion sample:walking --part-gain bely=2 --out {tmp}/o", "belly"),
+        ("predict --motion sample:walking --shape havy --out {tmp}/o", "heavy"),
+        ("predict --motion sample:walking --shape heigth=182 --out {tmp}/o", "height"),
+        ("corpus --motions hipz --run new", "hips"),
+    ],
+)
+def test_the_nearest_name_is_offered(line, meant, capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    (tmp_path / "walk" / "align").mkdir(parents=True)
+    (tmp_path / "walk" / "align" / "manifest.json").touch()
+    printed = refused(line.format(tmp=tmp_path).split(), capsys)
+    assert f"Did you mean {meant!r}?" in printed
+    assert printed.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "fly",
+        "predict --motion walks.npz --out {tmp}/o",
+        "predict --motion sample:walking --part-gain arms=2 arms=3 --out {tmp}/o",
+        "export --to fbx --motion sample:walking --out {tmp}/o",
+    ],
+)
+def test_what_is_near_none_is_no_question(line, capsys, tmp_path):
+    assert "Did you mean" not in refused(line.format(tmp=tmp_path).split(), capsys)
+
+
+def test_options_keep_the_parsers_own_suggestion(capsys):
+    assert "Perhaps you meant" in refused(["corpus", "--gendr", "male"], capsys)
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    assert stopped.value.code == 2
+    return capsys.readouterr().err
+
+
+def test_commands_of_dsnet_on_pages_are_its_own(helps: dict[str, str]) -> None:
+    lines = [line for page in PAGES for line in commands_on(page)]
+    command = re.compile(r"(?:^|[/\s])dsnet ([a-z][a-z-]+)(.*)")
+    found = [part for line in lines for part in command.findall(line)]
+    assert len(found) > 40
+    common = {"--profile", "--engine", "--address", "--seed", "--help"}
+    known = {command: common | flags_of(text) for command, text in helps.items()}
+    assert not [
+        (name, flag) for name, rest in found for flag in flags_of(rest) - known.get(name, set())
+    ]
+    assert {name for name, _ in found} <= known.keys()
+
+
+def dsnet(*arguments: str, python: tuple[str, ...] = (), **given) -> subprocess.CompletedProcess:
+    code = "from dsnet.cli import main; main()"
+    return subprocess.run(
+        [sys.executable, *python, "-c", code, *arguments],
+        stderr=subprocess.PIPE, text=True, check=False, timeout=60, **given,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("python", [(), ("-u",)])
+@pytest.mark.parametrize("arguments", [("--help",), ("check", "--help")])
+def test_who_stops_reading_is_told_nothing(arguments, python):
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = dsnet(*arguments, python=python, stdout=writing)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device")
+def test_output_that_has_no_room_is_one_line():
+    with open("/dev/full", "w") as full:
+        done = dsnet("--help", stdout=full)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "room on the disk" in done.stderr
+
+
+def test_a_terminal_of_five_columns_has_a_help():
+    done = dsnet("check", "--help", stdout=subprocess.PIPE, env={**os.environ, "COLUMNS": "5"})
+    assert done.returncode == 0, done.stderr
+    assert "--run" in done.stdout
+
+
+def test_nothing_is_left_or_told_by_onnx_runtime(tmp_path):
+    places = {**os.environ, "TMPDIR": str(tmp_path), "HOME": str(tmp_path)}
+    places.pop("ORT_DISABLE_TELEMETRY", None)
+    subprocess.run([sys.executable, "-c", "import bridge, onnxruntime"], check=True, env=places)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,71 @@
+"""An engine without a framework: the reference in this process, with the faults it is given."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bridge.engine import Answer, Ask, Check, Tensors, answer
+from dsnet.verify.checks import random_checks
+from dsnet.verify.reference import dsnet
+from dsnet.verify.reference.engine import OPERATIONS
+
+
+@pytest.fixture(scope="session")
+def checks() -> list[Check]:
+    """All that need no run."""
+    return random_checks(0, "embedded:female")
+
+
+@pytest.fixture(scope="session")
+def ask_reference() -> Ask:
+    """In place of `bridge.engine.ask`."""
+    return _ask
+
+
+def _ask(engine: str, request: Path, out: Path) -> Answer:
+    """Answer for any engine in place of its process; float32 is the float64 result, rounded."""
+    out.mkdir(parents=True)
+    operations = {op.__name__: partial(_rounded, op) for op in OPERATIONS}
+    answer(engine, request, out, operations, ["numpy"])
+    return Answer(out, **json.loads((out / "answer.json").read_text()))
+
+
+def _rounded(
+    operation: Callable[..., Tensors],
+    *weights: Tensors,
+    faults: Mapping[str, Any] | None = None,
+    **given: Any,
+) -> Tensors:
+    faults, wide = faults or {}, [_wide(arrays) for arrays in weights]
+    single = any(a.dtype == np.float32 for a in [*_arrays(*weights), *_arrays(given)])
+    if faults.get("forget_mask"):
+        given["masked"] = False
+    constants = {
+        "BATCH_NORM_EPSILON": faults.get("batch_norm_epsilon"),
+        "BATCH_NORM_MOMENTUM": faults.get("batch_norm_momentum"),
+    }
+    if "adam_epsilon" in faults:
+        constants["KERAS_ADAM"] = replace(dsnet.KERAS_ADAM, epsilon=faults["adam_epsilon"])
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in constants.items():
+            if value is not None:
+                patch.setattr(dsnet, name, value)
+        found = operation(*wide, **_wide(given))
+    return {name: array.astype(np.float32 if single else float) for name, array in found.items()}
+
+
+def _arrays(*sets: Mapping[str, Any]) -> list[np.ndarray]:
+    return [array for arrays in sets for array in arrays.values() if hasattr(array, "dtype")]
+
+
+def _wide(given: Mapping[str, Any]) -> dict[str, Any]:
+    is_single = {name: getattr(array, "dtype", None) == np.float32 for name, array in given.items()}
+    return {n: array.astype(float) if is_single[n] else array for n, array in given.items()}

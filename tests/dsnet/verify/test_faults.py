@@ -1,0 +1,62 @@
+"""Each classical mistake is found and its place named; without a mistake all passes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bridge.engine import ENGINES, Answer, Ask, Check, ask, write_requests
+from dsnet.verify.compare import Row, diagnose, verify
+from tests.forged.faults import FAULTS, FAULTY, shown_by_torch, spoilt
+
+
+@pytest.fixture(scope="module", params=["stand-in", "torch"])
+def rows(
+    request: pytest.FixtureRequest,
+    ask_reference: Ask,
+    checks: list[Check],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> list[Row]:
+    """All faults in one process, by the reference in place of PyTorch and by PyTorch itself.
+
+    Checks are named `<fault>:<check>`; those of no fault begin with `none:`.
+    """
+    folder = tmp_path_factory.mktemp("faults")
+    whole = shown_by_torch(checks)
+    right = faulty = _named(whole, "none", {fault.check for fault in FAULTS.values()})
+    for name, fault in FAULTS.items():
+        own = _named(whole, name, {fault.check})
+        right, faulty = right + own, faulty + spoilt(own, name)
+    run_engine = ask if request.param == "torch" else ask_reference
+
+    def ask_mistaken(engine: str, request: Path, out: Path) -> Answer:
+        if engine == FAULTY:
+            request = folder / "spoilt"
+            write_requests(request, {engine: faulty})
+        return run_engine(engine, request, out)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(ENGINES, FAULTY, "tests.forged.faulty_torch")
+        return verify(right, folder, ask_mistaken)[0]
+
+
+def _named(checks: list[Check], prefix: str, names: set[str]) -> list[Check]:
+    chosen = [check for check in checks if check.name in names]
+    return [replace(check, name=f"{prefix}:{check.name}") for check in chosen]
+
+
+def test_no_fault_no_finding(rows):
+    own = [row for row in rows if row.check.startswith("none:")]
+    assert len(own) > 30
+    assert diagnose(own) == {}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_each_fault_is_found_and_named(rows, name):
+    own = [row for row in rows if row.check.startswith(f"{name}:")]
+    found = diagnose(own)
+    assert found, "the fault went unseen"
+    assert all(FAULTS[name].named in cause for cause in found), found
+    assert {row.check for row in own if not row.passed} == {f"{name}:{FAULTS[name].check}"}

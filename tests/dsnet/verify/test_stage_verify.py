@@ -1,0 +1,129 @@
+"""`dsnet verify`: what it prints and writes, and how it ends."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bridge import DsnetError
+from bridge.engine import load_tensors, save_tensors
+from bridge.runs import read_artifact, write_artifact
+from dsnet.verify import compare, stage_verify
+
+CONFIG = stage_verify.VerifyConfig(run="r", trained=False, full_size=False)
+
+
+@pytest.fixture
+def verify(tmp_path, monkeypatch, ask_reference, checks, capsys):
+    """Run the stage on three quick checks without a framework: exit status and printed text."""
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    quick = ("dsnet-T1", "ae-batch", "ae-decoder", "dsnet-training")
+    few = [check for check in checks if check.name in quick]
+    monkeypatch.setattr(stage_verify, "random_checks", lambda seed, body: [*few])
+    spoilt = {"engine": "", "value": 0.0}
+
+    def ask(engine, request, out):
+        answer = ask_reference(engine, request, out)
+        if engine == spoilt["engine"]:
+            _shift(out / "ae-batch.float32.safetensors", spoilt["value"])
+        return answer
+
+    monkeypatch.setattr(
+        stage_verify,
+        "verify",
+        lambda checks, folder: compare.verify(checks, folder, ask),
+    )
+
+    def run(config=CONFIG, engine="", value=0.0):
+        spoilt.update(engine=engine, value=value)
+        with pytest.raises(SystemExit) as stopped:
+            stage_verify.main(config)
+        return stopped.value.code, capsys.readouterr().out
+
+    return run
+
+
+def _shift(path, value):
+    arrays = load_tensors(path)
+    arrays["layer/encoder.conv_3"][1, 2, 3] += value
+    save_tensors(path, arrays)
+
+
+def test_agreement_exits_with_0_and_leaves_a_complete_artifact(verify, tmp_path):
+    status, printed = verify()
+    assert status == 0
+    assert "rows hold" in printed
+    artifact = read_artifact(tmp_path / "r" / "verify", "verify")
+    artifact.verify()
+    parity = json.loads(artifact.file("parity.json").read_text())
+    assert parity["passed"]
+    assert parity["diagnosis"] == {}
+    assert {row["engine"] for row in parity["rows"]} == {"torch", "keras", "onnx"}
+    assert printed.count(" ok\n") == len(parity["rows"])
+    assert set(parity["tolerances"].values()) == {1e-10, 1e-5, 1e-4}
+    assert [path.name for path in (tmp_path / "r").iterdir()] == ["verify"]
+
+
+@pytest.mark.parametrize("value", [1e-2, np.nan])
+def test_a_difference_exits_with_1_and_names_the_layer(verify, tmp_path, value):
+    status, printed = verify(engine="keras", value=value)
+    assert status == 1
+    assert "keras: layer encoder.conv_3" in printed
+    parity = json.loads((tmp_path / "r" / "verify" / "parity.json").read_text())
+    assert not parity["passed"]
+    (failed,) = [row for row in parity["rows"] if not row["passed"]]
+    assert (failed["tensor"], failed["index"]) == ("layer/encoder.conv_3", [1, 2, 3])
+
+
+def test_it_is_never_skipped(verify):
+    assert verify()[0] == 0
+    assert verify(engine="torch", value=1.0)[0] == 1
+
+
+def test_equal_results_have_equal_digests(verify, tmp_path):
+    digests = set()
+    for _ in range(2):
+        verify()
+        digests.add(read_artifact(tmp_path / "r" / "verify").content_sha256)
+    assert len(digests) == 1
+
+
+@pytest.mark.parametrize(
+    ("trained", "compared"),
+    [(False, {"align"}), (True, {"align", "encode", "train-ae", "train"})],
+)
+def test_what_was_compared_is_recorded(verify, tmp_path, monkeypatch, trained, compared):
+    """A verification of networks that were trained again since is old, and can be seen to be."""
+    body = {"smpl": "embedded:female"}
+    stages = {
+        stage: write_artifact(
+            tmp_path / "r" / stage, stage, {}, units={}, data="synthetic", config=body
+        )
+        for stage in ("align", "encode", "train-ae", "train", "infer")
+    }
+    monkeypatch.setattr(stage_verify, "trained_checks", lambda run: [])
+    verify(replace(CONFIG, trained=trained))
+    upstream = read_artifact(tmp_path / "r" / "verify").manifest["upstream"]
+    assert upstream == {stage: stages[stage].content_sha256 for stage in compared}
+
+
+def test_unknown_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    with pytest.raises(DsnetError, match="unknown run 'nope'"):
+        stage_verify.main(stage_verify.VerifyConfig(run="nope"))
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_leaves_nothing(tmp_path, monkeypatch):
+    def interrupted(checks, folder):
+        folder.mkdir(parents=True)
+        raise KeyboardInterrupt
+
+    monkeypatch.setenv("DSNET_RUNS", str(tmp_path))
+    monkeypatch.setattr(stage_verify, "verify", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        stage_verify.main(CONFIG)
+    assert not list((tmp_path / "r").iterdir())
